@@ -151,8 +151,9 @@ def write_features(
     folder, output = Path(session), Path(output)
     table = open_trials(open_session(folder), frozenset((*_LEADING, *FEATURE_COLUMNS)))
     jobs = len(os.sched_getaffinity(0)) if jobs is None else jobs
-    if not 1 <= jobs <= _MOST_JOBS:
-        raise PipelineError(f"`jobs` must lie between 1 and {_MOST_JOBS}, got {jobs}")
+    PipelineError.require(
+        1 <= jobs <= _MOST_JOBS, f"`jobs` must lie between 1 and {_MOST_JOBS}, got {jobs}"
+    )
     if output.is_dir():
         raise PipelineError(f"output must be a file, got the folder {str(output)!r}")
     if output.exists() and folder.resolve() in output.resolve().parents:

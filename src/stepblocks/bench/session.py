@@ -147,11 +147,10 @@ class Channel(Strict):
                 / _VOLTS[found[2]]
                 * _VOLTS[unit or "V"]
             )
-        if unit in _VOLTS:
-            raise BenchError(
-                f"`{place}.factor` must say what a volt is, such as '2.35 N/V', for a column in "
-                f"{unit}"
-            )
+        BenchError.require(
+            unit not in _VOLTS,
+            f"`{place}.factor` must say what a volt is, such as '2.35 N/V', for a column in {unit}",
+        )
         if unit is None:
             return self.factor
         try:
@@ -424,11 +423,11 @@ def open_session(folder: str | Path) -> Session:
     """
     folder = Path(folder)
     path = folder / "session.toml"
-    if not path.exists():
-        raise BenchError(
-            "session must be a folder with a session.toml, which 'stepblocks new session' writes, "
-            f"got {str(folder)!r}"
-        )
+    BenchError.require(
+        path.exists(),
+        "session must be a folder with a session.toml, which 'stepblocks new session' writes, "
+        f"got {str(folder)!r}",
+    )
     declared = read_document(path, "session.toml", BenchError, _MOST_BYTES)
     mistakes: list[Mistake] = []
     try:

@@ -162,12 +162,11 @@ def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> Tri
         session.trials.columns,
         tuple(cell.strip() for cell in next(_read_lines(session), [])),
     )
-    if not any(header):
-        raise BenchError(f"table of trials is empty [{session.table}]")
-    if len(header) > _MOST_COLUMNS:
-        raise BenchError(
-            f"table of trials must have at most {_MOST_COLUMNS} columns, got {len(header)}"
-        )
+    BenchError.require(any(header), f"table of trials is empty [{session.table}]")
+    BenchError.require(
+        len(header) <= _MOST_COLUMNS,
+        f"table of trials must have at most {_MOST_COLUMNS} columns, got {len(header)}",
+    )
     told_of = (
         "trial",
         *(
@@ -207,8 +206,7 @@ def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> Tri
             repeated |= dict.fromkeys(
                 (home, count), "duplicate: another row has this trial with other conditions"
             )
-    if count == 0:
-        raise BenchError(f"table of trials has no rows [{session.table}]")
+    BenchError.require(count != 0, f"table of trials has no rows [{session.table}]")
     pairs = [
         (_find_trial_name(one, homes), _find_trial_name(other, homes))
         for one, other in session.trials.swap
@@ -229,10 +227,9 @@ def _find_trial_name(name: str | int, names: Mapping[str, object]) -> str:
     found = [
         one for one in names if one == str(name) or (one.isdigit() and one.lstrip("0") == str(name))
     ]
-    if not found:
-        raise BenchError(
-            f"`trials.exclude` and `trials.swap` must name trials of the table, got {name!r}"
-        )
+    BenchError.require(
+        found, f"`trials.exclude` and `trials.swap` must name trials of the table, got {name!r}"
+    )
     return found[0]
 
 
@@ -240,11 +237,11 @@ def find_column(column: str | int, header: tuple[str, ...], part: str) -> str:
     """Name of a declared column, or say which there are."""
     if isinstance(column, int) and 0 <= column < len(header):
         return header[column]
-    if column not in header:
-        raise BenchError(
-            f"table of trials must have a column {column!r} for the {part}, it has "
-            + ", ".join(header[:12])
-        )
+    BenchError.require(
+        column in header,
+        f"table of trials must have a column {column!r} for the {part}, it has "
+        + ", ".join(header[:12]),
+    )
     return str(column)
 
 

@@ -320,11 +320,11 @@ class Profile(Counterface):
         require_points(self.x, self.z)
         if self.feature is not None:
             first, last = (read_number("feature", one, "length") for one in self.feature)
-            if not self.x[0] <= first < last <= self.x[-1]:
-                raise ContactError(
-                    f"feature must be a range of x within the profile ({self.x[0]:g} to "
-                    f"{self.x[-1]:g} m), got {first:g} to {last:g} m"
-                )
+            ContactError.require(
+                self.x[0] <= first < last <= self.x[-1],
+                f"feature must be a range of x within the profile ({self.x[0]:g} to "
+                f"{self.x[-1]:g} m), got {first:g} to {last:g} m",
+            )
             object.__setattr__(self, "feature", (first, last))
 
     def __repr__(self) -> str:

@@ -78,12 +78,11 @@ def require_finite(name: str, value: Real, unit: str = "") -> None:
 
 def require_points(x: NDArray[np.float64], z: NDArray[np.float64]) -> None:
     """Refuse a profile that is not two rows of one length, or whose positions do not ascend."""
-    if x.ndim != 1 or x.shape != z.shape:
-        raise ContactError(
-            f"profile needs x and z of one equal length, got shapes {x.shape} and {z.shape}"
-        )
-    if x.size < 2:
-        raise ContactError(f"profile needs at least 2 points, got {x.size}")
+    ContactError.require(
+        x.ndim == 1 and x.shape == z.shape,
+        f"profile needs x and z of one equal length, got shapes {x.shape} and {z.shape}",
+    )
+    ContactError.require(x.size >= 2, f"profile needs at least 2 points, got {x.size}")
     falls = np.flatnonzero(np.diff(x) < 0.0)
     if falls.size:
         n = int(falls[0]) + 1
@@ -91,8 +90,7 @@ def require_points(x: NDArray[np.float64], z: NDArray[np.float64]) -> None:
             f"profile positions must not decrease, point {n} lies at {x[n]:g} m behind "
             f"{x[n - 1]:g} m; sort the points"
         )
-    if x[-1] == x[0]:
-        raise ContactError("profile must extend along x, got a single position")
+    ContactError.require(x[-1] != x[0], "profile must extend along x, got a single position")
 
 
 def unwrap_scalar(value: Real) -> Real:
@@ -132,11 +130,11 @@ def read_lengths(name: str, values: object) -> NDArray[np.float64]:
                 f"{found[wrong[0]]}; Profile.from_scan bridges points that were not measured"
             )
         most = float(np.abs(found).max())
-        if most > MOST_LENGTH:
-            raise ContactError(
-                f"profile {name} must lie within {MOST_LENGTH:g} m, got {most:g} m; lengths are in "
-                "metres: 25 um is 25e-6"
-            )
+        ContactError.require(
+            most <= MOST_LENGTH,
+            f"profile {name} must lie within {MOST_LENGTH:g} m, got {most:g} m; lengths are in "
+            "metres: 25 um is 25e-6",
+        )
     return found
 
 

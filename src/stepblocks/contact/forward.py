@@ -43,12 +43,11 @@ class BenchDesign:
             column = getattr(self, name)
             if not (np.all(np.isfinite(column)) and np.all(column > 0.0)):
                 raise ContactError(f"{name} of every trial must be positive and finite")
-        if len(self.block) == 0:
-            raise ContactError("block must name at least one trial")
-        if not (np.isfinite(self.spring_constant) and self.spring_constant > 0.0):
-            raise ContactError(
-                f"spring_constant must be positive and finite, got {self.spring_constant:g} N/m"
-            )
+        ContactError.require(len(self.block) != 0, "block must name at least one trial")
+        ContactError.require(
+            np.isfinite(self.spring_constant) and self.spring_constant > 0.0,
+            f"spring_constant must be positive and finite, got {self.spring_constant:g} N/m",
+        )
 
     @cached_property
     def members(self) -> tuple[tuple[str, ...], NDArray[np.intp]]:

@@ -54,11 +54,11 @@ class FrictionLaw:
         require_not_negative("bristle_stiffness", self.bristle_stiffness, "N/m")
         for speed in (0.0, 5e-3, 0.5):
             value = self.coefficient(speed, 1.0, 0.0, 0.0)
-            if not 0.0 <= value < math.inf:
-                raise ContactError(
-                    f"a law of friction must give a finite coefficient of at least 0, got "
-                    f"{value!r} at {speed:g} m/s"
-                )
+            ContactError.require(
+                0.0 <= value < math.inf,
+                f"a law of friction must give a finite coefficient of at least 0, got "
+                f"{value!r} at {speed:g} m/s",
+            )
 
 
 class Stribeck(FrictionLaw):

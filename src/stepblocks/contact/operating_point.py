@@ -31,8 +31,9 @@ class Limits:
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if not value > 0.0:
-                raise ContactError(f"limit of the {name} must be positive, got {value:g} N")
+            ContactError.require(
+                value > 0.0, f"limit of the {name} must be positive, got {value:g} N"
+            )
 
     @property
     def first(self) -> tuple[str, float]:

@@ -223,8 +223,9 @@ def draw_standard_normal(inputs: int, draws: int, seed: int) -> Array:
 
     Equal arguments give the same numbers.
     """
-    if not 100 <= draws <= 10_000_000:
-        raise ContactError(f"draws must lie between 100 and 10 million, got {draws}")
+    ContactError.require(
+        100 <= draws <= 10_000_000, f"draws must lie between 100 and 10 million, got {draws}"
+    )
     numbers = np.random.default_rng(seed).standard_normal((inputs, draws))
     numbers.setflags(write=False)
     return numbers

@@ -60,10 +60,10 @@ class Probe:
             "hardening",
         ):
             require_not_negative(name, getattr(self, name))
-        if not 1.0 <= self.contact_power <= 4.0:
-            raise ContactError(
-                f"contact_power must lie between 1 (linear) and 4, got {self.contact_power:g}"
-            )
+        ContactError.require(
+            1.0 <= self.contact_power <= 4.0,
+            f"contact_power must lie between 1 (linear) and 4, got {self.contact_power:g}",
+        )
         if self.normal_stiffness > 0.0 and self.carrier_mass <= 0.0:
             raise ContactError("carrier_mass must be positive where normal_stiffness is not 0")
 
@@ -171,10 +171,10 @@ class DragSettings:
             raise ContactError(
                 f"static_friction must not be less than friction ({self.friction:g})"
             )
-        if not 4.0 <= self.resolution <= 1e4:
-            raise ContactError(
-                f"resolution must lie between 4 and 10000 steps per period, got {self.resolution:g}"
-            )
+        ContactError.require(
+            4.0 <= self.resolution <= 1e4,
+            f"resolution must lie between 4 and 10000 steps per period, got {self.resolution:g}",
+        )
 
     @classmethod
     def under(cls, point: OperatingPoint, **changes: object) -> "DragSettings":

@@ -159,19 +159,19 @@ def simulate_drag(
             track.features[1] - x + limit / probe.stiffness
         ) / settings.speed + settings.ring_time
     steps = math.ceil(end / dt)
-    if steps > _MOST_STEPS:
-        raise ContactError(
-            f"drag of {end:g} s needs {steps} steps of {dt:.2g} s, more than "
-            f"{_MOST_STEPS}; drag faster"
-        )
+    ContactError.require(
+        steps <= _MOST_STEPS,
+        f"drag of {end:g} s needs {steps} steps of {dt:.2g} s, more than "
+        f"{_MOST_STEPS}; drag faster",
+    )
     every = max(round(1.0 / (settings.sample_rate * dt)), 1)
     dt = 1.0 / (settings.sample_rate * every)  # rows at exactly the sample rate
     steps = math.ceil(end / dt)
-    if steps // every > _MOST_ROWS:
-        raise ContactError(
-            f"sample_rate of {settings.sample_rate:g} Hz gives more than {_MOST_ROWS} rows; "
-            "record fewer"
-        )
+    ContactError.require(
+        steps // every <= _MOST_ROWS,
+        f"sample_rate of {settings.sample_rate:g} Hz gives more than {_MOST_ROWS} rows; "
+        "record fewer",
+    )
     places = track.catch_places
     needed = _compute_needed_pulls(places, settings)
     own = settings.friction_law

@@ -68,10 +68,10 @@ def _take_surface(
 ) -> Subject:
     # Take a surface under the paper's conditions; its shape is its own
     for size in ("edge_radius", "step_height"):
-        if size in values:
-            raise PipelineError(
-                f"{size} is for a plain step; {face!r} has its own shape {place}".rstrip()
-            )
+        PipelineError.require(
+            size not in values,
+            f"{size} is for a plain step; {face!r} has its own shape {place}".rstrip(),
+        )
     return Subject(name, face, change_point(PAPER, values), place)
 
 

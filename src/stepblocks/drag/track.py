@@ -181,10 +181,10 @@ def build_profile_track(
     # the ball meets the first point a radius before it, and leaves the last one as far behind
     first, last = float(xs.min()) - ball_radius, float(xs.max()) + ball_radius
     count = math.ceil((last - first) / (0.01 * ball_radius))
-    if count > 2_000_000:
-        raise ContactError(
-            f"profile of {np.ptp(xs):g} m is too long to drag over with a ball of {ball_radius:g} m"
-        )
+    ContactError.require(
+        count <= 2_000_000,
+        f"profile of {np.ptp(xs):g} m is too long to drag over with a ball of {ball_radius:g} m",
+    )
     grid = np.linspace(first, last, count + 1)
     path = build_profile_path(xs, zs, ball_radius, positions=grid)
     where, before, behind = _find_notches(xs, zs, path)
@@ -229,11 +229,11 @@ def build_step_track(height: float, ball_radius: float, edge_radius: float = 0.0
     require_positive("ball radius", ball_radius, "m")
     require_positive("height", height, "m")
     require_not_negative("edge_radius", edge_radius, "m")
-    if height >= radius:
-        raise ContactError(
-            f"height must be less than R + r ({radius:g} m), got {height:g} m: too-high, the tip "
-            "is held"
-        )
+    ContactError.require(
+        height < radius,
+        f"height must be less than R + r ({radius:g} m), got {height:g} m: too-high, the tip "
+        "is held",
+    )
     length = _LEVEL * ball_radius
     angle = 2.0 * math.asin(math.sqrt(0.5 * height / radius))
     angles = np.linspace(angle, 0.0, 400)

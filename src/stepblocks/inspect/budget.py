@@ -348,12 +348,11 @@ def decide(
 ) -> Decision:
     """Judge one measured value; the guard band follows from `std` and `dof` where none is given."""
     # Proof of conformity is impossible where the tolerance is narrower than two guard bands.
-    if not (math.isfinite(value) and math.isfinite(std) and std >= 0.0):
-        raise MetrologyError(
-            f"value and std must be finite and std not negative, got {value:g} and {std:g}"
-        )
-    if not lower <= upper:
-        raise MetrologyError(f"limits must be in order, got {lower:g} to {upper:g}")
+    MetrologyError.require(
+        math.isfinite(value) and math.isfinite(std) and std >= 0.0,
+        f"value and std must be finite and std not negative, got {value:g} and {std:g}",
+    )
+    MetrologyError.require(lower <= upper, f"limits must be in order, got {lower:g} to {upper:g}")
 
     if guard is None:
         guard = max(GUARD_FACTOR, compute_student_quantile(0.95, dof)) * std

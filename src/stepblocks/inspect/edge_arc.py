@@ -83,10 +83,10 @@ class Window:
         """
         # `gamma` is the autocovariance of the noise by lag [m^2]; rows of `shared`, shape (m, n),
         # have products that add up to the covariance of the levels [m^2].
-        if len(position) < 8:
-            raise MetrologyError(
-                f"window at the edge must hold at least 8 points, got {len(position)}"
-            )
+        MetrologyError.require(
+            len(position) >= 8,
+            f"window at the edge must hold at least 8 points, got {len(position)}",
+        )
         thin = -(-len(position) // _MOST_POINTS)
         self.x, self.z, self.height, self.spacing = (
             position[::thin],

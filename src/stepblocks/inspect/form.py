@@ -48,13 +48,11 @@ def _require_face_points(points: Array) -> Array:
     if points.ndim != 2 or points.shape[1] != 3:
         raise MetrologyError(f"points must be rows of x, y, z, got shape {points.shape}")
     cloud = points[np.isfinite(points).all(axis=1)]
-    if (
-        len(cloud) < 4
-        or np.linalg.matrix_rank(cloud[:, :2] - cloud[:, :2].mean(axis=0), tol=1e-12) < 2
-    ):
-        raise MetrologyError(
-            f"points must span a face: at least 4 that are not on one line, got {len(cloud)}"
-        )
+    MetrologyError.require(
+        len(cloud) >= 4
+        and np.linalg.matrix_rank(cloud[:, :2] - cloud[:, :2].mean(axis=0), tol=1e-12) >= 2,
+        f"points must span a face: at least 4 that are not on one line, got {len(cloud)}",
+    )
     return cloud
 
 
@@ -79,8 +77,9 @@ def _find_minimum_zone(cloud: Array) -> tuple[float, Array]:
         bounds = np.vstack([np.hstack([-d, -ones]), np.hstack([d, -ones])])
         limits = [(None, None)] * 3 + [(0, None)]
         result = linprog([0, 0, 0, 1], A_ub=bounds, b_ub=np.concatenate([-r, r]), bounds=limits)
-        if not result.success:
-            raise MetrologyError(f"minimum zone must be solvable, got: {result.message}")
+        MetrologyError.require(
+            result.success, f"minimum zone must be solvable, got: {result.message}"
+        )
         solution, zone = solution + result.x[:3] * unit, 2.0 * float(result.x[3]) * unit
     upward = np.array([*(-solution[:2] / scale), 1.0])
     length = float(np.linalg.norm(upward))
@@ -123,10 +122,10 @@ def fit_face(x: Array, y: Array, height: Array, face: Mask) -> FaceForm:
     """
     used = face & np.isfinite(height)
     rows, columns = np.flatnonzero(used.any(axis=1)), np.flatnonzero(used.any(axis=0))
-    if used.sum() < 20 or len(rows) < 2 or len(columns) < 2:
-        raise MetrologyError(
-            f"face must have at least 20 points on two rows and columns, got {int(used.sum())}"
-        )
+    MetrologyError.require(
+        used.sum() >= 20 and len(rows) >= 2 and len(columns) >= 2,
+        f"face must have at least 20 points on two rows and columns, got {int(used.sum())}",
+    )
     mx, my = np.meshgrid(x, y)
     points = np.stack([mx[used], my[used], height[used]], axis=1)
     sides = (x[columns[0]], x[columns[-1]]), (y[rows[0]], y[rows[-1]])

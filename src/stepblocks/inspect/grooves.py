@@ -145,10 +145,9 @@ def _evaluate_row(row: ScannedProfile, edges: list[FoundEdge], options: Evaluati
         for index in range(len(levels.features))
         if options.edges is None or index + 1 in options.edges
     ]
-    if not chosen:
-        raise MetrologyError(
-            f"edges must name features of the {len(levels.features)} found, got {options.edges}"
-        )
+    MetrologyError.require(
+        chosen, f"edges must name features of the {len(levels.features)} found, got {options.edges}"
+    )
     others, seen = _evaluate_otherwise(x, z, levels, options), []
     known = np.isfinite(z)
     line = np.polynomial.Polynomial.fit(x[known], z[known], 1)

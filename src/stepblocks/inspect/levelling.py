@@ -438,10 +438,10 @@ def _fit_polynomials(
         [(x > begin) & (x < end) for begin, end, *_ in _pair_edges(edges)], dtype=np.float64
     )
     least = min(*(used & (steps > 0.5)).sum(axis=1), (used & (steps.sum(axis=0) < 0.5)).sum())
-    if least < 5:
-        raise MetrologyError(
-            f"each feature and its surroundings must keep 5 points beside the flanks, got {least}"
-        )
+    MetrologyError.require(
+        least >= 5,
+        f"each feature and its surroundings must keep 5 points beside the flanks, got {least}",
+    )
     t = 2.0 * (x - x[0]) / (x[-1] - x[0]) - 1.0
     fits: dict[int, Fit] = {}
     for power in powers:
@@ -449,10 +449,9 @@ def _fit_polynomials(
         if np.linalg.matrix_rank(design[:, used]) < len(design):
             break
         fits[power] = fit_without_spikes(design, z, used)
-    if not fits:
-        raise MetrologyError(
-            "features must leave enough of a reference to level the profile on, got too little"
-        )
+    MetrologyError.require(
+        fits, "features must leave enough of a reference to level the profile on, got too little"
+    )
     return fits
 
 

@@ -282,8 +282,7 @@ def _list_scans(paths: Sequence[Path], stimulus: str | None) -> "pd.DataFrame":
             one for one in paths[0].iterdir() if one.is_file() and not one.name.startswith(".")
         )
         paths = [table] if table.is_file() else within
-        if not paths:
-            raise PipelineError(f"folder must hold scans, got none [{table.parent}]")
+        PipelineError.require(paths, f"folder must hold scans, got none [{table.parent}]")
     if is_table(paths):
         frame = read_table(paths[0])
         for column, likely in find_misspelt_columns(frame, _OWN).items():

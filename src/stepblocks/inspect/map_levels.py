@@ -91,11 +91,11 @@ def measure_masked_step(
         )
     depths, weights = _fit_row_depths(scan.x, z, floor, reference)
     known = np.isfinite(depths)
-    if known.sum() < 3:
-        raise MetrologyError(
-            "map must keep at least 3 rows with floor and reference beyond "
-            f"{exclusion * 1e6:.3g} um, got {int(known.sum())} [{scan.source}]"
-        )
+    MetrologyError.require(
+        known.sum() >= 3,
+        "map must keep at least 3 rows with floor and reference beyond "
+        f"{exclusion * 1e6:.3g} um, got {int(known.sum())} [{scan.source}]",
+    )
     if floor.sum() < _LEAST_SEEN * (inside & measured).sum():
         raise MetrologyError(
             f"at least {_LEAST_SEEN:.0%} of the features must lie {exclusion * 1e6:.3g} um "
@@ -242,10 +242,10 @@ def _find_settling_distance(level: Array, within: Array, outside: Array, pitch: 
     # beyond it
     reach = float(within.max())
     near = [(distance > 0.5 * reach) & (distance <= reach) for distance in (within, outside)]
-    if not all(np.isfinite(level[mask]).any() for mask in near):
-        raise MetrologyError(
-            "features and what lies beside them must be measured half of their width from an edge"
-        )
+    MetrologyError.require(
+        all(np.isfinite(level[mask]).any() for mask in near),
+        "features and what lies beside them must be measured half of their width from an edge",
+    )
     plateau = [float(np.nanmedian(level[mask])) for mask in near]
     limit = _SETTLED * abs(plateau[0] - plateau[1])
     settled = 1

@@ -152,10 +152,10 @@ def sample_profiles(
     )
     inside = (x >= begin) & (x <= end)
     measured = [row for row in rows if np.isfinite(row.height[inside]).any()]
-    if inside.sum() < 3 or not measured:
-        raise MetrologyError(
-            f"part from {begin * 1e6:g} to {end * 1e6:g} um must hold 3 points, got {inside.sum()}"
-        )
+    MetrologyError.require(
+        inside.sum() >= 3 and measured,
+        f"part from {begin * 1e6:g} to {end * 1e6:g} um must hold 3 points, got {inside.sum()}",
+    )
     x = x[inside]
     heights = [row.height[inside] for row in measured]
     step = float(np.median(np.diff(x)))

@@ -165,10 +165,9 @@ def inspect_scan(
         shown = [
             one for one in listed if one.key in EVALUATIONS and one.key not in _BESIDE[feature]
         ]
-        if not shown:
-            raise PipelineError(
-                f"a scan of {part.id} cannot be inspected: only blocks, margins and tips can"
-            )
+        PipelineError.require(
+            shown, f"a scan of {part.id} cannot be inspected: only blocks, margins and tips can"
+        )
         _refuse_unused_options(shown[0].key, options)
         loaded = load_scan(scan, unit, channel)
         scale = loaded.scale
@@ -183,11 +182,11 @@ def inspect_scan(
     read = [f"heights were read as: {scale}"] if scale else []
     evaluation = replace(evaluation, notes=(*doubts, *evaluation.notes, *read))
     result = judge_part(part, evaluation, *describe_source(scan), order, wanted)
-    if not result.judged:
-        raise PipelineError(
-            f"scan of {part.id} must measure at least one characteristic with limits, got "
-            f"{'; '.join(['none', *evaluation.notes])}"
-        )
+    PipelineError.require(
+        result.judged,
+        f"scan of {part.id} must measure at least one characteristic with limits, got "
+        f"{'; '.join(['none', *evaluation.notes])}",
+    )
     return replace(result, energy_statement=describe_energy(result, prediction))
 
 
@@ -204,11 +203,11 @@ def _find_wanted(called: Mapping[str, str], names: Sequence[int | str] | None) -
     # Return the keys of the characteristics that the order asks for; all where none are named.
     asked = [str(name) for name in names or ()]
     unknown = [name for name in asked if name not in called]
-    if unknown:
-        raise PipelineError(
-            f"characteristics must be numbers or names of the {len({*called.values()})} on the "
-            f"drawing, got {', '.join(unknown)}"
-        )
+    PipelineError.require(
+        not unknown,
+        f"characteristics must be numbers or names of the {len({*called.values()})} on the "
+        f"drawing, got {', '.join(unknown)}",
+    )
     return frozenset(called[name] for name in asked) or frozenset(called.values())
 
 
@@ -358,11 +357,11 @@ def _refuse_unused_options(key: str, options: EvaluationOptions) -> None:
         for name, option in _UNFOLLOWED[key].items()
         if getattr(options, name) != getattr(AS_FOUND, name)
     ]
-    if idle:
-        raise PipelineError(
-            f"an evaluation of {key.replace('_', ' ')} must leave out {', '.join(idle)}, which "
-            "this evaluation does not follow"
-        )
+    PipelineError.require(
+        not idle,
+        f"an evaluation of {key.replace('_', ' ')} must leave out {', '.join(idle)}, which "
+        "this evaluation does not follow",
+    )
 
 
 def _evaluate(

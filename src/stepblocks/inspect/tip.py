@@ -59,18 +59,18 @@ def fit_cap(scan: ScannedProfile | HeightMap, nominal: float, reach: float = _CA
     # the apex by the fit, since the highest points lie on a slope of noise
     for _ in range(_CENTRINGS):
         face = (np.hypot(x - place[0], y - place[1]) < reach * nominal) & np.isfinite(z)
-        if face.sum() < 10:
-            raise MetrologyError(
-                f"tip must show at least 10 points of its cap, got {int(face.sum())} "
-                f"[{scan.source}]"
-            )
+        MetrologyError.require(
+            face.sum() >= 10,
+            f"tip must show at least 10 points of its cap, got {int(face.sum())} [{scan.source}]",
+        )
         state = _fit_algebraic(np.stack([x[face], y[face], z[face]], axis=1), nominal, flat)
         place = state[0], state[1]
     used = face.copy()
     for left in reversed(range(20)):
         across = state[3] ** 2 - (x - state[0]) ** 2 - (y - state[1]) ** 2
-        if not (across[used] > 0.0).all():
-            raise MetrologyError(f"tip must show {asked}, got none [{scan.source}]")
+        MetrologyError.require(
+            (across[used] > 0.0).all(), f"tip must show {asked}, got none [{scan.source}]"
+        )
         rise = np.sqrt(np.where(used, across, 1.0))
         residuals = np.where(used, z - state[2] - rise, np.nan)
         u, v = (x - state[0]) / (reach * nominal), (y - state[1]) / (reach * nominal)

@@ -52,8 +52,7 @@ def evaluate_a1(x: Array, z: Array, edges: Span) -> TypeA1:
     # apex of the arc through it.
     left, right = edges
     width = right - left
-    if not width > 0.0:
-        raise MetrologyError(f"edges must be in order, got {left:g} and {right:g} m")
+    MetrologyError.require(width > 0.0, f"edges must be in order, got {left:g} and {right:g} m")
     outer = (left - width, left - width / 3), (right + width / 3, right + width)
     spans = outer[0], (left + width / 3, right - width / 3), outer[1]
     slack = 0.5 * (x[-1] - x[0]) / (len(x) - 1)
@@ -66,10 +65,10 @@ def evaluate_a1(x: Array, z: Array, edges: Span) -> TypeA1:
     feature = f"the feature from {left * 1e6:.4g} to {right * 1e6:.4g} um"
     masks = [(x >= begin) & (x <= end) & np.isfinite(z) for begin, end in spans]
     for name, mask in zip("ACB", masks, strict=True):
-        if mask.sum() < _LEAST_POINTS:
-            raise MetrologyError(
-                f"window {name} must keep {_LEAST_POINTS} points, got {mask.sum()} for {feature}"
-            )
+        MetrologyError.require(
+            mask.sum() >= _LEAST_POINTS,
+            f"window {name} must keep {_LEAST_POINTS} points, got {mask.sum()} for {feature}",
+        )
     return _evaluate_domed(x, z, masks) or _evaluate_flat(x, z, masks, feature)
 
 

@@ -97,10 +97,10 @@ def build_session_table(
 ) -> SessionTable:
     """Turn a table of features into trials with channels."""
     missing = [name for name in _REQUIRED if name not in features.columns]
-    if missing:
-        raise PipelineError(
-            f"features must have the columns {', '.join(_REQUIRED)}, missing {', '.join(missing)}"
-        )
+    PipelineError.require(
+        not missing,
+        f"features must have the columns {', '.join(_REQUIRED)}, missing {', '.join(missing)}",
+    )
     features = features.assign(
         trial=features["trial"].astype(str),
         status=features["status"].astype(str) if "status" in features else "ok",

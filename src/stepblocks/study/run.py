@@ -119,10 +119,10 @@ def design_study(
         If the set has no step blocks, the design is impossible, or another stands there already.
     """
     experiment = ALIASES.get(experiment, experiment)
-    if experiment not in EXPERIMENTS:
-        raise PipelineError(
-            f"experiment must be one of {', '.join(EXPERIMENTS)}, got {experiment!r}"
-        )
+    PipelineError.require(
+        experiment in EXPERIMENTS,
+        f"experiment must be one of {', '.join(EXPERIMENTS)}, got {experiment!r}",
+    )
     kind = EXPERIMENTS[experiment]
     given: dict[str, object] = {
         "probes": probes,

@@ -66,8 +66,7 @@ def load_processes() -> tuple[Process, ...]:
 
 def find_routes(block: StepBlock, capability: float, point: OperatingPoint) -> list[Route]:
     """List the routes of a block, cheapest class first where one is known."""
-    if not capability > 0.0:
-        raise MachiningError(f"capability must be positive, got {capability:g} m")
+    MachiningError.require(capability > 0.0, f"capability must be positive, got {capability:g} m")
     found = (
         _make_route(block, one, *way, point)
         for one in load_processes()

@@ -164,10 +164,10 @@ def record_trial(
     release = onset + (truth.peak_force - truth.sliding_force) / truth.slope
     # the clock does not know of the events: their phase against it is any
     count = math.ceil((release + rig.tail * truth.decay_time) * rig.sample_rate) * rig.oversampling
-    if count > 100_000_000:
-        raise PipelineError(
-            f"a record must have at most 100 million samples, the plan asks for {count:.3g}"
-        )
+    PipelineError.require(
+        count <= 100_000_000,
+        f"a record must have at most 100 million samples, the plan asks for {count:.3g}",
+    )
     time = np.arange(count) / (rig.sample_rate * rig.oversampling)
     force = (
         truth.sliding_force

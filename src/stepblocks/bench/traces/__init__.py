@@ -146,10 +146,9 @@ class Traces(ExitStack):
         if acquisition.per_trial:
             return
         path = resolve_inside(session.folder, acquisition.traces, "acquisition.traces")
-        if not is_file(path):
-            raise BenchError(
-                f"traces are missing, expected {acquisition.traces} [{session.folder}]"
-            )
+        BenchError.require(
+            is_file(path), f"traces are missing, expected {acquisition.traces} [{session.folder}]"
+        )
         self._container, nothing = path, (Place("", (), own_file=False, is_file=True), ())
         try:
             self._columns(path, *nothing)

@@ -85,12 +85,10 @@ def find_outline(points: ArrayLike) -> tuple[list[Disc], list[Line]]:
     """
     flat = np.asarray(points, dtype=np.float64)
     # every corner becomes a circle, and every circle is compared with every other
-    if not (
-        2 <= len(flat) <= 2000 and np.isfinite(flat).all() and (np.diff(flat[:, 0]) >= 0.0).all()
-    ):
-        raise ContactError(
-            f"a profile must have 2 to 2000 finite points that do not descend in x, got {len(flat)}"
-        )
+    ContactError.require(
+        2 <= len(flat) <= 2000 and np.isfinite(flat).all() and (np.diff(flat[:, 0]) >= 0.0).all(),
+        f"a profile must have 2 to 2000 finite points that do not descend in x, got {len(flat)}",
+    )
     corners = [(float(x), float(z)) for x, z in flat]
     lines = [(a, b) for a, b in itertools.pairwise(corners) if b[0] > a[0]]
     return [(x, z, 0.0) for x, z in corners[1:-1]], lines

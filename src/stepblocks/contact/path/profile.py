@@ -94,8 +94,9 @@ def _list_elements(x: Array, z: Array, radius: float) -> Array:
 def _check_profile(x: ArrayLike, z: ArrayLike) -> tuple[Array, Array]:
     xs, zs = np.asarray(x, dtype=np.float64), np.asarray(z, dtype=np.float64)
     require_points(xs, zs)
-    if not np.isfinite(xs).all():
-        raise ContactError("profile positions must be finite, got a NaN or an infinity")
+    ContactError.require(
+        np.isfinite(xs).all(), "profile positions must be finite, got a NaN or an infinity"
+    )
     if np.isinf(zs).any():
         raise ContactError("profile heights must be finite or NaN for missing, got an infinity")
     if np.isfinite(zs).sum() < 2:
@@ -107,11 +108,11 @@ def _choose_positions(x: Array, width: float) -> Array:
     # a ball meets the first point from a radius away
     x = np.concatenate([[x[0] - 0.5 * width], x, [x[-1] + 0.5 * width]])
     pieces = np.maximum(np.ceil(np.diff(x) / (0.04 * width)), 1)
-    if pieces.sum() > _MOST_POSITIONS:
-        raise ContactError(
-            f"profile of {x[-1] - x[0]:.3g} m with {x.size} points is too long for a ball of "
-            f"{0.5 * width:.3g} m; cut it out around the edge"
-        )
+    ContactError.require(
+        pieces.sum() <= _MOST_POSITIONS,
+        f"profile of {x[-1] - x[0]:.3g} m with {x.size} points is too long for a ball of "
+        f"{0.5 * width:.3g} m; cut it out around the edge",
+    )
     pieces = pieces.astype(int)
     number = np.arange(pieces.sum()) - np.repeat(np.cumsum(pieces) - pieces, pieces)
     starts = number * np.repeat(np.diff(x) / pieces, pieces) + np.repeat(x[:-1], pieces)

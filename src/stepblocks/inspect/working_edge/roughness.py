@@ -32,11 +32,11 @@ def measure_ra(face: ScannedProfile, limit: float) -> Estimate:
     cutoff, fine, largest = next(rest for most, *rest in _SETTINGS if limit <= 1.0001 * most)
     length = (_SECTIONS + 1) * cutoff  # with half a cut-off at either end
     spacing = face.spacing
-    if spacing > largest * 1.001:
-        raise MetrologyError(
-            f"Ra: sampling interval must not exceed {largest * 1e6:g} um (ISO 21920-3), got "
-            f"{spacing * 1e6:.3g} um"
-        )
+    MetrologyError.require(
+        spacing <= largest * 1.001,
+        f"Ra: sampling interval must not exceed {largest * 1e6:g} um (ISO 21920-3), got "
+        f"{spacing * 1e6:.3g} um",
+    )
     if face.position[-1] - face.position[0] < length - 2.0 * spacing:
         got = (face.position[-1] - face.position[0]) * 1e3
         raise MetrologyError(
