@@ -6,7 +6,7 @@ from scipy.optimize import curve_fit
 
 from oracles.traces import Course, hum
 from stepblocks.bench.signal.ring import (
-    TOLD,
+    KNOWN_SPREAD,
     compute_rubbing_force,
     fit_ring,
     fit_rubbing_ring,
@@ -121,5 +121,5 @@ def test_a_gap_is_sought_until_one_is_seen_though_a_tip_that_sticks_fits_within_
     time, tool = np.arange(1000) / 1e4, (270.0, 28e-3)
     force = compute_rubbing_force(time, 0.4, 0.04, tool, (0.3, 0.0), COURSE.slope)
     force += noise * np.random.default_rng(1).standard_normal(time.size)
-    found = fit_rubbing_ring(time, force, 0.4, tool, COURSE.slope, noise, spread=TOLD)
+    found = fit_rubbing_ring(time, force, 0.4, tool, COURSE.slope, noise, spread=KNOWN_SPREAD)
     assert found.values[1] == pytest.approx(0.04, abs=4.0 * found.std(1))

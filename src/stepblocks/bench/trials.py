@@ -167,7 +167,7 @@ def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> Tri
         len(header) <= _MOST_COLUMNS,
         f"table of trials must have at most {_MOST_COLUMNS} columns, got {len(header)}",
     )
-    told_of = (
+    required = (
         "trial",
         *(
             part
@@ -180,7 +180,7 @@ def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> Tri
         ("", f"table of trials names the column {name!r} twice")
         for name in dict.fromkeys(name for name in header if header.count(name) > 1)
     ]
-    for part in told_of:
+    for part in required:
         with collect_mistakes(mistakes):
             found[part] = find_column(getattr(columns, part).column, header, part)
     mistakes += [

@@ -19,7 +19,7 @@ from stepblocks.text_file import format_file_name
 # What of an operating point and of its tool may be given beside the subject
 OF_POINT = {"tip_radius": "ball_radius", "load": "normal_load", "friction": "friction"}
 OF_TOOL = ("stiffness", "frequency")
-_WANTED = "stimulus must be a step height such as '25 um', a CSV"
+_RULE = "stimulus must be a step height such as '25 um', a CSV"
 
 
 @dataclass(frozen=True)
@@ -133,7 +133,7 @@ def _find_declared_part(text: str, stimuli: Sets | None) -> tuple[StimulusSet, P
     if head.endswith(".toml"):
         meant, wanted = Path(head), identity
     elif stimuli is None and not Path("stimuli").is_dir():
-        raise PipelineError(f"{_WANTED}, or FILE.toml/ID (no folder stimuli here), got {text!r}")
+        raise PipelineError(f"{_RULE}, or FILE.toml/ID (no folder stimuli here), got {text!r}")
     else:
         meant, wanted = stimuli, text
     sets = load_sets(meant)
@@ -150,6 +150,6 @@ def _find_declared_part(text: str, stimuli: Sets | None) -> tuple[StimulusSet, P
         places = ", ".join(place for _, place in sets)
         known = ", ".join(part.id for one, _ in sets for part in one.stimuli)
         raise PipelineError(
-            f"{_WANTED}, or declared in {places}, got {text!r}; declared are {known:.200}"
+            f"{_RULE}, or declared in {places}, got {text!r}; declared are {known:.200}"
         )
     return found[0]

@@ -157,7 +157,7 @@ def inspect_scan(
         for number, one in enumerate(listed, start=1)
         for name in (str(number), one.label, one.key)
     }
-    wanted, scale = _find_wanted(called, characteristics), ""
+    wanted, scale = _find_asked_keys(called, characteristics), ""
     path = Path(scan) if isinstance(scan, str | Path) else None
     if path is not None and (path.suffix.lower() == ".qif" or is_filled_sheet(path)):
         evaluation = _read_results(path, called)
@@ -199,7 +199,9 @@ def describe_source(scan: Scan) -> tuple[Path, str]:
     return name, hashlib.sha256(np.ascontiguousarray(loaded.height).tobytes()).hexdigest()
 
 
-def _find_wanted(called: Mapping[str, str], names: Sequence[int | str] | None) -> frozenset[str]:
+def _find_asked_keys(
+    called: Mapping[str, str], names: Sequence[int | str] | None
+) -> frozenset[str]:
     # Return the keys of the characteristics that the order asks for; all where none are named.
     asked = [str(name) for name in names or ()]
     unknown = [name for name in asked if name not in called]

@@ -33,10 +33,10 @@ def rehearse_session(
         progress(number + 1, count)
     could_show = [
         {
-            "effect": said,
+            "effect": effect,
             "follows": describe_covariate(covariate),
             "size": format_value(statistics.median(some), unit),
         }
-        for (said, covariate, unit), some in sizes.items()
+        for (effect, covariate, unit), some in sizes.items()
     ]
     return {"verdicts": verdicts, "locked": max(locked), "could_show": could_show}

@@ -27,7 +27,7 @@ from stepblocks.parts.declared import (
 PAPER_STEPS = (25e-6, 50e-6, 75e-6, 100e-6)  # H of the four blocks of the apparatus [m]
 Force = Annotated[Sourced, make_sourced_validator("force")]
 Ratio = Annotated[float, read_positive("ratio", or_zero=True)]
-Said = Annotated[str, Field(max_length=60)]
+OrderText = Annotated[str, Field(max_length=60)]
 _Newtons = Annotated[float, read_positive("force")]
 _SOME = Field(min_length=1, max_length=100)
 _Share = Annotated[Ratio, Field(lt=1.0)]  # a tolerance of all that there is leaves nothing
@@ -170,12 +170,12 @@ class Gum(Table):
 class OrderSpec(Table):
     """The order, as title blocks and certificates state it; a field left out stays blank."""
 
-    author: Said = ""
+    author: OrderText = ""
     date: Annotated[str, Field(pattern=r"^(\d{4}-[01]\d-[0-3]\d)?$")] = ""  # of the drawings
-    revision: Said = ""
+    revision: OrderText = ""
     quantity: Annotated[int, Field(ge=1, le=9999)] = 1  # of each part
-    owner: Said = ""  # organisation that owns the drawings (ISO 7200, legal owner)
-    approved_by: Said = ""
+    owner: OrderText = ""  # organisation that owns the drawings (ISO 7200, legal owner)
+    approved_by: OrderText = ""
 
 
 NO_ORDER = OrderSpec()

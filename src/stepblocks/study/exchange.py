@@ -22,7 +22,7 @@ _DEFAULTS = {
     "magnitude": "free-modulus",
 }
 _ROWS = "Judgements of step blocks, one file per participant, one row per trial."
-_SAID = {
+_DESCRIPTIONS = {
     "participant": "participant",
     "trial": "number of the trial in the participant's session",
     "condition": "probe, vibration, or which block of a pair came first",
@@ -59,8 +59,8 @@ def read_foreign_judgements(
     kind, named = EXPERIMENTS[experiment], dict(columns)
     for mine in named:
         require(
-            re.sub("_(mm|m)$", "_um", mine) in _SAID,
-            f"columns must be named for {', '.join(_SAID)}, got {mine!r}",
+            re.sub("_(mm|m)$", "_um", mine) in _DESCRIPTIONS,
+            f"columns must be named for {', '.join(_DESCRIPTIONS)}, got {mine!r}",
         )
     needed = [named.get("participant", "participant")]
     rows = [row for path in sheet.find_sheets(tables) for row in sheet.read_rows(path, needed)]
@@ -69,7 +69,9 @@ def read_foreign_judgements(
     planned = []
     for row in rows:
         one = {
-            mine: text for mine in _SAID if (text := _format_cell(row, mine, named)) is not None
+            mine: text
+            for mine in _DESCRIPTIONS
+            if (text := _format_cell(row, mine, named)) is not None
         } | {"line": row["line"]}
         one |= {name: text for name, text in row.items() if name.startswith(FACTOR)}
         one.setdefault("condition", _DEFAULTS[experiment])
@@ -174,7 +176,7 @@ def share_study(
     }
     columns = [
         name
-        for name in _SAID
+        for name in _DESCRIPTIONS
         if name in design[0] and (kind.paired or not name.startswith("standard"))
     ] + [name for name in design[0] if name.startswith(FACTOR)]
     people = sheet.group_by_participant(
@@ -202,7 +204,7 @@ def _write_bids(
     columns, title = list(next(iter(people.values()))[0]), EXPERIMENTS[experiment].title
     description = {
         name: {
-            "Description": _SAID.get(name, "level of a declared factor"),
+            "Description": _DESCRIPTIONS.get(name, "level of a declared factor"),
             **({"Units": "um"} if name.endswith("_um") else {}),
         }
         for name in columns

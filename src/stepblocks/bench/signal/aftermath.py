@@ -9,8 +9,8 @@ from stepblocks.bench.signal import Array, Estimate, Tool
 from stepblocks.bench.signal.approach import Approach, Landmarks
 from stepblocks.bench.signal.regimes import USUAL_TOOL, Motion, Sawtooth, find_first_swing
 from stepblocks.bench.signal.ring import (
-    GUESSED,
-    TOLD,
+    GUESSED_SPREAD,
+    KNOWN_SPREAD,
     Ring,
     RubbingRing,
     fit_ring,
@@ -38,7 +38,7 @@ _MUCH_BETTER = (
 )
 _MOST_COLOUR = 3.0  # the noise while sliding counts up to this many times the white noise
 _MOST_TROUGHS = 8
-_TOLD_DECAY = (
+_KNOWN_DECAY_SPREAD = (
     0.01  # by which the median of a session's clear trials misses the decay time of its tool
 )
 _FAR = 2.5  # spreads of the tool's figures within which a fit is still of that tool
@@ -167,7 +167,7 @@ def fit_aftermath(
     ):
         return bell
     frequency, decay = tool or (float(rubbing.values[2]), float(rubbing.values[3]))
-    known = TOLD[1] if tool is USUAL_TOOL else _TOLD_DECAY
+    known = KNOWN_SPREAD[1] if tool is USUAL_TOOL else _KNOWN_DECAY_SPREAD
     spread = min(known * decay, rubbing.std(3)) if tool else rubbing.std(3)
     clean = force - approach.hum(time)
     reach = top - approach.center
@@ -216,7 +216,7 @@ def _measure_aftermath_of_rubbing(
     level, gap, frequency, decay = (float(v) for v in fit.values[:4])
     far = (0.0, 0.0)
     if tool is not None and any(
-        abs(fit.values[2 + i] - tool[i]) > _FAR * TOLD[i] * tool[i] for i in (0, 1)
+        abs(fit.values[2 + i] - tool[i]) > _FAR * KNOWN_SPREAD[i] * tool[i] for i in (0, 1)
     ):
         # a fit of few swings may find another tool: then it knows no better than that
         far = (abs(frequency - tool[0]), abs(decay - tool[1]))
@@ -240,7 +240,7 @@ def _fit_best_rubbing(
     best: RubbingRing | None = None
     for guess in _guess_tools(time, clean, marks, approach, tool):
         for trough in _find_troughs(time, clean, marks, level, guess[0]):
-            t, y, spread = time[trough:], clean[trough:], TOLD if tool else GUESSED
+            t, y, spread = time[trough:], clean[trough:], KNOWN_SPREAD if tool else GUESSED_SPREAD
             fit = fit_rubbing_ring(t, y, level, guess, approach.slope, marks.noise, spread=spread)
             if best is None or fit.misfit < _MUCH_BETTER * best.misfit:
                 best = fit

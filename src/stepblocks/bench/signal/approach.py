@@ -20,7 +20,7 @@ from stepblocks.bench.signal.separable import (
 
 _MAINS = (50.0, 60.0)  # [Hz]
 _RAMP_SHARE = 0.85  # of the rise; the first pass stays clear of a rounded peak
-# of the rise, up to which the slope of a bent ramp is told; `contact.state` foretells it so
+# of the rise, up to which the slope of a bent ramp is measured; `contact.state` predicts it so
 _LINE_SHARE = 0.9
 _BENDS = 3  # times that a bent ramp is fitted
 _START_UP_GAIN = 0.02  # a start-up ring must explain this share of the variance, or it is left out
@@ -144,7 +144,7 @@ def _add_onset(time: Array, smooth: Array, marks: Landmarks) -> Landmarks:
 
 @dataclass(frozen=True)
 class Clock:
-    """What a fit of sliding and ramp is told.
+    """What a fit of sliding and ramp begins with.
 
     Attributes
     ----------

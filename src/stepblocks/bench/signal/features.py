@@ -342,7 +342,9 @@ _FIGURES: _Figures = {
 }
 # what no saturation after the peak spoils
 _SPARED = ("sliding", "normal_", "loading", "spring", "peak", "release_time", "tangential")
-_OF_LOADING = {names: told for names, told in _FIGURES.items() if names[0].startswith(_SPARED)}
+_OF_LOADING = {
+    names: features for names, features in _FIGURES.items() if names[0].startswith(_SPARED)
+}
 _OVER_LOAD = ("sliding", "normal_load", "static")  # what counts by the normal force of sliding
 _CUT_SHARE = 0.05  # of the samples while sliding, which noise alone does not put at the very top
 del _OF_LOADING["loading_share_0_100hz", "vibration_share_250_350hz"]

@@ -42,7 +42,7 @@ _FAINT = 6.0
 
 @dataclass(frozen=True)
 class Motion:
-    """What a regime is told from.
+    """What a regime is recognised by.
 
     Attributes
     ----------

@@ -35,8 +35,8 @@ from stepblocks.bench.signal.separable import (
 from stepblocks.contact.kernels import compute_softened_force
 
 # relative spread of frequency and decay time about a guess from the trial itself, and about what
-# others told
-GUESSED, TOLD = (0.05, 0.4), (0.02, 0.12)
+# other trials give
+GUESSED_SPREAD, KNOWN_SPREAD = (0.05, 0.4), (0.02, 0.12)
 
 _GOOD = 4.0  # misfit at which no other start is tried
 # relative difference of costs that the optimiser's own tolerance makes; then the likelier start
@@ -414,7 +414,7 @@ def fit_rubbing_ring(
     slope: float,
     noise: float,
     *,
-    spread: Tool = GUESSED,
+    spread: Tool = GUESSED_SPREAD,
 ) -> RubbingRing:
     """Fit a ring limited by friction, from a guess of its level and of the tool.
 

@@ -122,7 +122,7 @@ class _Grown:
     gates: dict[str, float]  # chance of a false alarm of the gate that let each effect in
     last_gate_p: float
     needed: float  # gain of one amplitude that opens the last gate
-    hints: tuple[Hint, ...] = ()  # what nobody wrote down
+    hints: tuple[Hint, ...] = ()  # of an input that no column holds
     walks: frozenset[str] = frozenset()  # effects along the run that a walk would do as well
 
 
