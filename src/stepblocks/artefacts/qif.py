@@ -50,7 +50,9 @@ def write_qif(
 
     A part passes as a whole only where all that the order asks for was measured.
     """
-    order, listed, values = order or OrderSpec(), list(part.characteristics()), measured or {}
+    order = order or OrderSpec()
+    listed = list(part.characteristics())
+    values = measured or {}
     content = repr((part.record(), sorted(values.items())))
     numbered = {one.key: (one, index) for index, one in enumerate(listed)}
     taken = [(*numbered[key], *value) for key, value in values.items() if key in numbered]

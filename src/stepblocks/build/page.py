@@ -75,11 +75,9 @@ def write_page(sections: Sequence[Section], output: Path) -> list[Path]:
     """Write ``index.html`` with the script of plotly beside it, for use without a network."""
     from plotly.offline import get_plotlyjs
 
-    script, page, source = (
-        output / "assets" / "plotly.min.js",
-        output / "index.html",
-        get_plotlyjs(),
-    )
+    script = output / "assets" / "plotly.min.js"
+    page = output / "index.html"
+    source = get_plotlyjs()
     script.parent.mkdir(exist_ok=True)
     if not script.is_file() or script.read_text(encoding="utf-8") != source:
         replace_text(script, source)

@@ -119,7 +119,8 @@ def build_sets(
         If a file is malformed or the output folder cannot be used; nothing is written before all
         files are valid.
     """
-    sources, folder = _list_sources(files), Path(output)
+    sources = _list_sources(files)
+    folder = Path(output)
     # a set declared in Python is hashed as its file
     inputs = {
         f"{name}.toml": hash_file(one)
@@ -335,7 +336,8 @@ def _check_table(stimuli: "StimulusSet", folder: Path, name: str) -> "Verdict":
         predict_all,
     )
 
-    manifest, path = load_json(folder / MANIFEST), folder / name
+    manifest = load_json(folder / MANIFEST)
+    path = folder / name
     if "--model" in manifest.get("inputs", {}):
         wrong = int(hash_file(path) != list_outputs(manifest).get(name))
         return Verdict(path.name, "bytes as the manifest says", 0.0, wrong, 0.0, "count")

@@ -131,7 +131,8 @@ def _format_examples(examples: Sequence[str]) -> str | None:
 
 def describe_mistake(error: typer.TyperException) -> str:
     """Say in one line what is wrong with the options, and where the help is."""
-    option, message = getattr(error, "param", None), error.format_message()
+    option = getattr(error, "param", None)
+    message = error.format_message()
     if option is not None and error.message:
         name = max(option.opts, key=len) if isinstance(option, TyperOption) else option.metavar
         message = f"{name or option.name}: {error.message}"

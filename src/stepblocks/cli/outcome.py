@@ -159,7 +159,8 @@ def _choose_columns(
     width: int,
 ) -> list[str]:
     # Choose the columns that fit the width, at least one
-    left, names = width + 2, list[str]()
+    left = width + 2
+    names = list[str]()
     for name in (name for name in cells if name not in alike):
         left -= max(map(len, (*heads[name].split(), *cells[name]))) + 2
         if left >= 0 or not names:

@@ -415,7 +415,8 @@ def analyse(
             reference=reference,
         ),
     )
-    notes, summary = [*result.notes, *result.remarks], write_headline(result)
+    notes = [*result.notes, *result.remarks]
+    summary = write_headline(result)
     return Outcome(
         summary, notes=notes, page=place / "report.html", record={"said": summary, "notes": notes}
     )

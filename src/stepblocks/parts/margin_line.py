@@ -183,7 +183,8 @@ def _fit_sections(sections: list[Array], shows: str) -> tuple[str, list[float], 
         np.concatenate(sections),
         np.repeat(np.arange(_SECTIONS), [len(one) for one in sections]),
     )
-    fit, scatter = np.zeros(_SECTIONS + 4), 0.0
+    fit = np.zeros(_SECTIONS + 4)
+    scatter = 0.0
     origin, axes = np.zeros(2), np.eye(2)
     for _ in range(6):  # the turn converges by a factor of a hundred each time
         within = np.abs(points[:, 0]) <= _FITTED

@@ -40,7 +40,8 @@ class Turned(Part):
 
 def compute_revolution_volume(outline: Outline) -> float:
     """Compute the volume of a turned outline [m^3]: contour integral of pi r^2 dz."""
-    total, around = 0.0, list[Any]([*outline, outline[0]])
+    total = 0.0
+    around = list[Any]([*outline, outline[0]])
     here = around[0]
     for item in around[1:]:
         if isinstance(item[0], tuple):

@@ -274,7 +274,8 @@ def make_set(
     name: str, raw: dict[str, Any], folder: Path, place: object, mistakes: list[Mistake]
 ) -> StimulusSet:
     """Make a set of the tables of a file in a folder, or say all that is wrong with them."""
-    known, defaults = list_kinds(), raw.pop("defaults", {})
+    known = list_kinds()
+    defaults = raw.pop("defaults", {})
     if not isinstance(defaults, dict) or not set(defaults) <= set(known):
         mistakes.append(
             ("", f"defaults must be tables named {', '.join(known)}, got {shorten_value(defaults)}")

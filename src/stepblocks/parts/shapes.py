@@ -114,7 +114,8 @@ def _lift_vertices(
     coarse = curved & (deflection > finest) if finest < deflection.max() else curved
     if finest == deflection.max() == CONTACT_DEFLECTION or not coarse.any():
         return raw.vertices
-    count, on_coarse = len(raw.vertices), coarse[raw.face]
+    count = len(raw.vertices)
+    on_coarse = coarse[raw.face]
     corners = raw.vertices[raw.triangles]
     areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals, kept = np.zeros((count, 3)), np.zeros(count, dtype=bool)

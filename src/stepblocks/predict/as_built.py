@@ -25,7 +25,8 @@ def replace_nominals(stimuli: StimulusSet, records: Mapping[str, AsBuilt]) -> St
 def _replace_nominal(part: Part, record: AsBuilt | None) -> Part:
     if record is None or "height" not in part.sizes:
         return part
-    measured, source = {}, f"as built, {record.scan}"
+    measured = {}
+    source = f"as built, {record.scan}"
     if record.height is not None:
         measured["height"] = record.height.value
     if "edge_radius" in record.values:

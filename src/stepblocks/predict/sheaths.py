@@ -101,7 +101,8 @@ def tabulate_rings(stimuli: StimulusSet) -> list[dict[str, str]]:
     if not conditions:
         return []
     bare, tool = conditions[0].ring, stimuli.prediction.as_tool()
-    last, spread = tool.ring_duration, tool.frequency_deviation / tool.frequency
+    last = tool.ring_duration
+    spread = tool.frequency_deviation / tool.frequency
     bare_work = bare.stiffness / bare.mean_energy(last)
     return [
         {

@@ -263,7 +263,8 @@ def simulate_ring_of(
         f"the pulling force must fall to that of sliding ({level:g} N) to ring, got none that "
         f"low {name}",
     )
-    force, delay = level - pull[after[0] :], float(time[after[0]] - trace.release_time)
+    force = level - pull[after[0] :]
+    delay = float(time[after[0]] - trace.release_time)
     factor = math.sqrt(event.energy / compute_ring_energy(force, _RATE, event.tool))
     own = measure_ring(trace, spectra=False)
     return replace(

@@ -164,9 +164,11 @@ def _read_record(
         except (OSError, ValueError, KeyError) as error:
             raise HapticsError(f"the record cannot be read: {error} [{record}]") from error
     if isinstance(record, str | Path):
-        frame, place = read_table(Path(record)), str(record)
+        frame = read_table(Path(record))
+        place = str(record)
     else:
-        frame, place = record, "table"
+        frame = record
+        place = "table"
     accelerates = "acceleration_m_s2" in frame
     wanted = (
         {"time": ["time"]} if accelerates else {"time": ["time"], "force": ["force", "force_x"]}

@@ -92,7 +92,9 @@ class Renderer:
                 raise HapticsError(f"{name} must be positive and finite, got {value:g}")
         if not (math.isfinite(damping) and damping >= 0.0):
             raise HapticsError(f"damping must be finite and not negative, got {damping:g} N s/m")
-        self.path, self.scale, self.period = path.scaled(scale), scale, 1.0 / rate
+        self.path = path.scaled(scale)
+        self.scale = scale
+        self.period = 1.0 / rate
         self.stiffness = point.tool.stiffness / scale
         self.wall = self.stiffness if wall is None else wall
         self.force: Array = np.zeros(3)

@@ -118,10 +118,8 @@ def read_pieces_confined(path: Path) -> dict[str, object]:
     """Read the objects of an OBJ."""
     found: dict[str, object] = {}
     # after the head of the file
-    first, objects = (
-        1,
-        path.read_text(encoding="ascii").split("\no ")[1:],
-    )
+    first = 1
+    objects = path.read_text(encoding="ascii").split("\no ")[1:]
     for number, lines in enumerate(objects):
         vertices, triangles = _read_as_text(lines.splitlines()[1:], first)
         first += len(vertices)

@@ -251,7 +251,8 @@ def _unpack_sur(path: Path) -> io.BytesIO:
         sum(size for size, _ in sizes) <= _MOST_UNPACKED,
         f"file must unpack to at most {_MOST_UNPACKED >> 20} MiB [{path.name}]",
     )
-    at, plain = begin + 4 + 8 * len(sizes), [b"DIGITAL SURF" + raw[12:begin]]
+    at = begin + 4 + 8 * len(sizes)
+    plain = [b"DIGITAL SURF" + raw[12:begin]]
     for size, packed in sizes:
         plain.append(zlib.decompressobj().decompress(raw[at : at + packed], size))
         MetrologyError.require(
@@ -276,8 +277,10 @@ def _read_sdf(path: Path) -> ScannedProfile | HeightMap:
     stated = read_height_scale(path, "sdf", "")
     read = sdfio.read(str(path))
     _check_size(read.data.shape, path.name)
-    header, scale = read.header, "ISO 25178-71: heights in metres"
-    height, count = np.atleast_2d(read.data), abs(header.z_scale) if stated else 1.0
+    header = read.header
+    scale = "ISO 25178-71: heights in metres"
+    height = np.atleast_2d(read.data)
+    count = abs(header.z_scale) if stated else 1.0
     if len(height) == 1:
         position = np.arange(height.size, dtype=np.float64) * header.x_scale
         return ScannedProfile(position, height[0], path.name, scale, count)
@@ -290,10 +293,8 @@ def _read_x3p(path: Path) -> ScannedProfile | HeightMap:
     _check_size(x3pio.info(str(path)).shape, path.name)
     layer = x3pio.read(str(path)).layers[0]
     header = layer.header
-    scale, count = (
-        "ISO 25178-72: heights in metres, checksums verified",
-        abs(header.z.increment or 1.0),
-    )
+    scale = "ISO 25178-72: heights in metres, checksums verified"
+    count = abs(header.z.increment or 1.0)
     if layer.z.ndim == 1 and isinstance(layer, x3pio.ProfileLayer):
         even = np.arange(len(layer.z), dtype=np.float64)
         position = even * header.x.increment if layer.x is None else layer.x

@@ -128,12 +128,14 @@ class HeightMap:
         _require_reach("sides", np.array(self.height.shape) * (self.dy, self.dx), place)
 
     def __repr__(self) -> str:
-        (ny, nx), steps = self.height.shape, f"{self.dx * 1e6:.4g} x {self.dy * 1e6:.4g} um"
+        ny, nx = self.height.shape
+        steps = f"{self.dx * 1e6:.4g} x {self.dy * 1e6:.4g} um"
         return f"HeightMap({nx} x {ny} points of {steps}{_describe(self)})"
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Draw heights in micrometres as an image, into `ax` or new axes, and return these."""
-        axes, size = take_axes(ax), np.array(self.height.shape) * (self.dy, self.dx) * 1e6
+        axes = take_axes(ax)
+        size = np.array(self.height.shape) * (self.dy, self.dx) * 1e6
         image = axes.imshow(self.height * 1e6, origin="lower", extent=(0.0, size[1], 0.0, size[0]))
         axes.figure.colorbar(image, ax=axes, label="height / um")
         axes.set(xlabel="x / um", ylabel="y / um")

@@ -140,7 +140,8 @@ _NAME = re.compile(r"#\d++|[!A-Za-z_][\w-]*+(?=\s*+\()")
 def _split_instances(text: str) -> tuple[list[str], dict[str, str]]:
     # Split a file into the statements of its header and its whole instances
     text = _COMMENT.sub(lambda found: found[1] or "", text) if "/*" in text else text
-    statements, at = [], 0
+    statements = []
+    at = 0
     while found := _STATEMENT.match(text, at):
         statements.append(found[1].strip())
         at = found.end()

@@ -272,7 +272,9 @@ class CrownOnTooth(CrownMargin, Turned):
             describe_plane(2, ceiling + self.shell_thickness.nominal),
             body=1,
         )
-        kind, width, key = self.finish_line.kind, self.finish_line.width, "finish_line_width"
+        kind = self.finish_line.kind
+        width = self.finish_line.width
+        key = "finish_line_width"
         if kind == "shoulder":
             edges = (
                 EdgeRule(side, describe_plane(2, 0.0)),

@@ -312,10 +312,8 @@ class MarginBlock(CrownMargin, Block):
                 "bevel_angle", "angle", angle, bevel, crown, label=label, method=ACROSS
             )
         elif v.nominal < 0.0:
-            end, label = (
-                describe_plane(0, v.nominal, z=0.5 * (g + h)),
-                "vertical discrepancy, lip over the tooth",
-            )
+            end = describe_plane(0, v.nominal, z=0.5 * (g + h))
+            label = "vertical discrepancy, lip over the tooth"
             yield make_characteristic(
                 key, "distance", v, wall, end, label=label, method=ACROSS
             ).unsigned

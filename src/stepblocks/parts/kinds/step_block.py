@@ -124,7 +124,8 @@ class StepBlock(Block):
             crest.append(((bow, height - bow), (0.0, height - radius)))
         if radius < height:
             crest.append((0.0, 0.0))
-        body, cuts = self.extruded(crest), make_body_cuts(self.body, self.id, height)
+        body = self.extruded(crest)
+        cuts = make_body_cuts(self.body, self.id, height)
         if self.metrology is not None and self.metrology.kind == "ridge":
             body = cad.kernel.fuse([body, self._make_feature(self.metrology)])
         elif self.metrology is not None:
@@ -174,7 +175,8 @@ class StepBlock(Block):
     def hulls(self) -> list[Manifold]:
         body, height, feature = self.body, self.height.nominal, self.metrology
         left = make_hull(list_half_corners(body, -1.0, 0.0, [(0.0, 0.0)]))
-        rounding, radius = [(0.0, height)], self.edge_radius.nominal
+        rounding = [(0.0, height)]
+        radius = self.edge_radius.nominal
         if radius > 0.0:  # chords that keep the contact's chordal error
             step = 2.0 * math.acos(max(1.0 - CONTACT_DEFLECTION / radius, 0.0))
             turns = np.linspace(0.0, 0.5 * math.pi, max(2, math.ceil(0.5 * math.pi / step) + 1))
@@ -231,11 +233,9 @@ class StepBlock(Block):
         self, feature: MetrologyFeature, lower: FaceRule, upper: FaceRule
     ) -> Iterator[Characteristic]:
         H, back = self.height.nominal, 0.5 * self.body.width.nominal
-        lane, kind, method = (
-            back - 0.5 * feature.lane.nominal,
-            feature.kind,
-            "profilometer, ISO 5436-1 A1",
-        )
+        lane = back - 0.5 * feature.lane.nominal
+        kind = feature.kind
+        method = "profilometer, ISO 5436-1 A1"
         side = 1.0 if kind == "groove" else -1.0
         near, width = side * feature.distance.nominal, side * feature.width.nominal
         middle = near + 0.5 * width
@@ -275,10 +275,8 @@ class StepBlock(Block):
     def _is_possible(self) -> Iterator[str]:
         height, radius, body = self.height.nominal, self.edge_radius.nominal, self.body
         yield check_rule(radius <= height, "edge_radius", "not exceed height", height, radius)
-        chamfer, rule = (
-            body.edge_break.nominal,
-            "be smaller than body.edge_break, or the chamfers of the two faces part",
-        )
+        chamfer = body.edge_break.nominal
+        rule = "be smaller than body.edge_break, or the chamfers of the two faces part"
         yield check_rule(height < chamfer or chamfer == 0.0, "height", rule, chamfer, height)
         yield check_below(
             "height", "be below half the thickness", height, 0.5 * body.thickness.nominal

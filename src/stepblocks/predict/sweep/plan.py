@@ -168,7 +168,8 @@ def _resolve_plan(data: Document, folder: Path, mistakes: list[Mistake]) -> Swee
             folder / head["set"], parameters.get("stimulus"), tolerances
         )
         laws = (grid.laws or {}) | laws
-        declared, limits = find_setting(grid), dict(vars(grid.as_tool().limits))
+        declared = find_setting(grid)
+        limits = dict(vars(grid.as_tool().limits))
         if tolerances:
             shares = convert_half_widths(
                 {name: width for name, width in grid.tolerances if width > 0.0}
