@@ -37,7 +37,7 @@ from stepblocks.artefacts.scans.scan import HeightMap, ScannedProfile
 from stepblocks.errors import StepblocksError
 from stepblocks.inspect.budget import Instrument, Outcome
 from stepblocks.inspect.measure import EvaluationOptions
-from stepblocks.inspect.run import find_declared, inspect_scan
+from stepblocks.inspect.run import find_declared_part, inspect_scan
 
 UM = 1e-6
 STIMULI = Path(__file__).parents[1] / "stimuli" / "paper-ten.toml"
@@ -182,7 +182,7 @@ def main():
     code = records.code_hash("inspect", "artefacts")
     kept = [record for record in map(json.loads, lines) if record.get("code") == code]
     done = {record["number"]: record for record in kept}
-    part, *_ = find_declared("step-050", STIMULI)
+    part, *_ = find_declared_part("step-050", STIMULI)
     with path.open("a") as file:
         for number in range(count):
             if number not in done:

@@ -23,7 +23,7 @@ from stepblocks.inspect.budget import Component, Instrument, Measured, Outcome
 from stepblocks.inspect.many import inspect_many
 from stepblocks.inspect.measure import Evaluation, EvaluationOptions
 from stepblocks.inspect.report import write_inspection
-from stepblocks.inspect.run import find_declared, inspect_scan, judge_part
+from stepblocks.inspect.run import find_declared_part, inspect_scan, judge_part
 from stepblocks.inspect.working_edge.measure import measure_edge
 from stepblocks.parts.conditions import NO_ORDER
 
@@ -336,7 +336,7 @@ def test_an_unstated_calibration_counts_by_a_default_with_its_source_and_a_state
 
 
 def test_few_readings_keep_their_interval_in_qif_and_sheet_and_get_no_certificate(tmp_path):
-    part = find_declared("step-050", STIMULI)[0]
+    part = find_declared_part("step-050", STIMULI)[0]
     scatter = Component("scatter", 0.05 * UM, 2.0, "over three scans", decisive=True)
     height = Measured("step height", 50 * UM, (scatter,))
     found = Evaluation({"step_height": height}, "two planes", ())

@@ -83,7 +83,7 @@ def test_holes_and_letters_take_away_what_the_kernel_cuts(kind):
     left = kernel.compute_volume(kernel.cut(whole, make_body_cuts(body, "ab-1", 0.0)))
     level = replace(BLOCK.height, nominal=0.0)
     block = BLOCK.model_copy(update={"body": body, "id": "ab-1", "height": level})
-    assert left == pytest.approx(length * width * thickness - block.filled, rel=1e-12)
+    assert left == pytest.approx(length * width * thickness - block.removed_volume, rel=1e-12)
 
 
 def test_a_strip_of_full_width_is_a_prism():
@@ -106,7 +106,9 @@ def test_a_strip_under_the_chamfers_is_narrower_by_them():
 def test_the_section_has_no_corner_twice():
     for chamfer in (0.0, 0.3e-3):
         body = BODY.model_copy(update={"edge_break": replace(BODY.edge_break, nominal=chamfer)})
-        solid = BLOCK.model_copy(update={"body": body}).extruded([(0.0, BLOCK.rise), (0.0, 0.0)])
+        solid = BLOCK.model_copy(update={"body": body}).extrude_section(
+            [(0.0, BLOCK.rise), (0.0, 0.0)]
+        )
         # front, back and one for each corner: two of the edge, then four of the body or eight where
         # it is chamfered
         assert len(kernel.describe_faces(solid)) == 2 + 2 + (4 if chamfer == 0.0 else 8)

@@ -144,4 +144,4 @@ def test_ball_and_cone_of_a_tip_meet_in_a_tangent(radius, half):
 def test_convex_pieces_fill_the_block(height):
     block = StepBlock(id="a", height=f"{height} um")
     pieces = math.fsum(piece.volume() for piece in block.hulls()) * 1e-9
-    assert pieces == pytest.approx(block.volumes()[0] + block.filled, rel=1e-6)
+    assert pieces == pytest.approx(block.volumes()[0] + block.removed_volume, rel=1e-6)

@@ -62,7 +62,7 @@ def test_what_is_left_out_is_neither_made_nor_listed_and_the_volume_is_the_close
     words = {"mounting": {"hole_spacing", "thread"}, "engraving": {"engraving_depth"}}
     assert gone >= words.get(left_out, {"groove_depth"})
     pieces = math.fsum(piece.volume() for piece in block.hulls()) * 1e-9
-    assert pieces == pytest.approx(volume + block.filled, rel=1e-6)
+    assert pieces == pytest.approx(volume + block.removed_volume, rel=1e-6)
 
 
 def test_the_step_file_of_an_own_order_conforms_and_its_header_states_the_order(tmp_path):

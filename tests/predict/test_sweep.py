@@ -19,7 +19,7 @@ from stepblocks.errors import PipelineError
 from stepblocks.predict.figures import compute_margin_map
 from stepblocks.predict.predictions import predict_by_formula
 from stepblocks.predict.sweep.plan import load_sweep
-from stepblocks.predict.sweep.rows import _find_inside, draw_inputs
+from stepblocks.predict.sweep.rows import _find_rows_in_domain, draw_inputs
 from stepblocks.predict.sweep.run import run_sweep
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
@@ -435,7 +435,7 @@ def test_a_sweep_is_the_same_in_whatever_order_its_parameters_are_named(tmp_path
 def test_a_sharp_edge_a_step_of_no_height_and_no_friction_lie_inside_the_equations():
     one = dict.fromkeys(("tip_radius", "normal_load", "stiffness", "conversion"), np.ones(4))
     sizes = {"height": np.array([20e-6, 0.0, -1e-6, np.inf]), "edge_radius": np.zeros(4)}
-    inside = _find_inside("step", one | sizes | {"friction": np.zeros(4)})
+    inside = _find_rows_in_domain("step", one | sizes | {"friction": np.zeros(4)})
     assert inside.tolist() == [True, True, False, False]
 
 

@@ -44,7 +44,7 @@ def test_magnifying_a_scene_magnifies_every_length_and_no_force(plain):
 def test_the_pieces_fill_the_block_but_for_holes_and_engraving(plain):
     pieces = sum(compute_enclosed_volume(piece.vertices, piece.triangles) for piece in plain.pieces)
     whole = compute_enclosed_volume(plain.whole.vertices, plain.whole.triangles)
-    assert pieces - whole == pytest.approx(BLOCK.filled, rel=1e-3)
+    assert pieces - whole == pytest.approx(BLOCK.removed_volume, rel=1e-3)
 
 
 def test_a_device_sets_the_scale_unless_one_is_given():

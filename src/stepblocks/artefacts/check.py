@@ -222,7 +222,7 @@ def _check_pieces(part: Part, path: Path) -> Iterator[Verdict]:
     worst = max(piece.concavity() for piece in pieces)
     yield Finding("concavity of the pieces", 0.0, worst, NANOMETRE)
     whole, total = (
-        math.fsum(part.volumes()) + part.filled,
+        math.fsum(part.volumes()) + part.removed_volume,
         math.fsum(piece.volume for piece in pieces),
     )
     limit = _PIECES_LIMIT if part.is_turned else VOLUME_LIMIT

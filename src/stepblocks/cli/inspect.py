@@ -314,7 +314,7 @@ def _summarise_many(together: "ManyScans", written: list[Path]) -> Outcome:
     findings = [f"{serial}: {one.conclusion}" for serial, one in together.reports.items()]
     return Outcome(
         "",
-        together.shown,
+        together.table_rows,
         [*findings, *together.left_out],
         next((path for path in written if path.suffix == ".html"), None),
         together.verdict.exit_code,

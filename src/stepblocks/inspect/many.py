@@ -65,7 +65,7 @@ class ManyScans:
     reports: Mapping[str, InspectionResult]
 
     @property
-    def shown(self) -> dict[str, Sequence[Mapping[str, object]]]:
+    def table_rows(self) -> dict[str, Sequence[Mapping[str, object]]]:
         """Rows of the tables as text.
 
         Limits are not rounded; values have the digits of their uncertainty.
@@ -395,7 +395,7 @@ def write_many(
             title=f"Inspection of {len(result.tables['scans'])} measurements",
             conclusion=result.verdict.value,
             lead=_LEAD,
-            tables=result.shown,
+            tables=result.table_rows,
             picture="",
             alt="",
             notes=[

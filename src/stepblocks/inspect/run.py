@@ -146,7 +146,7 @@ def inspect_scan(
         raise PipelineError(f"feature must be one of {', '.join(_BESIDE)}, got {feature!r}")
     others: tuple[Part, ...] = ()
     if isinstance(stimulus, str):
-        part, declared = find_declared(stimulus, stimuli)
+        part, declared = find_declared_part(stimulus, stimuli)
         order, prediction = declared.order, declared.prediction
         others = tuple(one for one in declared.stimuli if one is not part)
     else:
@@ -306,7 +306,7 @@ def inspect_standard(
     return replace(result, judged=((asked, decision),), verdict=decision.verdict)
 
 
-def find_declared(identity: str, stimuli: Sets) -> tuple[Part, StimulusSet]:
+def find_declared_part(identity: str, stimuli: Sets) -> tuple[Part, StimulusSet]:
     """Find a stimulus by its identity, also as engraved, and the set that declares it."""
     known = []
     for declared, _ in load_sets(stimuli):

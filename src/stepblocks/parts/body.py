@@ -176,11 +176,11 @@ class Block(Part):
         """
 
     @property
-    def filled(self) -> float:
+    def removed_volume(self) -> float:
         """Volume of holes and engraving [m^3]."""
-        return self._hole_volume() + self._engraved_volume()
+        return self._compute_hole_volume() + self._compute_engraved_volume()
 
-    def _hole_volume(self) -> float:
+    def _compute_hole_volume(self) -> float:
         mounting = self.body.mounting
         if mounting is None:
             return 0.0
@@ -200,7 +200,7 @@ class Block(Part):
             for top in (0.0, self.rise)
         )
 
-    def _engraved_volume(self) -> float:
+    def _compute_engraved_volume(self) -> float:
         engraving = self.body.engraving
         if engraving is None:
             return 0.0
@@ -210,7 +210,7 @@ class Block(Part):
         area = math.fsum(shapely.Polygon(outer, inner).area for outer, *inner in outlines)
         return area * engraving.depth.nominal
 
-    def extruded(self, crest: cad.door.Outline) -> cad.door.Body:
+    def extrude_section(self, crest: cad.door.Outline) -> cad.door.Body:
         """Extrude the section; `crest` is its outline from the right face to the left one."""
         body, rise = self.body, self.rise
         half, base, c = 0.5 * body.length.nominal, -body.thickness.nominal, body.edge_break.nominal
@@ -220,7 +220,7 @@ class Block(Part):
         left = dict.fromkeys([(-half + c, 0.0), (-half, -c), (-half, base + c), (-half + c, base)])
         return cad.kernel.make_prism([*right, *crest, *left], body.width.nominal)
 
-    def body_characteristics(
+    def list_body_characteristics(
         self, lower: FaceRule, upper: FaceRule, edge: Rule | None
     ) -> Iterator[Characteristic]:
         """List the characteristics of the body.
@@ -271,7 +271,7 @@ class Block(Part):
                 method=MICROSCOPE,
             )
         if mounting is not None:
-            yield from self._hole_characteristics(mounting, holes[0], lower)
+            yield from self._list_hole_characteristics(mounting, holes[0], lower)
         if edge is not None:
             yield make_location(
                 "edge_position",
@@ -295,7 +295,7 @@ class Block(Part):
                 method="thread plug gauge 6H, go and no-go",
             )
 
-    def _hole_characteristics(
+    def _list_hole_characteristics(
         self, mounting: Mounting, hole: FaceRule, lower: FaceRule
     ) -> Iterator[Characteristic]:
         # List depth and place of the fixing holes, measured at the left one

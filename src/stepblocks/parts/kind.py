@@ -124,7 +124,7 @@ class Part(Table, ABC):
         """Volume of each solid [m^3] in closed form, without the kernel that builds it."""
 
     @property
-    def filled(self) -> float:
+    def removed_volume(self) -> float:
         """What holes and engraving take away [m^3], which convex pieces leave out."""
         return 0.0
 

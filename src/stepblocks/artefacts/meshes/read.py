@@ -51,7 +51,7 @@ def _read_as_text(lines: Sequence[str], first: int) -> Arrays:
     if (
         vertices.shape[1:] != (3,)
         or triangles.shape[1:] != (3,)
-        or not is_whole(vertices, triangles)
+        or not is_complete_mesh(vertices, triangles)
     ):
         raise ValueError("needs vertices and the triangles between them")
     return vertices * _MM, triangles
@@ -94,12 +94,12 @@ def read_mesh_confined(path: Path) -> dict[str, object]:
             f"a mesh file must be at most {_MAX_BYTES} bytes, got {size} [{path.name}]"
         )
     vertices, triangles = MESH_READERS[path.suffix](path)
-    if not is_whole(vertices, triangles):
+    if not is_complete_mesh(vertices, triangles):
         raise ValueError("no triangles between finite vertices")
     return {"vertices": vertices, "triangles": triangles}
 
 
-def is_whole(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> bool:
+def is_complete_mesh(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> bool:
     """Tell whether there are triangles, all between finite vertices."""
     within = len(triangles) and triangles.min() >= 0 and triangles.max() < len(vertices)
     return bool(within and np.isfinite(vertices).all())

@@ -278,7 +278,7 @@ class CrownOnTooth(CrownMargin, Turned):
         if kind == "shoulder":
             edges = (
                 EdgeRule(side, describe_plane(2, 0.0)),
-                EdgeRule(describe_plane(2, 0.0), self._walls()[0]),
+                EdgeRule(describe_plane(2, 0.0), self._state_walls()[0]),
             )
             label = "finish line, width of the shoulder"
             yield make_characteristic(
@@ -289,9 +289,9 @@ class CrownOnTooth(CrownMargin, Turned):
             yield make_characteristic(
                 key, "note", width, label=f"finish line, {what}", method="microscope"
             )
-        yield from self._seated(ceiling)
+        yield from self._list_seated_characteristics(ceiling)
 
-    def _seated(self, ceiling: float) -> Iterator[Characteristic]:
+    def _list_seated_characteristics(self, ceiling: float) -> Iterator[Characteristic]:
         # Gaps between the two bodies, the crown seated on its tooth
         g, inner, finish = self.marginal_gap, self.internal_gap, self.finish_line.kind
         outside = FaceRule("CYLINDER", radius=self.margin_radius.nominal, body=0)
@@ -301,14 +301,14 @@ class CrownOnTooth(CrownMargin, Turned):
         cavosurface, end, walls = (
             EdgeRule(outside, ledge),
             describe_plane(2, self.opening.nominal, 1),
-            self._walls(),
+            self._state_walls(),
         )
         # between two cones that are not parallel each gap holds at one end of the crown's
         across: tuple[Rule, Rule] = walls[0], EdgeRule(walls[1], end)
         if finish != "feather-edge":
             across = ledge if finish == "shoulder" else cavosurface, describe_plane(2, g.nominal, 1)
         yield make_characteristic("marginal_gap", "distance", g, *across, method=_SEATED)
-        yield self._opening(cavosurface, end)
+        yield self._state_opening(cavosurface, end)
         top = (
             EdgeRule(walls[1], describe_plane(2, ceiling, 1))
             if finish == "feather-edge"
@@ -329,12 +329,12 @@ class CrownOnTooth(CrownMargin, Turned):
             "taper", "angle", self.taper, walls[0], label="total taper", method=_SEATED
         ).doubled
 
-    def _walls(self) -> tuple[FaceRule, FaceRule]:
+    def _state_walls(self) -> tuple[FaceRule, FaceRule]:
         # Axial walls of tooth and crown, halfway up, where no bevel is
         middle = {2: 0.5 * self.preparation_height.nominal}
         return FaceRule("CONE", holds=middle, body=0), FaceRule("CONE", holds=middle, body=1)
 
-    def _opening(self, cavosurface: EdgeRule, end: FaceRule) -> Characteristic:
+    def _state_opening(self, cavosurface: EdgeRule, end: FaceRule) -> Characteristic:
         # From the cavosurface angle along the path of draw to the margin of the crown
         v, g, finish, key = (
             self.opening,

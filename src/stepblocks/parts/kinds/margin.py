@@ -211,7 +211,9 @@ class MarginBlock(CrownMargin, Block):
 
     def solids(self) -> list[cad.door.Body]:
         gap, depth = self.marginal_gap.nominal, self.gap_depth.nominal
-        body = self.extruded([*reversed(self.corner), (gap, -depth), (0.0, -depth), (0.0, 0.0)])
+        body = self.extrude_section(
+            [*reversed(self.corner), (gap, -depth), (0.0, -depth), (0.0, 0.0)]
+        )
         return [cad.kernel.cut(body, make_body_cuts(self.body, self.id, self.rise))]
 
     def volumes(self) -> tuple[float, ...]:
@@ -229,7 +231,7 @@ class MarginBlock(CrownMargin, Block):
             c = body.edge_break.nominal
             narrowed = 2.0 * c * (h - g) + h * h - g * g if c > 0.0 else 0.0
             volume += -v * (body.width.nominal * (h - g) - narrowed)
-        return (volume - self.filled,)
+        return (volume - self.removed_volume,)
 
     def hulls(self) -> list[Manifold]:
         body, gap, rise, opening = (
@@ -283,7 +285,7 @@ class MarginBlock(CrownMargin, Block):
         yield make_characteristic(
             "horizontal_discrepancy", "distance", h, tooth, crown, method=PROFILE
         ).unsigned
-        yield from self._opening(wall, crown)
+        yield from self._list_opening_characteristics(wall, crown)
         yield from make_form_characteristics(self.face_demands, tooth, crown, "tooth", "crown")
         yield make_characteristic(
             "gap_depth",
@@ -294,9 +296,11 @@ class MarginBlock(CrownMargin, Block):
             label="depth of the gap",
             method="microscope",
         )
-        yield from self.body_characteristics(tooth, crown, wall)
+        yield from self.list_body_characteristics(tooth, crown, wall)
 
-    def _opening(self, wall: FaceRule, crown: FaceRule) -> Iterator[Characteristic]:
+    def _list_opening_characteristics(
+        self, wall: FaceRule, crown: FaceRule
+    ) -> Iterator[Characteristic]:
         # From the tooth's wall to the margin of the crown
         v, g, h, key = self.opening, self.marginal_gap.nominal, self.rise, "vertical_discrepancy"
         if v.nominal > g:

@@ -178,7 +178,7 @@ class ScannedMargin(CrownMargin):
             crown_slope=math.tan(scan.crown_slope_rad),
         )
 
-    def _section(self) -> list[tuple[float, float]]:
+    def _compute_section(self) -> list[tuple[float, float]]:
         # Upper outline from end to end (x, z) [m]
         half = 0.5 * self.length.nominal
         x, z = self.counterface().section(half - SIDE)
@@ -188,12 +188,13 @@ class ScannedMargin(CrownMargin):
         half, base = 0.5 * self.length.nominal, -self.thickness.nominal
         return [
             cad.kernel.make_prism(
-                [(half, base), *reversed(self._section()), (-half, base)], self.width.nominal
+                [(half, base), *reversed(self._compute_section()), (-half, base)],
+                self.width.nominal,
             )
         ]
 
     def volumes(self) -> tuple[float, ...]:
-        lines = itertools.pairwise(self._section())
+        lines = itertools.pairwise(self._compute_section())
         area = math.fsum(
             (xb - xa) * (0.5 * (za + zb) + self.thickness.nominal) for (xa, za), (xb, zb) in lines
         )
@@ -201,7 +202,7 @@ class ScannedMargin(CrownMargin):
 
     def hulls(self) -> list[Manifold]:
         base, side = -self.thickness.nominal, 0.5 * self.width.nominal
-        columns = [(a, b) for a, b in itertools.pairwise(self._section()) if b[0] > a[0]]
+        columns = [(a, b) for a, b in itertools.pairwise(self._compute_section()) if b[0] > a[0]]
         return [
             make_hull((x, y, z) for x, top in ends for z in (base, top) for y in (-side, side))
             for ends in columns
@@ -249,7 +250,7 @@ class ScannedMargin(CrownMargin):
             self.floor_depth_and_slope[0],
             self.thickness.nominal,
         )
-        lowest = max(depth, *(-z for _, z in self._section()))
+        lowest = max(depth, *(-z for _, z in self._compute_section()))
         under = v - g - self.horizontal_discrepancy.nominal
         yield check_rule(
             v >= g, "vertical_discrepancy", "not be less than marginal_gap on a scan", g, v

@@ -124,7 +124,7 @@ class StepBlock(Block):
             crest.append(((bow, height - bow), (0.0, height - radius)))
         if radius < height:
             crest.append((0.0, 0.0))
-        body = self.extruded(crest)
+        body = self.extrude_section(crest)
         cuts = make_body_cuts(self.body, self.id, height)
         if self.metrology is not None and self.metrology.kind == "ridge":
             body = cad.kernel.fuse([body, self._make_feature(self.metrology)])
@@ -163,14 +163,14 @@ class StepBlock(Block):
             1.0 - 0.25 * math.pi
         ) - corners
         if feature is None:
-            return (volume - self.filled,)
+            return (volume - self.removed_volume,)
         lane, w = feature.lane.nominal, feature.width.nominal
         if feature.kind == "groove":
             # from the lane's boundary to the chamfered side, z from 0 to H
             volume -= w * (lane * H - (c * H - 0.5 * H * H if c > 0.0 else 0.0))
         else:  # the side's edge break runs on through the ridge, from c inside at z = 0
             volume += w * (lane * H - (c * H + 0.5 * H * H if c > 0.0 else 0.0))
-        return (volume - self.filled,)
+        return (volume - self.removed_volume,)
 
     def hulls(self) -> list[Manifold]:
         body, height, feature = self.body, self.height.nominal, self.metrology
@@ -224,12 +224,12 @@ class StepBlock(Block):
         ):
             yield replace(one, extent=extent)
         if self.metrology is not None:
-            yield from self._feature_characteristics(self.metrology, lower, upper)
+            yield from self._list_feature_characteristics(self.metrology, lower, upper)
         wall = describe_plane(0, 0.0, y=-0.25 * self.body.width.nominal) if r < H else None
-        yield from self.body_characteristics(lower, upper, wall)
+        yield from self.list_body_characteristics(lower, upper, wall)
         yield from make_edge_characteristics(self.face_demands["burr"], wall, lower)
 
-    def _feature_characteristics(
+    def _list_feature_characteristics(
         self, feature: MetrologyFeature, lower: FaceRule, upper: FaceRule
     ) -> Iterator[Characteristic]:
         H, back = self.height.nominal, 0.5 * self.body.width.nominal
@@ -283,9 +283,9 @@ class StepBlock(Block):
         )
         yield from self.require_engravable()
         if self.metrology is not None:
-            yield from self._feature_fits(self.metrology)
+            yield from self._check_feature(self.metrology)
 
-    def _feature_fits(self, feature: MetrologyFeature) -> Iterator[str]:
+    def _check_feature(self, feature: MetrologyFeature) -> Iterator[str]:
         radius, body = self.edge_radius.nominal, self.body
         width, distance, lane = (
             feature.width.nominal,

@@ -132,7 +132,7 @@ def _predict_rows(
     status = np.full(count, "invalid", dtype="U16")
     problem = np.full(count, "", dtype=object)
     figures = np.full((3, count), math.nan)
-    inside = _find_inside(plan.surface, inputs)
+    inside = _find_rows_in_domain(plan.surface, inputs)
     try:
         angle, release = _release_at_once(plan, inputs, backward, inside)
         status[inside], figures[0, inside], figures[1, inside] = (
@@ -161,7 +161,7 @@ def _predict_rows(
     }
 
 
-def _find_inside(surface: str, inputs: Mapping[str, Array]) -> NDArray[np.bool_]:
+def _find_rows_in_domain(surface: str, inputs: Mapping[str, Array]) -> NDArray[np.bool_]:
     # Tell for each row whether all of its inputs lie where the equations hold
     inside = np.ones(len(inputs["friction"]), dtype=bool)
     for name in ("tip_radius", "normal_load", "stiffness", "conversion"):
