@@ -146,7 +146,12 @@ def test_a_study_has_the_blocks_of_a_set_as_of_its_file(tmp_path):
     assert designs[0] == designs[1]
     powers = [
         stepblocks.study_power(
-            source, seed=7, damping={"bare": 1.0, "soft": 0.5}, participants=(3,), runs=10
+            source,
+            seed=7,
+            damping={"bare": 1.0, "soft": 0.5},
+            participants=(3,),
+            analysis="f-test",
+            runs=10,
         )
         for source in sources.values()
     ]
