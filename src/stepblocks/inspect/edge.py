@@ -198,6 +198,7 @@ def _isolate_largest_edge(x: Array, height: Array) -> tuple[Mask, bool, Array, A
 class _Faces:
     planes: TwoPlanes
     gamma: Array  # autocovariance of their noise [m^2]
+    bare: Array  # the same without a bow, of which two planes leave the rest at the edge
     # shape (3, 3); rows whose products add up to the covariance of tilt, offset and height
     errors: Array
     asked: Mask  # shape (n,); points beside the exclusion
@@ -221,9 +222,12 @@ def _fit_faces(x: Array, z: Array, middle: float, exclusion: float) -> _Faces:
     planes = fit_two_planes(x, z, middle, asked)
     kept = np.where(planes.fit.used, planes.fit.residuals, np.nan)
     gamma = estimate_autocovariance([kept[lower], kept[upper]])
+    used = planes.fit.used
+    bow = np.polynomial.Polynomial.fit(x[used], kept[used], 2)(x)
     return _Faces(
         planes,
         gamma,
+        estimate_autocovariance([(kept - bow)[lower], (kept - bow)[upper]]),
         factor_covariance(compute_estimator_covariance(planes.fit.weights, gamma)),
         asked,
         middle,
@@ -271,7 +275,7 @@ def _fit_arc_or_flank(
         u = x[points]
         columns = np.stack([u - faces.middle, np.ones(len(u)), (u > faces.middle).astype(float)])
         height, shared = faces.planes.height.value, faces.errors @ columns
-        return fit_arc(Window(u, levelled[points], height, spacing, faces.gamma, shared))
+        return fit_arc(Window(u, levelled[points], height, spacing, faces.bare, shared))
 
     arc, dropped = fitted(kept), 0
     flank = _find_better_flank(x[kept], levelled[kept], spacing, faces, arc)
