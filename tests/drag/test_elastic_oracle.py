@@ -37,12 +37,15 @@ def test_a_step_of_any_height_on_steel_asks_the_pull_of_floor_and_edge_together(
     # under 1 N steel gives way by 0.7 um: the equation of a rigid contact ends there
     done = drag_over(Step(height), load=load)
     corners = [(-1e-3, 0.0), (-1e-12, 0.0), (0.0, height), (1e-3, height)]
-    pull = follow_an_elastic_ball(done, corners)[:, 1]
-    assert done.summary["peak_force_n"] == pytest.approx(pull.max(), rel=2e-3)
-    swing = 0.15 * load - pull[np.argmax(pull) :].min()
+    time, pull = follow_an_elastic_ball(done, corners)[:, :2].T
+    # behind an edge of 50 nm it lands with as much pull again
+    near = np.abs(time - done.summary["release_time_s"]) < 2e-3
+    assert done.summary["peak_force_n"] == pytest.approx(pull[near].max(), rel=2e-3)
+    top = int(np.argmax(np.where(near, pull, 0.0)))
+    swing = 0.15 * load - pull[top : top + 133].min()  # of two periods
     ring = 0.5 * max(swing, 0.0) ** 2 / done.tool.stiffness
     assert done.summary["vibration_energy_j"] == pytest.approx(
-        ring, abs=0.03 * done.summary["stored_energy_j"]
+        ring, abs=0.012 * done.summary["stored_energy_j"]
     )
 
 

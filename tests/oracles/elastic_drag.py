@@ -53,13 +53,17 @@ def _integrate(corners, radius, law, tool, load, start, speed, dt, steps, every)
                     share = ((x - ax) * tx + (centre - ay) * ty) / (tx * tx + ty * ty)
                     px, py = ax + share * tx, ay + share * ty
                     touches = 0.0 < share < 1.0
-                else:  # a corner, where the centre lies between the normals of its faces
+                else:  # a corner, where the centre lies beyond its faces
                     px, py = ax, ay
                     touches = True
-                    for side in (-1, 1):
-                        if 0 <= i + side < corners.shape[0]:
-                            tx, ty = corners[i + side, 0] - ax, corners[i + side, 1] - ay
-                            touches &= (x - ax) * tx + (centre - ay) * ty <= 0.0
+                    if 0 < i < corners.shape[0] - 1:
+                        bx, by = ax - corners[i - 1, 0], ay - corners[i - 1, 1]
+                        tx, ty = corners[i + 1, 0] - ax, corners[i + 1, 1] - ay
+                        behind = (x - ax) * bx + (centre - ay) * by >= 0.0
+                        before = (x - ax) * tx + (centre - ay) * ty <= 0.0
+                        # a hollow corner ends both of its faces, a ridge is one edge
+                        hollow = bx * ty - by * tx > 0.0
+                        touches = (behind or before) if hollow else (behind and before)
                 away = math.hypot(x - px, centre - py)
                 dent = radius - away
                 if not touches or dent <= 0.0:

@@ -112,7 +112,11 @@ class Track(CentrePath):
         reach = np.column_stack([room[1:], -room[:-1]])
         c0, s0, b0 = self.branches[kept].transpose(2, 0, 1)
         apart = self.evaluate(places[:, None] + reach)[0] - (c0 + reach * (s0 + reach * b0))
-        short = np.maximum(depth - apart, 0.0)
+        # a face ends where the other one is touched: from there on the ball rolls off its corner,
+        # by x^2 / 2R
+        width = self.ball_radius * np.diff(s0 / np.hypot(1.0, s0))
+        rolled = 0.5 * np.maximum(np.abs(reach) - width, 0.0) ** 2 / self.ball_radius
+        short = np.maximum(np.maximum(depth - apart, rolled + b0 * reach * reach), 0.0)
         return np.stack([c0, s0, b0, -short / reach**3], axis=-1)
 
     def press_flat(self, kept: NDArray[np.int64], patch: float) -> "Track":
@@ -142,11 +146,6 @@ class Track(CentrePath):
     def catch_places(self) -> CatchPlaces:
         """Every place that may catch the tip, whatever the load."""
         return find_catch_places(self, self.ball_radius)
-
-    @cached_property
-    def steepest_angle(self) -> float:
-        """Critical angle towards growing x [rad], whichever edge was asked about."""
-        return replace(self, feature=None).find_notch(+1.0)[2]
 
     @cached_property
     def features(self) -> tuple[float, float]:
