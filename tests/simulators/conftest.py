@@ -1,12 +1,19 @@
-"""What several tests of the simulators share: a model that was learned from a session."""
+"""What several tests of the simulators share: a learned model, and libstepblocks with blocks."""
 
+import importlib.util
 import json
 import math
+import shutil
+import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from stepblocks.contact.state import CHANNELS
+from stepblocks.simulators.export import export_scenes
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture(scope="session")
@@ -57,3 +64,39 @@ def learned_model(tmp_path_factory):
     path = tmp_path_factory.mktemp("model") / "model.json"
     path.write_text(json.dumps(document))
     return path
+
+
+@pytest.fixture(scope="session")
+def folder(tmp_path_factory):
+    """A folder with a space that holds libstepblocks, built, and the blocks of two sets."""
+    if not shutil.which("cmake") or not any(map(shutil.which, ("cc", "gcc", "clang"))):
+        pytest.skip("no cmake, or no compiler of C")
+    base = tmp_path_factory.mktemp("with space")
+    sets = [ROOT / "stimuli" / f"{name}.toml" for name in ("paper-ten", "crown-margins")]
+    export_scenes(sets, "native", base, only="*-0*")
+    place = base / "paper-ten" / "native-blocks"
+    shutil.copy(base / "crown-margins" / "native-blocks" / "blocks.txt", place / "margins.txt")
+    for command in (["-S", ".", "-B", "build"], ["--build", "build"]):
+        done = subprocess.run(
+            ["cmake", *command], cwd=place, capture_output=True, text=True, check=True
+        )
+        assert "warning" not in (done.stdout + done.stderr).lower()
+    return place
+
+
+@pytest.fixture(scope="session")
+def binding(folder):
+    """The binding of libstepblocks for Python, as it lies beside the library."""
+    spec = importlib.util.spec_from_file_location("binding", folder / "stepblocks_native.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture
+def world(binding, folder):
+    """The blocks of both sets, without a limit of force: the renderer has none."""
+    with binding.World(folder / "blocks.txt") as made:
+        made.load(folder / "margins.txt")
+        made.configure("force_limit_n", 0.0)
+        yield made

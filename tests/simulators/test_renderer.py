@@ -302,3 +302,20 @@ def test_a_position_of_a_wrong_shape_is_refused(wrong):
         renderer.tick(wrong, np.zeros(3))
     with pytest.raises(HapticsError, match=r"must be arrays of shape \(3,\)"):
         renderer.tick(np.zeros(3), wrong)
+
+
+@pytest.mark.parametrize(
+    ("load", "travel", "speed"),
+    [
+        (0.3, 200.0, 1e-3),
+        (0.3, 2e-4, 0.0),
+        (0.3, math.nan, 1e-3),
+        (0.3, -1.0, 1e-3),
+        (math.nan, 2e-4, 1e-3),
+    ],
+)
+def test_a_drag_without_end_or_without_a_load_is_refused(load, travel, speed):
+    """A travel in micrometres, off by a million, took all memory."""
+    renderer = Renderer(TEN[4].counterface().centre_path(R), POINT)
+    with pytest.raises(HapticsError, match="a drag must have a load, and 1 to 20000000 ticks"):
+        renderer.drag(load, travel, speed=speed)

@@ -13,6 +13,7 @@ from stepblocks.simulators import proxy_kernel as kernel
 
 _APPROACH = 40e-6  # before the notch, and the least travel behind it, unscaled [m]
 _FADE = 0.01  # of the force after an input that is not a number [s]
+_MOST_TICKS = 20_000_000  # of one drag, in memory
 _KINK = 1e-3  # change of slope that is a notch of the path, not the chords of a circle [1]
 
 
@@ -162,13 +163,20 @@ class Renderer:
     ) -> Drag:
         """Drag over the notch by a virtual hand that keeps its load [N], as the bench does.
 
-        The device rounds positions to its resolution [m].
+        The device rounds positions to its resolution [m]. No force is limited, neither here nor in
+        `tick`: a program that drives a device does that.
         """
         # travel behind the notch [m] and speed [m/s] in the magnified frame, towards +x or -x
         notch, height, _ = self.path.find_notch(direction)
         approach, step = _APPROACH * self.scale, direction * speed * self.period
         start = notch - direction * approach
-        record = np.zeros((3, int(np.ceil((approach + travel) / abs(step)))))
+        ticks = (approach + travel) / abs(step) if step else math.inf
+        if not (load >= 0.0 and 0.0 < ticks <= _MOST_TICKS):
+            raise HapticsError(
+                f"a drag must have a load, and 1 to {_MOST_TICKS} ticks, got {load:g} N, and "
+                f"{travel:g} m at {speed:g} m/s"
+            )
+        record = np.zeros((3, math.ceil(ticks)))
         self.reset(np.array([start, 0.0, float(self.path.z.max()) + height]))
         hand = np.array([start, 0.0, float(np.interp(start, self.path.x, self.path.z))])
         given = float(load), float(resolution)
