@@ -30,8 +30,8 @@ SUFFIXES: dict[str, dict[str, str]] = {
 _LARGEST_FILE = 2_000_000_000  # bytes
 
 
-def read_table(path: Path) -> "pd.DataFrame":
-    """Read a CSV with a header."""
+def read_table(path: Path, texts: Collection[str] = ()) -> "pd.DataFrame":
+    """Read a CSV with a header; some of its columns may be texts, whatever they look like."""
     import pandas as pd
 
     try:
@@ -39,7 +39,9 @@ def read_table(path: Path) -> "pd.DataFrame":
             raise PipelineError(f"table must be smaller than {_LARGEST_FILE} bytes [{path}]")
         with path.open(encoding="utf-8-sig") as file:
             names = [name.strip() for name in file.readline().split(",")]
-        frame = pd.read_csv(path, encoding="utf-8-sig", skipinitialspace=True)
+        frame = pd.read_csv(
+            path, encoding="utf-8-sig", skipinitialspace=True, dtype=dict.fromkeys(texts, "str")
+        )
     except OSError as error:
         raise PipelineError(f"table cannot be read: {error.strerror} [{path}]") from error
     except (ValueError, UnicodeDecodeError) as error:  # pandas' parser errors are ValueErrors

@@ -269,7 +269,7 @@ def test_the_track_of_a_profile_is_the_track_in_closed_form():
     track = build_profile_track(np.insert(x, 1500, 0.0), np.insert(z, 1500, 0.0), R)
     assert track.kinks.size == 1
     assert track.x[track.kinks[0]] == pytest.approx(closed.x[closed.kinks[0]], rel=1e-9)
-    assert track.steepest_angle == pytest.approx(find_step_angle(height, R), rel=1e-9)
+    assert track.find_notch(+1.0)[2] == pytest.approx(find_step_angle(height, R), rel=1e-9)
     assert track.z == pytest.approx(step_path(track.x, height, R), abs=1e-9 * height)
     settings = DragSettings(0.6, 0.15, speed=5e-3)
     assert simulate_drag(track, PAPER_DRAG, settings).peak_force == pytest.approx(

@@ -144,7 +144,7 @@ def test_a_model_that_follows_its_own_quantities_needs_no_column_for_them():
 
 
 def test_files_that_cannot_be_read_or_written_are_named(tmp_path):
-    with pytest.raises(PipelineError, match="readable CSV"):
+    with pytest.raises(PipelineError, match="table cannot be read"):
         predict_trials(tmp_path / "none.csv", make_learned_model())
     (tmp_path / "blocked").write_text("a file where a folder should be")
     with pytest.raises(PipelineError, match="cannot be written"):

@@ -253,12 +253,12 @@ def _describe_drag(summary: Document) -> list[str]:
     if "setting" in summary:
         notes.append(f"{summary['setting']['source']}; it fails: {summary['setting']['fails']}")
     if "peak_force_n" in summary:
-        formula = summary.get("equation_1", {}).get("peak_force_n")
-        beside = f", equation (1) {formula:.4g} N" if formula else ""
         notes.append(
-            f"peak {summary['peak_force_n']:.4g} N{beside}; "
+            f"peak {summary['peak_force_n']:.4g} N; "
             f"rings with {format_quantity(summary['vibration_energy_j'], 'energy')} "
             f"({summary['ring_share']:.0%} of the stored energy) for "
             f"{summary['ring_duration_s'] * 1e3:.1f} ms"
         )
+    if "difference_from_equation_1" in summary:
+        notes.append(summary["difference_from_equation_1"])
     return notes

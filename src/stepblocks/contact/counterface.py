@@ -19,7 +19,7 @@ from stepblocks.contact.domain import (
     MOST_LENGTH,
     Real,
     Scanned,
-    convert_field,
+    convert_fields,
     read_lengths,
     read_number,
     require_points,
@@ -136,8 +136,8 @@ class Step(Counterface):
     _dimensions = ("height", "edge_radius")
 
     def __post_init__(self) -> None:
-        for name in self._dimensions:
-            convert_field(self, name, "length", MOST_LENGTH, low=0.0)
+        length = "length", MOST_LENGTH
+        convert_fields(self, 0.0, height=length, edge_radius=length)
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
@@ -176,9 +176,8 @@ class Step(Counterface):
         angles = np.linspace(span, 0.0, 401 if radius > 0.0 else 1)
         x, z = radius * (1.0 - np.sin(angles)), height - radius * (1.0 - np.cos(angles))
         z[-1] = height
-        foot = x[0]
         return (
-            np.concatenate([[foot - run, foot], x, [radius + run]]),
+            np.concatenate([[x[0] - run, x[0]], x, [radius + run]]),
             np.concatenate([[0.0, 0.0], z, [height]]),
         )
 
@@ -219,9 +218,9 @@ class Margin(Counterface):
     _dimensions = ("gap", "opening", "rise")
 
     def __post_init__(self) -> None:
-        convert_field(self, "gap", "length", MOST_LENGTH, low=0.0)
-        for name in ("opening", "rise"):
-            convert_field(self, name, "length", MOST_LENGTH, low=-MOST_LENGTH)
+        length = "length", MOST_LENGTH
+        convert_fields(self, 0.0, gap=length)
+        convert_fields(self, -MOST_LENGTH, opening=length, rise=length)
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
@@ -273,8 +272,8 @@ class Groove(Counterface):
     _dimensions = ("width", "flank")
 
     def __post_init__(self) -> None:
-        convert_field(self, "width", "length", MOST_LENGTH)
-        convert_field(self, "flank", "angle", 0.5 * math.pi, low=1e-3)
+        convert_fields(self, width=("length", MOST_LENGTH))
+        convert_fields(self, 1e-3, flank=("angle", 0.5 * math.pi))
 
     def angles(self, ball_radius: Real, **dimensions: Real) -> tuple[Real, Real]:
         """``sin a = g / 2R``, or along the flanks onto which the ball sinks."""
@@ -349,8 +348,10 @@ class Profile(Counterface):
         """
         known = np.isfinite(scan.height)
         if 2 * int(known.sum()) < known.size:
-            shown = f"{int(known.sum())} of {known.size}"
-            raise ContactError(f"at least half of a scan must be measured, got {shown} points")
+            raise ContactError(
+                f"at least half of a scan must be measured, got {int(known.sum())} of {known.size} "
+                "points"
+            )
         return cls(scan.position[known], scan.height[known], feature)
 
     def angles(self, ball_radius: Real, **dimensions: Real) -> tuple[Real, Real]:

@@ -17,30 +17,30 @@ MOST_LENGTH = 1.0  # of anything on a bench [m]; more was read in a wrong unit
 MOST_BALL = 0.05  # of the radius of a tip, magnified models included [m]
 
 
-def convert_field(
-    owner: object, name: str, dimension: str, high: float, low: float | None = None
-) -> None:
-    """Read a field of a frozen dataclass in SI, or as a text with its unit, and check it.
+def convert_fields(owner: object, low: float | None = None, **bounds: tuple[str, float]) -> None:
+    """Read fields of a frozen dataclass in SI, or as texts with their units, and check them.
 
-    Its bounds are `low` and `high`; without `low` it must be positive.
+    `bounds` has the dimension of each and the most that it may be; `low` is the least, and without
+    it each must be positive.
     """
-    unit = DIMENSIONS[dimension]
-    value = read_number(name, getattr(owner, name), dimension)
-    if low is None:
-        require_positive(name, value, unit)
-    elif low == 0.0:
-        require_not_negative(name, value, unit)
-    else:
-        require_finite(name, value, unit)
-    least = -math.inf if low is None else low
-    if not least <= value <= high:
-        rule = f"lie between {low:g} and {high:g}" if low is not None else f"be at most {high:g}"
-        raise ContactError(
-            f"{name} must {rule} {unit}".rstrip()
-            + f", got {value:g}"
-            + ("; lengths are in metres: 25 um is 25e-6" if dimension == "length" else "")
-        )
-    object.__setattr__(owner, name, value)
+    for name, (dimension, high) in bounds.items():
+        unit = DIMENSIONS[dimension]
+        value = read_number(name, getattr(owner, name), dimension)
+        if low is None:
+            require_positive(name, value, unit)
+        elif low == 0.0:
+            require_not_negative(name, value, unit)
+        else:
+            require_finite(name, value, unit)
+        least = -math.inf if low is None else low
+        if not least <= value <= high:
+            rule = f"be at most {high:g}" if low is None else f"lie between {low:g} and {high:g}"
+            raise ContactError(
+                f"{name} must {rule} {unit}".rstrip()
+                + f", got {value:g}"
+                + ("; lengths are in metres: 25 um is 25e-6" if dimension == "length" else "")
+            )
+        object.__setattr__(owner, name, value)
 
 
 def read_number(name: str, value: object, dimension: str) -> float:
@@ -53,8 +53,10 @@ def read_number(name: str, value: object, dimension: str) -> float:
     if isinstance(value, (bool, np.bool_)) or not isinstance(
         value, (int, float, np.integer, np.floating)
     ):
-        unit = DIMENSIONS[dimension] or "1"
-        raise ContactError(f"{name} must be one number [{unit}], got {type(value).__name__}")
+        raise ContactError(
+            f"{name} must be one number [{DIMENSIONS[dimension] or '1'}], got "
+            f"{type(value).__name__}"
+        )
     return float(value)
 
 
@@ -120,8 +122,9 @@ def read_lengths(name: str, values: object) -> NDArray[np.float64]:
             np.ma.filled(np.ma.asarray(values, dtype=float), np.nan)
         )
     except (TypeError, ValueError) as error:
-        kind = type(values).__name__
-        raise ContactError(f"profile {name} must be numbers [m], got {kind}: {error}") from error
+        raise ContactError(
+            f"profile {name} must be numbers [m], got {type(values).__name__}: {error}"
+        ) from error
     if found.ndim == 1 and found.size:
         wrong = np.flatnonzero(~np.isfinite(found))
         if wrong.size:

@@ -6,7 +6,7 @@ The ball, the load, the friction, the speed, and the tool as a spring that rings
 import math
 from dataclasses import dataclass
 
-from stepblocks.contact.domain import MOST_BALL, convert_field, require_not_negative
+from stepblocks.contact.domain import MOST_BALL, convert_fields, require_not_negative
 from stepblocks.contact.laws import ContactLaw, FrictionLaw
 from stepblocks.errors import ContactError
 
@@ -81,13 +81,16 @@ class Tool:
     limits: Limits = Limits()
 
     def __post_init__(self) -> None:
-        convert_field(self, "stiffness", "stiffness", 1e12)
-        convert_field(self, "conversion", "ratio", 1.0)
-        convert_field(self, "ring_duration", "time", 1e4)
-        convert_field(self, "detection_threshold", "power", 1e3)
-        convert_field(self, "frequency", "frequency", 1e7)
-        convert_field(self, "decay_time", "time", 1e6)
-        convert_field(self, "frequency_deviation", "frequency", 1e7, low=0.0)
+        convert_fields(
+            self,
+            stiffness=("stiffness", 1e12),
+            conversion=("ratio", 1.0),
+            ring_duration=("time", 1e4),
+            detection_threshold=("power", 1e3),
+            frequency=("frequency", 1e7),
+            decay_time=("time", 1e6),
+        )
+        convert_fields(self, 0.0, frequency_deviation=("frequency", 1e7))
 
     @property
     def effective_mass(self) -> float:
@@ -157,13 +160,16 @@ class OperatingPoint:
         given: object = self.friction
         if isinstance(given, FrictionLaw):
             object.__setattr__(self, "friction_law", given)
-        convert_field(self, "ball_radius", "length", MOST_BALL)
-        convert_field(self, "normal_load", "force", 1e4)
-        convert_field(self, "speed", "speed", 100.0)
+        convert_fields(
+            self,
+            ball_radius=("length", MOST_BALL),
+            normal_load=("force", 1e4),
+            speed=("speed", 100.0),
+        )
         if self.friction_law is not None:
             at_rest = self.friction_law.coefficient(0.0, self.normal_load, 0.0, 0.0)
             object.__setattr__(self, "friction", at_rest)
-        convert_field(self, "friction", "ratio", 1e3, low=0.0)
+        convert_fields(self, 0.0, friction=("ratio", 1e3))
 
 
 # The blunt tip and the spring of the paper. It states a band of loads and no friction: 1 N and

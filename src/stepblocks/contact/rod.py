@@ -99,12 +99,12 @@ class RodRing:
 
     def as_tool(self, like: Tool = PAPER.tool) -> Tool:
         """Return the tool that rings so, like another in all else."""
-        deviation = like.frequency_deviation * self.frequency / like.frequency  # the same share
         return replace(
             like,
             stiffness=self.stiffness,
             frequency=self.frequency,
-            frequency_deviation=deviation,
+            # the same share of it
+            frequency_deviation=like.frequency_deviation * self.frequency / like.frequency,
             decay_time=self.decay_time,
         )
 

@@ -55,16 +55,13 @@ def convert_half_widths(half_widths: Mapping[str, float]) -> dict[str, float]:
 
 def list_inputs(face: Counterface, point: OperatingPoint) -> dict[str, float]:
     """Everything that force and energy depend on, by name [SI]."""
-    inputs = {
+    return face.dimensions | {
         "ball_radius": point.ball_radius,
         "friction": point.friction,
         "normal_load": point.normal_load,
+        "stiffness": point.tool.stiffness,
+        "conversion": point.tool.conversion,
     }
-    return (
-        face.dimensions
-        | inputs
-        | {"stiffness": point.tool.stiffness, "conversion": point.tool.conversion}
-    )
 
 
 def compute_deviated_releases(
@@ -205,8 +202,16 @@ def estimate_interval(
         )
     width = max(high - low, 1e-12 * release.vibration_energy)
     agrees = bool(max(abs(drawn[2] - low), abs(drawn[3] - high)) < 0.1 * width)
-    nominal = release.status, release.pull_force, release.vibration_energy
-    return Interval(*nominal, *drawn, low, high, float(np.isinf(forces).mean()), agrees)
+    return Interval(
+        release.status,
+        release.pull_force,
+        release.vibration_energy,
+        *drawn,
+        low,
+        high,
+        float(np.isinf(forces).mean()),
+        agrees,
+    )
 
 
 def _find_quantiles(values: Array, draws: int) -> tuple[float, float]:

@@ -7,6 +7,7 @@ import math
 from dataclasses import dataclass, fields, replace
 
 from stepblocks.contact.domain import require_not_negative, require_positive
+from stepblocks.contact.kernels import compute_softened_force
 from stepblocks.contact.laws import ContactLaw, FrictionLaw, Hertz
 from stepblocks.contact.operating_point import PAPER, OperatingPoint, Tool
 from stepblocks.errors import ContactError
@@ -77,14 +78,10 @@ class Probe:
         return float((force / self.contact_stiffness) ** (1.0 / self.contact_power))
 
     def stretch(self, force: float) -> float:
-        """Stretch of the spring under a force [m].
-
-        It is the real root of the depressed cubic, by Viete's hyperbolic sine.
-        """
-        if self.hardening == 0.0:
-            return force / self.stiffness
-        scale = math.sqrt(self.stiffness / (3.0 * self.hardening))
-        return 2.0 * scale * math.sinh(math.asinh(1.5 * force / (self.stiffness * scale)) / 3.0)
+        """Stretch of the spring under a force [m]."""
+        if self.hardening > 0.0:
+            force = float(compute_softened_force(force, self.hardening / self.stiffness**3))
+        return force / self.stiffness
 
     def energy(self, force: float, rest: float = 0.0) -> float:
         """Energy of the spring at a force, above that at its rest [J].
@@ -243,11 +240,10 @@ class Setting:
 
         A round rod is as stiff along the normal, the load behind it.
         """
-        carried = normal_load / 9.81 + self.holder_mass
         return {
             "damping_ratio": self.damping_ratio,
             "normal_stiffness": tool.stiffness,
-            "carrier_mass": carried,
+            "carrier_mass": normal_load / 9.81 + self.holder_mass,
         }
 
 

@@ -171,8 +171,7 @@ def _find_decay_time(cut: DragTrace) -> float:
 def _measure_settled_force(cut: DragTrace) -> float:
     # Mean pull over the last whole periods, so that a ring that still goes on averages out [N]
     time, force = cut.column("time_s"), cut.column("fx_n")
-    span = 0.25 * (time[-1] - cut.release_time)
-    periods = max(np.floor(span * cut.probe.frequency), 1.0)
+    periods = max(np.floor(0.25 * (time[-1] - cut.release_time) * cut.probe.frequency), 1.0)
     count = max(round(periods / cut.probe.frequency * cut.settings.sample_rate), 2)
     return float(force[-count - 1 : -1].mean())
 

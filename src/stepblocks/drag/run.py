@@ -10,13 +10,18 @@ from html import escape
 from pathlib import Path
 from typing import cast
 
+import numpy as np
 import pandas as pd
 
 from stepblocks.atomic import replace_text
 from stepblocks.contact.counterface import Counterface, Profile
 from stepblocks.contact.domain import Scanned, read_number
 from stepblocks.contact.energy import Release, Status
-from stepblocks.contact.kernels import compute_height_at_angle
+from stepblocks.contact.kernels import (
+    compute_height_at_angle,
+    compute_pull_force,
+    compute_step_angle,
+)
 from stepblocks.contact.laws import ContactLaw, FrictionLaw
 from stepblocks.contact.operating_point import PAPER, Tool
 from stepblocks.declare import Sets
@@ -29,6 +34,7 @@ from stepblocks.drag.simulate import DragEvent, DragTrace
 from stepblocks.drag.subject import resolve_subject
 from stepblocks.errors import ContactError, PipelineError
 from stepblocks.figure_file import Axes, take_axes
+from stepblocks.quantities import format_quantity
 from stepblocks.tables import write_table
 from stepblocks.text_file import Document
 
@@ -59,6 +65,7 @@ _DIMENSIONS = {
     "handle_mass": "mass",
     **_OF_SETTINGS,
 }
+_NOTABLE = 2e-3  # of the pull, above which a cause of a difference is named
 _GUIDE_DAMPING = 20.0  # of a pulled handle [N s/m]; assumed
 
 
@@ -211,7 +218,43 @@ class Drag:
             }
             if ring is not None:
                 summary["peak_force_over_equation_1"] = trace.peak_force / by.pull_force
+                summary["difference_from_equation_1"] = self._explain_difference()
         return summary
+
+    def _explain_difference(self) -> str:
+        # Say how far the pull is from equation (1), and what each cause does to it, to first order
+        trace, probe, settings = self.trace, self.trace.probe, self.trace.settings
+        pull, angle, load = self.formula.pull_force, self.formula.angle, settings.normal_load
+        depth = probe.find_indentation(load)
+        rise = max(compute_height_at_angle(angle, self.ball_radius) - depth, 0.0)
+        pressed = compute_step_angle(rise, self.ball_radius)
+        time, hand = trace.column("time_s"), trace.column("handle_m")
+        speed = float(np.interp(trace.release_time, time, np.gradient(hand, time)))
+        causes = {
+            f"the contact gives way by {format_quantity(depth, 'length')}": (
+                compute_pull_force(load, pressed + math.atan2(pull, load) - angle, 0.0) - pull
+            ),
+            f"the handle goes on at {1e3 * speed:.3g} mm/s while the tip gathers speed": (
+                speed * math.sqrt(probe.stiffness * probe.mass)
+            ),
+            "the tool rubs along a wall": settings.tissue_friction,
+            f"friction is {settings.friction_at_rest:.3g} at rest and {settings.friction:.3g} as "
+            "the tip slides, at most": sum(
+                compute_pull_force(load, angle, friction) - pull
+                for friction in (settings.friction_at_rest, settings.friction)
+            ),
+        }
+        found = [
+            f"{cause} ({1e3 * float(size):+.3g} mN)"
+            for cause, size in causes.items()
+            if abs(size) > _NOTABLE * pull
+        ]
+        if trace.asked > 0:
+            found.append("the tip still swings from the place before")
+        return (
+            f"equation (1) {pull:.4g} N, the drag {1e3 * (trace.peak_force - pull):+.3g} mN: "
+            f"{', '.join(found)}"
+        )
 
     def write(self, folder: Path) -> None:
         """Write ``trace.csv``, ``events.csv``, ``drag.json`` and ``force.png``.

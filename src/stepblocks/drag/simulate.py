@@ -151,7 +151,9 @@ def simulate_drag(
     """
     mu_s = settings.friction_at_rest
     x = max(track.features[0] - settings.lead, float(track.x[0]))
-    limit = _find_force_limit(track, settings, mu_s)
+    places = track.catch_places
+    needed = _compute_needed_pulls(places, settings)
+    limit = _find_force_limit(needed, settings)
     dt, bristle, blow = _find_time_step(probe, settings, limit)
     end = 20.0 * settings.ring_time
     if settings.speed > 0.0:
@@ -172,8 +174,6 @@ def simulate_drag(
         f"sample_rate of {settings.sample_rate:g} Hz gives more than {_MOST_ROWS} rows; "
         "record fewer",
     )
-    places = track.catch_places
-    needed = _compute_needed_pulls(places, settings)
     own = settings.friction_law
     depth = probe.find_indentation(settings.normal_load)
     patch = math.sqrt(track.ball_radius * depth)
@@ -334,13 +334,11 @@ def _compute_needed_pulls(places: CatchPlaces, settings: DragSettings) -> NDArra
     return np.where(locked, math.inf, pull)
 
 
-def _find_force_limit(track: Track, settings: DragSettings, mu: float) -> float:
+def _find_force_limit(needed: NDArray[np.float64], settings: DragSettings) -> float:
     # Pull past which the tip counts as locked [N]
-    total = track.steepest_angle + math.atan(mu)
-    if total >= 0.5 * math.pi - 1e-6:
-        return 50.0 * settings.normal_load
-    climb = max(3.0 * settings.normal_load * math.tan(total), 3.0 * settings.normal_load)
-    return climb + settings.tissue_friction
+    load, rubbed = settings.normal_load, settings.tissue_friction
+    most = needed.max(initial=rubbed) - rubbed
+    return 50.0 * load if math.isinf(most) else 3.0 * max(most, load) + rubbed
 
 
 def _find_time_step(

@@ -42,9 +42,8 @@ def resolve_subject(
     if not isinstance(subject, (str, Path)):
         return _take_surface("a counterface", take_counterface(subject), values)
     if (path := Path(subject)).suffix.lower() == ".csv":
-        frame = read_table(path)
         columns = read_si_columns(
-            frame, {name: ([name], "length", None) for name in ("x", "z")}, path
+            read_table(path), {name: ([name], "length", None) for name in ("x", "z")}, path
         )
         try:
             profile = Profile(columns["x"], columns["z"])

@@ -99,8 +99,7 @@ def plot_predictions(
         ordered = rows.sort_values(x)
         axes.plot(ordered[x], ordered[y], marker="o", label=", ".join(map(str, condition)) or None)
     if by:
-        titles = (format_column_label(name) for name in by)
-        axes.legend(title=format_units("; ".join(titles)), fontsize=8)
+        axes.legend(title=format_units("; ".join(map(format_column_label, by))), fontsize=8)
     axes.set(
         xlabel=format_units(format_column_label(x)), ylabel=format_units(format_column_label(y))
     )

@@ -89,10 +89,14 @@ def predict_conditions(stimuli: StimulusSet) -> list[Condition]:
     probe = stimuli.probe
     if probe is None or not stimuli.sheath:
         return []
-    worn = [
-        _predict_condition(probe, use, one) for use in (ON_SHANK, HELD) for one in stimuli.sheath
+    return [
+        _predict_condition(probe, BARE),
+        *(
+            _predict_condition(probe, use, one)
+            for use in (ON_SHANK, HELD)
+            for one in stimuli.sheath
+        ),
     ]
-    return [_predict_condition(probe, BARE), *worn]
 
 
 def tabulate_rings(stimuli: StimulusSet) -> list[dict[str, str]]:

@@ -158,13 +158,7 @@ def predict_trials(
     """
     learned = model if isinstance(model, LearnedModel) else read_model(model)
     if not isinstance(trials, pd.DataFrame):
-        try:
-            trials = pd.read_csv(trials, dtype={"trial": str, "block": str, "tip": str})
-        except (OSError, ValueError) as error:
-            raise PipelineError(
-                "trials must be a readable CSV table: "
-                + " ".join(f"{error!s:.80} [{trials!s:.200}]".split())
-            ) from error
+        trials = read_table(Path(trials), ("trial", "block", "tip"))
     result = predict_with_model(trials, learned)[0]
     if output is not None:
         write_table(result, Path(output), "%.9g")
@@ -321,8 +315,6 @@ def make_learned_drag(
         "trial": "1",
         "block": block,
         "tip": f"tip-{condition.ball_radius * 1e6:.6f}",
-    }
-    row |= {
         "height_um": height * 1e6,
         "load_n": condition.normal_load,
         "speed_mm_s": condition.speed * 1e3,

@@ -139,7 +139,17 @@ def find_steepest_catch(path: TipPath, within: tuple[float, float] | None = None
     # the mean slope of an interval is never more than its greatest, a little less guards against
     # rounding: only steeper ones count
     floor = float(finite.max()) * (1.0 - 1e-9) - 1e-9 if finite.size else 0.0
-    slopes = find_interval_slopes(path, -math.inf if within is not None else floor)
+    # steepest rise between neighbouring positions, its place, and the contact there, (n - 1, 3)
+    slopes = kernels.find_steepest_in_each(
+        path.position,
+        path.height,
+        path.contact,
+        path.element,
+        -math.inf if within is not None else floor,
+        path.elements,
+        path.ball_radius,
+        max(2e-13 * path.ball_radius, 4.0 * float(np.spacing(np.abs(path.position).max()))),
+    )
     if np.isnan(slopes[:, 0]).all():
         raise ContactError("path has no two neighbouring positions with a surface under the tip")
     if within is not None:
@@ -149,23 +159,3 @@ def find_steepest_catch(path: TipPath, within: tuple[float, float] | None = None
         slopes = slopes[inside]
     slope, where, contact = map(float, slopes[np.nanargmax(slopes[:, 0])])
     return Catch(where, contact, math.atan(max(slope, 0.0)))
-
-
-def find_interval_slopes(path: TipPath, floor: float) -> NDArray[np.float64]:
-    """Steepest rise between neighbouring positions, its place, and the contact there.
-
-    The shape is (n - 1, 3).
-    """
-    radius = path.ball_radius
-    tolerance = max(1e-13 * (2.0 * radius), 4.0 * float(np.spacing(np.abs(path.position).max())))
-    found = kernels.find_steepest_in_each(
-        path.position,
-        path.height,
-        path.contact,
-        path.element,
-        floor,
-        path.elements,
-        radius,
-        tolerance,
-    )
-    return np.asarray(found)

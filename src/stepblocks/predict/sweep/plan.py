@@ -12,7 +12,7 @@ from stepblocks.contact.laws import build_laws
 from stepblocks.contact.operating_point import PAPER, SHIPPED_LIMITS, Tool
 from stepblocks.contact.uncertainty import convert_half_widths
 from stepblocks.declare import load_set
-from stepblocks.errors import PipelineError, QuantityError, StepblocksError
+from stepblocks.errors import PipelineError, QuantityError
 from stepblocks.mistakes import Mistake, collect_mistakes, find_unknown_names, format_mistakes
 from stepblocks.parts.conditions import PredictionGrid
 from stepblocks.parts.kind import Part
@@ -30,8 +30,8 @@ SURFACES: dict[str, dict[str, str]] = {
     },
 }
 _GIVEN_OTHERWISE = {
-    "tip": "tips as tip_radius",
-    "sheath": "what a sheath makes of the probe as stiffness",
+    "tip": "give tips as tip_radius",
+    "sheath": "give what a sheath makes of the probe as stiffness",
 }
 # ways of a drag over a margin; a plan holds their places
 DIRECTIONS = (
@@ -123,10 +123,8 @@ def load_sweep(path: Path) -> SweepPlan:
     """Read a sweep from a TOML file."""
     data = read_document(path, "sweep", PipelineError, _LARGEST_FILE)
     mistakes: list[Mistake] = []
-    try:
+    with collect_mistakes(mistakes):
         plan = _resolve_plan(data, path.parent, mistakes)
-    except StepblocksError as error:
-        mistakes.append(("", str(error)))
     if mistakes:
         raise PipelineError(format_mistakes(mistakes, path))
     return plan
@@ -224,12 +222,11 @@ def _resolve_plan(data: Document, folder: Path, mistakes: list[Mistake]) -> Swee
     if any(value < 0.0 for value in spreads.values()):
         mistakes.append(("[draws]", "standard uncertainties must not be negative"))
     given = {*values, *ranges, *parameters}
-    for name in (
-        name
+    mistakes += [
+        ("[draws]", f"{name} cannot be drawn about a value that is not given")
         for name in spreads
         if name in {"direction", *laws} or (not stimuli and name not in given)
-    ):
-        mistakes.append(("[draws]", f"{name} cannot be drawn about a value that is not given"))
+    ]
     shares = {name: share for name, share in shares.items() if name not in spreads}
     seed = head.get("seed", 0)
     if not isinstance(seed, int) or isinstance(seed, bool) or not 0 <= seed < 2**63:
@@ -354,12 +351,9 @@ def read_sweep_stimuli(
             f"stimulus must be of one kind: step blocks, or crown margins; got {got} in {path}"
         )
     (surface,) = kinds
-    if surface in _GIVEN_OTHERWISE:
-        raise PipelineError(
-            f"a sweep goes over blocks or crowns; give {_GIVEN_OTHERWISE[surface]} [parameters]"
-        )
     if surface not in SURFACES:
-        raise PipelineError(f"a sweep goes over blocks or crowns, got a {surface} in {path}")
+        instead = _GIVEN_OTHERWISE.get(surface, f"got a {surface}")
+        raise PipelineError(f"a sweep goes over blocks or crowns; {instead} [{path}]")
     return (
         surface,
         [

@@ -14,8 +14,9 @@ import pandas as pd
 
 from stepblocks.atomic import lock_folder, replace_bytes, replace_text
 from stepblocks.errors import PipelineError
-from stepblocks.figure_file import Axes
+from stepblocks.figure_file import Axes, take_axes
 from stepblocks.predict.sweep.plan import SweepPlan, load_sweep
+from stepblocks.quantities import format_column_label, format_units
 from stepblocks.workers import run_in_processes
 
 try:
@@ -63,8 +64,9 @@ class SweepResult:
         known = pq.read_schema(_find_path(self.folder, 0)).names
         if unknown := [name for name in columns or () if name not in known]:
             raise PipelineError(f"columns must be of {', '.join(known)}, got {unknown[0]!r}")
-        paths = [_find_path(self.folder, k) for k in range(self.plan.partitions)]
-        return pq.read_table(paths, columns=columns).to_pandas()
+        return pq.read_table(
+            [_find_path(self.folder, k) for k in range(self.plan.partitions)], columns=columns
+        ).to_pandas()
 
     def plot(
         self, x: str | None = None, y: str = "vibration_energy_j", ax: "Axes | None" = None
@@ -82,9 +84,6 @@ class SweepResult:
         -------
         matplotlib Axes
         """
-        from stepblocks.figure_file import take_axes
-        from stepblocks.quantities import format_column_label, format_units
-
         x = x or ("height_m" if self.plan.surface == "step" else "marginal_gap_m")
         table = self.read([x, y])
         axes = take_axes(ax)
@@ -172,8 +171,8 @@ def _is_whole(plan: SweepPlan, number: int, folder: Path) -> bool:
         table = pq.ParquetFile(pa.BufferReader(content), page_checksum_verification=True).read()
     except (OSError, ValueError, pa.ArrowException):
         return False
-    count = len(_list_rows(plan, number))
-    return bool(table.num_rows == count and _format_parquet(table) == content)
+    whole = table.num_rows == len(_list_rows(plan, number))
+    return bool(whole and _format_parquet(table) == content)
 
 
 def _format_parquet(table: pa.Table) -> bytes:
