@@ -309,6 +309,7 @@ def make_value_calls() -> dict[str, Words]:
         "Sheath": ((), SHEATH),
         "Hertz": ((), {"modulus": 210e9, "poisson": 0.3}),
         "LinearContact": ((3e7,), {}),
+        "Overtone": ((900.0, 5e-3), {"mass_ratio": 1.0}),
         "FrictionLaw": ((lambda speed, load, place, time: 0.15,), {}),
         "Stribeck": ((0.15, 0.2), {"speed": 1e-3, "viscous": 0.0}),
         "Instrument": ((), {"calibration_std": 0.001, "resolution": 1e-9}),

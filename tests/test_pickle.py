@@ -40,6 +40,7 @@ EXAMPLES = {
     "Stribeck": sb.Stribeck(0.2, 0.1, 1e-3),
     "Hertz": sb.Hertz(),
     "LinearContact": sb.LinearContact(1e6),
+    "Overtone": sb.Overtone(900.0, 5e-3),
     "EvaluationOptions": sb.EvaluationOptions(),
     "LearnedModel": make_learned_model(),
     "LearnedModel with a law": make_learned_model({"edge_rounding": {"edge_radius_m": 13.8e-6}}),

@@ -9,7 +9,8 @@ Everything that a command does is also a function. The public names, in the orde
   `Verdict`, `order_parts`;
 - contact: `Counterface`, `Step`, `Margin`, `Groove`, `Profile`, under an `OperatingPoint` with its
   `Tool`; the paper's is `PAPER`;
-- laws of friction and contact: `FrictionLaw`, `Stribeck`, `ContactLaw`, `Hertz`, `LinearContact`;
+- laws of friction, contact and tool: `FrictionLaw`, `Stribeck`, `ContactLaw`, `Hertz`,
+  `LinearContact`, `Overtone`;
 - predict: `find_step_angle`, `find_margin_angles`, `find_release`, `Release`, `Status`,
   `estimate_interval`, `find_energy_change`, `predict_set`, `predict_table`, `predict_trials`,
   `to_dataset`, `plot_predictions`, `run_sweep`, `SweepResult`, `drag_over`,

@@ -32,6 +32,7 @@ from .contact.laws import (
     FrictionLaw as FrictionLaw,
     Hertz as Hertz,
     LinearContact as LinearContact,
+    Overtone as Overtone,
     Stribeck as Stribeck,
 )
 from .contact.operating_point import PAPER as PAPER, OperatingPoint as OperatingPoint, Tool as Tool

@@ -207,7 +207,9 @@ def test_over_a_face_that_is_its_own_mirror_image_a_tip_is_pulled_left_as_it_is_
     for way in (1.0, -1.0):
         found, count, *_ = kernels.integrate(
             path,
-            tuple(map(float, astuple(PAPER_DRAG))),
+            tuple(map(float, astuple(PAPER_DRAG)[:-1])),
+            PAPER_DRAG.stiffness,
+            np.empty((0, 3)),
             tuple((given | {"pulling_force": way}).values()),
             (0.15, 1e6, 1e9, False),
             (-way * 0.5e-3, -depth, window, 0.0, 1e-6),

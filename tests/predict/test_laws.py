@@ -66,10 +66,13 @@ def test_a_set_with_laws_is_written_and_read_back(tmp_path):
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"fricton": {"law": "stribeck"}}, "laws must be of friction, contact, got 'fricton'"),
+        (
+            {"fricton": {"law": "stribeck"}},
+            "laws must be of friction, contact, tool, got 'fricton'",
+        ),
         ({"friction": {"law": "coulom"}}, "laws must be of .*stribeck.*, got 'coulom'"),
         ({"friction": {"law": "stribeck", "slidng": 0.1}}, "'stribeck': .*slidng"),
-        ({"friction": {"law": "hertz"}}, "law of friction must be a FrictionLaw, 'hertz' is none"),
+        ({"friction": {"law": "hertz"}}, "law of friction must be of FrictionLaw, 'hertz' is not"),
         ({"friction": {"law": "stribeck", "sliding": -0.1, "static": 0.1}}, "not negative, got"),
     ],
 )

@@ -1,4 +1,4 @@
-"""Laws of friction and of the contact as objects.
+"""Laws of friction and of the contact, and overtones of the tool, as objects.
 
 The drag in time takes their value at every step, the equations their value at rest. A file names
 a law that ships, or one that a package offers as an entry point.
@@ -13,6 +13,7 @@ from importlib.metadata import entry_points
 from typing import Any, cast
 
 from stepblocks.contact.domain import (
+    convert_fields,
     read_number,
     require_not_negative,
     require_positive,
@@ -167,24 +168,67 @@ class LinearContact(ContactLaw):
         return self.stiffness, 1.0
 
 
-_KINDS = {"friction": FrictionLaw, "contact": ContactLaw}
+@dataclass(frozen=True)
+class Overtone:
+    """A further mode of bending of the tool, above the one that gives it its name.
+
+    A tool takes some as ``overtones=``. At rest they give way with the rest of the tool, whose
+    stiffness stays that of equation (1). In the drag in time each is pushed by the force on the tip
+    and rings by itself; a handle that moves does not stir them. What knows a ring of one frequency
+    alone (equation (1), scenes, the renderer) takes that of the tool.
+
+    Attributes
+    ----------
+    frequency : float
+        At which it rings [Hz].
+    decay_time : float
+        In which its amplitude falls to 1/e [s].
+    mass_ratio : float
+        Its effective mass at the tip over that of the first mode [1]. All modes of a uniform rod
+        that is held at one end have a quarter of its mass.
+
+    References
+    ----------
+    Blevins (1979), Formulas for Natural Frequency and Mode Shape, table 8-1.
+
+    Examples
+    --------
+    >>> from stepblocks.contact.operating_point import Tool
+    >>> Tool(overtones=Overtone("900 Hz", "5 ms")).overtones
+    (Overtone(frequency=900.0, decay_time=0.005, mass_ratio=1.0),)
+    """
+
+    frequency: float
+    decay_time: float
+    mass_ratio: float = 1.0
+
+    def __post_init__(self) -> None:
+        convert_fields(
+            self, frequency=("frequency", 1e7), decay_time=("time", 1e6), mass_ratio=("ratio", 1e6)
+        )
+
+
+_KINDS = {"friction": FrictionLaw, "contact": ContactLaw, "tool": Overtone}
 _SHIPPED: dict[str, Callable[..., object]] = {
     "stribeck": Stribeck,
     # bristles, assumed, about as stiff as a steel ball of 125 um under 1 N
     "lugre": partial(Stribeck, bristle_stiffness=1e6),
     "hertz": Hertz,
     "linear": LinearContact,
+    "overtone": Overtone,
 }
 _DIMENSIONS = {
     "speed": "speed",
     "stiffness": "stiffness",
     "bristle_stiffness": "stiffness",
     "modulus": "pressure",
+    "frequency": "frequency",
+    "decay_time": "time",
 }
 
 
 def build_laws(declared: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    """Build the laws that a file declares under ``friction`` and ``contact``.
+    """Build the laws that a file declares under ``friction``, ``contact`` and ``tool``.
 
     The name of each, under ``law``, is that of a law that ships or of an entry point of the group
     ``stepblocks.laws``; what stands beside it are its numbers.
@@ -207,7 +251,7 @@ def _build_law(kind: str, law: str = "", **numbers: Any) -> object:
     except (TypeError, ContactError) as error:
         raise QuantityError(f"law of {kind} {law!r}: {error}") from error
     if not isinstance(built, _KINDS[kind]):
-        raise QuantityError(f"law of {kind} must be a {_KINDS[kind].__name__}, {law!r} is none")
+        raise QuantityError(f"law of {kind} must be of {_KINDS[kind].__name__}, {law!r} is not")
     return built
 
 

@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass
 
 from stepblocks.contact.domain import MOST_BALL, convert_fields, require_not_negative
-from stepblocks.contact.laws import ContactLaw, FrictionLaw
+from stepblocks.contact.laws import ContactLaw, FrictionLaw, Overtone
 from stepblocks.errors import ContactError
 
 # figure 5: 86 % of the energy of the ring lies in 250 to 350 Hz [1], [Hz]
@@ -69,6 +69,8 @@ class Tool:
         How far the frequency may be off to either side [Hz].
     limits : Limits
         Forces beyond which the tip does not slip; sets and tables bring `SHIPPED_LIMITS`.
+    overtones : Overtone or sequence of Overtone
+        Further modes, each above `frequency`; the drag in time takes them.
     """
 
     stiffness: float = 9.81e3
@@ -79,6 +81,7 @@ class Tool:
     decay_time: float = math.tan(0.5 * math.pi * _BAND_SHARE) / (math.tau * _HALF_BAND)
     frequency_deviation: float = _HALF_BAND
     limits: Limits = Limits()
+    overtones: tuple[Overtone, ...] = ()
 
     def __post_init__(self) -> None:
         convert_fields(
@@ -91,6 +94,15 @@ class Tool:
             decay_time=("time", 1e6),
         )
         convert_fields(self, 0.0, frequency_deviation=("frequency", 1e7))
+        several = isinstance(self.overtones, (list, tuple))
+        listed = tuple(self.overtones) if several else (self.overtones,)
+        for one in listed:
+            if not isinstance(one, Overtone) or one.frequency <= self.frequency:
+                raise ContactError(
+                    f"overtones must be Overtone objects above the frequency of the tool, "
+                    f"{self.frequency:g} Hz, got {one!r:.80}"
+                )
+        object.__setattr__(self, "overtones", listed)
 
     @property
     def effective_mass(self) -> float:

@@ -79,9 +79,32 @@ def _compute_grip(
 
 
 @njit(cache=True)
+def _move_overtones(
+    modes: Array, push: float, h: float, dt: float
+) -> tuple[float, float, float, float, float]:
+    # Kick each overtone over h by the force that pushes the tip back, and drift it over dt; gives
+    # the sums of the new rates, of what a gauge reads as stretch, of both energies, of the loss
+    rates = stretch = moving = bent = lost = 0.0
+    for one in range(modes.shape[0]):
+        k, mass, c, lean, old, _ = modes[one]
+        slowing = 0.5 * c * h / mass
+        rate = ((1.0 - slowing) * old + h / mass * (push - k * lean)) / (1.0 + slowing)
+        mean = 0.5 * (rate + old)
+        modes[one, 3:] = lean + dt * rate, rate, k * lean + c * mean
+        rates += rate
+        stretch += modes[one, 5] / k
+        moving += 0.5 * mass * mean * mean
+        bent += 0.5 * k * lean * lean
+        lost += c * mean * mean
+    return rates, stretch, moving, bent, lost
+
+
+@njit(cache=True)
 def integrate(
     track: tuple[Array, ...],
     probe: tuple[float, ...],
+    first_stiffness: float,
+    overtones: Array,
     settings: tuple[float, ...],
     contact: tuple[float, ...],
     start: tuple[float, ...],
@@ -96,8 +119,8 @@ def integrate(
     """
     # knots, the cubics between them, which knots are kinks, the branches there
     nodes, table, kinks, ends = track
-    # the fields of `Probe` and `DragSettings` in their order
-    k, mass, ratio, kn, power, loss, ky, carrier_mass, cubic = probe
+    # the fields of `Probe` and `DragSettings` in their order; the handle carries the first mode
+    stiffness, mass, ratio, kn, power, loss, ky, carrier_mass, cubic = probe
     (
         load,
         mu_k,
@@ -126,6 +149,7 @@ def integrate(
     # of each place that catches: where its slope begins to fall, where the tip has passed it, where
     # its approach begins, 1 where no pull lifts a rigid tip
     top_at, passed_at, approach, locks = places
+    k, share = first_stiffness, stiffness / first_stiffness
     c, cy, ct = (
         2.0 * ratio * math.sqrt(k * mass),
         2.0 * ratio * math.sqrt(ky * mass),
@@ -140,7 +164,14 @@ def integrate(
     level = mu_k * load + wall_most
     hand = x + rest if driven else x
     carrier = y - load / ky if carried else 0.0
-    rows = np.empty((steps // every + 2, 10))
+    # of each overtone its constants, stretch, rate and force; by the sum of the stretches the tip
+    # is behind the first mode
+    several = overtones.shape[0] > 0
+    modes = np.zeros((overtones.shape[0], 6))
+    modes[:, :3] = overtones
+    modes[:, 3] = (level if driven else 0.0) / overtones[:, 0]
+    lean, leaning = modes[:, 3].sum(), 0.0
+    rows = np.empty((steps // every + 2, 11 + overtones.shape[0] if several else 10))
     ledger, peak = np.zeros(10), np.array([-np.inf, 0.0])
     passed = np.zeros((8 * passed_at.size + 16, 17))
     passes, place, behind = 0, 0, False
@@ -237,7 +268,7 @@ def integrate(
         # ---- forces on the tip (elastic and lossy contact, friction, springs)
         loss_x, loss_y = -d1 * sx * q1 - d2 * s2 * q2, d1 * q1 + d2 * q2
         grip_x, grip_y = -t1 * q1 - t2 * q2, -t1 * sx * q1 - t2 * s2 * q2
-        pulled = hand - x
+        pulled = hand - x - lean
         spring = k * pulled + cubic * pulled * pulled * pulled
         hold = ky * (carrier - y) if carried else -load
         force_x, force_y = (
@@ -247,12 +278,12 @@ def integrate(
         # ---- kick, with half a step at the start so that velocities live between the positions
         h = 0.5 * dt if first else dt
         hm, keep_x, gain_x, keep_y, gain_y = kicks[0 if first else 1]
-        old_x, old_y, old_h, old_c = vx, vy, vh, vc
+        old_x, old_y, old_h, old_c, old_leaning = vx + leaning, vy, vh, vc, leaning
         if driven:
-            vx = keep_x * vx + gain_x * (hm * force_x) + (1.0 - keep_x) * speed
+            vx = keep_x * old_x + gain_x * (hm * force_x) + (1.0 - keep_x) * speed
         else:
             stretch_rate = old_h - old_x
-            vx = vx + hm * (force_x + c * stretch_rate)
+            vx = old_x + hm * (force_x + c * stretch_rate)
             vh = vh + h * (pull - spring - c * stretch_rate - hand_damping * old_h) / hand_mass
         if carried:
             rate = old_c - old_y
@@ -267,8 +298,12 @@ def integrate(
             0.5 * (vc + old_c),
         )
         tug = c * (mh - mx) if driven else c * (old_h - old_x)
-        # ---- what a strain gauge reads, and which place is caught or passed
-        gauge = spring + tug
+        leaning, stretched, moving, bent, rubbed = _move_overtones(modes, spring - force_x, h, dt)
+        # of the tip itself
+        vx -= leaning
+        tip = mx - 0.5 * (leaning + old_leaning)
+        # ---- what a gauge of the tip's deflection reads, and which place is caught or passed
+        gauge = share * (spring + tug) + stiffness * stretched
         if gauge > peak[0]:
             peak[0], peak[1] = gauge, t
         while place > 0 and not behind and x < top_at[place - 1] - slipped:
@@ -322,9 +357,10 @@ def integrate(
                 ledger[0] += pull * mh * w
                 ledger[7] += (tug * (mh - mx) + hand_damping * old_h * mh) * w
             ledger[7] += cy * (old_c - old_y) * (mc - my) * w if carried else cy * my * my * w
-            ledger[6] -= (grip_x * mx + grip_y * my) * w
-            ledger[9] += wall * mx * w
-            ledger[8] -= (loss_x * mx + loss_y * my) * w
+            ledger[7] += rubbed * w
+            ledger[6] -= (grip_x * tip + grip_y * my) * w
+            ledger[9] += wall * tip * w
+            ledger[8] -= (loss_x * tip + loss_y * my) * w
             if part == 1:
                 break
             grip = 0.5 * kt * (here * here + there * there)
@@ -333,13 +369,13 @@ def integrate(
             ledger[9] -= held
             ledger[5] += held
             if first or ended or passing:
-                kinetic = 0.5 * mass * (mx * mx + my * my) + 0.5 * carrier_mass * mc * mc
+                kinetic = 0.5 * mass * (mx * mx + my * my) + 0.5 * carrier_mass * mc * mc + moving
                 dents = max(gap * q1, 0.0) ** (power + 1.0) + max(gap2 * q2, 0.0) ** (power + 1.0)
                 stored = np.array(
                     (
                         0.0,
                         kinetic if driven else kinetic + 0.5 * hand_mass * mh * mh,
-                        0.5 * k * (hand - x) ** 2 + 0.25 * cubic * (hand - x) ** 4,
+                        0.5 * k * pulled**2 + 0.25 * cubic * pulled**4 + bent,
                         load * carrier + 0.5 * ky * (carrier - y) ** 2 if carried else load * y,
                         kn * dents / (power + 1.0),
                         grip,
@@ -359,7 +395,9 @@ def integrate(
             countdown = every
             r = rows[count]
             r[0], r[1], r[2] = t, gauge, (-hold if carried else fy1 + fy2 + loss_y + grip_y)
-            r[3], r[4], r[5], r[6], r[7], r[8], r[9] = x, y, mx, my, hand, n1 + n2, t1 + t2
+            r[3], r[4], r[5], r[6], r[7], r[8], r[9] = x, y, tip, my, hand, n1 + n2, t1 + t2
+            if several:
+                r[10], r[11:] = spring + tug, modes[:, 5]
             count += 1
         if ended:
             break
@@ -367,6 +405,7 @@ def integrate(
         # ---- drift
         x += dt * vx
         y += dt * vy
+        lean += dt * leaning
         hand += dt * vh
         carrier += dt * vc
         first = False

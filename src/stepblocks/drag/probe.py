@@ -38,6 +38,9 @@ class Probe:
         Mass that is lifted with the carrier [kg]; used where `normal_stiffness` is not 0.
     hardening : float
         k3 of ``F = k x + k3 x^3``, Duffing's spring [N/m^3].
+    overtones : tuple
+        Stiffness [N/m], mass [kg] and damper [N s/m] of each further mode. `stiffness` is that of
+        all modes together; mass, damping and frequency are those of the first.
     """
 
     stiffness: float
@@ -49,6 +52,7 @@ class Probe:
     normal_stiffness: float = 0.0
     carrier_mass: float = 0.0
     hardening: float = 0.0
+    overtones: tuple[tuple[float, float, float], ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("stiffness", "mass", "contact_stiffness"):
@@ -67,11 +71,18 @@ class Probe:
         )
         if self.normal_stiffness > 0.0 and self.carrier_mass <= 0.0:
             raise ContactError("carrier_mass must be positive where normal_stiffness is not 0")
+        if self.hardening > 0.0 and self.overtones:
+            raise ContactError("hardening is for a tool of one mode, this one has overtones")
+
+    @property
+    def first_stiffness(self) -> float:
+        """Stiffness of the first mode [N/m], which gives way less than all modes together."""
+        return self.stiffness / (1.0 - sum(self.stiffness / one[0] for one in self.overtones))
 
     @property
     def frequency(self) -> float:
-        """Natural frequency along the drag [Hz]."""
-        return math.sqrt(self.stiffness / self.mass) / (2.0 * math.pi)
+        """Natural frequency of the first mode along the drag [Hz]."""
+        return math.sqrt(self.first_stiffness / self.mass) / (2.0 * math.pi)
 
     def find_indentation(self, force: float) -> float:
         """Find the indentation at which the contact bears a force [m]."""
@@ -204,9 +215,23 @@ def build_probe(
 
     The contact of the probe is that of steel on steel by default.
     """
-    contact_law = (contact or Hertz()).power_law(ball_radius)
-    probe = Probe(tool.stiffness, tool.effective_mass, tool.damping_ratio, *contact_law)
-    return replace(probe, **changes)
+    stiffness, power = (contact or Hertz()).power_law(ball_radius)
+    # the modes in a row are as soft as the tool; their masses are as their ratios say
+    mass = tool.effective_mass * (
+        1.0 + sum((tool.frequency / one.frequency) ** 2 / one.mass_ratio for one in tool.overtones)
+    )
+    overtones = []
+    for one in tool.overtones:
+        own, omega = one.mass_ratio * mass, math.tau * one.frequency
+        overtones.append((own * omega * omega, own, 2.0 * own / one.decay_time))
+    values = {
+        "stiffness": tool.stiffness,
+        "mass": mass,
+        "damping_ratio": tool.damping_ratio,
+        "contact_stiffness": stiffness,
+        "contact_power": power,
+    }
+    return Probe(**(values | changes), overtones=tuple(overtones))
 
 
 PAPER_DRAG = build_probe(PAPER.tool, PAPER.ball_radius)

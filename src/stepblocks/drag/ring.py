@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import PAPER
+from stepblocks.drag.kernels import COLUMNS
 from stepblocks.drag.simulate import DragTrace
 from stepblocks.errors import ContactError
 
@@ -29,7 +30,7 @@ class Ring:
     level : float
         mu F_py, the force of sliding forward on a level face, about which that swing goes [N].
     energy : float
-        E_v = amplitude^2 / 2k [J].
+        E_v = amplitude^2 / 2k [J]; with overtones the sum over the modes, each by its own swing.
     share : float
         E_v over the energy stored at the release [1]; the paper's C_v.
     duration : float
@@ -43,6 +44,8 @@ class Ring:
         Share of the loading phase's spectral energy in 0-100 Hz [1].
     ring_band_share : float
         Share of the vibration phase's spectral energy in 250-350 Hz [1].
+    mode_energies : tuple of float
+        Energy of the first mode and of each overtone [J]; empty where there is no overtone.
     """
 
     amplitude: float
@@ -54,6 +57,7 @@ class Ring:
     frequency: float = math.nan
     loading_share: float = math.nan
     ring_band_share: float = math.nan
+    mode_energies: tuple[float, ...] = ()
 
 
 def _cut_ring(trace: DragTrace, event: int) -> DragTrace:
@@ -99,6 +103,12 @@ def measure_ring(trace: DragTrace, *, spectra: bool = True, event: int | None = 
         if trace.probe.hardening > 0.0
         else trace.probe.energy(amplitude)
     )
+    modes: tuple[float, ...] = ()
+    if trace.probe.overtones:
+        stiffness = [trace.probe.first_stiffness, *(one[0] for one in trace.probe.overtones)]
+        swings = np.maximum(level - cut.rows[: first.size, len(COLUMNS) :].min(axis=0), 0.0)
+        modes = tuple((0.5 * swings * swings / stiffness).tolist())
+        energy = sum(modes)
     # what the spring, the fall of the load and the handle can give
     fall, travel = cut.column("y_m")[0] - cut.column("y_m").min(), np.ptp(cut.column("handle_m"))
     given = cut.stored_energy + trace.settings.normal_load * fall + abs(cut.peak_force) * travel
@@ -108,7 +118,13 @@ def measure_ring(trace: DragTrace, *, spectra: bool = True, event: int | None = 
             "its energy ledger fails; raise the resolution"
         )
     ring = Ring(
-        amplitude, level, energy, energy / cut.stored_energy, duration, _find_decay_time(cut)
+        amplitude,
+        level,
+        energy,
+        energy / cut.stored_energy,
+        duration,
+        _find_decay_time(cut),
+        mode_energies=modes,
     )
     if not spectra:
         return ring

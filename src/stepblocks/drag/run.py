@@ -145,7 +145,9 @@ class Drag:
     @property
     def frame(self) -> pd.DataFrame:
         """Traces [SI], one column each, its unit in its name."""
-        return pd.DataFrame(self.trace.rows, columns=list(COLUMNS))
+        modes = range(1, self.trace.rows.shape[1] - len(COLUMNS) + 1)
+        names = [*COLUMNS, *(f"mode_{number}_n" for number in modes)]
+        return pd.DataFrame(self.trace.rows, columns=names)
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Plot the pull against time with a mark at every event.
@@ -176,7 +178,8 @@ class Drag:
             "ledger_j": trace.ledger,
             "ledger_error": trace.ledger_error,
             "time_step_s": trace.time_step,
-            "probe": asdict(trace.probe),
+            "probe": asdict(trace.probe)
+            | {"overtones": [list(one) for one in trace.probe.overtones]},
             "settings": {
                 name: repr(one) if isinstance(one, FrictionLaw) else one
                 for name, one in vars(trace.settings).items()
@@ -202,6 +205,7 @@ class Drag:
                 "release_time_s": trace.release_time,
                 "stored_energy_j": trace.stored_energy,
                 "vibration_energy_j": ring.energy,
+                "mode_energies_j": list(ring.mode_energies),
                 "ring_share": ring.share,
                 "ring_duration_s": ring.duration,
                 "ring_decay_time_s": None if math.isnan(ring.decay_time) else ring.decay_time,
@@ -235,7 +239,7 @@ class Drag:
                 compute_pull_force(load, pressed + math.atan2(pull, load) - angle, 0.0) - pull
             ),
             f"the handle goes on at {1e3 * speed:.3g} mm/s while the tip gathers speed": (
-                speed * math.sqrt(probe.stiffness * probe.mass)
+                speed * math.sqrt(probe.first_stiffness * probe.mass)
             ),
             "the tool rubs along a wall": settings.tissue_friction,
             f"friction is {settings.friction_at_rest:.3g} at rest and {settings.friction:.3g} as "

@@ -84,7 +84,8 @@ class DragTrace:
     Attributes
     ----------
     rows : ndarray
-        Samples, shape (n, 10); columns as in `stepblocks.drag.kernels.COLUMNS`.
+        Samples, shape (n, 10); columns as in `stepblocks.drag.kernels.COLUMNS`. Behind them stands
+        the force in each mode, where the tool has overtones.
     status : Status
         Of the place that was asked about: ``RELEASES``, ``LOCKED`` (no pull lifts the tip, or the
         one that acts does not), ``RUN_OVER`` (nothing caught the tip), or ``NO_CATCH``.
@@ -188,7 +189,9 @@ def simulate_drag(
             pressed.kinks,
             track.part_branches(shared, _BLOW * blow, window),
         ),
-        tuple(float(getattr(probe, field.name)) for field in fields(probe)),
+        tuple(float(getattr(probe, field.name)) for field in fields(probe)[:-1]),
+        probe.first_stiffness,
+        np.array(probe.overtones).reshape(-1, 3),
         tuple(float(getattr(settings, field.name)) for field in fields(settings)[:-1]),
         (
             float(mu_s),
@@ -358,7 +361,10 @@ def _find_time_step(
     # one, at nu = 0.3
     law = settings.friction_law
     tangential = (law.bristle_stiffness if law else 0.0) or 0.82 * under_load
-    fastest = math.sqrt((2.0 * normal + 2.0 * tangential + probe.stiffness) / probe.mass)
+    # a blow meets the tip before any mode gives way
+    light = 1.0 / (1.0 / probe.mass + sum(1.0 / mass for _, mass, _ in probe.overtones))
+    own = sum(stiffness / mass for stiffness, mass, _ in probe.overtones)
+    fastest = math.sqrt((2.0 * normal + 2.0 * tangential + probe.stiffness) / light + own)
     return (
         2.0 * math.pi / (fastest * settings.resolution),
         tangential,

@@ -96,12 +96,18 @@ class PredictionGrid(Table):
 
     @make_rules_validator
     def _laws_are_known(self) -> Iterator[str]:
+        overtone = self.built_laws.get("tool")
+        if overtone and overtone.frequency <= self.tool.frequency:
+            yield (
+                f"laws.tool.frequency must be above that of the tool, {self.tool.frequency:g} Hz, "
+                f"got {overtone.frequency:g} Hz"
+            )
         if "friction" in self.built_laws and self.frictions != (PAPER.friction,):
             yield "frictions must not be given beside laws.friction, which takes their place"
 
     @property
     def built_laws(self) -> dict[str, Any]:
-        """The laws of friction and of the contact that are declared, by kind."""
+        """The laws that are declared, by kind: friction, contact and tool."""
         return build_laws(self.laws or {})
 
     @property
@@ -119,6 +125,7 @@ class PredictionGrid(Table):
             **dict(self.tool),
             frequency_deviation=self.tolerances.frequency,
             limits=Limits(**{name: one.value for name, one in self.limits}),
+            overtones=self.built_laws.get("tool", ()),
         )
 
     def first_point(self, **other: Any) -> OperatingPoint:

@@ -215,6 +215,7 @@ def _make_condition(
         one["conversion"],
         frequency=one["frequency"],
         limits=Limits(**plan.limits),
+        overtones=laws.get("tool", ()),
     )
     friction, contact = laws.get("friction", one["friction"]), laws.get("contact")
     tissue = Tissue()
