@@ -72,13 +72,13 @@ def test_the_paper_s_analysis_is_that_of_r(found, name):
 
 def test_the_mixed_model_s_contrasts_and_their_equivalence_are_those_of_lme4_and_emmeans(found):
     bias = found["bias"]
-    for one, alike in zip(bias.mixed.intervals, bias.equivalence, strict=True):
+    for one in bias.mixed.intervals:
         difference, low, high, p, _ = R[f"bias pair {one.first} - {one.second}"]
         assert [one.difference, one.low, one.high, one.p] == pytest.approx(
             [difference * 1e-6, low * 1e-6, high * 1e-6, p], rel=1e-4
         )
         t, p = R[f"bias pair TOST {one.first} - {one.second}"]
-        assert [alike.statistic, alike.p, alike.margin] == pytest.approx([-t, p, 2e-6], rel=1e-4)
+        assert assess_equivalence(one, bias.margin)[1:] == pytest.approx([-t, p], rel=1e-4)
 
 
 def test_the_ratio_of_spreads_is_that_of_lme4(found):
@@ -104,12 +104,15 @@ def test_groups_of_unequal_size_are_compared_as_afex_does(found):
 
 def test_two_conditions_are_equivalent_within_the_farther_end_of_the_90_percent_interval():
     one = Interval("a", "b", -1.0, -3.0, 1.0, 0.4, -0.2, 0.5, 18.0)
-    bound = assess_equivalence(one, 18.0).bound
+    bound = assess_equivalence(one)[0]
     # Student's t(18) at 0.95, any table
     assert bound == pytest.approx(1.0 + 1.734064 * 0.5, rel=1e-6)
-    assert assess_equivalence(one, 18.0, bound).p == pytest.approx(0.05, rel=1e-9)
+    assert assess_equivalence(one, bound)[2] == pytest.approx(0.05, rel=1e-9)
+
+
+def test_a_margin_of_equivalence_is_positive(judgements):
     with pytest.raises(StudyError, match="margin of equivalence must be positive, got 0"):
-        assess_equivalence(one, 18.0, 0.0)
+        analyse_measure(judgements, "bias", 0.0)
 
 
 def test_the_spread_leaves_out_what_a_block_s_own_bias_adds(judgements):

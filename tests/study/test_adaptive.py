@@ -81,10 +81,10 @@ def test_the_block_that_is_chosen_leaves_the_least_entropy():
 
 
 def test_observers_who_lapse_are_measured_without_bias():
-    # 60 observers, 80 trials each, lapse rate 0.05, point of equality 1.08, Weber fraction 0.25:
-    # the hierarchical analysis of their answers. One such set scatters by 4 % (seeds 1 to 3 with
-    # 40 observers: 0.243, 0.258, 0.229, as one curve fitted to all answers says too); six sets
-    # together give 0.249 and 1.079. The prior's median is 0.2.
+    # 60 observers, 80 trials each, lapse rate 0.10, the largest that a fit may take, point of
+    # equality 1.08, Weber fraction 0.25: the hierarchical analysis of their answers. One such set
+    # scatters by 5 % (this seed, 1 and 2: 0.238, 0.255, 0.274; with a lapse rate of 0.05 0.246,
+    # 0.242, 0.255). Where lapse rates ended at 0.05 it was 0.33. The prior's median is 0.2.
     random, sigma = np.random.default_rng(12345), math.log1p(0.25) / Z75
     hits, totals, own = np.zeros((60, len(LEVELS))), np.zeros((60, len(LEVELS))), []
     before, higher, middles, spreads = tabulate_prior(tuple(LEVELS), tuple(PRIOR.values()))
@@ -94,7 +94,7 @@ def test_observers_who_lapse_are_measured_without_bias():
             expected = compute_expected_entropy(posterior, higher)
             expected[last] += math.inf if last >= 0 else 0.0
             last = int(expected.argmin())
-            p = 0.05 + 0.9 * ndtr((LEVELS[last] - math.log(1.08)) / sigma)
+            p = 0.1 + 0.8 * ndtr((LEVELS[last] - math.log(1.08)) / sigma)
             said = random.random() < p
             posterior = posterior * (higher[last] if said else 1.0 - higher[last])
             posterior /= posterior.sum()
@@ -104,7 +104,7 @@ def test_observers_who_lapse_are_measured_without_bias():
     grid = Grid(LEVELS, hits, totals)
     model = Population(grid.likelihood, grid.axes)
     assert math.exp(model.best.x[0]) == pytest.approx(1.08, abs=0.02)
-    assert compute_weber(model.best.x[2]) == pytest.approx(0.25, rel=0.05)
+    assert compute_weber(model.best.x[2]) == pytest.approx(0.25, rel=0.06)
     middle, spread = np.median(own, axis=0)
     assert math.exp(middle) == pytest.approx(1.08, abs=0.02)
     assert compute_weber(spread) == pytest.approx(0.25, rel=0.1)  # the prior draws each to 0.2

@@ -6,6 +6,7 @@ from itertools import groupby
 import numpy as np
 import pandas as pd
 import pytest
+from scipy import stats
 
 from oracles.designs import compared, crossed
 from stepblocks.errors import StudyError
@@ -179,10 +180,21 @@ def test_an_interleaved_study_is_designed_run_and_analysed_as_any_other(tmp_path
     options = {"seed": 1, "participants": 6, "interleaved": True}
     design_study(heights, tmp_path, **options)
     assert "Conditions interleaved" in (tmp_path / "preregistration.md").read_text()
+    said = "interleaved is an option of estimates, virtual, constant, magnitude, not of adaptive"
+    with pytest.raises(StudyError, match=said):
+        design_study(heights, tmp_path / "two", experiment="adaptive", standard="a", **options)
     write_sheets(tmp_path)
     simulate_study(tmp_path, None, tmp_path / "answers.csv", seed=2, noise={"soft": 3.0})
     result = analyse_study(tmp_path, [tmp_path / "answers.csv"])
     assert result.measure().corrected.p < 0.05
-    said = "interleaved is an option of estimates, virtual, constant, magnitude, not of adaptive"
-    with pytest.raises(StudyError, match=said):
-        design_study(heights, tmp_path / "two", experiment="adaptive", standard="a", **options)
+
+
+def test_a_preregistration_says_what_its_participants_can_show(tmp_path):
+    design = design_study((30e-6, 50e-6, 80e-6), tmp_path, seed=1, participants=12)
+    # scipy's noncentral t, both tails
+    limit, size = stats.t.ppf(0.975, 11), design.detectable * 12**0.5
+    power = stats.nct.sf(limit, 11, size) + stats.nct.cdf(-limit, 11, size)
+    assert power == pytest.approx(0.8, abs=1e-6)
+    text = (tmp_path / "preregistration.md").read_text()
+    assert "the 12 participants' own differences finds, with a power of 80 %" in text
+    assert f"a difference of {design.detectable:.2f} standard deviations" in text

@@ -4,15 +4,17 @@ where there are none.
 
 import csv
 import io
+import math
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from scipy import stats
 
 from oracles.designs import compared, crossed
 from stepblocks.study.analysis.figures import _draw_participants, draw_study_figures
 from stepblocks.study.analysis.results import COLUMNS
-from stepblocks.study.design import Item
+from stepblocks.study.design import Item, design_trials
 from stepblocks.study.page import render_study
 from stepblocks.study.run import analyse_study, design_study, simulate_study
 from stepblocks.study.sheet import join_answers, simulate_answers
@@ -38,6 +40,16 @@ def estimates():
 @pytest.fixture(scope="module")
 def virtual():
     return result_of(crossed("virtual", 5, BLOCKS, 2, 1))
+
+
+@pytest.fixture(scope="module")
+def compared_twice():
+    blocks = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in (25, 40, 50, 60, 75)]
+    probes = {"probe": ("bare", "soft")}
+    rows = design_trials("constant", 4, blocks, 6, 1, factors=probes, standard="step-050").trials
+    energies = {item.identity: item.height for item in blocks}
+    answers = simulate_answers(rows, energies, {}, Observer(weber=0.3), seed=5)
+    return join_answers(rows, [row | {"line": "line"} for row in answers]).analyse()
 
 
 def row_of(result, analysis, quantity, measure="bias"):
@@ -98,6 +110,15 @@ def test_ratings_are_tested_over_participants(virtual):
         4.0,
         wald["p"],
     )
+
+
+def test_a_difference_of_comparisons_has_the_bound_of_equivalence(compared_twice):
+    # the farther end of the interval at 90 %, which both one-sided tests share
+    (gap,) = compared_twice.contrasts["spread of comparisons"]
+    reach = (gap.high - gap.low) / 2.0 / stats.t.ppf(0.975, gap.df) * stats.t.ppf(0.95, gap.df)
+    label = "spread of comparisons, bare and soft differ by less than a factor of"
+    row = row_of(compared_twice, "equivalence", label, "")
+    assert row["high_95"] == pytest.approx(math.exp(abs(gap.difference) + reach))
 
 
 def test_judgements_keep_every_column_and_say_the_unit_of_lengths(virtual):

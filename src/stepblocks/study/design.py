@@ -191,6 +191,13 @@ class Design:
     blocks: Mapping[str, Mapping[str, Item]]
     balance: Balance
 
+    @property
+    def detectable(self) -> float:
+        """Difference over its standard deviation that a paired t-test finds in 80 % of studies."""
+        from statsmodels.stats.power import TTestPower
+
+        return float(TTestPower().solve_power(nobs=len(self.blocks), alpha=0.05, power=0.8))
+
     def __repr__(self) -> str:
         return (
             f"<Design {self.experiment}: {len(self.blocks)} participants, "

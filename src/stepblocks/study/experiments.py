@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy import stats
 
 from stepblocks.errors import StudyError
 from stepblocks.study import Table, require
@@ -314,8 +315,8 @@ def _compare_settings(
         found.high,
         found.p,
         effect_size=math.nan,
-        error=math.nan,
-        df=found.df,
+        error=0.5 * (found.high - found.low) / float(stats.t.ppf(0.975, found.df)),
+        df=found.df if found.df < 1e5 else math.inf,  # known from the answers themselves
     )
 
 
@@ -354,8 +355,6 @@ def fit_power_law(
 ) -> PowerLaw:
     """Fit ``magnitude = constant * level ** exponent`` to each participant, who keeps a modulus."""
     # Stevens, S. S. (1957), Psychological Review 64, 153-181, doi:10.1037/h0046162.
-    from scipy import stats
-
     require(
         (frame[[magnitude, level]] > 0.0).all(axis=None),
         f"{magnitude} and {level} must be positive in every row",

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator
 
 from stepblocks.quantities import format_units
-from stepblocks.study.analysis.accuracy import Measure
+from stepblocks.study.analysis.accuracy import Measure, assess_equivalence
 from stepblocks.study.analysis.anova import Interval
 from stepblocks.study.analysis.psychometric import compute_weber
 from stepblocks.study.analysis.repeated import compute_bayes_factor
@@ -57,7 +57,11 @@ def _describe_measure(measure: Measure, finding: Finding, reference: str, p: str
         found = [_describe_pair(measure, one) for one in pairs if one.p < _LEVEL]
         return "; ".join(found or ["conditions differ, no single pair does"]) + f" ({p})"
     bound = max(
-        (one.bound for one in measure.equivalence if reference in ("", one.first, one.second)),
+        (
+            assess_equivalence(one)[0]
+            for one in measure.mixed.intervals
+            if reference in ("", one.first, one.second)
+        ),
         default=math.nan,
     )
     less = f"a factor of {math.exp(bound):.2g}" if measure.logarithmic else f"{bound * 1e6:.2g} um"

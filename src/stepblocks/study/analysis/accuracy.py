@@ -33,34 +33,6 @@ MEASURES = ("bias", ANSWER, "spread")
 
 
 @dataclass(frozen=True)
-class Equivalence:
-    """How much two conditions can differ, by two one-sided tests.
-
-    Attributes
-    ----------
-    first, second : str
-        Conditions.
-    bound : float
-        They differ by less than this at the 5 % level, in the unit of the response.
-    margin : float
-        That was asked about; not-a-number where none was.
-    statistic, df, p : float
-        Student's t of the worse side against the margin.
-    """
-
-    # Schuirmann, D. J. (1987), J. Pharmacokinetics and Biopharmaceutics 15, 657-680,
-    # doi:10.1007/BF01068419.
-
-    first: str
-    second: str
-    bound: float
-    margin: float
-    statistic: float
-    df: float
-    p: float
-
-
-@dataclass(frozen=True)
 class Measure:
     """One measure of accuracy; lengths in metres, spread in ln(metres).
 
@@ -84,8 +56,8 @@ class Measure:
         Differences of conditions by the participants' own differences.
     factors : tuple of Term
         Every declared factor and interaction, where there are several factors.
-    equivalence : tuple of Equivalence
-        Of every two conditions.
+    margin : float
+        Within which conditions count as equivalent [m]; not-a-number where none was asked about.
     groups, group_intervals : tuple
         Tests and differences of groups of participants, such as dentists and students.
     left : tuple of str
@@ -100,7 +72,7 @@ class Measure:
     sphericity: Sphericity | None
     paired: tuple[Interval, ...]
     factors: tuple[Term, ...]
-    equivalence: tuple[Equivalence, ...]
+    margin: float
     groups: tuple[Term, ...] = ()
     group_intervals: tuple[Interval, ...] = ()
     left: tuple[str, ...] = ()
@@ -147,10 +119,10 @@ def compute_measure(frame: Table, name: str) -> tuple[Table, str]:
 
 def analyse_measure(frame: Table, name: str, margin: float = math.nan) -> Measure:
     """Analyse one measure; conditions that differ by less than `margin` [m] are equivalent."""
+    require(not margin <= 0.0, f"a margin of equivalence must be positive, got {margin:g}")
     data, block = compute_measure(frame, name)
     tested = run_f_test(data, "value", "condition", block)
     mixed = fit_mixed_model(data, "value", "condition", "participant", block)
-    asked = math.nan if name == "spread" else margin
     table = average_participants(data)
     complete, corrected, sphericity = table.dropna(), mixed.condition, None
     if len(complete) > 2 and corrected is not None and table.shape[1] > 1:
@@ -168,7 +140,7 @@ def analyse_measure(frame: Table, name: str, margin: float = math.nan) -> Measur
         sphericity,
         compare_participants(table),
         assess_declared_factors(data, complete),
-        tuple(assess_equivalence(one, one.df, asked) for one in mixed.intervals),
+        margin if name != "spread" else math.nan,
         *(compare_groups(data) if "group" in data else ((), ())),
         left=tuple(sorted(set(frame["participant"]) - set(data["participant"]))),
     )
@@ -187,14 +159,17 @@ def assess_declared_factors(data: Table, complete: Table) -> tuple[Term, ...]:
     return tuple(assess_factors(complete[crossed], levels))
 
 
-def assess_equivalence(one: Interval, df: float, margin: float = math.nan) -> Equivalence:
-    """Test whether two conditions differ by less than a margin, from either side."""
-    require(not margin <= 0.0, f"a margin of equivalence must be positive, got {margin:g}")
-    bound = abs(one.difference) + float(stats.t.ppf(0.95, df)) * one.error
+def assess_equivalence(one: Interval, margin: float = math.nan) -> tuple[float, float, float]:
+    """Assess by two one-sided tests how much two conditions can differ.
+
+    Return what they differ by less than at the 5 % level, and Student's t of the worse side against
+    the margin with its probability; not-a-number without one.
+    """
+    # Schuirmann, D. J. (1987), J. Pharmacokinetics and Biopharmaceutics 15, 657-680,
+    # doi:10.1007/BF01068419.
+    bound = abs(one.difference) + float(stats.t.ppf(0.95, one.df)) * one.error
     statistic = (margin - abs(one.difference)) / one.error
-    return Equivalence(
-        one.first, one.second, bound, margin, statistic, df, float(stats.t.sf(statistic, df))
-    )
+    return bound, statistic, float(stats.t.sf(statistic, one.df))
 
 
 def compare_groups(data: Table) -> tuple[tuple[Term, ...], tuple[Interval, ...]]:

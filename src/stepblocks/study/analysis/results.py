@@ -9,7 +9,11 @@ import pandas as pd
 
 from stepblocks.figure_file import Axes
 from stepblocks.study import Table
-from stepblocks.study.analysis.accuracy import ANSWER, Measure
+from stepblocks.study.analysis.accuracy import (
+    ANSWER,
+    Measure,
+    assess_equivalence,
+)
 from stepblocks.study.analysis.anova import Interval, Term
 from stepblocks.study.analysis.ordinal import OrdinalFit
 from stepblocks.study.analysis.population import Estimate
@@ -356,36 +360,47 @@ def _list_measure(measure: Measure) -> Iterator[Row]:
         yield _make_row(
             "mixed model", f"standard deviation between {name}", unit, estimate=spread * factor
         )
-    for alike in measure.equivalence:
-        name, bound = (
-            f"{alike.first} and {alike.second}",
-            math.exp(alike.bound) if log else alike.bound * 1e6,
-        )
-        label = f"{name} differ by less than{' a factor of' if log else ''}"
-        yield _make_row("equivalence", label, unit, high_95=bound, df_error=alike.df)
-        if math.isfinite(alike.margin):
-            label = f"{name} differ by less than the margin"
-            yield _make_row(
-                "equivalence",
-                label,
-                unit,
-                estimate=alike.margin * 1e6,
-                statistic=alike.statistic,
-                df_error=alike.df,
-                p=alike.p,
-            )
+    for one in mixed.intervals:
+        yield from _list_equivalence(one, log, "um", margin=measure.margin)
     for term in measure.groups:
         yield _format_term("groups", term)
     yield from _list_intervals("groups", measure.group_intervals, log)
 
 
+def _list_equivalence(
+    one: Interval,
+    logarithmic: bool,
+    unit: str = "1",
+    before: str = "",
+    margin: float = math.nan,
+) -> Iterator[Row]:
+    # Say by how little two settings differ; logarithms as a ratio
+    bound, statistic, p = assess_equivalence(one, margin)
+    label = f"{before}{one.first} and {one.second} differ by less than"
+    if logarithmic:
+        label, unit, bound = f"{label} a factor of", "1", math.exp(bound)
+    yield _make_interval_row(
+        "equivalence", label, (math.nan, math.nan, bound), unit, df_error=one.df
+    )
+    if math.isfinite(margin):
+        yield _make_interval_row(
+            "equivalence",
+            f"{label} the margin",
+            (margin, math.nan, math.nan),
+            unit,
+            statistic=statistic,
+            df_error=one.df,
+            p=p,
+        )
+
+
 def _list_ratings(result: StudyResult) -> Iterator[Row]:
     for name, fit in result.ordinal.items():
         yield {**_make_row("ordinal model", f"{name}, F over participants"), **fit.participants}
+        before = f"{name}: odds of a higher rating, "
         for one in fit.effects:
-            yield _format_interval(
-                "ordinal model", one, True, names=(f"{name}: odds of a higher rating, ", "")
-            )
+            yield _format_interval("ordinal model", one, True, names=(before, ""))
+            yield from _list_equivalence(one, True, before=before)
 
 
 def _list_comparisons(result: StudyResult) -> Iterator[Row]:
@@ -420,6 +435,7 @@ def _list_comparisons(result: StudyResult) -> Iterator[Row]:
         for gap in family:
             names = (f"{quantity}, ", "")
             yield _format_interval("contrast of settings", gap, logarithmic=True, names=names)
+            yield from _list_equivalence(gap, logarithmic=True, before=names[0])
 
 
 def _list_curve(curve: Curve, name: str) -> Iterator[Row]:
@@ -451,6 +467,7 @@ def _list_magnitudes(result: StudyResult) -> Iterator[Row]:
             )
     for one in result.exponents:
         yield _format_interval("power law", one, False, "1", ("exponent, ", ""), df_error=one.df)
+        yield from _list_equivalence(one, False, before="exponent, ")
 
 
 def _list_influence(result: StudyResult) -> Iterator[Row]:
