@@ -30,11 +30,10 @@ from statsmodels.stats.libqsturng import psturng, qsturng
 from statsmodels.stats.proportion import proportion_confint
 
 from stepblocks.study import experiments
-from stepblocks.study.analysis import accuracy
+from stepblocks.study.analysis import accuracy, population
 from stepblocks.study.analysis.accuracy import MEASURES, analyse_measure, compute_measure
 from stepblocks.study.analysis.anova import run_f_test
 from stepblocks.study.analysis.ordinal import fit_ordinal_model
-from stepblocks.study.analysis.population import Estimate, Population
 from stepblocks.study.analysis.psychometric import compute_weber
 from stepblocks.study.analysis.repeated import average_participants
 from stepblocks.study.analysis.results import StudyResult
@@ -189,7 +188,6 @@ def judge_pairs(random: Random, effect: float, bad: bool) -> Found:
     """Give the same participants both settings."""
     one, other = pairs(random, effect, 10, bad)
     frame = pd.concat([one.assign(factor_probe="a"), other.assign(factor_probe="b")])
-    experiments.Population = Population if effect else Lean
     return judge_comparisons(frame, effect)
 
 
@@ -199,7 +197,6 @@ def judge_pairs_of_groups(random: Random, effect: float, bad: bool) -> Found:
     number = one["participant"].astype(int)
     later = other["participant"].astype(int)
     frame = [one[number < 10].assign(group="a"), other[later >= 10].assign(group="b")]
-    experiments.Population = Population  # two groups are compared by their intervals
     return judge_comparisons(pd.concat(frame), effect)
 
 
@@ -276,13 +273,6 @@ def read(name: str) -> list[dict[str, Any]]:
     return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
 
 
-class Lean(Population):
-    """A population without intervals of its own, of studies that ask for a change alone."""
-
-    def estimate(self, index: int) -> Estimate:
-        return Estimate(*[math.nan] * 6)
-
-
 class Approximation:
     """The studentized range from statsmodels' approximation, to about 1e-3, 100 times faster."""
 
@@ -295,12 +285,11 @@ class Approximation:
 
 def leave_out() -> None:
     """Leave out what no headline reads: curves of single participants, the paper's F-test."""
-    from stepblocks.study.analysis.results import Curve
 
     def test(data: Any, response: str, first: str, second: str = "", **more: Any) -> Any:
         return None if second else run_f_test(data, response, first, second, **more)
 
-    experiments._fit_curve = lambda who, own: Curve(who, (), (), (), None, "")
+    population._fit_curve = lambda who, own: population.Curve(who, (), (), (), None, "")
     accuracy.run_f_test = test
     stats.studentized_range = Approximation()
 

@@ -13,8 +13,10 @@ from scipy import stats
 
 from oracles.designs import compared, crossed
 from stepblocks.study.analysis.figures import _draw_participants, draw_study_figures
+from stepblocks.study.analysis.ordinal import fit_ordinal_model
 from stepblocks.study.analysis.results import COLUMNS
 from stepblocks.study.design import Item, design_trials
+from stepblocks.study.experiments import EXPERIMENTS
 from stepblocks.study.page import render_study
 from stepblocks.study.run import analyse_study, design_study, simulate_study
 from stepblocks.study.sheet import join_answers, simulate_answers
@@ -112,12 +114,40 @@ def test_ratings_are_tested_over_participants(virtual):
     )
 
 
-def test_a_difference_of_comparisons_has_the_bound_of_equivalence(compared_twice):
-    # the farther end of the interval at 90 %, which both one-sided tests share
-    (gap,) = compared_twice.contrasts["spread of comparisons"]
-    reach = (gap.high - gap.low) / 2.0 / stats.t.ppf(0.975, gap.df) * stats.t.ppf(0.95, gap.df)
-    label = "spread of comparisons, bare and soft differ by less than a factor of"
-    row = row_of(compared_twice, "equivalence", label, "")
+def test_ratings_without_each_participant_are_those_of_the_others_alone(virtual):
+    table = virtual.table()
+    found = table[table["quantity"].str.startswith("realism: odds") & (table["p"] == table["p"])]
+    without = found[found["analysis"] == "leaving each participant out"]
+    assert [name.rpartition(" ")[2] for name in without["quantity"]] == ["1", "2", "3", "4", "5"]
+    others = virtual.frame[virtual.frame["participant"] != "3"]
+    (one,) = fit_ordinal_model(others, "rating", "condition", "participant").effects
+    assert without["estimate"].iloc[2] == pytest.approx(math.exp(one.difference))
+
+
+def test_a_difference_of_comparisons_is_shown_without_each_participant_and_its_bound(
+    compared_twice,
+):
+    result = compared_twice
+    first, (gap,) = result.findings()[0].name, result.contrasts["spread of comparisons"]
+    assert first == "spread of comparisons, bare over soft"
+    rows = result.table().query("analysis == 'leaving each participant out'")
+    assert len(rows) == 4
+    # the same study without its second participant
+    alone = EXPERIMENTS["constant"].analyse(result.frame.query("participant != '2'"), math.nan)
+    (other,) = alone["contrasts"]["spread of comparisons"]
+    row = rows.to_dict("records")[1]
+    assert row["quantity"] == "bare over soft, without 2"
+    assert (row["estimate"], row["p"]) == pytest.approx(
+        (math.exp(other.difference), other.p), rel=1e-4
+    )
+    # equivalence: the farther end of the interval at 90 %, which both one-sided tests share
+    reach = gap.error * float(stats.t.ppf(0.95, gap.df))
+    row = row_of(
+        result,
+        "equivalence",
+        "spread of comparisons, bare and soft differ by less than a factor of",
+        "",
+    )
     assert row["high_95"] == pytest.approx(math.exp(abs(gap.difference) + reach))
 
 

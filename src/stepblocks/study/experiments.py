@@ -10,27 +10,16 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy import stats
 
 from stepblocks.errors import StudyError
 from stepblocks.study import Table, require
 from stepblocks.study.analysis.accuracy import MEASURES, analyse_measure
-from stepblocks.study.analysis.anova import Interval
 from stepblocks.study.analysis.ordinal import fit_ordinal_model
 from stepblocks.study.analysis.people import find_swapped_conditions
-from stepblocks.study.analysis.population import (
-    Estimate,
-    Grid,
-    Population,
-    compare_between,
-    compare_within,
-)
-from stepblocks.study.analysis.psychometric import compute_weber, fit_psychometric
+from stepblocks.study.analysis.population import QUANTITIES, compare_settings, fit_setting
 from stepblocks.study.analysis.repeated import average_participants, compare_participants
 from stepblocks.study.analysis.results import (
     EXPONENT,
-    Comparisons,
-    Curve,
     PowerLaw,
     name_contrast,
 )
@@ -46,12 +35,6 @@ from stepblocks.study.simulate import (
 
 Row = Mapping[str, str]
 Texts = Sequence[tuple[str, ...]]
-# participants of a setting, their model, its grid, means of ln(threshold) and ln(spread)
-_Group = tuple[list[str], Population, Grid, tuple[Estimate, Estimate]]
-
-
-# of comparisons, and their axes in the model of a group
-_QUANTITIES = {"spread of comparisons": 1, "point of subjective equality": 0}
 LARGEST_ESTIMATE = 10_000.0  # um; the same for every study, so that it reveals no height
 
 Fields = dict[str, Any]  # of a `StudyResult`, by name
@@ -242,34 +225,16 @@ def _analyse_comparisons(frame: Table, margin: float) -> Fields:
         f"{', '.join(f'{value * 1e6:g} um' for value in sorted(frame['standard'].unique()))}",
     )
     standard = float(frame["standard"].iloc[0])
-    found, profiles = list[Comparisons](), dict[str, _Group]()
-    for setting, own in frame.groupby(name_settings(frame)):
-        curves = tuple(
-            _fit_curve(str(name), one) for name, one in own.groupby("participant", sort=False)
-        )
-        one = Comparisons(str(setting), curves, standard, None, None)
-        tables = own.pivot_table(
-            index="participant", columns="height", values="higher", aggfunc=["sum", "count"]
-        ).fillna(0.0)
-        if len(curves) > 1 and tables["sum"].shape[1] > 2:
-            levels = np.log(tables["sum"].columns.to_numpy(float) / standard)
-            grid = Grid(levels, tables["sum"], tables["count"])
-            model = Population(grid.likelihood, grid.axes)
-            middles, widths = (model.predict_participants(index) for index in (0, 1))
-            shrunk = tuple(
-                (str(who), standard * math.exp(middle), compute_weber(wide))
-                for who, middle, wide in zip(tables.index, middles, widths, strict=True)
-            )
-            equal, spread = model.estimate(0), model.estimate(1)
-            one = replace(one, equal=equal, spread=spread, people=shrunk)
-            profiles[str(setting)] = (list(tables.index), model, grid, (equal, spread))
-        found.append(one)
-    pairs = list(itertools.combinations(profiles, 2))
+    found = tuple(
+        fit_setting(str(setting), own, standard)
+        for setting, own in frame.groupby(name_settings(frame))
+    )
+    pairs = list(itertools.combinations([one for one in found if one.model], 2))
     return {
-        "comparisons": tuple(found),
+        "comparisons": found,
         "contrasts": {
-            quantity: tuple(_compare_settings(index, *pair, profiles) for pair in pairs)
-            for quantity, index in _QUANTITIES.items()
+            quantity: tuple(compare_settings(quantity, *pair) for pair in pairs)
+            for quantity in QUANTITIES
             if pairs
         },
     }
@@ -290,46 +255,6 @@ def list_outcomes(experiment: str, frame: Table) -> list[str]:
     names = name_settings(frame) if kind.paired else frame["condition"]
     pairs = [*itertools.combinations(sorted(set(names)), 2)]
     return [name_contrast(quantity, *pair) for quantity in kind.quantities for pair in pairs]
-
-
-def _compare_settings(
-    index: int, first: str, second: str, profiles: Mapping[str, _Group]
-) -> Interval:
-    # Compare a logarithm between two settings: within participants where they met both
-    (people, one, grid, means), (others, other, same, others_means) = (
-        profiles[name] for name in (first, second)
-    )
-    both = sorted(set(people) & set(others))
-    axis, axis_same = ((each.middles, each.spreads)[index] for each in (grid, same))
-    if len(both) > 1 and axis.shape == axis_same.shape and np.allclose(axis, axis_same):
-        own = one.profile(index)[[people.index(who) for who in both]]
-        facing = other.profile(index)[[others.index(who) for who in both]]
-        found = compare_within(own, facing, axis)
-    else:
-        found = compare_between(means[index], others_means[index])
-    return Interval(
-        first,
-        second,
-        found.value,
-        found.low,
-        found.high,
-        found.p,
-        effect_size=math.nan,
-        error=0.5 * (found.high - found.low) / float(stats.t.ppf(0.975, found.df)),
-        df=found.df if found.df < 1e5 else math.inf,  # known from the answers themselves
-    )
-
-
-def _fit_curve(who: str, own: Table) -> Curve:
-    by_level = own.groupby("height")["higher"].agg(["sum", "count"])
-    levels, hits, totals = (
-        tuple(column.tolist()) for column in (by_level.index, by_level["sum"], by_level["count"])
-    )
-    try:
-        fit, reason = fit_psychometric(levels, hits, totals), ""
-    except StudyError as error:
-        fit, reason = None, str(error)
-    return Curve(who, levels, hits, totals, fit, reason)
 
 
 def _read_magnitude(planned: Row, answer: Row, ratings: tuple[int, int]) -> dict[str, float]:
@@ -355,6 +280,8 @@ def fit_power_law(
 ) -> PowerLaw:
     """Fit ``magnitude = constant * level ** exponent`` to each participant, who keeps a modulus."""
     # Stevens, S. S. (1957), Psychological Review 64, 153-181, doi:10.1037/h0046162.
+    from scipy import stats
+
     require(
         (frame[[magnitude, level]] > 0.0).all(axis=None),
         f"{magnitude} and {level} must be positive in every row",
@@ -439,7 +366,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         factors={},
         read=_read_comparison,
         simulate=_simulate_comparisons,
-        quantities=tuple(_QUANTITIES),
+        quantities=tuple(QUANTITIES),
         analyse=_analyse_comparisons,
         takes=("probes", "factors", "interleaved", "standard", "repetitions"),
         paired=True,

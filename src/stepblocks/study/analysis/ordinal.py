@@ -30,10 +30,13 @@ class OrdinalFit:
         over participants, p after Holm's correction over all pairs.
     participants : dict
         statistic, df, df_error and p of an F-test with the participants as independent units.
+    asked : tuple
+        Columns of the rating, the condition, the participant, and of factors beside the condition.
     """
 
     effects: tuple[Interval, ...]
     participants: dict[str, float]
+    asked: tuple[str, str, str, Sequence[str]]
 
 
 def fit_ordinal_model(
@@ -106,6 +109,7 @@ def fit_ordinal_model(
             "df_error": float(people - number),
             "p": float(stats.f.sf(statistic, number, people - number)),
         },
+        (rating, condition, participant, beside),
     )
 
 

@@ -19,8 +19,19 @@ from scipy.optimize import minimize
 from scipy.special import ndtr
 from scipy.stats import t
 
-from stepblocks.study import Array, require
-from stepblocks.study.analysis.psychometric import MAX_LAPSE, find_crossing
+from stepblocks.errors import StudyError
+from stepblocks.study import Array, Table, require
+from stepblocks.study.analysis.anova import Interval
+from stepblocks.study.analysis.psychometric import (
+    MAX_LAPSE,
+    Psychometric,
+    compute_weber,
+    find_crossing,
+    fit_psychometric,
+)
+
+# what is compared, and its axis in the model of a group
+QUANTITIES = {"spread of comparisons": 1, "point of subjective equality": 0}
 
 _LAPSES = np.linspace(0.0, MAX_LAPSE, 6)
 _KNOWN = 1e6  # degrees of freedom of an error that no spread of participants has to tell
@@ -48,6 +59,63 @@ class Estimate:
     spread: float
     p: float
     df: float
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Psychometric function of one participant.
+
+    Attributes
+    ----------
+    who : str
+        Participant.
+    levels : tuple of float
+        Heights compared with the standard [m].
+    hits, totals : tuple of int
+        Answers "higher", and trials, of each height.
+    fit : Psychometric or None
+        None where the answers do not determine one.
+    reason : str
+        Why not; empty with a fit.
+    """
+
+    who: str
+    levels: tuple[float, ...]
+    hits: tuple[int, ...]
+    totals: tuple[int, ...]
+    fit: Psychometric | None
+    reason: str
+
+
+@dataclass(frozen=True)
+class Comparisons:
+    """Comparisons with a standard in one setting.
+
+    Attributes
+    ----------
+    setting : str
+        Levels of the declared factors; empty where there are none.
+    curves : tuple of Curve
+        Of each participant.
+    standard : float
+        Height of the standard [m].
+    equal, spread : Estimate or None
+        Means over participants of ln(point of subjective equality / standard) and of ln(sigma);
+        None with fewer than two participants.
+    people : tuple of (str, float, float)
+        Participant, point of subjective equality [m] and Weber fraction [1], drawn towards the
+        group by the model.
+    model : Population or None
+        Of these participants, in the same order.
+    """
+
+    setting: str
+    curves: tuple[Curve, ...]
+    standard: float
+    equal: Estimate | None
+    spread: Estimate | None
+    people: tuple[tuple[str, float, float], ...] = ()
+    model: "Population | None" = None
 
 
 class Grid:
@@ -89,9 +157,10 @@ class Population:
     """
 
     def __init__(self, likelihood: Array, axes: Sequence[Array]) -> None:
+        require(len(likelihood) > 1, "a population must have at least two participants, got one")
         # The last axis, of few lapse rates, comes first: long rows of memory are summed faster
         self._likelihood = np.ascontiguousarray(np.moveaxis(likelihood, -1, 1))
-        self._axes = axes
+        self.likelihood, self.axes = likelihood, axes
         self._start, self._bounds = list[float](), list[tuple[float, float]]()
         for index, axis in enumerate(axes):
             others = tuple(n for n in range(1, likelihood.ndim) if n != index + 1)
@@ -107,7 +176,7 @@ class Population:
     def _priors(self, point: Array) -> tuple[list[Array], list[Array]]:
         # Return the distribution along each axis, and the slopes of its logarithm
         exponents, slopes = list[Array](), list[Array]()
-        for index, axis in enumerate(self._axes):
+        for index, axis in enumerate(self.axes):
             spread = math.exp(point[2 * index + 1])
             away = (axis - point[2 * index]) / spread
             exponents.append(-0.5 * away**2)
@@ -182,12 +251,12 @@ class Population:
         """Return the mean of each participant's posterior along an axis."""
         priors = self._priors(self.best.x)[0]
         posterior = self._integrate_others(priors)[index] * priors[index]
-        return np.asarray(posterior @ self._axes[index] / posterior.sum(axis=1))
+        return np.asarray(posterior @ self.axes[index] / posterior.sum(axis=1))
 
     def profile(self, index: int) -> Array:
         """Return the likelihood of each participant along one of two axes and the lapse rates."""
         prior = self._priors(self.best.x)[0][1 - index]
-        return np.tensordot(self._likelihood, prior, (3 - index, 0)).swapaxes(1, 2)
+        return np.tensordot(self.likelihood, prior, (2 - index, 0))
 
 
 def compare_within(one: Array, other: Array, axis: Array) -> Estimate:
@@ -231,3 +300,77 @@ def compare_between(one: Estimate, other: Estimate) -> Estimate:
     facing = 0 if apart > 0.0 else 1  # the end on the side of zero
     p = 2.0 * float(t.sf(abs(apart) / errors[facing], df[facing]))
     return Estimate(apart, apart - below, apart + above, math.nan, p, float(df[facing]))
+
+
+def fit_setting(setting: str, own: Table, standard: float) -> Comparisons:
+    """Fit the curve of each participant in one setting, and the population of several."""
+    curves = tuple(
+        _fit_curve(str(name), one) for name, one in own.groupby("participant", sort=False)
+    )
+    tables = own.pivot_table(
+        index="participant", columns="height", values="higher", aggfunc=["sum", "count"]
+    ).fillna(0.0)
+    if len(curves) < 2 or tables["sum"].shape[1] < 3:
+        return Comparisons(setting, curves, standard, None, None)
+    grid = Grid(
+        np.log(tables["sum"].columns.to_numpy(float) / standard), tables["sum"], tables["count"]
+    )
+    model = Population(grid.likelihood, grid.axes)
+    middles, widths = (model.predict_participants(index) for index in (0, 1))
+    people = tuple(
+        (str(who), standard * math.exp(middle), compute_weber(wide))
+        for who, middle, wide in zip(tables.index, middles, widths, strict=True)
+    )
+    return Comparisons(
+        setting, curves, standard, model.estimate(0), model.estimate(1), people, model
+    )
+
+
+def compare_settings(
+    quantity: str, one: Comparisons, other: Comparisons, without: str = ""
+) -> Interval:
+    """Compare the logarithm of a quantity, within participants where they met both settings.
+
+    A participant may be left out.
+    """
+    index = QUANTITIES[quantity]
+    (own, model), (facing, same) = (_leave_out(found, without) for found in (one, other))
+    both = sorted(set(own) & set(facing))
+    if len(both) > 1 and np.array_equal(model.axes[index], same.axes[index]):
+        rows, facing_rows = ([people.index(who) for who in both] for people in (own, facing))
+        gap = compare_within(
+            model.profile(index)[rows], same.profile(index)[facing_rows], model.axes[index]
+        )
+    else:
+        gap = compare_between(model.estimate(index), same.estimate(index))
+    return Interval(
+        one.setting,
+        other.setting,
+        gap.value,
+        gap.low,
+        gap.high,
+        gap.p,
+        effect_size=math.nan,
+        error=0.5 * (gap.high - gap.low) / float(t.ppf(0.975, gap.df)),
+        df=gap.df if gap.df < _KNOWN else math.inf,
+    )
+
+
+def _leave_out(found: Comparisons, who: str) -> tuple[list[str], Population]:
+    # Return the names and the population of all others
+    assert found.model is not None
+    kept = [place for place, (name, _, _) in enumerate(found.people) if name != who]
+    model = Population(found.model.likelihood[kept], found.model.axes) if who else found.model
+    return [found.people[place][0] for place in kept], model
+
+
+def _fit_curve(who: str, own: Table) -> Curve:
+    by_level = own.groupby("height")["higher"].agg(["sum", "count"])
+    levels, hits, totals = (
+        tuple(column.tolist()) for column in (by_level.index, by_level["sum"], by_level["count"])
+    )
+    try:
+        fit, reason = fit_psychometric(levels, hits, totals), ""
+    except StudyError as error:
+        fit, reason = None, str(error)
+    return Curve(who, levels, hits, totals, fit, reason)

@@ -1,12 +1,15 @@
 """What the judgements say, and the same as one flat table with units."""
 
 import html
+import itertools
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 import pandas as pd
 
+from stepblocks.errors import StudyError
 from stepblocks.figure_file import Axes
 from stepblocks.study import Table
 from stepblocks.study.analysis.accuracy import (
@@ -15,9 +18,9 @@ from stepblocks.study.analysis.accuracy import (
     assess_equivalence,
 )
 from stepblocks.study.analysis.anova import Interval, Term
-from stepblocks.study.analysis.ordinal import OrdinalFit
-from stepblocks.study.analysis.population import Estimate
-from stepblocks.study.analysis.psychometric import Z975, Psychometric, compute_weber
+from stepblocks.study.analysis.ordinal import OrdinalFit, fit_ordinal_model
+from stepblocks.study.analysis.population import Comparisons, Curve, compare_settings
+from stepblocks.study.analysis.psychometric import Z975, compute_weber
 from stepblocks.study.analysis.repeated import (
     average_participants,
     compare_participants,
@@ -41,60 +44,6 @@ EXPONENT = "exponent"  # of magnitudes; all other quantities of contrasts are lo
 
 Row = Mapping[str, str | float]
 Ends = tuple[float, ...]  # estimate, low, high
-
-
-@dataclass(frozen=True)
-class Curve:
-    """Psychometric function of one participant.
-
-    Attributes
-    ----------
-    who : str
-        Participant.
-    levels : tuple of float
-        Heights compared with the standard [m].
-    hits, totals : tuple of int
-        Answers "higher", and trials, of each height.
-    fit : Psychometric or None
-        None where the answers do not determine one.
-    reason : str
-        Why not; empty with a fit.
-    """
-
-    who: str
-    levels: tuple[float, ...]
-    hits: tuple[int, ...]
-    totals: tuple[int, ...]
-    fit: Psychometric | None
-    reason: str
-
-
-@dataclass(frozen=True)
-class Comparisons:
-    """Comparisons with a standard in one setting.
-
-    Attributes
-    ----------
-    setting : str
-        Levels of the declared factors; empty where there are none.
-    curves : tuple of Curve
-        Of each participant.
-    standard : float
-        Height of the standard [m].
-    equal, spread : Estimate or None
-        Means over participants of ln(point of subjective equality / standard) and of ln(sigma);
-        None with fewer than two participants.
-    people : tuple of (str, float, float)
-        Participant, point of subjective equality [m] and Weber fraction [1], drawn towards the
-        group by the model.
-    """
-
-    setting: str
-    curves: tuple[Curve, ...]
-    standard: float
-    equal: Estimate | None
-    spread: Estimate | None
-    people: tuple[tuple[str, float, float], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -471,14 +420,32 @@ def _list_magnitudes(result: StudyResult) -> Iterator[Row]:
 
 
 def _list_influence(result: StudyResult) -> Iterator[Row]:
-    # Say what the differences of the primary outcome are without each participant in turn
-    measure = result.measure(next((one.name for one in result.findings()), ""))
+    # Say what the differences of the primary outcome and of ratings are without each participant
+    people = sorted(result.frame["participant"].unique())
+    names = [one.name for one in result.findings() if one.primary or one.name in result.ordinal]
+    for name, who in itertools.product(names, people if len(people) > 2 else ()):
+        measure = result.measure(name)
+        log, unit = (measure.logarithmic, "um") if measure else (not result.power_laws, "1")
+        label = (
+            f"{name}: odds of a higher rating, " if name in result.ordinal else "",
+            f", without {who}",
+        )
+        with suppress(StudyError):  # the others may not carry the analysis
+            for one in _compare_without(result, name, who):
+                yield _format_interval("leaving each participant out", one, log, unit, label)
+
+
+def _compare_without(result: StudyResult, name: str, who: str) -> Sequence[Interval]:
+    # Return the differences of an outcome by all other participants
+    if name in result.ordinal:
+        others = result.frame[result.frame["participant"] != who]
+        return fit_ordinal_model(others, *result.ordinal[name].asked).effects
+    if found := result.differences().get(name) if result.contrasts else None:
+        pair = [one for one in result.comparisons if one.setting in (found.first, found.second)]
+        return (compare_settings(name.partition(",")[0], pair[0], pair[1], who),)
     laws = {
         one.condition: {who: e for who, e, _ in one.by_participant} for one in result.power_laws
     }
+    measure = result.measure(name)
     table = average_participants(measure.frame) if measure else pd.DataFrame(laws)
-    log, unit = (measure.logarithmic, "um") if measure else (False, "1")
-    for who in table.index if len(table) > 2 else ():
-        for one in compare_participants(table.drop(who)):
-            names = ("", f", without {who}")
-            yield _format_interval("leaving each participant out", one, log, unit, names)
+    return compare_participants(table.drop(who, errors="ignore"))
