@@ -10,7 +10,7 @@ import pytest
 from stepblocks.declare import load_set
 from stepblocks.errors import ContactError
 from stepblocks.parts.tolerance import Dimension
-from stepblocks.predict.predictions import _find_stiffness_deviation, predict_by_formula
+from stepblocks.predict.predictions import _compute_stiffness_tolerance, predict_by_formula
 from stepblocks.predict.sheaths import (
     predict_conditions,
     tabulate_decay_test,
@@ -136,7 +136,7 @@ def test_a_tolerance_of_a_sheath_moves_the_spring_by_half_of_what_its_limits_dif
     for name, value in part:
         if isinstance(value, Dimension):
             part = part.model_copy(update={name: replace(value, upper=0.0, lower=0.0)})
-    assert _find_stiffness_deviation(SET, part) == 0.0
+    assert _compute_stiffness_tolerance(SET, part) == 0.0
     length = replace(part.length, upper=0.2e-3, lower=-0.2e-3)
     part = part.model_copy(update={"length": length})
     ends = [
@@ -144,7 +144,7 @@ def test_a_tolerance_of_a_sheath_moves_the_spring_by_half_of_what_its_limits_dif
         for end in length.limits
     ]
     half = 0.5 * abs(ends[1].stiffness - ends[0].stiffness)
-    assert _find_stiffness_deviation(SET, part) == pytest.approx(half)
+    assert _compute_stiffness_tolerance(SET, part) == pytest.approx(half)
 
 
 def test_three_files_stand_in_the_folder_of_a_set_with_sheaths(tmp_path):

@@ -96,7 +96,7 @@ def predict_by_formula(stimuli: StimulusSet) -> Iterator[Prediction]:
         grid, ring = stimuli.find_conditions(part), stimuli.predict_ring(part)
         tool = grid.as_tool() if ring is None else ring.as_tool(grid.as_tool())
         contact = grid.built_laws.get("contact")
-        worn = convert_half_widths({"stiffness": _find_stiffness_deviation(stimuli, part)})[
+        worn = convert_half_widths({"stiffness": _compute_stiffness_tolerance(stimuli, part)})[
             "stiffness"
         ]
         balls = (
@@ -150,7 +150,7 @@ def predict_by_formula(stimuli: StimulusSet) -> Iterator[Prediction]:
                     )
 
 
-def _find_stiffness_deviation(stimuli: StimulusSet, part: Part) -> float:
+def _compute_stiffness_tolerance(stimuli: StimulusSet, part: Part) -> float:
     # Find how far the tolerances of a sheath move the spring [N/m], summed in quadrature
     if stimuli.probe is None or part.sleeve is None:
         return 0.0

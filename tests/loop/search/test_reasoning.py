@@ -22,7 +22,7 @@ from stepblocks.loop.search.adequacy import (
 from stepblocks.loop.search.explain import (
     Rules,
     Verdict,
-    _add_effect,
+    _add_or_replace_effect,
     explain,
     select_likeliest,
 )
@@ -331,6 +331,6 @@ def test_a_line_that_is_too_stiff_gives_way_to_a_smooth_that_fits_far_better_and
         problem = build_problem(Toy(), data)
         current = fit(problem, (stiff,))
         chosen = fit(problem, (stiff, square), current.values)
-        found = _add_effect(problem, current, chosen, [stiff, square, smooth])
+        found = _add_or_replace_effect(problem, current, chosen, [stiff, square, smooth])
         # a law never stands beside a law of its place that it does not beat
         assert (found and [e.id for e in found.effects]) == expected

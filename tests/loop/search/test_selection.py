@@ -13,7 +13,7 @@ from scipy import stats
 from oracles.toy_model import Toy, toy_effects, toy_trials
 from stepblocks.law import Law, Parameter
 from stepblocks.loop.search.adequacy import check_residuals
-from stepblocks.loop.search.explain import _add_effect, _exchange_or_drop_effect
+from stepblocks.loop.search.explain import _add_or_replace_effect, _exchange_or_drop_effect
 from stepblocks.loop.search.fit import build_problem, fit
 from stepblocks.loop.search.gate import choose_candidate, compute_detectable, score_candidates
 from stepblocks.loop.search.mixture import find_bad_trials
@@ -178,7 +178,7 @@ def test_a_law_at_another_place_leaves_those_that_stand_and_one_that_is_not_need
     problem = build_problem(Toy(), squared)
     needed, idle = effects["square_of_z"], effects["line_of_w"]
     both = fit(problem, (idle, needed))
-    assert _add_effect(problem, fit(problem, (idle,)), both, toy_effects()) is both
+    assert _add_or_replace_effect(problem, fit(problem, (idle,)), both, toy_effects()) is both
     left = _exchange_or_drop_effect(problem, both, toy_effects())
     assert left.effects == (needed,)
     # one law alone is not looked for again

@@ -290,7 +290,7 @@ def _search(
         if p_value > rules.alpha or step == rules.most:
             break
         choice = choose_candidate(problem, current, opened, rules.fits)
-        grown = _add_effect(problem, current, choice[0], candidates) if choice else None
+        grown = _add_or_replace_effect(problem, current, choice[0], candidates) if choice else None
         if grown is None:
             break
         for _ in range(2):
@@ -319,10 +319,10 @@ def _list_untried(candidates: Sequence[Law], current: Fit) -> list[Law]:
     return [e for e in candidates if e.id not in taken]
 
 
-def _add_effect(
+def _add_or_replace_effect(
     problem: Problem, current: Fit, chosen: Fit, candidates: Sequence[Law]
 ) -> Fit | None:
-    # Add the chosen effect; where a law already stands at its place. The law is too stiff and a
+    # Add the chosen effect. Where a law already stands at its place, that law is too stiff and a
     # smooth replaces it.
     added = chosen.effects[-1]
     same = [
