@@ -7,6 +7,7 @@ from typing import Annotated
 import pytest
 from pydantic import TypeAdapter, ValidationError
 
+from stepblocks.errors import QuantityError
 from stepblocks.parts.declared import (
     MATERIALS,
     Sourced,
@@ -200,3 +201,12 @@ def test_stated_demands_replace_only_themselves():
     widths = [0.3e-6, 1e-6, 0.1e-6, 5e-6, 10e-6, 1e-6]
     assert [zone.upper for zone in demands.values()] == pytest.approx(widths)
     assert [name for name, zone in demands.items() if not zone.usual] == ["flatness"]
+
+
+def test_limits_that_no_part_can_keep_are_refused_where_the_dimension_is_made():
+    # -1 um above and +1 um below: no length lies between
+    with pytest.raises(QuantityError, match=r"must not exceed upper deviation, got 1e-06 and -1e"):
+        Dimension(25e-6, -1e-6, 1e-6)
+    with pytest.raises(QuantityError, match="must not exceed upper deviation, got nan"):
+        Dimension(25e-6, 1e-6, math.nan)
+    assert Dimension(25e-6, 0.0, 0.0).limits == (25e-6, 25e-6)

@@ -7,9 +7,8 @@ from typing import Annotated
 
 from pydantic import BeforeValidator
 
+from stepblocks.errors import QuantityError
 from stepblocks.quantities import format_quantity, parse_quantity
-
-# what stands in place of a tolerance that follows from the energy that shall be felt
 
 # What a bench has unless it is zero, in SI: beyond lies a slip of the unit; 10 nm are neither cut
 # nor measured
@@ -65,6 +64,11 @@ class Dimension:
         Whether the deviations are the defaults of this program, because none are stated.
     general : bool
         Whether the deviations are the general ones of ISO 2768-1, because none are stated.
+
+    Raises
+    ------
+    QuantityError
+        If `lower` exceeds `upper`.
     """
 
     nominal: float
@@ -74,6 +78,13 @@ class Dimension:
     source: str = ""
     usual: bool = False
     general: bool = False
+
+    def __post_init__(self) -> None:
+        QuantityError.require(
+            self.lower <= self.upper,
+            "lower deviation must not exceed upper deviation, "
+            f"got {self.lower:g} and {self.upper:g}",
+        )
 
     @property
     def limits(self) -> tuple[float, float]:
