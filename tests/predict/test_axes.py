@@ -1,13 +1,17 @@
 """The stimuli of a set as an axis of a sweep: middles of their tolerances."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from oracles.scanned_tooth import scan, scanned_set
+from stepblocks.contact.operating_point import PAPER
 from stepblocks.declare import load_set
 from stepblocks.errors import PipelineError
 from stepblocks.predict.sweep.plan import PARAMETERS, load_sweep, read_sweep_stimuli
+from stepblocks.predict.sweep.rows import compute_table
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 
@@ -26,6 +30,7 @@ def test_a_block_stands_at_the_middle_of_its_tolerances_or_at_its_nominal():
         "id": "step-050",
         "values": {"height": 50e-6, "edge_radius": 0.0},
         "spreads": {},
+        "face": {},  # height and edge are all of a step
         "tissue": [0.0, 0.0, 0.0],  # no gum is declared
     }
 
@@ -41,6 +46,21 @@ def test_crowns_go_by_the_names_of_their_discrepancies():
         <= set(PARAMETERS["margin"])
     )
     assert grid.frictions
+
+
+def test_a_sweep_goes_over_the_sides_that_a_scan_shows(tmp_path):
+    # Origin: exact dilation of the part's own section. The ball of 0.5 mm meets the crown, which
+    # flares by 10 degrees, steeper than the corners of the gap (asin(80 / 1000), 4.6 degrees).
+    scanned_set(tmp_path, scan(noise=0.0), stations=1)
+    path = tmp_path / "sweep.toml"
+    path.write_text('[sweep]\nset = "scans.toml"\n[parameters]\ntip_radius = ["500 um"]\n')
+    (part,) = load_set(tmp_path / "scans.toml").stimuli
+    point = replace(PAPER, ball_radius=500e-6, normal_load=0.5)
+    own = part.counterface().release(point)
+    table = compute_table(load_sweep(path), range(1)).to_pydict()
+    assert math.degrees(own.angle) > 9.0
+    assert table["critical_angle_rad"] == [pytest.approx(own.angle, rel=1e-12)]
+    assert table["peak_force_n"] == [pytest.approx(own.pull_force, rel=1e-12)]
 
 
 def test_what_a_setting_may_be_off_by_is_plain_for_lengths_and_a_share_for_forces(tmp_path):

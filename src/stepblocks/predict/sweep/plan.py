@@ -396,11 +396,14 @@ def _read_axis_point(part: Part, columns: dict[str, str], tolerances: bool, tool
         if tolerances
         else {}
     )
+    face = part.counterface()
     wall = part.tissue(tool)
-    # N/m, N s/m at 1 Hz, N: the damping falls with the frequency of the ring
+    # "face" is what no parameter of a sweep stands for: floor of the gap, sides that a scan shows.
+    # "tissue" in N/m, N s/m at 1 Hz, N: the damping falls with the frequency of the ring
     return {
         "id": part.id,
         "values": values,
         "spreads": spreads,
+        "face": {name: size for name, size in vars(face).items() if name not in columns},
         "tissue": [wall.stiffness, wall.damping * tool.frequency, wall.friction],
     }

@@ -10,7 +10,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from stepblocks.contact import Array, kernels
-from stepblocks.contact.counterface import Counterface, Margin, Step
+from stepblocks.contact.counterface import Counterface, Margin, ProfiledMargin, Step
 from stepblocks.contact.energy import Release, Status, find_release
 from stepblocks.contact.laws import build_laws
 from stepblocks.contact.operating_point import Limits, OperatingPoint, Tissue, Tool
@@ -133,6 +133,10 @@ def _predict_rows(
     problem = np.full(count, "", dtype=object)
     figures = np.full((3, count), math.nan)
     inside = _find_rows_in_domain(plan.surface, inputs)
+    if plan.stimuli:
+        # sides of a scan are not level: their angle is found by dilation, one by one
+        scanned = np.array(["crown_slope" in one["face"] for one in plan.stimuli])
+        inside &= ~scanned[inputs["stimulus"].astype(int)]
     try:
         angle, release = _release_at_once(plan, inputs, backward, inside)
         status[inside], figures[0, inside], figures[1, inside] = (
@@ -208,8 +212,6 @@ def _make_condition(
         for name, column in SURFACES[plan.surface].items()
         if column in one and not math.isnan(one[column])
     }
-    # the end of a crown is square where no vertical discrepancy is given
-    face = Step(**sizes) if plan.surface == "step" else Margin(**{"opening": sizes["gap"]} | sizes)
     tool = Tool(
         one["stiffness"],
         one["conversion"],
@@ -220,11 +222,18 @@ def _make_condition(
     friction, contact = laws.get("friction", one["friction"]), laws.get("contact")
     tissue = Tissue()
     if plan.stimuli:
-        wall, damping, rubbed = plan.stimuli[int(one["stimulus"])]["tissue"]
+        stimulus = plan.stimuli[int(one["stimulus"])]
+        sizes |= stimulus["face"]
+        wall, damping, rubbed = stimulus["tissue"]
         tissue = Tissue(wall, damping / tool.frequency, rubbed)
-    return face, OperatingPoint(
+    point = OperatingPoint(
         one["tip_radius"], one["normal_load"], friction, tool, tissue=tissue, contact=contact
     )
+    if plan.surface == "step":
+        return Step(**sizes), point
+    kind = ProfiledMargin if "crown_slope" in sizes else Margin
+    # the end of a crown is square where no vertical discrepancy is given
+    return kind(**{"opening": sizes["gap"]} | sizes), point
 
 
 def _drag_rows(
