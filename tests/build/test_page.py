@@ -1,5 +1,7 @@
 """The page, opened from disk in a real browser without a network."""
 
+from pathlib import Path
+
 import pytest
 
 from oracles.browser import browser_without_network
@@ -61,6 +63,12 @@ def test_every_stimulus_has_its_picture_dimensions_prediction_links_and_verdict(
     ]
     assert links
     assert missing == []
+    # every file that was written for a part, but the data of its view, is linked or shown
+    shown = [image.get_attribute("src") for image in page.find_elements("css selector", "img")]
+    reached = {one.removeprefix(shipped_output.as_uri() + "/") for one in links + shown if one}
+    written = {one.relative_to(shipped_output) for one in shipped_output.glob("*/*/*.*")}
+    for path in written | {Path("manifest.json")}:
+        assert path.as_posix() in reached or path.name.endswith(".js"), path
 
 
 def test_the_curves_are_drawn_with_their_locking_limit(page):
