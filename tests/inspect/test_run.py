@@ -105,8 +105,8 @@ def test_what_cannot_be_inspected_is_refused_by_name(arguments, words, block):
 def test_the_resolution_of_an_instrument_is_at_least_one_count_of_the_scan(block, monkeypatch):
     from stepblocks.inspect import run
 
-    read = run.read_scan
-    monkeypatch.setattr(run, "read_scan", lambda *arguments: replace(read(*arguments), count=12e-9))
+    read = run.load_scan
+    monkeypatch.setattr(run, "load_scan", lambda *arguments: replace(read(*arguments), count=12e-9))
     for stated, counted in ((1e-9, 12e-9), (24e-9, 24e-9)):
         found = run.inspect_scan(
             block, "step-050", stimuli=STIMULI, instrument=Instrument(1e-3, stated)

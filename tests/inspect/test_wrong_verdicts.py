@@ -373,7 +373,7 @@ def test_the_limits_in_a_table_of_several_scans_are_not_rounded(tmp_path):
         stimuli=tmp_path / "a.toml",
         instrument=KNOWN,
     )
-    rows = many.shown["blocks"]
+    rows = many.table_rows["blocks"]
     row = next(one for one in rows if one["characteristic"] == "step_height")
     assert (row["lower_um"], row["upper_um"]) == ("103.5", "106.5")
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from stepblocks.contact.domain import MOST_BALL, convert_fields, require_not_negative
 from stepblocks.contact.laws import ContactLaw, FrictionLaw, Overtone
 from stepblocks.errors import ContactError
+from stepblocks.mistakes import shorten_value
 
 # figure 5: 86 % of the energy of the ring lies in 250 to 350 Hz [1], [Hz]
 _BAND_SHARE, _HALF_BAND = (
@@ -100,7 +101,7 @@ class Tool:
             if not isinstance(one, Overtone) or one.frequency <= self.frequency:
                 raise ContactError(
                     f"overtones must be Overtone objects above the frequency of the tool, "
-                    f"{self.frequency:g} Hz, got {one!r:.80}"
+                    f"{self.frequency:g} Hz, got {shorten_value(one)}"
                 )
         object.__setattr__(self, "overtones", listed)
 
