@@ -135,8 +135,11 @@ def list_shared(fitted: Fit, sessions: Sequence[str]) -> dict[str, Document]:
         rows = [at[name] for name in names.values()]
         values = {session: fitted.values[name] for session, name in names.items()}
         pooled = pool_parameter(parameter.unit, values, fitted.covariance[np.ix_(rows, rows)])
-        everywhere = pooled | {"sessions": dict.fromkeys(sessions, pooled["sessions"].get(""))}
-        shared[own if of_a_day else parameter.name] = pooled if of_a_day else everywhere
+        if of_a_day:
+            shared[own] = pooled
+        else:
+            common = dict.fromkeys(sessions, pooled["sessions"][""])
+            shared[parameter.name] = pooled | {"sessions": common}
     return shared
 
 
@@ -208,11 +211,12 @@ def loop_sessions(
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise PipelineError(f"sessions must have names of their own, got {twice[0]!r} twice")
     probes = {name: open_session(folder).probe for name, folder in folders.items()}
-    said = {name: f"{one.spring_constant:g} N/m, {one.friction}" for name, one in probes.items()}
-    if len(set(said.values())) > 1:
+    stated = {name: f"{one.spring_constant:g} N/m, {one.friction}" for name, one in probes.items()}
+    if len(set(stated.values())) > 1:
         raise PipelineError(
             "`probe.spring_constant` and `probe.friction` must be the same in sessions that are "
-            f"explained together, got {'; '.join(f'{said[name]} in {name}' for name in said)}"
+            "explained together, got "
+            + "; ".join(f"{one} in {name}" for name, one in stated.items())
         )
     output = Path(output)
     with lock_folder(output):
