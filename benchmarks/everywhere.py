@@ -30,6 +30,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[1]
 KEPT = ROOT / "out" / "everywhere"
 RECORD = KEPT / "record.json"
+LONGEST = 3600.0  # s, for a cell; one that takes longer hangs
 BYTES = "bytes"  # the cell that builds every shipped stimulus and compares the files
 # folders of tests that compute
 NUMERIC = (
@@ -178,9 +179,19 @@ def tested(python: str, cell: str, settings: dict[str, str]) -> tuple[bool, dict
         "no:cacheprovider",
         *asked,
     ]
-    done = subprocess.run(
-        command, cwd=ROOT, env=settings, capture_output=True, text=True, check=False
-    )
+    try:
+        done = subprocess.run(
+            command,
+            cwd=ROOT,
+            env=settings,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=LONGEST,
+        )
+    except subprocess.TimeoutExpired as late:
+        print((late.stdout or b"").decode()[-6000:], file=sys.stderr)
+        return False, {}
     if done.returncode:
         print(done.stdout[-6000:], done.stderr[-2000:], file=sys.stderr)
     counts = {

@@ -3,6 +3,7 @@
 import os
 import signal
 import threading
+import warnings
 from collections.abc import Callable, Generator, Iterable
 from contextlib import suppress
 from typing import Any, TypeVar
@@ -28,6 +29,9 @@ def run_in_processes(
     from joblib import Parallel, delayed
     from joblib.externals.loky.process_executor import TerminatedWorkerError
 
+    # the pool replaces a worker that has grown much and goes on; where warnings are errors, this
+    # one would end the thread that does so, and nobody would start the work that waits
+    warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
     parallel = Parallel(
         n_jobs=jobs,
         return_as="generator" if in_order else "generator_unordered",
