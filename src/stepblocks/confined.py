@@ -53,8 +53,9 @@ def read_confined(
         "arguments": [os.path.abspath(path), *arguments],  # noqa: PTH100
     }
     try:
-        seconds = _SECONDS + _PER_BYTE * measure_file_size(path)
-        found, refused, ours = _reader(os.getpid()).call(request, seconds)
+        found, refused, ours = _reader(os.getpid()).call(
+            request, _SECONDS + _PER_BYTE * measure_file_size(path)
+        )
     except OSError as error:
         raise raises(f"file cannot be read: {error.strerror or error} [{path.name}]") from error
     if refused:

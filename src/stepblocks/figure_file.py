@@ -55,6 +55,9 @@ def save_figure(figure: Any, path: Path) -> None:
     for text in figure.findobj(Text):
         text.set_text(format_units(text.get_text()))
     kind = path.suffix.lstrip(".")
-    metadata = {"Software": None} if kind == "png" else {"Date": None, "Creator": None}
     with mpl.rc_context({"svg.hashsalt": "stepblocks"}), write_atomically(path) as draft:
-        figure.savefig(draft, format=kind, metadata=metadata)
+        figure.savefig(
+            draft,
+            format=kind,
+            metadata={"Software": None} if kind == "png" else {"Date": None, "Creator": None},
+        )

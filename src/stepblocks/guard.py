@@ -42,7 +42,8 @@ def guard(function: Callable[P, R], name: str) -> Callable[P, R]:
             # the cause stays attached, since it may also be a mistake of this program
             raise UsageError(_describe_misuse(function, name, values, named, error)) from error
 
-    guarded.__module__, guarded.__qualname__ = "stepblocks", name
+    guarded.__module__ = "stepblocks"
+    guarded.__qualname__ = name
     return guarded
 
 

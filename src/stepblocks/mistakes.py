@@ -116,7 +116,8 @@ def list_mistakes(
 
 def _format_finding(finding: ErrorDetails, name: str) -> list[str]:
     # Say name, rule and value of one of pydantic's findings, which may state several rules
-    kind, value = finding["type"], finding.get("input")
+    kind = finding["type"]
+    value = finding.get("input")
     if kind == "missing":
         return [f"{name} is missing"]
     if kind == "extra_forbidden":
@@ -169,7 +170,8 @@ def _list_fields(model: type[BaseModel], place: Location) -> dict[str, FieldInfo
 
 def _find_meant_name(model: type[BaseModel], place: Location) -> str | None:
     # Find what a name meant: one like it in its table, or the same in a table below
-    word, known = str(place[-1]), _list_fields(model, place)
+    word = str(place[-1])
+    known = _list_fields(model, place)
     deeper = [
         f"{name}.{word}"
         for name, field in known.items()
@@ -200,7 +202,8 @@ def _correct_names(
             ):
                 table = table[step]
         if isinstance(table, dict) and name in table:
-            value, meant = table.pop(name), _find_meant_name(model, one["loc"])
+            value = table.pop(name)
+            meant = _find_meant_name(model, one["loc"])
             if meant is not None and "." not in meant:
                 table[meant] = value
     return data

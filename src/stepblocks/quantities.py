@@ -114,9 +114,9 @@ def _find_magnitude(text: str, unit: str, wanted: str) -> float:
         raise QuantityError(f"{wanted}, got {shown!r}")
     import pint
 
-    number, symbol = float(found[1]), found[2] or "dimensionless"
+    number = float(found[1])
     try:
-        meant = _build_registry().Quantity(1.0, symbol).units
+        meant = _build_registry().Quantity(1.0, found[2] or "dimensionless").units
         factor = float(_build_registry().Quantity(1.0, meant).to(unit or "dimensionless").magnitude)
         offset_free = meant.is_compatible_with(unit or "dimensionless")
     except (

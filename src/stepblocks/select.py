@@ -18,9 +18,12 @@ def find_stimulus_files(meant: str | Path | Sequence[str | Path] | None = None) 
     files: list[Path] = []
     several = [meant] if isinstance(meant, str | Path) else meant
     for argument in map(Path, several or ("stimuli",)):
-        what, found, begun = "a stimulus file or a folder of them", [argument], argument
+        what = "a stimulus file or a folder of them"
+        begun = argument
+        found = [argument]
         if argument.is_dir():
-            what, begun = "a folder with stimulus files (*.toml)", argument / "mine.toml"
+            what = "a folder with stimulus files (*.toml)"
+            begun = argument / "mine.toml"
             found = sorted(argument.glob("*.toml"))
         if not found or not is_file(found[0]):
             other = (

@@ -58,8 +58,8 @@ def check_artefact(part: Part, path: str | Path) -> list[Verdict]:
     kind = "".join(path.suffixes[-2:]) if path.name.endswith(".convex.obj") else path.suffix
     checker = _CHECKERS.get(kind)
     if checker is None:
-        known, got = ", ".join(sorted(_CHECKERS)), path.suffix or "no suffix"
-        raise MetrologyError(f"must be one of {known}, got {got} [{path}]")
+        known = ", ".join(sorted(_CHECKERS))
+        raise MetrologyError(f"must be one of {known}, got {path.suffix or 'no suffix'} [{path}]")
     try:
         found = list(checker(part, path))
     except MetrologyError as error:
@@ -89,11 +89,10 @@ def _check_step(stimulus: Part, path: Path) -> Iterator[Verdict]:
         )
     for one, found in match_characteristics(report, stimulus):
         if one.kind not in FORM:
-            measured = math.nan if found is None or found.geometry is None else found.geometry
             yield Finding(
                 f"{one.label}, of its faces",
                 one.nominal,
-                measured,
+                math.nan if found is None or found.geometry is None else found.geometry,
                 ALLOWED,
                 one.quantity,
                 relative=one.quantity == "angle",
@@ -217,16 +216,26 @@ def _check_mesh(part: Part, path: Path) -> Iterator[Verdict]:
 
 def _check_pieces(part: Part, path: Path) -> Iterator[Verdict]:
     pieces = [MeshMeasures(*arrays) for arrays in read_pieces(path)]
-    open_edges = sum(piece.bad_edges() for piece in pieces)
-    yield Finding("edges without exactly one neighbour", 0.0, open_edges, 0.0, "count")
-    worst = max(piece.concavity() for piece in pieces)
-    yield Finding("concavity of the pieces", 0.0, worst, NANOMETRE)
-    whole, total = (
-        math.fsum(part.volumes()) + part.removed_volume,
-        math.fsum(piece.volume for piece in pieces),
+    yield Finding(
+        "edges without exactly one neighbour",
+        0.0,
+        sum(piece.bad_edges() for piece in pieces),
+        0.0,
+        "count",
     )
-    limit = _PIECES_LIMIT if part.is_turned else VOLUME_LIMIT
-    yield Finding("volume of the pieces", whole, total, limit, "volume", relative=True)
+    yield Finding(
+        "concavity of the pieces", 0.0, max(piece.concavity() for piece in pieces), NANOMETRE
+    )
+    whole = math.fsum(part.volumes()) + part.removed_volume
+    total = math.fsum(piece.volume for piece in pieces)
+    yield Finding(
+        "volume of the pieces",
+        whole,
+        total,
+        _PIECES_LIMIT if part.is_turned else VOLUME_LIMIT,
+        "volume",
+        relative=True,
+    )
 
 
 def read_image(path: Path, mode: str = "") -> dict[str, object]:
@@ -247,8 +256,13 @@ def read_arrays(path: Path) -> dict[str, object]:
 
 def _check_tiff(part: Part, path: Path) -> Iterator[Verdict]:
     heights = read_confined(f"{__name__}:read_image", path, raises=MetrologyError)["pixels"]
-    bits = 8.0 * heights.dtype.itemsize * (heights.dtype.kind == "f")
-    yield Finding("bits per height, floating point", 32.0, bits, 0.0, "count")
+    yield Finding(
+        "bits per height, floating point",
+        32.0,
+        8.0 * heights.dtype.itemsize * (heights.dtype.kind == "f"),
+        0.0,
+        "count",
+    )
     yield from _check_field(part, path, heights.astype(np.float64) * 1e-6, _read_sidecar(path))
 
 
@@ -303,13 +317,18 @@ def _check_field(
 def _check_picture(part: Part, path: Path) -> Iterator[Verdict]:
     found = read_confined(f"{__name__}:read_image", path, "L", raises=MetrologyError)
     pixels = found["pixels"].astype(np.float64)
-    drawn = float(np.mean(np.abs(pixels - np.median(pixels)) > 8.0) > 0.02)
-    yield Finding("something is drawn", 1.0, drawn, 0.0, "count")
+    yield Finding(
+        "something is drawn",
+        1.0,
+        float(np.mean(np.abs(pixels - np.median(pixels)) > 8.0) > 0.02),
+        0.0,
+        "count",
+    )
 
 
 def _check_specification(part: Part, path: Path) -> Iterator[Verdict]:
-    found, wanted = read_document(path, "specification", MetrologyError, form="JSON"), part.record()
-    wanted = json.loads(json.dumps(wanted))
+    found = read_document(path, "specification", MetrologyError, form="JSON")
+    wanted = json.loads(json.dumps(part.record()))
     wrong = (
         sum(found.get(name) != wanted.get(name) for name in found | wanted)
         if isinstance(found, dict)

@@ -76,12 +76,12 @@ def make_sheet_table(stimulus: Part, measured: Values | None = None) -> "pd.Data
     rows = []
     for number, one in enumerate(stimulus.characteristics(), start=1):
         sizes = (one.nominal, one.nominal + one.lower, one.nominal + one.upper)
-        scale = math.degrees(1.0) if one.quantity == "angle" else 1e3
+        unit, scale = ("deg", math.degrees(1.0)) if one.quantity == "angle" else ("mm", 1e3)
         if one.quantity == "angle":
-            unit, limits = "deg", [f"{math.degrees(size):g}" for size in sizes]
+            limits = [f"{math.degrees(size):g}" for size in sizes]
         else:
             decimals = choose_decimals(one.nominal, one.lower, one.upper)
-            unit, limits = "mm", [format_millimetres(size, decimals) for size in sizes]
+            limits = [format_millimetres(size, decimals) for size in sizes]
         if one.kind in FORM:
             limits[:2] = "", ""
         value = (measured or {}).get(one.key)

@@ -76,9 +76,12 @@ def _draw(
     figure, (whole, near, normal) = make_figure(3, 1, width=11.0, height=8.5)
     conditions = ", ".join(f"{name} {cell}" for name, cell in list(trial.cells.items())[1:6])
     figure.suptitle(f"{title}: trial {trial.name} ({conditions})", fontsize=11)
-    time, release, caption = 1e3 * trace.time, float(trace.time[0]), f"excluded: {reason}"
+    time = 1e3 * trace.time
+    release = float(trace.time[0])
+    caption = f"excluded: {reason}"
     if measured is not None:
-        release, seen = measured.start + measured.peak.time, measured.features
+        release = measured.start + measured.peak.time
+        seen = measured.features
         caption = "\n".join(
             f"{name} {seen[of] * by:.4g} ± {seen[std] * by:.2g} {unit}".rstrip()
             for name, of, std, by, unit in _NOTES

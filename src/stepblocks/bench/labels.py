@@ -175,7 +175,8 @@ def find_shared_faults(
         for name, value in named.items():
             levels.setdefault(name, set()).add(value)
         if row in flagged:
-            cells[row], run = dict(named), [*run, row]
+            cells[row] = dict(named)
+            run.append(row)
         else:
             run = []
         if len(run) >= _RUN:
@@ -216,10 +217,10 @@ def _find_other_blocks(angle: Array, block: NDArray[np.uint64]) -> dict[int, int
     miss = np.abs(size[rows] - own)
     spread = float(np.median(miss / 0.6745))
     apart = np.abs(size[rows, None] - medians)
-    nearest, fits = names[apart.argmin(axis=1)], apart.min(axis=1) < 0.25 * miss
+    nearest = names[apart.argmin(axis=1)]
     other = (
         (nearest != block[rows])
-        & fits
+        & (apart.min(axis=1) < 0.25 * miss)
         & (miss > np.maximum(_ANGLE_SIGMAS * spread, _ANGLE_SHARE * own))
     )
     return dict(zip(rows[other].tolist(), map(int, nearest[other]), strict=True))

@@ -196,8 +196,11 @@ def measure_trial(traces: Traces, trial: Trial, tool: Tool | None = None) -> Tri
         return TrialResult(trial, " ".join(str(fault).split()))
     if measured is None:
         known = "saturated" in reason or reason.startswith("no release")
-        spring = traces.session.probe.spring_constant
-        seen = measure_censored(trace, spring, trial.speed, reason) if known else {}
+        seen = (
+            measure_censored(trace, traces.session.probe.spring_constant, trial.speed, reason)
+            if known
+            else {}
+        )
         return TrialResult(trial, reason, seen)
     samples = blake2b(trace.tangential.tobytes() + trace.normal.tobytes(), digest_size=7)
     return TrialResult(trial, "", measured.features, int.from_bytes(samples.digest()))
@@ -306,14 +309,13 @@ def _write_with_label_faults(
                 f"{first if first.startswith(commonest) else commonest} "
                 f"[{table.session.folder}]"
             )
-    conditions, names = (
-        {(t.block, str(t.speed), str(t.load)) for t in table},
-        ("block", "speed", "load"),
-    )
+    conditions = {(t.block, str(t.speed), str(t.load)) for t in table}
     # what the session does not vary shows no effect
     alike = [
         name
-        for name, values in zip(names, zip(*conditions, strict=True), strict=True)
+        for name, values in zip(
+            ("block", "speed", "load"), zip(*conditions, strict=True), strict=True
+        )
         if len(set(values)) == 1
     ]
     notes = (

@@ -158,10 +158,8 @@ def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> Tri
 
     Only the names of its rows are kept.
     """
-    columns, header = (
-        session.trials.columns,
-        tuple(cell.strip() for cell in next(_read_lines(session), [])),
-    )
+    columns = session.trials.columns
+    header = tuple(cell.strip() for cell in next(_read_lines(session), []))
     BenchError.require(any(header), f"table of trials is empty [{session.table}]")
     BenchError.require(
         len(header) <= _MOST_COLUMNS,
@@ -175,8 +173,8 @@ def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> Tri
             if part in columns.model_fields_set
         ),
     )
-    mistakes, found = list[Mistake](), dict[str, str]()
-    mistakes += [
+    found: dict[str, str] = {}
+    mistakes: list[Mistake] = [
         ("", f"table of trials names the column {name!r} twice")
         for name in dict.fromkeys(name for name in header if header.count(name) > 1)
     ]
@@ -190,7 +188,8 @@ def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> Tri
     if mistakes:
         raise BenchError(format_mistakes(mistakes, session.table))
     key = found["trial"]
-    count, index = 0, header.index(key)
+    count = 0
+    index = header.index(key)
     homes: dict[
         str, tuple[int, int]
     ] = {}  # of a trial its first row, and what tells that from another
@@ -269,7 +268,9 @@ def read_conditions(session: Session) -> dict[str, tuple[str, pd.Series]]:
     """
     # What the table already has under that name and in that unit is left out.
 
-    table, columns, usual = open_trials(session), session.trials.columns, TrialColumns()
+    table = open_trials(session)
+    columns = session.trials.columns
+    usual = TrialColumns()
     rows = list(table)
     named = {
         key: find_column(getattr(columns, key).column, table.header, key)
@@ -300,8 +301,12 @@ def read_conditions(session: Session) -> dict[str, tuple[str, pd.Series]]:
         ):
             found[column] = (column, pd.to_numeric(text.str.replace(",", ".")))
         elif text.str.match(_STAMP).mean() > _STAMPS:
-            day_first = bool(text.str.match(r"\d\d?\.").any())
-            stamps = pd.to_datetime(text, errors="coerce", format="mixed", dayfirst=day_first)
+            stamps = pd.to_datetime(
+                text,
+                errors="coerce",
+                format="mixed",
+                dayfirst=bool(text.str.match(r"\d\d?\.").any()),
+            )
             if stamps.notna().mean() > _STAMPS:
                 found[f"{column}_elapsed_s"] = (column, (stamps - stamps.min()).dt.total_seconds())
     return found
@@ -313,7 +318,8 @@ def insert_conditions(
     """Return a table of features with `conditions` in place of the columns they come from."""
     table = features.copy()
     for name, (column, values) in conditions.items():
-        source, there = escape_formula(column), list(table.columns)
+        source = escape_formula(column)
+        there = list(table.columns)
         place = there.index(source) if source in there else there.index("sliding_friction")
         table = table.drop(columns=[one for one in {source, name} if one in there])
         table.insert(min(place, len(table.columns)), name, values.to_numpy())
@@ -335,7 +341,8 @@ def find_heights(
             heights = _read_declared_heights(session)
             return "", [heights.get(row.block, math.nan) for row in rows]
         channel = Channel(column=others[0])
-    name, place = find_column(channel.column, header, "height"), "trials.columns.height"
+    name = find_column(channel.column, header, "height")
+    place = "trials.columns.height"
     scale, off = (
         1e6 * channel.scale("length", place),
         1e6 * channel.offset_in_si("length", place),

@@ -173,7 +173,9 @@ def _compute_curves(stimuli: StimulusSet) -> str | None:
     if not blocks:
         return None
     grid = stimuli.prediction
-    radius, load, tool = grid.tip_radii[0], max(grid.normal_loads), grid.as_tool()
+    radius = grid.tip_radii[0]
+    load = max(grid.normal_loads)
+    tool = grid.as_tool()
     limit, most = tool.limits.first
     marks = np.array([block.height.nominal for block in blocks])
     top = min(1.25 * marks[-1], radius)

@@ -45,12 +45,13 @@ def draw_part(
             (exaggerate_heights(vertices, exaggeration), triangles)
             for vertices, triangles in meshes
         ]
-        caption = (
+        _show(
+            plotter,
+            _cut_open(whole),
             "whole part"
             if exaggeration == 1.0
-            else f"heights over the lower face x {exaggeration:g}"
+            else f"heights over the lower face x {exaggeration:g}",
         )
-        _show(plotter, _cut_open(whole), caption)
         plotter.subplot(0, 1)
         _show(
             plotter,

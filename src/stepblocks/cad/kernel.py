@@ -159,13 +159,18 @@ def describe_faces(body: Body) -> tuple[Face, ...]:
     """Describe the faces of a body."""
     described = []
     for face in body.Faces():
-        kind, adaptor = str(face.geomType()), face._geomAdaptor()
+        kind = str(face.geomType())
         shape = {"SPHERE": "Sphere", "CYLINDER": "Cylinder"}.get(kind)
-        radius = float(getattr(adaptor, shape)().Radius()) / _MM if shape else math.nan
+        radius = float(getattr(face._geomAdaptor(), shape)().Radius()) / _MM if shape else math.nan
         box = face.BoundingBox()
-        low = box.xmin / _MM, box.ymin / _MM, box.zmin / _MM
-        high = box.xmax / _MM, box.ymax / _MM, box.zmax / _MM
-        described.append(Face(kind, radius, low, high))
+        described.append(
+            Face(
+                kind,
+                radius,
+                (box.xmin / _MM, box.ymin / _MM, box.zmin / _MM),
+                (box.xmax / _MM, box.ymax / _MM, box.zmax / _MM),
+            )
+        )
     return tuple(described)
 
 
@@ -175,7 +180,8 @@ def tessellate(body: Body, deflection: Callable[[Face], float]) -> Tessellation:
     The error of cadquery is relative: a ball of 3 mm at 1e-3 sags by 5 um.
     """
     BRepTools.Clean_s(body.wrapped)
-    faces, described = body.Faces(), describe_faces(body)
+    faces = body.Faces()
+    described = describe_faces(body)
     along_edges = min(map(deflection, described))
     parameters = IMeshTools_Parameters()
     parameters.Deflection = along_edges * _MM

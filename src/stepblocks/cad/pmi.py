@@ -228,7 +228,8 @@ def _set_presentation(
 ) -> None:
     if callout is None:
         return
-    compound, builder = TopoDS_Compound(), BRep_Builder()
+    compound = TopoDS_Compound()
+    builder = BRep_Builder()
     builder.MakeCompound(compound)
     for begin, end in callout.lines:
         a, b = (gp_Pnt(*(value * _MM for value in point)) for point in (begin, end))

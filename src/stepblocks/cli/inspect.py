@@ -269,21 +269,27 @@ def inspect(
         stylus_radius=stylus_radius if stylus_radius is not None else tool.get("stylus_radius"),
         stylus_cone=stylus_cone if stylus_cone is not None else tool.get("stylus_cone"),
     )
-    instrument = Instrument(
-        calibration if calibration is not None else tool.get("calibration"),
-        resolution or tool.get("resolution") or 0.0,
-        lateral_calibration if lateral_calibration is not None else tool.get("lateral_calibration"),
-    )
     arguments = given(
-        options=evaluation, instrument=instrument, unit=unit, channel=channel, feature=feature
+        options=evaluation,
+        instrument=Instrument(
+            calibration if calibration is not None else tool.get("calibration"),
+            resolution or tool.get("resolution") or 0.0,
+            lateral_calibration
+            if lateral_calibration is not None
+            else tool.get("lateral_calibration"),
+        ),
+        unit=unit,
+        channel=channel,
+        feature=feature,
     )
     if len(scans) > 1 or scan.is_dir() or is_table(scans):
         arguments |= given(stimulus=stimulus, standard=standard)
         asked = given(stimuli=stimuli, characteristics=characteristics)
         arguments |= asked if standard is None else given(tolerance=tolerance)
         together = inspect_many(scans, **arguments)
-        written = [] if output is None else write_many(together, output, laboratory)
-        return _summarise_many(together, written)
+        return _summarise_many(
+            together, [] if output is None else write_many(together, output, laboratory)
+        )
     if stimulus is None:
         result = inspect_standard(scan, standard, tolerance or 0.0, **arguments)
     else:

@@ -177,7 +177,8 @@ def make_progress(label: str, *, quiet: bool, lines: int = 0) -> Callable[..., N
     number = count(1)
 
     def print_line(done: int | None = None, total: int | None = None, name: str = "") -> None:
-        done, of = done or next(number), "" if total is None else f"/{total}"
+        done = done or next(number)
+        of = "" if total is None else f"/{total}"
         is_due = lines and (
             total is None or total <= lines or done % (total // lines) == 0 or done == total
         )

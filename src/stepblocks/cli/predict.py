@@ -106,10 +106,10 @@ def predict(
 
         notes += [str(path) for stimuli in sets for path in write_plots(stimuli, plots)]
     names = list(rows[0]) if wide else choose_terminal_columns(list(rows[0]))
-    summary, tables = "", {"": [{name: row[name] for name in names} for row in rows]}
     if output:
         replace_text(output, format_csv(rows))
-        summary, tables = f"{output}: {len(rows)} predictions", {}
+    summary = f"{output}: {len(rows)} predictions" if output else ""
+    tables = {} if output else {"": [{name: row[name] for name in names} for row in rows]}
     rings = {
         f"ring of the probe of {one.name}": found for one in sets if (found := tabulate_rings(one))
     }
@@ -160,8 +160,9 @@ def _predict_table(files: list[Path], output: Path | None, model: Path | None) -
         return Outcome(f"{output}: {len(predict_table(files[0], output))} predictions")
     from stepblocks.loop.session_table import read_trial_table
 
-    trials = read_trial_table(files[0]) if files[0].is_dir() else files[0]
-    status = predict_trials(trials, model, output)["status"]
+    status = predict_trials(
+        read_trial_table(files[0]) if files[0].is_dir() else files[0], model, output
+    )["status"]
     return Outcome(
         f"{output}: {len(status)} trials predicted, {int((status != 'ok').sum())} of them not ok, "
         "see the column status"

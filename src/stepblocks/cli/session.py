@@ -89,8 +89,9 @@ def measure(
     if plots is not None:
         from stepblocks.bench.figures import draw_trials
 
-        chosen = [name.strip() for name in trials.split(",")] if trials else None
-        draw_trials(session, plots, chosen)
+        draw_trials(
+            session, plots, [name.strip() for name in trials.split(",")] if trials else None
+        )
     reasons = dict(sorted(summary.reasons.items(), key=lambda item: -item[1]))
     notes = [f"excluded {count}: {reason}" for reason, count in reasons.items()]
     return Outcome(

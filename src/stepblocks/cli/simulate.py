@@ -186,13 +186,12 @@ def simulate(
 ) -> Outcome:
     """Let simulated participants fill in the run sheets."""
     place = output or folder / "answers.csv"
-    observer = _make_observer(weber, noise, spread, condition_spread, lapse, realism_gain)
     number = stepblocks.simulate_study(
         folder,
         file,
         place,
         seed=seed,
-        observer=observer,
+        observer=_make_observer(weber, noise, spread, condition_spread, lapse, realism_gain),
         **given(
             damping=damping,
             noise=noisier,
@@ -299,14 +298,12 @@ def power(
     ] = None,
 ) -> Outcome:
     """Find the share of simulated studies that find a difference between conditions."""
-    observer = _make_observer(weber, noise, spread, condition_spread, lapse, realism_gain)
-    source = choose_source(file, heights)
     table = stepblocks.study_power(
-        source,
+        choose_source(file, heights),
         output,
         seed=seed,
         jobs=jobs,
-        observer=observer,
+        observer=_make_observer(weber, noise, spread, condition_spread, lapse, realism_gain),
         **given(
             experiment=experiment,
             standard=standard,

@@ -215,7 +215,8 @@ def design(
             only=only,
         ),
     )
-    trials, people = len(plan.trials), int(plan.trials[-1]["participant"])
+    trials = len(plan.trials)
+    people = int(plan.trials[-1]["participant"])
     chosen = "to choose from " if plan.experiment == "adaptive" else ""
     return Outcome(
         f"{output / 'design.csv'}: {trials} trials {chosen}of {people} participants; "

@@ -88,8 +88,9 @@ class Counterface(ABC):
 
     def release(self, point: OperatingPoint, backward: bool = False) -> Release:
         """Force and energy of one drag, equations (1) and (2)."""
-        angle = self.angles(point.ball_radius)[backward]
-        return find_release(angle, point.normal_load, point.friction, point.tool)
+        return find_release(
+            self.angles(point.ball_radius)[backward], point.normal_load, point.friction, point.tool
+        )
 
     def heights(self, x: Array) -> Array:
         """Heights over the near side [m] at positions across the edge [m].

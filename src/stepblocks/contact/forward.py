@@ -146,9 +146,11 @@ def build_nominal_state(design: BenchDesign, values: Mapping[str, float | Floats
     """Fill the slots from the design and the constants, each one number or one of each trial."""
     names, inverse = design.members
     errors = np.array([values.get(name, 0.0) for name in names])
-    one, zero = np.ones(len(design.block)), np.zeros(len(design.block))
+    one = np.ones(len(design.block))
     sliding, at_release = design.friction_shape
-    absent: dict[str, Any] = dict.fromkeys((slot.name for slot in fields(DragState)), zero)
+    absent: dict[str, Any] = dict.fromkeys(
+        (slot.name for slot in fields(DragState)), np.zeros(len(design.block))
+    )
     frequency, decay_time = (
         np.exp(values[f"ln_{name}"]) * one for name in ("ring_frequency", "decay_time")
     )
@@ -226,7 +228,8 @@ def compute_responses(state: DragState) -> Floats:
 
     These three scatter among trials; the shape is (n, 7, 3).
     """
-    base, step = compute_channels(state), 1e-4
+    base = compute_channels(state)
+    step = 1e-4
     weight = state.set_load + state.sensed_offset
     shifted = (
         state.changed(friction=state.friction * (1.0 + step)),

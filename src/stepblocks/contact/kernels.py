@@ -72,7 +72,8 @@ def compute_bevelled_margin_angles(
     # on its way back climbs the near corner from the same place; up to `gap` the far side ends
     # square, or in a lip that overlaps the near side
     square = compute_margin_angles(np.maximum(opening, 0.0), rise, ball_radius)
-    bevelled, opening = opening > gap, np.maximum(opening, gap)
+    bevelled = opening > gap
+    opening = np.maximum(opening, gap)
     diagonal = np.sqrt(0.5) * ball_radius
     # centre (x, z) of a ball that touches the bevel, z = x + d, and the near corner, x^2 + z^2 =
     # R^2

@@ -190,9 +190,12 @@ def compute_rod_ring(rod: Rod, sheath: Sleeve | Hold | None = None) -> RodRing:
     shares = energies / energies.sum()
     push = np.eye(total.shape[0])[-2]
     unit = rod.bending_stiffness / rod.length**3
-    frequency = math.sqrt(unit / float(values[0]) / (rod.line_mass * rod.length)) / math.tau
-    stiffness = unit / float(solve(total, push, assume_a="pos")[-2])
-    return RodRing(stiffness, frequency, float(shares @ losses), float(shares[1:].sum()))
+    return RodRing(
+        unit / float(solve(total, push, assume_a="pos")[-2]),
+        math.sqrt(unit / float(values[0]) / (rod.line_mass * rod.length)) / math.tau,
+        float(shares @ losses),
+        float(shares[1:].sum()),
+    )
 
 
 def _assemble_matrices(
@@ -203,7 +206,8 @@ def _assemble_matrices(
     nodes = _place_nodes(rod, sheath)
     own, worn, mass = np.zeros((3, 2 * nodes.size, 2 * nodes.size))
     for index, (a, b) in enumerate(itertools.pairwise(nodes)):
-        span, at = b - a, slice(2 * index, 2 * index + 4)
+        span = b - a
+        at = slice(2 * index, 2 * index + 4)
         turn = np.array([1.0, span, 1.0, span])
         scale = np.outer(turn, turn)
         bending, inertia = scale * _BENDING / span**3, scale * _INERTIA * span

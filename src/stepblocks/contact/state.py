@@ -95,8 +95,12 @@ class DragState:
         """Tangential force on the tool at release [N]; equation (1)."""
         lifted = np.maximum(self.load + self.climb_load, _LEAST_LOAD)
         # the friction is in the angle, and held below locking with it
-        pull = kernels.compute_pull_force(lifted, self.angle(), 0.0)
-        return np.asarray(np.maximum(pull + self.drag + self.climb_drag, _LEAST_FORCE))
+        return np.asarray(
+            np.maximum(
+                kernels.compute_pull_force(lifted, self.angle(), 0.0) + self.drag + self.climb_drag,
+                _LEAST_FORCE,
+            )
+        )
 
     def sliding_force(self) -> Floats:
         """Tangential force on the tool before the edge [N]."""
@@ -146,7 +150,8 @@ def compute_channels(state: DragState) -> Floats:
     if np.any(state.lag):
         # of first order: late on the ramp by its time constant, and the ring is flatter by sqrt(1 +
         # (2 pi f tau)^2)
-        slope, late = state.stiffness * state.speed, np.maximum(state.lag, 1e-18)
+        slope = state.stiffness * state.speed
+        late = np.maximum(state.lag, 1e-18)
         ramp = np.maximum(force - sliding, 0.0) / slope
         peak = np.maximum(
             force - slope * late * (1.0 - np.exp(-np.minimum(ramp / late, 50.0))), _LEAST_FORCE

@@ -79,9 +79,12 @@ def compute_deviated_releases(
         if name not in sizes
     }
     ball = np.maximum(at["ball_radius"], _SMALLEST_BALL * point.ball_radius)
-    angle = face.angles(ball, **sizes)[backward]
     force, energy = kernels.compute_release(
-        angle, at["friction"], at["normal_load"], at["stiffness"], at["conversion"]
+        face.angles(ball, **sizes)[backward],
+        at["friction"],
+        at["normal_load"],
+        at["stiffness"],
+        at["conversion"],
     )
     force = np.broadcast_to(force, energy.shape)
     held = force > point.tool.limits.first[1]
@@ -110,7 +113,8 @@ def compute_sensitivities(
     slopes |= {name: 2.0 * by_angle * slope for name, slope in closed.items()}
     # by differences; NaN where one end does not release
     for name in uncertainty.keys() - slopes.keys():
-        slopes[name], step = 0.0, 1e-3 * uncertainty[name]
+        slopes[name] = 0.0
+        step = 1e-3 * uncertainty[name]
         if step > 0.0:
             deviations: dict[str, Real] = dict.fromkeys(uncertainty, 0.0) | {
                 name: np.array([step, -step])
@@ -178,8 +182,9 @@ def estimate_interval(
     uncertainty = {name: uncertainty[name] for name in names if name in uncertainty}
     release = face.release(point, backward)
     normal = dict(zip(names, draw_standard_normal(len(names), draws, seed), strict=True))
-    deviations = {name: width * normal[name] for name, width in uncertainty.items()}
-    forces, energies = compute_deviated_releases(face, point, deviations, backward)
+    forces, energies = compute_deviated_releases(
+        face, point, {name: width * normal[name] for name, width in uncertainty.items()}, backward
+    )
     drawn = (*_find_quantiles(forces, draws), *_find_quantiles(energies, draws))
     low = high = math.nan  # to first order in the logarithm
     if release.status is Status.RELEASES:

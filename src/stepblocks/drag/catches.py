@@ -75,7 +75,8 @@ def find_catch_places(
     # rounding makes several peaks of one slope
     single = np.append(True, first[1:] > last[:-1])[: peaks.size]
     peaks, first, last = peaks[single], first[single], last[single]
-    start, behind = np.full(peaks.size, -np.inf), x[last]
+    start = np.full(peaks.size, -np.inf)
+    behind = x[last]
     for n in range(peaks.size):
         following = first[n + 1] if n + 1 < peaks.size else angle.size - 1
         ahead = angle[last[n] : following + 1]
@@ -85,5 +86,11 @@ def find_catch_places(
             between = slice(int(last[n - 1]), int(first[n]) + 1)
             low = np.flatnonzero(angle[between] <= angle[between].min() + _LEVEL) + last[n - 1]
             start[n] = max(x[low[0]], x[low[-1]] - _AHEAD * ball_radius)
-    contact = x[first] + ball_radius * np.sin(angle[peaks])
-    return CatchPlaces(x[first], angle[peaks], x[last], behind, start, contact)
+    return CatchPlaces(
+        x[first],
+        angle[peaks],
+        x[last],
+        behind,
+        start,
+        x[first] + ball_radius * np.sin(angle[peaks]),
+    )

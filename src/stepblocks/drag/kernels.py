@@ -149,7 +149,8 @@ def integrate(
     # of each place that catches: where its slope begins to fall, where the tip has passed it, where
     # its approach begins, 1 where no pull lifts a rigid tip
     top_at, passed_at, approach, locks = places
-    k, share = first_stiffness, stiffness / first_stiffness
+    k = first_stiffness
+    share = stiffness / k
     c, cy, ct = (
         2.0 * ratio * math.sqrt(k * mass),
         2.0 * ratio * math.sqrt(ky * mass),
@@ -157,7 +158,8 @@ def integrate(
     )
     # in steady sliding at the speed of the handle, or at rest where a force pulls it
     driven, carried = speed > 0.0, ky > 0.0
-    vx, vy, vh, vc = speed, 0.0, speed, 0.0
+    vx = vh = speed
+    vy = vc = 0.0
     walled = wall_k > 0.0
     # of the soft wall that the tool carries along
     stretch = wall_most / wall_k if walled and driven else 0.0
@@ -170,15 +172,21 @@ def integrate(
     modes = np.zeros((overtones.shape[0], 6))
     modes[:, :3] = overtones
     modes[:, 3] = (level if driven else 0.0) / overtones[:, 0]
-    lean, leaning = modes[:, 3].sum(), 0.0
+    lean = modes[:, 3].sum()
+    leaning = 0.0
     rows = np.empty((steps // every + 2, 11 + overtones.shape[0] if several else 10))
-    ledger, peak = np.zeros(10), np.array([-np.inf, 0.0])
+    ledger = np.zeros(10)
+    peak = np.array([-np.inf, 0.0])
     passed = np.zeros((8 * passed_at.size + 16, 17))
     passes, place, behind = 0, 0, False
     # of the place ahead: the least pull since the approach began and the greatest one after it
-    low, low_t, top, top_t, top_x, pass_t = np.inf, 0.0, -np.inf, 0.0, x, 0.0
+    low, top = np.inf, -np.inf
+    low_t = top_t = pass_t = 0.0
+    top_x = x
     slipped_t = np.inf
-    kinked, varied, give = kinks.size > 0, mu_s != mu_k or viscous > 0.0, 1.0 / kt
+    kinked = kinks.size > 0
+    varied = mu_s != mu_k or viscous > 0.0
+    give = 1.0 / kt
     # of the first half step and of a whole one: h / m, and the damper at the middle of the step
     kicks = np.empty((2, 5))
     for k_step in range(2):
@@ -260,7 +268,8 @@ def integrate(
             t2, there = _compute_grip(there, rate2 * travel, rate2, mu2 * n2, kt, give, ct, bends)
         else:
             there = 0.0
-        wall, wall_before = 0.0, stretch
+        wall = 0.0
+        wall_before = stretch
         if walled:
             wall, stretch = _compute_grip(
                 stretch, vx * travel, vx, wall_most, wall_k, 1.0 / wall_k, wall_c, False
@@ -278,7 +287,9 @@ def integrate(
         # ---- kick, with half a step at the start so that velocities live between the positions
         h = 0.5 * dt if first else dt
         hm, keep_x, gain_x, keep_y, gain_y = kicks[0 if first else 1]
-        old_x, old_y, old_h, old_c, old_leaning = vx + leaning, vy, vh, vc, leaning
+        old_x = vx + leaning
+        old_y, old_h, old_c = vy, vh, vc
+        old_leaning = leaning
         if driven:
             vx = keep_x * old_x + gain_x * (hm * force_x) + (1.0 - keep_x) * speed
         else:
@@ -311,14 +322,16 @@ def integrate(
             low, top = np.inf, -np.inf
         passing, over = False, False
         if place < passed_at.size:
-            if x < approach[place]:
-                behind, low, low_t, top = False, gauge, t, -np.inf
-            elif gauge < low and not behind:
-                low, low_t, top = gauge, t, -np.inf
+            ahead = x < approach[place]
+            behind = behind and not ahead
+            if ahead or (gauge < low and not behind):
+                low, low_t = gauge, t
+                top = -np.inf
             elif gauge > top:
                 top, top_t, top_x = gauge, t, x
             if not behind and x > passed_at[place]:
-                behind, pass_t = True, t
+                behind = True
+                pass_t = t
             # done where the pull has fallen, where it never rose, or at the next place
             if behind:
                 passing = (
@@ -342,7 +355,8 @@ def integrate(
             slipped_t = top_t if top > -np.inf else pass_t
             place += 1
             passes += 1
-            behind, low, top = False, np.inf, -np.inf
+            behind = False
+            low, top = np.inf, -np.inf
         leaves = x + dt * vx >= nodes[-1] or x + dt * vx <= nodes[0]
         finished = place == passed_at.size and t - slipped_t > after
         ended = leaves or gauge > limit or n == steps - 1 or finished or over
@@ -394,10 +408,11 @@ def integrate(
         if countdown == 0 or ended:
             countdown = every
             r = rows[count]
-            r[0], r[1], r[2] = t, gauge, (-hold if carried else fy1 + fy2 + loss_y + grip_y)
-            r[3], r[4], r[5], r[6], r[7], r[8], r[9] = x, y, tip, my, hand, n1 + n2, t1 + t2
+            pressed = -hold if carried else fy1 + fy2 + loss_y + grip_y
+            r[:10] = (t, gauge, pressed, x, y, tip, my, hand, n1 + n2, t1 + t2)
             if several:
-                r[10], r[11:] = spring + tug, modes[:, 5]
+                r[10] = spring + tug
+                r[11:] = modes[:, 5]
             count += 1
         if ended:
             break

@@ -110,7 +110,8 @@ def measure_ring(trace: DragTrace, *, spectra: bool = True, event: int | None = 
         modes = tuple((0.5 * swings * swings / stiffness).tolist())
         energy = sum(modes)
     # what the spring, the fall of the load and the handle can give
-    fall, travel = cut.column("y_m")[0] - cut.column("y_m").min(), np.ptp(cut.column("handle_m"))
+    fall = cut.column("y_m")[0] - cut.column("y_m").min()
+    travel = np.ptp(cut.column("handle_m"))
     given = cut.stored_energy + trace.settings.normal_load * fall + abs(cut.peak_force) * travel
     if energy > 1.02 * given:
         raise ContactError(

@@ -146,8 +146,9 @@ class Drag:
     def frame(self) -> pd.DataFrame:
         """Traces [SI], one column each, its unit in its name."""
         modes = range(1, self.trace.rows.shape[1] - len(COLUMNS) + 1)
-        names = [*COLUMNS, *(f"mode_{number}_n" for number in modes)]
-        return pd.DataFrame(self.trace.rows, columns=names)
+        return pd.DataFrame(
+            self.trace.rows, columns=[*COLUMNS, *(f"mode_{number}_n" for number in modes)]
+        )
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Plot the pull against time with a mark at every event.
@@ -367,7 +368,6 @@ def drag_over(
         if not isinstance(face, Profile):
             raise PipelineError(f"x_range is for a profile; {found.name} has one edge")
         face = replace(face, feature=x_range)
-    within = face.feature if isinstance(face, Profile) else None
     try:
         formula = face.release(point, backward)
         changes = named.changes(point.tool, point.normal_load) if named else {}
@@ -382,6 +382,6 @@ def drag_over(
         point.tool,
         named,
         backward=backward,
-        within=within,
+        within=face.feature if isinstance(face, Profile) else None,
         ball_radius=point.ball_radius,
     )

@@ -231,8 +231,9 @@ def simulate_drag(
     )
     open_share = max([trace.ledger_error, *(one.ledger_error for one in events)])
     if open_share > _OPEN and settings.resolution < _FINEST:
-        finer = replace(settings, resolution=4.0 * settings.resolution)
-        return simulate_drag(track, probe, finer, within)
+        return simulate_drag(
+            track, probe, replace(settings, resolution=4.0 * settings.resolution), within
+        )
     if open_share > _OPEN:
         raise ContactError(
             f"the energy ledger of the drag does not close, {open_share:.1%} is open; raise the "

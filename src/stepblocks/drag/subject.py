@@ -56,9 +56,10 @@ def resolve_subject(
         return _resolve_declared_part(*_find_declared_part(str(subject), stimuli), values, backward)
     if "step_height" in values:
         raise PipelineError(f"step_height is for a declared tip, the step here is {subject}")
-    face = Step(height, values.get("edge_radius", 0.0))
     return Subject(
-        f"a step of {format_quantity(height, 'length')}", face, change_point(PAPER, values)
+        f"a step of {format_quantity(height, 'length')}",
+        Step(height, values.get("edge_radius", 0.0)),
+        change_point(PAPER, values),
     )
 
 
@@ -105,7 +106,8 @@ def _resolve_declared_part(
         tissue=part.tissue(tool),
         contact=grid.built_laws.get("contact"),
     )
-    face, name = part.counterface(height), part.id
+    face = part.counterface(height)
+    name = part.id
     if height is not None:
         probe = name if part.ball is not None else f"probe in {name}"
         name = f"{probe} over a step of {format_quantity(height, 'length')}"

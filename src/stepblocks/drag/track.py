@@ -50,7 +50,8 @@ class Track(CentrePath):
 
         The shape is (n - 1, 4).
         """
-        h, a, b = np.diff(self.x), self.slope_start, self.slope_end
+        h = np.diff(self.x)
+        a, b = self.slope_start, self.slope_end
         d = np.diff(self.z) / h
         return np.column_stack(
             [self.z[:-1], a, (3.0 * d - 2.0 * a - b) / h, (a + b - 2.0 * d) / (h * h)]
@@ -137,9 +138,13 @@ class Track(CentrePath):
         )
         knots = knots[~bent | np.isin(knots, places[kept])]
         (z, behind), (_, before) = self.evaluate(knots), self.evaluate(knots, "left")
-        kinks = np.searchsorted(knots, places[kept])
         return replace(
-            self, x=knots, z=z, slope_start=behind[:-1], slope_end=before[1:], kinks=kinks
+            self,
+            x=knots,
+            z=z,
+            slope_start=behind[:-1],
+            slope_end=before[1:],
+            kinks=np.searchsorted(knots, places[kept]),
         )
 
     @cached_property
@@ -185,8 +190,9 @@ def build_profile_track(
         f"profile of {np.ptp(xs):g} m is too long to drag over with a ball of {ball_radius:g} m",
     )
     grid = np.linspace(first, last, count + 1)
-    path = build_profile_path(xs, zs, ball_radius, positions=grid)
-    where, before, behind = _find_notches(xs, zs, path)
+    where, before, behind = _find_notches(
+        xs, zs, build_profile_path(xs, zs, ball_radius, positions=grid)
+    )
     if (behind > _RISER).any():
         raise ContactError(
             "profile has a riser as high as the ball (too-high); the tip would never climb it"
@@ -203,8 +209,14 @@ def build_profile_track(
     left, slope = right.slope.copy(), right.slope.copy()
     left[kinks], slope[kinks] = np.tan(before[sharp]), np.tan(behind[sharp])
     ends = nodes[0] - _LEVEL * ball_radius, nodes[-1] + _LEVEL * ball_radius
-    x, z = np.concatenate([ends[:1], nodes, ends[1:]]), np.pad(right.height, 1, "edge")
-    return Track(x, z, np.pad(slope[:-1], 1), np.pad(left[1:], 1), kinks + 1, ball_radius)
+    return Track(
+        np.concatenate([ends[:1], nodes, ends[1:]]),
+        np.pad(right.height, 1, "edge"),
+        np.pad(slope[:-1], 1),
+        np.pad(left[1:], 1),
+        kinks + 1,
+        ball_radius,
+    )
 
 
 def _find_notches(x: Array, z: Array, path: TipPath) -> tuple[Array, Array, Array]:
@@ -239,9 +251,11 @@ def build_step_track(height: float, ball_radius: float, edge_radius: float = 0.0
     before = np.linspace(-length, -radius * math.sin(angle), 50)[:-1]
     x = np.concatenate([before, -radius * np.sin(angles), np.linspace(0.0, length, 50)[1:]])
     arc = slice(49, 449)
-    z, slope = np.where(x < 0.0, 0.0, height), np.zeros_like(x)
+    z = np.where(x < 0.0, 0.0, height)
     z[arc] = height - 2.0 * radius * np.square(np.sin(0.5 * angles))
-    z[49], slope[arc] = 0.0, np.tan(angles)
+    z[49] = 0.0
+    slope = np.zeros_like(x)
+    slope[arc] = np.tan(angles)
     left = slope.copy()
     left[49] = 0.0  # the lower face ends level, the arc begins at the critical angle
     return Track(x, z, slope[:-1], left[1:], np.array([49]), ball_radius)

@@ -129,9 +129,8 @@ def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> 
         z[known] - planes.tilt * x[known], 6.0 * max(roughness, LEAST_SCATTER)
     )
     spikes &= near
-    levelled = z - planes.offset - planes.tilt * x
     arc, flank, on_arc = _fit_arc_or_flank(
-        x, levelled, spacing, faces, np.flatnonzero(near & ~spikes)
+        x, z - planes.offset - planes.tilt * x, spacing, faces, np.flatnonzero(near & ~spikes)
     )
     if (share := float(spikes.sum()) / max(int(near.sum()), 1)) > _MOST_DROPPED:
         raise MetrologyError(

@@ -236,13 +236,17 @@ def _find_lowest_minimum(
         simplex = np.array(
             [[radius, riser], [radius + spacing, riser], [radius, riser + 0.3 * spacing]]
         )
-        options = {
-            "initial_simplex": simplex / spacing,
-            "xatol": 1e-3,
-            "fatol": 1e-3,
-            "maxfev": 200,
-        }
-        ended = minimize(cost, simplex[0] / spacing, method="Nelder-Mead", options=options)
+        ended = minimize(
+            cost,
+            simplex[0] / spacing,
+            method="Nelder-Mead",
+            options={
+                "initial_simplex": simplex / spacing,
+                "xatol": 1e-3,
+                "fatol": 1e-3,
+                "maxfev": 200,
+            },
+        )
         if ended.fun < best[0]:
             best = (float(ended.fun), float(ended.x[0]) * spacing, float(ended.x[1]) * spacing)
     return best[1], best[2]
@@ -353,8 +357,11 @@ def fit_flank(
     # what the upper half alone says beyond noise is the form of a corner that is no arc, a
     # rectangle
     form = max((found.x[2] - upper.x[2]) ** 2 - 4.0 * float(stds[2]) ** 2, 0.0) / 3.0
-    radius_std = float(np.sqrt(stds[2] ** 2 + form)) * spacing
-    misfit = float(np.sqrt(np.mean((shape(found.x) - levelled[used]) ** 2)))
     return Flank(
-        float(found.x[1]), float(stds[1]), float(found.x[2]) * spacing, radius_std, misfit, used
+        float(found.x[1]),
+        float(stds[1]),
+        float(found.x[2]) * spacing,
+        float(np.sqrt(stds[2] ** 2 + form)) * spacing,
+        float(np.sqrt(np.mean((shape(found.x) - levelled[used]) ** 2))),
+        used,
     )

@@ -203,5 +203,8 @@ def estimate_zone(width: Callable[..., float], *faces: FaceForm) -> Estimate:
     first, second = float(once.mean()) - zone, float(twice.mean() - once.mean())
     ratio = second / first if second > _SEVERAL * first > 0.0 else np.sqrt(2.0)
     growth = min(max(first / (ratio - 1.0), 0.0), zone)
-    std = float(np.hypot(once.std(ddof=1), growth / np.sqrt(3.0)))
-    return Estimate(zone - growth, std, min(face.dof for face in faces))
+    return Estimate(
+        zone - growth,
+        float(np.hypot(once.std(ddof=1), growth / np.sqrt(3.0))),
+        min(face.dof for face in faces),
+    )

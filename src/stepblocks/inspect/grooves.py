@@ -424,8 +424,13 @@ def _measure_width(
     # Average the width of one feature over the profiles.
     widths = (spans[..., 1] - spans[..., 0]).ravel()
     scatter = float(widths.std(ddof=1) / np.sqrt(len(widths))) if len(widths) > 1 else 0.0
-    std = float(np.hypot(spacing / np.sqrt(6.0), scatter))
-    parts = [Component("sampling", std, how="one interval at either edge, rectangular")]
+    parts = [
+        Component(
+            "sampling",
+            float(np.hypot(spacing / np.sqrt(6.0), scatter)),
+            how="one interval at either edge, rectangular",
+        )
+    ]
     if hidden > 0.0:
         parts.append(
             Component(

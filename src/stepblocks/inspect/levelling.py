@@ -84,9 +84,12 @@ class Fit:
 
     def estimate(self, index: int, factor: float = 1.0) -> Estimate:
         """Return one term of the solution, times a factor, with its uncertainty."""
-        value = factor * float(self.solution[index])
         return estimate_linear(
-            value, factor * self.weights[index], self.residuals, self.used, self.design
+            factor * float(self.solution[index]),
+            factor * self.weights[index],
+            self.residuals,
+            self.used,
+            self.design,
         )
 
 

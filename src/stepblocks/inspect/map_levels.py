@@ -119,10 +119,16 @@ def measure_masked_step(
         )
     own = ndimage.label(inside)[0][floor]
     means = np.bincount(own, level[floor]) / np.maximum(np.bincount(own), 1)
-    differ = float(np.std(means[own]))
     counts = int(known.sum()), int(np.unique(own).size)
     return MaskedStep(
-        depth, differ, exclusion, *counts, level, inside, floor, int(np.argmax(weights))
+        depth,
+        float(np.std(means[own])),
+        exclusion,
+        *counts,
+        level,
+        inside,
+        floor,
+        int(np.argmax(weights)),
     )
 
 

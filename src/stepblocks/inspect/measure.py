@@ -307,7 +307,9 @@ def measure_tip(
     )
     x, z, fitted = cap.drawn
     low = float(np.nanmin(z))
-    shown = Shown(x, z - low, (), fitted - low)
     return Evaluation(
-        {"ball_radius": value}, f"least-squares {through}, in heights", tuple(notes), shown
+        {"ball_radius": value},
+        f"least-squares {through}, in heights",
+        tuple(notes),
+        Shown(x, z - low, (), fitted - low),
     )

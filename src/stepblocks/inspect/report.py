@@ -373,10 +373,13 @@ def write_inspection(
         sheet, qif = named("inspection-sheet.csv"), named("qif")
         write_table(make_sheet_table(result.stimulus, filled), sheet)
         write_qif(qif, result.stimulus, result.order, filled, result.is_complete)
-        certificate = write_certificate(
-            named("dcc.xml"), result.stimulus, record, result.order, result.digest, laboratory
-        )
-        paths += [sheet, qif, *certificate]
+        paths += [
+            sheet,
+            qif,
+            *write_certificate(
+                named("dcc.xml"), result.stimulus, record, result.order, result.digest, laboratory
+            ),
+        ]
     taken = f"scan: {result.source.name}"
     if laboratory is not None:
         taken += f" by {laboratory.instrument.name} on {laboratory.measured_to}"
@@ -418,9 +421,14 @@ def _draw_scan(axis: "Axes", result: InspectionResult, shown: Shown) -> None:
     x, z = shown.position[::thin] * 1e6, shown.height[::thin] * 1e6
     axis.plot(x, z, color="#1d2a36", linewidth=1.4)
     for index, (begin, end, name) in enumerate(shown.windows):
-        label = "evaluated" if name and index == 0 else None
         axis.axvspan(
-            begin * 1e6, end * 1e6, fc="#eaf0f5", ec="#b9c6d2", linewidth=0.5, zorder=0, label=label
+            begin * 1e6,
+            end * 1e6,
+            fc="#eaf0f5",
+            ec="#b9c6d2",
+            linewidth=0.5,
+            zorder=0,
+            label="evaluated" if name and index == 0 else None,
         )
     if shown.fitted is not None:
         fitted = shown.fitted[::thin] * 1e6

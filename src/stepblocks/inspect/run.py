@@ -378,8 +378,12 @@ def _evaluate(
         scan = crop_map(scan, options.area)
     place = f" [{scan.source}]" if scan.source else ""
     try:
-        resolution = max(instrument.resolution, scan.count or 0.0)
-        return evaluate(scan, replace(instrument, resolution=resolution), characteristic, options)
+        return evaluate(
+            scan,
+            replace(instrument, resolution=max(instrument.resolution, scan.count or 0.0)),
+            characteristic,
+            options,
+        )
     except UnlikeError as error:
         raise UnlikeError(f"{error}{place}") from error
     except MetrologyError as error:

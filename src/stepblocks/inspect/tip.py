@@ -110,14 +110,13 @@ def fit_cap(scan: ScannedProfile | HeightMap, nominal: float, reach: float = _CA
     circle = state[2] + np.sqrt(
         np.maximum(state[3] ** 2 - (x[row] - state[0]) ** 2 - (y[row] - state[1]) ** 2, 0.0)
     )
-    drawn = x[row], z[row], np.where(used[row], circle, np.nan)
     return Cap(
         radius,
         float(np.ptp(distance)),
         cap_angle,
         int(face.sum() - used.sum()),
         int(face.sum()),
-        drawn,
+        (x[row], z[row], np.where(used[row], circle, np.nan)),
     )
 
 

@@ -96,9 +96,14 @@ def _evaluate_flat(x: Array, z: Array, masks: list[Mask], feature: str) -> TypeA
         )
     kept = [x[mask & fit.used] for mask in masks]
     inner = (x >= np.mean(kept[0][[0, -1]])) & (x <= np.mean(kept[2][[0, -1]]))
-    near = 2.0 * float(solve_least_squares(fit.design, z, fit.used & inner)[1][2])
-    scatter = float(np.sqrt(np.mean(fit.residuals[fit.used] ** 2)))
-    return TypeA1(fit.estimate(2, 2.0), _list_window_ends(kept), fit.rejected, "A1", scatter, near)
+    return TypeA1(
+        fit.estimate(2, 2.0),
+        _list_window_ends(kept),
+        fit.rejected,
+        "A1",
+        float(np.sqrt(np.mean(fit.residuals[fit.used] ** 2))),
+        2.0 * float(solve_least_squares(fit.design, z, fit.used & inner)[1][2]),
+    )
 
 
 def _find_flank_window(fit: Fit, windows: dict[str, Mask]) -> str:

@@ -238,8 +238,9 @@ def list_covariate_ranges(trials: Trials) -> tuple[CovariateRange, ...]:
             wide = low > 0.0 and high > 5.0 * low and distinct < 20
             found.append(CovariateRange(name, low, high, wide, (), distinct))
         elif distinct <= 8:
-            labels = tuple(map(str, np.unique(column)))
-            found.append(CovariateRange(name, labels=labels, distinct=distinct))
+            found.append(
+                CovariateRange(name, labels=tuple(map(str, np.unique(column))), distinct=distinct)
+            )
     if "ln_peak_force" in trials.channels:
         force = trials.values[:, trials.channels.index("ln_peak_force")]
         force = np.exp(force[np.isfinite(force)])

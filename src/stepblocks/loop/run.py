@@ -160,8 +160,12 @@ def analyse_features(
     `known` gives constants of the gauges that are known, if there are any, `friction` a law by its
     name and numbers whose size is fitted.
     """
-    table = build_session_table(features, spring_constant, tip_radius, scans, known, friction)
-    return analyse_table(table, scans or {}, jobs=jobs, rules=rules)
+    return analyse_table(
+        build_session_table(features, spring_constant, tip_radius, scans, known, friction),
+        scans or {},
+        jobs=jobs,
+        rules=rules,
+    )
 
 
 def analyse_table(
@@ -171,8 +175,14 @@ def analyse_table(
     rules = rules or Rules()
     found, holdouts = _explain_and_hold_out(table, rules, jobs)
     document = build_document(table, found, holdouts, scans, rules)
-    model = build_learned_model(table, found, list_covariate_ranges(table.trials))
-    return LoopResult("", table, found, *holdouts, document, model)
+    return LoopResult(
+        "",
+        table,
+        found,
+        *holdouts,
+        document,
+        build_learned_model(table, found, list_covariate_ranges(table.trials)),
+    )
 
 
 def _explain_and_hold_out(

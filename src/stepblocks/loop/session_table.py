@@ -129,8 +129,14 @@ def build_session_table(
     floor[bounded, 1] = np.log(_read_numbers(table, "peak_force_n")[bounded])
     values[bounded, :2] = np.nan
     implied = {name: column[good] for name, column in _derive_covariates(features).items()}
-    covariates = _read_covariates(table) | implied | {"tip_radius_um": radius[good]}
-    trials = Trials(covariates, CHANNELS, values, std, table["block"].astype(str).to_numpy(), floor)
+    trials = Trials(
+        _read_covariates(table) | implied | {"tip_radius_um": radius[good]},
+        CHANNELS,
+        values,
+        std,
+        table["block"].astype(str).to_numpy(),
+        floor,
+    )
     names = table["trial"].to_numpy()
     single = find_outliers(trials)
     excluded += [
@@ -147,21 +153,6 @@ def build_session_table(
         block: (float(s["height_m"]), float(s["height_std_m"]))
         for block, s in (scans or {}).items()
     }
-    model = SessionModel(
-        # where no trial rang, these two constants stay where they begin
-        Tool(
-            stiffness=spring_constant,
-            frequency=_find_median(trials.values[:, 4], PAPER.tool.frequency),
-            decay_time=_find_median(trials.values[:, 5], PAPER.tool.decay_time),
-        ),
-        scanned=heights or None,
-        # where the profile cannot resolve an edge all its scans err alike
-        scanned_radius=tuple(np.maximum(np.mean(edges, axis=0), (0.0, 0.05e-6)).tolist())
-        if edges
-        else None,
-        known=estimate_unloaded_zeros(features) | dict(known or {}),
-        friction=tuple((friction or {}).items()),
-    )
     regimes = table["regime"].dropna().astype(str).value_counts() if "regime" in table else {}
     return SessionTable(
         trials=replace(trials, values=values),
@@ -171,7 +162,21 @@ def build_session_table(
         static_friction=float(table["static_friction"].dropna().median())
         if "static_friction" in table
         else float("nan"),
-        model=model,
+        model=SessionModel(
+            # where no trial rang, these two constants stay where they begin
+            Tool(
+                stiffness=spring_constant,
+                frequency=_find_median(trials.values[:, 4], PAPER.tool.frequency),
+                decay_time=_find_median(trials.values[:, 5], PAPER.tool.decay_time),
+            ),
+            scanned=heights or None,
+            # where the profile cannot resolve an edge all its scans err alike
+            scanned_radius=tuple(np.maximum(np.mean(edges, axis=0), (0.0, 0.05e-6)).tolist())
+            if edges
+            else None,
+            known=estimate_unloaded_zeros(features) | dict(known or {}),
+            friction=tuple((friction or {}).items()),
+        ),
         tip_radius_um=tip_radius * 1e6,
         measured=measured,
     )

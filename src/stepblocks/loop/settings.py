@@ -32,5 +32,10 @@ def build_grid(trials: Trials, extra: list[str]) -> Trials:
     columns = dict(zip(settings, map(np.array, zip(*rows, strict=True)), strict=True))
     empty = np.full((len(rows), len(trials.channels)), np.nan)
     known = dict(zip(trials.covariates["height_um"].tolist(), trials.block.tolist(), strict=True))
-    block = np.array([known.get(float(h), f"step-{h:03.0f}") for h in columns["height_um"]])
-    return Trials(columns, trials.channels, empty, empty, block)
+    return Trials(
+        columns,
+        trials.channels,
+        empty,
+        empty,
+        np.array([known.get(float(h), f"step-{h:03.0f}") for h in columns["height_um"]]),
+    )

@@ -168,8 +168,11 @@ def explain_together(
         )
         for shared, fitted in zip(pooled, fits, strict=True)
     )
-    model = replace(result.model, verdict="several sessions", nominal=nominal, extended=extended)
-    return replace(result, title=", ".join(tables), model=model), pooled[1]
+    return replace(
+        result,
+        title=", ".join(tables),
+        model=replace(result.model, verdict="several sessions", nominal=nominal, extended=extended),
+    ), pooled[1]
 
 
 def loop_sessions(

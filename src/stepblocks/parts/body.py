@@ -206,8 +206,10 @@ class Block(Part):
             return 0.0
         import shapely
 
-        outlines = outline_text(self.id.upper(), engraving.height.nominal)
-        area = math.fsum(shapely.Polygon(outer, inner).area for outer, *inner in outlines)
+        area = math.fsum(
+            shapely.Polygon(outer, inner).area
+            for outer, *inner in outline_text(self.id.upper(), engraving.height.nominal)
+        )
         return area * engraving.depth.nominal
 
     def extrude_section(self, crest: cad.door.Outline) -> cad.door.Body:
@@ -345,9 +347,11 @@ class Block(Part):
             letter * room / width,
             letter,
         )
-        low = 0.6 * (body.thickness.nominal - broken)
         yield check_below(
-            "body.engraving.height", "leave room over and under the letters", letter, low
+            "body.engraving.height",
+            "leave room over and under the letters",
+            letter,
+            0.6 * (body.thickness.nominal - broken),
         )
 
 

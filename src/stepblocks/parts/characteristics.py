@@ -166,11 +166,15 @@ def make_edge_break(edge_break: Dimension, *faces: Rule) -> Characteristic:
 
     Sharp edges have no face that carries it.
     """
-    label = "edge break, 45 deg, all edges"
     kind: Kind = "distance" if edge_break.nominal else "note"
     carried = faces if edge_break.nominal else ()
     return make_characteristic(
-        "edge_break", kind, edge_break, *carried, label=label, method=MICROSCOPE
+        "edge_break",
+        kind,
+        edge_break,
+        *carried,
+        label="edge break, 45 deg, all edges",
+        method=MICROSCOPE,
     )
 
 

@@ -170,8 +170,11 @@ class Gum(Table):
         # nu) = 2/3 (Mindlin); damping eta k / w
         normal = math.pi * self.shear_modulus.value * self.contact
         stiffness = 2.0 / 3.0 * normal
-        damping = self.loss_factor.value * stiffness / (math.tau * frequency)
-        return Tissue(stiffness, damping, self.friction.value * normal * self.indentation)
+        return Tissue(
+            stiffness,
+            self.loss_factor.value * stiffness / (math.tau * frequency),
+            self.friction.value * normal * self.indentation,
+        )
 
 
 class OrderSpec(Table):

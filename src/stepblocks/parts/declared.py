@@ -232,16 +232,18 @@ def find_material(raw: object) -> object:
             f"must be one of {', '.join(MATERIALS)}, or a designation such as '440C, hardened "
             f"and tempered, 58 HRC', got {raw!r}"
         )
-    density = next(
-        (
-            Sourced(value, "density", f"EN 10088-1:2014, table {table}")
-            for grade, value, table in _GRADES
-            if re.search(grade, raw)
-        ),
-        None,
-    )
     designation = "stainless steel, grade not stated" if raw == "stainless" else raw
-    return Material(designation=designation, density=density)
+    return Material(
+        designation=designation,
+        density=next(
+            (
+                Sourced(value, "density", f"EN 10088-1:2014, table {table}")
+                for grade, value, table in _GRADES
+                if re.search(grade, raw)
+            ),
+            None,
+        ),
+    )
 
 
 def read_none(raw: object) -> object:

@@ -282,8 +282,12 @@ def make_set(
         )
         defaults = {}
     for kind in [kind for kind in known if kind in raw]:
-        stanzas = _expand_stanzas(kind, raw[kind], defaults.get(kind, {}), mistakes, folder)
-        raw[kind] = list(islice(stanzas, MAX_SERIES + 1))
+        raw[kind] = list(
+            islice(
+                _expand_stanzas(kind, raw[kind], defaults.get(kind, {}), mistakes, folder),
+                MAX_SERIES + 1,
+            )
+        )
     total = sum(len(raw.get(kind, ())) for kind in known)
     if total > MAX_SERIES:
         raise StimulusError(f"a set must have at most {MAX_SERIES} stimuli, got {total} [{place}]")

@@ -89,9 +89,14 @@ def mesh_solid(part: Part, name: str, body: cad.door.Body) -> Mesh:
         If the mesh is not a closed, oriented 2-manifold.
     """
     raw = cad.kernel.tessellate(body, part.chordal_error)
-    deflections = np.array([part.chordal_error(face) for face in raw.faces])
     mesh = Mesh(
-        name, _lift_vertices(raw, deflections, cad.kernel.compute_volume(body)), raw.triangles
+        name,
+        _lift_vertices(
+            raw,
+            np.array([part.chordal_error(face) for face in raw.faces]),
+            cad.kernel.compute_volume(body),
+        ),
+        raw.triangles,
     )
     require_manifold(mesh)
     return mesh

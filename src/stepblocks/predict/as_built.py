@@ -26,13 +26,12 @@ def _replace_nominal(part: Part, record: AsBuilt | None) -> Part:
     if record is None or "height" not in part.sizes:
         return part
     measured = {}
-    source = f"as built, {record.scan}"
     if record.height is not None:
         measured["height"] = record.height.value
     if "edge_radius" in record.values:
         measured["edge_radius"] = max(record.values["edge_radius"].value, 0.0)
     sizes = {
-        name: replace(part.sizes[name], nominal=value, source=source)
+        name: replace(part.sizes[name], nominal=value, source=f"as built, {record.scan}")
         for name, value in measured.items()
     }
     return part.model_copy(update=sizes)

@@ -95,7 +95,6 @@ def predict_by_formula(stimuli: StimulusSet) -> Iterator[Prediction]:
     for part in stimuli.stimuli:
         grid, ring = stimuli.find_conditions(part), stimuli.predict_ring(part)
         tool = grid.as_tool() if ring is None else ring.as_tool(grid.as_tool())
-        contact = grid.built_laws.get("contact")
         worn = convert_half_widths({"stiffness": _compute_stiffness_tolerance(stimuli, part)})[
             "stiffness"
         ]
@@ -125,7 +124,7 @@ def predict_by_formula(stimuli: StimulusSet) -> Iterator[Prediction]:
                         friction,
                         tool,
                         tissue=part.tissue(tool),
-                        contact=contact,
+                        contact=grid.built_laws.get("contact"),
                     )
                     release, low, high = (
                         find_release(angle, load, point.friction, tool) for angle in angles
@@ -133,11 +132,6 @@ def predict_by_formula(stimuli: StimulusSet) -> Iterator[Prediction]:
                     spread = collect_uncertainties(part, grid, ball, load)
                     spread["stiffness"] = math.hypot(spread["stiffness"], worn)
                     at = replace(point, ball_radius=find_zone_middle(ball))
-                    interval = (
-                        estimate_interval(middle, at, spread, backward=bool(backward), draws=_DRAWS)
-                        if any(spread.values())
-                        else None
-                    )
                     yield Prediction(
                         set_name=stimuli.name,
                         stimulus=part.id,
@@ -146,7 +140,11 @@ def predict_by_formula(stimuli: StimulusSet) -> Iterator[Prediction]:
                         backward=bool(backward),
                         release=release,
                         limits=(low, high),
-                        interval=interval,
+                        interval=estimate_interval(
+                            middle, at, spread, backward=bool(backward), draws=_DRAWS
+                        )
+                        if any(spread.values())
+                        else None,
                     )
 
 

@@ -93,8 +93,12 @@ def predict_table(
         spread = {name: float(columns[f"u_{name}"][k]) for name in _COLUMNS}
         stream = int(np.random.SeedSequence([0, k]).generate_state(1)[0])
         try:
-            tool = Tool(at["stiffness"], at["conversion"], limits=SHIPPED_LIMITS)
-            point = OperatingPoint(at["ball_radius"], at["normal_load"], at["friction"], tool)
+            point = OperatingPoint(
+                at["ball_radius"],
+                at["normal_load"],
+                at["friction"],
+                Tool(at["stiffness"], at["conversion"], limits=SHIPPED_LIMITS),
+            )
             face = Step(at["height"], at["edge_radius"])
             interval = estimate_interval(face, point, spread, draws=_DRAWS, seed=stream)
             angle = face.angles(point.ball_radius)[0]
@@ -156,10 +160,11 @@ def predict_trials(
         If the table or the model cannot be read, a column is missing, or the output cannot be
         written.
     """
-    learned = model if isinstance(model, LearnedModel) else read_model(model)
     if not isinstance(trials, pd.DataFrame):
         trials = read_table(Path(trials), ("trial", "block", "tip"))
-    result = predict_with_model(trials, learned)[0]
+    result = predict_with_model(
+        trials, model if isinstance(model, LearnedModel) else read_model(model)
+    )[0]
     if output is not None:
         write_table(result, Path(output), "%.9g")
     return result
@@ -354,8 +359,16 @@ def apply_model(stimuli: StimulusSet, learned: LearnedModel) -> StimulusSet:
         "stiffness": learned.tool.stiffness * values["stiffness_ratio"],
         "conversion": float(np.exp(values["ln_conversion"])),
     }
-    update = {"frictions": (values["friction"],), "tool": grid.tool.model_copy(update=spring)}
-    return stimuli.model_copy(update={"prediction": grid.model_copy(update=update)})
+    return stimuli.model_copy(
+        update={
+            "prediction": grid.model_copy(
+                update={
+                    "frictions": (values["friction"],),
+                    "tool": grid.tool.model_copy(update=spring),
+                }
+            )
+        }
+    )
 
 
 def format_learned_columns(prediction: Prediction, learned: LearnedModel) -> dict[str, str]:

@@ -126,8 +126,11 @@ def lay_out_teeth(scenes: Sequence[Scene], folder: Path) -> Iterator[tuple[Mesh,
 def _place_section(scene: Scene, part: ScannedMargin, width: float) -> Scene:
     # Lay a section at its station; the level ends of the bar, which a tooth has not, are left out
     at = part.station
-    turn = np.column_stack([at.across, np.cross(at.outward, at.across), at.outward])
-    frame = Frame(turn, np.array(at.place_m), "those of the scan")
+    frame = Frame(
+        np.column_stack([at.across, np.cross(at.outward, at.across), at.outward]),
+        np.array(at.place_m),
+        "those of the scan",
+    )
     size = np.array([1.0, width / part.width.nominal, 1.0]) / scene.scale
     pieces = [replace(one, vertices=one.vertices * size) for one in scene.pieces[1:-1]]
     return replace(
@@ -169,8 +172,11 @@ def _choose_frame(surface: Part) -> Frame:
     # Choose the frame: what is turned about the drag lies on its side, its axis below
     if surface.turn_radius is None:
         return Frame(np.eye(3), np.zeros(3), surface.axes)
-    turn = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])
-    return Frame(turn, np.array([0.0, 0.0, -surface.turn_radius]), surface.axes)
+    return Frame(
+        np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]]),
+        np.array([0.0, 0.0, -surface.turn_radius]),
+        surface.axes,
+    )
 
 
 def _join_meshes(name: str, meshes: Sequence[Mesh]) -> Mesh:

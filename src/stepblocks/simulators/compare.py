@@ -141,8 +141,9 @@ def _predict_event(stimulus: Path, overrides: dict[str, float], backward: bool) 
             f"the stimulus must be one of {known}, got {stimulus.name!r} [{stimulus.parent}]"
         )
     point = choose_operating_point(declared, part, overrides)
-    step = next(iter(declared.prediction.step_heights), None)
-    event = list_vibration_events(part.counterface(step), point, part.id)[int(backward)]
+    event = list_vibration_events(
+        part.counterface(next(iter(declared.prediction.step_heights), None)), point, part.id
+    )[int(backward)]
     if event.status is not Status.RELEASES:
         rule = "the stimulus must release the probe to be compared"
         other = "" if backward else "; --backward takes the drag towards -x"

@@ -229,11 +229,15 @@ def write_scene(folder: Path, scene: Scene, form: SceneFormat) -> None:
                 "energy_in_file_j": energies,
             },
         )
-    names = sorted(
-        path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()
-    )
     write_from_template(
-        folder / "README.md", scene=scene, form=form, names=names, math=math, Status=Status
+        folder / "README.md",
+        scene=scene,
+        form=form,
+        names=sorted(
+            path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()
+        ),
+        math=math,
+        Status=Status,
     )
 
 

@@ -114,8 +114,9 @@ def order_trials(
     done = [left.pop(row["trial"]) for row in answers if row["trial"] in left]
     names = sorted({row["height_um"] for row in planned}, key=float)
     standard = float(planned[0]["standard_height_um"])
-    levels = tuple(math.log(float(name) / standard) for name in names)
-    before, higher, _, spreads = tabulate_prior(levels, tuple(prior.values()))
+    before, higher, _, spreads = tabulate_prior(
+        tuple(math.log(float(name) / standard) for name in names), tuple(prior.values())
+    )
     beliefs = {name_setting(row): before for row in planned}
     counts = dict.fromkeys(beliefs, 0)
     for row, answer in zip(done, answers, strict=False):

@@ -144,8 +144,10 @@ class Run:
 
     def _write(self, rows: Sequence[Row]) -> None:
         columns = self._header().strip().split(",")
-        lines = [{name: row.get(name, "") for name in columns} for row in rows]
-        replace_text(self.path, format_csv(lines, columns))
+        replace_text(
+            self.path,
+            format_csv([{name: row.get(name, "") for name in columns} for row in rows], columns),
+        )
 
     @property
     def answered(self) -> int:
@@ -223,9 +225,8 @@ class Run:
                 return
             self.end()
             face, point = self.blocks.faces[row["stimulus"]], self._set_point(row)
-            path = face.centre_path(point.ball_radius)
             renderer = Renderer(
-                path,
+                face.centre_path(point.ball_radius),
                 point,
                 scale=self.scale,
                 rate=RATE,
@@ -439,5 +440,13 @@ def open_run(
     blocks = (
         find_designed_blocks(design, source, felt) if design[0]["experiment"] == "virtual" else None
     )
-    hand = HANDS[device](library) if blocks is not None and device in HANDS else None
-    return Run(Path(folder), participant, design, blocks, hand, scale, ratings, practice)
+    return Run(
+        Path(folder),
+        participant,
+        design,
+        blocks,
+        HANDS[device](library) if blocks is not None and device in HANDS else None,
+        scale,
+        ratings,
+        practice,
+    )

@@ -270,15 +270,20 @@ def design_trials(
             for code, condition, index in _shuffle(cells, last, generator):
                 levels = dict(zip(inner, settings[index], strict=True))
                 levels |= dict(zip(between, groups[group[person]], strict=True))
-                when = (person + 1, next(number), condition, time + 1)
-                alias = str(facing[condition][own.index(code)]) if base else ""
-                row = make_trial_row(experiment, when, codes, code, alias)
+                row = make_trial_row(
+                    experiment,
+                    (person + 1, next(number), condition, time + 1),
+                    codes,
+                    code,
+                    str(facing[condition][own.index(code)]) if base else "",
+                )
                 trials.append(
                     row | {f"{FACTOR}{factor}": level for factor, level in levels.items()}
                 )
                 last = code
-    balance = replace(measure_balance(orders), interleaved=interleaved)
-    return Design(experiment, trials, blocks, balance)
+    return Design(
+        experiment, trials, blocks, replace(measure_balance(orders), interleaved=interleaved)
+    )
 
 
 def _shuffle(

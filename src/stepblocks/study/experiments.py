@@ -139,8 +139,12 @@ def _simulate_estimates(trials: Table, observer: Observer, generator: np.random.
 
 def _simulate_virtual(trials: Table, observer: Observer, generator: np.random.Generator) -> Texts:
     estimates = _simulate_estimates(trials, observer, generator)
-    shown = np.array(["vibration-on" in name.split("/") for name in trials["condition"]])
-    ratings = rate_realism(trials["person"].to_numpy(), shown, observer, generator)
+    ratings = rate_realism(
+        trials["person"].to_numpy(),
+        np.array(["vibration-on" in name.split("/") for name in trials["condition"]]),
+        observer,
+        generator,
+    )
     return [
         (estimate, f"{rating:.0f}") for (estimate,), rating in zip(estimates, ratings, strict=True)
     ]

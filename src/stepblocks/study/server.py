@@ -76,17 +76,20 @@ class _Handler(BaseHTTPRequestHandler):
         if not self._is_allowed():
             return
         if self.path == "/":
-            page = render_page(
-                "stepblocks.study",
-                "run.html",
-                # 400 pixels to the right of the edge are there on every screen
-                metres=max(1e-4, 1.2 * run.reach / 400.0),
-                participant=run.participant,
-                virtual=run.virtual,
-                token=self.server.token,
-                nonce=self.server.nonce,
+            self._send(
+                200,
+                render_page(
+                    "stepblocks.study",
+                    "run.html",
+                    # 400 pixels to the right of the edge are there on every screen
+                    metres=max(1e-4, 1.2 * run.reach / 400.0),
+                    participant=run.participant,
+                    virtual=run.virtual,
+                    token=self.server.token,
+                    nonce=self.server.nonce,
+                ),
+                "text/html; charset=utf-8",
             )
-            self._send(200, page, "text/html; charset=utf-8")
         elif self.path == "/state":
             self._send_json(200, run.state())
         else:

@@ -89,10 +89,16 @@ def _draw_step_detail(sheet: Sheet, block: StepBlock) -> None:
     sheet.leader(edge[len(edge) // 2], (cx + 10.0, top - 8.0), "R {}", "edge_radius")
     # ISO 13715: the outer edge is free of burr; the root may have a fillet or an undercut
     small, large = (f"{limit * 1e3:.3g}" for limit in block.edge_radius.limits)
-    free = f"-{large}" if block.edge_radius.limits[0] <= 0.0 else f"-{small}/-{large}"
-    sheet.edge_state(edge[len(edge) // 2], (cx + 10.0, top - 16.0), free)
-    root = "±H" if "step_height" in sheet.letters else f"±{H * 1e3:.3g}"
-    sheet.edge_state((cx, cz), (cx + 10.0, cz - 7.0), root)
+    sheet.edge_state(
+        edge[len(edge) // 2],
+        (cx + 10.0, top - 16.0),
+        f"-{large}" if block.edge_radius.limits[0] <= 0.0 else f"-{small}/-{large}",
+    )
+    sheet.edge_state(
+        (cx, cz),
+        (cx + 10.0, cz - 7.0),
+        "±H" if "step_height" in sheet.letters else f"±{H * 1e3:.3g}",
+    )
     if "riser_angle" in sheet.listed:
         half = cz + 0.35 * (top - cz)
         level = max(cz + 0.6, min(half - 4.0, top - 21.0))

@@ -165,8 +165,12 @@ def _draw_hole_section(sheet: Sheet, body: Body, mounting: Mounting) -> None:
             f"{mounting.thread}-6H, thread {{}} deep",
             "thread",
         )
-        at = elbow[0] - 5.0, elbow[1] - 6.0
-        sheet.text(at, f"core ⌀{mounting.hole_diameter * 1e3:g}, 6H of ISO 965-1", 2.5, "RIGHT")
+        sheet.text(
+            (elbow[0] - 5.0, elbow[1] - 6.0),
+            f"core ⌀{mounting.hole_diameter * 1e3:g}, 6H of ISO 965-1",
+            2.5,
+            "RIGHT",
+        )
     else:
         sheet.leader(
             (x - drill, base + 3.0),

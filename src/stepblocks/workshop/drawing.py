@@ -229,12 +229,11 @@ def _render(sheet: Sheet, path: Path) -> None:
                 transform.transform((1.0, 0.0, 0.0)),
             )
             turned = math.degrees(math.atan2(ahead.y - origin.y, ahead.x - origin.x))
-            size = cap_height * (ahead - origin).magnitude * 72.0 / 25.4 / _CAPITAL
             axes.text(
                 origin.x,
                 origin.y,
                 text.strip(),
-                fontsize=size,
+                fontsize=cap_height * (ahead - origin).magnitude * 72.0 / 25.4 / _CAPITAL,
                 fontproperties=font.copy(),
                 va="baseline",
                 rotation=turned,

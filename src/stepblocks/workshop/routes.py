@@ -60,8 +60,12 @@ class Route:
 @cache
 def load_processes() -> tuple[Process, ...]:
     """Return the routes that are known, in the order of the file."""
-    text = files("stepblocks.workshop").joinpath("routes.toml").read_text(encoding="utf-8")
-    return tuple(Process.model_validate(one) for one in tomllib.loads(text)["route"])
+    return tuple(
+        Process.model_validate(one)
+        for one in tomllib.loads(
+            files("stepblocks.workshop").joinpath("routes.toml").read_text(encoding="utf-8")
+        )["route"]
+    )
 
 
 def find_routes(block: StepBlock, capability: float, point: OperatingPoint) -> list[Route]:
@@ -128,9 +132,14 @@ def _make_route(
         process.edge_radius.value, spread["edge_radius"], low if low > 0.0 else -math.inf, high
     )
     within *= _compute_share(process.burr.value, spread["burr"], -math.inf, block.height.upper)
-    tolerance = min(block.height.upper, -block.height.lower)
     return Route(
-        process, name, deviation, tolerance, note, estimate_interval(face, point, felt), within
+        process,
+        name,
+        deviation,
+        min(block.height.upper, -block.height.lower),
+        note,
+        estimate_interval(face, point, felt),
+        within,
     )
 
 

@@ -157,8 +157,9 @@ def _order_part(part: Part, output: Path, capability: float, declared: StimulusS
             guard=GUARD_FACTOR,
         ),
     )
-    note = declared.describe_alike().get(part.id, "")
-    return PartOrder(name, (*written, *sheets), tuple(routes), note)
+    return PartOrder(
+        name, (*written, *sheets), tuple(routes), declared.describe_alike().get(part.id, "")
+    )
 
 
 def tabulate_routes(orders: Iterable[PartOrder]) -> list[dict[str, object]]:

@@ -212,8 +212,12 @@ def draw_sheath_views(sheet: Sheet, part: Sheath) -> list[str]:
     sheet.dimension(
         "outer_diameter", at(0.0, low), at(0.0, 0.5 * outer), (left - 16.0, cy), s, upright=True
     )
-    caption = (at(0.5 * length, 0.0)[0], at(0.0, low)[1] - 26.0)
-    sheet.text(caption, f"section {s:g}:1, clamp on the left", 2.5, "BOTTOM_CENTER")
+    sheet.text(
+        (at(0.5 * length, 0.0)[0], at(0.0, low)[1] - 26.0),
+        f"section {s:g}:1, clamp on the left",
+        2.5,
+        "BOTTOM_CENTER",
+    )
     end, reach = (right + 80.0, cy), 0.6e3 * outer * s
     for diameter in (bore, outer - 2.0 * c, outer):
         sheet.circle(end, 0.5e3 * diameter * s)

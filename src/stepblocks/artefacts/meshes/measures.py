@@ -83,14 +83,14 @@ class MeshMeasures:
     def wall_position(self, facing: int, reach: float) -> float:
         """Find the deepest upright wall across x near the edge [m]; its normal is +x or -x."""
         normals, areas = self._normals_and_areas
-        x, z = self.vertices[self.triangles, 0].mean(axis=1), self.vertices[self.triangles, 2]
+        x = self.vertices[self.triangles, 0].mean(axis=1)
         # the walls of engraved letters are short
         along = np.ptp(self.vertices[self.triangles, 1], axis=1) > _ALONG_EDGE
         chosen = (
             along
             & (facing * normals[:, 0] > 1.0 - 1e-6)
             & (np.abs(x) < reach)
-            & (z.min(axis=1) < -50e-6)
+            & (self.vertices[self.triangles, 2].min(axis=1) < -50e-6)
         )
         return float(np.average(x[chosen], weights=areas[chosen])) if chosen.any() else math.nan
 

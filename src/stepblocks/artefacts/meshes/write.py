@@ -86,7 +86,8 @@ MESH_FORMATS: dict[str, Callable[[Path, Mesh], None]] = {
 
 def write_pieces(path: Path, pieces: Sequence[Mesh]) -> None:
     """Write convex pieces as one OBJ in millimetres, an object per piece."""
-    lines, offset = ["# convex pieces, mm"], 1
+    lines = ["# convex pieces, mm"]
+    offset = 1
     for piece in pieces:
         lines.append(f"o {piece.name}")
         lines += [f"v {x:.12f} {y:.12f} {z:.12f}" for x, y, z in piece.vertices * _MM]

@@ -117,10 +117,11 @@ def _read_nid_scale(head: bytes, channel: str) -> HeightScale | None:
                 float(fields["Dim2Range"]) / per_metre,
                 float(fields["Dim2Min"]) / per_metre,
             )
-            count = span / 2 ** int(fields["SaveBits"])
             # readers keep or drop the offset of the range, which a step height does not see
             reach = max(abs(lowest), abs(lowest + span))
-            return HeightScale(count, -reach, reach, "Dim2Range / 2^SaveBits")
+            return HeightScale(
+                span / 2 ** int(fields["SaveBits"]), -reach, reach, "Dim2Range / 2^SaveBits"
+            )
     raise ValueError("no channel in units of length")
 
 
@@ -168,8 +169,13 @@ def _read_opdx_scale(head: bytes, channel: str) -> HeightScale | None:
     value, size = struct.unpack_from("<dI", head, at)
     (length,) = struct.unpack_from("<I", head, at + 12 + size)
     symbol = head[at + 16 + size : at + 16 + size + min(length, 64)].decode("utf-8")
-    count = value / LENGTH_UNITS[symbol.strip()]
-    return HeightScale(count, -np.inf, np.inf, "DataScale of the channel", integral=False)
+    return HeightScale(
+        value / LENGTH_UNITS[symbol.strip()],
+        -np.inf,
+        np.inf,
+        "DataScale of the channel",
+        integral=False,
+    )
 
 
 def _read_x3p_scale(archive: zipfile.ZipFile) -> HeightScale:

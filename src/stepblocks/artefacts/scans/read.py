@@ -282,8 +282,13 @@ def _read_sdf(path: Path) -> ScannedProfile | HeightMap:
     height = np.atleast_2d(read.data)
     count = abs(header.z_scale) if stated else 1.0
     if len(height) == 1:
-        position = np.arange(height.size, dtype=np.float64) * header.x_scale
-        return ScannedProfile(position, height[0], path.name, scale, count)
+        return ScannedProfile(
+            np.arange(height.size, dtype=np.float64) * header.x_scale,
+            height[0],
+            path.name,
+            scale,
+            count,
+        )
     return HeightMap(height, header.x_scale, header.y_scale, path.name, scale, count)
 
 
@@ -297,8 +302,13 @@ def _read_x3p(path: Path) -> ScannedProfile | HeightMap:
     count = abs(header.z.increment or 1.0)
     if layer.z.ndim == 1 and isinstance(layer, x3pio.ProfileLayer):
         even = np.arange(len(layer.z), dtype=np.float64)
-        position = even * header.x.increment if layer.x is None else layer.x
-        return ScannedProfile(position, layer.z, path.name, scale, count)
+        return ScannedProfile(
+            even * header.x.increment if layer.x is None else layer.x,
+            layer.z,
+            path.name,
+            scale,
+            count,
+        )
     steps = header.x.increment, header.y.increment
     if layer.x is not None or None in steps:  # a point cloud, or absolute axes
         x, y, z = (

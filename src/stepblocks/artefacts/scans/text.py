@@ -127,8 +127,10 @@ def read_text_scan(
         for axis, column in columns.items()
     }
     if "y" in axes:
-        grid = grid_points(axes["x"], axes["y"], axes["z"], path.name, f"columns {units}")
-        return replace(grid, count=_find_last_digit(values[:, columns["z"]], factors["z"]))
+        return replace(
+            grid_points(axes["x"], axes["y"], axes["z"], path.name, f"columns {units}"),
+            count=_find_last_digit(values[:, columns["z"]], factors["z"]),
+        )
     x, z, notes = _keep_forward(axes["x"], axes["z"], path)
     x, snapped = _snap_to_equal_steps(
         x, _find_last_digit(values[:, columns["x"]], factors["x"], least=1)

@@ -207,9 +207,19 @@ def _read_dimension(
     planes = len(sides) == 2 and all(sides) and all(one.kind == "PLANE" for one in named)
     if planes and geometry is None and not (problem or angular) and len(bodies) == 1:
         problem = f"names planes {sides[0][0].ref} and {sides[1][0].ref} that are not parallel"
-    faces = tuple(one.ref for one in named)
     return Characteristic(
-        ref, kind, name, value, lower, upper, unit, faces, geometry, (), angular, problem
+        ref,
+        kind,
+        name,
+        value,
+        lower,
+        upper,
+        unit,
+        tuple(one.ref for one in named),
+        geometry,
+        (),
+        angular,
+        problem,
     )
 
 
@@ -236,7 +246,8 @@ def _read_limits(file: Exchange, ref: str) -> tuple[Measure | None, float, float
                 found[side] = measure if side else found.get(side, measure)
     if (nominal := found.pop("", None)) is None:
         return None, math.nan, math.nan, "no value"
-    lower, upper, problem = math.nan, math.nan, ""
+    lower, upper = math.nan, math.nan
+    problem = ""
     if found:
         lower, upper = (
             found[side].si - nominal.si if side in found else math.nan
@@ -344,8 +355,11 @@ def _list_material_names(file: Exchange) -> Iterator[str]:
 
 def format_step_table(report: StepReport) -> str:
     """Return everything that a STEP file asks for, as a table."""
-    every, kinds = [*report.dimensions, *report.tolerances], {one.kind for one in report.dimensions}
-    rows = [(one, one.kind in kinds, *choose_display_unit(one.angular)) for one in every]
+    kinds = {one.kind for one in report.dimensions}
+    rows = [
+        (one, one.kind in kinds, *choose_display_unit(one.angular))
+        for one in (*report.dimensions, *report.tolerances)
+    ]
     return unescape(
         render_page("stepblocks.artefacts", "step.txt.j2", report=report, rows=rows)
     ).rstrip()

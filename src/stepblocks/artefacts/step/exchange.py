@@ -155,7 +155,8 @@ def _split_instances(text: str) -> tuple[list[str], dict[str, str]]:
     raw: dict[str, str] = {}
     for statement in statements[start + 1 : -2]:
         name, _, body = statement.partition("=")
-        ref, plain = name.rstrip(), _STRING.sub("", body)
+        ref = name.rstrip()
+        plain = _STRING.sub("", body)
         if re.fullmatch(r"#\d++", ref) is None:
             raise ValueError(f"what is no instance after {next(reversed(raw), 'DATA')}")
         if plain.count("(") != plain.count(")") or not plain.endswith(")") or ref in raw:

@@ -196,10 +196,8 @@ def _measure_beyond_centre(surface: Surface, side: str) -> float:
 def _measure_distance(a: Surface, b: Surface) -> float | None:
     if b.kind == "PLANE" or (a.kind in _CURVES and b.kind not in _CURVES):
         a, b = b, a
-    between, parallel = (
-        b.point - a.point,
-        float(np.linalg.norm(np.cross(a.axis, b.axis))) <= _PARALLEL,
-    )
+    between = b.point - a.point
+    parallel = float(np.linalg.norm(np.cross(a.axis, b.axis))) <= _PARALLEL
     if a.kind == "PLANE":
         along = b.kind in ("LINE", *_TURNED) and abs(float(a.axis @ b.axis)) <= _PARALLEL
         level = (

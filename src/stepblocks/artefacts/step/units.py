@@ -98,7 +98,8 @@ def find_untyped_measures(file: Exchange) -> list[str]:
                     f"{ref} {name}: value must be typed, such as LENGTH_MEASURE(...), got {raw!r}"
                 )
                 continue
-            size, dimension = read_number(raw), read_unit(file, unit).dimension
+            size = read_number(raw)
+            dimension = read_unit(file, unit).dimension
             if raw.type.startswith("POSITIVE_") and size is not None and not size > 0.0:
                 findings.append(f"{ref} {name}: {raw.type} must be positive, got {size:g}")
             if raw.type not in _TYPES.get(dimension, (raw.type,)):
@@ -116,7 +117,8 @@ def read_densities(file: Exchange) -> tuple[list[float], list[str]]:
         )
         if len(stated) != 3 or "density" not in str(stated[0]).lower():
             continue
-        value, (factor, powers) = read_number(stated[1]), _read_derived_unit(file, stated[2])
+        value = read_number(stated[1])
+        factor, powers = _read_derived_unit(file, stated[2])
         if powers != _DENSITY:
             shown = (
                 " ".join(f"{name}^{power:g}" for name, power in sorted(powers.items())) or "nothing"

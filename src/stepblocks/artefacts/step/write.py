@@ -76,8 +76,15 @@ def write_step_ap242(
         seen = Callout(text.replace("±", "+-"), lines)  # Part 21 holds ASCII
         if one.kind in ("flatness", "parallelism"):
             letter = "A" if one.key == "parallelism" else "B"
-            datum = (letter, items[1]) if one.kind == "parallelism" else None
-            tolerances.append(PmiTolerance(one.kind, items[0], one.upper, datum, seen))
+            tolerances.append(
+                PmiTolerance(
+                    one.kind,
+                    items[0],
+                    one.upper,
+                    (letter, items[1]) if one.kind == "parallelism" else None,
+                    seen,
+                )
+            )
         else:
             dimension = PmiDimension(
                 _choose_pmi_kind(one), items, one.nominal, one.lower, one.upper, seen
@@ -122,9 +129,13 @@ def write_conforming(
             (material.order_text, None if material.density is None else material.density.value),
             identity,
         )
-        names = [(one.kind, name) for name, one in dimensions]
         text = make_conforming(
-            draft.read_text(encoding="utf-8"), identity, names, notes, texture, order
+            draft.read_text(encoding="utf-8"),
+            identity,
+            [(one.kind, name) for name, one in dimensions],
+            notes,
+            texture,
+            order,
         )
         draft.write_text(text, encoding="utf-8")
 

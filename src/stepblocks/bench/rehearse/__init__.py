@@ -180,19 +180,22 @@ def record_trial(
     rest = truth.peak_force - truth.sliding_force - truth.amplitude
     if truth.gap > 0.0:
         start = (truth.sliding_force + truth.amplitude, -truth.amplitude / truth.decay_time)
-        tool = truth.frequency, truth.decay_time
         ring = compute_rubbing_force(
-            since, truth.sliding_force, truth.gap, tool, start, truth.slope
+            since,
+            truth.sliding_force,
+            truth.gap,
+            (truth.frequency, truth.decay_time),
+            start,
+            truth.slope,
         )
     else:
         ring = truth.sliding_force + truth.amplitude * np.exp(-since / truth.decay_time) * np.cos(
             phase
         )
     force[after] = ring + rest * np.exp(-since / truth.release_decay)
-    normal, size = np.full(count, truth.load), truth.sympathetic * truth.amplitude
-    normal[after] = truth.load + size * np.exp(-since / truth.decay_time) * np.cos(
-        phase + 0.25 * np.pi
-    )
+    normal = np.full(count, truth.load)
+    fading = np.exp(-since / truth.decay_time) * np.cos(phase + 0.25 * np.pi)
+    normal[after] = truth.load + truth.sympathetic * truth.amplitude * fading
     return rig.disturb(gain * force, normal, random), onset, release
 
 
@@ -200,7 +203,8 @@ def _start_up_ring(
     rig: Rig, time: Array, tool: Tool, end: float, random: np.random.Generator
 ) -> Array:
     # Ring when the handle starts, up to the edge
-    (frequency, decay_time), phase = tool, float(random.uniform(0.0, 2.0 * math.pi))
+    frequency, decay_time = tool
+    phase = float(random.uniform(0.0, 2.0 * math.pi))
     ring = np.exp(-time / decay_time) * np.cos(2.0 * np.pi * frequency * time + phase)
     return np.where(time < end, rig.start_up * ring, 0.0)
 
@@ -223,7 +227,7 @@ def record_drag(
     from stepblocks.drag.simulate import simulate_drag
     from stepblocks.drag.track import build_track
 
-    tool, omega = point.tool, 2.0 * math.pi * point.tool.frequency
+    tool = point.tool
     slide = float(random.uniform(_LEAST_SLIDE, _MOST_SLIDE))
     settings = DragSettings.under(
         point,
@@ -231,8 +235,11 @@ def record_drag(
         ring_time=rig.tail * tool.decay_time,
         sample_rate=rig.sample_rate * rig.oversampling,
     )
-    probe = build_probe(tool, point.ball_radius, hardening=hardening)
-    done = simulate_drag(build_track(step, point.ball_radius), probe, settings)
+    done = simulate_drag(
+        build_track(step, point.ball_radius),
+        build_probe(tool, point.ball_radius, hardening=hardening),
+        settings,
+    )
     if done.status is not Status.RELEASES:
         return None
     ring = measure_ring(done, spectra=False)
@@ -244,7 +251,7 @@ def record_drag(
         + _start_up_ring(rig, time, (tool.frequency, tool.decay_time), slide, random)
     )
     trace = rig.disturb(gain * force, done.column("fy_n")[:count], random)
-    amplitude = ring.amplitude * math.exp(math.pi / (omega * tool.decay_time))
+    amplitude = ring.amplitude * math.exp(math.pi / (math.tau * tool.frequency * tool.decay_time))
     return RecordedTrial(trace, done.peak_force + pull, amplitude, done.release_time)
 
 

@@ -154,13 +154,13 @@ class PlantedEffect(Strict):
 
     def apply(self, value: float, conditions: Mapping[str, float | str]) -> float:
         """Return the slot's value after the effect."""
-        size, reference, at = self.size, self.reference, conditions.get(self.covariate, 0.0)
+        at = conditions.get(self.covariate, 0.0)
         changes: dict[str, Callable[[], float]] = {
-            "constant": lambda: size,
+            "constant": lambda: self.size,
             "levels": lambda: self.levels.get(str(at), 0.0),
-            "linear": lambda: size * (float(at) - reference) / self.span,
-            "power": lambda: float(size * (float(at) / reference) ** self.exponent),
-            "exponential": lambda: size * math.exp(-(float(at) - reference) / self.span),
+            "linear": lambda: self.size * (float(at) - self.reference) / self.span,
+            "power": lambda: float(self.size * (float(at) / self.reference) ** self.exponent),
+            "exponential": lambda: self.size * math.exp(-(float(at) - self.reference) / self.span),
         }
         change = changes[self.form]()
         if self.change == "add":

@@ -91,7 +91,8 @@ def simulate_session(plan: str | Path, output: str | Path) -> SimulationSummary:
     PipelineError
         If the plan is malformed, the folder holds something, or every trial locks.
     """
-    declared, output = read_plan(Path(plan)), Path(output)
+    declared = read_plan(Path(plan))
+    output = Path(output)
     if output.exists() and (not output.is_dir() or any(output.iterdir())):
         raise PipelineError(f"output must be a new or empty folder, got {str(output)!r}")
     with make_draft_folder(output) as draft:
@@ -117,13 +118,14 @@ def write_session(plan: SessionPlan, folder: Path) -> SimulationSummary:
     ]
     (folder / "scans").mkdir()
     for number, (nominal, true) in enumerate(heights.items()):
-        step, chance = (
+        _write_scan(
+            folder / "scans" / f"{name_block(nominal)}.csv",
             Step(true, max(sum(added), 0.0)),
             np.random.default_rng([plan.seed, 3, number]),
         )
-        _write_scan(folder / "scans" / f"{name_block(nominal)}.csv", step, chance)
     (folder / "session.toml").write_text(format_session(plan), encoding="utf-8")
-    rows, locked = plan.rows(), 0
+    rows = plan.rows()
+    locked = 0
     with (
         open_writer(folder, plan.format) as write,
         (folder / "trials.csv").open("w", newline="", encoding="utf-8") as trials,
@@ -155,11 +157,19 @@ def _record_row(
     state = compute_planted_state(plan, row, heights, chance)
     if state is None:
         return None
-    rig, gain = build_rig(plan, state), float(state.gain[0])
+    rig = build_rig(plan, state)
+    gain = float(state.gain[0])
     if plan.source == "drag":
         step, point, pull = record_true_drag(plan, state)
-        cubic = float(state.hardening[0]) * point.tool.stiffness**3
-        done = record_drag(step, point, rig, chance, gain=gain, pull=pull, hardening=cubic)
+        done = record_drag(
+            step,
+            point,
+            rig,
+            chance,
+            gain=gain,
+            pull=pull,
+            hardening=float(state.hardening[0]) * point.tool.stiffness**3,
+        )
         load, sliding = (
             float(state.load[0]),
             float(state.friction[0] * state.load[0] + state.drag[0]),
@@ -227,9 +237,15 @@ def compute_planted_state(
     scatter = plan.scatter
     nominal = min(heights, key=lambda height: abs(height * 1e6 - float(row["height_um"])))
     numbers = {name: np.array([float(row[name])]) for name in NUMBERS if name in row}
-    radius, speed = np.array([plan.model.tip_radius]), numbers["speed_mm_s"] / 1e3
-    conditions = np.array([row["block"]]), np.array([nominal]), numbers["load_n"], speed, radius
-    design = BenchDesign(*conditions, plan.model.spring_constant, numbers)
+    design = BenchDesign(
+        np.array([row["block"]]),
+        np.array([nominal]),
+        numbers["load_n"],
+        numbers["speed_mm_s"] / 1e3,
+        np.array([plan.model.tip_radius]),
+        plan.model.spring_constant,
+        numbers,
+    )
     values = {
         "friction": plan.model.friction,
         "ln_conversion": math.log(plan.model.conversion),
@@ -247,8 +263,11 @@ def compute_planted_state(
     for effect in plan.effects:
         if effect.law:
             law = next(one for one in list_named_laws(plan.blocks()) if one.id == effect.law)
-            given = {p.name: p.start for p in law.parameters} | effect.parameters
-            state = law.apply(state, select_covariate(design, state, law.covariate), given)
+            state = law.apply(
+                state,
+                select_covariate(design, state, law.covariate),
+                {p.name: p.start for p in law.parameters} | effect.parameters,
+            )
         else:
             names = _SLOTS.get(str(effect.slot), (str(effect.slot),))
             changed: dict[str, Array] = {
@@ -273,12 +292,16 @@ def compute_planted_state(
 
 def build_rig(plan: SessionPlan, state: DragState) -> Rig:
     """Return the rig of a plan; a gauge that lags has a bandwidth."""
-    declared, lag = plan.rig.model_dump(), float(state.lag[0])
-    bandwidth = min(
-        declared.pop("bandwidth") or math.inf,
-        1.0 / (2.0 * math.pi * lag) if lag > 0.0 else math.inf,
+    declared = plan.rig.model_dump()
+    lag = float(state.lag[0])
+    return Rig(
+        drift=declared.pop("drift_n_per_s"),
+        bandwidth=min(
+            declared.pop("bandwidth") or math.inf,
+            1.0 / (2.0 * math.pi * lag) if lag > 0.0 else math.inf,
+        ),
+        **declared,
     )
-    return Rig(drift=declared.pop("drift_n_per_s"), bandwidth=bandwidth, **declared)
 
 
 def compute_truth(plan: SessionPlan, state: DragState) -> Truth | None:
@@ -289,7 +312,8 @@ def compute_truth(plan: SessionPlan, state: DragState) -> Truth | None:
     one = np.ones(1)
     shown = compute_channels(state.changed(gain=one, lag=0.0 * one))[0]
     load = float(state.set_load[0] + state.sensed_offset[0])
-    energy, peak, sliding = math.exp(shown[0]), math.exp(shown[1]), float(shown[2]) * load
+    energy, peak = math.exp(shown[0]), math.exp(shown[1])
+    sliding = float(shown[2]) * load
     if peak - sliding < _LEAST_RISE or not energy > 0.0:
         return None
     spring = plan.model.spring_constant
@@ -322,11 +346,16 @@ def record_true_drag(plan: SessionPlan, state: DragState) -> tuple[Step, Operati
         if isinstance(value, np.ndarray)
     }
     ball_radius = min(plan.model.tip_radius, slots["radius"])
-    tool = Tool(
-        stiffness=slots["stiffness"],
-        frequency=slots["frequency"]
-        * math.sqrt(slots["ring_stiffness"] / plan.model.spring_constant),
-        decay_time=slots["decay_time"] / slots["damping"],
+    point = OperatingPoint(
+        ball_radius,
+        slots["load"],
+        slots["friction"],
+        Tool(
+            stiffness=slots["stiffness"],
+            frequency=slots["frequency"]
+            * math.sqrt(slots["ring_stiffness"] / plan.model.spring_constant),
+            decay_time=slots["decay_time"] / slots["damping"],
+        ),
+        slots["speed"],
     )
-    point = OperatingPoint(ball_radius, slots["load"], slots["friction"], tool, slots["speed"])
     return Step(slots["height"], slots["radius"] - ball_radius), point, slots["drag"]

@@ -136,7 +136,8 @@ def find_set_down(trace: Trace) -> tuple[int, tuple[Estimate, Estimate]]:
     a handle that stands still; a record may lack any of them.
     """
     unknown = (math.nan, math.nan)
-    zeros, loaded = (unknown, unknown), 0
+    zeros = (unknown, unknown)
+    loaded = 0
     calm = max(round(_CALM * (trace.time.size - 1) / float(trace.time[-1] - trace.time[0])), 5)
     normal = np.convolve(trace.normal, np.full(5, 0.2), mode="same")
     low, high = np.percentile(normal[2:-2], (0.5, 80.0))

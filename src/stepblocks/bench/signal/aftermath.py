@@ -189,10 +189,17 @@ def fit_aftermath(
     depth += 3.0 * approach.hardening * approach.level * swung * (swung - approach.level)
     level_std = approach.level_std if saw is None else saw.kinetic[1]
     drift_std = approach.fit.std(approach.fit.shape.size + 1) * reach
-    swing = Swing(
-        (depth, math.hypot(std, level_std, drift_std)), instant, (decay, spread), 0.5 / frequency
+    return _measure_aftermath_of_rubbing(
+        rubbing,
+        Swing(
+            (depth, math.hypot(std, level_std, drift_std)),
+            instant,
+            (decay, spread),
+            0.5 / frequency,
+        ),
+        float(np.median(np.diff(time))),
+        tool,
     )
-    return _measure_aftermath_of_rubbing(rubbing, swing, float(np.median(np.diff(time))), tool)
 
 
 def fit_bell(time: Array, force: Array, release: float, mains: float, noise: float) -> Aftermath:
@@ -240,8 +247,15 @@ def _fit_best_rubbing(
     best: RubbingRing | None = None
     for guess in _guess_tools(time, clean, marks, approach, tool):
         for trough in _find_troughs(time, clean, marks, level, guess[0]):
-            t, y, spread = time[trough:], clean[trough:], KNOWN_SPREAD if tool else GUESSED_SPREAD
-            fit = fit_rubbing_ring(t, y, level, guess, approach.slope, marks.noise, spread=spread)
+            fit = fit_rubbing_ring(
+                time[trough:],
+                clean[trough:],
+                level,
+                guess,
+                approach.slope,
+                marks.noise,
+                spread=KNOWN_SPREAD if tool else GUESSED_SPREAD,
+            )
             if best is None or fit.misfit < _MUCH_BETTER * best.misfit:
                 best = fit
             if best.misfit < _SETTLED:
@@ -319,7 +333,8 @@ def measure_sympathetic_force(
     The ring has the frequency and the decay of the tangential force.
     """
     begin = int(np.searchsorted(time, max(after.start + _SETTLE, after.ring.origin)))
-    still, since = _build_still_columns(time[begin:], approach), time[begin:] - after.start
+    still = _build_still_columns(time[begin:], approach)
+    since = time[begin:] - after.start
 
     def ringing(frequency: float, decay_time: float) -> Estimate:
         columns = np.column_stack([build_damped_wave_columns(since, frequency, decay_time), still])

@@ -109,7 +109,8 @@ def find_bounded_landmarks(time: Array, force: Array) -> Landmarks:
 
     That sample is where the range of a gauge or the record ends.
     """
-    noise, peak = estimate_white_noise(force), int(np.argmax(force))
+    noise = estimate_white_noise(force)
+    peak = int(np.argmax(force))
     level = float(np.median(force[: max(peak // 4, 1)]))
     rise = float(force[peak]) - level
     if rise < _RISE_OVER_NOISE * noise or peak < 4 * _SLIDE_SAMPLES:
@@ -183,13 +184,11 @@ class Approach:
     clock: Clock
 
     def __post_init__(self) -> None:
-        fit, first = self.fit, self.fit.shape.size
+        fit = self.fit
         self.onset = float(fit.shape[0])  # begin of loading [s]
         # tangential force while sliding [N]
-        self.level, self.level_std = (
-            float(fit.weights[0]),
-            fit.std(first),
-        )
+        self.level = float(fit.weights[0])
+        self.level_std = fit.std(fit.shape.size)
         self.slope = float(fit.weights[2])  # of the ramp where it begins [N/s]
         self.mains, self.center = self.clock.mains, self.clock.center
         # g of ``F = u + g u^3`` [1/N^2]
@@ -200,7 +199,8 @@ class Approach:
 
         Its standard uncertainty stands beside it [N/s].
         """
-        first, gradient = self.fit.shape.size, np.zeros(self.fit.covariance.shape[0])
+        first = self.fit.shape.size
+        gradient = np.zeros(self.fit.covariance.shape[0])
         gradient[first + 2] = 1.0
         if self.clock.bend is not None:
             grid = np.linspace(0.0, rise / self.slope, 801)
@@ -247,8 +247,9 @@ class Approach:
 
     def line_std(self, time: float) -> float:
         """Return the standard uncertainty of `ramp` at one instant [N]."""
-        size, gradient = self.fit.shape.size, np.zeros(self.fit.covariance.shape[0])
-        gradient[0], gradient[size], gradient[size + 2] = -self.slope, 1.0, time - self.onset
+        size = self.fit.shape.size
+        gradient = np.zeros(self.fit.covariance.shape[0])
+        gradient[[0, size, size + 2]] = -self.slope, 1.0, time - self.onset
         if self.clock.bend is not None:
             gradient[size + 5] = float(
                 compute_ramp_bend(np.array([time - self.onset]), self.clock.bend)[0]
@@ -324,8 +325,11 @@ def fit_approach(
     The ramp may bend, where it clearly does.
     """
     slide_end = int(np.searchsorted(time, marks.onset))
-    mains = find_mains(time[:slide_end], force[:slide_end])
-    clock = Clock(mains, float(time[: max(slide_end, 1)].mean()), float(np.median(np.diff(time))))
+    clock = Clock(
+        find_mains(time[:slide_end], force[:slide_end]),
+        float(time[: max(slide_end, 1)].mean()),
+        float(np.median(np.diff(time))),
+    )
     found = _fit_ramp(time, force, marks, clock, start_up)
     since = np.maximum(time[: found.end] - found.onset, 0.0)
     if not straight and found.fit.would_gain_from(
@@ -382,17 +386,21 @@ def _fit_until(
     # does what sliding and ramp leave over hold a ring that begins with the record?
     frequency, decay_time = start_up
     before = t < fit.shape[0]
-    since, left = t[before] - t[0], fit.residuals[before]
+    since = t[before] - t[0]
+    left = fit.residuals[before]
     rest = fit_linear(build_damped_wave_columns(since, frequency, decay_time), left)[1]
     had, has = float(left @ left), float(rest @ rest)
     # two parameters more explain 2/n of white noise by chance
     if not had - has > max(_START_UP_GAIN, 20.0 / max(since.size, 1)) * had:
         return fit
     guess = np.array([fit.shape[0], frequency, decay_time])
-    lower = np.array([guess[0] - reach, 0.8 * frequency, 0.2 * decay_time])
-    upper = np.array([guess[0] + reach, 1.25 * frequency, 5.0 * decay_time])
     return fit_separable(
-        ringing, y, guess, lower, upper, np.array([reach, 0.02 * frequency, 0.3 * decay_time])
+        ringing,
+        y,
+        guess,
+        np.array([guess[0] - reach, 0.8 * frequency, 0.2 * decay_time]),
+        np.array([guess[0] + reach, 1.25 * frequency, 5.0 * decay_time]),
+        np.array([reach, 0.02 * frequency, 0.3 * decay_time]),
     )
 
 

@@ -119,11 +119,12 @@ def _find_corner(time: Array, marks: Landmarks, approach: Approach, ring: Ring) 
     fall = (excess(instant + 0.1 * step) - excess(instant - 0.1 * step)) / (0.2 * step)
     if fall >= 0.0:
         return None
-    line_std, curve_std = approach.line_std(instant), ring.curve_std(instant)
     # the force at the corner moves along the ramp by slope * dt, dt = (errors of both) /
     # (difference of slopes)
     share = approach.slope / -fall
-    spread = float(np.hypot((1.0 - share) * line_std, share * curve_std))
+    spread = float(
+        np.hypot((1.0 - share) * approach.line_std(instant), share * ring.curve_std(instant))
+    )
     return Peak(instant, approach.ramp(instant), spread, corner=True)
 
 
@@ -186,12 +187,13 @@ def _find_rounded_peak(time: Array, force: Array, marks: Landmarks, approach: Ap
     grid = np.linspace(t[0], t[-1], 801) / reach
     heights = np.vander(grid, 4, increasing=True) @ weights
     best = int(np.argmax(heights))
-    gradient = np.asarray(grid[best] ** np.arange(4), dtype=float)
-    instant, spread = (
+    return Peak(
         float(time[marks.peak] + grid[best] * reach),
-        _ROUND_SPREAD * propagate_std(gradient, covariance),
+        float(heights[best]),
+        _ROUND_SPREAD
+        * propagate_std(np.asarray(grid[best] ** np.arange(4), dtype=float), covariance),
+        corner=False,
     )
-    return Peak(instant, float(heights[best]), spread, corner=False)
 
 
 @dataclass(frozen=True)
@@ -358,7 +360,8 @@ def measure_trace(
     """Measure one trace."""
     loaded, zeros = find_set_down(trace)
     trace = Trace(trace.time[loaded:], trace.tangential[loaded:], trace.normal[loaded:])
-    time, force = trace.time - trace.time[0], trace.tangential
+    time = trace.time - trace.time[0]
+    force = trace.tangential
     marks = find_landmarks(time, force)
     saw = find_saw(time, force, marks, tool or USUAL_TOOL, spring_constant)
     if saw is not None:
@@ -366,8 +369,9 @@ def measure_trace(
         marks = find_landmarks(time, force)
     late = marks.peak + (time.size - marks.peak) // 4
     # the ramp of a tip that stuck begins with its last tooth
-    start_up = tool or guess_ring(time[late:], force[late:])
-    approach = fit_approach(time, force, marks, start_up, straight=saw is not None)
+    approach = fit_approach(
+        time, force, marks, tool or guess_ring(time[late:], force[late:]), straight=saw is not None
+    )
     after = fit_aftermath(
         time, force, marks, approach, tool or (USUAL_TOOL if saw else None), saw=saw
     )
@@ -387,18 +391,17 @@ def measure_trace(
     load = measure_normal_level(time, trace.normal, approach)
     clean = force - approach.hum(time)
     frequency, decay = tool or (after.frequency[0], after.decay_time[0])
-    damping, top = 1.0 / (2.0 * math.pi * frequency * decay), int(np.searchsorted(time, peak.time))
     motion = Motion(
         time,
         clean,
         trace.normal,
-        top,
+        int(np.searchsorted(time, peak.time)),
         approach.level,
         load[0],
         approach.slope,
         marks.noise,
         frequency,
-        damping,
+        1.0 / (2.0 * math.pi * frequency * decay),
     )
     speed = speed if speed > 0.0 else math.nan  # a handle at rest has no ramp
     return Measurement(
@@ -430,14 +433,21 @@ def measure_censored(trace: Trace, spring_constant: float, speed: float, reason:
             cut = slid.size and np.mean(slid >= np.abs(trace.normal).max()) > _CUT_SHARE
             return {n: v for n, v in features.items() if not (cut and n.startswith(_OVER_LOAD))}
         loaded, zeros = find_set_down(trace)
-        time, force = trace.time[loaded:] - trace.time[loaded], trace.tangential[loaded:]
+        time = trace.time[loaded:] - trace.time[loaded]
+        force = trace.tangential[loaded:]
         marks = find_bounded_landmarks(time, force)
         approach = fit_approach(time, force, marks, None)
         load = measure_normal_level(time, trace.normal[loaded:], approach)
     except (LandmarkError, ValueError, np.linalg.LinAlgError):
         return {}
-    least = Peak(math.nan, float(force[marks.peak]), math.nan, corner=False)
-    return Loading(float(trace.time[loaded]), approach, least, load, zeros, speed).features
+    return Loading(
+        float(trace.time[loaded]),
+        approach,
+        Peak(math.nan, float(force[marks.peak]), math.nan, corner=False),
+        load,
+        zeros,
+        speed,
+    ).features
 
 
 def _compute_band_shares(

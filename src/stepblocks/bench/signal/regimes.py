@@ -155,7 +155,8 @@ def find_saw(
     off = abs(float(np.median(rises[:, 0] / rises[:, 1])) / slope - 1.0)
     if off > _SLOPE_SHARE or rises[-1, 0] < _ALIKE * float(np.median(rises[:, 0])):
         return None
-    (frequency, decay), root = tool, math.sqrt(len(teeth))
+    frequency, decay = tool
+    root = math.sqrt(len(teeth))
     low, high = (
         np.array([find_extremum(time, force, i, 0.1 / frequency, marks.noise)[0] for i in where])
         for where in zip(*teeth, strict=True)
@@ -222,10 +223,12 @@ def find_first_swing(motion: Motion) -> tuple[float, float, float]:
     """
     # the tip runs forward all through that swing, so that friction is part of the level, whatever
     # comes after it
-    time, force, period = motion.time, motion.force, 1.0 / motion.frequency
+    time, force = motion.time, motion.force
+    period = 1.0 / motion.frequency
     fallen = motion.fallen
     reach = (1.0 if time[fallen] - time[motion.peak] < period else 1.5) * period
-    end, smooth = max(int(np.searchsorted(time, time[fallen] + reach)), fallen + 1), motion.smooth
+    end = max(int(np.searchsorted(time, time[fallen] + reach)), fallen + 1)
+    smooth = motion.smooth
     if motion.level - float(smooth[fallen:end].min()) < _FAINT * motion.noise:
         width = max(int(0.2 * period / float(np.median(np.diff(time)))), 1)
         smooth = np.convolve(force, np.full(width, 1.0 / width), mode="same")

@@ -103,12 +103,20 @@ class Ring:
     def curve_std(self, instant: float) -> float:
         """Return the standard uncertainty of `curve` at one instant [N]."""
         at = np.array([instant - self.origin])
-        step = np.array([1e-3, 1e-6, 1e-6, 1e-4])[: self.fit.shape.size]
         slopes = compute_numeric_jacobian(
-            lambda shape: self._model(at, shape), self.fit.shape, step
+            lambda shape: self._model(at, shape),
+            self.fit.shape,
+            np.array([1e-3, 1e-6, 1e-6, 1e-4])[: self.fit.shape.size],
         )
-        columns = _build_ring_columns(at, self.origin, self.mains, self.fit.shape, self.about)
-        return propagate_std(np.concatenate([slopes[0], columns[0]]), self.fit.covariance)
+        return propagate_std(
+            np.concatenate(
+                [
+                    slopes[0],
+                    _build_ring_columns(at, self.origin, self.mains, self.fit.shape, self.about)[0],
+                ]
+            ),
+            self.fit.covariance,
+        )
 
     def amplitude(self, instant: float) -> Estimate:
         """Amplitude of the ring, carried to an instant by its decay.
@@ -116,7 +124,8 @@ class Ring:
         Its standard uncertainty stands beside it [N].
         """
         cosine, sine = self.fit.weights[5:7]
-        reach, decay = instant - self.origin, self.decay_time[0]
+        reach = instant - self.origin
+        decay = self.decay_time[0]
         growth = float(np.exp(-reach / decay))
         size = float(np.hypot(cosine, sine))
         carried = size * growth
@@ -166,13 +175,11 @@ def fit_ring(time: Array, force: Array, origin: float, mains: float, noise: floa
         time, force, origin, mains, noise, np.array([*guess_ring(time, force), _RELEASE_DECAY[1]])
     )
     # does what is left over look as that of a tool whose pitch falls as it dies?
-    about, since, hard = (
-        ring.level[0] / ring.amplitude(origin)[0],
-        time - origin,
-        np.append(ring.fit.shape, _LITTLE),
-    )
+    about = ring.level[0] / ring.amplitude(origin)[0]
+    hard = np.append(ring.fit.shape, _LITTLE)
     columns = [
-        _build_ring_columns(since, origin, mains, shape, about) for shape in (ring.fit.shape, hard)
+        _build_ring_columns(time - origin, origin, mains, shape, about)
+        for shape in (ring.fit.shape, hard)
     ]
     if not ring.fit.would_gain_from((columns[1] - columns[0]) @ ring.fit.weights):
         return ring
@@ -193,7 +200,9 @@ def _fit_damped(
     *,
     about: float = 0.0,
 ) -> Ring:
-    frequency, count, least = start[0], start.size, 0.85 if start.size == 3 else 0.7
+    frequency = start[0]
+    count = start.size
+    least = 0.85 if count == 3 else 0.7
     fit = fit_separable(
         lambda shape: _build_ring_columns(time - origin, origin, mains, shape, about),
         force,
@@ -389,7 +398,9 @@ def _compute_rubbing(
             while done < count and time[done] - begin < wait:
                 result[done] = force + slope * (time[done] - begin)
                 done += 1
-            force, rate, begin = max(level - shift, force), slope * (1.0 - 1e-9), begin + wait
+            force = max(level - shift, force)
+            rate = slope * (1.0 - 1e-9)
+            begin += wait
         else:
             forward = not forward
     # not-a-number, or a tip that chatters without end: no model, and a fit must see that by its
@@ -400,10 +411,11 @@ def _compute_rubbing(
 
 def _compute_rubbing_with_drift(values: Array, time: Array, slope: float) -> Array:
     level, gap, frequency, decay, offset, rate, drift = values
-    force = compute_rubbing_force(
-        time, level, gap, (frequency, decay), (level + offset, rate), slope
+    return np.asarray(
+        compute_rubbing_force(time, level, gap, (frequency, decay), (level + offset, rate), slope)
+        + drift * time,
+        dtype=float,
     )
-    return np.asarray(force + drift * time, dtype=float)
 
 
 def fit_rubbing_ring(
@@ -422,7 +434,8 @@ def fit_rubbing_ring(
     """
     from scipy.optimize import least_squares
 
-    (frequency, decay), origin = tool, float(time[0])
+    frequency, decay = tool
+    origin = float(time[0])
     # what is known of the tool holds a ring that is too faint to tell; a clear ring outweighs it
     known = noise / np.array([spread[0] * frequency, spread[1] * decay])
     begin = int(np.searchsorted(time, origin + _BEGIN))
@@ -459,20 +472,25 @@ def fit_rubbing_ring(
         ):
             break
     assert best is not None
-    values, residuals = np.asarray(best.x, dtype=float), -np.asarray(best.fun[:-2], dtype=float)
+    values = np.asarray(best.x, dtype=float)
+    residuals = -np.asarray(best.fun[:-2], dtype=float)
     jacobian = compute_numeric_jacobian(
         lambda p: _compute_rubbing_with_drift(p, t, slope), values, 1e-3 * _SCALE, lower, upper
     )
     prior = np.zeros((2, 7))
     prior[0, 2], prior[1, 3] = known
-    covariance, missed = (
-        estimate_covariance(jacobian, residuals, prior),
-        compute_misfit(residuals, 7, begin, noise),
-    )
     # a sample between two turns changes by the gap itself; a gap that moves less than one sample
     # was not seen
     knows_gap = bool(np.abs(jacobian[:, 1]).sum() > 1.0 and values[1] > 1e-5)
     # and of one that stops little beyond the other side of friction other gaps tell as much
     stopped = values[4] ** 2 - (slope / (2.0 * math.pi * values[2])) ** 2
     knows_gap = knows_gap and bool(stopped > (_BEYOND * 2.0 * level) ** 2)
-    return RubbingRing(values, covariance, slope, origin, missed, residuals, knows_gap)
+    return RubbingRing(
+        values,
+        estimate_covariance(jacobian, residuals, prior),
+        slope,
+        origin,
+        compute_misfit(residuals, 7, begin, noise),
+        residuals,
+        knows_gap,
+    )

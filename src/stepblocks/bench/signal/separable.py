@@ -163,7 +163,9 @@ def compute_correlation_inflation(residuals: Array) -> float:
 
     ``1 + 2 sum rho_k``, up to what noise can give.
     """
-    count, power, total = residuals.size, float(residuals @ residuals), 0.0
+    count = residuals.size
+    power = float(residuals @ residuals)
+    total = 0.0
     if count < 16 or power == 0.0:
         return 1.0
     limit = 2.5 / np.sqrt(count)

@@ -94,7 +94,8 @@ def read_columns(
 
     Without names it is only seen whether the file can be read.
     """
-    where, found = Place(*place), path.stat()
+    where = Place(*place)
+    found = path.stat()
     opened, group_of, column = READERS[kind]
     try:
         stamp = found.st_ino, found.st_size, found.st_mtime_ns
@@ -149,9 +150,9 @@ class Traces(ExitStack):
         BenchError.require(
             is_file(path), f"traces are missing, expected {acquisition.traces} [{session.folder}]"
         )
-        self._container, nothing = path, (Place("", (), own_file=False, is_file=True), ())
+        self._container = path
         try:
-            self._columns(path, *nothing)
+            self._columns(path, Place("", (), own_file=False, is_file=True), ())
         except TraceError as error:
             raise BenchError(f"traces cannot be read: {error} [{path}]") from error
         self.callback(read_confined, f"{__name__}:close_traces", path, raises=TraceError)
@@ -189,13 +190,16 @@ class Traces(ExitStack):
         acquisition = self.session.acquisition
         path = self._container or _find_trial_file(self.session, trial)
         own = acquisition.per_trial or bool(acquisition.split)
-        place = Place(
-            trial,
-            _list_group_names(acquisition.group, trial),
-            own,
-            own and acquisition.group is None,
+        raw = self._columns(
+            path,
+            Place(
+                trial,
+                _list_group_names(acquisition.group, trial),
+                own,
+                own and acquisition.group is None,
+            ),
+            [one.column for one, _ in self._channels.values()],
         )
-        raw = self._columns(path, place, [one.column for one, _ in self._channels.values()])
         steps = raw.pop("increment") * acquisition.sample_rate
         # of an increment in ms or us the unit is not known, and it contradicts nothing
         powers = np.log10(steps) / 3.0
@@ -226,11 +230,11 @@ class Traces(ExitStack):
         )
 
     def _in_si(self, raw: Mapping[str, Array]) -> dict[str, Array]:
-        found, rate = {}, self.session.acquisition.sample_rate
+        found = {}
         for number, (part, (channel, dimension)) in enumerate(self._channels.items()):
             values = raw[str(number)] * channel.scale(dimension, part)
             values = values - off if (off := channel.offset_in_si(dimension, part)) else values
-            still = round(channel.read_tare_duration(part) * rate)
+            still = round(channel.read_tare_duration(part) * self.session.acquisition.sample_rate)
             if still >= max(values.size, 1):
                 raise TraceError(
                     f"truncated: the tare of {part} takes {still} samples, the record has "

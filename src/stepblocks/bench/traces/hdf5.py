@@ -18,12 +18,8 @@ def open_hdf5(path: Path, layout: object) -> "h5py.File":
         raise TraceError(f"{path.name} is no readable HDF5 file") from error
     # the library would hold 30 MiB of descriptions of groups, each of which is read once
     cache = file.id.get_mdc_config()
-    cache.set_initial_size, cache.initial_size, cache.min_size, cache.max_size = (
-        True,
-        _CACHE,
-        _CACHE,
-        _CACHE,
-    )
+    cache.set_initial_size = True
+    cache.initial_size = cache.min_size = cache.max_size = _CACHE
     file.id.set_mdc_config(cache)
     return file
 

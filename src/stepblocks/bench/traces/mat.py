@@ -102,7 +102,8 @@ def find_mat_variables(path: Path) -> Variables:
     SciPy reads through all of them to find one.
     """
     places: dict[str, tuple[int, int]] = {}
-    size, place = path.stat().st_size, _HEADER
+    size = path.stat().st_size
+    place = _HEADER
     with path.open("rb") as file:
         mark = file.read(_HEADER)[126:]
         if mark not in (b"IM", b"MI"):

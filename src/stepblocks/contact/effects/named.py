@@ -24,14 +24,10 @@ def _apply_compliance(
 ) -> DragState:
     # Let the edge press its way into the ball, or the block into what holds it
     held = np.cos(np.arctan(state.friction * state.edge_factor))
-    across, per_newton = (
-        np.maximum(state.load, 1e-3) * held / np.cos(state.angle()),
-        values["depth_at_1n_m"],
-    )
-    depth, cosine = (
-        per_newton * across**power,
-        1.0 - np.clip(state.height / state.radius, 1e-3, 1.0),
-    )
+    across = np.maximum(state.load, 1e-3) * held / np.cos(state.angle())
+    per_newton = values["depth_at_1n_m"]
+    depth = per_newton * across**power
+    cosine = 1.0 - np.clip(state.height / state.radius, 1e-3, 1.0)
     # in the corner floor and edge give way to the pull, in the middle of the ramp with half of what
     # the edge will bear
     both = (
@@ -256,10 +252,13 @@ def _apply_motion(state: DragState, _: object, values: Mapping[str, float]) -> D
     # k m = (k / omega)^2: the ring itself tells the mass that moves
     momentum = state.stiffness / (2.0 * np.pi * state.frequency)
     stiffness, speed = state.stiffness * state.radius / load, state.speed * momentum / load
-    damping = state.damping / (2.0 * np.pi * state.frequency * state.decay_time)
-    cubic = np.maximum(state.hardening, 0.0) * load**2
     excess, share = compute_release(
-        state.height / state.radius, state.friction, stiffness, speed, damping, cubic
+        state.height / state.radius,
+        state.friction,
+        stiffness,
+        speed,
+        state.damping / (2.0 * np.pi * state.frequency * state.decay_time),
+        np.maximum(state.hardening, 0.0) * load**2,
     )
     return state.changed(
         climb_load=state.climb_load + load * np.expm1(weight * excess),

@@ -32,11 +32,15 @@ def _integrate_climb(
     # 1/omega, positions in R, forces in N, k R / N = stiffness.
     edge = np.arccos(1.0 - height)
     friction = min(friction, np.tan(_STEEPEST - edge))
-    reach, step, drive = np.sin(edge), 1.0 / _STEPS_PER_RADIAN, speed / stiffness
+    reach = np.sin(edge)
+    step = 1.0 / _STEPS_PER_RADIAN
+    drive = speed / stiffness
     drag = 2.0 * damping * stiffness
     start = max(np.tan(edge + np.arctan(friction)) - drag * drive, _LEAST_SHARE)
     force, peak, lowest = start, start, start
-    x, velocity, y, up, flies, last = 0.0, 0.0, 0.0, 0.0, False, 1.0 - height
+    x = velocity = y = up = 0.0
+    flies = False
+    last = 1.0 - height
     handle = _softened(start, cubic) / stiffness
     for _ in range(int(_MOST_RADIANS * _STEPS_PER_RADIAN)):
         sine = min(max(reach - x, 0.0), 1.0)
@@ -52,14 +56,14 @@ def _integrate_climb(
         )
         if flies and y <= ground:  # it lands and does not bounce
             closing = max(velocity * sine - up * ground, 0.0)
-            flies, velocity = (
-                False,
-                max(velocity * ground + up * sine - friction * closing, 0.0) * ground,
-            )
+            flies = False
+            velocity = max(velocity * ground + up * sine - friction * closing, 0.0) * ground
         lifted = 1.0 - on * stiffness * velocity * velocity / (ground * ground * ground)
         if flies or lifted + rise * pull <= 0.0:
             if not flies:
-                flies, y, up = True, ground, (ground - last) / step
+                flies = True
+                y = ground
+                up = (ground - last) / step
             velocity += pull / stiffness * step
             up -= step / stiffness
             y += up * step
@@ -78,8 +82,11 @@ def _integrate_climb(
                 if (velocity + gained * left) * velocity >= 0.0:
                     velocity += gained * left
                     break
-                left, velocity = left + velocity / gained, 0.0
-        x, handle, last = x + velocity * step, handle + drive * step, ground
+                left += velocity / gained
+                velocity = 0.0
+        x += velocity * step
+        handle += drive * step
+        last = ground
         stretch = stiffness * (handle - x)
         force = stretch + cubic * stretch**3
         peak = max(peak, force)

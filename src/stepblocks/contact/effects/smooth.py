@@ -54,11 +54,8 @@ class CovariateRange:
         numbers = np.asarray(column, dtype=np.float64)
         low, high = self.low, self.high
         if self.log:
-            numbers, low, high = (
-                np.log(np.maximum(numbers, 1e-12)),
-                float(np.log(low)),
-                float(np.log(high)),
-            )
+            numbers = np.log(np.maximum(numbers, 1e-12))
+            low, high = float(np.log(low)), float(np.log(high))
         return np.asarray(np.clip((numbers - low) / (high - low), 0.0, 1.0))
 
     def line(self, column: NDArray[np.generic]) -> Floats:
@@ -85,11 +82,8 @@ class CovariateRange:
         if self.freedom < _PIECES:
             return self.line(column) ** np.arange(1, self.freedom + 1)
         # a constant belongs to the nominal model: one spline goes, the rest vanish in the middle
-        unit, knots = (
-            self.unit(column),
-            np.concatenate([np.zeros(3), np.linspace(0.0, 1.0, _PIECES - 1), np.ones(3)]),
-        )
-        design = BSpline.design_matrix(np.append(unit, 0.5), knots, 3).toarray()
+        knots = np.concatenate([np.zeros(3), np.linspace(0.0, 1.0, _PIECES - 1), np.ones(3)])
+        design = BSpline.design_matrix(np.append(self.unit(column), 0.5), knots, 3).toarray()
         return np.asarray((design[:-1] - design[-1])[:, [0, 1, 3, 4]])
 
 
@@ -219,7 +213,9 @@ def _make_step_law(name: str, covariate: CovariateRange, levels: int = 2) -> Law
     # Change a slot where a covariate passes a value: of the radius along the run a chipped tip. Of
     # more than two levels each counts from the first.
     run = covariate.name == "run_order"
-    move, chip, several = SLOT_MOVES[name], name == "radius", levels > 2
+    move = SLOT_MOVES[name]
+    chip = name == "radius"
+    several = levels > 2
     reach = covariate.high - covariate.low
     width = 2e-3 * reach  # a hundredth of the spacing would leave a fit no way to move
     marks = [f"[{one}]" for one in _LEVELS[: levels - 1]] if several else [""]
@@ -280,7 +276,8 @@ def _make_step_law(name: str, covariate: CovariateRange, levels: int = 2) -> Law
 
 def _make_periodic_law(name: str, covariate: CovariateRange) -> Law:
     # Let a slot swing along the run, with any period from a few trials to the whole of it
-    move, reach = SLOT_MOVES[name], covariate.high - covariate.low
+    move = SLOT_MOVES[name]
+    reach = covariate.high - covariate.low
     parts = tuple(Parameter(part, "1", 0.0, -2.0, 2.0, 0.05) for part in ("cosine", "sine"))
     period = Parameter("period_trials", "1", 0.5 * reach, 0.8 * _SHORTEST_PERIOD, 1.2 * reach, 0.5)
 
@@ -306,7 +303,8 @@ def _make_periodic_law(name: str, covariate: CovariateRange) -> Law:
 
 
 def _make_covariate_law(kind: str, slot: str, covariate: CovariateRange) -> Law:
-    move, trend = SLOT_MOVES[slot], kind == "trend"
+    move = SLOT_MOVES[slot]
+    trend = kind == "trend"
     labels = covariate.labels if slot in _JUMPING and covariate.name != "block" else ()
     names = ("slope",) if trend else tuple(f"g{i + 1}" for i in range(covariate.freedom))
     names = tuple(f"g[{label}]" for label in labels[1:]) or names

@@ -66,15 +66,19 @@ class CentrePath:
             inside = (touched >= self.feature.first) & (touched <= self.feature.last)
             slope = np.where(inside, slope, -np.inf)
         index = int(np.argmax(slope))
-        rise, knot = float(slope[index]), index + (direction <= 0)
+        rise = float(slope[index])
+        knot = index + (direction <= 0)
         angle = 0.5 * math.pi if rise >= STEEPEST else math.atan(max(rise, 0.0))
         return float(self.x[knot]), float(self.z[knot]), angle if angle > _CATCH else 0.0
 
     def scaled(self, scale: float) -> "CentrePath":
         """Return the path magnified; slopes, and with them all forces, stay."""
-        feature = self.feature and FeatureRange(*(scale * one for one in self.feature))
         return CentrePath(
-            self.x * scale, self.z * scale, self.slope_start, self.slope_end, feature=feature
+            self.x * scale,
+            self.z * scale,
+            self.slope_start,
+            self.slope_end,
+            feature=self.feature and FeatureRange(*(scale * one for one in self.feature)),
         )
 
 

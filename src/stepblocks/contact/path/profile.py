@@ -42,9 +42,14 @@ class TipPath:
             np.ascontiguousarray(-self.contact[::-1]),
         )
         element = np.where(self.element < 0, -1, len(elements) - 1 - self.element)[::-1].copy()
-        slope = kernels.compute_path_slopes(position, contact, element, self.ball_radius)
         return TipPath(
-            position, self.height[::-1].copy(), contact, slope, element, elements, self.ball_radius
+            position,
+            self.height[::-1].copy(),
+            contact,
+            kernels.compute_path_slopes(position, contact, element, self.ball_radius),
+            element,
+            elements,
+            self.ball_radius,
         )
 
 
@@ -63,15 +68,23 @@ def build_profile_path(
     # goes on level beyond both ends
     require_positive("ball radius", ball_radius, "m")
     xs, zs = _check_profile(x, z)
-    finite, width = np.isfinite(zs), 2.0 * ball_radius
+    finite = np.isfinite(zs)
+    width = 2.0 * ball_radius
     elements = _list_elements(xs, zs, ball_radius)
     (first, last), (start, end) = xs[finite][[0, -1]], zs[finite][[0, -1]]
     before = [first - 2.0 * width, start, first, start, 0.0]
     elements = np.vstack([before, elements, [last, end, last + 2.0 * width, end, 0.0]])
     where = _choose_positions(xs, width) if positions is None else positions
     height, contact, which = kernels.dilate_profile(where, elements, ball_radius)
-    slope = kernels.compute_path_slopes(where, contact, which, ball_radius)
-    return TipPath(where, height, contact, slope, which, elements, ball_radius)
+    return TipPath(
+        where,
+        height,
+        contact,
+        kernels.compute_path_slopes(where, contact, which, ball_radius),
+        which,
+        elements,
+        ball_radius,
+    )
 
 
 def _list_elements(x: Array, z: Array, radius: float) -> Array:

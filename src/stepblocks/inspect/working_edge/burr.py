@@ -70,8 +70,13 @@ def find_burr(across: Array, height: Array, step: float, exclusion: float) -> Bu
     std = float(np.hypot(std, np.median(near) if near.size else 0.0))
     # between two points the sides of a peak may go on rising as they do beside it
     rise = 0.25 * max(peak - beside, 0.0)
-    value = max(peak + rise - noise, 0.0)
-    return Burr(Estimate(value, std), rise / np.sqrt(3.0), noise, int(lone.sum()), highest)
+    return Burr(
+        Estimate(max(peak + rise - noise, 0.0), std),
+        rise / np.sqrt(3.0),
+        noise,
+        int(lone.sum()),
+        highest,
+    )
 
 
 def _level_rows(height: Array, face: Mask) -> Array:

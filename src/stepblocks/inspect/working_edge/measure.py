@@ -395,8 +395,13 @@ def _build_shown(first: ScannedProfile, edge: Edge, sloped: bool) -> Shown:
     level = first.height - edge.tilt * x
     lower = (x < before) if edge.rising else (x > behind)
     sign, corner = (1.0 if edge.rising else -1.0), 0.0 if sloped else max(edge.radius.value, 0.0)
-    fitted = compute_edge_profile(sign * x, sign * edge.position, edge.height.value, corner)
-    return Shown(x, level - np.nanmedian(level[lower]), windows, fitted, edge.dropped)
+    return Shown(
+        x,
+        level - np.nanmedian(level[lower]),
+        windows,
+        compute_edge_profile(sign * x, sign * edge.position, edge.height.value, corner),
+        edge.dropped,
+    )
 
 
 def _estimate_form(results: list[tuple[ScannedProfile, Edge]]) -> float:

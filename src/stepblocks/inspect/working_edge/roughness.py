@@ -52,8 +52,9 @@ def measure_ra(face: ScannedProfile, limit: float) -> Estimate:
     cut = round(0.5 * cutoff / spacing)
     sections = np.array_split(np.abs(rough[cut:-cut]), _SECTIONS)
     each = np.array([float(section.mean()) for section in sections])
-    std = float(each.std(ddof=1) / np.sqrt(_SECTIONS))
-    return Estimate(float(each.mean()), std, _SECTIONS - 1.0)
+    return Estimate(
+        float(each.mean()), float(each.std(ddof=1) / np.sqrt(_SECTIONS)), _SECTIONS - 1.0
+    )
 
 
 def _filter(height: Array, known: Array, spacing: float, cutoff: float) -> Array:

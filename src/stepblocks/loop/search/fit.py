@@ -62,13 +62,12 @@ class Problem:
 
     def share_errors(self, common: Sequence[Systematic], fitted: "Fit") -> "Problem":
         """Return the same with errors that trials share in the noise."""
-        responses = self.model.responses(self.trials, fitted.values, fitted.active)
         return replace(
             self,
             noise=build_noise(
                 self.trials,
                 [*self.model.systematics(self.trials), *common],
-                responses,
+                self.model.responses(self.trials, fitted.values, fitted.active),
                 self.noise.scatter,
             ),
             common=tuple(common),

@@ -64,8 +64,12 @@ def withdraw_claims(found: Explanation, hints: tuple[Hint, ...]) -> Explanation:
     if not hints:
         return found
     lost, why = Verdict.UNEXPLAINED, hints[0].sentence
-    findings = tuple(replace(f, verdict=lost, reason=why) for f in found.findings)
-    return replace(found, findings=findings, verdict=lost, hints=(*hints, *found.hints))
+    return replace(
+        found,
+        findings=tuple(replace(f, verdict=lost, reason=why) for f in found.findings),
+        verdict=lost,
+        hints=(*hints, *found.hints),
+    )
 
 
 def _judge_folds(finding: Finding, folds: Sequence[set[str]]) -> Finding:

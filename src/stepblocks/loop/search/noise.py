@@ -214,9 +214,13 @@ def estimate_scatter(residual: Floats, std: Floats, responses: Floats, dof: int)
     start = np.log(np.concatenate([np.full(count, 0.3), np.full(c, 0.1)]))
     # no channel is trusted beyond a thousandth of its variance: a rounding error would outweigh the
     # rest
-    bounds = [(np.log(1e-8), np.log(1e2))] * count + [(np.log(1e-4), np.log(4.0))] * c
     solution = minimize(
-        objective, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": 60}
+        objective,
+        start,
+        jac=True,
+        method="L-BFGS-B",
+        bounds=[(np.log(1e-8), np.log(1e2))] * count + [(np.log(1e-4), np.log(4.0))] * c,
+        options={"maxiter": 60},
     )
     variance = np.exp(solution.x)
     return Scatter(variance[:count] / size**2, variance[count:] * unit**2, dof)

@@ -180,8 +180,9 @@ def _test_neighbours(name: str, values: Floats) -> Hint:
     gain, _, _ = fit_walk(values)
     lags = min(5, len(values) // 8)
     together = float(acorr_ljungbox(values, lags=[lags])["lb_pvalue"].iloc[0])
-    p_value = min(1.0, 2.0 * min(together, 0.5 * float(stats.chi2.sf(gain, 1))))
-    return describe_wandering(name, p_value)
+    return describe_wandering(
+        name, min(1.0, 2.0 * min(together, 0.5 * float(stats.chi2.sf(gain, 1))))
+    )
 
 
 def describe_wandering(name: str, p_value: float = 0.0) -> Hint:

@@ -280,9 +280,13 @@ class CrownOnTooth(CrownMargin, Turned):
                 EdgeRule(side, describe_plane(2, 0.0)),
                 EdgeRule(describe_plane(2, 0.0), self._state_walls()[0]),
             )
-            label = "finish line, width of the shoulder"
             yield make_characteristic(
-                key, "distance", width, *edges, label=label, method="microscope"
+                key,
+                "distance",
+                width,
+                *edges,
+                label="finish line, width of the shoulder",
+                method="microscope",
             )
         else:  # no face is as wide
             what = "radius of the quarter round" if kind == "chamfer" else "width of its edge"

@@ -131,8 +131,12 @@ class CrownMargin(Part):
     def measure_gap(self, mesh: MeasuredMesh, length: Dimension) -> Verdict:
         """Measure the marginal gap on the mesh of a body of this length."""
         reach = 0.25 * length.nominal
-        gap = mesh.wall_position(-1, reach) - mesh.wall_position(+1, reach)
-        return Finding("marginal gap", self.marginal_gap.nominal, gap, NANOMETRE)
+        return Finding(
+            "marginal gap",
+            self.marginal_gap.nominal,
+            mesh.wall_position(-1, reach) - mesh.wall_position(+1, reach),
+            NANOMETRE,
+        )
 
     def choose_close_up(self) -> tuple[float, float, tuple[float, float, float]]:
         rise, gap = abs(self.horizontal_discrepancy.nominal), self.marginal_gap.nominal
@@ -211,10 +215,14 @@ class MarginBlock(CrownMargin, Block):
 
     def solids(self) -> list[cad.door.Body]:
         gap, depth = self.marginal_gap.nominal, self.gap_depth.nominal
-        body = self.extrude_section(
-            [*reversed(self.corner), (gap, -depth), (0.0, -depth), (0.0, 0.0)]
-        )
-        return [cad.kernel.cut(body, make_body_cuts(self.body, self.id, self.rise))]
+        return [
+            cad.kernel.cut(
+                self.extrude_section(
+                    [*reversed(self.corner), (gap, -depth), (0.0, -depth), (0.0, 0.0)]
+                ),
+                make_body_cuts(self.body, self.id, self.rise),
+            )
+        ]
 
     def volumes(self) -> tuple[float, ...]:
         # Add the halves on either side of x = 0, less the gap, corrected at the corner

@@ -230,8 +230,12 @@ class ScannedMargin(CrownMargin):
     def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Verdict]:
         yield self.measure_gap(mesh, self.length)
         corner = abs(mesh.vertices[:, 0] - self.opening.nominal) < 5.0 * NANOMETRE
-        top = float(mesh.vertices[corner, 2].max())
-        yield Finding("margin of the crown", self.horizontal_discrepancy.nominal, top, NANOMETRE)
+        yield Finding(
+            "margin of the crown",
+            self.horizontal_discrepancy.nominal,
+            float(mesh.vertices[corner, 2].max()),
+            NANOMETRE,
+        )
 
     def derived(self) -> list[list[str]]:
         scan = self.station

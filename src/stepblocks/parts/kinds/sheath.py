@@ -89,11 +89,10 @@ class Sheath(Turned, HeldPart):
     @property
     def sleeve(self) -> Sleeve | None:
         bore, outer, length = self.bore.nominal, self.outer_diameter.nominal, self.length.nominal
-        bending = self.material.modulus.value * math.pi * (outer**4 - bore**4) / 64.0
         return Sleeve(
             self.position.nominal,
             length,
-            bending,
+            self.material.modulus.value * math.pi * (outer**4 - bore**4) / 64.0,
             self.mass / length,
             self.material.loss_factor.value,
         )
@@ -155,8 +154,11 @@ class Sheath(Turned, HeldPart):
             describe_plane(2, 0.0),
             describe_plane(2, self.length.nominal),
         )
-        edge = EdgeRule(FaceRule("CONE", holds={2: 0.5 * broken.nominal}), side)
-        yield make_edge_break(broken, describe_plane(2, 0.0), edge)
+        yield make_edge_break(
+            broken,
+            describe_plane(2, 0.0),
+            EdgeRule(FaceRule("CONE", holds={2: 0.5 * broken.nominal}), side),
+        )
         yield make_characteristic(
             "position",
             "note",
@@ -217,14 +219,19 @@ class Sheath(Turned, HeldPart):
             self.outer_diameter.nominal,
             self.edge_break.nominal,
         )
-        apart = self.outer_diameter.limits[0] > self.bore.limits[1]
         yield check_rule(
-            apart, "outer_diameter", "exceed bore, within their tolerances too", bore, outer
+            self.outer_diameter.limits[0] > self.bore.limits[1],
+            "outer_diameter",
+            "exceed bore, within their tolerances too",
+            bore,
+            outer,
         )
         if outer > bore:  # without a wall, nothing can be said of what is cut into it
-            room = 0.5 * min(outer - bore, self.length.nominal)
             yield check_below(
-                "edge_break", "be smaller than the wall and half the length", broken, room
+                "edge_break",
+                "be smaller than the wall and half the length",
+                broken,
+                0.5 * min(outer - bore, self.length.nominal),
             )
 
 

@@ -218,11 +218,10 @@ class StepBlock(Block):
             "edge_radius", "radius", self.edge_radius, edge, method="profilometer, arc fit"
         )
         chamfer = self.body.edge_break.nominal
-        extent = half - chamfer, self.body.width.nominal - 2.0 * chamfer
         for one in make_form_characteristics(
             self.face_demands, lower, upper, "lower face", "upper face"
         ):
-            yield replace(one, extent=extent)
+            yield replace(one, extent=(half - chamfer, self.body.width.nominal - 2.0 * chamfer))
         if self.metrology is not None:
             yield from self._list_feature_characteristics(self.metrology, lower, upper)
         wall = describe_plane(0, 0.0, y=-0.25 * self.body.width.nominal) if r < H else None
@@ -276,8 +275,13 @@ class StepBlock(Block):
         height, radius, body = self.height.nominal, self.edge_radius.nominal, self.body
         yield check_rule(radius <= height, "edge_radius", "not exceed height", height, radius)
         chamfer = body.edge_break.nominal
-        rule = "be smaller than body.edge_break, or the chamfers of the two faces part"
-        yield check_rule(height < chamfer or chamfer == 0.0, "height", rule, chamfer, height)
+        yield check_rule(
+            height < chamfer or chamfer == 0.0,
+            "height",
+            "be smaller than body.edge_break, or the chamfers of the two faces part",
+            chamfer,
+            height,
+        )
         yield check_below(
             "height", "be below half the thickness", height, 0.5 * body.thickness.nominal
         )

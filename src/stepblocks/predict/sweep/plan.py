@@ -293,8 +293,11 @@ def _read_parameter(
         if kind == "random":
             ranges[name] = [low, high]
         else:
-            count = _read_count(f"count of {name}", raw.get("count"), "parameters", _MOST_VALUES)
-            values[name] = np.linspace(low, high, count).tolist()
+            values[name] = np.linspace(
+                low,
+                high,
+                _read_count(f"count of {name}", raw.get("count"), "parameters", _MOST_VALUES),
+            ).tolist()
 
 
 def _read_quantity(name: str, raw: object, dimension: str, place: str) -> float:

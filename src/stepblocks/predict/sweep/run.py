@@ -177,9 +177,12 @@ def _is_whole(plan: SweepPlan, number: int, folder: Path) -> bool:
 
 def _format_parquet(table: pa.Table) -> bytes:
     stream = io.BytesIO()
-    texts = [field.name for field in table.schema if field.type == "string"]
     pq.write_table(
-        table, stream, compression="zstd", use_dictionary=texts, write_page_checksum=True
+        table,
+        stream,
+        compression="zstd",
+        use_dictionary=[field.name for field in table.schema if field.type == "string"],
+        write_page_checksum=True,
     )
     return stream.getvalue()
 

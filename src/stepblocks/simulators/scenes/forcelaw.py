@@ -29,8 +29,12 @@ def _write(folder: Path, scene: Scene) -> None:
     )
     for event in scene.events:
         force = event.critical_force if event.status is Status.RELEASES else 3.0 * load
-        travel = 1.3 * force / scene.stiffness + scene.ball_radius
-        record = renderer.drag(load, travel, float(event.direction), 1e-3 * scene.scale)
+        record = renderer.drag(
+            load,
+            1.3 * force / scene.stiffness + scene.ball_radius,
+            float(event.direction),
+            1e-3 * scene.scale,
+        )
         keep = np.unique(np.linspace(0, len(record.hand) - 1, _ROWS).astype(int))
         columns = {"hand_along_drag_m": record.hand[keep], "pulling_force_n": record.pull[keep]}
         name = f"force-{'up' if event.direction > 0 else 'down'}.csv"
@@ -55,8 +59,14 @@ def _read_tick_source() -> str:
 
 
 def _write_columns(path: Path, columns: dict[str, Array]) -> None:
-    values = np.column_stack(list(columns.values()))
-    np.savetxt(path, values, fmt="%.12g", delimiter=",", header=",".join(columns), comments="")
+    np.savetxt(
+        path,
+        np.column_stack(list(columns.values())),
+        fmt="%.12g",
+        delimiter=",",
+        header=",".join(columns),
+        comments="",
+    )
 
 
 FORCELAW = SceneFormat(

@@ -55,8 +55,12 @@ def _write_tooth(folder: Path, scan: Mesh, stations: Sequence[Scene]) -> None:
     from scipy.spatial.transform import Rotation
 
     write_obj(folder / "tooth.obj", scan)
-    turns = Rotation.from_matrix([one.frame.turn for one in stations]).as_quat(scalar_first=True)
-    write_from_template(folder / "scene.xml", "tooth.xml", stations=stations, turns=turns)
+    write_from_template(
+        folder / "scene.xml",
+        "tooth.xml",
+        stations=stations,
+        turns=Rotation.from_matrix([one.frame.turn for one in stations]).as_quat(scalar_first=True),
+    )
     write_from_template(folder / "drag.py", "drag_tooth.py", stations=stations)
 
 

@@ -13,8 +13,10 @@ _OBJ_UNITS = 1e3
 
 def _write(folder: Path, scene: Scene) -> None:
     for piece in scene.pieces:
-        mesh = Mesh(piece.name, piece.vertices * (_CM / _OBJ_UNITS), piece.triangles)
-        write_obj(folder / f"{piece.name}.obj", mesh)
+        write_obj(
+            folder / f"{piece.name}.obj",
+            Mesh(piece.name, piece.vertices * (_CM / _OBJ_UNITS), piece.triangles),
+        )
     z = scene.path.z / scene.scale
     # to be felt [m]
     smallest = abs(float(z[-1] - z[0])) or abs(float(z.min() - z[0])) or scene.point.ball_radius

@@ -9,16 +9,13 @@ from stepblocks.simulators.scene import Scene, SceneFormat, write_from_template
 
 
 def _write(folder: Path, scene: Scene) -> None:
-    events = (
-        json.dumps(scene.parameters()["events"], allow_nan=False)
-        .replace("\\", "\\\\")
-        .replace("'", "\\'")
-    )
     start, height = scene.start
     write_from_template(
         folder / "scene.usda",
         scene=scene,
-        events=events,
+        events=json.dumps(scene.parameters()["events"], allow_nan=False)
+        .replace("\\", "\\\\")
+        .replace("'", "\\'"),
         gap=1e-6 * scene.scale,
         start=start,
         height=height,

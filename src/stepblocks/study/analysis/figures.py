@@ -103,9 +103,8 @@ def _draw_ratings(figure: Panels, result: Result) -> Table:
     shares = frame.groupby("condition")["rating"].value_counts(normalize=True).unstack(0).fillna(0)
     width = 0.8 / shares.shape[1]
     for index, name in enumerate(shares):
-        x = shares.index + (index - 0.5 * (shares.shape[1] - 1)) * width
         axes.bar(
-            x,
+            shares.index + (index - 0.5 * (shares.shape[1] - 1)) * width,
             shares[name],
             width,
             label=str(name),

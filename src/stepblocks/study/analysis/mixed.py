@@ -220,6 +220,10 @@ def _test_conditions(
     free = np.array([count(one) for one in turned])
     spent = float((free[free > 2.0] / (free[free > 2.0] - 2.0)).sum())
     alike = np.ptp(free) < 1e-6 * free.mean() or spent <= len(free)
-    joint = float(free.mean()) if alike else 2.0 * spent / (spent - len(free))
-    f = float(np.mean((turned @ beta) ** 2 / sizes))
-    return make_term(name, float(len(free)), joint, math.nan, f)
+    return make_term(
+        name,
+        float(len(free)),
+        float(free.mean()) if alike else 2.0 * spent / (spent - len(free)),
+        math.nan,
+        float(np.mean((turned @ beta) ** 2 / sizes)),
+    )

@@ -298,8 +298,14 @@ def compare_between(one: Estimate, other: Estimate) -> Estimate:
     errors, df = np.sqrt(squares.sum(axis=1)), 1.0 / (shares**2 @ (1.0 / freedom))
     below, above = (errors * t.ppf(0.975, df)).tolist()
     facing = 0 if apart > 0.0 else 1  # the end on the side of zero
-    p = 2.0 * float(t.sf(abs(apart) / errors[facing], df[facing]))
-    return Estimate(apart, apart - below, apart + above, math.nan, p, float(df[facing]))
+    return Estimate(
+        apart,
+        apart - below,
+        apart + above,
+        math.nan,
+        2.0 * float(t.sf(abs(apart) / errors[facing], df[facing])),
+        float(df[facing]),
+    )
 
 
 def fit_setting(setting: str, own: Table, standard: float) -> Comparisons:

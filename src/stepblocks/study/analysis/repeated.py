@@ -55,8 +55,9 @@ def assess_effect(name: str, table: Array, contrasts: Array) -> tuple[Term, Sphe
         statistic = float(np.linalg.det(spread / (trace / q)))
         scale = (people - 1) - (2.0 * q * q + q + 2.0) / (6.0 * q)
         p = float(stats.chi2.sf(-scale * math.log(max(statistic, 1e-300)), q * (q + 1) / 2.0 - 1.0))
-    term = make_term(name, q * epsilon, q * epsilon * (people - 1), math.nan, f)
-    return term, Sphericity(epsilon, statistic, p)
+    return make_term(name, q * epsilon, q * epsilon * (people - 1), math.nan, f), Sphericity(
+        epsilon, statistic, p
+    )
 
 
 def assess_factors(table: Table, levels: Mapping[str, Sequence[str]]) -> Iterator[Term]:

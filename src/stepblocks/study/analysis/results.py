@@ -438,8 +438,9 @@ def _list_influence(result: StudyResult) -> Iterator[Row]:
 def _compare_without(result: StudyResult, name: str, who: str) -> Sequence[Interval]:
     # Return the differences of an outcome by all other participants
     if name in result.ordinal:
-        others = result.frame[result.frame["participant"] != who]
-        return fit_ordinal_model(others, *result.ordinal[name].asked).effects
+        return fit_ordinal_model(
+            result.frame[result.frame["participant"] != who], *result.ordinal[name].asked
+        ).effects
     if found := result.differences().get(name) if result.contrasts else None:
         pair = [one for one in result.comparisons if one.setting in (found.first, found.second)]
         return (compare_settings(name.partition(",")[0], pair[0], pair[1], who),)
