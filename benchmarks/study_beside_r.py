@@ -18,13 +18,14 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from scipy.stats import t
 
 from stepblocks.study.analysis.accuracy import compare_groups
 from stepblocks.study.analysis.anova import Interval, Term, run_f_test
 from stepblocks.study.analysis.mixed import fit_mixed_model
 from stepblocks.study.analysis.ordinal import fit_ordinal_model, fit_proportional_odds
 from stepblocks.study.analysis.population import Grid, Population
-from stepblocks.study.analysis.psychometric import Z75, fit_psychometric
+from stepblocks.study.analysis.psychometric import Z75, find_crossing, fit_psychometric
 from stepblocks.study.analysis.repeated import (
     assess_factors,
     compare_participants,
@@ -174,6 +175,20 @@ def compare_curves() -> Iterator[Row]:
         yield from compare("psychometric function", name, ours, scale=fit.spread)
 
 
+def find_ends(model: Population, index: int) -> list[float]:
+    """Find where the profile loses what Student's t would: R's limit, for any spread."""
+    place, people = 2 * index, len(model.likelihood)
+    limit = people * math.log1p(float(t.ppf(0.975, people - 1)) ** 2 / (people - 1))
+    middle = float(model.best.x[place])
+
+    def excess(value: float) -> float:
+        held = model._maximise(model.best.x, place, value)
+        return float(2.0 * (held.fun - model.best.fun) - limit)
+
+    low, high = model.axes[index][[0, -1]]
+    return [find_crossing(excess, middle, end, step) for end, step in ((low, -0.1), (high, 0.1))]
+
+
 def compare_population() -> Iterator[Row]:
     """Psychometric functions of a group: the same model by nlminb, and glmer."""
     rows = pd.read_csv(DATA / "comparisons.csv")
@@ -190,9 +205,9 @@ def compare_population() -> Iterator[Row]:
     ours = [equal.value, equal.spread, spread.value, spread.spread]
     for row, scale in zip(compare("population", name, ours), np.repeat(halves, 2), strict=True):
         yield *row[:4], scale
-    for one, label, scale in zip((equal, spread), ("threshold", "ln(spread)"), halves, strict=True):
+    for index, label in enumerate(("threshold", "ln(spread)")):
         name = f"nlminb ends of the mean {label}"
-        yield from compare("population", name, [one.low, one.high], scale=scale)
+        yield from compare("population", name, find_ends(bare, index), scale=halves[index])
     whole = Population(grid.likelihood, grid.axes)
     equal, spread = whole.estimate(0), whole.estimate(1)
     name = "glmer probit, standard errors of threshold and ln(spread)"

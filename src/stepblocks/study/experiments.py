@@ -247,7 +247,8 @@ def _analyse_comparisons(frame: Table, margin: float) -> Fields:
 def name_settings(frame: Table) -> pd.Series:
     """Name the setting of each comparison: group, and levels of declared factors."""
     names = [name for name in frame if name == "group" or FACTOR in str(name)]
-    return frame[names].astype(str).agg("/".join, axis=1) if names else pd.Series("", frame.index)
+    parts = [frame[name].astype(str) for name in names]
+    return parts[0].str.cat(parts[1:], sep="/") if parts else pd.Series("", frame.index)
 
 
 def list_outcomes(experiment: str, frame: Table) -> list[str]:

@@ -10,13 +10,12 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache, reduce
-from typing import Any
+from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import minimize
-from scipy.special import ndtr
+from scipy.optimize import OptimizeResult
+from scipy.special import gammainccinv, gammaincinv, ndtr
 from scipy.stats import t
 
 from stepblocks.errors import StudyError
@@ -158,105 +157,157 @@ class Population:
 
     def __init__(self, likelihood: Array, axes: Sequence[Array]) -> None:
         require(len(likelihood) > 1, "a population must have at least two participants, got one")
-        # The last axis, of few lapse rates, comes first: long rows of memory are summed faster
-        self._likelihood = np.ascontiguousarray(np.moveaxis(likelihood, -1, 1))
         self.likelihood, self.axes = likelihood, axes
-        self._start, self._bounds = list[float](), list[tuple[float, float]]()
+        # Participants come last: each axis is then summed over long rows of memory
+        self._rows = np.ascontiguousarray(np.moveaxis(likelihood, 0, -1))
+        # where a slope, and a curvature, stands among the sums over all axes
+        one = np.kron(np.eye(len(axes), dtype=int), [[1], [2]])
+        two = one[:, np.newaxis] + one + (one[:, np.newaxis] * one > 0)
+        self._slopes, self._curves = (
+            np.ravel_multi_index(tuple(np.moveaxis(places, -1, 0)), (6,) * len(axes))
+            for places in (one, two)
+        )
+        start, bounds = list[float](), list[tuple[float, float]]()
         for index, axis in enumerate(axes):
             others = tuple(n for n in range(1, likelihood.ndim) if n != index + 1)
             own = likelihood.sum(axis=others)
             means, step = own @ axis / own.sum(axis=1), float(axis[1] - axis[0])
             spread = max(float(means.std()), 2.0 * step)
-            self._start += [float(means.mean()), math.log(spread)]
+            start += [float(means.mean()), math.log(spread)]
             # a narrower normal would fall between the points of the grid
             narrow, wide = math.log(0.6 * step), math.log(float(np.ptp(axis)))
-            self._bounds += [(float(axis[0]), float(axis[-1])), (narrow, wide)]
-        self.best = self._maximise(self._start)
+            bounds += [(float(axis[0]), float(axis[-1])), (narrow, wide)]
+        self._bounds = np.array(bounds)
+        self.best = self._maximise(np.array(start))
 
-    def _priors(self, point: Array) -> tuple[list[Array], list[Array]]:
-        # Return the distribution along each axis, and the slopes of its logarithm
-        exponents, slopes = list[Array](), list[Array]()
-        for index, axis in enumerate(self.axes):
-            spread = math.exp(point[2 * index + 1])
-            away = (axis - point[2 * index]) / spread
-            exponents.append(-0.5 * away**2)
-            slopes.append(np.array([away / spread, away**2]))
-        weights = [np.exp(exponent - exponent.max()) for exponent in exponents]
-        return [weight / weight.sum() for weight in weights], slopes
+    def _weigh(self, point: Array) -> list[Array]:
+        # Return along each axis the distribution, and times it the slopes of its logarithm by
+        # middle and ln(spread), and what each two of them add to a curvature
+        found = list[Array]()
+        for axis, middle, log_spread in zip(self.axes, point[::2], point[1::2], strict=True):
+            spread = math.exp(log_spread)
+            away = (axis - middle) / spread
+            weight = np.exp(0.5 * (np.min(away**2) - away**2))
+            weight /= weight.sum()
+            slopes = np.array([away / spread, away**2])
+            slopes -= (slopes @ weight)[:, np.newaxis]
+            curves = slopes[[0, 0, 1]] * slopes[[0, 1, 1]]
+            curves[1:] -= 2.0 * slopes
+            curves -= (curves @ weight)[:, np.newaxis]
+            found.append(np.vstack([np.ones_like(away), slopes, curves]) * weight)
+        return found
 
-    def _integrate_others(self, priors: Sequence[Array]) -> list[Array]:
-        # Return the likelihood along each axis, the others summed with their distributions
-        own, people, along = self._likelihood, len(self._likelihood), list[Array]()
-        left = [priors[-1], *priors[:-1]]  # as they stand in memory
-        while len(left) > 1:
-            last = left.pop()
-            own = own.reshape(people, -1, len(last))
-            along.append(reduce(np.outer, left).ravel() @ own)
-            own = own.reshape(-1, len(last)) @ last
-        return [*along[::-1], own.reshape(people, -1)]
+    def _integrate(self, point: Array) -> tuple[Array, Array, Array]:
+        # Return each participant's likelihood, and slopes and curvature of its logarithm
+        sums = self._rows[np.newaxis]
+        for weighed in self._weigh(point):
+            sums = weighed @ sums.reshape(len(sums), weighed.shape[1], -1)
+            sums = sums.reshape(len(sums) * len(weighed), -1)
+        shares = (sums / sums[0]).T
+        slopes = shares[:, self._slopes]
+        squares = slopes[:, :, np.newaxis] * slopes[:, np.newaxis]
+        return sums[0], slopes, shares[:, self._curves] - squares
 
-    def _loss(self, point: Array) -> tuple[float, Array]:
-        # Return minus the log likelihood, and its gradient
-        (priors, slopes), gradient = self._priors(point), list[float]()
-        for prior, slope, along in zip(priors, slopes, self._integrate_others(priors), strict=True):
-            whole = along @ prior
-            posterior = (along / whole[:, np.newaxis]).sum(axis=0) * prior
-            gradient += (slope @ (posterior - len(whole) * prior)).tolist()
-        return -float(np.log(whole).sum()), -np.array(gradient)
+    def _loss(self, point: Array) -> tuple[float, Array, Array]:
+        # Return minus the log likelihood, its gradient and its curvature
+        whole, slopes, curves = self._integrate(point)
+        return -float(np.log(whole).sum()), -slopes.sum(axis=0), -curves.sum(axis=0)
 
-    def _maximise(self, start: Sequence[float], place: int = -1, value: float = 0.0) -> Any:
-        # Maximise the likelihood, one parameter held where a place is given
-        held = [(value, value) if n == place else one for n, one in enumerate(self._bounds)]
-        first = [value if n == place else one for n, one in enumerate(start)]
-        return minimize(
-            self._loss,
-            first,
-            jac=True,
-            method="L-BFGS-B",
-            bounds=held,
-            options={"ftol": 1e-11, "gtol": 1e-6},
-        )
+    def _maximise(self, start: Array, place: int = -1, value: float = 0.0) -> OptimizeResult:
+        # Maximise the likelihood by damped steps of Newton, one parameter held where a place is
+        # given: Nocedal, J., Wright, S. J. (2006), Numerical Optimization, 2nd ed., 3.4 and 16.7
+        low, high = self._bounds.T.copy()
+        if place >= 0:
+            low[place] = high[place] = value
+        point, damping = np.clip(start, low, high), 1e-3
+        loss, gradient, curvature = self._loss(point)
+        for _ in range(200):
+            free = np.where(gradient > 0.0, point > low, point < high)
+            bends, ways = np.linalg.eigh(curvature[np.ix_(free, free)])
+            step = np.zeros_like(point)
+            # where the loss bends downwards, a step goes down all the same
+            step[free] = -ways @ (ways.T @ gradient[free] / (np.abs(bends) + damping))
+            if -gradient @ step < 1e-12:
+                break
+            tried = np.clip(point + step, low, high)
+            found = self._loss(tried)
+            if found[0] < loss:
+                point, damping = tried, 0.1 * damping
+                loss, gradient, curvature = found
+            else:
+                damping = 10.0 * max(damping, 1e-3)
+        return OptimizeResult(x=point, fun=loss)
 
     def estimate(self, index: int) -> Estimate:
         """Return the mean over participants along an axis."""
         place, best = 2 * index, self.best
-        middle, spread, nearest = float(best.x[place]), math.exp(best.x[place + 1]), best.x
-        # The likelihood ratio of the mean of a normal sample is n ln(1 + t^2 / (n - 1)): the
-        # interval is Student's where participants differ. Where they seem alike, their spread
-        # ends at its bound, and the error left is that of their own answers, known from these.
-        alike = best.x[place + 1] < self._bounds[place + 1][0] + 0.01
-        df = _KNOWN if alike else len(self._likelihood) - 1.0
-        limit = (df + 1.0) * math.log1p(float(t.ppf(0.975, df)) ** 2 / df)
+        middle, spread = float(best.x[place]), math.exp(best.x[place + 1])
+        climbed = {middle: best.x}
 
         @cache
-        def ratio(value: float) -> float:
-            nonlocal nearest
-            # the last optimum may be far away, where a climb can end on another hill
-            tried = [self._maximise(start, place, value) for start in (nearest, best.x)]
-            found = min(tried, key=lambda one: float(one.fun))
-            nearest = found.x
-            return 2.0 * (float(found.fun) - float(best.fun))
+        def assess(value: float) -> float:
+            """Return how probable a likelihood ratio as large is if the mean is `value`."""
+            nearest = climbed[min(climbed, key=lambda known: abs(known - value))]
+            found = self._maximise(nearest, place, value)
+            if found.x[place + 1] == self._bounds[place + 1, 0]:
+                # participants who seem alike may lie on another hill than ones who differ
+                apart = found.x.copy()
+                apart[place + 1] = math.log(math.hypot(spread, value - middle))
+                found = min(found, self._maximise(apart, place, value), key=lambda one: one.fun)
+            climbed[value] = found.x
+            people, share = self._count_participants(found.x, index)
+            return find_tail(2.0 * (float(found.fun) - float(best.fun)), people, share)
 
+        people, share = self._count_participants(best.x, index)
+        error = spread / math.sqrt(people * share)
         low, high = (
-            find_crossing(lambda value: ratio(value) - limit, middle, end, step)
-            for end, step in zip(self._bounds[place], (-0.5 * spread, 0.5 * spread), strict=True)
+            find_crossing(
+                lambda value: math.log(0.05 / max(assess(value), 1e-300)), middle, end, step
+            )
+            for end, step in zip(self._bounds[place], (-2.5 * error, 2.5 * error), strict=True)
         )
-        p = math.nan
-        if self._bounds[place][0] < 0.0 < self._bounds[place][1]:
-            at_zero = df * math.expm1(max(ratio(0.0), 0.0) / (df + 1.0))
-            p = 2.0 * float(t.sf(math.sqrt(at_zero), df))
-        return Estimate(middle, low, high, spread, p, df)
+        within = self._bounds[place, 0] < 0.0 < self._bounds[place, 1]
+        # of the error this share comes from a spread that participants have to tell
+        df = min((people - 1.0) / share, _KNOWN)
+        return Estimate(middle, low, high, spread, assess(0.0) if within else math.nan, df)
+
+    def _count_participants(self, point: Array, index: int) -> tuple[float, float]:
+        # Return the number of participants who tell the mean along an axis, and which share of the
+        # variance of what they tell is theirs: the rest is the uncertainty of their answers
+        own = -self._integrate(point)[2][:, 2 * index, 2 * index]
+        shares = np.clip(own * math.exp(2.0 * point[2 * index + 1]), 1e-6, 1.0 - 1e-6)
+        whole, squares = float(shares.sum()), float((shares**2).sum())
+        return max(whole**2 / squares, 2.0), squares / whole
 
     def predict_participants(self, index: int) -> Array:
         """Return the mean of each participant's posterior along an axis."""
-        priors = self._priors(self.best.x)[0]
-        posterior = self._integrate_others(priors)[index] * priors[index]
-        return np.asarray(posterior @ self.axes[index] / posterior.sum(axis=1))
+        spread = math.exp(self.best.x[2 * index + 1])
+        prior = float(self._weigh(self.best.x)[index][0] @ self.axes[index])
+        return prior + spread**2 * self._integrate(self.best.x)[1][:, 2 * index]
 
     def profile(self, index: int) -> Array:
         """Return the likelihood of each participant along one of two axes and the lapse rates."""
-        prior = self._priors(self.best.x)[0][1 - index]
+        prior = self._weigh(self.best.x)[1 - index][0]
         return np.tensordot(self.likelihood, prior, (2 - index, 0))
+
+
+def find_tail(ratio: float, people: float, share: float) -> float:
+    """Return the probability of a larger likelihood ratio of the mean of normal participants.
+
+    Each has a known error; `share` of the variance of what they show is between participants, who
+    never vary by less than nothing. With a share of one it is Student's t, of zero nearly normal.
+    """
+    # The ratio follows from the mean and the variance of a sample, which are independent. The
+    # spread is the one that fits the tested mean: what the sample has by itself is too narrow.
+    half, known = 0.5 * (people - 1.0), 1.0 - share
+    squares = 2.0 * np.geomspace(gammaincinv(half, 1e-13), gammainccinv(half, 1e-13), 300)
+    weight = np.exp(half * np.log(squares) - 0.5 * squares)
+    variance = squares / people
+    seen = np.maximum(variance, known)
+    least = ratio / people + np.log(seen / known) + variance / seen
+    square = known * np.where(least < 1.0, least, np.exp(np.minimum(least - 1.0, 700.0)))
+    away = np.sqrt(people * np.maximum(square - variance, 0.0))
+    return float(weight @ (2.0 * ndtr(-away)) / weight.sum())
 
 
 def compare_within(one: Array, other: Array, axis: Array) -> Estimate:
