@@ -1,8 +1,11 @@
-"""The shape that all effects share, whatever the model that they change."""
+"""The shape that all effects share, whatever the model that they change, and their tests."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 # ``apply(state, covariate, values)``: the model's state, what the effect follows, the values by
 # name
@@ -111,3 +114,14 @@ class Law:
 
 
 Active = Sequence[tuple[Law, Mapping[str, float]]]  # effects with values of their parameters
+
+
+def correct_by_holm(p_values: Sequence[float]) -> NDArray[np.float64]:
+    """Correct the p value of each test (Holm 1979, Scand. J. Statist. 6, 65-70)."""
+    # as statsmodels does, which also collects the garbage of the whole process each time: that
+    # takes longer than the fits behind the p values
+    rising = np.argsort(p_values)
+    steps = np.take(p_values, rising) * np.arange(len(rising), 0, -1)
+    corrected = np.empty(len(rising))
+    corrected[rising] = np.minimum(np.maximum.accumulate(steps), 1.0)
+    return corrected

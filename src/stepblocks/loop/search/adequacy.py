@@ -13,9 +13,8 @@ import numpy as np
 from scipy import stats
 from scipy.linalg import orth
 from statsmodels.regression.linear_model import OLS
-from statsmodels.stats.multitest import multipletests
 
-from stepblocks.law import Law
+from stepblocks.law import Law, correct_by_holm
 from stepblocks.loop.search.fit import Fit, Problem
 from stepblocks.loop.search.forward_model import Floats, Trials
 from stepblocks.loop.search.gate import build_tangent_basis, compute_directions, compute_tangent
@@ -55,7 +54,7 @@ def check_residuals(
                 found[channel, name] = compute_smooth_p(by_trial[rows, j], columns[rows])
     if not found:
         return (), True
-    corrected = multipletests(list(found.values()), method="holm")[1]
+    corrected = correct_by_holm(list(found.values()))
     checks = tuple((*pair, float(p)) for pair, p in zip(found, corrected, strict=True))
     return checks, bool(corrected.min() > _LEVEL)
 

@@ -156,6 +156,7 @@ class _Objective:
             b: np.flatnonzero(problem.trials.block == b) for b in set(blocks.tolist())
         }
         self.rows[""] = slice(None)
+        self.last: tuple[Floats, Floats] | None = None
         # parameters that each move one specimen only share a difference, one of every specimen at a
         # time
         layers = zip_longest(
@@ -179,8 +180,12 @@ class _Objective:
             self.spread = np.sqrt(variance[self.censored])
 
     def predict(self, x: Floats) -> Floats:
-        values = {p.name: float(v) for p, v in zip(self.parameters, x * self.scale, strict=True)}
-        return self.problem.predict(self.effects, values)
+        # a Jacobian asks for what its residual has just asked for
+        if self.last is None or not np.array_equal(self.last[0], x):
+            scaled = zip(self.parameters, x * self.scale, strict=True)
+            values = {p.name: float(v) for p, v in scaled}
+            self.last = x.copy(), self.problem.predict(self.effects, values)
+        return self.last[1]
 
     def residual(self, x: Floats) -> Floats:
         predicted = self.predict(x)
@@ -265,8 +270,9 @@ def fit_without(problem: Problem, current: Fit, effect: Law) -> Fit:
 
 def build_problem(model: ForwardModel, trials: Trials) -> Problem:
     """Pair a model with trials and the noise estimated from them."""
-    if len(trials) < 12:
-        raise PipelineError(f"trials must be at least 12 to be explained, got {len(trials)}")
+    PipelineError.require(
+        len(trials) >= 12, f"trials must be at least 12 to be explained, got {len(trials)}"
+    )
     systematics = model.systematics(trials)
     # replicates hold a drift between them, a flexible regression what it cannot follow: each
     # scatter is the less of both

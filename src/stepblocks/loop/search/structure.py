@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 from scipy.fft import dct
-from statsmodels.stats.multitest import multipletests
 
-from stepblocks.law import Law
+from stepblocks.law import Law, correct_by_holm
 from stepblocks.loop.search.fit import Fit, Problem, fit, fit_without
 from stepblocks.loop.search.forward_model import Floats, Systematic
 
@@ -104,7 +103,7 @@ def find_hints(problem: Problem, fitted: Fit) -> tuple[Hint, ...]:
         found += filter(None, [_find_clusters(name, values, rows)])
         tests.append(_test_neighbours(name, values))
     if tests:
-        corrected = multipletests([t.p_value for t in tests], method="holm")[1]
+        corrected = correct_by_holm([t.p_value for t in tests])
         found += [
             replace(test, p_value=p)
             for test, p in zip(tests, corrected.tolist(), strict=True)

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import optimize, stats
 from scipy.special import expit, logsumexp
 
+from stepblocks.law import correct_by_holm
 from stepblocks.study import Array, Table, require
 from stepblocks.study.analysis.anova import Interval
 
@@ -48,7 +49,6 @@ def fit_ordinal_model(
     """
     # McCullagh, P. (1980), J. R. Statist. Soc. B 42, 109-142.
     import pandas as pd
-    from statsmodels.stats.multitest import multipletests
 
     require(frame[rating].nunique() > 1, f"{rating} must have at least two different values, got 1")
     number = frame[condition].nunique() - 1
@@ -98,7 +98,7 @@ def fit_ordinal_model(
             people - 1.0,
         )
         for (one, two), value, error, p in zip(
-            pairs, logs, errors, multipletests(single, method="holm")[1].tolist(), strict=True
+            pairs, logs, errors, correct_by_holm(single).tolist(), strict=True
         )
     ]
     return OrdinalFit(

@@ -11,6 +11,7 @@ import pandas as pd
 
 from stepblocks.errors import StudyError
 from stepblocks.figure_file import Axes
+from stepblocks.law import correct_by_holm
 from stepblocks.study import Table
 from stepblocks.study.analysis.accuracy import (
     ANSWER,
@@ -142,15 +143,13 @@ class StudyResult:
 
     def findings(self) -> tuple[Finding, ...]:
         """Return the planned tests, the primary one first."""
-        from statsmodels.stats.multitest import multipletests
-
         tests = {one.name: one.corrected.p for one in self.measures if one.corrected}
         tests |= {name: fit.participants["p"] for name, fit in self.ordinal.items()}
         tests |= {name: one.p for name, one in self.differences().items()}
         chosen = self.primary if self.primary in tests else ""
         first = chosen or (ANSWER if ANSWER in tests else next(iter(tests), ""))
         rest = {name: p for name, p in tests.items() if name != first and math.isfinite(p)}
-        holm = multipletests(list(rest.values()), method="holm")[1].tolist() if rest else []
+        holm = correct_by_holm(list(rest.values())).tolist()
         found = [Finding(first, tests[first], tests[first], True)] if first else []
         others = zip(rest.items(), holm, strict=True)
         return (*found, *(Finding(name, p, adjusted, False) for (name, p), adjusted in others))
