@@ -154,8 +154,9 @@ def write_features(
     PipelineError.require(
         1 <= jobs <= _MOST_JOBS, f"`jobs` must lie between 1 and {_MOST_JOBS}, got {jobs}"
     )
-    if output.is_dir():
-        raise PipelineError(f"output must be a file, got the folder {str(output)!r}")
+    PipelineError.require(
+        not output.is_dir(), f"output must be a file, got the folder {str(output)!r}"
+    )
     if output.exists() and folder.resolve() in output.resolve().parents:
         raise PipelineError(f"output must not replace a file of the session, got {str(output)!r}")
     check = LabelCheck()

@@ -6,7 +6,7 @@ It is evaluated for many trials at once.
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -41,8 +41,10 @@ class BenchDesign:
     def __post_init__(self) -> None:
         for name in ("height", "load", "speed", "tip_radius"):
             column = getattr(self, name)
-            if not (np.all(np.isfinite(column)) and np.all(column > 0.0)):
-                raise ContactError(f"{name} of every trial must be positive and finite")
+            ContactError.require(
+                np.all(np.isfinite(column)) and np.all(column > 0.0),
+                f"{name} of every trial must be positive and finite",
+            )
         ContactError.require(len(self.block) != 0, "block must name at least one trial")
         ContactError.require(
             np.isfinite(self.spring_constant) and self.spring_constant > 0.0,
@@ -142,15 +144,21 @@ def list_constants(
     return tuple(found)
 
 
+@lru_cache(maxsize=64)
+def _build_empty_state(count: int) -> DragState:
+    # Every slot zero; shared by all states of as many trials, and never written to
+    zero = np.zeros(count)
+    zero.flags.writeable = False
+    slots: dict[str, Any] = dict.fromkeys((slot.name for slot in fields(DragState)), zero)
+    return DragState(**slots)
+
+
 def build_nominal_state(design: BenchDesign, values: Mapping[str, float | Floats]) -> DragState:
     """Fill the slots from the design and the constants, each one number or one of each trial."""
     names, inverse = design.members
     errors = np.array([values.get(name, 0.0) for name in names])
     one = np.ones(len(design.block))
     sliding, at_release = design.friction_shape
-    absent: dict[str, Any] = dict.fromkeys(
-        (slot.name for slot in fields(DragState)), np.zeros(len(design.block))
-    )
     frequency, decay_time = (
         np.exp(values[f"ln_{name}"]) * one for name in ("ring_frequency", "decay_time")
     )
@@ -158,7 +166,7 @@ def build_nominal_state(design: BenchDesign, values: Mapping[str, float | Floats
     # while the tip is held and the handle goes on, the tool's damper 2 k / (omega^2 T) takes its
     # share of the pull
     damper = 2.0 * design.spring_constant / ((2.0 * np.pi * frequency) ** 2 * decay_time)
-    return DragState(**absent).changed(
+    return _build_empty_state(len(design.block)).changed(
         height=design.height + errors[inverse],
         radius=design.tip_radius + values.get("edge_radius", 0.0),
         friction=values["friction"] * sliding,

@@ -77,7 +77,7 @@ class DragState:
     nominal_stiffness: float  # to which frequency and channel refer [N/m]
 
     def _slope(self) -> Floats:
-        share = np.clip(self.height / self.radius, 1e-9, 1.0)
+        share = np.minimum(np.maximum(self.height / self.radius, 1e-9), 1.0)
         return np.asarray(
             kernels.compute_angle_on_step(share, 1.0)
             + (self.tilt + np.arctan(self.friction * self.edge_factor))
@@ -85,7 +85,7 @@ class DragState:
 
     def angle(self) -> Floats:
         """Slope of the path at release plus angle of friction [rad], held below locking."""
-        return np.clip(self._slope(), -1.0, _STEEPEST)
+        return np.minimum(np.maximum(self._slope(), -1.0), _STEEPEST)
 
     def locked(self) -> NDArray[np.bool_]:
         """Where the tip never climbs."""
@@ -126,13 +126,13 @@ def compute_channels(state: DragState) -> Floats:
     spring = _compute_spring(state, force, sliding)
     energy = state.conversion * spring.stored
     # what is left never turns negative: below a tenth it fades out smoothly
-    if np.any(state.lost_energy):
+    if state.lost_energy.any():
         left, floor = energy - state.lost_energy, 0.1 * energy
         energy = np.where(left > floor, left, floor * np.exp(np.minimum(left / floor - 1.0, 0.0)))
     # an amplitude of force counts as A^2 / 2k with the nominal k, whatever k it rings with: a
     # stiffer spring shows no more
     energy = energy * (state.ring_stiffness / state.nominal_stiffness)
-    if np.any(state.hardening):
+    if state.hardening.any():
         # 2 k E = c A^2 + g A^4 / 2 about the level that it rings about; the force at A is A (c + g
         # A^2)
         double = 2.0 * state.nominal_stiffness * energy
@@ -147,7 +147,7 @@ def compute_channels(state: DragState) -> Floats:
             pitch=spring.level + 0.75 * state.pitch_share * state.hardening * square
         )
     peak = force
-    if np.any(state.lag):
+    if state.lag.any():
         # of first order: late on the ramp by its time constant, and the ring is flatter by sqrt(1 +
         # (2 pi f tau)^2)
         slope = state.stiffness * state.speed
@@ -169,7 +169,7 @@ def compute_channels(state: DragState) -> Floats:
     # loops after Rayleigh: a swing of A shows A (1 + b A), late by 4 b A / 3 pi; a fit of the ring
     # weighs b A exp(-t / T) by exp(-2 t / T): 8/9 of it at the release, and T shorter by 4/9
     loop = state.gauge_hysteresis * np.sqrt(2.0 * state.nominal_stiffness * energy)
-    if np.any(state.gauge_square) or np.any(loop):
+    if state.gauge_square.any() or loop.any():
         # the ring swings about the sliding force, and the line of the ramp ends below the peak
         bend, end = (
             state.gauge_square + state.gauge_hysteresis,
@@ -193,7 +193,7 @@ def compute_channels(state: DragState) -> Floats:
         np.log(state.decay_time / state.damping) + state.ln_clock - 4.0 / 9.0 * loop,
         sensed / state.set_load,
     )
-    return np.stack(shown, axis=1)
+    return np.asarray(np.array(shown).T, order="C")
 
 
 class _Spring(NamedTuple):
@@ -205,7 +205,7 @@ class _Spring(NamedTuple):
 
 
 def _compute_spring(state: DragState, force: Floats, sliding: Floats) -> _Spring:
-    if not np.any(state.hardening):
+    if not state.hardening.any():
         one = np.ones_like(force)
         return _Spring(kernels.compute_stored_energy(force, state.stiffness), one, one, one)
     cubic = state.hardening

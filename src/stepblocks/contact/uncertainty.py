@@ -176,8 +176,9 @@ def estimate_interval(
     face = take_counterface(face)
     names = list(list_inputs(face, point))
     for name, value in uncertainty.items():
-        if name not in names:
-            raise ContactError(f"uncertainty must be of {', '.join(names)}, got {name!r}")
+        ContactError.require(
+            name in names, f"uncertainty must be of {', '.join(names)}, got {name!r}"
+        )
         require_not_negative(f"uncertainty of {name}", value)
     uncertainty = {name: uncertainty[name] for name in names if name in uncertainty}
     release = face.release(point, backward)
@@ -196,11 +197,11 @@ def estimate_interval(
             )
         )
         wide = NormalDist().inv_cdf(_TAILS[1]) * spread
-        if not wide < _KNOWN:
-            raise ContactError(
-                "uncertainties must leave the energy known to a factor, got spreads as large as "
-                "the values"
-            )
+        ContactError.require(
+            wide < _KNOWN,
+            "uncertainties must leave the energy known to a factor, got spreads as large as "
+            "the values",
+        )
         low, high = (
             release.vibration_energy * math.exp(-wide),
             release.vibration_energy * math.exp(wide),

@@ -150,8 +150,9 @@ def compute_phase_spectrum(
 
     time, values = trace.column("time_s"), trace.column(channel)
     rate = trace.settings.sample_rate
-    if phase not in ("loading", "vibration"):
-        raise ContactError(f"phase must be loading or vibration, got {phase!r}")
+    ContactError.require(
+        phase in ("loading", "vibration"), f"phase must be loading or vibration, got {phase!r}"
+    )
     cut = _cut_ring(trace, trace.asked)
     begin = _find_fall_time(cut)
     # the loading begins where the place before lets go
@@ -160,8 +161,9 @@ def compute_phase_spectrum(
     end = min(begin + _PAPER_RING, math.nextafter(float(cut.column("time_s")[-1]), math.inf))
     ringing = (time >= begin) & (time < end)
     part = values[loading if phase == "loading" else ringing]
-    if part.size < 16:
-        raise ContactError(f"the {phase} phase has {part.size} samples, at least 16 are needed")
+    ContactError.require(
+        part.size >= 16, f"the {phase} phase has {part.size} samples, at least 16 are needed"
+    )
     padded = 1 << math.ceil(math.log2(max(part.size, rate)))
     frequency, density = periodogram(part, rate, nfft=padded, detrend="constant")
     return np.asarray(frequency), np.asarray(density * part.size / rate)

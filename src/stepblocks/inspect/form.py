@@ -45,8 +45,10 @@ def compute_parallelism(points: Array, datum: Array) -> float:
 
 
 def _require_face_points(points: Array) -> Array:
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise MetrologyError(f"points must be rows of x, y, z, got shape {points.shape}")
+    MetrologyError.require(
+        points.ndim == 2 and points.shape[1] == 3,
+        f"points must be rows of x, y, z, got shape {points.shape}",
+    )
     cloud = points[np.isfinite(points).all(axis=1)]
     MetrologyError.require(
         len(cloud) >= 4

@@ -48,8 +48,10 @@ def check_profile(x: Array, z: Array, least: int) -> None:
     if (count := int(np.isfinite(z).sum())) < least:
         raise MetrologyError(f"profile must have at least {least} measured points, got {count}")
     steps = np.diff(x)
-    if not ((steps > 0.0).all() and np.ptp(steps) < 0.01 * np.mean(steps)):
-        raise MetrologyError("positions of the profile must increase in equal steps within 1 %")
+    MetrologyError.require(
+        (steps > 0.0).all() and np.ptp(steps) < 0.01 * np.mean(steps),
+        "positions of the profile must increase in equal steps within 1 %",
+    )
 
 
 def remove_spikes(heights: Array) -> Array:

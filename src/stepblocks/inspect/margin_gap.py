@@ -49,8 +49,10 @@ def fit_margin(x: Array, z: Array) -> Margin:
     margin = max((end - begin) // 2, 3)
     used = np.isfinite(z)
     used[max(begin - margin, 0) : end + margin] = False
-    if min(used[:begin].sum(), used[end:].sum()) < LEAST_FACE:
-        raise MetrologyError(f"shoulders must keep {LEAST_FACE} points each beside the gap")
+    MetrologyError.require(
+        min(used[:begin].sum(), used[end:].sum()) >= LEAST_FACE,
+        f"shoulders must keep {LEAST_FACE} points each beside the gap",
+    )
     planes = fit_two_planes(x, z, 0.5 * float(x[begin] + x[end - 1]), used)
     left, right = _find_walls(
         x, z - planes.tilt * x - planes.offset, planes.height.value, begin, end
@@ -82,15 +84,19 @@ def _find_gap(x: Array, z: Array) -> tuple[int, int]:
         np.nanmin(level),
     )
     depth = min(shoulders) - bottom
-    if not depth > max(0.2 * abs(shoulders[1] - shoulders[0]), 1e-12):
-        raise MetrologyError("profile must show a gap below both shoulders, got none")
+    MetrologyError.require(
+        depth > max(0.2 * abs(shoulders[1] - shoulders[0]), 1e-12),
+        "profile must show a gap below both shoulders, got none",
+    )
     inside = ~known | (level < min(shoulders) - 0.5 * depth)
     change = np.flatnonzero(np.diff(np.concatenate([[0], inside.astype(np.int8), [0]])))
     begin, end = max(
         zip(change[::2], change[1::2], strict=True), key=lambda pair: pair[1] - pair[0]
     )
-    if begin < LEAST_FACE or len(level) - end < LEAST_FACE:
-        raise MetrologyError(f"gap must leave {LEAST_FACE} points of a shoulder on either side")
+    MetrologyError.require(
+        begin >= LEAST_FACE and len(level) - end >= LEAST_FACE,
+        f"gap must leave {LEAST_FACE} points of a shoulder on either side",
+    )
     return int(begin), int(end)
 
 

@@ -142,8 +142,9 @@ def inspect_scan(
         If the stimulus is not declared there, there is no evaluation for it or none that follows
         `options`, or the feature or a characteristic is unknown.
     """
-    if feature not in _BESIDE:
-        raise PipelineError(f"feature must be one of {', '.join(_BESIDE)}, got {feature!r}")
+    PipelineError.require(
+        feature in _BESIDE, f"feature must be one of {', '.join(_BESIDE)}, got {feature!r}"
+    )
     others: tuple[Part, ...] = ()
     if isinstance(stimulus, str):
         part, declared = find_declared_part(stimulus, stimuli)
@@ -279,8 +280,9 @@ def inspect_standard(
         If the scan cannot be read or evaluated, or does not show a feature that a smooth curve does
         not explain.
     """
-    if feature not in _STANDARDS:
-        raise PipelineError(f"feature must be one of {', '.join(_STANDARDS)}, got {feature!r}")
+    PipelineError.require(
+        feature in _STANDARDS, f"feature must be one of {', '.join(_STANDARDS)}, got {feature!r}"
+    )
     if feature == "ball" and depth is None:
         raise MetrologyError("a ball needs its radius as the standard, such as '500 um'")
     _refuse_unused_options(_STANDARDS[feature], options)

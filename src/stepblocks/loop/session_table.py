@@ -114,10 +114,10 @@ def build_session_table(
             f"labels say {', '.join(f'{one:g} um' for one in np.unique(radius))}; correct either"
         )
     good, excluded = _select_usable_trials(features, radius, spring_constant)
-    if good.sum() < _FEWEST:
-        raise PipelineError(
-            f"at least {_FEWEST} good trials are needed, got {int(good.sum())} of {len(features)}"
-        )
+    PipelineError.require(
+        good.sum() >= _FEWEST,
+        f"at least {_FEWEST} good trials are needed, got {int(good.sum())} of {len(features)}",
+    )
     table = features.loc[good]
     values, std = _read_channels(table, spring_constant)
     # a peak without an uncertainty is a bound, and its trial measures no energy; a normal gauge

@@ -430,8 +430,10 @@ def open_run(
     require(
         math.isfinite(scale) and scale > 0.0, f"scale must be positive and finite, got {scale:g}"
     )
-    if device not in ("mouse", *HANDS):
-        raise PipelineError(f"device must be one of mouse, {', '.join(HANDS)}, got {device!r}")
+    PipelineError.require(
+        device in ("mouse", *HANDS),
+        f"device must be one of mouse, {', '.join(HANDS)}, got {device!r}",
+    )
     require(
         not library or device in HANDS,
         f"library is an option of {', '.join(HANDS)}, not of {device}",

@@ -110,10 +110,12 @@ def _check_profile(x: ArrayLike, z: ArrayLike) -> tuple[Array, Array]:
     ContactError.require(
         np.isfinite(xs).all(), "profile positions must be finite, got a NaN or an infinity"
     )
-    if np.isinf(zs).any():
-        raise ContactError("profile heights must be finite or NaN for missing, got an infinity")
-    if np.isfinite(zs).sum() < 2:
-        raise ContactError("profile needs at least 2 heights that are not NaN")
+    ContactError.require(
+        not np.isinf(zs).any(), "profile heights must be finite or NaN for missing, got an infinity"
+    )
+    ContactError.require(
+        np.isfinite(zs).sum() >= 2, "profile needs at least 2 heights that are not NaN"
+    )
     return xs, zs
 
 
@@ -163,8 +165,10 @@ def find_steepest_catch(path: TipPath, within: tuple[float, float] | None = None
         path.ball_radius,
         max(2e-13 * path.ball_radius, 4.0 * float(np.spacing(np.abs(path.position).max()))),
     )
-    if np.isnan(slopes[:, 0]).all():
-        raise ContactError("path has no two neighbouring positions with a surface under the tip")
+    ContactError.require(
+        not np.isnan(slopes[:, 0]).all(),
+        "path has no two neighbouring positions with a surface under the tip",
+    )
     if within is not None:
         inside = (slopes[:, 2] >= within[0]) & (slopes[:, 2] <= within[1])
         if not inside.any():
