@@ -113,6 +113,15 @@ def test_the_angle_does_not_depend_on_where_the_path_is_asked_for():
         assert angle == pytest.approx(find_step_angle(33e-6, R), rel=1e-9)
 
 
+def test_a_path_that_is_asked_for_up_to_its_climb_has_the_angle_of_the_whole_step():
+    # the tip meets the edge in the last interval alone
+    reach = math.sqrt(33e-6 * (2.0 * R - 33e-6))
+    positions = np.array([-1e-3, -0.9e-3, -0.5 * reach])
+    catch = find_steepest_catch(build_profile_path(*sharp_step(33e-6), R, positions=positions))
+    assert catch.angle == pytest.approx(find_step_angle(33e-6, R), rel=1e-9)
+    assert catch.position == pytest.approx(-reach, rel=1e-6)
+
+
 def test_a_polyline_is_never_below_its_samples_and_equals_a_dense_resampling():
     rng = np.random.default_rng(8)
     x = np.linspace(0, 1.7e-3, 80)
