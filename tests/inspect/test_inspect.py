@@ -262,9 +262,9 @@ def test_a_strange_file_is_refused_in_one_line_that_says_what_would_do(
 
 def test_a_rectangle_of_a_map_is_judged_by_itself_and_the_whole_map_by_all_of_it(tmp_path):
     # 25 um on the lower 150 um of the map, 40 um on the others, whose edge lies elsewhere
-    x, y = np.meshgrid(np.arange(1200) * 1e-6, np.arange(60) * 5e-6)
+    x, y = np.meshgrid(np.arange(600) * 2e-6, np.arange(30) * 10e-6)
     high = np.where(y <= 150e-6, np.where(x > 0.6e-3, 25e-6, 0.0), np.where(x > 0.4e-3, 40e-6, 0.0))
-    scan = HeightMap(high + np.random.default_rng(3).normal(0.0, 20e-9, x.shape), 1e-6, 5e-6)
+    scan = HeightMap(high + np.random.default_rng(3).normal(0.0, 20e-9, x.shape), 2e-6, 10e-6)
     for area, true in (((0.0, 1.2e-3, 0.0, 140e-6), 25e-6), ((0.0, 1.2e-3, 160e-6, 1.0), 40e-6)):
         found = inspect_standard(scan, feature="edge", options=EvaluationOptions(area=area))
         value = found.evaluation.values["step_height"]

@@ -101,13 +101,13 @@ def test_the_refusal_of_a_map_is_one_reason_and_a_next_step():
 
 def test_the_refusal_of_a_sawtooth_says_that_a_grating_needs_level_faces():
     # its height is where one takes it: peak to valley, or between percentiles
-    y, x = np.mgrid[:160, :160] * 12 * NM
+    y, x = np.mgrid[:80, :80] * 24 * NM
     along = (x * np.cos(0.7) + y * np.sin(0.7)) / (320 * NM)
     z = 50 * NM * np.interp(along % 1.0, [0.0, 0.7, 1.0], [0.0, 1.0, 0.0])
     z = z + np.random.default_rng(1).normal(0.0, NM, z.shape)
     for feature in ("groove", "edge"):
         with pytest.raises(MetrologyError, match="the map repeats itself: of a grating only"):
-            inspect_standard(HeightMap(z, 12 * NM, 12 * NM), feature=feature, instrument=EXACT)
+            inspect_standard(HeightMap(z, 24 * NM, 24 * NM), feature=feature, instrument=EXACT)
 
 
 def test_edges_whose_flanks_overlap_may_stand_in_another_order():

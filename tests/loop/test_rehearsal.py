@@ -5,7 +5,6 @@ import json
 
 import pytest
 
-from stepblocks.bench.rehearse.plan import read_plan
 from stepblocks.bench.rehearse.run import simulate_session
 from stepblocks.cli import main
 from stepblocks.loop import rehearsal
@@ -40,8 +39,7 @@ def plan(tmp_path_factory):
 @pytest.fixture(scope="module")
 def planned(plan):
     folder = plan.parent / "bench-1"
-    arguments = ["new", "session", str(folder), "--plan", str(plan), "--rehearsals", "2"]
-    assert main([*arguments, "--json"]) == 0
+    assert main(["new", "session", str(folder), "--plan", str(plan)]) == 0
     return folder
 
 
@@ -69,7 +67,7 @@ def test_the_planned_session_with_its_traces_is_explained(planned, plan, tmp_pat
     assert found["verdict"] != "none"
 
 
-def test_rehearsals_plant_nothing_and_say_what_would_show(planned, plan, capsys, monkeypatch):
+def test_rehearsals_plant_nothing_and_their_json_says_what_would_show(plan, capsys, monkeypatch):
     seeds = []
     simulated = rehearsal.write_session
 
@@ -78,10 +76,13 @@ def test_rehearsals_plant_nothing_and_say_what_would_show(planned, plan, capsys,
         return simulated(one, folder)
 
     monkeypatch.setattr(rehearsal, "write_session", watch)
-    found = rehearsal.rehearse_session(read_plan(plan), 2, lambda done, total: None)
+    arguments = ["new", "session", str(plan.parent / "bench-2"), "--plan", str(plan)]
+    assert main([*arguments, "--rehearsals", "2", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
     assert seeds == [(3, ()), (4, ())]
     assert found["verdicts"] == ["none", "none"]
     assert found["locked"] == 0
+    assert found["could_show"][0].keys() == {"effect", "follows", "size"}
     sizes = {row["effect"]: row["size"] for row in found["could_show"]}
     # the noise of the plan: 5 % of E_v over 48 trials shows an edge radius of micrometres
     assert sizes["edge rounding"].endswith("µm")
@@ -103,12 +104,3 @@ def test_a_plan_overwrites_nothing_and_belongs_to_a_session(planned, plan, capsy
     assert main(["new", "session", str(place), "--plan", str(locked), "--rehearsals", "1"]) == 2
     assert "every trial of the plan locks" in capsys.readouterr().err
     assert not place.exists()
-
-
-def test_json_of_a_plan_holds_each_verdict(plan, capsys):
-    place = plan.parent / "bench-2"
-    arguments = ["new", "session", str(place), "--plan", str(plan), "--rehearsals", "1", "--json"]
-    assert main(arguments) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["verdicts"] == ["none"]
-    assert told["could_show"][0].keys() == {"effect", "follows", "size"}

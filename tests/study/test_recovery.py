@@ -33,7 +33,7 @@ def lined(rows):
 
 def test_a_known_weber_fraction_is_recovered_without_bias():
     # Energy in proportion to height, so that the Weber fraction of the energy is that of the
-    # height; 100 fits of 1440 pairs (of 360, as docs/explanation/studies.md says, it comes out low:
+    # height; 60 fits of 1440 pairs (of 360, as docs/explanation/studies.md says, it comes out low:
     # a lapse rate
     # that cannot be below zero takes what is not its own)
     from scipy.special import ndtr
@@ -42,7 +42,7 @@ def test_a_known_weber_fraction_is_recovered_without_bias():
     sigma = math.log1p(0.2) / 0.6744897501960817
     totals = np.full(9, 160)
     found = []
-    for _ in range(100):
+    for _ in range(60):
         hits = generator.binomial(totals, ndtr(np.log(HEIGHTS / 50.0) / sigma))
         fit = fit_psychometric(HEIGHTS * 1e-6, hits, totals)
         found.append(
@@ -52,7 +52,8 @@ def test_a_known_weber_fraction_is_recovered_without_bias():
     error = np.std(found, axis=0) / math.sqrt(len(found))
     assert abs(middle) < 3 * error[0]
     assert abs(weber - 0.2) < 0.01
-    assert 0.88 < covered < 0.99
+    # three standard deviations of a binomial of 60 below 95 %
+    assert 0.865 < covered < 0.99
 
 
 def test_simulated_pairs_carry_the_weber_fraction_through_sheets_and_table():
