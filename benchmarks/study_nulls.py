@@ -34,7 +34,7 @@ from stepblocks.study.analysis import accuracy, population
 from stepblocks.study.analysis.accuracy import MEASURES, analyse_measure, compute_measure
 from stepblocks.study.analysis.anova import run_f_test
 from stepblocks.study.analysis.ordinal import fit_ordinal_model
-from stepblocks.study.analysis.psychometric import compute_weber
+from stepblocks.study.analysis.psychometric import compute_weber, find_crossing
 from stepblocks.study.analysis.repeated import average_participants
 from stepblocks.study.analysis.results import StudyResult
 
@@ -186,6 +186,8 @@ def pairs(random: Random, effect: float, people: int, bad: bool) -> list[pd.Data
 
 def judge_pairs(random: Random, effect: float, bad: bool) -> Found:
     """Give the same participants both settings."""
+    # no headline within participants reads the ends of an interval
+    population.find_crossing = find_crossing if effect else lambda *_: math.nan
     one, other = pairs(random, effect, 10, bad)
     frame = pd.concat([one.assign(factor_probe="a"), other.assign(factor_probe="b")])
     return judge_comparisons(frame, effect)
@@ -193,6 +195,7 @@ def judge_pairs(random: Random, effect: float, bad: bool) -> Found:
 
 def judge_pairs_of_groups(random: Random, effect: float, bad: bool) -> Found:
     """Give each setting to other participants."""
+    population.find_crossing = find_crossing
     one, other = pairs(random, effect, 20, bad)
     number = one["participant"].astype(int)
     later = other["participant"].astype(int)

@@ -7,6 +7,7 @@ import io
 import math
 
 import numpy as np
+import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 from scipy import stats
@@ -14,7 +15,8 @@ from scipy import stats
 from oracles.designs import compared, crossed
 from stepblocks.study.analysis.figures import _draw_participants, draw_study_figures
 from stepblocks.study.analysis.ordinal import fit_ordinal_model
-from stepblocks.study.analysis.results import COLUMNS
+from stepblocks.study.analysis.repeated import compute_bayes_factor
+from stepblocks.study.analysis.results import COLUMNS, StudyResult
 from stepblocks.study.design import Item, design_trials
 from stepblocks.study.experiments import EXPERIMENTS
 from stepblocks.study.page import render_study
@@ -131,15 +133,16 @@ def test_a_difference_of_comparisons_is_shown_without_each_participant_and_its_b
     first, (gap,) = result.findings()[0].name, result.contrasts["spread of comparisons"]
     assert first == "spread of comparisons, bare over soft"
     rows = result.table().query("analysis == 'leaving each participant out'")
-    assert len(rows) == 4
+    assert len(rows) == 8
     # the same study without its second participant
     alone = EXPERIMENTS["constant"].analyse(result.frame.query("participant != '2'"), math.nan)
-    (other,) = alone["contrasts"]["spread of comparisons"]
-    row = rows.to_dict("records")[1]
-    assert row["quantity"] == "bare over soft, without 2"
-    assert (row["estimate"], row["p"]) == pytest.approx(
-        (math.exp(other.difference), other.p), rel=1e-4
-    )
+    for row, (quantity, (other,)) in zip(
+        rows.to_dict("records")[1::4], alone["contrasts"].items(), strict=True
+    ):
+        assert row["quantity"] == f"{quantity}, bare over soft, without 2"
+        assert (row["estimate"], row["p"]) == pytest.approx(
+            (math.exp(other.difference), other.p), rel=1e-4
+        )
     # equivalence: the farther end of the interval at 90 %, which both one-sided tests share
     reach = gap.error * float(stats.t.ppf(0.95, gap.df))
     row = row_of(
@@ -207,7 +210,7 @@ def test_each_participant_is_left_out_of_the_primary_outcome(estimates):
     means = measure.frame.groupby(["participant", "condition"])["value"].mean().unstack()
     apart = (means[pair.first] - means[pair.second]).drop("2") * 1e6
     name = f"{pair.first} minus {pair.second}, without 2"
-    row = row_of(estimates, "leaving each participant out", name, "")
+    row = row_of(estimates, "leaving each participant out", name, measure.name)
     other = ttest_1samp(apart, 0.0)
     assert (row["unit"], row["estimate"]) == ("um", pytest.approx(apart.mean()))
     assert row["p"] == pytest.approx(other.pvalue)
@@ -257,3 +260,36 @@ def test_conditions_of_a_figure_differ_without_colours(tmp_path, experiment, opt
             ]
             looks = {(line.get_marker(), line.get_linestyle()) for line in lines}
         assert len(looks) == conditions
+
+
+def test_a_factor_of_two_levels_has_a_bayes_factor_and_groups_have_a_bound():
+    # scipy's paired t-test of the levels, and its t-test of the groups' means
+    random = np.random.default_rng(3)
+    who, u, v, block, _ = (index.ravel() for index in np.indices((8, 2, 2, 2, 2)))
+    error = 1e-6 * (random.standard_normal(8)[who] + random.standard_normal(len(who)))
+    frame = pd.DataFrame(
+        {
+            "participant": who.astype(str),
+            "condition": [f"{a}/{b}" for a, b in zip(u, v, strict=True)],
+            "factor_u": u,
+            "factor_v": v,
+            "group": np.where(who < 4, "x", "y"),
+            "stimulus": block.astype(str),
+            "height": 50e-6,
+            "estimate": 50e-6 + error,
+            "error": error,
+        }
+    )
+    result = StudyResult(
+        "estimates", (), frame, **EXPERIMENTS["estimates"].analyse(frame, math.nan)
+    )
+    means = frame.groupby(["participant", "factor_u"])["error"].mean().unstack()
+    found = row_of(result, "Bayes factor", "u, no effect over an effect")
+    t = stats.ttest_rel(means[0], means[1]).statistic
+    assert found["estimate"] == pytest.approx(compute_bayes_factor(t, 8.0), rel=1e-6)
+    level = means.mean(axis=1).to_numpy()
+    test = stats.ttest_ind(level[:4], level[4:])
+    apart = abs(level[:4].mean() - level[4:].mean())
+    bound = apart + stats.t.ppf(0.95, test.df) * apart / abs(test.statistic)
+    found = row_of(result, "equivalence", "x and y differ by less than")
+    assert found["high_95"] == pytest.approx(1e6 * bound, rel=1e-6)

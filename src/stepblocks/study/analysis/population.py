@@ -9,7 +9,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -383,15 +383,12 @@ def fit_setting(setting: str, own: Table, standard: float) -> Comparisons:
     )
 
 
-def compare_settings(
-    quantity: str, one: Comparisons, other: Comparisons, without: str = ""
-) -> Interval:
-    """Compare the logarithm of a quantity, within participants where they met both settings.
-
-    A participant may be left out.
-    """
-    index = QUANTITIES[quantity]
-    (own, model), (facing, same) = (_leave_out(found, without) for found in (one, other))
+def compare_settings(quantity: str, one: Comparisons, other: Comparisons) -> Interval:
+    """Compare the logarithm of a quantity, within participants where they met both settings."""
+    index, model, same = QUANTITIES[quantity], one.model, other.model
+    assert model is not None
+    assert same is not None
+    own, facing = ([who for who, _, _ in found.people] for found in (one, other))
     both = sorted(set(own) & set(facing))
     if len(both) > 1 and np.array_equal(model.axes[index], same.axes[index]):
         rows, facing_rows = ([people.index(who) for who in both] for people in (own, facing))
@@ -413,12 +410,17 @@ def compare_settings(
     )
 
 
-def _leave_out(found: Comparisons, who: str) -> tuple[list[str], Population]:
-    # Return the names and the population of all others
+def leave_out(found: Comparisons, who: str) -> Comparisons:
+    """Return what all others say; what the group of all says is not among it."""
     assert found.model is not None
     kept = [place for place, (name, _, _) in enumerate(found.people) if name != who]
-    model = Population(found.model.likelihood[kept], found.model.axes) if who else found.model
-    return [found.people[place][0] for place in kept], model
+    return replace(
+        found,
+        equal=None,
+        spread=None,
+        people=tuple(found.people[place] for place in kept),
+        model=Population(found.model.likelihood[kept], found.model.axes),
+    )
 
 
 def _fit_curve(who: str, own: Table) -> Curve:

@@ -3,9 +3,10 @@
 import html
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import cache, cached_property
 
 import pandas as pd
 
@@ -20,7 +21,12 @@ from stepblocks.study.analysis.accuracy import (
 )
 from stepblocks.study.analysis.anova import Interval, Term
 from stepblocks.study.analysis.ordinal import OrdinalFit, fit_ordinal_model
-from stepblocks.study.analysis.population import Comparisons, Curve, compare_settings
+from stepblocks.study.analysis.population import (
+    Comparisons,
+    Curve,
+    compare_settings,
+    leave_out,
+)
 from stepblocks.study.analysis.psychometric import Z975, compute_weber
 from stepblocks.study.analysis.repeated import (
     average_participants,
@@ -156,6 +162,11 @@ class StudyResult:
 
     def table(self) -> pd.DataFrame:
         """Lay out every figure with its unit, in `COLUMNS`; not-a-number where a row has none."""
+        return pd.DataFrame(self._rows, columns=COLUMNS)
+
+    @cached_property
+    def _rows(self) -> list[Row]:
+        # fits of all but one participant are among them: they are made once
         accuracy = [
             {**row, "measure": one.name} for one in self.measures for row in _list_measure(one)
         ]
@@ -168,8 +179,7 @@ class StudyResult:
             for one in self.findings()
         ]
         parts = (_list_ratings, _list_comparisons, _list_magnitudes, _list_influence)
-        others = [row for list_rows in parts for row in list_rows(self)]
-        return pd.DataFrame([*tests, *accuracy, *others], columns=COLUMNS)
+        return [*tests, *accuracy, *(row for list_rows in parts for row in list_rows(self))]
 
     def results_csv(self) -> str:
         """Write the table."""
@@ -287,10 +297,21 @@ def _list_measure(measure: Measure) -> Iterator[Row]:
             p=measure.sphericity.p,
         )
     yield from _list_intervals("participants' differences", measure.paired, log)
-    for one in measure.paired:
-        factor = compute_bayes_factor(one.difference / one.error, one.df + 1.0)
-        name = f"{one.first} and {one.second}, no difference over a difference"
-        yield _make_row("Bayes factor", name, estimate=factor)
+    contrasts = [
+        (
+            f"{one.first} and {one.second}, no difference over a difference",
+            one.difference / one.error,
+            one.df,
+        )
+        for one in measure.paired
+    ]
+    contrasts += [  # of two levels, F is the square of Student's t
+        (f"{term.name}, no effect over an effect", math.sqrt(term.f), term.df_error)
+        for term in measure.factors
+        if math.isclose(term.df, 1.0)
+    ]
+    for name, t, df in contrasts:
+        yield _make_row("Bayes factor", name, estimate=compute_bayes_factor(t, df + 1.0))
     for term in measure.factors:
         yield _format_term("declared factors", term)
     for name, mean, error in mixed.means:
@@ -308,7 +329,7 @@ def _list_measure(measure: Measure) -> Iterator[Row]:
         yield _make_row(
             "mixed model", f"standard deviation between {name}", unit, estimate=spread * factor
         )
-    for one in mixed.intervals:
+    for one in (*mixed.intervals, *measure.group_intervals):
         yield from _list_equivalence(one, log, "um", margin=measure.margin)
     for term in measure.groups:
         yield _format_term("groups", term)
@@ -419,33 +440,47 @@ def _list_magnitudes(result: StudyResult) -> Iterator[Row]:
 
 
 def _list_influence(result: StudyResult) -> Iterator[Row]:
-    # Say what the differences of the primary outcome and of ratings are without each participant
+    # Say what each difference is without each participant
     people = sorted(result.frame["participant"].unique())
-    names = [one.name for one in result.findings() if one.primary or one.name in result.ordinal]
+    names = [one.name for one in result.findings()]
+    leave = cache(leave_out)  # one fit of the others serves every pair of settings
     for name, who in itertools.product(names, people if len(people) > 2 else ()):
         measure = result.measure(name)
         log, unit = (measure.logarithmic, "um") if measure else (not result.power_laws, "1")
-        label = (
-            f"{name}: odds of a higher rating, " if name in result.ordinal else "",
-            f", without {who}",
-        )
+        before = "" if measure else f"{name.partition(',')[0]}, "
+        if name in result.ordinal:
+            before = f"{name}: odds of a higher rating, "
         with suppress(StudyError):  # the others may not carry the analysis
-            for one in _compare_without(result, name, who):
-                yield _format_interval("leaving each participant out", one, log, unit, label)
+            for one in _compare_without(result, name, who, leave):
+                yield {
+                    **_format_interval(
+                        "leaving each participant out", one, log, unit, (before, f", without {who}")
+                    ),
+                    "measure": measure.name if measure else "",
+                }
 
 
-def _compare_without(result: StudyResult, name: str, who: str) -> Sequence[Interval]:
+def _compare_without(
+    result: StudyResult, name: str, who: str, leave: Callable[[Comparisons, str], Comparisons]
+) -> Sequence[Interval]:
     # Return the differences of an outcome by all other participants
     if name in result.ordinal:
         return fit_ordinal_model(
             result.frame[result.frame["participant"] != who], *result.ordinal[name].asked
         ).effects
     if found := result.differences().get(name) if result.contrasts else None:
-        pair = [one for one in result.comparisons if one.setting in (found.first, found.second)]
-        return (compare_settings(name.partition(",")[0], pair[0], pair[1], who),)
+        pair = [
+            leave(one, who)
+            for one in result.comparisons
+            if one.setting in (found.first, found.second)
+        ]
+        return (compare_settings(name.partition(",")[0], *pair),)
     laws = {
         one.condition: {who: e for who, e, _ in one.by_participant} for one in result.power_laws
     }
     measure = result.measure(name)
     table = average_participants(measure.frame) if measure else pd.DataFrame(laws)
-    return compare_participants(table.drop(who, errors="ignore"))
+    pairs = compare_participants(table.drop(who, errors="ignore"))
+    return [
+        one for one in pairs if measure or name == name_contrast(EXPONENT, one.first, one.second)
+    ]
