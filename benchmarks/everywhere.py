@@ -229,8 +229,10 @@ def run(machine: Machine, cell: str) -> dict[str, Any]:
         return {"outcome": "not installed", "why": str(error)[:80]}
     if python is None:
         return {"outcome": "not run", "why": f"no Python {machine.python} here"}
-    compiled = KEPT / "compiled" / re.sub(r"\W+", "-", machine.name)
-    own = {"NUMBA_CACHE_DIR": str(compiled), "PYTHONPATH": str(ROOT / "src")}
+    own = {"PYTHONPATH": str(ROOT / "src")}
+    # this Python for this processor takes what the suite has compiled
+    if python != sys.executable or "NUMBA_CPU_NAME" in machine.settings:
+        own["NUMBA_CACHE_DIR"] = str(KEPT / "compiled" / re.sub(r"\W+", "-", machine.name))
     settings = {**os.environ, **machine.settings, **own}
     started = time.monotonic()
     good, found = built(python, settings) if cell == BYTES else tested(python, cell, settings)

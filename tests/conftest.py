@@ -1,6 +1,7 @@
 """Shared by all tests: the shipped stimuli, built once."""
 
 import fcntl
+import gc
 import os
 from pathlib import Path
 
@@ -17,6 +18,12 @@ for library in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
     os.environ.setdefault(library, "1")
 
 ROOT = Path(__file__).resolve().parent.parent
+
+
+def pytest_collection_finish():
+    """Look for garbage among what tests make, seldom, and never among what was loaded for all."""
+    gc.freeze()
+    gc.set_threshold(20_000, 20, 20)
 
 
 @pytest.fixture(scope="session")

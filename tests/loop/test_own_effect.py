@@ -44,9 +44,9 @@ def offer(monkeypatch):
 
 def test_an_effect_of_a_package_is_found_written_read_and_predicts(offer, tmp_path):
     offer(FILM)
-    trials = bench_trials(design_columns(120, 3), 3, ((FILM, {"rise": 0.5}),))
+    trials = bench_trials(design_columns(60, 3), 3, ((FILM, {"rise": 0.5}),))
     features = features_of(trials)
-    result = analyse_features(features, 9810.0, 125e-6, rules=Rules(draws=200))
+    result = analyse_features(features, 9810.0, 125e-6, rules=Rules(draws=100, fits=4))
     assert result.verdict is Verdict.EFFECT
     assert [law.id for law in result.model.extended.laws] == ["film_valley"]
     assert result.model.extended.values["film_valley.rise"] == pytest.approx(0.5, abs=0.1)
