@@ -11,6 +11,7 @@ from stepblocks.contact.forward import PEAK_FORCE, SPEED_OVER_LOAD
 from stepblocks.contact.operating_point import Tool
 from stepblocks.contact.state import CHANNELS
 from stepblocks.loop.bench_model import SessionModel, list_candidates, list_covariate_ranges
+from stepblocks.loop.search.fit import build_problem
 
 _TOOL = Tool(frequency=300.0, decay_time=0.02)
 _MODEL = SessionModel(_TOOL)
@@ -139,3 +140,14 @@ def test_the_model_predicts_what_the_bench_shows_without_scatter():
     ]
     assert _MODEL.predict(quiet, values) == pytest.approx(exact, rel=1e-12)
     assert _MODEL.responses(quiet, values).shape == (len(quiet), 7, 3)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_few_trials_over_many_blocks_scatter_as_the_bench_does(seed):
+    few = bench_trials(design_columns(24, seed), seed)
+    scatter = build_problem(_MODEL, few).noise.scatter
+    shown = _MODEL.responses(few, {p.name: p.start for p in _MODEL.parameters(few)})[:, 0]
+    found = np.sqrt(scatter.channels[0] + shown**2 @ scatter.quantities)
+    # of ln friction, ln load and ln C_v, as the bench draws them
+    drawn = np.sqrt(shown**2 @ np.square([0.005 / 0.16, 0.004, 0.07]))
+    assert 0.8 < np.median(found / drawn) < 1.8  # five times as much with heights in it

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.optimize import minimize
-from scipy.stats import norm
+from scipy.stats import multivariate_normal, norm
 
 from oracles.toy_model import Toy, toy_effects, toy_trials
 from stepblocks.errors import PipelineError
 from stepblocks.law import Law, Parameter
 from stepblocks.loop.search.fit import Problem, _Objective, build_problem, fit
-from stepblocks.loop.search.forward_model import Systematic, Trials
+from stepblocks.loop.search.forward_model import Floats, Systematic, Trials
 from stepblocks.loop.search.noise import (
     Scatter,
     build_noise,
@@ -210,3 +210,37 @@ def test_values_that_are_missing_take_no_part_in_the_scatter_of_the_others(unit:
     # degrees of freedom that the regression took, less that of the uncertainties
     expected = np.nanmean(residual**2, axis=0) * n / (n - 3) - std**2
     assert found.channels == pytest.approx(expected, rel=1e-4)
+
+
+def test_scatter_is_where_the_likelihood_of_a_normal_is_greatest() -> None:
+    random = np.random.default_rng(5)
+    responses = random.normal(size=(80, 3, 2))
+    residual = np.einsum("nck,nk->nc", responses, random.normal(size=(80, 2)) * [0.4, 0.1])
+    residual += random.normal(size=(80, 3)) * [0.1, 0.2, 0.3]
+    std = np.full((80, 3), 0.05)
+
+    def likelihood(quantities: Floats, channels: Floats) -> float:
+        return sum(
+            multivariate_normal.logpdf(
+                row, cov=shown @ np.diag(quantities) @ shown.T + np.diag(channels + 0.05**2)
+            )
+            for row, shown in zip(residual, responses, strict=True)
+        )
+
+    found = estimate_scatter(residual, std, responses, 80)
+    best = likelihood(found.quantities, found.channels)
+    for factor in (0.9, 1.1):
+        for k in range(2):
+            assert (
+                likelihood(
+                    found.quantities * np.where(np.arange(2) == k, factor, 1.0), found.channels
+                )
+                < best
+            )
+        for j in range(3):
+            assert (
+                likelihood(
+                    found.quantities, found.channels * np.where(np.arange(3) == j, factor, 1.0)
+                )
+                < best
+            )

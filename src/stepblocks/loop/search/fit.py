@@ -5,10 +5,8 @@ It is a whitened least-squares fit with priors, on all channels at once.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import zip_longest
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.special import log_ndtr
 
@@ -16,6 +14,7 @@ from stepblocks.errors import PipelineError
 from stepblocks.law import Active, Law, Parameter
 from stepblocks.loop.search.forward_model import Floats, ForwardModel, Systematic, Trials
 from stepblocks.loop.search.noise import (
+    PER_SPECIMEN,
     Noise,
     build_noise,
     compute_flexible_residual,
@@ -152,18 +151,13 @@ class _Objective:
         low, high = np.array([(p.low, p.high) for p in self.parameters]).T / self.scale
         self.bounds = low, high
         blocks = np.asarray([p.block for p in self.parameters])
-        self.rows: dict[str, NDArray[np.intp] | slice] = {
-            b: np.flatnonzero(problem.trials.block == b) for b in set(blocks.tolist())
-        }
-        self.rows[""] = slice(None)
-        self.last: tuple[Floats, Floats] | None = None
+        common = blocks == ""
+        self.moved = common | (problem.trials.block[:, None] == blocks)
         # parameters that each move one specimen only share a difference, one of every specimen at a
         # time
-        layers = zip_longest(
-            *(np.flatnonzero(blocks == b).tolist() for b in dict.fromkeys(blocks[blocks != ""]))
-        )
-        self.groups: list[list[int]] = [[i] for i in np.flatnonzero(blocks == "").tolist()]
-        self.groups += [[i for i in layer if i is not None] for layer in layers]
+        earlier = [blocks[:i].tolist().count(block) for i, block in enumerate(blocks)]
+        self.layer = np.where(common, 0, common.sum()) + np.array(earlier)
+        self.last: tuple[Floats, Floats] | None = None
         # a censored value exceeds its floor: minus twice the logarithm of the chance of that adds
         # to the cost (Tobin 1958, doi:10.2307/1907382); it scatters as its channel and the
         # quantities behind it do
@@ -197,16 +191,11 @@ class _Objective:
 
     def jacobian(self, x: Floats) -> Floats:
         base = self.predict(x)
-        n, c = base.shape
-        stack = np.zeros((n, c, len(x)))
-        for group in self.groups:
-            step = np.where(x[group] + _STEP > self.bounds[1][group], -_STEP, _STEP)
-            shifted = x.copy()
-            shifted[group] += step
-            change = self.predict(shifted) - base
-            for i, h in zip(group, step, strict=True):
-                rows = self.rows[self.parameters[i].block]
-                stack[rows, :, i] = change[rows] / h
+        step = np.where(x + _STEP > self.bounds[1], -_STEP, _STEP)
+        shifted = np.tile(x, (self.layer.max() + 1, 1))
+        shifted[self.layer, range(len(x))] += step
+        change = np.stack([self.predict(row) - base for row in shifted], axis=2)
+        stack = np.where(self.moved[:, None], change[:, :, self.layer] / step, 0.0)
         prior = np.diag(self.prior)[self.kept]
         above = (base[self.censored] - self.floor) / self.spread
         logarithm = log_ndtr(above)
@@ -243,9 +232,7 @@ def fit(
     )
     x, jacobian, residual = solution.x, -solution.jac, solution.fun
     # the triangle of a QR has the singular values of the whole, at a fraction of the work
-    _, singular, right = np.linalg.svd(np.linalg.qr(jacobian, mode="r"))
-    inverse = np.where(singular > 1e-9 * singular[0], 1.0 / np.maximum(singular, 1e-300), 0.0)
-    root = right.T * inverse
+    root = np.linalg.pinv(np.linalg.qr(jacobian, mode="r"), rcond=1e-9)
     covariance = (root @ root.T) * np.outer(objective.scale, objective.scale)
     names = [p.name for p in objective.parameters]
     count = objective.problem.trials.values.size
@@ -293,5 +280,8 @@ def build_problem(model: ForwardModel, trials: Trials) -> Problem:
             responses,
         )
         problem = Problem(model, trials, build_noise(trials, systematics, responses, scatter))
-        start = fit(problem).values
-    return problem
+        fitted = fit(problem)
+        start = fitted.values
+    # without room for the specimens the regression follows no height, and takes it for scatter
+    crowded = len(trials) < PER_SPECIMEN * len(set(trials.block.tolist()))
+    return problem.tighten(fitted) if crowded else problem

@@ -319,15 +319,21 @@ def _is_at_bound(effect: Law, fitted: Fit) -> bool:
 
 
 def _fit_candidate(problem: Problem, base: Fit, score: Score) -> Fit | None:
-    effect, steps = (
-        score.effect,
-        dict(zip(score.effect.amplitudes, score.step.tolist(), strict=True)),
-    )
-    start = dict(base.values)
+    effect, held = score.effect, np.clip(score.step, -8.0, 8.0)
+    steps = dict(zip(effect.amplitudes, held.tolist(), strict=True))
+    # the constants give way to first order, so that the fit begins near its valley
+    moved = compute_tangent(problem, base, effect, score.shape) @ held
+    scales = np.array([p.scale for p in base.parameters])
+    way = base.covariance @ (base.jacobian[: len(moved)].T @ moved / scales)
+    start = {
+        p.name: base.values[p.name] - shift
+        for p, shift in zip(base.parameters, way.tolist(), strict=True)
+    }
     for p in effect.parameters:
-        step = float(np.clip(steps.get(p.name, 0.0) * p.scale, -8.0 * p.scale, 8.0 * p.scale))
         start[f"{effect.id}.{p.name}"] = (
-            p.start + step if p.name in steps else score.shape.get(p.name, p.start)
+            p.start + steps[p.name] * p.scale
+            if p.name in steps
+            else score.shape.get(p.name, p.start)
         )
     try:
         return fit(problem, (*base.effects, effect), start, evaluations=25)

@@ -13,6 +13,7 @@ from scipy.optimize import minimize
 
 from stepblocks.loop.search.forward_model import Floats, Systematic, Trials
 
+PER_SPECIMEN = 4  # trials, from which the regression has room for what each specimen does
 _REPLICATES = 30  # degrees of freedom from which replicates alone say how trials scatter
 _ROBUST = 0.2  # columns per trial of the regression that outliers are sought about
 _ROUNDS = 8
@@ -81,7 +82,7 @@ def build_flexible_columns(trials: Trials, limit: float = 1.0 / 3.0) -> Floats:
     n = len(trials)
     labels, inverse = np.unique(trials.block, return_inverse=True)
     first: list[Floats] = [np.ones(n)]
-    if 1 < len(labels) <= n / 4:
+    if 1 < len(labels) <= n / PER_SPECIMEN:
         first += [np.asarray(inverse == i, dtype=np.float64) for i in range(1, len(labels))]
     unit: list[Floats] = []
     for name in trials.covariates:
@@ -197,18 +198,23 @@ def estimate_scatter(residual: Floats, std: Floats, responses: Floats, dof: int)
 
     def objective(x: Floats) -> tuple[float, Floats]:
         variance = np.exp(x)
-        covariance = np.einsum("nik,k,njk->nij", shown, variance[:count], shown)
-        covariance[:, range(c), range(c)] += own + np.where(seen, variance[count:], 0.0)
-        inverse = np.linalg.inv(covariance)
-        solved = np.einsum("nij,nj->ni", inverse, scaled)
-        value = np.sum(np.linalg.slogdet(covariance)[1]) + np.sum(solved * scaled)
-        toward = np.einsum("nij,njk->nik", inverse, shown)
+        alone = own + np.where(seen, variance[count:], 0.0)
+        # the covariance is diagonal but for the few quantities: their matrices alone are inverted
+        # (Woodbury 1950)
+        weighed = shown / alone[:, :, None]
+        together = shown.transpose(0, 2, 1) @ weighed
+        inner = np.linalg.inv(together + np.diag(1.0 / variance[:count]))
+        turned = weighed @ inner
+        pulled = np.sum(weighed * scaled[:, :, None], axis=1)
+        solved = scaled / alone - np.sum(turned * pulled[:, None], axis=2)
+        value = np.sum(np.log(alone)) + n * np.sum(x[:count]) + np.sum(solved * scaled)
+        value -= np.sum(np.linalg.slogdet(inner)[1])
         slope = np.empty(count + c)
-        slope[:count] = np.sum(shown * toward, axis=(0, 1)) - np.sum(
-            np.einsum("nik,ni->nk", shown, solved) ** 2, axis=0
+        slope[:count] = np.sum(shown * (weighed - turned @ together), axis=(0, 1)) - np.sum(
+            np.sum(shown * solved[:, :, None], axis=1) ** 2, axis=0
         )
-        diagonal = np.where(seen, inverse[:, range(c), range(c)] - solved**2, 0.0)
-        slope[count:] = diagonal.sum(axis=0)
+        diagonal = 1.0 / alone - np.sum(turned * weighed, axis=2) - solved**2
+        slope[count:] = np.where(seen, diagonal, 0.0).sum(axis=0)
         return float(value), slope * variance
 
     start = np.log(np.concatenate([np.full(count, 0.3), np.full(c, 0.1)]))
