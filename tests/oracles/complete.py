@@ -82,7 +82,7 @@ def _format_requirement(one: Characteristic) -> str:
 def _entity_says(entity: "DXFEntity", one: Characteristic) -> bool:
     # Tell whether a dimension measures, or a text says, what a characteristic states
     if entity.dxftype() != "DIMENSION":
-        return _format_requirement(one) in entity.dxf.text
+        return _format_requirement(one) in entity.dxf.text.replace(",", ".")  # ISO 129-1
     style = entity.override()
     measured = float(entity.get_measurement()) * float(style.get("dimlfac", 1.0))
     got = [

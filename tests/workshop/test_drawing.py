@@ -48,14 +48,16 @@ def test_every_dimension_of_the_dxf_measures_and_prints_what_was_asked_for(drawi
         assert one.value == pytest.approx(wanted.nominal, abs=1e-9)
         assert (one.lower, one.upper) == pytest.approx((wanted.lower, wanted.upper), abs=1e-12)
         decimals = choose_decimals(wanted.nominal, wanted.lower, wanted.upper)
-        assert f"{wanted.nominal * 1e3:.{decimals}f}" in one.text
+        # the decimal marker of ISO 129-1 is a comma
+        assert f"{wanted.nominal * 1e3:.{decimals}f}".replace(".", ",") in one.text
     # every characteristic stands on the sheet: as dimension, as frame with a balloon, or as a note
     import ezdxf
 
-    texts = [entity.dxf.text for entity in ezdxf.readfile(path).modelspace().query("TEXT")]
+    space = ezdxf.readfile(path).modelspace()
+    texts = [entity.dxf.text.replace(",", ".") for entity in space.query("TEXT")]
     for number, wanted in listed.values():
         assert str(number) in texts or any(
-            text.startswith(f"{number}  {wanted.label}") for text in texts
+            text.startswith(f"{number}  {wanted.label.replace(',', '.')}") for text in texts
         ), wanted.label
 
 

@@ -2,7 +2,9 @@
 
 import itertools
 import math
+import re
 
+import numpy as np
 import pytest
 import shapely
 from ezdxf import bbox
@@ -79,15 +81,18 @@ def overlaps_on(sheet):
                     corners = (box.extmin.x, box.extmin.y, box.extmax.x, box.extmax.y)
                     texts.append((part.plain_text(), shapely.box(*corners).buffer(-0.15)))
             lines += strokes_of(part)
-        if entity.dxftype() == "CIRCLE" and entity.dxf.radius == 2.6:
-            balloons.append(shapely.Point(entity.dxf.center.x, entity.dxf.center.y).buffer(2.6))
-    frame = shapely.box(10.0, 10.0, 410.0, 287.0)
+        if entity.dxftype() == "CIRCLE" and entity.dxf.radius == 2.8:
+            balloons.append(shapely.Point(entity.dxf.center.x, entity.dxf.center.y).buffer(2.8))
+    frame = shapely.box(20.0, 10.0, 410.0, 287.0)
     tree = shapely.STRtree(lines)
     for text, box in texts:
         if len(tree.query(box, predicate="intersects")):
             yield f"struck: {text}"
         if not frame.contains(box):
             yield f"over the frame: {text}"
+    for (one, box), (other, second) in itertools.combinations(texts, 2):
+        if box.intersects(second):
+            yield f"{one} over {other}"
     for one, other in itertools.combinations(balloons, 2):
         if one.intersects(other):
             yield f"balloons at {one.centroid} and {other.centroid}"
@@ -108,12 +113,12 @@ def test_a_section_is_hatched_where_it_cuts_and_its_place_is_shown():
     areas = [hatch.paths[0].vertices for hatch in sheet.space.query("HATCH")]
     assert len(areas) == 2
     area = sum(shapely.Polygon([(x, y) for x, y, *_ in one]).area for one in areas)
-    # by hand, 3:1: a window 1.6 x 3.15 mm wide and 8 mm high, less a hole of 2.5 mm, 5 mm deep, its
+    # by hand, 5:1: a window 1.6 x 3.15 mm wide and 6 mm high, less a hole of 2.5 mm, 5 mm deep, its
     # point of 118 degrees and its countersink of 90 degrees up to 3.15 mm
-    drill, entry, tall = 1.25, 1.575, 8.0
+    drill, entry, tall = 1.25, 1.575, 6.0
     point = drill * drill / math.tan(math.radians(59.0))
     cut = 3.2 * entry * tall - 2.0 * drill * 5.0 - point - (entry - drill) ** 2
-    assert area == pytest.approx(9.0 * cut, rel=1e-9)
+    assert area == pytest.approx(25.0 * cut, rel=1e-9)
     letters = [one for one in sheet.space.query("TEXT") if one.dxf.text == "C"]
     assert len(letters) == 2
     assert any(one.dxf.text.startswith("C-C") for one in sheet.space.query("TEXT"))
@@ -130,6 +135,40 @@ def test_lines_are_of_one_group_and_the_title_block_stands_in_its_corner():
     assert any(one.size.x == pytest.approx(180.0) for one in corner)
 
 
+@pytest.mark.parametrize("body", BODIES)
+def test_scales_letters_frame_and_threads_are_those_of_the_standards(body):
+    # ISO 5455: 1, 2 or 5 times a power of ten; ISO 5457: 20 mm for filing, 10 mm elsewhere;
+    # ISO 3098: letters of 2.5 mm; ISO 129-1: a decimal comma; ISO 6410-1: a thread that is hidden
+    # is dashed, its outer line three quarters of a circle
+    block = StepBlock(id="step-065", height="65 um", **BODIES[body])
+    sheet = draw_part_sheet(block, ORDER)
+    texts = list(sheet.space.query("TEXT"))
+    scales = [one for text in texts for one in re.findall(r"([\d.]+):([\d.]+)", text.dxf.text)]
+    assert len(scales) >= 4
+    assert all(float(a) == 1.0 or float(b) == 1.0 for a, b in scales)
+    assert all(f"{float(a) * float(b):e}"[:5] in ("1.000", "2.000", "5.000") for a, b in scales)
+    assert min(one.dxf.height for one in texts) >= 2.5
+    pointed = {one.dxf.text for one in texts if re.search(r"\d\.\d", one.dxf.text)}
+    assert pointed <= {block.material.order_text}  # a number of a material is no size
+    boxes = [bbox.extents([one]) for one in sheet.space.query("LWPOLYLINE[layer=='FRAME']")]
+    box = max(boxes, key=lambda one: one.size.x)
+    assert (box.extmin.x, box.extmin.y) == (20.0, 10.0)
+    assert (box.extmax.x, box.extmax.y) == (410.0, 287.0)
+    hidden = sheet.space.query("LWPOLYLINE[layer=='HIDDEN']")
+    tapped = "mounting" not in BODIES[body].get("body", {}) or "depth" in str(BODIES[body])
+    assert len(hidden) == 2 * tapped
+    for thread in hidden:
+        points = np.array(thread.get_points("xy"))
+        turned = np.unwrap(np.arctan2(*(points - thread_middle(sheet, points)).T[::-1]))
+        assert np.degrees(np.ptp(turned)) == pytest.approx(270.0)
+
+
+def thread_middle(sheet, points):
+    """The middle of the core hole whose thread these points are."""
+    cores = [one.dxf.center.vec2 for one in sheet.space.query("CIRCLE[layer=='HIDDEN']")]
+    return min(cores, key=lambda one: np.abs(np.hypot(*(points - one).T) - 3.0).max())
+
+
 def test_the_straightness_of_the_riser_stands_in_a_frame_that_points_at_it():
     sheet = draw_part_sheet(StepBlock(id="step-050", height="50 um"), ORDER)
     texts = sheet.space.query("TEXT")
@@ -139,7 +178,7 @@ def test_the_straightness_of_the_riser_stands_in_a_frame_that_points_at_it():
         if one.has_xdata("STEPBLOCKS")
         and one.get_xdata("STEPBLOCKS")[0].value == "riser_straightness"
     ]
-    assert value.dxf.text == "0.020"
+    assert value.dxf.text == "0,020"
     # the arrow lies on the line of the riser, which is drawn on over the faces
     riser, level = 235.0, value.get_placement()[1].y
     tips = [one.dxf.vtx0 for one in sheet.space.query("SOLID")]
@@ -162,4 +201,4 @@ def test_nothing_on_the_sheet_of_a_series_strikes_anything_and_every_height_is_i
     assert list(overlaps_on(sheet)) == []
     texts = {entity.dxf.text for entity in sheet.space.query("TEXT")}
     assert {f"STEP-{height:03}" for height in range(15, 106, 10)} <= texts
-    assert {f"0.{height:03} ±0.001" for height in range(15, 106, 10)} <= texts
+    assert {f"0,{height:03} ±0,001" for height in range(15, 106, 10)} <= texts

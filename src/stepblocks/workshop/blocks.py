@@ -5,7 +5,7 @@ import math
 from stepblocks.parts.kinds.margin import MarginBlock
 from stepblocks.parts.kinds.step_block import MetrologyFeature, StepBlock
 from stepblocks.workshop.body_views import TOP_VIEW, draw_body
-from stepblocks.workshop.sheet import Point, Sheet, View, choose_scale
+from stepblocks.workshop.sheet import Point, Sheet, View, choose_scale, format_scale
 
 _DETAIL: Point = (235.0, 215.0)
 _SECOND: Point = (352.0, 215.0)
@@ -28,7 +28,10 @@ def draw_step_block_views(sheet: Sheet, block: StepBlock) -> list[str]:
         _draw_groove_detail(sheet, block, block.metrology)
         number = sheet.listed[_depth_key(block.metrology)][0]
         lines.append(f"{block.metrology.kind.capitalize()} ({number}): ISO 5436-1 type A1.")
-    lines.append("Root of the riser: fillet or undercut up to the height of the step is allowed.")
+    lines += [
+        "Root of the riser: fillet or undercut up to the height of the step is allowed.",
+        "Every part is accepted by ISO 14253-1, Ra by its largest value (ISO 21920-3).",
+    ]
     return lines
 
 
@@ -65,7 +68,7 @@ def _draw_feature(sheet: Sheet, block: StepBlock, feature: MetrologyFeature, sca
         sheet.dimension(key, ends[0], ends[1], (tx, ty + hy + 8.0), scale)
     right = tx + 0.5 * block.body.length.nominal * k
     ends, long = [(tx + far, ty + low), (tx + far, ty + hy)], f"{feature.kind}_length"
-    sheet.dimension(long, ends[0], ends[1], (right + 10.0, ty), scale, upright=True)
+    sheet.dimension(long, ends[0], ends[1], (right + 14.0, ty), scale, upright=True)
     sheet.leader(
         (tx + far, ty + low + 2.0), (right + 20.0, ty + low + 6.0), f"{feature.kind}, detail B"
     )
@@ -75,7 +78,7 @@ def _draw_step_detail(sheet: Sheet, block: StepBlock) -> None:
     H, r = block.height.nominal, block.edge_radius.nominal
     xs, zs, (cx, cz) = (
         choose_scale(10.0 / max(r * 1e3, 0.1)),
-        choose_scale(40.0 / (H * 1e3)),
+        choose_scale(44.0 / (H * 1e3)),
         _DETAIL,
     )
     view = View(_DETAIL, xs, zs)
@@ -114,14 +117,14 @@ def _draw_step_detail(sheet: Sheet, block: StepBlock) -> None:
     sheet.point_to((cx + 4.0, top), sheet.frame("flatness_upper", (cx + 8.0, top + 7.0)))
     sheet.frame("parallelism", (cx + 8.0, top + 13.0), "A")
     sheet.texture((cx + 46.0, top), "roughness", " (2 x)")
-    caption = f"A   lengths {xs:g}:1, heights {zs:g}:1 (heights exaggerated {zs / xs:g} times)"
+    caption = f"A   lengths {format_scale(xs)}, heights {format_scale(zs)} ({zs / xs:g} times)"
     sheet.text((cx, cz - 33.0), caption, 2.5, "BOTTOM_CENTER")
 
 
 def _draw_groove_detail(sheet: Sheet, block: StepBlock, feature: MetrologyFeature) -> None:
     (cx, cz), kind = _SECOND, feature.kind
     H, W = block.height.nominal, feature.width.nominal
-    zs, xs = choose_scale(40.0 / (H * 1e3)), choose_scale(30.0 / (W * 1e3))
+    zs, xs = choose_scale(44.0 / (H * 1e3)), choose_scale(30.0 / (W * 1e3))
     top, half = cz + H * 1e3 * zs, 0.5 * W * 1e3 * xs
     outside, inside = (top, cz) if kind == "groove" else (cz, top)
     sheet.polyline(
@@ -140,7 +143,12 @@ def _draw_groove_detail(sheet: Sheet, block: StepBlock, feature: MetrologyFeatur
     key, start = _depth_key(feature), cx if kind == "groove" else cx - 30.0
     sheet.dimension(key, (start, cz), (cx - half, top), (cx - half - 9.0, cz), zs, upright=True)
     sheet.dimension(f"{kind}_width", (cx - half, top), (cx + half, top), (cx, top + 8.0), xs)
-    sheet.text((cx, cz - 33.0), f"B   lengths {xs:g}:1, heights {zs:g}:1", 2.5, "BOTTOM_CENTER")
+    sheet.text(
+        (cx, cz - 33.0),
+        f"B   lengths {format_scale(xs)}, heights {format_scale(zs)}",
+        2.5,
+        "BOTTOM_CENTER",
+    )
 
 
 def _draw_margin_detail(sheet: Sheet, margin: MarginBlock) -> None:
@@ -184,8 +192,7 @@ def _draw_margin_detail(sheet: Sheet, margin: MarginBlock) -> None:
         beyond = high[0] + 42.0  # clear of the text, which stands beside a narrow dimension
     sheet.datum((cx - 54.0, cz), "A")
     sheet.frame("flatness_lower", (cx - 58.0, cz - 28.0))
-    sheet.polyline([(cx - 44.0, cz - 28.0 + 6.0), (cx - 44.0, cz)], "DIMENSION")
-    sheet.arrow((cx - 44.0, cz), (cx - 44.0, cz - 28.0))
+    sheet.point_to((cx - 44.0, cz), (cx - 44.0, cz - 22.0))
     sheet.frame("parallelism_base", (cx - 58.0, cz - 34.0), "B")
     sheet.point_to((beyond, level), sheet.frame("flatness_upper", (beyond + 4.0, top + 18.0)))
     sheet.frame("parallelism", (beyond + 4.0, top + 24.0), "A")
@@ -195,4 +202,4 @@ def _draw_margin_detail(sheet: Sheet, margin: MarginBlock) -> None:
     sheet.leader(
         (cx + 0.4 * g * 1e3 * s, floor + 2.0), (cx - 24.0, floor + 8.0), "depth {}", "gap_depth"
     )
-    sheet.text((cx - 50.0, floor - 8.0), f"A   {s:g}:1", 2.5, "BOTTOM_CENTER")
+    sheet.text((cx - 50.0, floor - 8.0), f"A   {format_scale(s)}", 2.5, "BOTTOM_CENTER")

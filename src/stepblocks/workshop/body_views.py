@@ -4,20 +4,19 @@ import math
 
 from stepblocks.parts.body import DRILL_POINT, Body, Engraving, Mounting
 from stepblocks.parts.lettering import compute_text_width
-from stepblocks.workshop.sheet import Point, Sheet
+from stepblocks.workshop.sheet import Point, Sheet, choose_scale, format_scale
 
 FRONT_VIEW: Point = (100.0, 240.0)
 TOP_VIEW: Point = (100.0, 130.0)
-SCALES = (10.0, 5.0, 4.0, 3.0, 2.5, 2.0, 1.5, 1.0, 0.5, 0.25, 0.1)
 _HOLE_VIEW: Point = (360.0, 131.0)  # middle of the base in the section through a hole
 
 
 def draw_body(sheet: Sheet, body: Body, identity: str) -> float:
     """Draw the body from the front and from above; return the scale of both views."""
     largest = 1e3 * max(
-        body.length.nominal, body.width.nominal, 75.0 / 40.0 * body.thickness.nominal
+        body.length.nominal, body.width.nominal, 80.0 / 40.0 * body.thickness.nominal
     )
-    scale = max(s for s in SCALES if s * largest <= 75.0 or s == SCALES[-1])
+    scale = choose_scale(80.0 / largest)
     _draw_front(sheet, body, identity, scale)
     _draw_top(sheet, body, scale)
     if body.mounting is not None:
@@ -52,7 +51,7 @@ def _draw_front(sheet: Sheet, body: Body, identity: str, scale: float) -> None:
     sheet.point_to(
         (fx + half - 5.0, base), sheet.frame("flatness_base", (fx + half + 6.0, base - 12.0))
     )
-    sheet.text((fx - 10.0, base - 10.0), f"front {scale:g}:1", 2.5, "BOTTOM_CENTER")
+    sheet.text((fx - 10.0, base - 10.0), f"front {format_scale(scale)}", 2.5, "BOTTOM_CENTER")
 
 
 def _draw_letters(
@@ -85,7 +84,7 @@ def _draw_top(sheet: Sheet, body: Body, scale: float) -> None:
         sheet.dimension(
             "edge_position", (left, ty + hy - c), (tx, ty + hy), (tx, ty + hy + 16.0), scale
         )
-    sheet.text((tx + hx + 4.0, below), f"top {scale:g}:1", 2.5, "BOTTOM_LEFT")
+    sheet.text((tx + hx + 4.0, below), f"top {format_scale(scale)}", 2.5, "BOTTOM_LEFT")
 
 
 def _draw_holes(sheet: Sheet, body: Body, mounting: Mounting, scale: float) -> None:
@@ -97,15 +96,25 @@ def _draw_holes(sheet: Sheet, body: Body, mounting: Mounting, scale: float) -> N
         body.edge_break.nominal * k,
     )
     hole, half = 0.5 * mounting.hole_diameter * k, 0.5 * mounting.spacing.nominal * k
+    outer = 0.5 * mounting.entry_diameter * k
     for x in (-half, half):
         if mounting.kind == "clearance":
-            sheet.circle((tx + x, ty), 0.5 * mounting.entry_diameter * k)
-        sheet.circle((tx + x, ty), hole, "HIDDEN" if mounting.kind == "tapped" else "OUTLINE")
+            sheet.circle((tx + x, ty), outer)
+            sheet.circle((tx + x, ty), hole)
+        else:  # tapped from below; a hidden thread is dashed, its outer line three quarters long
+            sheet.circle((tx + x, ty), hole, "HIDDEN")
+            turns = [math.radians(10.0 * (index + 1)) for index in range(28)]
+            sheet.polyline(
+                [(tx + x + outer * math.cos(turn), ty + outer * math.sin(turn)) for turn in turns],
+                "HIDDEN",
+            )
         sheet.line((tx + x - hole - 3.0, ty), (tx + x + hole + 3.0, ty), "CENTRE")
         sheet.line((tx + x, ty - hole - 3.0), (tx + x, ty + hole + 3.0), "CENTRE")
     left, below, foot = tx - hx, ty - hy, ty - hole
     near, corner = (tx - half, foot), (left + c, below)
-    sheet.dimension("hole_spacing", near, (tx + half, foot), (tx, below - 19.0), scale)
+    far, along = (tx + half, foot), (tx, below - 19.0)
+    # its text stands beyond the line that leads the length out
+    sheet.dimension("hole_spacing", near, far, along, scale, clear=hx - half)
     sheet.dimension(
         "hole_position", (left, below + c), near, (tx, below - 10.0), scale, before=True
     )
@@ -113,7 +122,7 @@ def _draw_holes(sheet: Sheet, body: Body, mounting: Mounting, scale: float) -> N
     tip, elbow = (tx + half + 0.7 * hole, ty - 0.7 * hole), (tx + hx + 20.0, ty - 0.65 * hy)
     thread = f"{mounting.thread}-6H" if mounting.kind == "tapped" else f"for {mounting.thread}"
     sheet.leader(tip, elbow, f"2 x {thread}, section C")
-    sheet.cutting_line((tx + half - hole - 6.5, ty), (tx + hx + 3.0, ty), "C")
+    sheet.cutting_line((tx + half - outer - 6.5, ty), (tx + hx + 3.0, ty), "C")
     _draw_hole_section(sheet, body, mounting)
 
 
@@ -121,9 +130,9 @@ def _draw_hole_section(sheet: Sheet, body: Body, mounting: Mounting) -> None:
     # Draw a hole in section; a thread as in ISO 6410-1, crests thick and roots thin
     (x, base), tapped = _HOLE_VIEW, mounting.kind == "tapped"
     tall = body.thickness.nominal
-    shown = min(tall, 1.6 * mounting.depth.nominal) if tapped else tall
+    shown = min(tall, 1.2 * mounting.depth.nominal) if tapped else tall
     wide = 1.6 * mounting.entry_diameter
-    scale = max(s for s in SCALES if max(s * shown * 1e3 / 28.0, s * wide * 1e3 / 34.0) <= 1.0)
+    scale = choose_scale(min(36.0 / (shown * 1e3), 34.0 / (wide * 1e3)))
     k = 1e3 * scale
     top, half = base + shown * k, 0.5 * wide * k
     drill, entry, deep = (
@@ -156,7 +165,7 @@ def _draw_hole_section(sheet: Sheet, body: Body, mounting: Mounting) -> None:
     sheet.line((x - drill, high if tapped else low), (x + drill, high if tapped else low))
     ends = (x + drill, low), (x + drill, high)
     sheet.dimension("hole_depth", *ends, (x + half + 8.0, base), scale, upright=True)
-    sheet.text((x, base - 8.0), f"C-C   {scale:g}:1", 2.5, "BOTTOM_CENTER")
+    sheet.text((x, base - 8.0), f"C-C   {format_scale(scale)}", 2.5, "BOTTOM_CENTER")
     elbow = x - half - 5.0, base + 0.5 * (top - base)
     if tapped:
         sheet.leader(
@@ -167,7 +176,7 @@ def _draw_hole_section(sheet: Sheet, body: Body, mounting: Mounting) -> None:
         )
         sheet.text(
             (elbow[0] - 5.0, elbow[1] - 6.0),
-            f"core ⌀{mounting.hole_diameter * 1e3:g}, 6H of ISO 965-1",
+            f"core ⌀{mounting.hole_diameter * 1e3:g}".replace(".", ",") + ", 6H of ISO 965-1",
             2.5,
             "RIGHT",
         )
@@ -175,7 +184,7 @@ def _draw_hole_section(sheet: Sheet, body: Body, mounting: Mounting) -> None:
         sheet.leader(
             (x - drill, base + 3.0),
             elbow,
-            f"⌀{2e3 * drill / k:g} through, counterbored ⌀{2e3 * entry / k:g}",
+            f"⌀{2e3 * drill / k:g} through, counterbored ⌀{2e3 * entry / k:g}".replace(".", ","),
         )
 
 

@@ -56,18 +56,6 @@ def write_drawing(
     return _write_all(folder, f"{part.id}.drawing", formats, lambda: draw_part_sheet(part, order))
 
 
-def _list_order_fields(order: OrderSpec) -> dict[str, str]:
-    return {
-        "drawn by": order.author or "-",
-        "approved by": order.approved_by or "-",
-        "owner": order.owner or "-",
-        "date": order.date or "-",
-        "revision": order.revision or "-",
-        "quantity": str(order.quantity),
-        "sheet": "1 of 1",
-    }
-
-
 def write_series_drawing(
     folder: Path, name: str, blocks: Sequence[StepBlock], order: OrderSpec
 ) -> list[Path]:
@@ -97,8 +85,16 @@ def draw_part_sheet(
     fields = {
         "identity": stimulus.id.upper(),
         "material": stimulus.material.order_text,
-        "mass": "-" if density is None else f"{density.value * volume * 1e3:.4g} g",
-        **_list_order_fields(order),
+        "mass": "-"
+        if density is None
+        else f"{density.value * volume * 1e3:.4g} g".replace(".", ","),
+        "drawn by": order.author or "-",
+        "approved by": order.approved_by or "-",
+        "owner": order.owner or "-",
+        "date": order.date or "-",
+        "revision": order.revision or "-",
+        "quantity": str(order.quantity),
+        "sheet": "1 of 1",
     }
     if series is not None:
         name, place, blocks = series
@@ -107,7 +103,9 @@ def draw_part_sheet(
         heights = [
             (
                 one.id.upper(),
-                format_limits(one.height.nominal, one.height.lower, one.height.upper),
+                format_limits(one.height.nominal, one.height.lower, one.height.upper).replace(
+                    ".", ","
+                ),
             )
             for one in blocks
         ]
@@ -118,8 +116,11 @@ def draw_part_sheet(
         stimulus.governing_field.replace("_", " "),
     )
     # what no view shows is said in words, with its number
-    left = [(key, n, one) for key, (n, one) in sheet.listed.items() if n not in sheet.numbers]
-    lines = [(f"{n}  {one.label}: {sheet.limits(key)}", key) for key, n, one in left]
+    lines = [
+        (f"{n}  {one.label.replace('.', ',')}: {sheet.limits(key)}", key)
+        for key, (n, one) in sheet.listed.items()
+        if n not in sheet.numbers
+    ]
     if stimulus.has_working_faces:
         sheet.texture((100.0, 16.0))
         notes += filter(None, [describe_default_demands(stimulus)])

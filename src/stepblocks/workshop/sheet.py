@@ -27,7 +27,7 @@ _LAYERS = {  # colour, weight of the lines [0.01 mm] and their type
 }
 _STYLE = {
     "dimtxsty": "LETTERS",
-    "dimdsep": ord("."),
+    "dimdsep": ord(","),  # as ISO 129-1 has it
     "dimtxt": _TEXT,
     "dimasz": 2.5,
     "dimexe": 1.2,
@@ -50,13 +50,14 @@ TOP_OF_TITLE = 82.0  # y of the upper side of the title block [mm]
 
 
 def choose_scale(largest: float) -> float:
-    """Return the largest of 1, 2, 2.5, 4, 5 times a power of ten that does not exceed `largest`."""
+    """Return the largest scale of ISO 5455 (1, 2, 5 times a power of ten) up to `largest`."""
     decade = 10.0 ** math.floor(math.log10(largest))
-    return max(
-        step * decade
-        for step in (1.0, 2.0, 2.5, 4.0, 5.0)
-        if step * decade <= largest * (1.0 + 1e-9)
-    )
+    return max(step * decade for step in (1.0, 2.0, 5.0) if step * decade <= largest * (1.0 + 1e-9))
+
+
+def format_scale(scale: float) -> str:
+    """Write a scale as ISO 5455 does: 5:1 or 1:2."""
+    return f"{scale:g}:1" if scale >= 1.0 else f"1:{1.0 / scale:g}"
 
 
 @dataclass(frozen=True)
@@ -131,7 +132,7 @@ class Sheet:
     def limits(self, key: str) -> str:
         """Return nominal and deviations of a characteristic."""
         _, one = self.listed[key]
-        return format_limits(one.nominal, one.lower, one.upper, one.quantity)
+        return format_limits(one.nominal, one.lower, one.upper, one.quantity).replace(".", ",")
 
     def break_line(self, x: float, low: float, high: float) -> None:
         """Draw a vertical break with a zigzag in its middle."""
@@ -159,11 +160,12 @@ class Sheet:
         upright: bool = False,
         before: bool = False,
         text_at: float = 0.5,
+        clear: float = 0.0,
     ) -> None:
         """Draw a linear dimension with its tolerance and balloon, its line through `along`.
 
-        The text stands at a share `text_at` of the line, beside its end where it is too short,
-        and beside its start with `before`.
+        The text stands at a share `text_at` of the line; where that is too short, `clear` beyond
+        its end, and beside its start with `before`.
         """
         _, one = self.listed[key]
         decimals = choose_decimals(one.nominal, one.lower, one.upper)
@@ -184,13 +186,11 @@ class Sheet:
             override=override,
             dxfattribs={"layer": "DIMENSION"},
         )
-        # height of two unlike deviations
-        small = 1.0 if abs(one.upper + one.lower) < 1e-12 else 0.7
         if key not in self.letters:
             dimension.set_tolerance(
                 one.upper * 1e3,
                 -one.lower * 1e3,
-                hfactor=small,
+                hfactor=1.0,  # as high as the size itself (ISO 129-1)
                 dec=decimals,
                 leading_zeros=True,
                 trailing_zeros=True,
@@ -207,13 +207,13 @@ class Sheet:
         reach = 0.5 * needed + 3.0
         middle = list(along)
         if narrow:  # the text stands beside the arrows; before them with room for the balloon
-            middle[axis] = start - reach - 6.0 if before else end + reach
+            middle[axis] = start - reach - 6.0 if before else end + reach + clear
             middle[1 - axis] += side * 2.2
             dimension.set_location(Vec2(middle), leader=False)
         else:
             middle[axis] = start + text_at * (end - start)
             if text_at != 0.5:
-                dimension.set_location(Vec2(middle[0] - 1.8, middle[1]), leader=False)
+                dimension.set_location(Vec2(middle[0] - 2.2, middle[1]), leader=False)
         dimension.render()
         self._mark_characteristic(dimension.dimension, key)
         after, beside = (reach, 0.0) if narrow else (0.5 * needed + 2.6, 3.4)
@@ -234,7 +234,7 @@ class Sheet:
             self.line((x, y), (x + 3.0 * inwards, y))
             self.line((x, y - 6.0), (x, y), "DIMENSION")
             self.arrow((x, y), (x, y - 6.0))
-            self.text((x - 2.6 * inwards, y - 3.0), letter, 3.0, "MIDDLE_CENTER")
+            self.text((x + 2.6, y - 3.0), letter, 3.0, "MIDDLE_CENTER")
 
     def edge_state(self, tip: Point, corner: Point, limits: str) -> None:
         """Draw the symbol of the state of an edge (ISO 13715) with its limits in millimetres."""
@@ -242,12 +242,12 @@ class Sheet:
         self.polyline([tip, corner], "DIMENSION")
         self.arrow(tip, corner)
         self.polyline([(x, y + 4.5), corner, (x + wide, y)], "FRAME")
-        self.text((x + 1.5, y + 2.4), limits, _TEXT, "MIDDLE_LEFT")
+        self.text((x + 1.5, y + 2.4), limits.replace(".", ","), _TEXT, "MIDDLE_LEFT")
 
     def balloon(self, key: str, at: Point) -> None:
         """Draw the number of a characteristic in a circle."""
-        self.circle(at, 2.6, "DIMENSION")
-        self.text(at, str(self.listed[key][0]), 2.2, "MIDDLE_CENTER")
+        self.circle(at, 2.8, "DIMENSION")
+        self.text(at, str(self.listed[key][0]), _TEXT, "MIDDLE_CENTER")
 
     def leader(self, tip: Point, elbow: Point, text: str, key: str = "") -> None:
         """Draw an arrow to `tip` from a text at `elbow`; ``{}`` are the limits of `key`."""
@@ -284,7 +284,7 @@ class Sheet:
         _, one = self.listed[key]
         x, y = at
         high, cell = 6.0, 7.0
-        value = format_zone(one.upper)
+        value = format_zone(one.upper).replace(".", ",")
         wide = 4.0 + compute_text_width(value, _TEXT)
         # of the cells
         ends = [
@@ -325,7 +325,7 @@ class Sheet:
         Without a key it is that of all other surfaces.
         """
         (x, y), largest = foot, self.listed[key][1].upper if key else ELSEWHERE
-        text = f"Ra {largest * 1e6:g}{suffix}"
+        text = f"Ra {largest * 1e6:g}{suffix}".replace(".", ",")
         self.polyline([(x - 2.0, y + 3.5), (x, y), (x + 2.0, y + 3.5)], "DIMENSION", closed=True)
         end = x + 6.0 + compute_text_width(text, _TEXT)
         self.polyline([(x + 2.0, y + 3.5), (x + 4.3, y + 7.5), (end, y + 7.5)], "DIMENSION")
@@ -348,19 +348,20 @@ class Sheet:
             "projection, size": "first angle (ISO 5456-2), A3",
         }
         cells = list((rows | standard).items())
-        self.rectangle((10.0, 10.0), (WIDTH - 10.0, HEIGHT - 10.0), "FRAME")
+        # ISO 5457: 20 mm on the left are for filing
+        self.rectangle((20.0, 10.0), (WIDTH - 10.0, HEIGHT - 10.0), "FRAME")
         left, half = WIDTH - 190.0, -(-len(cells) // 2)
-        high = (TOP_OF_TITLE - 20.0) / half
+        high = (TOP_OF_TITLE - 18.0) / half
         self.rectangle((left, 10.0), (WIDTH - 10.0, TOP_OF_TITLE), "FRAME")
-        self.text((left + 3.0, TOP_OF_TITLE - 5.0), title, 4.5, "MIDDLE_LEFT")
+        self.text((left + 3.0, TOP_OF_TITLE - 4.0), title, 4.5, "MIDDLE_LEFT")
         for index, (name, value) in enumerate(cells):
             column, row = divmod(index, half)
-            x, y = left + 90.0 * column, TOP_OF_TITLE - 10.0 - high * row
+            x, y = left + 90.0 * column, TOP_OF_TITLE - 8.0 - high * row
             self.rectangle((x, y - high), (x + 90.0, y), "FRAME")
-            self.text((x + 2.0, y - 1.9), name, 1.6, "MIDDLE_LEFT")
+            self.text((x + 2.0, y - 2.1), name, _TEXT, "MIDDLE_LEFT")
             # a long text is written smaller rather than over the line of its field
             size = min(2.5, 2.5 * 84.0 / compute_text_width(value, 2.5)) if value else 2.5
-            self.text((x + 2.0, y - 5.4), value, size, "MIDDLE_LEFT")
+            self.text((x + 2.0, y - 5.9), value, size, "MIDDLE_LEFT")
         # the truncated cone from its side and, on the right of it, from its narrow end (ISO 5456-2)
         x, y = WIDTH - 26.0, 10.0 + 0.5 * high
         side = [(x - 4.0, y - 1.2), (x + 2.0, y - 2.4), (x + 2.0, y + 2.4), (x - 4.0, y + 1.2)]

@@ -7,7 +7,7 @@ from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
 from stepblocks.parts.kinds.sheath import MASS_MATCH, Sheath, format_mass
 from stepblocks.parts.kinds.tips import HookTip, StraightTip, Tip
 from stepblocks.parts.revolution import list_outline_points
-from stepblocks.workshop.sheet import Point, Sheet, View, choose_scale
+from stepblocks.workshop.sheet import Point, Sheet, View, choose_scale, format_scale
 
 _CHORD = 0.05e-6  # off its arc by less than a sheet at the scale of an enlarged ball shows [m]
 
@@ -95,7 +95,9 @@ def _draw_side_view(sheet: Sheet, tip: Tip, end: float, outlines: list[list[Poin
 
 def _draw_ball(sheet: Sheet, tip: Tip, side: View, lowest: float) -> list[str]:
     # Write the caption of the side view and draw the ball enlarged; return no notes
-    sheet.text((side.origin[0], side.at(0.0, lowest)[1] - 26.0), f"side {side.scale:g}:1", 2.5)
+    sheet.text(
+        (side.origin[0], side.at(0.0, lowest)[1] - 26.0), f"side {format_scale(side.scale)}", 2.5
+    )
     (cx, cy), R = (320.0, 215.0), tip.ball_radius.nominal
     view, height = View((cx - 40.0, cy), choose_scale(22.0 / (R * 1e3))), 3.2 * R
     outline = [(r, z) for r, z in list_outline_points(tip.outline(), _CHORD) if z <= height]
@@ -109,7 +111,7 @@ def _draw_ball(sheet: Sheet, tip: Tip, side: View, lowest: float) -> list[str]:
     sheet.leader(tipped, (cx - 34.0, cy + 40.0), "SR {}", "ball_radius")
     flank = view.at(2.6 * R, start[0] + (2.6 * R - start[1]) * math.tan(tip.cone_angle.nominal))
     sheet.leader(flank, (flank[0] + 6.0, cy - 34.0), "{} included", "cone_angle")
-    sheet.text((cx - 20.0, cy - 48.0), f"ball {view.scale:g}:1", 2.5, "BOTTOM_CENTER")
+    sheet.text((cx - 20.0, cy - 48.0), f"ball {format_scale(view.scale)}", 2.5, "BOTTOM_CENTER")
     return []
 
 
@@ -149,7 +151,7 @@ def draw_crown_views(sheet: Sheet, margin: CrownOnTooth) -> list[str]:
     for key, one, other, along in drawn:
         if key in sheet.listed:
             sheet.dimension(key, one, other, along, s, upright=not key.endswith("_diameter"))
-    sheet.text((cx, base - 22.0), f"section {s:g}:1, seated", 2.5, "BOTTOM_CENTER")
+    sheet.text((cx, base - 22.0), f"section {format_scale(s)}, seated", 2.5, "BOTTOM_CENTER")
     _draw_crown_margin(sheet, margin, (tooth, crown))
     return ["Marginal gap, internal gap and discrepancies hold with the crown seated on its tooth."]
 
@@ -179,7 +181,7 @@ def _draw_crown_margin(sheet: Sheet, margin: CrownOnTooth, outlines: Iterable[li
     sheet.text((cx - half + 3.0, cy - half + 4.0), "tooth", 2.5)
     sheet.text((cx - half + 3.0, cy + half - 7.0), "crown", 2.5)
     sheet.rectangle((cx - half, cy - half), (cx + half, cy + half), "DIMENSION")
-    sheet.text((cx, cy - half - 7.0), f"A   margin {s:g}:1", 2.5, "BOTTOM_CENTER")
+    sheet.text((cx, cy - half - 7.0), f"A   margin {format_scale(s)}", 2.5, "BOTTOM_CENTER")
 
 
 def draw_sheath_views(sheet: Sheet, part: Sheath) -> list[str]:
@@ -214,7 +216,7 @@ def draw_sheath_views(sheet: Sheet, part: Sheath) -> list[str]:
     )
     sheet.text(
         (at(0.5 * length, 0.0)[0], at(0.0, low)[1] - 26.0),
-        f"section {s:g}:1, clamp on the left",
+        f"section {format_scale(s)}, clamp on the left",
         2.5,
         "BOTTOM_CENTER",
     )
@@ -223,7 +225,7 @@ def draw_sheath_views(sheet: Sheet, part: Sheath) -> list[str]:
         sheet.circle(end, 0.5e3 * diameter * s)
     sheet.line((end[0] - reach, cy), (end[0] + reach, cy), "CENTRE")
     sheet.line((end[0], cy - reach), (end[0], cy + reach), "CENTRE")
-    sheet.text((end[0], cy - reach - 6.0), f"end {s:g}:1", 2.5, "BOTTOM_CENTER")
+    sheet.text((end[0], cy - reach - 6.0), f"end {format_scale(s)}", 2.5, "BOTTOM_CENTER")
     lightest, heaviest = map(format_mass, part.mass_limits)
     return [
         f"Mass {format_mass(part.mass)}, {lightest} to {heaviest} within the limits.",
