@@ -8,13 +8,14 @@ from softgauge_verdicts import draw as draw_gauge
 
 from oracles.softgauge import correlated_noise, edge_gauge, flank_gauge, groove_gauge
 from stepblocks.artefacts.on_paper import make_sheet_table
-from stepblocks.artefacts.scans.scan import ScannedProfile
+from stepblocks.artefacts.scans.scan import HeightMap, ScannedProfile
 from stepblocks.cli import main
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Instrument
 from stepblocks.inspect.edge import fit_edge
 from stepblocks.inspect.grooves import measure_groove
 from stepblocks.inspect.many import inspect_many
+from stepblocks.inspect.measure import EvaluationOptions
 from stepblocks.inspect.run import inspect_scan
 from stepblocks.inspect.working_edge.measure import measure_edge
 from stepblocks.parts.set import StimulusSet
@@ -97,6 +98,44 @@ def test_a_trace_of_the_edge_itself_is_no_second_step():
     found = inspect_scan(scan, "step-050", **asked).evaluation.values
     for key, close in (("edge_radius", 0.1 * UM), ("step_height", 0.4 * UM)):
         assert abs(found[key].value - truth[key]) <= min(found[key].expanded(), close)
+
+
+@pytest.mark.parametrize("seed", [0, 4, 10])
+def test_a_bow_of_the_part_is_no_second_step_beside_its_edge(seed):
+    # the planes leave a step of 0.5 um of the bow where the edge is left out: that was taken for a
+    # second step, between which and the edge no face was left
+    random, x = np.random.default_rng(seed), np.arange(2000) * UM
+    bow = 4.0 * UM * (x / x[-1] - random.uniform(0.2, 0.8)) ** 2
+    z = np.where(x > 0.4 * x[-1], 20 * UM, 0.0) + bow
+    z = z + correlated_noise(len(x), UM, 3e-9, 3e-9, 5 * UM, random)
+    found = measure_edge(ScannedProfile(x, z), Instrument(0.0, 0.0, 0.0))
+    height = found.values["step_height"]
+    assert abs(height.value - 20 * UM) < height.expanded() < 6 * UM
+    assert not any("also shows" in note for note in found.notes)
+
+
+def trench(turn=0.0):
+    """A map of a trench of 20 um whose walls, 0.2 mm apart, are two edges as high."""
+    y, x = np.mgrid[:60, :400] * UM
+    across = x - 200 * UM - math.tan(turn) * (y - 30 * UM)
+    z = np.where(np.abs(across) < 100 * UM, -20 * UM, 0.0)
+    # of either wall the rows differ in height, so that now one and now the other is the higher
+    z += np.where(across > 100 * UM, 0.02 * UM * np.random.default_rng(3).normal(size=(60, 1)), 0)
+    return HeightMap(z + np.random.default_rng(2).normal(0.0, 5e-9, z.shape), UM, UM)
+
+
+def test_faces_are_those_of_the_part_of_a_map_that_is_asked_for():
+    asked = EvaluationOptions(begin=200 * UM)  # one wall of the two
+    found = measure_edge(trench(), Instrument(0.0, 0.0, 0.0), asked)
+    assert found.values["step_height"].value == pytest.approx(20 * UM, abs=0.1 * UM)
+    for key in ("flatness_lower", "flatness_upper", "parallelism"):
+        assert found.values[key].value < 0.5 * UM  # with the other wall 20 um
+
+
+def test_a_map_is_turned_by_one_of_its_walls_and_not_by_both():
+    notes = measure_edge(trench(math.radians(5.0)), Instrument(0.0, 0.0, 0.0)).notes
+    (turned,) = (note for note in notes if note.startswith("edge turned by"))
+    assert float(turned.split()[3]) == pytest.approx(5.0, abs=0.2)
 
 
 def test_a_groove_beside_the_edge_is_said_and_a_clean_scan_says_nothing_of_the_kind():

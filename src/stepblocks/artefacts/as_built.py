@@ -54,8 +54,14 @@ class AsBuilt:
     @property
     def height(self) -> AsBuiltValue | None:
         """Height of the step, measured at the edge itself or at the feature that is as high."""
-        keys = ("step_height", "groove_depth", "ridge_height")
-        return next((self.values[key] for key in keys if key in self.values), None)
+        return next(
+            (
+                self.values[key]
+                for key in ("step_height", "groove_depth", "ridge_height")
+                if key in self.values
+            ),
+            None,
+        )
 
 
 class _Record(BaseModel):

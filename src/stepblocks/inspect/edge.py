@@ -164,10 +164,10 @@ def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> 
     )
 
 
-def find_position(position: Array, height: Array) -> float:
-    """Return where the largest edge of a profile lies [m]."""
+def find_position(position: Array, height: Array) -> tuple[float, bool]:
+    """Return where the largest edge of a profile lies [m], and whether it rises."""
     _, rising, _, _, middle = _isolate_largest_edge(position, height)
-    return middle if rising else -middle
+    return (middle, True) if rising else (-middle, False)
 
 
 def fit_step(position: Array, height: Array, exclusion: float) -> Estimate:

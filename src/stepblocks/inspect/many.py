@@ -223,8 +223,7 @@ def inspect_many(
         "scans": _convert_to_um(table).drop(columns="measured"),
     }
     whole = combine_verdicts(one.verdict for one in reports.values())
-    of_parts = reports if standard is None else {}
-    return ManyScans(tables, tuple(left_out), whole, of_parts)
+    return ManyScans(tables, tuple(left_out), whole, reports if standard is None else {})
 
 
 def _merge_reports(
@@ -240,11 +239,10 @@ def _merge_reports(
         covered |= one.evaluation.covered
         missing |= {absent.key: why for absent, why in one.missing}
         notes += [f"{format_file_name(one.source.name)}: {note}" for note in one.evaluation.notes]
-    conventions = dict.fromkeys(one.evaluation.convention for one in results)
     evaluation = replace(
         first.evaluation,
         values=values | dict(averaged),
-        convention="; ".join(conventions),
+        convention="; ".join(dict.fromkeys(one.evaluation.convention for one in results)),
         notes=tuple(notes),
         missing=missing,
         covered=covered,

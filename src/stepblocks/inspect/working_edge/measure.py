@@ -80,6 +80,9 @@ def _measure_along_rows(
     scan: ScannedProfile | HeightMap, instrument: Instrument, options: EvaluationOptions
 ) -> Evaluation:
     rows, notes = sample_profiles(scan, options)
+    if isinstance(scan, HeightMap):  # faces and burr, too, are those of the part that is asked for
+        asked = (scan.x >= rows[0].position[0]) & (scan.x <= rows[0].position[-1])
+        scan = replace(scan, height=np.where(asked, scan.height, np.nan))
     slant = _find_slant(rows)
     turn = 1.0 / math.hypot(1.0, slant)
     if slant != 0.0:  # the profile across the edge is shorter than the row
@@ -96,13 +99,15 @@ def _measure_along_rows(
     form = Component(
         "form", _estimate_form(results), how="change with twice the exclusion, rectangular"
     )
-    height = average_profiles("step height", [one.height for one in edges], instrument, [form])
     flanks = [one.flank for one in edges if one.flank is not None]
     flanks = flanks if 2 * len(flanks) > len(edges) else []
-    values = {"step_height": height}
-    values["edge_radius"] = _average_radius(
-        edges, rows[0].spacing, isinstance(scan, HeightMap), instrument, options, notes
-    )
+    heights = [one.height for one in edges]
+    values = {
+        "step_height": average_profiles("step height", heights, instrument, [form]),
+        "edge_radius": _average_radius(
+            edges, rows[0].spacing, isinstance(scan, HeightMap), instrument, options, notes
+        ),
+    }
     missing = dict.fromkeys(
         ("riser_angle", "riser_straightness"),
         f"the riser is upright as far as it is seen from above; {_SECTION}",
@@ -182,7 +187,8 @@ def _find_others(row: ScannedProfile, edge: Edge) -> list[Feature]:
         for _, features in found
         for one in features
         if abs(one.height.value) > _WORTH * edge.height.value
-        and abs(one.begin - edge.middle) > edge.exclusion  # else what the edge left open
+        # else what the edge left open: the flank of that begins before what was left out
+        and abs(one.begin - edge.middle) > edge.exclusion + one.flanks
     ]
 
 
@@ -190,9 +196,14 @@ def _find_slant(rows: list[ScannedProfile]) -> float:
     # Return how far the edge of a map moves along x per distance along y [1]; 0 where it does not.
     some = rows[:: max(len(rows) // _MOST_SLANT_ROWS, 1)]
     found = evaluate_each(lambda row: find_position(row.position, row.height), some)[0]
-    if len(found) < 3:
+    # of a ridge or groove the walls are as high: only those on one side are one edge
+    walls = [
+        [(row.offset, position) for row, (position, rises) in found if rises is rising]
+        for rising in (True, False)
+    ]
+    places = np.array(max(walls, key=len))
+    if len(places) < 3:
         return 0.0
-    places = np.array([(row.offset, position) for row, position in found])
     lag = len(places) // 2
     ahead, behind = places[lag:], places[: len(places) - lag]
     slant = float(np.median((ahead[:, 1] - behind[:, 1]) / (ahead[:, 0] - behind[:, 0])))
@@ -291,11 +302,9 @@ def _measure_riser(
     ]
     values = {"riser_angle": Measured("angle of the riser", angle, tuple(parts))}
     rest = [_fit_riser_line(row, edge, angle) for row, edge in results if edge.flank is not None]
-    noise = [
-        Component("noise", float(np.std(rest)), how="scatter over the profiles, noise included")
-    ]
+    noise = Component("noise", float(np.std(rest)), how="scatter over the profiles, noise included")
     values["riser_straightness"] = add_instrument_components(
-        "straightness of the riser", float(np.mean(rest)), noise, instrument
+        "straightness of the riser", float(np.mean(rest)), [noise], instrument
     )
     return values, ""
 
