@@ -136,7 +136,7 @@ PARTS = [
         2,
         timing=True,
     ),
-    Part("coverage", "python benchmarks/softgauge_coverage.py", {}, 90),
+    Part("coverage", "python benchmarks/softgauge_coverage.py", {}, 20),
     Part(
         "verdicts",
         "python benchmarks/softgauge_verdicts.py 300",

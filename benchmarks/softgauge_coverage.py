@@ -1,19 +1,27 @@
 """Measure mean error and coverage of every evaluation of scans over software gauges.
 
-Run from the root of the repository: ``python benchmarks/softgauge_coverage.py [DRAWS [NOISE]]``,
-NOISE a part of the label of the cases to run. One line per value and kind of noise: mean error over
-the stated standard uncertainty u, and the share of stated 95 % intervals that hold the truth. The
-share itself scatters by sqrt(0.95 0.05 / draws); exit code 1 if a mean error exceeds 0.1 u (of one
-form of a face 0.33 u) or a share is off by more than three of that.
+    python benchmarks/softgauge_coverage.py [--draws 400] [--cases NOISE] [--jobs N] [--summary]
+
+NOISE is a part of the label of the cases to run. One line per value and kind of noise: mean error
+over the stated standard uncertainty u, and the share of stated 95 % intervals that hold the truth.
+The share itself scatters by sqrt(0.95 0.05 / draws); exit code 1 if a mean error exceeds 0.1 u (of
+one form of a face 0.33 u) or a share is off by more than three of that.
+
+Each draw is a line of out/coverage.jsonl, and the cases take turns: a run that is broken off goes
+on where it was, as long as the code is the same, and ``--summary`` counts what is there.
 """
 
+import argparse
+import json
 import math
 import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import records
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))  # the gauges are oracles of the tests
 
@@ -333,20 +341,45 @@ CASES: list[tuple[str, Draw, float]] = [
 ]
 
 
-def judged(case: int, draws: int) -> tuple[list[str], int]:
-    """Lines of one case and how many of its statements do not hold."""
-    label, draw, share = CASES[case]
-    found: dict[str, list[tuple[float, float, bool]]] = {}
-    wanted = max(int(draws * share), 2)
-    refused = 0
-    for seed in range(wanted):
+OUT = records.ROOT / "out" / "coverage.jsonl"
+CHUNK = 10  # draws of one case before the next has its turn
+Record = dict[str, Any]
+
+
+def run_draws(case: int, seeds: range) -> list[Record]:
+    """Evaluate draws of one case: the rows of each, or that it was refused."""
+    draw = CASES[case][1]
+    found = []
+    for seed in seeds:
+        record: Record = {"case": case, "seed": seed, "code": records.code_hash("inspect")}
         try:
-            for name, truth, got in draw(np.random.default_rng(seed)):
-                off = got.value - truth
-                found.setdefault(name, []).append((off, got.std, abs(off) <= got.expanded(0.95)))
+            record["rows"] = [
+                [name, got.value - truth, got.std, bool(abs(got.value - truth) <= got.expanded())]
+                for name, truth, got in draw(np.random.default_rng(seed))
+            ]
         except MetrologyError:
-            refused += 1
-    lines, failed = [], int(refused > MOST_REFUSED * wanted)
+            record["rows"] = None
+        found.append(record)
+    return found
+
+
+def read_draws() -> dict[tuple[str, int], Record]:
+    """Read the draws of the present code by case and seed."""
+    lines = OUT.read_text(encoding="utf-8").splitlines() if OUT.exists() else []
+    code = records.code_hash("inspect")
+    kept = [record for record in map(json.loads, lines) if record["code"] == code]
+    return {(record["case"], record["seed"]): record for record in kept}
+
+
+def count_case(case: int, draws: list[Record]) -> tuple[list[str], int]:
+    """Lines of one case and how many of its statements do not hold."""
+    label = CASES[case][0]
+    found: dict[str, list[tuple[float, float, bool]]] = {}
+    for record in draws:
+        for name, off, std, hit in record["rows"] or ():
+            found.setdefault(name, []).append((off, std, hit))
+    refused = sum(record["rows"] is None for record in draws)
+    lines, failed = [], int(refused > MOST_REFUSED * len(draws))
     for name, rows in found.items():
         error, std, hit = (np.array(column, dtype=float) for column in zip(*rows, strict=True))
         bias, rate, count = error.mean() / std.mean(), hit.mean(), len(rows)
@@ -358,25 +391,47 @@ def judged(case: int, draws: int) -> tuple[list[str], int]:
             not one_sided and (abs(bias) > allowed + 2.0 * slack or rate > 0.95 + 3.0 * scatter)
         )
         failed += bad
-        shown = "one-sided" if one_sided else f"{bias:+.3f} +- {slack:.3f}"
-        lines.append(
-            f"{name:24} {label:28} {count:5} {shown:>14} {rate * 100:9.1f} +- {scatter * 100:.1f} %"
-            f"{f'  {refused} refused' if refused else ''}{'  FAILS' if bad else ''}"
-        )
+        shown = "one-sided" if one_sided else f"{bias:+.3f} ± {slack:.3f}"
+        share, note = f"{rate:.1%} ± {scatter:.1%}", "FAILS" if bad else ""
+        lines.append(f"| {name} | {label} | {count} | {refused} | {shown} | {share} | {note} |")
     return lines, failed
 
 
 def main() -> int:
-    """Print the table; 1 if a statement does not hold."""
-    draws = int(sys.argv[1]) if len(sys.argv) > 1 else 400
-    only = sys.argv[2] if len(sys.argv) > 2 else ""
-    chosen = [index for index, case in enumerate(CASES) if only in case[0]]
-    print(f"{'value':24} {'noise':28} {'draws':>5} {'error/u':>14} {'95 % holds':>18}")
+    """Run what is missing, and print the table; 1 if a statement does not hold."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--draws", type=int, default=400, help="of the cases with the most")
+    parser.add_argument("--cases", default="", help="a part of the label of the cases")
+    parser.add_argument("--jobs", type=int, help="processes, else one for each core")
+    parser.add_argument("--summary", action="store_true", help="only count what is there")
+    asked = parser.parse_args()
+    chosen = [index for index, case in enumerate(CASES) if asked.cases in case[0]]
+    done = read_draws()
+    wanted = {case: max(int(asked.draws * CASES[case][2]), 2) for case in chosen}
+    chunks = [
+        (case, range(first, min(first + CHUNK, wanted[case])))
+        for first in range(0, max(wanted.values()), CHUNK)
+        for case in chosen
+    ]
+    missing = [
+        (case, seeds) for case, seeds in chunks if any((case, seed) not in done for seed in seeds)
+    ]
+    if missing and not asked.summary:
+        OUT.parent.mkdir(parents=True, exist_ok=True)
+        with ProcessPoolExecutor(asked.jobs) as pool, OUT.open("a", encoding="utf-8") as file:
+            for found in pool.map(run_draws, *zip(*missing, strict=True)):
+                file.writelines(json.dumps(record) + "\n" for record in found)
+                file.flush()
+                done |= {(record["case"], record["seed"]): record for record in found}
+    print("Mean error over u, and how often the stated 95 % interval holds the truth\n")
+    print("| value | noise | draws | refused | error/u | 95 % holds | |")
+    print("|---|---|---|---|---|---|---|")
     failed = 0
-    with ProcessPoolExecutor() as pool:
-        for lines, bad in pool.map(judged, chosen, [draws] * len(chosen)):
-            print("\n".join(lines), flush=True)
-            failed += bad
+    for case in chosen:
+        own = [record for (one, _), record in sorted(done.items()) if one == case]
+        lines, bad = count_case(case, own)
+        print("\n".join(lines), flush=True)
+        failed += bad
     return 1 if failed else 0
 
 
