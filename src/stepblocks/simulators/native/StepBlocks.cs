@@ -76,6 +76,9 @@ namespace StepBlocks
         /// <summary>Gives a force [N] in the axes of the part to the device; set it before Start.</summary>
         public Action<double, double, double> WriteForce;
 
+        /// <summary>Gives the time [s] in place of a stopwatch, as for a run without a device; set it before Start.</summary>
+        public Func<double> Seconds;
+
         readonly object gate = new object();
         IntPtr world = IntPtr.Zero;
         Thread servo;
@@ -136,14 +139,15 @@ namespace StepBlocks
         void Serve()
         {
             double[] hand = { 0.0, 0.0, 1.0 }, velocity = new double[3];
-            Stopwatch clock = Stopwatch.StartNew();
+            Stopwatch watch = Stopwatch.StartNew();
+            Func<double> seconds = Seconds ?? (() => watch.Elapsed.TotalSeconds);
             double before = 0.0, due = 0.0;
             Output output;
             while (running)
             {
                 due += 1.0 / rate;
-                while (running && clock.Elapsed.TotalSeconds < due) Thread.SpinWait(50);
-                double now = clock.Elapsed.TotalSeconds;
+                while (running && seconds() < due) Thread.SpinWait(50);
+                double now = seconds();
                 if (now - due > 0.1) due = now;
                 int next = Interlocked.Exchange(ref wanted, -1);
                 if (next >= 0) Native.sb_choose(world, next);
