@@ -128,9 +128,15 @@ def compare(number, kind, rng, scan):
         start=float(done.frame.x_m.iloc[0]),
         end=float(done.frame.handle_m.iloc[-1]),
     )
-    level = FRICTION * LOAD
     expected, soft = (
-        events_of(one, path, level=level, stiffness=probe.stiffness, frequency=probe.frequency)
+        events_of(
+            one,
+            path,
+            load=LOAD,
+            friction=FRICTION,
+            stiffness=probe.stiffness,
+            frequency=probe.frequency,
+        )
         for one in (rows, elastic[:, :3])
     )
     found = done.events
@@ -147,7 +153,9 @@ def compare(number, kind, rng, scan):
     }
     caught, held = ([one for one in each if one["rise_n"] > 0.02] for each in (expected, soft))
     strongest = max((one["pull_n"] ** 2 for one in caught), default=0.0)
-    large = [one for one in caught if one["pull_n"] ** 2 > 0.01 * strongest + level**2]
+    large = [
+        one for one in caught if one["pull_n"] ** 2 > 0.01 * strongest + (FRICTION * LOAD) ** 2
+    ]
     missed = [one for one in large if not len(found) or np.abs(found.x_m - one["x_m"]).min() > NEAR]
     record["missed"] = len(missed)
     asked = found[(found.belongs_to == "feature") & (found.status == "releases")]

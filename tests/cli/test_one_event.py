@@ -6,17 +6,17 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 import pytest
 
-from oracles.scanned_tooth import RADIUS, scan, scanned_set
+from oracles.scanned_tooth import scanned_set
 from stepblocks.cli import main
 from stepblocks.contact.counterface import Profile
 from stepblocks.contact.operating_point import PAPER
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 # a gap of 50 um to a crown that stands 20 um higher, a lip, and the section of a scanned tooth
+# whose crown flares by 10 degrees
 SURFACES = ("gap-050-over-020", "gap-020-lip", "gap-050-bevelled", "molar-2")
 WAYS = ("tooth-to-crown", "crown-to-tooth")
 
@@ -43,7 +43,7 @@ def folder(tmp_path_factory, request):
     ):
         assert given in text
         text = text.replace(given, one)
-    scanned = scanned_set(out, scan(lambda height: np.full_like(height, RADIUS))).read_text()
+    scanned = scanned_set(out).read_text()
     text += scanned[scanned.index("[[scanned_margin]]") :]
     stimuli, plan = out / "crown-margins.toml", out / "sweep.toml"
     stimuli.write_text(text)

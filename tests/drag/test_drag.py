@@ -454,7 +454,7 @@ def test_the_time_step_knows_no_unit_of_force(factor, contact):
 
 def test_while_it_slides_the_tool_pulls_the_friction_of_the_tip_and_that_of_the_tissue():
     settings = DragSettings(1.2, 0.2, tissue_friction=0.3)
-    assert settings.sliding_force == pytest.approx(1.2 * 0.2 + 0.3, rel=1e-12)
+    assert settings.find_sliding_force() == pytest.approx(1.2 * 0.2 + 0.3, rel=1e-12)
 
 
 def test_a_sprung_carrier_must_have_a_mass_and_a_rigid_one_need_not():

@@ -49,6 +49,32 @@ def test_a_step_of_any_height_on_steel_asks_the_pull_of_floor_and_edge_together(
     )
 
 
+@pytest.mark.parametrize("load", [0.3, 1.0])
+@pytest.mark.parametrize("face", [5.0, 10.0, 20.0, -5.0, -10.0, -20.0])
+def test_behind_an_edge_the_ring_goes_about_the_force_of_sliding_on_the_face_where_it_lands(
+    face, load
+):
+    # Expected level: N tan(slope + atan mu) of the declared face; down a face that falls, the slope
+    # at which the ball has come to lie round the corner, -asin(x / R)
+    height, rise = 10e-6, math.tan(math.radians(face))
+    corners = [(-1e-3, 0.0), (-1e-9, 0.0), (0.0, height), (2e-3, height + 2e-3 * rise)]
+    corners.append((3e-3, corners[-1][1]))
+    done = drag_over(Profile(*np.transpose(corners)), load=load)
+    time, pull, x = follow_an_elastic_ball(done, corners)[:, :3].T
+    event = done.events.iloc[0]
+    assert (event.status, event.belongs_to) == ("releases", "feature")
+    near = np.abs(time - event.released_s) < 2e-3
+    assert event.pull_n == pytest.approx(pull[near].max(), rel=3e-3)
+    top = int(np.argmax(np.where(near, pull, 0.0)))
+    lowest = top + int(np.argmin(pull[top : top + 133]))  # of two periods
+    turned = math.degrees(math.asin(max(x[lowest], 0.0) / done.ball_radius))
+    slope = math.radians(max(face, -turned) if face < 0.0 else face)
+    level = load * math.tan(slope + math.atan(0.15))
+    assert event.sliding_force_n == pytest.approx(level, abs=5e-3 * load)
+    ring = 0.5 * max(level - pull[lowest], 0.0) ** 2 / done.tool.stiffness
+    assert event.vibration_energy_j == pytest.approx(ring, abs=3e-3 * event.stored_energy_j)
+
+
 def test_where_a_tip_lands_in_a_notch_the_grip_of_the_contact_decides_and_not_a_rigid_blow():
     # profile 186 of benchmarks/drag_profiles.py: a rigid blow gives 1.0535 N, 1.5 % more, because
     # the grip of an elastic contact gives back what a rigid one loses along the face

@@ -49,7 +49,14 @@ def follow_a_rigid_tip(done, corners):
         start=float(done.frame.x_m[0]),
         end=0.4e-3,
     )
-    return events_of(rows, path, level=0.15, stiffness=probe.stiffness, frequency=probe.frequency)
+    return events_of(
+        rows,
+        path,
+        load=1.0,
+        friction=0.15,
+        stiffness=probe.stiffness,
+        frequency=probe.frequency,
+    )
 
 
 WAVY = Profile(X, np.where(X > 0, 25e-6, 0.0) + 0.5e-6 * np.sin(2.0 * np.pi * X / 1e-4))

@@ -26,6 +26,7 @@ from stepblocks.drag.ring import (
 )
 from stepblocks.drag.run import Drag
 from stepblocks.drag.simulate import DragTrace, _report_asked_place
+from stepblocks.drag.track import build_step_track
 from stepblocks.errors import ContactError
 
 LOAD, MU, PEAK, RELEASE, RATE = 0.5, 0.2, 0.9, 20e-3, 10e3
@@ -44,7 +45,8 @@ def trace_of(frequency=300.0, decay=12e-3, amplitude=0.4, length=60e-3, status=S
     rows[:, 0], rows[:, 1] = time, force
     settings = DragSettings(LOAD, MU, sample_rate=RATE)
     probe = replace(PAPER_DRAG, mass=PAPER_DRAG.stiffness / (math.tau * frequency) ** 2)
-    return DragTrace(rows, status, PEAK, RELEASE, {"handle_work": 0.0}, 1e-6, probe, settings)
+    track, ledger = build_step_track(25e-6, 125e-6), {"handle_work": 0.0}
+    return DragTrace(rows, status, PEAK, RELEASE, ledger, 1e-6, probe, settings, track)
 
 
 @pytest.mark.parametrize(

@@ -156,12 +156,15 @@ def test_over_real_ground_texture_the_ledger_closes_where_it_did_not(number, har
 
 
 def test_a_place_that_does_not_catch_the_tip_says_whether_it_flew_or_slid():
-    # 0.45 um of indentation (Hertz, 0.5 N) presses a step of 30 nm flat, 30 um behind one; 80 um
-    # throw the tip over an edge 10 um behind them, which was asked about and is no bound on the
-    # pull before it
+    # at 20 mm/s the tip is over a step of 30 nm, 30 um behind one, before the spring is loaded; at
+    # 0.5 mm/s it asks for the pull of equation (1). 80 um throw the tip over an edge 10 um behind
+    # them, which was asked about and is no bound on the pull before it
     x = np.array([-0.2e-3, -1e-9, 0.0, 30e-6, 30.001e-6, 0.2e-3])
     z = np.array([0.0, 0.0, 30e-9, 30e-9, 62e-9, 62e-9])
-    slid = drag_over(Profile(x, z), load=0.5, speed=0.5e-3).trace
+    slow = drag_over(Profile(x, z), load=0.5, speed=0.5e-3)
+    assert slow.events.status.tolist() == ["releases", "releases"]
+    assert slow.trace.peak_force == pytest.approx(slow.formula.pull_force, rel=0.03)
+    slid = drag_over(Profile(x, z), load=0.5, speed=20e-3).trace
     assert slid.status == "run-over"
     assert "slides" in slid.reason
     assert slid.column("normal_n").min() > 0.0
@@ -214,7 +217,7 @@ def test_over_a_face_that_is_its_own_mirror_image_a_tip_is_pulled_left_as_it_is_
             (0.15, 1e6, 1e9, False),
             (-way * 0.5e-3, -depth, window, 0.0, 1e-6),
             (1e-7, 150_000, 100),
-            (np.zeros(0),) * 4,
+            (np.zeros(0),) * 5,
             None,
         )
         rows[way] = dict(zip(kernels.COLUMNS, found[:count].T, strict=True))

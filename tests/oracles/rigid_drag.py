@@ -28,6 +28,7 @@ class RigidPath:
     """Height, slope and curvature of the tip's path, between knots that are dense at kinks."""
 
     def __init__(self, x, z, ball_radius, run=2.0e-3):
+        self.ball_radius = ball_radius
         grid = np.arange(x[0] - 4.0 * ball_radius, x[-1] + 4.0 * ball_radius, PITCH)
         surface = np.interp(grid, x, z)
         half = math.floor(ball_radius / PITCH)
@@ -78,6 +79,28 @@ class RigidPath:
                 first -= 1
             places.setdefault(float(self.x[first]), float(angle[peak]))
         return list(places.items())
+
+    def slope_behind(self, place, angle, landed):
+        """Median slope of the faces that the ball touches where it has landed behind a place.
+
+        The surface is followed by the place at which the ball touches it: it rests while the ball
+        turns about an edge. Down a face that falls, as far as the tip has come.
+        """
+        radius, first = self.ball_radius, int(np.searchsorted(self.x, place))
+        fallen = np.arctan(self.s[first:]) < angle - LEVEL
+        edge = self.x[first + int(np.argmax(fallen))] + radius * math.sin(angle)
+        begin = max(edge, landed - radius)
+        ahead = [other for other, steep in self.catches() if other > place and steep > 0.5 * angle]
+        at = np.linspace(begin, max(begin, min([begin + 2.0 * radius, *ahead])), 2001)
+        slopes = np.interp(at, self.x, self.s)
+        touched = np.clip(np.diff(at + radius * np.sin(np.arctan(slopes))), 0.0, at[1] - at[0])
+        face = 0.0
+        if touched.sum() > 1e-3 * radius:
+            middle = 0.5 * (slopes[1:] + slopes[:-1])
+            order = np.argsort(middle)
+            half = np.searchsorted(np.cumsum(touched[order]), 0.5 * touched.sum())
+            face = float(middle[order[half]])
+        return max(face, min(self.at(landed)[1], 0.0))
 
 
 def find_kinks(grid, height):
@@ -228,12 +251,14 @@ def rigid_drag(path, *, load, friction, speed, stiffness, mass, damping_ratio, l
     return np.array(rows)
 
 
-def events_of(rows, path, *, level, stiffness, frequency, least=LEAST):
+def events_of(rows, path, *, load, friction, stiffness, frequency, least=LEAST):
     """Each catch that the tip passes.
 
-    Place, greatest pull since the last one, energy of its ring.
+    Place, greatest pull since the last one, energy of its ring about the force of sliding on the
+    face where it lands.
     """
     time, force, x = rows.T
+    level = friction * load
     catches = path.catches(least)
     found, since = [], 0
     # a tip that flew over a place and fell back has not passed it: the last time counts
@@ -271,6 +296,9 @@ def events_of(rows, path, *, level, stiffness, frequency, least=LEAST):
         near &= force > 0.9 * one["pull_n"] + 0.1 * level
         last = time[near].max(initial=0.0) + 1.5 / frequency
         end = min([max(one["time_s"] + RING_WINDOW / frequency, last), *held])
-        first = force[(time >= one["time_s"]) & (time <= end)]
-        one["ring_j"] = 0.5 * max(level - float(first.min()), 0.0) ** 2 / stiffness
+        swing = np.flatnonzero((time >= one["time_s"]) & (time <= end))
+        lowest = swing[np.argmin(force[swing])]
+        slope = path.slope_behind(one["x_m"], one["angle"], float(x[lowest]))
+        sliding = load * math.tan(math.atan(slope) + math.atan(friction))
+        one["ring_j"] = 0.5 * max(sliding - float(force[lowest]), 0.0) ** 2 / stiffness
     return found

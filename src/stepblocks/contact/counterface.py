@@ -348,11 +348,11 @@ class Profile(Counterface):
             If fewer than half of the points were measured.
         """
         known = np.isfinite(scan.height)
-        if 2 * int(known.sum()) < known.size:
-            raise ContactError(
-                f"at least half of a scan must be measured, got {int(known.sum())} of {known.size} "
-                "points"
-            )
+        ContactError.require(
+            2 * int(known.sum()) >= known.size,
+            f"at least half of a scan must be measured, got {int(known.sum())} of {known.size} "
+            "points",
+        )
         return cls(scan.position[known], scan.height[known], feature)
 
     def angles(self, ball_radius: Real, **dimensions: Real) -> tuple[Real, Real]:

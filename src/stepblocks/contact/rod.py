@@ -175,11 +175,11 @@ def compute_rod_ring(rod: Rod, sheath: Sleeve | Hold | None = None) -> RodRing:
 
     if isinstance(sheath, Sleeve):
         end = sheath.start + sheath.length
-        if not (sheath.length > 0.0 <= sheath.start and end <= rod.length * (1.0 + 1e-12)):
-            raise ContactError(
-                f"a sheath must lie on the free length of the shank, 0 to {rod.length * 1e3:.4g} "
-                f"mm from the clamp, got {sheath.start * 1e3:.4g} to {end * 1e3:.4g} mm"
-            )
+        ContactError.require(
+            sheath.length > 0.0 <= sheath.start and end <= rod.length * (1.0 + 1e-12),
+            f"a sheath must lie on the free length of the shank, 0 to {rod.length * 1e3:.4g} "
+            f"mm from the clamp, got {sheath.start * 1e3:.4g} to {end * 1e3:.4g} mm",
+        )
     parts, mass, losses, _ = _assemble_matrices(rod, sheath)
     total = np.sum(parts, axis=0)
     # asked for as the largest flexibility, the lowest mode keeps its digits beside short elements

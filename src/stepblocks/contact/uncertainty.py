@@ -99,8 +99,9 @@ def compute_sensitivities(
 ) -> dict[str, float]:
     """Derive ln E_v = 2 ln F - ln k + ln C_v by each uncertain input, per unit of the input."""
     release = face.release(point, backward)
-    if release.status is not Status.RELEASES:
-        raise ContactError(f"an edge that is {release.status} has no sensitivity")
+    ContactError.require(
+        release.status is Status.RELEASES, f"an edge that is {release.status} has no sensitivity"
+    )
     # of ln F, F = N tan(a + atan mu)
     by_angle = 2.0 / math.sin(2.0 * (release.angle + math.atan(point.friction)))
     slopes = {

@@ -34,6 +34,7 @@ def list_events(
         ring = measure_ring(trace, spectra=False, event=number)
         return replace(
             placed,
+            sliding_force_n=ring.level,
             stored_energy_j=trace.probe.energy(one.pull_n),
             vibration_energy_j=ring.energy,
             ring_share=ring.share,

@@ -147,8 +147,8 @@ def integrate(
     x, y, near, rest, slipped = start
     dt, steps, every = pace
     # of each place that catches: where its slope begins to fall, where the tip has passed it, where
-    # its approach begins, 1 where no pull lifts a rigid tip
-    top_at, passed_at, approach, locks = places
+    # its approach begins, 1 where no pull lifts a rigid tip, the rise by which it holds the tip
+    top_at, passed_at, approach, locks, rises = places
     k = first_stiffness
     share = stiffness / k
     c, cy, ct = (
@@ -324,7 +324,9 @@ def integrate(
         if place < passed_at.size:
             ahead = x < approach[place]
             behind = behind and not ahead
-            if ahead or (gauge < low and not behind):
+            # a tip that was held and slips, below the pull of the approach, is caught there no more
+            held = x > top_at[place] and top - low > rises[place]
+            if ahead or (gauge < low and not (behind or held)):
                 low, low_t = gauge, t
                 top = -np.inf
             elif gauge > top:

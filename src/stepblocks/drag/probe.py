@@ -69,10 +69,14 @@ class Probe:
             1.0 <= self.contact_power <= 4.0,
             f"contact_power must lie between 1 (linear) and 4, got {self.contact_power:g}",
         )
-        if self.normal_stiffness > 0.0 and self.carrier_mass <= 0.0:
-            raise ContactError("carrier_mass must be positive where normal_stiffness is not 0")
-        if self.hardening > 0.0 and self.overtones:
-            raise ContactError("hardening is for a tool of one mode, this one has overtones")
+        ContactError.require(
+            self.normal_stiffness == 0.0 or self.carrier_mass > 0.0,
+            "carrier_mass must be positive where normal_stiffness is not 0",
+        )
+        ContactError.require(
+            self.hardening == 0.0 or not self.overtones,
+            "hardening is for a tool of one mode, this one has overtones",
+        )
 
     @property
     def first_stiffness(self) -> float:
@@ -171,14 +175,18 @@ class DragSettings:
             require_positive(name, getattr(self, name))
         for field in fields(self)[:-1]:
             require_not_negative(field.name, getattr(self, field.name))
-        if (self.speed > 0.0) == (self.pulling_force > 0.0):
-            raise ContactError("exactly one of speed and pulling_force must be positive")
-        if self.pulling_force > 0.0 and self.handle_mass <= 0.0:
-            raise ContactError("handle_mass must be positive where a pulling_force acts")
-        if self.static_friction and self.static_friction < self.friction:
-            raise ContactError(
-                f"static_friction must not be less than friction ({self.friction:g})"
-            )
+        ContactError.require(
+            (self.speed > 0.0) != (self.pulling_force > 0.0),
+            "exactly one of speed and pulling_force must be positive",
+        )
+        ContactError.require(
+            self.pulling_force == 0.0 or self.handle_mass > 0.0,
+            "handle_mass must be positive where a pulling_force acts",
+        )
+        ContactError.require(
+            self.static_friction == 0.0 or self.static_friction >= self.friction,
+            f"static_friction must not be less than friction ({self.friction:g})",
+        )
         ContactError.require(
             4.0 <= self.resolution <= 1e4,
             f"resolution must lie between 4 and 10000 steps per period, got {self.resolution:g}",
@@ -202,10 +210,10 @@ class DragSettings:
         """Coefficient of friction at rest [1]."""
         return self.static_friction or self.friction
 
-    @property
-    def sliding_force(self) -> float:
-        """Tangential force while the tip slides on a level face [N]."""
-        return self.friction * self.normal_load + self.tissue_friction
+    def find_sliding_force(self, slope: float = 0.0) -> float:
+        """Find the pull that slides the tip up a slope [1], N tan(atan s + atan mu) [N]."""
+        climbing = (slope + self.friction) / (1.0 - slope * self.friction)
+        return climbing * self.normal_load + self.tissue_friction
 
 
 def build_probe(

@@ -28,7 +28,8 @@ class Ring:
     amplitude : float
         First swing of the tangential force below `level` [N]; the tip runs forward all through it.
     level : float
-        mu F_py, the force of sliding forward on a level face, about which that swing goes [N].
+        F_py tan(slope + atan mu), the force of sliding forward on the face where the tip lands,
+        about which that swing goes [N]; mu F_py on a level one.
     energy : float
         E_v = amplitude^2 / 2k [J]; with overtones the sum over the modes, each by its own swing.
     share : float
@@ -70,7 +71,11 @@ def _cut_ring(trace: DragTrace, event: int) -> DragTrace:
     first = int(np.searchsorted(time, one.released_s))
     last = max(int(np.searchsorted(time, later[0])), first + _FEWEST) if later else len(time)
     return replace(
-        trace, rows=trace.rows[first:last], peak_force=one.pull_n, release_time=one.released_s
+        trace,
+        rows=trace.rows[first:last],
+        peak_force=one.pull_n,
+        release_time=one.released_s,
+        asked=event,
     )
 
 
@@ -79,16 +84,18 @@ def measure_ring(trace: DragTrace, *, spectra: bool = True, event: int | None = 
 
     The three spectral figures take longer than the drag itself.
     """
-    if event is None and trace.status is not Status.RELEASES:
-        raise ContactError(f"a trace that is {trace.status} has no ring")
+    ContactError.require(
+        event is not None or trace.status is Status.RELEASES,
+        f"a trace that is {trace.status} has no ring",
+    )
     cut = _cut_ring(trace, trace.asked if event is None else event)
     time, swing = cut.column("time_s"), cut.column("fx_n")
-    if event is None and trace.column("time_s")[-1] - trace.release_time < _PAPER_RING:
-        raise ContactError(
-            f"a ring needs {_PAPER_RING:g} s after the release, got "
-            f"{time[-1] - trace.release_time:g} s"
-        )
-    level = trace.settings.sliding_force
+    ContactError.require(
+        event is not None or trace.column("time_s")[-1] - trace.release_time >= _PAPER_RING,
+        f"a ring needs {_PAPER_RING:g} s after the release, got "
+        f"{time[-1] - trace.release_time:g} s",
+    )
+    level = cut.sliding_force
     # the lowest point of the first swing lies within one period of the release, after the fall
     # itself; on a long ramp the pull stays near its peak for long before it falls
     period = 1.0 / trace.probe.frequency
@@ -113,11 +120,11 @@ def measure_ring(trace: DragTrace, *, spectra: bool = True, event: int | None = 
     fall = cut.column("y_m")[0] - cut.column("y_m").min()
     travel = np.ptp(cut.column("handle_m"))
     given = cut.stored_energy + trace.settings.normal_load * fall + abs(cut.peak_force) * travel
-    if energy > 1.02 * given:
-        raise ContactError(
-            f"the ring at {cut.release_time:.6g} s has {energy:.3g} J, but is given {given:.3g} J: "
-            "its energy ledger fails; raise the resolution"
-        )
+    ContactError.require(
+        energy <= 1.02 * given,
+        f"the ring at {cut.release_time:.6g} s has {energy:.3g} J, but is given {given:.3g} J: "
+        "its energy ledger fails; raise the resolution",
+    )
     ring = Ring(
         amplitude,
         level,
@@ -197,7 +204,7 @@ def _measure_settled_force(cut: DragTrace) -> float:
 
 def _find_fall_time(cut: DragTrace) -> float:
     # First time after the release at which the pull is down at that of sliding [s]
-    below = np.flatnonzero(cut.column("fx_n") <= cut.settings.sliding_force)
+    below = np.flatnonzero(cut.column("fx_n") <= cut.sliding_force)
     return float(cut.column("time_s")[below[0]]) if below.size else cut.release_time
 
 

@@ -344,14 +344,18 @@ def drag_over(
     >>> done.events.belongs_to.tolist()
     ['feature']
     """
-    if setting is not None and setting not in SETTINGS:
-        raise PipelineError(f"setting must be one of {', '.join(SETTINGS)}, got {setting!r}")
+    PipelineError.require(
+        setting is None or setting in SETTINGS,
+        f"setting must be one of {', '.join(SETTINGS)}, got {setting!r}",
+    )
     named = SETTINGS[setting] if setting else None
     usual = {"load": named.normal_load, "friction": named.friction} if named else {}
     given = usual | _read_values(values)
     settings = {name: given[name] for name in _OF_SETTINGS if name in given}
-    if "pull" in given and "speed" in given:
-        raise PipelineError("speed must not be given beside pull, which moves the handle")
+    PipelineError.require(
+        "pull" not in given or "speed" not in given,
+        "speed must not be given beside pull, which moves the handle",
+    )
     if pull := given.get("pull"):
         settings |= {
             "speed": 0.0,

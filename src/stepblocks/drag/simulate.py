@@ -6,6 +6,7 @@ It gives the trace, every passage and the ledger of energy.
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,7 @@ _MOST_ROWS = 2_000_000
 _OPEN = 2e-2  # of the ledger's greatest entry: a ledger that closes less well is an error
 _FINEST = 300.0  # steps per period that are tried before it is
 _BLOW = 0.3  # of the indentation of the hardest blow, within which two contacts part smoothly
+_SWING = 2.0  # periods after a release in which the tip has made its first swing
 _RISE = 0.1  # of the rise that a place asks for, below which the tip was not caught there
 
 
@@ -52,6 +54,9 @@ class DragEvent:
         That greatest pull; NaN where the pull never rose.
     ledger_error : float
         Open share of the energy ledger since the event before [1].
+    sliding_force_n : float
+        What slides the tip up the face where it lands, N tan(slope + atan mu); the ring is
+        measured below it.
     stored_energy_j, vibration_energy_j : float
         Energy of the spring at the release, and of the ring.
     ring_share : float
@@ -71,6 +76,7 @@ class DragEvent:
     released_s: float
     pull_n: float
     ledger_error: float
+    sliding_force_n: float = math.nan
     stored_energy_j: float = math.nan
     vibration_energy_j: float = math.nan
     ring_share: float = math.nan
@@ -97,8 +103,8 @@ class DragTrace:
         Energies of the whole drag [J], see `stepblocks.drag.kernels.LEDGER`.
     time_step : float
         Of the integration [s].
-    probe, settings : Probe, DragSettings
-        What was dragged, and how.
+    probe, settings, track : Probe, DragSettings, Track
+        What was dragged, how, and over what.
     events : tuple of DragEvent
         Every place that the tip came to, in the order in which it did; positions along the track.
     asked : int
@@ -115,6 +121,7 @@ class DragTrace:
     time_step: float
     probe: Probe
     settings: DragSettings
+    track: Track
     events: tuple[DragEvent, ...] = ()
     asked: int = -1
     reason: str = ""
@@ -128,6 +135,18 @@ class DragTrace:
     def ledger_error(self) -> float:
         """Open share of the ledger of the whole drag, over the greatest of its entries [1]."""
         return _compute_unexplained_share(np.array([self.ledger[name] for name in kernels.LEDGER]))
+
+    @cached_property
+    def sliding_force(self) -> float:
+        """Tangential force that slides the tip up the face where it lands after the release [N]."""
+        if self.asked < 0:
+            return self.settings.find_sliding_force()
+        one = self.events[self.asked]
+        since = self.column("time_s") - one.released_s
+        swing = self.rows[(since >= 0.0) & (since <= _SWING / self.probe.frequency)]
+        force, x = (swing[:, kernels.COLUMNS.index(name)] for name in ("fx_n", "x_m"))
+        slope = self.track.find_landing_slope(one.place, float(x[np.argmin(force)]))
+        return self.settings.find_sliding_force(slope)
 
     def column(self, name: str) -> NDArray[np.float64]:
         """One column of the trace by its name, such as ``"fx_n"``."""
@@ -154,6 +173,7 @@ def simulate_drag(
     x = max(track.features[0] - settings.lead, float(track.x[0]))
     places = track.catch_places
     needed = _compute_needed_pulls(places, settings)
+    rises = _RISE * (needed - settings.find_sliding_force())
     limit = _find_force_limit(needed, settings)
     dt, bristle, blow = _find_time_step(probe, settings, limit)
     end = 20.0 * settings.ring_time
@@ -203,7 +223,7 @@ def simulate_drag(
             x,
             y,
             window,
-            probe.stretch(settings.sliding_force),
+            probe.stretch(settings.find_sliding_force()),
             0.01 * track.ball_radius,
         ),
         (dt, steps, every),
@@ -212,12 +232,13 @@ def simulate_drag(
             places.behind,
             places.start,
             np.isinf(needed).astype(np.float64),
+            rises,
         ),
         None if own is None else compile_coefficient(own.coefficient),
     )
     if own is not None:
         _check_law(own, rows[:count])
-    events = tuple(_list_events(passed[:passes], places, needed, settings))
+    events = tuple(_list_events(passed[:passes], places, needed, rises))
     trace = DragTrace(
         rows=rows[:count].copy(),
         status=Status.NO_CATCH,
@@ -227,6 +248,7 @@ def simulate_drag(
         time_step=dt,
         probe=probe,
         settings=settings,
+        track=track,
         events=events,
     )
     open_share = max([trace.ledger_error, *(one.ledger_error for one in events)])
@@ -234,11 +256,11 @@ def simulate_drag(
         return simulate_drag(
             track, probe, replace(settings, resolution=4.0 * settings.resolution), within
         )
-    if open_share > _OPEN:
-        raise ContactError(
-            f"the energy ledger of the drag does not close, {open_share:.1%} is open; raise the "
-            "resolution"
-        )
+    ContactError.require(
+        open_share <= _OPEN,
+        f"the energy ledger of the drag does not close, {open_share:.1%} is open; raise the "
+        "resolution",
+    )
     wanted = find_asked_place(places, within)
     if wanted is None or needed[wanted] <= (
         1.02 * mu_s * settings.normal_load + settings.tissue_friction
@@ -263,7 +285,7 @@ def _list_events(
     passed: NDArray[np.float64],
     places: CatchPlaces,
     needed: NDArray[np.float64],
-    settings: DragSettings,
+    rises: NDArray[np.float64],
 ) -> Iterator[DragEvent]:
     # Read the rows of the kernel: which place, whether it held the tip, and its own ledger
     before = np.zeros(10)
@@ -271,7 +293,7 @@ def _list_events(
     least = 0.02 * float(np.abs(passed[:, 7:]).max()) if len(passed) else 0.0
     for row in passed:
         n, pull, time, low, low_time, behind = int(row[0]), *map(float, row[[1, 2, 4, 5, 6]])
-        caught = pull - low > _RISE * (needed[n] - settings.sliding_force)
+        caught = pull - low > rises[n]
         yield DragEvent(
             place=n,
             status="locked" if math.isinf(needed[n]) else "releases" if caught else "run-over",

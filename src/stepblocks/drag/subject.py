@@ -54,8 +54,10 @@ def resolve_subject(
         height = parse_quantity(str(subject), "length")
     except QuantityError:
         return _resolve_declared_part(*_find_declared_part(str(subject), stimuli), values, backward)
-    if "step_height" in values:
-        raise PipelineError(f"step_height is for a declared tip, the step here is {subject}")
+    PipelineError.require(
+        "step_height" not in values,
+        f"step_height is for a declared tip, the step here is {subject}",
+    )
     return Subject(
         f"a step of {format_quantity(height, 'length')}",
         Step(height, values.get("edge_radius", 0.0)),
@@ -91,8 +93,7 @@ def _resolve_declared_part(
         else "",
     }
     for name, rule in own.items():
-        if rule and name in values:
-            raise PipelineError(f"{rule} [{stimuli.name}/{part.id}]")
+        PipelineError.require(not rule or name not in values, f"{rule} [{stimuli.name}/{part.id}]")
     ball = grid.tip_radii[0] if part.ball is None else part.ball.nominal
     height = None if part.crossed else values.get("step_height", grid.step_heights[0])
     tool = grid.as_tool()

@@ -29,6 +29,7 @@ _HALVINGS = 34  # of an interval in which a notch lies
 _HALF = 0.49  # of the way to the next kink: two bends shall not meet in one knot
 _BEND = 5e-3  # radii: the least half width of a bend, where kinks crowd
 _RISER = 0.5 * math.pi - 1e-5  # a path that is steeper jumps [rad]
+_LEAST_FACE = 1e-3  # radii: a narrower face carries no tip
 _LEVEL = 400.0  # radii by which a surface goes on level: a released spring may throw the tip far
 
 
@@ -80,6 +81,29 @@ class Track(CentrePath):
         k0, k1, k2, k3 = self.cubics.T[:, piece]
         d = x - self.x[piece]
         return k0 + d * (k1 + d * (k2 + d * k3)), k1 + d * (2.0 * k2 + 3.0 * d * k3)
+
+    def find_landing_slope(self, place: int, landed: float) -> float:
+        """Slope of the face behind a place where the tip has `landed` [m] after its release [1].
+
+        It is the median over what the ball touches there; where it turns about an edge it touches
+        nothing new. Down a face that falls it counts as far as the tip has come.
+        """
+        radius, places = self.ball_radius, self.catch_places
+        edge = places.last[place] + radius * math.sin(places.angle[place])
+        begin = max(edge, landed - radius)
+        steep = places.x[place + 1 :][places.angle[place + 1 :] > 0.5 * places.angle[place]]
+        end = max(begin, steep.min(initial=begin + 2.0 * radius))
+        width = np.diff(self.x)
+        before, behind = (one / np.hypot(1.0, one) for one in (self.slope_start, self.slope_end))
+        moved = np.clip(1.0 + radius * (behind - before) / width, 0.0, 1.0)
+        touched = moved * np.diff(np.clip(self.x, begin, end))
+        face = 0.0
+        if touched.sum() > _LEAST_FACE * radius:
+            slopes = np.diff(self.z) / width
+            order = np.argsort(slopes)
+            share = np.cumsum(touched[order])
+            face = float(slopes[order[np.searchsorted(share, 0.5 * share[-1])]])
+        return max(face, min(float(self.evaluate(np.array(landed))[1]), 0.0))
 
     def list_separate_kinks(self, depth: float, window: float) -> NDArray[np.int64]:
         """List the kinks at which two contacts share the load and part before the next one is near.
@@ -193,10 +217,10 @@ def build_profile_track(
     where, before, behind = _find_notches(
         xs, zs, build_profile_path(xs, zs, ball_radius, positions=grid)
     )
-    if (behind > _RISER).any():
-        raise ContactError(
-            "profile has a riser as high as the ball (too-high); the tip would never climb it"
-        )
+    ContactError.require(
+        (behind <= _RISER).all(),
+        "profile has a riser as high as the ball (too-high); the tip would never climb it",
+    )
     # two nodes closer than a millionth of the radius would make a cubic of rounding errors
     room = 1e-6 * ball_radius
     sharp = (behind - before > _KINK) & (np.diff(where, append=math.inf) > room)

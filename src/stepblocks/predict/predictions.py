@@ -297,8 +297,10 @@ def predict_all(
 
     `dragged` asks for all or none; None for all of up to `MOST_DRAGGED`.
     """
-    if not (math.isfinite(speed) and speed > 0.0):
-        raise PipelineError(f"speed must be positive and finite, got {speed:g} m/s")
+    PipelineError.require(
+        math.isfinite(speed) and speed > 0.0,
+        f"speed must be positive and finite, got {speed:g} m/s",
+    )
     predictions = tuple(predict_by_formula(stimuli))
     if dragged is None:
         dragged = len(predictions) <= MOST_DRAGGED

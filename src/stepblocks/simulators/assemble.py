@@ -87,8 +87,10 @@ def build_scene(
     full_scale: float = 0.0,
 ) -> Scene:
     """Build the scene of a contact: meshes, pieces and path, turned and magnified."""
-    if scale is not None and not (math.isfinite(scale) and scale > 0.0):
-        raise HapticsError(f"scale must be positive and finite, got {scale:g}")
+    HapticsError.require(
+        scale is None or (math.isfinite(scale) and scale > 0.0),
+        f"scale must be positive and finite, got {scale:g}",
+    )
     surface, point = contact.surface, contact.point
     plan = None if device is None else plan_rendering(device, contact.events[0], point, scale)
     size = plan.scale if plan else scale or 1.0
@@ -262,7 +264,7 @@ def simulate_ring_of(
         trace.status is Status.RELEASES,
         f"the time-domain drag must release to give a ring, got {trace.status.value} {name}",
     )
-    time, pull, level = trace.column("time_s"), trace.column("fx_n"), trace.settings.sliding_force
+    time, pull, level = trace.column("time_s"), trace.column("fx_n"), trace.sliding_force
     after = np.flatnonzero((time >= trace.release_time) & (pull <= level))
     HapticsError.require(
         len(after) >= 2,

@@ -90,7 +90,7 @@ def compare_record(
         else _predict_event(Path(stimulus), overrides, backward)
     )
     place = "table" if isinstance(record, pd.DataFrame) else str(record)
-    force, rate, has_pull = _read_record(record, event)
+    force, rate, has_pull = _read_record(record, place, event)
     start = _find_release(force, rate, event)
     length = math.ceil(_LENGTH * event.tool.decay_time * rate)
     tail = force[start : start + length]
@@ -152,7 +152,7 @@ def _predict_event(stimulus: Path, overrides: dict[str, float], backward: bool) 
 
 
 def _read_record(
-    record: str | Path | pd.DataFrame, event: VibrationEvent
+    record: str | Path | pd.DataFrame, place: str, event: VibrationEvent
 ) -> tuple[Array, float, bool]:
     # Read force along the drag [N], rate of its samples [Hz], and whether it holds the pull
     if isinstance(record, str | Path) and Path(record).suffix in (".h5", ".hdf5"):
@@ -163,13 +163,8 @@ def _read_record(
                 force = np.asarray(file["force_x_n"][:], dtype=np.float64)
                 return force, float(file.attrs["rate_hz"]), True
         except (OSError, ValueError, KeyError) as error:
-            raise HapticsError(f"the record cannot be read: {error} [{record}]") from error
-    if isinstance(record, str | Path):
-        frame = read_table(Path(record))
-        place = str(record)
-    else:
-        frame = record
-        place = "table"
+            raise HapticsError(f"the record cannot be read: {error} [{place}]") from error
+    frame = record if isinstance(record, pd.DataFrame) else read_table(Path(record))
     accelerates = "acceleration_m_s2" in frame
     wanted = (
         {"time": ["time"]} if accelerates else {"time": ["time"], "force": ["force", "force_x"]}
@@ -178,8 +173,10 @@ def _read_record(
         frame, {name: (names, name, None) for name, names in wanted.items()}, place
     )
     steps = np.diff(columns["time"])
-    if len(steps) < 15 or not (steps > 0.0).all():
-        raise HapticsError(f"time_s must rise in at least 16 rows, got {len(steps) + 1} [{place}]")
+    HapticsError.require(
+        len(steps) >= 15 and (steps > 0.0).all(),
+        f"time_s must rise in at least 16 rows, got {len(steps) + 1} [{place}]",
+    )
     step = float(np.median(steps))
     HapticsError.require(
         step * event.tool.frequency * _SAMPLES <= 1.0,

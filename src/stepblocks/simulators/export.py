@@ -116,10 +116,13 @@ def export_scenes(
         If a file, a device or a value is wrong, nothing matches, or the device does not render a
         stimulus that is meant.
     """
-    if simulator not in SCENE_FORMATS:
-        raise PipelineError(f"--for must be one of {', '.join(SCENE_FORMATS)}, got {simulator!r}")
-    if ring not in ("exponential", "drag"):
-        raise PipelineError(f"--ring must be one of exponential, drag, got {ring!r}")
+    PipelineError.require(
+        simulator in SCENE_FORMATS,
+        f"--for must be one of {', '.join(SCENE_FORMATS)}, got {simulator!r}",
+    )
+    PipelineError.require(
+        ring in ("exponential", "drag"), f"--ring must be one of exponential, drag, got {ring!r}"
+    )
     check_overrides(overrides)
     known = load_devices(devices)  # a missing file is named even where no device is asked for
     chosen = None if device is None else find_device(device, known)

@@ -89,10 +89,14 @@ class Renderer:
         damping: float = 0.0,
     ) -> None:
         for name, value in (("scale", scale), ("rate", rate)):
-            if not (math.isfinite(value) and value > 0.0):
-                raise HapticsError(f"{name} must be positive and finite, got {value:g}")
-        if not (math.isfinite(damping) and damping >= 0.0):
-            raise HapticsError(f"damping must be finite and not negative, got {damping:g} N s/m")
+            HapticsError.require(
+                math.isfinite(value) and value > 0.0,
+                f"{name} must be positive and finite, got {value:g}",
+            )
+        HapticsError.require(
+            math.isfinite(damping) and damping >= 0.0,
+            f"damping must be finite and not negative, got {damping:g} N s/m",
+        )
         self.path = path.scaled(scale)
         self.scale = scale
         self.period = 1.0 / rate
@@ -171,11 +175,11 @@ class Renderer:
         approach, step = _APPROACH * self.scale, direction * speed * self.period
         start = notch - direction * approach
         ticks = (approach + travel) / abs(step) if step else math.inf
-        if not (load >= 0.0 and 0.0 < ticks <= _MOST_TICKS):
-            raise HapticsError(
-                f"a drag must have a load, and 1 to {_MOST_TICKS} ticks, got {load:g} N, and "
-                f"{travel:g} m at {speed:g} m/s"
-            )
+        HapticsError.require(
+            load >= 0.0 and 0.0 < ticks <= _MOST_TICKS,
+            f"a drag must have a load, and 1 to {_MOST_TICKS} ticks, got {load:g} N, and "
+            f"{travel:g} m at {speed:g} m/s",
+        )
         record = np.zeros((3, math.ceil(ticks)))
         self.reset(np.array([start, 0.0, float(self.path.z.max()) + height]))
         hand = np.array([start, 0.0, float(np.interp(start, self.path.x, self.path.z))])

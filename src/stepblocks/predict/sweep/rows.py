@@ -64,9 +64,9 @@ def draw_inputs(plan: SweepPlan, rows: range) -> dict[str, Array]:
     if spreads:
         from scipy.special import ndtri
 
-        normal = ndtri(_draw_uniform(plan.seed, 1, rows, len(names)))
+        uniform = _draw_uniform(plan.seed, 1, rows, len(names))
         for name in (name for name in spreads if name in inputs):
-            drawn = inputs[name] + spreads[name] * normal[:, names.index(name)]
+            drawn = inputs[name] + spreads[name] * ndtri(uniform[:, names.index(name)])
             inputs[name] = drawn if name in _SIGNED else np.maximum(drawn, 0.0)
     return inputs
 
