@@ -73,7 +73,7 @@ def test_the_radius_is_that_of_the_posterior_summed_over_a_dense_grid(
     edge = fit_edge(*draw(seed, height, radius))
     radii = edge.radius.value + edge.radius.std * np.linspace(-7.0, 7.0, 99)
     risers = edge.position + np.linspace(-2e-6, 2e-6, 401)
-    costs = windows[0].grid(risers, radii)
+    costs = windows[0].compute_cost_grid(risers, radii)
     weight = np.exp(costs.min() - costs).sum(axis=1)
     mean = np.average(radii, weights=weight)
     assert edge.radius.value == pytest.approx(mean, abs=0.1 * edge.radius.std)
@@ -241,7 +241,10 @@ def test_the_riser_of_the_roundest_edge_that_is_not_resolved_is_among_those_trie
     # a step lower than the ball-like edge: the surface passes half its height well behind the riser
     height, spacing = 2e-6, 1e-6
     tried = SimpleNamespace(
-        height=height, spacing=spacing, crossing=(0.0, spacing), grid=lambda *_: None
+        height=height,
+        spacing=spacing,
+        crossing=(0.0, spacing),
+        compute_cost_grid=lambda *_: None,
     )
     radii, risers, _ = edge_arc._evaluate_unresolved(tried)
     radius = float(radii.max())

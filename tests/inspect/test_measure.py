@@ -272,7 +272,7 @@ def test_a_point_off_the_arc_misses_it_by_its_radial_distance():
     z = compute_edge_profile(x, riser, 30e-6, radius)
     z[on] = 30e-6 - radius + np.sqrt((radius - off) ** 2 - across[on] ** 2)
     window = Window(x, z, 30e-6, 1e-6, np.array([20e-9**2]), np.zeros((1, len(x))))
-    missed = window.across(np.array([riser]), np.array([radius]))[0]
+    missed = window.compute_residuals(np.array([riser]), np.array([radius]))[0]
     lean = np.sqrt(radius**2 - across[on] ** 2) / radius
     steep = lean > 0.3
     np.testing.assert_allclose(missed[on][steep], (-off / lean)[steep], rtol=1e-6)

@@ -11,7 +11,7 @@ from stepblocks.inspect.grooves import _check_level, measure_groove
 from stepblocks.inspect.levelling import Feature, FoundEdge, Levels
 from stepblocks.inspect.measure import AS_FOUND
 from stepblocks.inspect.noise import Estimate
-from stepblocks.inspect.run import EVALUATIONS, _suggest_next, inspect_standard
+from stepblocks.inspect.run import EVALUATIONS, _suggest_other_evaluation, inspect_standard
 from stepblocks.inspect.working_edge.measure import measure_edge
 from stepblocks.parts.characteristics import Characteristic
 
@@ -85,7 +85,7 @@ def test_a_refusal_names_the_feature_that_would_answer():
         inspect_standard(teeth, feature="edge", instrument=EXACT)
     edge = ScannedProfile(x, edge_gauge(x, UM, riser=300 * UM) + random.normal(0.0, 5 * NM, 600))
     asked = Characteristic("depth", "depth", "distance", UM, 0.0, 0.0)
-    said = _suggest_next(EVALUATIONS["groove_depth"], edge, EXACT, asked, AS_FOUND)
+    said = _suggest_other_evaluation(EVALUATIONS["groove_depth"], edge, EXACT, asked, AS_FOUND)
     assert said == "; --feature edge measures it"
 
 

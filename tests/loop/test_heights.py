@@ -9,7 +9,7 @@ import pytest
 from oracles.feature_bench import bench_trials, block_errors, design_columns
 from oracles.features_file import features_of
 from stepblocks.contact.effects.named import list_named_laws
-from stepblocks.loop.heights import add_heights
+from stepblocks.loop.heights import add_height_errors
 from stepblocks.loop.run import analyse_features
 from stepblocks.loop.search.explain import Rules, Verdict, explain
 from stepblocks.loop.session_table import build_session_table
@@ -29,7 +29,7 @@ def test_a_height_is_named_where_it_is_beyond_its_tolerance_and_not_within_it(er
     table = build_session_table(_features(error), 9810.0, 125e-6)
     # blocks are held to 1 um (one standard deviation); the search is given nothing to find
     nothing = explain(table.model, table.trials, [], _RULES)
-    found = add_heights(nothing, table)
+    found = add_height_errors(nothing, table)
     if abs(error) < 2e-6:
         assert found is nothing
         return
@@ -46,7 +46,7 @@ def test_a_height_that_a_scan_has_measured_is_no_finding():
     scan = {"step-040": {"height_m": 46e-6, "height_std_m": 15e-9}}
     table = build_session_table(_features(6e-6), 9810.0, 125e-6, scan)
     nothing = explain(table.model, table.trials, [], _RULES)
-    assert add_heights(nothing, table) is nothing
+    assert add_height_errors(nothing, table) is nothing
 
 
 def test_the_finding_names_the_block_and_its_height_error_and_the_energies_are_right():

@@ -14,7 +14,7 @@ from stepblocks.contact.operating_point import Tool
 from stepblocks.law import Law, Parameter
 from stepblocks.loop.bench_model import SessionModel, list_covariate_ranges
 from stepblocks.loop.search.explain import Rules, Verdict, explain
-from stepblocks.loop.search.structure import bound_place, split_into_levels
+from stepblocks.loop.search.structure import bound_jump_place, split_into_levels
 
 _MODEL = SessionModel(Tool(frequency=300.0, decay_time=0.02))
 
@@ -72,7 +72,10 @@ def test_a_jump_and_a_drift_of_friction_are_taken_out():
     assert found.extended.values["step_friction_run_order.at_trial"] == pytest.approx(36.5, abs=0.6)
     # of so clear a jump the place is known to the two trials that it lies between
     (finding,) = found.findings
-    assert bound_place(found.problem, found.extended, finding.effect, "at_trial") == (36.0, 37.0)
+    assert bound_jump_place(found.problem, found.extended, finding.effect, "at_trial") == (
+        36.0,
+        37.0,
+    )
     assert left < 0.02
     found, left = _explain(1.0 + 0.3 * (_RUN / 96.0 - 0.5), 3)
     assert [f.effect.id for f in found.findings] == ["trend_friction_run_order"]

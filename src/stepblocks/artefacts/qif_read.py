@@ -58,8 +58,10 @@ def read_qif_results(path: str | Path) -> list[QifResult]:
         item = by_id.get(_find_text(one, "CharacteristicItemId"))
         nominal = by_id.get(_find_text(item, "CharacteristicNominalId"))
         definition = by_id.get(_find_text(nominal, "CharacteristicDefinitionId"))
-        primary = units["Angular" if kind in _ANGULAR else "Linear"]
-        factor = units.get(shown.get("linearUnit") or shown.get("angularUnit"), primary)
+        factor = units.get(
+            shown.get("linearUnit") or shown.get("angularUnit"),
+            units["Angular" if kind in _ANGULAR else "Linear"],
+        )
         target = _parse_number(_find_text(nominal, "TargetValue"), path) * factor
         found.append(
             QifResult(

@@ -37,9 +37,11 @@ def build_stimuli(
     outdated: Sequence[OutdatedStimulus], output: Path, jobs: int | None
 ) -> Generator[BuiltStimulus]:
     """Make stimuli in as many processes as there are cores; give each when it is ready."""
-    workers = min(jobs or os.cpu_count() or 1, max(len(outdated), 1))
     return run_in_processes(
-        build_stimulus, ((output, *one) for one in outdated), workers, in_order=False
+        build_stimulus,
+        ((output, *one) for one in outdated),
+        min(jobs or os.cpu_count() or 1, max(len(outdated), 1)),
+        in_order=False,
     )
 
 

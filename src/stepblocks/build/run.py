@@ -174,7 +174,7 @@ def build_sets(
         }
         replaced = list_outputs(load_json(folder / MANIFEST))
         write_sealed(folder / MANIFEST, manifest)
-        _remove_stale(folder, replaced, outputs)
+        _remove_stale_files(folder, replaced, outputs)
     return report
 
 
@@ -231,7 +231,7 @@ def _write_tables_and_page(
     from stepblocks.predict.sheaths import write_sheath_files
     from stepblocks.predict.table import apply_model, format_learned_columns
 
-    def hashes(paths: Iterable[Path]) -> dict[str, str]:
+    def hash_files(paths: Iterable[Path]) -> dict[str, str]:
         return {path.relative_to(output).as_posix(): hash_file(path) for path in paths}
 
     more = partial(format_learned_columns, learned=learned) if learned else None
@@ -255,12 +255,12 @@ def _write_tables_and_page(
                 for verdict in record["verdicts"]
                 if not verdict["passed"]
             ]
-        outputs |= hashes([*tables, *(folder / identity / RECORD for identity in records)])
-    outputs |= hashes(write_page(sections, output))
+        outputs |= hash_files([*tables, *(folder / identity / RECORD for identity in records)])
+    outputs |= hash_files(write_page(sections, output))
     return outputs, sum(len(section.records) for section in sections)
 
 
-def _remove_stale(output: Path, before: Mapping[str, str], now: Mapping[str, str]) -> None:
+def _remove_stale_files(output: Path, before: Mapping[str, str], now: Mapping[str, str]) -> None:
     # Remove unchanged files of the last build that this one does not write
     for name in sorted(set(before) - set(now), reverse=True):
         path = find_unchanged(output, name, before[name])

@@ -111,7 +111,7 @@ def command(
             cls=Command,
             help="\n\n".join(" ".join(one.split()) for one in paragraphs),
             rich_help_panel=panel,
-            epilog=_format_examples(examples),
+            epilog="\n".join(["Examples:", *(f"  stepblocks {example}" for example in examples)]),
         )(run)
         return function
 
@@ -122,11 +122,6 @@ def _take_common_options(
     *, quiet: Quiet = False, as_json: Json = False, wide: Wide = False, force: Force = False
 ) -> None:
     """Hold the options that every command takes."""
-
-
-def _format_examples(examples: Sequence[str]) -> str | None:
-    lines = [f"  stepblocks {example}" for example in examples]
-    return "\n".join(["Examples:", *lines]) if lines else None
 
 
 def describe_mistake(error: typer.TyperException) -> str:

@@ -44,9 +44,8 @@ def compute_margin_angles(opening: Real, rise: Real, ball_radius: Real) -> tuple
     # alone counts; where its centre sinks below that corner it leans on the wall, which it never
     # climbs, and meets the lower corner from a radius away
     high = np.abs(rise)
-    low_step = high < ball_radius
     reach = select_where(
-        low_step, np.sqrt(np.maximum(high * (2.0 * ball_radius - high), 0.0)), ball_radius
+        high < ball_radius, np.sqrt(np.maximum(high * (2.0 * ball_radius - high), 0.0)), ball_radius
     )
     riding = opening <= reach
     step = compute_step_angle(high, ball_radius)

@@ -180,8 +180,9 @@ class OperatingPoint:
             speed=("speed", 100.0),
         )
         if self.friction_law is not None:
-            at_rest = self.friction_law.coefficient(0.0, self.normal_load, 0.0, 0.0)
-            object.__setattr__(self, "friction", at_rest)
+            object.__setattr__(
+                self, "friction", self.friction_law.coefficient(0.0, self.normal_load, 0.0, 0.0)
+            )
         convert_fields(self, 0.0, friction=("ratio", 1e3))
 
 

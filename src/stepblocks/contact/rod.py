@@ -309,8 +309,15 @@ def compute_modes(
             break
         energies = np.array([shape @ part @ shape for part in parts])
         momentum, tip = float(pushes @ shape), float(shape[-2])
-        loss = float(energies @ losses / energies.sum())
-        found.append(Mode(frequency, loss, momentum * tip, momentum * scale, tip / scale))
+        found.append(
+            Mode(
+                frequency,
+                float(energies @ losses / energies.sum()),
+                momentum * tip,
+                momentum * scale,
+                tip / scale,
+            )
+        )
     return found
 
 

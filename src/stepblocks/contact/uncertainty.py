@@ -208,7 +208,6 @@ def estimate_interval(
             release.vibration_energy * math.exp(wide),
         )
     width = max(high - low, 1e-12 * release.vibration_energy)
-    agrees = bool(max(abs(drawn[2] - low), abs(drawn[3] - high)) < 0.1 * width)
     return Interval(
         release.status,
         release.pull_force,
@@ -217,7 +216,7 @@ def estimate_interval(
         low,
         high,
         float(np.isinf(forces).mean()),
-        agrees,
+        bool(max(abs(drawn[2] - low), abs(drawn[3] - high)) < 0.1 * width),
     )
 
 

@@ -48,8 +48,9 @@ def find_asked_place(places: CatchPlaces, within: tuple[float, float] | None) ->
     """Find the place with the greatest angle, of those whose edge lies `within` a range [m]."""
     angle = places.angle
     if within is not None:
-        inside = (places.contact >= within[0]) & (places.contact <= within[1])
-        angle = np.where(inside, angle, -np.inf)
+        angle = np.where(
+            (places.contact >= within[0]) & (places.contact <= within[1]), angle, -np.inf
+        )
     if not np.isfinite(angle).any():
         return None
     # of equal angles, to what a double can tell, the first counts

@@ -202,8 +202,12 @@ class DragSettings:
         if law is None or "friction" in changes:
             return settings
         sliding, rest = (law.coefficient(v, load, 0.0, 0.0) for v in (settings.speed, 0.0))
-        static = rest if rest > sliding else 0.0
-        return replace(settings, friction=sliding, static_friction=static, friction_law=law)
+        return replace(
+            settings,
+            friction=sliding,
+            static_friction=rest if rest > sliding else 0.0,
+            friction_law=law,
+        )
 
     @property
     def friction_at_rest(self) -> float:

@@ -171,8 +171,9 @@ def compute_phase_spectrum(
     ContactError.require(
         part.size >= 16, f"the {phase} phase has {part.size} samples, at least 16 are needed"
     )
-    padded = 1 << math.ceil(math.log2(max(part.size, rate)))
-    frequency, density = periodogram(part, rate, nfft=padded, detrend="constant")
+    frequency, density = periodogram(
+        part, rate, nfft=1 << math.ceil(math.log2(max(part.size, rate))), detrend="constant"
+    )
     return np.asarray(frequency), np.asarray(density * part.size / rate)
 
 

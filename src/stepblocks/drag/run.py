@@ -198,8 +198,12 @@ class Drag:
         if len(others):
             # a step of this height has the critical angle of the steepest place of the texture
             angle = float(others.critical_angle_deg.max())
-            hidden = compute_height_at_angle(math.radians(angle), self.ball_radius)
-            summary |= {"texture_angle_deg": angle, "texture_hides_step_m": float(hidden)}
+            summary |= {
+                "texture_angle_deg": angle,
+                "texture_hides_step_m": float(
+                    compute_height_at_angle(math.radians(angle), self.ball_radius)
+                ),
+            }
         if ring is not None:
             summary |= {
                 "peak_force_n": trace.peak_force,
@@ -231,8 +235,9 @@ class Drag:
         trace, probe, settings = self.trace, self.trace.probe, self.trace.settings
         pull, angle, load = self.formula.pull_force, self.formula.angle, settings.normal_load
         depth = probe.find_indentation(load)
-        rise = max(compute_height_at_angle(angle, self.ball_radius) - depth, 0.0)
-        pressed = compute_step_angle(rise, self.ball_radius)
+        pressed = compute_step_angle(
+            max(compute_height_at_angle(angle, self.ball_radius) - depth, 0.0), self.ball_radius
+        )
         time, hand = trace.column("time_s"), trace.column("handle_m")
         speed = float(np.interp(trace.release_time, time, np.gradient(hand, time)))
         causes = {

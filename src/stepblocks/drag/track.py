@@ -114,8 +114,9 @@ class Track(CentrePath):
         """
         places = self.x[self.kinks]
         away = np.diff(places, prepend=-math.inf, append=math.inf)
-        patch = math.sqrt(self.ball_radius * depth)
-        alone = np.minimum(away[:-1], away[1:]) > 2.0 * max(window, patch)
+        alone = np.minimum(away[:-1], away[1:]) > 2.0 * max(
+            window, math.sqrt(self.ball_radius * depth)
+        )
         kept: list[int] = []
         before, behind = (np.arctan(one[self.kinks]) for one in self.slopes)
         for n in np.argsort(before - behind, kind="stable").tolist():

@@ -394,5 +394,8 @@ def judge(measured: Measured, nominal: float, lower: float, upper: float) -> Dec
 
 def combine_verdicts(verdicts: Iterable[Outcome | None]) -> Outcome:
     """Return the verdict over all: one failure fails, one unproven leaves the whole unproven."""
-    found, worst = set(verdicts), (Outcome.DOES_NOT_CONFORM, Outcome.NOT_PROVEN)
-    return next((verdict for verdict in worst if verdict in found), Outcome.CONFORMS)
+    found = set(verdicts)
+    for worst in (Outcome.DOES_NOT_CONFORM, Outcome.NOT_PROVEN):
+        if worst in found:
+            return worst
+    return Outcome.CONFORMS

@@ -145,13 +145,12 @@ def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> 
     dropped = np.zeros(len(position), dtype=bool)
     dropped[np.flatnonzero(own)] = off if rising else off[::-1]
     sign = 1.0 if rising else -1.0
-    corner, limit = (arc.radius, arc.radius_std), arc.radius_limit
-    if flank is not None:
-        corner, limit = (flank.radius, flank.radius_std), flank.radius + 1.645 * flank.radius_std
+    corner = arc if flank is None else flank
     return Edge(
         height=step,
-        radius=Estimate(*corner),  # a bow leaves few degrees of freedom, yet many of the noise
-        radius_limit=limit,
+        # a bow leaves few degrees of freedom, yet many of the noise
+        radius=Estimate(corner.radius, corner.radius_std),
+        radius_limit=corner.radius_limit,
         position=sign * arc.riser,
         middle=sign * middle,
         tilt=sign * planes.tilt,
@@ -257,9 +256,10 @@ def _find_edge_spikes(heights: Array, limit: float) -> Mask:
     # Return spikes in a window at the edge: an edge rises or falls, so a point stays within the
     # range of its neighbours.
     padded = np.pad(heights, 2, mode="reflect")
-    others = np.stack([padded[shift : shift + len(heights)] for shift in (0, 1, 3, 4)])
     # the second of the four from either side, so that one spike does not excuse another
-    ordered = np.sort(others, axis=0)
+    ordered = np.sort(
+        np.stack([padded[shift : shift + len(heights)] for shift in (0, 1, 3, 4)]), axis=0
+    )
     beyond = (heights > ordered[2] + limit) & (heights > ordered[3] + limit)
     below = (heights < ordered[1] - limit) & (heights < ordered[0] - limit)
     return np.asarray(beyond | below)
@@ -270,18 +270,26 @@ def _fit_arc_or_flank(
 ) -> tuple[Arc, Flank | None, int]:
     # Fit the arc; drop a point where the circle fits the others by far better, as it does for a
     # spike and not for form.
-    def fitted(points: NDArray[np.intp]) -> Arc:
+    def fit_points(points: NDArray[np.intp]) -> Arc:
         u = x[points]
         columns = np.stack([u - faces.middle, np.ones(len(u)), (u > faces.middle).astype(float)])
-        height, shared = faces.planes.height.value, faces.errors @ columns
-        return fit_arc(Window(u, levelled[points], height, spacing, faces.bare, shared))
+        return fit_arc(
+            Window(
+                u,
+                levelled[points],
+                faces.planes.height.value,
+                spacing,
+                faces.bare,
+                faces.errors @ columns,
+            )
+        )
 
-    arc, dropped = fitted(kept), 0
+    arc, dropped = fit_points(kept), 0
     flank = _find_better_flank(x[kept], levelled[kept], spacing, faces, arc)
     while flank is None and arc.excess > _SUSPECT and dropped < _MOST_ON_ARC and len(kept) > 8:
         trials = [np.delete(kept, index) for index in arc.suspects]
         best, points = min(
-            ((fitted(points), points) for points in trials), key=lambda trial: trial[0].misfit
+            ((fit_points(points), points) for points in trials), key=lambda trial: trial[0].misfit
         )
         if best.excess > arc.excess / _BY_FAR:
             break

@@ -88,12 +88,8 @@ class Window:
             f"window at the edge must hold at least 8 points, got {len(position)}",
         )
         thin = -(-len(position) // _MOST_POINTS)
-        self.x, self.z, self.height, self.spacing = (
-            position[::thin],
-            levelled[::thin],
-            height,
-            spacing,
-        )
+        self.x, self.z = position[::thin], levelled[::thin]
+        self.height, self.spacing = height, spacing
         lags = np.rint((self.x - self.x[0]) / spacing).astype(int)
         column = pad_autocovariance(gamma, int(lags[-1]) + 1)
         column[0] = column[0] + 1e-3 * max(gamma[0], (1e-6 * height) ** 2)
@@ -108,7 +104,7 @@ class Window:
         first = min(max(int(np.argmin(wrong)), 1), len(upper) - 1)
         self.crossing = float(self.x[first - 1]), float(self.x[first])
 
-    def across(self, risers: Array, radii: Array) -> Array:
+    def compute_residuals(self, risers: Array, radii: Array) -> Array:
         """Residuals from the ideal surface [m].
 
         There is one row for each position of the riser and its radius.
@@ -128,22 +124,22 @@ class Window:
         beside = (self.z > 0.0) & (self.z < self.height - radius) & (wall < 0.5 * self.spacing)
         return np.where(beside, np.sign(vertical) * np.minimum(np.abs(vertical), wall), vertical)
 
-    def costs(self, risers: Array, radii: Array) -> Array:
+    def compute_costs(self, risers: Array, radii: Array) -> Array:
         """Robust half sums of squares of the whitened residuals.
 
         Cauchy's loss holds far out, because form is not noise.
         """
         parts = max(len(risers) * len(self.x) // _AT_ONCE, 1)
         pairs = zip(np.array_split(risers, parts), np.array_split(radii, parts), strict=True)
-        whites = (self.across(*pair) @ self.whitening.T for pair in pairs)
+        whites = (self.compute_residuals(*pair) @ self.whitening.T for pair in pairs)
         found = [np.sum(np.log1p((white / _LOSS) ** 2), axis=1) for white in whites]
         return 0.5 * _TEMPER * _LOSS**2 * np.concatenate(found)
 
-    def grid(self, risers: Array, radii: Array) -> Array:
+    def compute_cost_grid(self, risers: Array, radii: Array) -> Array:
         """Costs of every radius, in rows, with every riser."""
-        return self.costs(np.tile(risers, len(radii)), np.repeat(radii, len(risers))).reshape(
-            len(radii), -1
-        )
+        return self.compute_costs(
+            np.tile(risers, len(radii)), np.repeat(radii, len(risers))
+        ).reshape(len(radii), -1)
 
 
 def fit_arc(window: Window) -> Arc:
@@ -157,7 +153,7 @@ def fit_arc(window: Window) -> Arc:
     # of places that are as likely the first, whatever the last bits say
     at = np.unravel_index(int(np.argmax(costs <= costs.min() + _ALIKE)), costs.shape)
     riser, radius = float(risers[at[1]]), float(radii[at[0]])
-    across = window.across(np.array([riser]), np.array([radius]))[0]
+    across = window.compute_residuals(np.array([riser]), np.array([radius]))[0]
     white = window.whitening @ across
     zone = (window.x > riser - 2.0 * window.spacing) & (
         window.x < riser + max(radius, 4.0 * window.spacing)
@@ -194,7 +190,7 @@ def _evaluate_unresolved(window: Window) -> tuple[Array, Array, Array]:
     inset = float(radii[-1] - np.sqrt(radii[-1] ** 2 - over**2))
     begin, end = window.crossing[0] - 0.5 * spacing - inset, window.crossing[1] + 0.5 * spacing
     risers = np.linspace(begin, end, round(_BETWEEN * (end - begin) / spacing))
-    return radii, risers, window.grid(risers, radii)
+    return radii, risers, window.compute_cost_grid(risers, radii)
 
 
 def _search_coarsely(window: Window) -> list[tuple[float, float, float]]:
@@ -209,7 +205,9 @@ def _search_coarsely(window: Window) -> list[tuple[float, float, float]]:
         start - reach, start + spacing, max(12, min(60, int(reach[-1] / spacing))), axis=1
     )
     risers = np.hstack([spread, np.tile(between, (len(radii), 1))])
-    costs = window.costs(risers.ravel(), np.repeat(radii, risers.shape[1])).reshape(risers.shape)
+    costs = window.compute_costs(risers.ravel(), np.repeat(radii, risers.shape[1])).reshape(
+        risers.shape
+    )
     best = np.argmin(costs, axis=1)
     rows = np.arange(len(radii))
     return list(
@@ -226,7 +224,7 @@ def _find_lowest_minimum(
 
     def cost(scaled: Array) -> float:
         radius, riser = scaled[:, np.newaxis] * spacing
-        return float(window.costs(riser, radius)[0]) if radius[0] >= 0.0 else np.inf
+        return float(window.compute_costs(riser, radius)[0]) if radius[0] >= 0.0 else np.inf
 
     best, ends = min(starts), (np.inf, 0.0, 0.0)
     # what lies on a slope leads to where its neighbour does; of flat ground the first counts
@@ -261,7 +259,7 @@ def _refine_grid(window: Window, radius: float, riser: float) -> tuple[Array, Ar
     for _ in range(6):
         radii = np.linspace(max(radius - half_r, 0.0), radius + half_r, 33)
         risers = np.linspace(riser - half_x, riser + half_x, 33)
-        costs = window.grid(risers, radii)
+        costs = window.compute_cost_grid(risers, radii)
         at = np.unravel_index(int(np.argmin(costs)), costs.shape)
         radius, riser = float(radii[at[0]]), float(risers[at[1]])
         weight = np.exp(costs.min() - costs)
@@ -299,6 +297,11 @@ class Flank:
     misfit: float  # root mean square of the residuals [m]
     used: Mask  # shape (n,); points that were fitted
 
+    @property
+    def radius_limit(self) -> float:
+        """Upper limit of the radius at 95 % [m]."""
+        return self.radius + 1.645 * self.radius_std
+
 
 def fit_flank(
     position: Array, levelled: Array, height: float, spacing: float, gamma: Array
@@ -318,7 +321,8 @@ def fit_flank(
     used = (position >= position[inside][0]) & (levelled > 0.2 * height)
 
     def shape(state: Array) -> Array:
-        place, angle, radius = state[0] * spacing, state[1], abs(state[2]) * spacing
+        place, radius = state[0] * spacing, abs(state[2]) * spacing
+        angle = state[1]
         u, reach = position[used] - place, radius * np.tan(0.5 * angle)
         arc = height - radius + np.sqrt(np.maximum(radius**2 - (u - reach) ** 2, 0.0))
         return np.where(

@@ -77,8 +77,12 @@ def _find_minimum_zone(cloud: Array) -> tuple[float, Array]:
         d, r = design[corners], residual[corners] / unit
         ones = np.ones((len(d), 1))
         bounds = np.vstack([np.hstack([-d, -ones]), np.hstack([d, -ones])])
-        limits = [(None, None)] * 3 + [(0, None)]
-        result = linprog([0, 0, 0, 1], A_ub=bounds, b_ub=np.concatenate([-r, r]), bounds=limits)
+        result = linprog(
+            [0, 0, 0, 1],
+            A_ub=bounds,
+            b_ub=np.concatenate([-r, r]),
+            bounds=[(None, None)] * 3 + [(0, None)],
+        )
         MetrologyError.require(
             result.success, f"minimum zone must be solvable, got: {result.message}"
         )

@@ -183,7 +183,9 @@ def find_edges(x: Array, z: Array) -> list[FoundEdge]:
     check_profile(x, z, 2 * LEAST_FACE)
     known = np.isfinite(z)
     calm = remove_spikes(z)
-    best, reaches, gaps = (_STAND_OUT, -1), [4], list[Array]()
+    best = (_STAND_OUT, -1)
+    reaches = [4]
+    gaps: list[Array] = []
     while 3 * reaches[-1] <= len(x) // 4:
         gap = _compute_window_differences(calm, known, reaches[-1])
         scale = (
@@ -295,8 +297,13 @@ def _join_edges(
             joined |= rise > 0.5 * lesser
         if joined:
             middle = (first + second) // 2
-            whole = np.where(np.arange(len(gap)) == middle, gap[first] + gap[second], gap)
-            return _join_edges(x, z, known, [*places[:index], middle, *places[index + 2 :]], whole)
+            return _join_edges(
+                x,
+                z,
+                known,
+                [*places[:index], middle, *places[index + 2 :]],
+                np.where(np.arange(len(gap)) == middle, gap[first] + gap[second], gap),
+            )
     return places, gap
 
 
@@ -327,11 +334,9 @@ def _find_flanks(x: Array, z: Array, known: Mask, places: list[int], gap: Array)
             known[part], (z[part] - 0.5 * (low(x[part]) + high(x[part]))) * np.sign(rise), 0.0
         )
         first = int(np.argmax(above > 0.0)) if (above > 0.0).any() else at - begin
-        position, unseen, measured = (
-            float(x[begin + first]),
-            0.0,
-            np.flatnonzero(known[begin : begin + first]),
-        )
+        position = float(x[begin + first])
+        unseen = 0.0
+        measured = np.flatnonzero(known[begin : begin + first])
         if len(measured) and above[first] > 0.0:
             last, step = int(measured[-1]), float(x[1] - x[0])
             position -= (

@@ -333,8 +333,11 @@ def estimate_repeatability(table: "pd.DataFrame") -> tuple[float, float]:
     Columns of `table` are ``value``, ``block`` and conditions. Where readings were repeated under a
     condition, their mean is one reading: so what a day or an operator changes counts as well.
     """
-    conditions = [name for name in table.columns if name != "value"]
-    means = table.groupby(conditions, sort=False)["value"].mean().reset_index()
+    means = (
+        table.groupby([name for name in table.columns if name != "value"], sort=False)["value"]
+        .mean()
+        .reset_index()
+    )
     readings = means if means["block"].duplicated().any() else table
     within = readings["value"] - readings.groupby("block")["value"].transform("mean")
     dof = len(readings) - readings["block"].nunique()
@@ -347,8 +350,14 @@ def _average_block(its: "pd.DataFrame", readings: int, std: float, dof: float) -
     budgets: list[Measured] = list(its["measured"])
     if not dof or len(its) == 1:
         return budgets[0]
-    origin = f"scatter over all blocks, {readings} readings of this one"
-    parts = [Component("repeatability", std / math.sqrt(readings), dof, origin)]
+    parts = [
+        Component(
+            "repeatability",
+            std / math.sqrt(readings),
+            dof,
+            f"scatter over all blocks, {readings} readings of this one",
+        )
+    ]
     for part in budgets[0].components:
         stds = [own.std for one in budgets for own in one.components if own.name == part.name]
         if part.name not in _SCATTER:  # all scans share what they have of it

@@ -79,11 +79,8 @@ def _find_gap(x: Array, z: Array) -> tuple[int, int]:
     u, w = x[known], z[known]
     lag = max(len(w) // 50, 1)
     level = remove_spikes(z - float(np.median((w[lag:] - w[:-lag]) / (u[lag:] - u[:-lag]))) * x)
-    shoulders, bottom = (
-        [float(np.nanmedian(part)) for part in (level[:quarter], level[-quarter:])],
-        np.nanmin(level),
-    )
-    depth = min(shoulders) - bottom
+    shoulders = [float(np.nanmedian(part)) for part in (level[:quarter], level[-quarter:])]
+    depth = min(shoulders) - np.nanmin(level)
     MetrologyError.require(
         depth > max(0.2 * abs(shoulders[1] - shoulders[0]), 1e-12),
         "profile must show a gap below both shoulders, got none",

@@ -344,7 +344,9 @@ def write_inspection(
         for one, d in result.judged
         if one.quantity == "length"
     }
-    evaluation, record, data = result.evaluation, result.as_record(), named("inspection.json")
+    evaluation = result.evaluation
+    record = result.as_record()
+    data = named("inspection.json")
     built = AsBuilt(
         result.identity,
         result.source.name,
@@ -458,6 +460,10 @@ def _draw_scan(axis: "Axes", result: InspectionResult, shown: Shown) -> None:
                     linestyle="--",
                     linewidth=0.8,
                 )
-    limits = (low - 0.08 * (high - low), high + 0.22 * (high - low))
-    axis.set(xlim=(x[0], x[-1]), ylim=limits, xlabel="position / um", ylabel="height / um")
+    axis.set(
+        xlim=(x[0], x[-1]),
+        ylim=(low - 0.08 * (high - low), high + 0.22 * (high - low)),
+        xlabel="position / um",
+        ylabel="height / um",
+    )
     axis.spines[["top", "right"]].set_visible(False)

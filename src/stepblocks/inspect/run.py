@@ -151,7 +151,8 @@ def inspect_scan(
         order, prediction = declared.order, declared.prediction
         others = tuple(one for one in declared.stimuli if one is not part)
     else:
-        part, order, prediction = stimulus, NO_ORDER, PredictionGrid()
+        part, order = stimulus, NO_ORDER
+        prediction = PredictionGrid()
     listed = list(part.characteristics())
     called = {
         name: one.key
@@ -290,8 +291,9 @@ def inspect_standard(
     asked = Characteristic(
         key, key.replace("_", " "), "distance", depth or 0.0, -tolerance, tolerance
     )
-    loaded = load_scan(scan, unit, channel)
-    evaluation = _evaluate(EVALUATIONS[_STANDARDS[feature]], loaded, instrument, asked, options)
+    evaluation = _evaluate(
+        EVALUATIONS[_STANDARDS[feature]], load_scan(scan, unit, channel), instrument, asked, options
+    )
     source, digest = describe_source(scan)
     result = InspectionResult(
         format_file_name(source.stem), None, evaluation, (), None, source, digest
@@ -390,11 +392,11 @@ def _evaluate(
         raise UnlikeError(f"{error}{place}") from error
     except MetrologyError as error:
         message = str(error).removesuffix(place)
-        message += _suggest_next(evaluate, scan, instrument, characteristic, options)
+        message += _suggest_other_evaluation(evaluate, scan, instrument, characteristic, options)
         raise MetrologyError(f"{message}{place}") from error
 
 
-def _suggest_next(
+def _suggest_other_evaluation(
     evaluate: Evaluator,
     scan: ScannedProfile | HeightMap,
     instrument: Instrument,

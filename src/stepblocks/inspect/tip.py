@@ -41,17 +41,12 @@ def fit_cap(scan: ScannedProfile | HeightMap, nominal: float, reach: float = _CA
     `reach` is a share of the nominal radius [1].
     """
     if isinstance(scan, ScannedProfile):
-        x, y, z = (
-            scan.position[np.newaxis, :],
-            np.zeros((1, len(scan.position))),
-            scan.height[np.newaxis, :],
-        )
+        x, z = scan.position[np.newaxis, :], scan.height[np.newaxis, :]
+        y = np.zeros_like(x)
     else:
         thin = tuple(max(size // _MOST_ACROSS, 1) for size in scan.height.shape)
-        (x, y), z = (
-            np.meshgrid(scan.x[:: thin[1]], scan.y[:: thin[0]]),
-            scan.height[:: thin[0], :: thin[1]],
-        )
+        x, y = np.meshgrid(scan.x[:: thin[1]], scan.y[:: thin[0]])
+        z = scan.height[:: thin[0], :: thin[1]]
     flat = len(z) == 1
     asked = f"a cap of a ball of about {nominal * 1e6:.4g} um"
     top = z > np.nanmax(z) - 0.02 * nominal

@@ -130,7 +130,9 @@ def _evaluate_domed(x: Array, z: Array, masks: list[Mask]) -> TypeA1 | None:
         fit, {"A": masks[0], "B": masks[2]}
     ):
         return None
-    depth, slant, bow = 2.0 * float(fit.solution[2]), float(fit.solution[3]), fit.estimate(4)
+    depth = 2.0 * float(fit.solution[2])
+    slant = float(fit.solution[3])
+    bow = fit.estimate(4)
     least = max(_SIGNIFICANT * bow.std, _DOMED * abs(depth), LEAST_SCATTER, abs(slant))
     if abs(bow.value) < least or bow.value * depth < 0.0:
         return None
@@ -138,8 +140,13 @@ def _evaluate_domed(x: Array, z: Array, masks: list[Mask]) -> TypeA1 | None:
     # what the slant adds
     half = slant / (2.0 * bow.value)
     weights = 2.0 * fit.weights[2] + half * fit.weights[3] + (1.0 / 3.0 - half**2) * fit.weights[4]
-    lowest = depth + bow.value / 3.0 + slant**2 / (4.0 * bow.value)
-    apex = estimate_linear(lowest, weights, fit.residuals, fit.used, fit.design)
+    apex = estimate_linear(
+        depth + bow.value / 3.0 + slant**2 / (4.0 * bow.value),
+        weights,
+        fit.residuals,
+        fit.used,
+        fit.design,
+    )
     return TypeA1(
         apex,
         _list_window_ends([x[mask] for mask in masks]),
@@ -165,8 +172,11 @@ def find_apex(x: Array, rest: Array, height: float, span: Span, part: float) -> 
     least = max(_SIGNIFICANT * bow.std, _DOMED * abs(height), LEAST_SCATTER, abs(slant.value))
     if abs(bow.value) < least or bow.value * height > 0.0:
         return None
-    offset = mean.value - bow.value / 3.0 - slant.value**2 / (4.0 * bow.value)
-    return Estimate(offset, float(np.hypot(mean.std, bow.std / 3.0)), mean.dof)
+    return Estimate(
+        mean.value - bow.value / 3.0 - slant.value**2 / (4.0 * bow.value),
+        float(np.hypot(mean.std, bow.std / 3.0)),
+        mean.dof,
+    )
 
 
 def _list_window_ends(windows: list[Array]) -> tuple[Span, Span, Span]:

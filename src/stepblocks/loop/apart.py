@@ -9,7 +9,7 @@ _SMALL = 0.06  # of a logarithm or of friction, which trials scatter by
 _CAUGHT = 0.3  # of ln E_v, missing though the peak is right
 
 
-def describe_trial(found: Explanation, measured: Floats, row: int) -> str:
+def describe_trial(explanation: Explanation, measured: Floats, row: int) -> str:
     """Say what one trial looks like.
 
     Parameters
@@ -21,7 +21,7 @@ def describe_trial(found: Explanation, measured: Floats, row: int) -> str:
     row : int
         Of the trial.
     """
-    trials, fitted = found.problem.trials, found.extended
+    trials, fitted = explanation.problem.trials, explanation.extended
     energy, force, friction = (measured[row] - fitted.predicted[row])[:3].tolist()
     near = fitted.predicted[:, :2] - measured[row, :2]
     like = (abs(near) < (2.0 * _SMALL, _SMALL)).all(axis=1) & (trials.block != trials.block[row])

@@ -235,8 +235,11 @@ def list_covariate_ranges(trials: Trials) -> tuple[CovariateRange, ...]:
             continue
         if numbers is not None:
             low, high = float(numbers.min()), float(numbers.max())
-            wide = low > 0.0 and high > 5.0 * low and distinct < 20
-            found.append(CovariateRange(name, low, high, wide, (), distinct))
+            found.append(
+                CovariateRange(
+                    name, low, high, low > 0.0 and high > 5.0 * low and distinct < 20, (), distinct
+                )
+            )
         elif distinct <= 8:
             found.append(
                 CovariateRange(name, labels=tuple(map(str, np.unique(column))), distinct=distinct)

@@ -12,20 +12,29 @@ CHANNELS = {  # what is drawn, with its scale and its title
 }
 
 
-def plot_agreement(found: Explanation, ax: "Axes | None", channel: str = "ln_energy") -> "Axes":
+def plot_agreement(
+    explanation: Explanation, ax: "Axes | None", channel: str = "ln_energy"
+) -> "Axes":
     """Plot one channel as measured against the nominal and the extended model."""
     from matplotlib.ticker import NullFormatter
 
     axis = take_axes(ax)
     scale, title = CHANNELS[channel]
-    j = found.problem.trials.channels.index(channel)
-    measured = scale * np.exp(found.problem.trials.values[:, j])
+    j = explanation.problem.trials.channels.index(channel)
+    measured = scale * np.exp(explanation.problem.trials.values[:, j])
     for fitted, colour, label in (
-        (found.nominal, BEFORE, "nominal"),
-        (found.extended, AFTER, "extended"),
+        (explanation.nominal, BEFORE, "nominal"),
+        (explanation.extended, AFTER, "extended"),
     ):
-        predicted = scale * np.exp(fitted.predicted[:, j])
-        axis.loglog(predicted, measured, ".", ms=4, color=colour, alpha=0.6, label=label)
+        axis.loglog(
+            scale * np.exp(fitted.predicted[:, j]),
+            measured,
+            ".",
+            ms=4,
+            color=colour,
+            alpha=0.6,
+            label=label,
+        )
     if np.any(np.isfinite(measured)):
         ends = [np.nanmin(measured), np.nanmax(measured)]
         axis.plot(ends, ends, color="0.4", lw=0.8)

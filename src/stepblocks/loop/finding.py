@@ -86,10 +86,10 @@ def find_slope_unit(where: CovariateRange) -> tuple[float, str]:
     return 2.0 / (where.high - where.low), f"1/{find_unit(where.name)}"
 
 
-def write_sentence(found: Explanation, document: Document) -> str:
+def write_sentence(explanation: Explanation, document: Document) -> str:
     """Say what was found, how large, how far the error fell, and what noise leaves."""
     errors = _format_errors(document)
-    if found.verdict is Verdict.NONE:
+    if explanation.verdict is Verdict.NONE:
         could = [
             f"; {e['said']} of {format_value(e['value'], e['unit'])}"
             for e in document["could_have_shown"][:3]
@@ -99,17 +99,17 @@ def write_sentence(found: Explanation, document: Document) -> str:
             f"Nothing is there that noise would not do{shown}; error of E_v "
             f"{errors['before']}, noise {errors['noise']}"
         )
-    parts = [hint.sentence for hint in found.hints]
+    parts = [hint.sentence for hint in explanation.hints]
     parts += [
         _describe_finding(f, entry)
-        for f, entry in zip(found.findings, document["effects"], strict=True)
+        for f, entry in zip(explanation.findings, document["effects"], strict=True)
     ]
-    if found.verdict is Verdict.UNEXPLAINED and found.reason not in (
+    if explanation.verdict is Verdict.UNEXPLAINED and explanation.reason not in (
         "",
-        *(f.reason for f in found.findings),
+        *(f.reason for f in explanation.findings),
     ):
-        parts.append(f"unexplained as a whole, as {found.reason}")
-    if any(hint.kind != "stick-slip" for hint in found.hints):
+        parts.append(f"unexplained as a whole, as {explanation.reason}")
+    if any(hint.kind != "stick-slip" for hint in explanation.hints):
         parts.append("write down what differs between these trials")
     text = (
         "; ".join(parts) or "The trials differ by more than noise would do, and no law is claimed"
@@ -117,7 +117,7 @@ def write_sentence(found: Explanation, document: Document) -> str:
     change = (
         f"{errors['before']} -> {errors['after']} on new trials, "
         f"{errors['before_blocks']} -> {errors['after_blocks']} on new blocks"
-        if found.findings
+        if explanation.findings
         else errors["before"]
     )
     apart = f"; {len(document['apart'])} trials held apart" if document["apart"] else ""

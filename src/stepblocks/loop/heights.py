@@ -16,11 +16,11 @@ _TOLERANCE = 2.0  # standard deviations of what a height that nobody measured ma
 _WIDE = 1.96
 
 
-def add_heights(found: Explanation, table: SessionTable) -> Explanation:
+def add_height_errors(explanation: Explanation, table: SessionTable) -> Explanation:
     """Name every block without a scan whose height is beyond its tolerance by 95 %."""
     model = table.model
     tolerance = _TOLERANCE * model.height_std
-    fitted, heights = found.extended, dict(model.scanned or {})
+    fitted, heights = explanation.extended, dict(model.scanned or {})
     off: dict[str, float] = {}
     for block in np.unique(table.trials.block).tolist():
         name = format_height_name(block)
@@ -34,14 +34,14 @@ def add_heights(found: Explanation, table: SessionTable) -> Explanation:
         if law.covariate == "block" and law.id not in taken
     ]
     if not laws:
-        return found
+        return explanation
     # the heights of these blocks belong to the laws now
     owned = {
         one: (1e-6 * float(table.trials.covariates["height_um"][table.trials.block == one][0]), 0.0)
         for one in off
     }
     informed: SessionModel = replace(model, scanned=heights | owned)
-    problem = replace(found.problem, model=informed)
+    problem = replace(explanation.problem, model=informed)
     start = fitted.values | {
         f"{law.id}.height_error_m": fitted.values[format_height_name(block)]
         for law, block in zip(laws, off, strict=True)
@@ -52,9 +52,9 @@ def add_heights(found: Explanation, table: SessionTable) -> Explanation:
         for law, p_value in zip(laws, off.values(), strict=True)
     ]
     return replace(
-        found,
+        explanation,
         problem=problem,
         extended=extended,
-        findings=(*found.findings, *findings),
-        verdict=Verdict.EFFECT if found.verdict is Verdict.NONE else found.verdict,
+        findings=(*explanation.findings, *findings),
+        verdict=Verdict.EFFECT if explanation.verdict is Verdict.NONE else explanation.verdict,
     )

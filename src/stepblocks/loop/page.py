@@ -79,25 +79,26 @@ def _encode(png: bytes) -> str:
     return "data:image/png;base64," + base64.b64encode(png).decode("ascii")
 
 
-def _draw_agreement(found: Explanation) -> str:
+def _draw_agreement(explanation: Explanation) -> str:
     figure, axes = make_figure(1, 2, width=10.0, height=4.4)
     for axis, channel in zip(axes, CHANNELS, strict=True):
-        plot_agreement(found, axis, channel)
+        plot_agreement(explanation, axis, channel)
     return _encode_png(figure)
 
 
-def _draw_residuals(found: Explanation, channel: str) -> dict[str, str]:
+def _draw_residuals(explanation: Explanation, channel: str) -> dict[str, str]:
     # Residuals of one channel against every covariate that varies, before and after
-    trials = found.problem.trials
+    trials = explanation.problem.trials
     j = trials.channels.index(channel)
     before, after = (
-        trials.values[:, j] - fitted.predicted[:, j] for fitted in (found.nominal, found.extended)
+        trials.values[:, j] - fitted.predicted[:, j]
+        for fitted in (explanation.nominal, explanation.extended)
     )
     columns = {
         name: column for name, column in trials.covariates.items() if len(np.unique(column)) > 1
     }
     columns[PEAK_FORCE] = np.exp(
-        found.extended.predicted[:, trials.channels.index("ln_peak_force")]
+        explanation.extended.predicted[:, trials.channels.index("ln_peak_force")]
     )
     rows = -(-len(columns) // 3)
     figure, grid = make_figure(rows, 3, width=11.0, height=2.6 * rows)
@@ -146,10 +147,14 @@ def _draw_effect(result: LoopResult, effect: Law, name_shown: str) -> dict[str, 
     }
 
 
-def _compute_change(found: Explanation, effect: Law) -> tuple[int, Floats, Floats]:
+def _compute_change(explanation: Explanation, effect: Law) -> tuple[int, Floats, Floats]:
     # Return the channel that an effect moves most, its change trial by trial, and the standard
     # deviation of that change.
-    trials, fitted, model = found.problem.trials, found.extended, found.problem.model
+    trials, fitted, model = (
+        explanation.problem.trials,
+        explanation.extended,
+        explanation.problem.model,
+    )
     others = [(e, own) for e, own in fitted.active if e is not effect]
 
     def change(values: Mapping[str, float]) -> Floats:

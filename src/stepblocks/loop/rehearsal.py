@@ -21,7 +21,9 @@ def rehearse_session(
     ``could_show``, the least effect of each part of the model that would show nine times in ten, as
     its median over the rehearsals.
     """
-    verdicts, locked, sizes = list[str](), list[int](), dict[tuple[str, ...], list[float]]()
+    verdicts: list[str] = []
+    locked: list[int] = []
+    sizes: dict[tuple[str, ...], list[float]] = {}
     for number in range(count):
         null = plan.model_copy(update={"seed": plan.seed + number, "effects": ()})
         with tempfile.TemporaryDirectory() as folder:

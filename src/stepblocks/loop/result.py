@@ -28,7 +28,7 @@ from stepblocks.loop.search.fit import Fit, Problem, fit_without
 from stepblocks.loop.search.gate import compute_detectable
 from stepblocks.loop.search.holdout import Holdout
 from stepblocks.loop.search.noise import compute_flexible_residual
-from stepblocks.loop.search.structure import bound_place
+from stepblocks.loop.search.structure import bound_jump_place
 from stepblocks.loop.session_table import Scans, SessionTable
 from stepblocks.loop.settings import COUNTED, GONE, MOST_SETTINGS, SHOWN, build_grid
 from stepblocks.text_file import Document
@@ -82,8 +82,11 @@ class LoopResult:
         return plot_agreement(self.found, ax)
 
     def _repr_html_(self) -> str:
-        errors = {part: self.document[part]["error"] for part in ("nominal", "extended")}
-        rows = pd.DataFrame(errors).drop(index="noise_floor").rename_axis("held-out error")
+        rows = (
+            pd.DataFrame({part: self.document[part]["error"] for part in ("nominal", "extended")})
+            .drop(index="noise_floor")
+            .rename_axis("held-out error")
+        )
         finding = f"<b>{self.verdict}</b>. {escape(self.document['finding'])}."
         return f"<p>{escape(self.title)}: {finding}</p>" + str(
             rows.to_html(float_format="{:.3g}".format)
@@ -91,16 +94,16 @@ class LoopResult:
 
 
 def build_learned_model(
-    table: SessionTable, found: Explanation, ranges: tuple[CovariateRange, ...]
+    table: SessionTable, explanation: Explanation, ranges: tuple[CovariateRange, ...]
 ) -> LearnedModel:
     """Return what was learnt, as it can be predicted from without the session."""
-    model, scatter = table.model, found.problem.noise.scatter
+    model, scatter = table.model, explanation.problem.noise.scatter
     nominal, extended = (
         LearnedFit(f.values, tuple(p.unit for p in f.parameters), f.covariance, f.effects)
-        for f in (found.nominal, found.extended)
+        for f in (explanation.nominal, explanation.extended)
     )
     return LearnedModel(
-        verdict=str(found.verdict),
+        verdict=str(explanation.verdict),
         tool=model.tool,
         tip_radius_um=table.tip_radius_um,
         height_std=model.height_std,
@@ -117,13 +120,13 @@ def build_learned_model(
 
 def build_document(
     table: SessionTable,
-    found: Explanation,
+    explanation: Explanation,
     holdouts: tuple[Holdout, Holdout],
     scans: Scans,
     rules: Rules,
 ) -> Document:
     """Return the contents of result.json; units stand in keys or beside the values."""
-    adequacy = _describe_adequacy(table, found, rules)
+    adequacy = _describe_adequacy(table, explanation, rules)
     floor = _estimate_noise_floor(table, adequacy)
     models = {
         name: {
@@ -132,53 +135,55 @@ def build_document(
             "twice_negative_log_likelihood": fitted.cost,
         }
         for which, (name, fitted) in enumerate(
-            (("nominal", found.nominal), ("extended", found.extended))
+            (("nominal", explanation.nominal), ("extended", explanation.extended))
         )
     }
     document = {
         "finding": "",
-        "verdict": str(found.verdict),
+        "verdict": str(explanation.verdict),
         **models,
-        "effects": [_describe_finding(finding, found, table) for finding in found.findings],
+        "effects": [
+            _describe_finding(finding, explanation, table) for finding in explanation.findings
+        ],
         "rivals": [
             _describe_effect(
                 e,
                 fitted,
                 {"criterion_behind": behind, "instead_of": f.effect.id.split("~")[0]},
-                found.problem,
+                explanation.problem,
             )
-            for f in found.findings
+            for f in explanation.findings
             for e, fitted, behind in f.rivals
         ],
         "unwritten": [
             {"kind": h.kind, "quantity": h.quantity, "p_value": h.p_value, "said": h.sentence}
             | {"heaps": [[str(table.names[row]) for row in group] for group in h.clusters]}
-            for h in found.hints
+            for h in explanation.hints
         ],
         "known_of_the_gauges": {
             n: {"value": v, "std": s} for n, (v, s) in table.model.known.items()
         },
-        "could_have_shown": _list_detectable(found),
+        "could_have_shown": _list_detectable(explanation),
         "excluded": [{"trial": trial, "reason": reason} for trial, reason in table.excluded],
         "flagged": [
             {"trial": trial, "reason": reason}
             for trial, reason in table.excluded
             if reason.startswith("mislabelled")
         ],
-        "apart": _list_apart(table, found),
+        "apart": _list_apart(table, explanation),
         "regimes": table.regimes,
-        "censored": _list_censored(table, found),
-        "next_experiment": propose_experiment(found),
+        "censored": _list_censored(table, explanation),
+        "next_experiment": propose_experiment(explanation),
         "adequacy": adequacy,
-        "identifiability": _describe_identifiability(found),
+        "identifiability": _describe_identifiability(explanation),
         "scans": _describe_scans(scans),
         "selected_in_folds": [names for holdout in holdouts for names in holdout.selected],
         "trials_analysed": len(table.trials),
     }
-    return document | {"finding": write_sentence(found, document)}
+    return document | {"finding": write_sentence(explanation, document)}
 
 
-def _list_censored(table: SessionTable, found: Explanation) -> dict[str, object]:
+def _list_censored(table: SessionTable, explanation: Explanation) -> dict[str, object]:
     # List trials whose peak is known as a bound alone, and those whose predicted peak stays below
     # it by 3 deviations.
     bound = (
@@ -187,26 +192,26 @@ def _list_censored(table: SessionTable, found: Explanation) -> dict[str, object]
         else table.trials.floor[:, 1]
     )
     rows = np.isfinite(bound)
-    scatter, fitted = found.problem.noise.scatter, found.extended
+    scatter, fitted = explanation.problem.noise.scatter, explanation.extended
     shifted = table.model.responses(table.trials, fitted.values, fitted.active)[:, 1]
     spread = np.sqrt(scatter.channels[1] + shifted**2 @ scatter.quantities)
-    below = rows & (found.extended.predicted[:, 1] < bound - 3.0 * spread)
+    below = rows & (explanation.extended.predicted[:, 1] < bound - 3.0 * spread)
     return {
         "trials": table.names[rows].tolist(),
         "predicted_below_their_bound": table.names[below].tolist(),
     }
 
 
-def _list_detectable(found: Explanation) -> list[dict[str, object]]:
+def _list_detectable(explanation: Explanation) -> list[dict[str, object]]:
     # List the smallest effect of each slot that the last gate would have let through nine times in
     # ten.
-    trials = found.problem.trials
+    trials = explanation.problem.trials
     laws = [
         law
         for law in list_candidates(trials, list_covariate_ranges(trials))
         if law.named and law.covariate != "block"
     ]
-    shown = compute_detectable(found.problem, found.extended, laws, found.needed)
+    shown = compute_detectable(explanation.problem, explanation.extended, laws, explanation.needed)
     entries: dict[str, dict[str, object]] = {}
     for law in (law for law in laws if np.isfinite(shown.get(law.id, np.nan))):
         (parameter,) = (p for p in law.parameters if p.name in law.amplitudes)
@@ -243,15 +248,17 @@ def _describe_constants(fitted: Fit, spring: float) -> dict[str, object]:
     return found
 
 
-def _list_apart(table: SessionTable, found: Explanation) -> list[dict[str, object]]:
+def _list_apart(table: SessionTable, explanation: Explanation) -> list[dict[str, object]]:
     # List the trials that went wrong, with the chance that they did and what they look like
     single = np.isfinite(table.measured[:, :2]) & np.isnan(table.trials.values[:, :2])
-    chances = dict.fromkeys(np.flatnonzero(single.any(axis=1)).tolist(), 1.0) | dict(found.apart)
+    chances = dict.fromkeys(np.flatnonzero(single.any(axis=1)).tolist(), 1.0) | dict(
+        explanation.apart
+    )
     return [
         {
             "trial": str(table.names[row]),
             "chance": chance,
-            "looks_like": describe_trial(found, table.measured, row),
+            "looks_like": describe_trial(explanation, table.measured, row),
         }
         for row, chance in sorted(chances.items())
     ]
@@ -272,7 +279,7 @@ def _describe_effect(
         for p in effect.parameters
     }
     for name in effect.steps:
-        low, high = bound_place(problem, fitted, effect, name)
+        low, high = bound_jump_place(problem, fitted, effect, name)
         # a place on a scale of degrees is no difference
         unit = find_unit(effect.covariate).strip("()").replace("K", "°C")
         parameters[name] |= {"low": low, "high": high, "unit": unit}
@@ -288,7 +295,7 @@ def _describe_effect(
 
 
 def _describe_finding(
-    finding: Finding, found: Explanation, table: SessionTable
+    finding: Finding, explanation: Explanation, table: SessionTable
 ) -> dict[str, object]:
     effect, unexplained = finding.effect, finding.verdict is Verdict.UNEXPLAINED
     (row, share), (channel, part) = finding.leading_trial, finding.leading_channel
@@ -300,7 +307,7 @@ def _describe_finding(
         "leading_trial": {"trial": str(table.names[row]), "share_of_gain": share},
         "leading_channel": {"channel": table.trials.channels[channel], "share_of_gain": part},
     }
-    entry = _describe_effect(effect, found.extended, evidence, found.problem)
+    entry = _describe_effect(effect, explanation.extended, evidence, explanation.problem)
     if effect.named and unexplained:
         # it improves the fit, not the explanation: the curve stays, the name goes
         entry["id"] = f"unexplained_{effect.slot}_{effect.covariate}"
@@ -333,34 +340,36 @@ def _estimate_noise_floor(table: SessionTable, adequacy: Document) -> list[float
     return [float(value) for value in np.fmin(floor, replicates)]
 
 
-def _describe_adequacy(table: SessionTable, found: Explanation, rules: Rules) -> Document:
+def _describe_adequacy(table: SessionTable, explanation: Explanation, rules: Rules) -> Document:
     trials = table.trials
     cells = table.model.cells(trials)
-    residual = np.where(trials.seen, trials.values - found.extended.predicted, np.nan)
+    residual = np.where(trials.seen, trials.values - explanation.extended.predicted, np.nan)
     tests = {
-        channel: compare_with_replicates(residual[:, j], cells, len(found.extended.parameters))
+        channel: compare_with_replicates(
+            residual[:, j], cells, len(explanation.extended.parameters)
+        )
         for j, channel in enumerate(("ln_energy", "ln_peak_force"))
     }
     return {
-        "adequate": found.adequate and found.last_gate_p > rules.alpha,
-        "last_gate_p_value": found.last_gate_p,
+        "adequate": explanation.adequate and explanation.last_gate_p > rules.alpha,
+        "last_gate_p_value": explanation.last_gate_p,
         "gate_level": rules.alpha,
         "pure_error": tests,
         "residual_against_covariates": [
             {"channel": c, "covariate": v, "holm_p_value": p}
-            for c, v, p in sorted(found.checks, key=lambda check: check[2])[:8]
+            for c, v, p in sorted(explanation.checks, key=lambda check: check[2])[:8]
         ],
     }
 
 
-def _describe_identifiability(found: Explanation) -> dict[str, object]:
-    trials = found.problem.trials
+def _describe_identifiability(explanation: Explanation) -> dict[str, object]:
+    trials = explanation.problem.trials
     effects = [
         e
         for e in list_candidates(trials, list_covariate_ranges(trials), True)
         if e.named and e.covariate != "block"
     ]
-    return compare_directions(found.problem, found.nominal, effects) | {
+    return compare_directions(explanation.problem, explanation.nominal, effects) | {
         "by_the_equations": [
             ["block_tilt", "friction"],
             ["edge_rounding", "tip_radius_error"],
@@ -386,25 +395,25 @@ def _describe_scans(scans: Scans) -> dict[str, object]:
     return document
 
 
-def propose_experiment(found: Explanation) -> dict[str, object] | None:
+def propose_experiment(explanation: Explanation) -> dict[str, object] | None:
     """Return settings that separate the rivals best, with the expected gain.
 
     The result is None where nothing is open.
     """
-    laws = [law for f in found.findings for law in (f.effect, *(r[0] for r in f.rivals))]
+    laws = [law for f in explanation.findings for law in (f.effect, *(r[0] for r in f.rivals))]
     # what to do on the bench would settle a group of laws, or show one again, each move once
     moves = list(dict.fromkeys(law.how_to_decide for law in laws if law.how_to_decide))
-    pair = _choose_pair(found)
+    pair = _choose_pair(explanation)
     if pair is None:
         asked: dict[str, object] = {
-            "separates": [h.sentence for h in found.hints],
+            "separates": [h.sentence for h in explanation.hints],
             "trials": [],
             "note": "write down what differs between these trials: who, when, which tip and which "
             "batch",
         }
-        return asked if found.hints else None
+        return asked if explanation.hints else None
     names, first, second = pair
-    trials = found.problem.trials
+    trials = explanation.problem.trials
     extra = sorted(
         {e.covariate for e in (*first.effects, *second.effects)}
         & {
@@ -415,16 +424,16 @@ def propose_experiment(found: Explanation) -> dict[str, object] | None:
         - {*SHOWN, *GONE}
     )
     grid = build_grid(trials, extra)
-    model = found.problem.model
+    model = explanation.problem.model
     assert isinstance(model, SessionModel)
-    state = model.state(grid, found.extended.values, first.active)
-    ahead = np.exp(found.extended.predicted[:, 1])
+    state = model.state(grid, explanation.extended.values, first.active)
+    ahead = np.exp(explanation.extended.predicted[:, 1])
     pull = state.peak_force()
     # the tip must slip, at a force that the bench has shown
     feasible = ~state.locked() & (pull > 1.1 * state.sliding_force()) & (pull <= ahead.max())
     grid = grid.take(feasible)
     proposal = feasible.any() and rank_settings(
-        found.problem, first, second, grid, (*SHOWN, *extra)
+        explanation.problem, first, second, grid, (*SHOWN, *extra)
     )
     if not proposal:
         return {
@@ -468,17 +477,17 @@ def write_block_stimulus(experiment: Document | None) -> str | None:
     )
 
 
-def _choose_pair(found: Explanation) -> tuple[list[str], Fit, Fit] | None:
+def _choose_pair(explanation: Explanation) -> tuple[list[str], Fit, Fit] | None:
     # Names of two models that are to be distinguished, and the models
-    if not found.findings:
+    if not explanation.findings:
         return None
-    for finding in (finding for finding in found.findings if finding.rivals):
+    for finding in (finding for finding in explanation.findings if finding.rivals):
         rival, fitted, _ = finding.rivals[0]
-        return [finding.effect.id, rival.id], found.extended, fitted
+        return [finding.effect.id, rival.id], explanation.extended, fitted
     # where nothing rivals it, ask what would confirm it: with it, against without it
-    finding = min(found.findings, key=lambda f: (f.effect.named, f.gain))
+    finding = min(explanation.findings, key=lambda f: (f.effect.named, f.gain))
     return (
         [finding.effect.id, "nothing"],
-        found.extended,
-        fit_without(found.problem, found.extended, finding.effect),
+        explanation.extended,
+        fit_without(explanation.problem, explanation.extended, finding.effect),
     )

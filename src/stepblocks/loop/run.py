@@ -17,7 +17,7 @@ from stepblocks.artefacts.model_file import build_model_document
 from stepblocks.atomic import lock_folder, replace_text
 from stepblocks.errors import PipelineError
 from stepblocks.loop.bench_model import list_covariate_ranges
-from stepblocks.loop.heights import add_heights
+from stepblocks.loop.heights import add_height_errors
 from stepblocks.loop.result import (
     LoopResult,
     build_document,
@@ -29,7 +29,7 @@ from stepblocks.loop.search.holdout import (
     Holdout,
     check_claims,
     choose_delivered_effects,
-    select_without,
+    select_effects_without,
     split_by_block,
     split_within_blocks,
     withdraw_claims,
@@ -139,8 +139,9 @@ def loop_session(
         if output is not None:
             apart = [one["trial"] for one in result.document["apart"][:_DRAWN]]
             with tempfile.TemporaryDirectory(prefix="stepblocks-apart-") as scratch:
-                drawn = draw_trials(session, scratch, apart) if apart else []
-                write_loop(result, Path(output), drawn)
+                write_loop(
+                    result, Path(output), draw_trials(session, scratch, apart) if apart else []
+                )
     return result
 
 
@@ -174,13 +175,12 @@ def analyse_table(
     """Find what the nominal model lacks for trials that can be analysed."""
     rules = rules or Rules()
     found, holdouts = _explain_and_hold_out(table, rules, jobs)
-    document = build_document(table, found, holdouts, scans, rules)
     return LoopResult(
         "",
         table,
         found,
         *holdouts,
-        document,
+        build_document(table, found, holdouts, scans, rules),
         build_learned_model(table, found, list_covariate_ranges(table.trials)),
     )
 
@@ -199,12 +199,16 @@ def _explain_and_hold_out(
     )
     found = explain(model, trials, model.candidates(trials), rules)
     one_fold = partial(
-        select_without, model, found.problem.trials, candidates=model.candidates, rules=rules
+        select_effects_without,
+        model,
+        found.problem.trials,
+        candidates=model.candidates,
+        rules=rules,
     )
     selected = list(run_in_processes(one_fold, ((rows,) for rows in (*inside, *outside)), jobs))
     found = check_claims(found, selected, model.cells(trials))
     found, (within, between) = choose_delivered_effects(
-        add_heights(found, table), (inside, outside), model.candidates
+        add_height_errors(found, table), (inside, outside), model.candidates
     )
     holdouts = (
         Holdout(*within, tuple(selected[: len(inside)])),

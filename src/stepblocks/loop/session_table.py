@@ -143,7 +143,8 @@ def build_session_table(
         (str(names[i]), f"{CHANNELS[j]} lies far from all other trials")
         for i, j in np.argwhere(single)
     ]
-    measured, values = values, np.where(single, np.nan, values)
+    measured = values
+    values = np.where(single, np.nan, values)
     edges = [
         (scan["edge_radius_m"], scan.get("edge_radius_std_m", 0.0))
         for scan in (scans or {}).values()
@@ -226,8 +227,10 @@ def _select_usable_trials(
     for name in ("spring_constant_n_per_m", "normal_load_n"):
         measured, wanted = (_read_numbers(features, one) for one in (name, "load_n"))
         wanted = declared.get(name, wanted)
-        beyond = (measured * _IMPOSSIBLE < wanted) | (measured > _IMPOSSIBLE * wanted)
-        leave_out(beyond, f"{name} is impossible: over {_IMPOSSIBLE:g} times off what is declared")
+        leave_out(
+            (measured * _IMPOSSIBLE < wanted) | (measured > _IMPOSSIBLE * wanted),
+            f"{name} is impossible: over {_IMPOSSIBLE:g} times off what is declared",
+        )
     leave_out(
         _read_numbers(features, "height_um") >= radius_um,
         "the step is as high as the ball: equation (2) has no angle for it",

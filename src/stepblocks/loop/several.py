@@ -133,8 +133,11 @@ def list_shared(fitted: Fit, sessions: Sequence[str]) -> dict[str, Document]:
         of_a_day = {one: f"{own}[{one}]" for one in sessions if own in OF_A_DAY}
         names = of_a_day or {"": parameter.name}
         rows = [at[name] for name in names.values()]
-        values = {session: fitted.values[name] for session, name in names.items()}
-        pooled = pool_parameter(parameter.unit, values, fitted.covariance[np.ix_(rows, rows)])
+        pooled = pool_parameter(
+            parameter.unit,
+            {session: fitted.values[name] for session, name in names.items()},
+            fitted.covariance[np.ix_(rows, rows)],
+        )
         if of_a_day:
             shared[own] = pooled
         else:

@@ -99,6 +99,21 @@ class Body(Table):
     mounting: Annotated[Mounting | None, BeforeValidator(read_none)] = declare_default({})
     engraving: Annotated[Engraving | None, BeforeValidator(read_none)] = declare_default({})
 
+    @property
+    def half_length(self) -> float:
+        """The right face lies at this x, the left one at its negative [m]."""
+        return 0.5 * self.length.nominal
+
+    @property
+    def half_width(self) -> float:
+        """The back lies at this y, the front at its negative [m]."""
+        return 0.5 * self.width.nominal
+
+    @property
+    def base(self) -> float:
+        """Height of the base [m], below zero."""
+        return -self.thickness.nominal
+
     @make_rules_validator
     def _fits(self) -> Iterator[str]:
         length, width, thickness = self.length.nominal, self.width.nominal, self.thickness.nominal
@@ -184,11 +199,8 @@ class Block(Part):
         mounting = self.body.mounting
         if mounting is None:
             return 0.0
-        drill, entry, depth = (
-            0.5 * mounting.hole_diameter,
-            0.5 * mounting.entry_diameter,
-            mounting.depth.nominal,
-        )
+        drill, entry = 0.5 * mounting.hole_diameter, 0.5 * mounting.entry_diameter
+        depth = mounting.depth.nominal
         if mounting.kind == "tapped":
             sink = entry - drill
             frustum = math.pi * sink * (entry * entry + entry * drill + drill * drill) / 3.0
@@ -215,7 +227,7 @@ class Block(Part):
     def extrude_section(self, crest: cad.door.Outline) -> cad.door.Body:
         """Extrude the section; `crest` is its outline from the right face to the left one."""
         body, rise = self.body, self.rise
-        half, base, c = 0.5 * body.length.nominal, -body.thickness.nominal, body.edge_break.nominal
+        half, base, c = body.half_length, body.base, body.edge_break.nominal
         right = dict.fromkeys(
             [(half - c, base), (half, base + c), (half, rise - c), (half - c, rise)]
         )
@@ -231,11 +243,7 @@ class Block(Part):
         one.
         """
         body, mounting, engraving = self.body, self.body.mounting, self.body.engraving
-        half, side, base = (
-            0.5 * body.length.nominal,
-            0.5 * body.width.nominal,
-            -body.thickness.nominal,
-        )
+        half, side, base = body.half_length, body.half_width, body.base
         yield make_characteristic(
             "length", "distance", body.length, describe_plane(0, -half), describe_plane(0, half)
         )
@@ -301,9 +309,10 @@ class Block(Part):
         self, mounting: Mounting, hole: FaceRule, lower: FaceRule
     ) -> Iterator[Characteristic]:
         # List depth and place of the fixing holes, measured at the left one
-        body, half, side = self.body, 0.5 * self.body.length.nominal, 0.5 * self.body.width.nominal
-        base, radius = -body.thickness.nominal, 0.5 * mounting.hole_diameter
-        at, deep = -0.5 * mounting.spacing.nominal, mounting.depth.nominal
+        half, side, base = self.body.half_length, self.body.half_width, self.body.base
+        radius = 0.5 * mounting.hole_diameter
+        at = -0.5 * mounting.spacing.nominal
+        deep = mounting.depth.nominal
         ends: tuple[Rule, Rule] = lower, describe_plane(2, -deep, x=at + radius)
         if tapped := mounting.kind == "tapped":  # down to where the drill's point begins
             ends = (
@@ -362,7 +371,7 @@ def make_body_cuts(body: Body, identity: str, rise: float) -> list[cad.door.Body
         cuts += [_make_hole(body, body.mounting, side) for side in (-0.5, 0.5)]
     if body.engraving is None:
         return cuts
-    middle, start = -0.5 * body.thickness.nominal, -0.5 * body.width.nominal - 0.1 * OVER
+    middle, start = -0.5 * body.thickness.nominal, -body.half_width - 0.1 * OVER
     into = (0.0, body.engraving.depth.nominal + 0.1 * OVER, 0.0)
     for outlines in outline_text(identity.upper(), body.engraving.height.nominal):
         outer, *holes = (
@@ -373,29 +382,25 @@ def make_body_cuts(body: Body, identity: str, rise: float) -> list[cad.door.Body
 
 
 def _make_edge_breaks(body: Body, rise: float) -> Iterator[cad.door.Body]:
-    length, width, base, c = (
-        body.length.nominal,
-        body.width.nominal,
-        -body.thickness.nominal,
-        body.edge_break.nominal,
-    )
-    long, high = 0.5 * length + OVER, body.thickness.nominal + max(rise, 0.0) + 2.0 * OVER
+    half, wide, base, c = body.half_length, body.half_width, body.base, body.edge_break.nominal
+    long, high = half + OVER, body.thickness.nominal + max(rise, 0.0) + 2.0 * OVER
     along = (-long, 0.0, 0.0, 1.0), (0.0, long, rise, 1.0), (-long, long, base, -1.0)
     for side in (-1.0, 1.0):
-        y = side * 0.5 * width
+        y = side * wide
         near, far = y - side * (c + OVER), y + side * OVER
         for x0, x1, z, up in along:
             section = [(far, z - up * c - up * OVER), (near, z + up * OVER), (far, z + up * OVER)]
             yield cad.kernel.extrude([(x0, *point) for point in section], (x1 - x0, 0.0, 0.0))
         for end in (-1.0, 1.0):
-            x = end * 0.5 * length
+            x = end * half
             corner = [(x + end * OVER, near), (x - end * (c + OVER), far), (x + end * OVER, far)]
             yield cad.kernel.extrude([(*point, base - OVER) for point in corner], (0.0, 0.0, high))
 
 
 def _make_hole(body: Body, holes: Mounting, side: float) -> cad.door.Body:
-    base, x = -body.thickness.nominal, side * holes.spacing.nominal
-    drill, entry, depth = 0.5 * holes.hole_diameter, 0.5 * holes.entry_diameter, holes.depth.nominal
+    base, depth = body.base, holes.depth.nominal
+    x = side * holes.spacing.nominal
+    drill, entry = 0.5 * holes.hole_diameter, 0.5 * holes.entry_diameter
     if holes.kind == "tapped":
         sink, point = entry - drill, drill / math.tan(0.5 * DRILL_POINT)  # 90 degree countersink
         outline = [
@@ -418,8 +423,8 @@ def _make_hole(body: Body, holes: Mounting, side: float) -> cad.door.Body:
 
 def list_half_corners(body: Body, side: float, top: float, crest: Sequence[Point]) -> list[Point3]:
     """Corners of one chamfered half outwards from x = 0, its top there a crest of (x, z) points."""
-    out, half = side * 0.5 * body.length.nominal, 0.5 * body.width.nominal
-    base, c = -body.thickness.nominal, body.edge_break.nominal
+    out, half = side * body.half_length, body.half_width
+    base, c = body.base, body.edge_break.nominal
     points: list[Point3] = []
     for y in (-1.0, 1.0):
         for z, inset in ((base, c), (base + c, 0.0), (top - c, 0.0), (top, c)):

@@ -69,8 +69,11 @@ def declare_default(
     more: dict[str, Any] = {"otherwise": otherwise} if otherwise else {}
     beside = {"tolerance": tolerance, "source": source, **more}
     fields = {"nominal": nominal, **{name: text for name, text in beside.items() if text}}
-    default = fields if len(fields) > 1 and isinstance(nominal, str) else nominal
-    return Field(default, validate_default=True, json_schema_extra=more)
+    return Field(
+        fields if len(fields) > 1 and isinstance(nominal, str) else nominal,
+        validate_default=True,
+        json_schema_extra=more,
+    )
 
 
 class Table(BaseModel):

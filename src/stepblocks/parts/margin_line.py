@@ -179,10 +179,8 @@ def _fit_sections(sections: list[Array], shows: str) -> tuple[str, list[float], 
     # frame of the middle section the origin and the axes of the level one
     # sections share their shape, each at a level of its own, in a frame turned until the tooth, or
     # else the crown, is level
-    points, which = (
-        np.concatenate(sections),
-        np.repeat(np.arange(_SECTIONS), [len(one) for one in sections]),
-    )
+    points = np.concatenate(sections)
+    which = np.repeat(np.arange(_SECTIONS), [len(one) for one in sections])
     fit = np.zeros(_SECTIONS + 4)
     scatter = 0.0
     origin, axes = np.zeros(2), np.eye(2)
@@ -194,9 +192,11 @@ def _fit_sections(sections: list[Array], shows: str) -> tuple[str, list[float], 
             if side.sum() < _COVERED * _SAMPLES * _SECTIONS:
                 return name, [], axes
         kept = np.any(list(sides.values()), axis=0)
-        (x, z), own = points[kept].T, which[kept][:, None] == np.arange(_SECTIONS)
+        x, z = points[kept].T
+        own = which[kept][:, None] == np.arange(_SECTIONS)
         bows = [np.where(side, x**k / k, 0.0) for side in (x < 0.0, x > 0.0) for k in (1, 2)]
-        columns, used = np.column_stack([own, *bows]), np.ones(len(x), dtype=bool)
+        columns = np.column_stack([own, *bows])
+        used = np.ones(len(x), dtype=bool)
         for _ in range(3):
             fit = np.linalg.lstsq(columns[used], z[used], rcond=None)[0]
             rest = z - columns @ fit

@@ -91,9 +91,14 @@ def list_outline_points(outline: Outline, chord: float) -> list[Point]:
     points: list[Point] = [outline[0]]  # type: ignore[list-item]
     for item in outline[1:]:
         if isinstance(item[0], tuple):
-            start, (middle, end) = points[-1], item
-            squares = [math.hypot(*p) ** 2 - math.hypot(*start) ** 2 for p in (middle, end)]
-            (x, z), radius, first, last = _find_circle(start, middle, end, squares)
+            start = points[-1]
+            middle, end = item
+            (x, z), radius, first, last = _find_circle(
+                start,
+                middle,
+                end,
+                [math.hypot(*p) ** 2 - math.hypot(*start) ** 2 for p in (middle, end)],
+            )
             count = max(
                 1, math.ceil(abs(last - first) / (2.0 * math.acos(max(1.0 - chord / radius, -1.0))))
             )

@@ -181,8 +181,9 @@ def make_hull(points: Iterable[Sequence[float]]) -> Manifold:
 
 def split_solid(solid: Manifold, axis: str, position: float) -> tuple[Manifold, Manifold]:
     """Split a manifold at a plane [m] square to an axis; the part below it comes first."""
-    normal = tuple(1.0 if name == axis else 0.0 for name in "xyz")
-    above, below = solid.split_by_plane(normal, position * 1e3)
+    above, below = solid.split_by_plane(
+        tuple(1.0 if name == axis else 0.0 for name in "xyz"), position * 1e3
+    )
     return below, above
 
 

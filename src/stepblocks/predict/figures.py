@@ -38,13 +38,13 @@ def compute_margin_map(
 
 def write_plots(stimuli: StimulusSet, folder: Path) -> Iterator[Path]:
     """Draw what a set predicts, for each of its tips and frictions under its largest load."""
-    grid, tool = stimuli.prediction, stimuli.prediction.as_tool()
+    grid = stimuli.prediction
     parts = [part for part in stimuli.stimuli if part.crossed]
     faces = {part.id: part.counterface() for part in parts}
     steps = {name: face for name, face in faces.items() if isinstance(face, Step)}
     margins = {name: face for name, face in faces.items() if isinstance(face, Margin)}
     for radius, friction in product(grid.tip_radii, grid.coefficients):
-        point = OperatingPoint(radius, max(grid.normal_loads), friction, tool)
+        point = OperatingPoint(radius, max(grid.normal_loads), friction, grid.as_tool())
         name = f"R{radius * 1e6:g}.mu{point.friction:g}".replace("mu0.", "mu0p")
         if steps:
             path = folder / f"{stimuli.name}.energy-of-height.{name}.png"
@@ -137,18 +137,26 @@ def draw_margin_map(
     from matplotlib.colors import LogNorm
 
     figure, axes = make_figure(1, 2, width=9.0, height=4.0)
-    forces, across, along = (
-        compute_margin_map(gaps, discrepancies, point),
-        discrepancies * 1e6,
-        gaps * 1e6,
-    )
+    forces = compute_margin_map(gaps, discrepancies, point)
+    across, along = discrepancies * 1e6, gaps * 1e6
     finite = np.concatenate([f[np.isfinite(f) & (f > 0)] for f in forces])
     norm = LogNorm(max(float(finite.min()), 1e-2), min(float(finite.max()), 50.0))
     for axis, force, name in zip(axes, forces, ("crown to tooth", "tooth to crown"), strict=True):
-        shown = np.ma.masked_where(~np.isfinite(force) | (force <= 0.0), force)
-        mesh = axis.pcolormesh(across, along, shown, norm=norm, shading="nearest")
-        held = np.where(np.isinf(force), 1.0, np.nan)
-        axis.contourf(across, along, held, levels=[0.5, 1.5], colors="none", hatches=["//"])
+        mesh = axis.pcolormesh(
+            across,
+            along,
+            np.ma.masked_where(~np.isfinite(force) | (force <= 0.0), force),
+            norm=norm,
+            shading="nearest",
+        )
+        axis.contourf(
+            across,
+            along,
+            np.where(np.isinf(force), 1.0, np.nan),
+            levels=[0.5, 1.5],
+            colors="none",
+            hatches=["//"],
+        )
         axis.axhline(100.0, color=_RED, lw=0.8, ls="--")
         marked_gaps, marked_discrepancies = 1e6 * np.array(marks).reshape(-1, 2).T
         axis.plot(marked_discrepancies, marked_gaps, "o", ms=4, mfc="none", color="k")

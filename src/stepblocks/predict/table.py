@@ -196,8 +196,9 @@ def predict_with_model(
         "": _predict_channels(design, learned.extended, learned),
         "nominal_": _predict_channels(design, learned.nominal, learned),
     }
-    wrong, beyond, state = invalid.astype(bool), outside.astype(bool), models[""][2]
-    status = np.where(beyond, "outside-range(" + outside + ")", "ok")
+    wrong = invalid.astype(bool)
+    state = models[""][2]
+    status = np.where(outside.astype(bool), "outside-range(" + outside + ")", "ok")
     status = np.where(state.locked(), "locked", status)
     result = {
         "trial": table["trial"].to_numpy(),

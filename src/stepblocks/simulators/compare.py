@@ -246,8 +246,8 @@ def _measure_ring(
     *trend, sine, cosine = solve(best.x)
     ring = force - slow @ np.array(trend)
     # the zero of the sine that is nearest to the release
-    turn, decay = math.tau * best.x[0], float(np.exp(best.x[1]))
-    start = -math.remainder(math.atan2(cosine, sine), math.pi) / turn
+    decay = float(np.exp(best.x[1]))
+    start = -math.remainder(math.atan2(cosine, sine), math.pi) / (math.tau * best.x[0])
     carried = math.exp(2.0 * (time[0] - start) / decay)
     explained = max(1.0 - 2.0 * best.cost / max(float(np.sum(ring**2)), 1e-300), 0.0)
     power = np.abs(np.fft.rfft(ring, 2 ** math.ceil(math.log2(len(ring)) + 2))) ** 2

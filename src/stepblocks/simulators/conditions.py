@@ -38,9 +38,12 @@ def choose_operating_point(
         "speed": 5e-3,
         **overrides,
     }
-    radius = given["ball_radius"] if part.ball is None else part.ball.nominal
     return replace(
-        OperatingPoint(radius, given["normal_load"], given["friction"]),
+        OperatingPoint(
+            given["ball_radius"] if part.ball is None else part.ball.nominal,
+            given["normal_load"],
+            given["friction"],
+        ),
         tool=tool,
         tissue=part.tissue(tool),
         contact=grid.built_laws.get("contact"),

@@ -230,7 +230,8 @@ def drag(
     path: Records,
 ) -> None:
     """Drive `tick` with a hand of steady speed and load; rows: hand, spring, force along x."""
-    start, read, force = position[0], position.copy(), position * 0.0
+    start = position[0]
+    read, force = position.copy(), np.zeros(3)
     velocity = np.array([step / settings[0].period, 0.0, 0.0])
     for index in range(record.shape[1]):
         position[0] = start + index * step
@@ -238,6 +239,6 @@ def drag(
             value = position[axis]
             read[axis] = round(value / resolution) * resolution if resolution > 0.0 else value
         tick(read, velocity, force, states, settings, path)
-        record[0, index], record[1, index], record[2, index] = position[0], states[0].pull, force[0]
+        record[:, index] = (position[0], states[0].pull, force[0])
         # the wall is a known spring, so one correction along z is exact until the proxy moves
         position[2] += (force[2] - load) / settings[0].wall

@@ -111,8 +111,10 @@ class Scene:
     def ring_ratio(self) -> float:
         """Amplitude of the ring over the force at the release [1]: sqrt(C_v), or of a model."""
         ringing = (event for event in self.events if event.status is Status.RELEASES)
-        own = math.sqrt(self.point.tool.conversion)
-        return next((event.amplitude / event.critical_force for event in ringing), own)
+        return next(
+            (event.amplitude / event.critical_force for event in ringing),
+            math.sqrt(self.point.tool.conversion),
+        )
 
     @property
     def tip_mass(self) -> float:

@@ -102,7 +102,9 @@ class Run:
         self.path, self._guard = path, threading.RLock()
         self._running: Servo | None = None
         # a clock that is set anew during a run changes no stamp and no reaction time
-        self._wall, self._shown, self.feedback = (now := time.time()) - time.monotonic(), now, ""
+        self._shown = time.time()
+        self._wall = self._shown - time.monotonic()
+        self.feedback = ""
         with ExitStack() as held:
             held.enter_context(lock_folder(path.with_suffix("")))
             self._all = self.planned
@@ -224,9 +226,9 @@ class Run:
             if row is None or self.blocks is None or not self._is_virtual(row):
                 return
             self.end()
-            face, point = self.blocks.faces[row["stimulus"]], self._set_point(row)
+            point = self._set_point(row)
             renderer = Renderer(
-                face.centre_path(point.ball_radius),
+                self.blocks.faces[row["stimulus"]].centre_path(point.ball_radius),
                 point,
                 scale=self.scale,
                 rate=RATE,

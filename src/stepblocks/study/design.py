@@ -257,7 +257,9 @@ def design_trials(
     for person in range(participants):
         codes = assign_codes([*others, *base * len(others)], generator)
         own, aliases = list(codes)[: len(others)], list(codes)[len(others) :]
-        blocks[str(person + 1)], last, number = codes, "", itertools.count(1)
+        blocks[str(person + 1)] = codes
+        last = ""
+        number = itertools.count(1)
         turns = [[*orders[person]]] if interleaved else [[index] for index in orders[person]]
         for some, time in itertools.product(turns, range(repetitions)):
             cells = [

@@ -301,8 +301,8 @@ def fit_power_law(
         found.append((str(person), float(line.slope), float(line.rvalue)))
     require(len(found) >= 2, f"an interval over participants needs at least two, got {len(found)}")
     slopes = [slope for _, slope, _ in found]
-    mean, error = float(np.mean(slopes)), float(np.std(slopes, ddof=1)) / len(slopes) ** 0.5
-    reach = float(stats.t.ppf(0.975, len(slopes) - 1)) * error
+    mean = float(np.mean(slopes))
+    reach = float(stats.t.ppf(0.975, len(slopes) - 1) * stats.sem(slopes))
     return PowerLaw(mean, mean - reach, mean + reach, tuple(found), condition)
 
 

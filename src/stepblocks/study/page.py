@@ -22,7 +22,7 @@ def render_study(result: StudyResult) -> str:
     for name in FIGURES:  # four digits are read; all of them stand in results.csv
         digits = 8 if name.startswith("df") else 4
         table[name] = ["" if value != value else f"{value:.{digits}g}" for value in table[name]]
-    frame, mixed = result.frame, [one.mixed for one in result.measures]
+    frame = result.frame
     return render_page(
         "stepblocks.study",
         "study.html",
@@ -31,7 +31,7 @@ def render_study(result: StudyResult) -> str:
         notes=[
             *result.notes,
             *result.remarks,
-            *dict.fromkeys(remark for one in mixed for remark in one.remarks),
+            *dict.fromkeys(remark for one in result.measures for remark in one.mixed.remarks),
         ],
         figures=[
             (caption, _save(figure, "svg").decode())

@@ -84,7 +84,9 @@ class Servo(threading.Thread):
         self.renderer, self.hand, self.limits, self._waits = renderer, hand, limits, waits
         self._period = renderer.period
         self._log = np.zeros((max(1, round(seconds / self._period)), len(COLUMNS)))
-        self._over, self._applied, self._held = threading.Event(), np.zeros(3), False
+        self._over = threading.Event()
+        self._applied = np.zeros(3)
+        self._held = False
         self.trusted, self.doubts = not hand.motors, list[str]()
         self.ticks, self.ended = 0, ""  # why it ended: "", "stopped" or "time is up"
 

@@ -27,11 +27,12 @@ def draw_body(sheet: Sheet, body: Body, identity: str) -> float:
 def _draw_front(sheet: Sheet, body: Body, identity: str, scale: float) -> None:
     k = 1e3 * scale
     half, t, c = (
-        0.5 * body.length.nominal * k,
+        body.half_length * k,
         body.thickness.nominal * k,
         body.edge_break.nominal * k,
     )
-    fx, fz = FRONT_VIEW[0], FRONT_VIEW[1] + 0.5 * t
+    fx, middle = FRONT_VIEW
+    fz = middle + 0.5 * t
     corners = _list_octagon((-half, -t), (half, 0.0), c)
     sheet.polyline([(fx + x, fz + z) for x, z in corners], closed=True)
     left = fx - half
@@ -66,10 +67,11 @@ def _draw_letters(
 
 
 def _draw_top(sheet: Sheet, body: Body, scale: float) -> None:
-    k, (tx, ty) = 1e3 * scale, TOP_VIEW
+    k = 1e3 * scale
+    tx, ty = TOP_VIEW
     hx, hy, c = (
-        0.5 * body.length.nominal * k,
-        0.5 * body.width.nominal * k,
+        body.half_length * k,
+        body.half_width * k,
         body.edge_break.nominal * k,
     )
     corners = _list_octagon((-hx, -hy), (hx, hy), c)
@@ -89,10 +91,11 @@ def _draw_top(sheet: Sheet, body: Body, scale: float) -> None:
 
 def _draw_holes(sheet: Sheet, body: Body, mounting: Mounting, scale: float) -> None:
     # Draw the fixing holes from above, with their places, and one of them in section
-    k, (tx, ty) = 1e3 * scale, TOP_VIEW
+    k = 1e3 * scale
+    tx, ty = TOP_VIEW
     hx, hy, c = (
-        0.5 * body.length.nominal * k,
-        0.5 * body.width.nominal * k,
+        body.half_length * k,
+        body.half_width * k,
         body.edge_break.nominal * k,
     )
     hole, half = 0.5 * mounting.hole_diameter * k, 0.5 * mounting.spacing.nominal * k
@@ -128,7 +131,8 @@ def _draw_holes(sheet: Sheet, body: Body, mounting: Mounting, scale: float) -> N
 
 def _draw_hole_section(sheet: Sheet, body: Body, mounting: Mounting) -> None:
     # Draw a hole in section; a thread as in ISO 6410-1, crests thick and roots thin
-    (x, base), tapped = _HOLE_VIEW, mounting.kind == "tapped"
+    x, base = _HOLE_VIEW
+    tapped = mounting.kind == "tapped"
     tall = body.thickness.nominal
     shown = min(tall, 1.2 * mounting.depth.nominal) if tapped else tall
     wide = 1.6 * mounting.entry_diameter

@@ -73,7 +73,8 @@ def choose_base(block: StepBlock, pair: GaugePair) -> Body:
     Base and lower gauge block together are as thick as the body, where 3 mm are left for the
     base and its holes keep their depth.
     """
-    body, (long, wide) = block.body, SECTION
+    body = block.body
+    long, wide = SECTION
     least = {"length": 2.0 * (wide + RIM), "width": long + 2.0 * RIM}
     sizes: dict[str, object] = {
         name: replace(size, nominal=max(size.nominal, least[name]))
@@ -95,8 +96,8 @@ def write_gauge_assembly(path: Path, block: StepBlock, pair: GaugePair) -> None:
     long, wide = SECTION
     floor, half = -pair.lower, 0.5 * long
     body = choose_base(block, pair)
-    sides = 0.5 * body.length.nominal, 0.5 * body.width.nominal
-    plain = cad.kernel.make_box((-sides[0], -sides[1], -body.thickness.nominal), (*sides, 0.0))
+    sides = body.half_length, body.half_width
+    plain = cad.kernel.make_box((-sides[0], -sides[1], body.base), (*sides, 0.0))
     cuts = make_body_cuts(body, block.id, 0.0)
     base = cad.kernel.move(cad.kernel.cut(plain, cuts) if cuts else plain, (0.0, 0.0, floor))
     lower = (-wide, -half, floor), (0.0, half, 0.0)

@@ -81,7 +81,7 @@ def compute_stock(block: Block) -> tuple[tuple[float, float, float], tuple[float
     x, y, z = block.stock or (
         math.ceil((side + 2.0 * STOCK) / 0.5e-3 - 1e-9) * 0.5e-3 for side in block.sides
     )
-    base = -block.body.thickness.nominal - min(STOCK, 0.5 * (z - block.sides[2]))
+    base = block.body.base - min(STOCK, 0.5 * (z - block.sides[2]))
     return (-0.5 * x, -0.5 * y, base), (0.5 * x, 0.5 * y, base + z)
 
 

@@ -32,7 +32,7 @@ from stepblocks.loop.search.gate import Gate, score_candidates
 from stepblocks.loop.search.holdout import (
     Holdout,
     choose_delivered_effects,
-    select_without,
+    select_effects_without,
     split_by_block,
     split_within_blocks,
 )
@@ -151,7 +151,8 @@ def test_held_out_error_falls_to_the_scatter_once_the_effect_is_in() -> None:
     folds = split_within_blocks(trials, 4)
     found = explain(Toy(), trials, toy_effects(), _RULES)
     selected = [
-        select_without(Toy(), trials, rows, lambda _: toy_effects(), _RULES) for rows in folds
+        select_effects_without(Toy(), trials, rows, lambda _: toy_effects(), _RULES)
+        for rows in folds
     ]
     _, ((nominal, extended),) = choose_delivered_effects(found, (folds,), lambda _: toy_effects())
     outcome = Holdout(nominal, extended, tuple(selected))

@@ -12,18 +12,18 @@ from stepblocks.loop.search.explain import (
     Rules,
     Verdict,
     _find_residual_structure,
-    _search,
+    _search_effects,
     explain,
 )
 from stepblocks.loop.search.fit import build_problem, fit
 from stepblocks.loop.search.structure import (
     _follows_time,
     _test_neighbours,
-    bound_place,
-    build_wandering,
+    bound_jump_place,
+    build_wandering_errors,
     estimate_quantity_errors,
     find_hints,
-    fit_walk,
+    fit_random_walk,
 )
 
 _MODEL = Toy()
@@ -87,7 +87,7 @@ def test_the_likelihood_of_a_walk_is_that_of_its_covariance():
         own = contrast @ (s**2 * np.minimum.outer(order, order) + e**2 * np.eye(n)) @ contrast.T
         return float(multivariate_normal(np.zeros(n - 1), own).logpdf(contrast @ values))
 
-    gain, found_step, found_scatter = fit_walk(values)
+    gain, found_step, found_scatter = fit_random_walk(values)
     alone = float(np.sqrt(np.var(values) * n / (n - 1)))
     assert gain == pytest.approx(
         2.0 * (dense(found_step, found_scatter) - dense(0.0, alone)), abs=1e-6
@@ -99,11 +99,11 @@ def test_the_waves_of_a_wandering_quantity_are_those_that_carry_most_of_a_walk()
     trials = toy_trials(90, 3)
     problem = build_problem(_MODEL, trials)
     values = np.cumsum(np.random.default_rng(2).standard_normal(90))
-    found = build_wandering(problem, fit(problem), {_MODEL.quantities[0]: values})
+    found = build_wandering_errors(problem, fit(problem), {_MODEL.quantities[0]: values})
     place = np.arange(90)
     about_mean = np.eye(90) - 1.0 / 90
     walk = about_mean @ np.minimum.outer(place, place) @ about_mean
-    power = np.linalg.eigvalsh(walk)[::-1] * fit_walk(values)[1] ** 2
+    power = np.linalg.eigvalsh(walk)[::-1] * fit_random_walk(values)[1] ** 2
     assert len(found) == 23
     assert [one.std**2 for one in found] == pytest.approx(power[:23].tolist(), rel=1e-9)
     waves = np.array([one.column[:, 0] for one in found])
@@ -130,9 +130,9 @@ def test_the_place_of_a_jump_lies_in_its_interval_as_often_as_stated():
         rise = 0.5 * (trials.covariates["z"] > 0.2)
         trials = replace(trials, values=trials.values + np.stack([rise, 2.0 * rise], axis=1))
         problem = build_problem(Toy(), trials)
-        problem = problem.tighten(fit(problem, [jump], {"jump.at": 0.2, "jump.step": 0.5}))
+        problem = problem.reduce_noise(fit(problem, [jump], {"jump.at": 0.2, "jump.step": 0.5}))
         fitted = fit(problem, [jump], {"jump.at": 0.2, "jump.step": 0.5})
-        low, high = bound_place(problem, fitted, jump, "at")
+        low, high = bound_jump_place(problem, fitted, jump, "at")
         inside += low <= 0.2 <= high
         widths.append(high - low)
     # origin: Hansen 2000; of 40 intervals of 95 %, 35 hold it but for one draw in a hundred
@@ -162,7 +162,7 @@ def test_neighbours_are_tested_by_ljung_and_box_over_five_lags():
     )
     # origin: Ljung and Box 1978, Q = n (n + 2) sum r_k^2 / (n - k), chi squared of five lags
     q = n * (n + 2.0) * np.sum(r**2 / (n - np.arange(1.0, 6.0)))
-    assert fit_walk(values)[0] < 1e-6
+    assert fit_random_walk(values)[0] < 1e-6
     found = _test_neighbours("level", values)
     assert found.p_value == pytest.approx(2.0 * chi2.sf(q, 5), rel=1e-9)
 
@@ -184,7 +184,7 @@ def test_a_quantity_wanders_where_neighbours_err_together_and_not_where_trials_f
     walk = 0.12 * np.cumsum(random.standard_normal(160))
     heaps = 0.7 * random.integers(0, 2, 160)
     for shift, kind, wanders in ((walk, "neighbours", {"level"}), (heaps, "heaps", set())):
-        grown = _search(build_problem(_MODEL, _shifted(160, 8, shift)), [], Rules(draws=20))
+        grown = _search_effects(build_problem(_MODEL, _shifted(160, 8, shift)), [], Rules(draws=20))
         hints, _, found = _find_residual_structure(grown)
         assert [hint.kind for hint in hints] == [kind]
         assert found == wanders

@@ -121,9 +121,9 @@ def fit_sphere_radius(vertices: Floats) -> tuple[float, float]:
     # solve in units of the ball, where the squares are of order one
     scale = float(np.ptp(vertices, axis=0).max())
     p = vertices / scale
-    system = np.column_stack([2.0 * p, np.ones(len(p))])
-    solution, *_ = np.linalg.lstsq(system, (p * p).sum(axis=1), rcond=None)
+    solution, *_ = np.linalg.lstsq(
+        np.column_stack([2.0 * p, np.ones(len(p))]), (p * p).sum(axis=1), rcond=None
+    )
     centre = solution[:3]
     radius = math.sqrt(solution[3] + centre @ centre)
-    form = np.abs(np.linalg.norm(p - centre, axis=1) - radius).max()
-    return radius * scale, float(form) * scale
+    return radius * scale, float(np.abs(np.linalg.norm(p - centre, axis=1) - radius).max()) * scale

@@ -227,7 +227,7 @@ def read_scan_confined(path: Path, unit: str = "", channel: str = "") -> dict[st
         return vars(_read_x3p(path) if form == "x3p" else _read_sdf(path))
     file: str | io.BytesIO = str(path)
     if form == "tmd":
-        file = _pad_tmd(path)
+        file = _pad_tmd_comment(path)
     if form == "sur" and path.read_bytes()[:12] == b"DSCOMPRESSED":
         file = _unpack_sur(path)
     return _read_by_surfacetopography(file, form, channel, path.name)
@@ -264,7 +264,7 @@ def _unpack_sur(path: Path) -> io.BytesIO:
     return io.BytesIO(b"".join(plain))
 
 
-def _pad_tmd(path: Path) -> io.BytesIO:
+def _pad_tmd_comment(path: Path) -> io.BytesIO:
     # TrueMap file whose comment is as long as the reader takes it to be: 24 bytes with its end.
     raw = path.read_bytes()
     comment, _, rest = raw[32:].partition(b"\0")

@@ -188,8 +188,12 @@ def _parse_table(text: str, path: Path) -> tuple[list[list[str]], Array]:
         )
     body = "\n".join(lines[begin:])
     try:
-        stream = io.StringIO(body.replace(",", ".") if comma else body)
-        fast = np.loadtxt(stream, delimiter=mark, comments=None, ndmin=2)
+        fast = np.loadtxt(
+            io.StringIO(body.replace(",", ".") if comma else body),
+            delimiter=mark,
+            comments=None,
+            ndmin=2,
+        )
         if fast.shape[1] == width:
             return head, np.asarray(fast, dtype=np.float64)
     except ValueError:

@@ -71,8 +71,12 @@ def write_step_ap242(
             continue
         items = tuple(_find_item(described, rule, one.body, stimulus.id) for rule in one.faces)
         text = _format_callout(one, number)
-        leads_to = described[items[-1].body][items[-1].face]
-        lines = _draw_callout(text, len(dimensions) + len(tolerances), everything, leads_to)
+        lines = _draw_callout(
+            text,
+            len(dimensions) + len(tolerances),
+            everything,
+            described[items[-1].body][items[-1].face],
+        )
         seen = Callout(text.replace("±", "+-"), lines)  # Part 21 holds ASCII
         if one.kind in ("flatness", "parallelism"):
             letter = "A" if one.key == "parallelism" else "B"
@@ -250,8 +254,13 @@ def make_conforming(
     products = _find_instances_holding(data, "PRODUCT_DEFINITION(")[:1]
     rule = f"notes must have a product to belong to [{identity}]"
     for name, value in notes:
-        described = f"DESCRIPTIVE_REPRESENTATION_ITEM('{name}','{value}')"
-        _add_property(data, ("requirement", name, name), described, products, rule)
+        _add_property(
+            data,
+            ("requirement", name, name),
+            f"DESCRIPTIVE_REPRESENTATION_ITEM('{name}','{value}')",
+            products,
+            rule,
+        )
     if texture is not None:
         rule = f"surface texture must have faces with a flatness tolerance, got none [{identity}]"
         # of the working faces, not the base

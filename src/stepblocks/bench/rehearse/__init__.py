@@ -179,13 +179,12 @@ def record_trial(
     phase = 2.0 * math.pi * truth.frequency * since
     rest = truth.peak_force - truth.sliding_force - truth.amplitude
     if truth.gap > 0.0:
-        start = (truth.sliding_force + truth.amplitude, -truth.amplitude / truth.decay_time)
         ring = compute_rubbing_force(
             since,
             truth.sliding_force,
             truth.gap,
             (truth.frequency, truth.decay_time),
-            start,
+            (truth.sliding_force + truth.amplitude, -truth.amplitude / truth.decay_time),
             truth.slope,
         )
     else:
@@ -270,10 +269,9 @@ def open_writer(folder: Path, kind: str) -> Iterator[Write]:
 
 
 def _write_text(path: Path, trace: Trace) -> None:
-    table = np.column_stack([trace.time, trace.tangential, trace.normal])
     np.savetxt(
         path,
-        table,
+        np.column_stack([trace.time, trace.tangential, trace.normal]),
         fmt=("%.6f", "%.6g", "%.6g"),
         delimiter=",",
         header=",".join(_NAMES),

@@ -410,8 +410,9 @@ def _find_end_of_line(miss: Array, noise: float) -> int | None:
     if not miss.size:
         return None
     window = min(4, miss.size)
-    mean = np.convolve(miss, np.full(window, 1.0 / window), mode="valid")
-    off = np.abs(mean) > _LINE_SIGMAS * noise / np.sqrt(window)
+    off = np.abs(
+        np.convolve(miss, np.full(window, 1.0 / window), mode="valid")
+    ) > _LINE_SIGMAS * noise / np.sqrt(window)
     if not off[-1]:
         return None
     # noise may cross the limit for a moment; only what stays off to the peak is the peak's own

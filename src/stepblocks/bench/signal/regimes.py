@@ -232,8 +232,13 @@ def find_first_swing(motion: Motion) -> tuple[float, float, float]:
     if motion.level - float(smooth[fallen:end].min()) < _FAINT * motion.noise:
         width = max(int(0.2 * period / float(np.median(np.diff(time)))), 1)
         smooth = np.convolve(force, np.full(width, 1.0 / width), mode="same")
-    lowest = min(fallen + int(np.argmin(smooth[fallen:end])), time.size - 6)
-    bottom, std, instant = find_extremum(time, force, lowest, _SWING_SHARE * period, motion.noise)
+    bottom, std, instant = find_extremum(
+        time,
+        force,
+        min(fallen + int(np.argmin(smooth[fallen:end])), time.size - 6),
+        _SWING_SHARE * period,
+        motion.noise,
+    )
     depth, before = motion.level - bottom, instant - period
     if before < time[motion.peak] + 0.5 * period:
         return depth, std, instant
@@ -241,8 +246,9 @@ def find_first_swing(motion: Motion) -> tuple[float, float, float]:
     # of noise, and where one just touches, the odds of that reading alone are noise themselves:
     # they are those that another would put it below
     begin, end = np.searchsorted(time, [before - 0.25 * period, before + 0.25 * period])
-    earlier = int(begin + np.argmin(smooth[begin:end]))
-    bottom, spread, _ = find_extremum(time, force, earlier, _SWING_SHARE * period, motion.noise)
+    bottom, spread, _ = find_extremum(
+        time, force, int(begin + np.argmin(smooth[begin:end])), _SWING_SHARE * period, motion.noise
+    )
     odds = 0.5 * math.erfc((bottom - motion.level) / spread / 2.0)
     apart = depth - max(motion.level - bottom, 0.0)
     return depth - odds * apart, math.hypot(std, math.sqrt(odds * (1.0 - odds)) * apart), instant

@@ -449,13 +449,14 @@ def fit_rubbing_ring(
     # dry friction is the sliding force itself and turns with the tip: the likely gap is twice the
     # level
     for gap in (2.0 * abs(level), 0.3 * abs(offset), 0.0):
-        start = np.array([level, gap + 1e-6, frequency, decay, offset, 0.0, 0.0])
         found = least_squares(
             lambda p: np.append(
                 _compute_rubbing_with_drift(p, t, slope) - force,
                 (p[2:4] - (frequency, decay)) * known,
             ),
-            np.clip(start, lower, upper),
+            np.clip(
+                np.array([level, gap + 1e-6, frequency, decay, offset, 0.0, 0.0]), lower, upper
+            ),
             bounds=(lower, upper),
             x_scale=_SCALE,
             max_nfev=40,

@@ -63,8 +63,9 @@ class CentrePath:
         if self.feature is not None:
             reach = self.feature.ball_radius * slope / np.hypot(1.0, slope)
             touched = self.x[knots] + math.copysign(1.0, direction) * reach
-            inside = (touched >= self.feature.first) & (touched <= self.feature.last)
-            slope = np.where(inside, slope, -np.inf)
+            slope = np.where(
+                (touched >= self.feature.first) & (touched <= self.feature.last), slope, -np.inf
+            )
         index = int(np.argmax(slope))
         rise = float(slope[index])
         knot = index + (direction <= 0)
@@ -137,8 +138,10 @@ class _Shapes:
 
     def knots(self) -> Array:
         count = max(16, min(math.ceil(math.pi / _ANGLE_STEP), _MOST_KNOTS // max(len(self.r), 1)))
-        angles = np.linspace(-0.5 * math.pi, 0.5 * math.pi, count)
-        circles: Array = (self.cx[:, None] + self.r[:, None] * np.sin(angles)).ravel()
+        circles: Array = (
+            self.cx[:, None]
+            + self.r[:, None] * np.sin(np.linspace(-0.5 * math.pi, 0.5 * math.pi, count))
+        ).ravel()
         return np.concatenate([circles, self.x0, self.x1])
 
     def heights(self, x: Array) -> Array:
@@ -146,9 +149,10 @@ class _Shapes:
         circles = np.where(
             across >= 0.0, self.cz[:, None] + np.sqrt(np.maximum(across, 0.0)), -np.inf
         )
-        inside = (x >= self.x0[:, None] - 1e-15) & (x <= self.x1[:, None] + 1e-15)
         straight = np.where(
-            inside, self.z0[:, None] + self.slope[:, None] * (x - self.x0[:, None]), -np.inf
+            (x >= self.x0[:, None] - 1e-15) & (x <= self.x1[:, None] + 1e-15),
+            self.z0[:, None] + self.slope[:, None] * (x - self.x0[:, None]),
+            -np.inf,
         )
         return np.concatenate([circles, straight])
 

@@ -176,9 +176,13 @@ def find_steepest_in_each(
         bound = _compute_slope(positions[k], contact[k + 1], radius)
         if bound <= floor:
             continue
-        ends = (positions[k], height[k], positions[k + 1], height[k + 1])
         best, where, touch = _find_steepest_between(
-            ends, (a, b), found[k, 0], elements, radius, tolerance
+            (positions[k], height[k], positions[k + 1], height[k + 1]),
+            (a, b),
+            found[k, 0],
+            elements,
+            radius,
+            tolerance,
         )
         if best > found[k, 0] + _SAME * min(abs(found[k, 0]), 1e12):
             found[k, 0], found[k, 1], found[k, 2] = best, where, touch

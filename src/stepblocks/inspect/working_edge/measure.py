@@ -119,7 +119,7 @@ def _measure_along_rows(
         missing = {} if riser else dict.fromkeys(missing, reason)
         surface = _extend_by_level_faces(*results[0]) if riser else None
     first, edge = results[0]
-    if beside := _find_others(first, edge):
+    if beside := _find_other_features(first, edge):
         notes.append(
             "the scan also shows "
             + ", ".join(
@@ -138,8 +138,9 @@ def _measure_along_rows(
     if steps and options.begin is None and options.end is None:
         before = max([at for at in steps if at < edge.middle], default=first.position[0])
         behind = min([at for at in steps if at > edge.middle], default=first.position[-1])
-        part = replace(options, begin=before / turn, end=behind / turn)
-        narrow = _measure_along_rows(scan, instrument, part).values
+        narrow = _measure_along_rows(
+            scan, instrument, replace(options, begin=before / turn, end=behind / turn)
+        ).values
         values |= {key: one for key, one in narrow.items() if key in values and key in _OF_THE_EDGE}
         notes[-1] += "; height and radius are those of the part between such steps"
     across, level = _measure_across(scan, results, turn)
@@ -174,7 +175,7 @@ def _measure_along_rows(
     )
 
 
-def _find_others(row: ScannedProfile, edge: Edge) -> list[Feature]:
+def _find_other_features(row: ScannedProfile, edge: Edge) -> list[Feature]:
     # Find the steps, ridges and grooves that a profile shows beside the edge that is evaluated.
     u, level = edge.measure_across(row.position, row.height)
     rest = np.where(np.abs(u) > edge.exclusion, level - edge.height.value * (u > 0.0), np.nan)
@@ -241,8 +242,14 @@ def _average_radius(
             Component("stylus radius", math.nan, how=f"{UNSTATED}: the radius is at most this")
         )
     elif tip > 0.0:
-        worn, origin = _WORN * tip / math.sqrt(3.0), "a quarter of it, rectangular"
-        others.append(Component("stylus radius", worn, how=origin, bounded=True))
+        others.append(
+            Component(
+                "stylus radius",
+                _WORN * tip / math.sqrt(3.0),
+                how="a quarter of it, rectangular",
+                bounded=True,
+            )
+        )
     found = average_profiles("edge radius", corners, instrument, others, axes=(1.0, 1.0))
     stylus = f"the stylus radius of {tip * 1e6:.3g} um is"
     if found.value + found.expanded() < 0.0:

@@ -47,8 +47,8 @@ def measure_ra(face: ScannedProfile, limit: float) -> Estimate:
     line = np.polynomial.Polynomial.fit(face.position[known], face.height[known], 1)
     rest = face.height - line(face.position)
     known &= ~find_outliers(np.where(known, rest, 0.0), known)
-    rough = _filter(rest, known, spacing, fine)
-    rough = rough - _filter(rough, np.ones_like(known), spacing, cutoff)
+    rough = _compute_mean_line(rest, known, spacing, fine)
+    rough = rough - _compute_mean_line(rough, np.ones_like(known), spacing, cutoff)
     cut = round(0.5 * cutoff / spacing)
     sections = np.array_split(np.abs(rough[cut:-cut]), _SECTIONS)
     each = np.array([float(section.mean()) for section in sections])
@@ -57,7 +57,7 @@ def measure_ra(face: ScannedProfile, limit: float) -> Estimate:
     )
 
 
-def _filter(height: Array, known: Array, spacing: float, cutoff: float) -> Array:
+def _compute_mean_line(height: Array, known: Array, spacing: float, cutoff: float) -> Array:
     # Return the mean line of the Gaussian filter of ISO 16610-21; missing points have no weight.
     from scipy.ndimage import convolve1d
 

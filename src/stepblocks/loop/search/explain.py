@@ -16,13 +16,13 @@ from stepblocks.loop.search.mixture import find_bad_trials
 from stepblocks.loop.search.structure import (
     Hint,
     add_jump_places,
-    build_wandering,
+    build_wandering_errors,
     describe_wandering,
     estimate_errors_in_order,
     find_hints,
-    find_walks,
+    find_random_walks,
     fit_without_time_effects,
-    is_along_the_run,
+    follows_run_order,
 )
 
 _LEAST_SHARE = 0.3  # of the whole gain, below which an effect only stands in for what is left
@@ -115,8 +115,8 @@ class Finding:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Grown:
-    # What a search has come to
+class _SearchResult:
+    # The extended model that a search has found, and the gates that its effects passed
     problem: Problem
     extended: Fit
     gates: dict[str, float]  # chance of a false alarm of the gate that let each effect in
@@ -127,7 +127,7 @@ class _Grown:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Explanation(_Grown):
+class Explanation(_SearchResult):
     """The nominal model, the extended one, what was found and on what grounds.
 
     Attributes
@@ -212,20 +212,20 @@ def search_effects_and_structure(
     candidates: Sequence[Law],
     rules: Rules,
     deployed: Deployed | None = None,
-) -> _Grown:
+) -> _SearchResult:
     """Search for effects, then for structure in the residuals.
 
     The search is repeated where trials that follow one another err together.
     """
     problem = build_problem(model, trials)
-    grown = _search(problem, candidates, rules, deployed)
+    grown = _search_effects(problem, candidates, rules, deployed)
     hints, mistaken, wanders = _find_residual_structure(grown)
     jumps = {e.slot for e in grown.extended.effects if e.steps} & set(model.quantities)
     if wanders or jumps:
         # what changed at once is looked for again where the errors fall apart best
         base = fit_without_time_effects(grown.problem, grown.extended)
         candidates = add_jump_places(grown.problem, base, wanders | jumps, candidates)
-        grown = _search(problem, candidates, rules, deployed)
+        grown = _search_effects(problem, candidates, rules, deployed)
         hints, mistaken, wanders = _find_residual_structure(grown)
     if not wanders:
         return replace(grown, hints=hints)
@@ -234,16 +234,16 @@ def search_effects_and_structure(
     base = fit_without_time_effects(grown.problem, grown.extended) if mistaken else grown.extended
     fits = {q: base if q in mistaken else grown.extended for q in model.quantities if q in wanders}
     seen = {q: estimate_errors_in_order(grown.problem, one, q)[1] for q, one in fits.items()}
-    noisy = problem.share_errors(build_wandering(problem, base, seen), base)
-    again = _search(noisy, candidates, rules, deployed)
+    noisy = problem.add_shared_errors(build_wandering_errors(problem, base, seen), base)
+    again = _search_effects(noisy, candidates, rules, deployed)
     return replace(_take_out_changes_along_run(again, problem, wanders, candidates), hints=hints)
 
 
-def _find_residual_structure(grown: _Grown) -> tuple[tuple[Hint, ...], set[str], set[str]]:
-    # What nobody wrote down, quantities whose law a walk does as well, and all that go with the
-    # hour
-    problem, mistaken = grown.problem, find_walks(grown.problem, grown.extended)
-    hints = find_hints(problem, grown.extended)
+def _find_residual_structure(grown: _SearchResult) -> tuple[tuple[Hint, ...], set[str], set[str]]:
+    # Structure that no column explains, quantities whose law a random walk explains as well, and
+    # all quantities that change along the run
+    mistaken = find_random_walks(grown.problem, grown.extended)
+    hints = find_hints(grown.problem, grown.extended)
     beside = {h.quantity for h in hints if h.kind == "neighbours"}
     known = {h.quantity for h in hints}
     hints += tuple(map(describe_wandering, sorted(mistaken - known)))
@@ -251,29 +251,31 @@ def _find_residual_structure(grown: _Grown) -> tuple[tuple[Hint, ...], set[str],
 
 
 def _take_out_changes_along_run(
-    grown: _Grown, problem: Problem, slots: set[str], candidates: Sequence[Law]
-) -> _Grown:
-    # What goes with the hour is taken out along the run although no law is claimed of it
+    grown: _SearchResult, problem: Problem, slots: set[str], candidates: Sequence[Law]
+) -> _SearchResult:
+    # Add laws along the run for quantities that change along it; none of them is claimed
     for slot in sorted(slots):
         current = fit(problem, grown.extended.effects, grown.extended.values)
-        own = [e for e in candidates if e.slot == slot and is_along_the_run(problem, e)]
-        laws = [e for e in own if e.steps or not e.named]
+        own = [e for e in candidates if e.slot == slot and follows_run_order(problem, e)]
         choice = choose_candidate(
-            problem, current, score_candidates(problem, current, laws, draws=0), most=6
+            problem,
+            current,
+            score_candidates(problem, current, [e for e in own if e.steps or not e.named], draws=0),
+            most=6,
         )
         if choice and not {e.id for e in own} & {e.id for e in current.effects}:
-            law, values = choice[0].effects[-1], choice[0].values
+            law = choice[0].effects[-1]
             grown = replace(
                 grown,
-                extended=fit(grown.problem, (*current.effects, law), values),
+                extended=fit(grown.problem, (*current.effects, law), choice[0].values),
                 walks=grown.walks | {law.id},
             )
     return grown
 
 
-def _search(
+def _search_effects(
     problem: Problem, candidates: Sequence[Law], rules: Rules, deployed: Deployed | None = None
-) -> _Grown:
+) -> _SearchResult:
     current, p_value = fit(problem), 1.0
     gates: dict[str, float] = {}
     error = deployed(current) if deployed else 0.0
@@ -299,13 +301,14 @@ def _search(
                 break
             grown = better
         if deployed:
-            before, error = error, deployed(grown)
-            if not error < before:
+            after = deployed(grown)
+            if not after < error:
                 break
-        problem = problem.tighten(grown)
+            error = after
+        problem = problem.reduce_noise(grown)
         current = fit(problem, grown.effects, grown.values)
         gates = {e.id: gates.get(e.id, p_value) for e in current.effects}
-    return _Grown(
+    return _SearchResult(
         problem=problem,
         extended=current,
         gates=gates,
@@ -368,7 +371,7 @@ def _exchange_or_drop_effect(
     return None
 
 
-def _judge_search(grown: _Grown, candidates: Sequence[Law], rules: Rules) -> Explanation:
+def _judge_search(grown: _SearchResult, candidates: Sequence[Law], rules: Rules) -> Explanation:
     problem, current = grown.problem, grown.extended
     findings = tuple(_judge_effect(grown, e, candidates, rules) for e in current.effects)
     checks, adequate = check_residuals(problem, current)
@@ -408,7 +411,9 @@ def _judge_search(grown: _Grown, candidates: Sequence[Law], rules: Rules) -> Exp
     )
 
 
-def _judge_effect(grown: _Grown, effect: Law, candidates: Sequence[Law], rules: Rules) -> Finding:
+def _judge_effect(
+    grown: _SearchResult, effect: Law, candidates: Sequence[Law], rules: Rules
+) -> Finding:
     problem, current = grown.problem, grown.extended
     base = fit_without(problem, current, effect)
     choice = choose_candidate(

@@ -46,7 +46,7 @@ class Problem:
     noise: Noise
     common: tuple[Systematic, ...] = ()
 
-    def tighten(self, fitted: "Fit") -> "Problem":
+    def reduce_noise(self, fitted: "Fit") -> "Problem":
         """Take the scatter about a fitted model where it is below that of the regression.
 
         The regression is the flexible one.
@@ -55,11 +55,15 @@ class Problem:
         dof = max(len(trials) - len(fitted.parameters), len(trials) // 2)
         residual = np.where(trials.seen, trials.values - fitted.predicted, np.nan)
         responses = self.model.responses(trials, fitted.values, fitted.active)
-        own = estimate_scatter(residual, trials.std, responses, dof)
-        noise = build_noise(trials, [*self.model.systematics(trials), *self.common], responses, own)
+        noise = build_noise(
+            trials,
+            [*self.model.systematics(trials), *self.common],
+            responses,
+            estimate_scatter(residual, trials.std, responses, dof),
+        )
         return replace(self, noise=noise) if noise.precision > self.noise.precision else self
 
-    def share_errors(self, common: Sequence[Systematic], fitted: "Fit") -> "Problem":
+    def add_shared_errors(self, common: Sequence[Systematic], fitted: "Fit") -> "Problem":
         """Return the same with errors that trials share in the noise."""
         return replace(
             self,
@@ -72,7 +76,7 @@ class Problem:
             common=tuple(common),
         )
 
-    def layout(self, effects: Sequence[Law]) -> tuple[Parameter, ...]:
+    def list_parameters(self, effects: Sequence[Law]) -> tuple[Parameter, ...]:
         """Parameters of model and effects in one row.
 
         Those of an effect are called ``effect.parameter``.
@@ -143,7 +147,7 @@ class _Objective:
     # Residuals and Jacobian in units of each parameter's scale
     def __init__(self, problem: "Problem", effects: Sequence[Law]) -> None:
         self.problem, self.effects = problem, tuple(effects)
-        self.parameters = problem.layout(effects)
+        self.parameters = problem.list_parameters(effects)
         self.scale = np.array([p.scale for p in self.parameters])
         self.start = np.array([p.start for p in self.parameters]) / self.scale
         self.prior = np.array([p.scale / p.prior_std for p in self.parameters])
@@ -230,7 +234,8 @@ def fit(
         gtol=1e-8,
         max_nfev=evaluations,
     )
-    x, jacobian, residual = solution.x, -solution.jac, solution.fun
+    x, residual = solution.x, solution.fun
+    jacobian = -solution.jac
     # the triangle of a QR has the singular values of the whole, at a fraction of the work
     root = np.linalg.pinv(np.linalg.qr(jacobian, mode="r"), rcond=1e-9)
     covariance = (root @ root.T) * np.outer(objective.scale, objective.scale)
@@ -284,4 +289,4 @@ def build_problem(model: ForwardModel, trials: Trials) -> Problem:
         start = fitted.values
     # without room for the specimens the regression follows no height, and takes it for scatter
     crowded = len(trials) < PER_SPECIMEN * len(set(trials.block.tolist()))
-    return problem.tighten(fitted) if crowded else problem
+    return problem.reduce_noise(fitted) if crowded else problem

@@ -71,8 +71,13 @@ class Trials:
             if name not in (*names, *errors, "block")
         }
         values, std = (table[part].to_numpy(dtype=np.float64) for part in (names, errors))
-        block = np.array(table.get("block", [""] * len(table)), dtype=np.str_)
-        return cls(covariates, tuple(names), values, std, block)
+        return cls(
+            covariates,
+            tuple(names),
+            values,
+            std,
+            np.array(table.get("block", [""] * len(table)), dtype=np.str_),
+        )
 
     def __len__(self) -> int:
         return len(self.block)

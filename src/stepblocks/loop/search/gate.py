@@ -210,8 +210,9 @@ def score_candidates(
         null, _ = _compute_gains(directions, _draw_noise(problem, base, draws, seed))
         # among directions of equal freedom the least p of a draw is that of the largest gain
         kinds = np.unique(freedom)
-        largest = np.stack([null[freedom == kind].max(axis=0) for kind in kinds])
-        least = _compute_log_p(largest, kinds, dof).min(axis=0)
+        least = _compute_log_p(
+            np.stack([null[freedom == kind].max(axis=0) for kind in kinds]), kinds, dof
+        ).min(axis=0)
         p_value = float((1 + np.sum(least <= own.min())) / (draws + 1))
         needed = float(stats.f.isf(np.exp(np.quantile(least, alpha)), 1.0, dof)) * spread
     return Gate(p_value, tuple(sorted(best.values(), key=lambda s: s.log_p)), needed)
@@ -243,10 +244,14 @@ def _draw_noise(problem: Problem, base: Fit, draws: int, seed: int) -> Floats:
     seen = problem.trials.seen
     n, count, total = len(seen), seen.size, len(base.jacobian)
     by_trial = base.residual.reshape(seen.shape)
-    spread = np.sqrt(np.sum(by_trial**2, axis=0) / np.maximum(seen.sum(axis=0), 1))
     # tails are those of the residuals; one that is a sheer misfit counts no more than four
     # deviations
-    pool = np.clip(by_trial / np.maximum(spread, 1e-12), -4.0, 4.0)
+    pool = np.clip(
+        by_trial
+        / np.maximum(np.sqrt(np.sum(by_trial**2, axis=0) / np.maximum(seen.sum(axis=0), 1)), 1e-12),
+        -4.0,
+        4.0,
+    )
     noise = np.empty((total, draws))
     for i in range(draws):
         rows = generator.integers(0, n, n)
@@ -319,7 +324,8 @@ def _is_at_bound(effect: Law, fitted: Fit) -> bool:
 
 
 def _fit_candidate(problem: Problem, base: Fit, score: Score) -> Fit | None:
-    effect, held = score.effect, np.clip(score.step, -8.0, 8.0)
+    effect = score.effect
+    held = np.clip(score.step, -8.0, 8.0)
     steps = dict(zip(effect.amplitudes, held.tolist(), strict=True))
     # the constants give way to first order, so that the fit begins near its valley
     moved = compute_tangent(problem, base, effect, score.shape) @ held

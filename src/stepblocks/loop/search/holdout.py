@@ -30,11 +30,12 @@ Asked = Callable[[Trials], Sequence[Law]]  # candidates of a table
 
 
 def check_claims(
-    found: Explanation, selected: Sequence[Sequence[str]], cells: Sequence[object]
+    explanation: Explanation, selected: Sequence[Sequence[str]], cells: Sequence[object]
 ) -> Explanation:
     """Keep the claim of an effect only where replicates and every fold support it."""
-    seen, free = found.problem.trials.seen, len(found.extended.parameters)
-    residual = np.where(seen, found.extended.residual.reshape(seen.shape), np.nan)
+    seen = explanation.problem.trials.seen
+    free = len(explanation.extended.parameters)
+    residual = np.where(seen, explanation.extended.residual.reshape(seen.shape), np.nan)
     misfit = [
         compare_with_replicates(column, cells, free)["lack_of_fit_p_value"] for column in residual.T
     ]
@@ -42,33 +43,36 @@ def check_claims(
     lacking = bool(known) and min(known) * len(known) < _LACKING
     folds = [set(names) for names in selected]
     findings = tuple(
-        _judge_folds(f, folds) if f.verdict is Verdict.EFFECT else f for f in found.findings
+        _judge_folds(f, folds) if f.verdict is Verdict.EFFECT else f for f in explanation.findings
     )
-    verdict, reason = found.verdict, found.reason
+    verdict, reason = explanation.verdict, explanation.reason
     if verdict is Verdict.EFFECT:
-        doubts = {f.verdict for f in findings} - {Verdict.EFFECT}
-        verdict = min(doubts, default=verdict, key=list(Verdict).index)
+        verdict = min(
+            {f.verdict for f in findings} - {Verdict.EFFECT},
+            default=verdict,
+            key=list(Verdict).index,
+        )
         if lacking:
             verdict, reason = Verdict.UNEXPLAINED, "trials of equal settings agree better than it"
     return replace(
-        found,
+        explanation,
         findings=findings,
         verdict=verdict,
-        adequate=found.adequate and not lacking,
+        adequate=explanation.adequate and not lacking,
         reason=reason,
     )
 
 
-def withdraw_claims(found: Explanation, hints: tuple[Hint, ...]) -> Explanation:
+def withdraw_claims(explanation: Explanation, hints: tuple[Hint, ...]) -> Explanation:
     """Take back every name where something outside the model's reach is known to have gone on."""
     if not hints:
-        return found
+        return explanation
     lost, why = Verdict.UNEXPLAINED, hints[0].sentence
     return replace(
-        found,
-        findings=tuple(replace(f, verdict=lost, reason=why) for f in found.findings),
+        explanation,
+        findings=tuple(replace(f, verdict=lost, reason=why) for f in explanation.findings),
         verdict=lost,
-        hints=(*hints, *found.hints),
+        hints=(*hints, *explanation.hints),
     )
 
 
@@ -143,7 +147,7 @@ def split_by_block(trials: Trials, most_folds: int) -> list[Rows]:
     ]
 
 
-def select_without(
+def select_effects_without(
     model: ForwardModel, trials: Trials, rows: Rows, candidates: Asked, rules: Rules
 ) -> tuple[str, ...]:
     """Name the effects that a search chooses without the trials of one fold."""
@@ -165,7 +169,7 @@ def _is_worse(nominal: Floats, extended: Floats) -> bool:
 
 
 def choose_delivered_effects(
-    found: Explanation,
+    explanation: Explanation,
     folds: Sequence[Sequence[Rows]],
     candidates: Asked,
     channels: Sequence[int] = (0, 1),
@@ -191,7 +195,7 @@ def choose_delivered_effects(
     errors : list of pairs of arrays
         For each way the errors of the nominal and of the delivered model, shape (n, c).
     """
-    model, trials = found.problem.model, found.problem.trials
+    model, trials = explanation.problem.model, explanation.problem.trials
     parts = [
         [
             (rows, build_problem(model, trials.take(np.setdiff1d(np.arange(len(trials)), rows))))
@@ -218,15 +222,21 @@ def choose_delivered_effects(
                     known, starts | fitted.values
                 )
             errors.append(error)
-        own = fit(found.problem, effects, start).predicted if effects else found.nominal.predicted
+        own = (
+            fit(explanation.problem, effects, start).predicted
+            if effects
+            else explanation.nominal.predicted
+        )
         return [*errors, trials.values - own]
 
-    nominal, findings, extended = predict(()), found.findings, found.extended
+    nominal = predict(())
+    findings, extended = explanation.findings, explanation.extended
     # a law of one specimen says nothing of others, and cannot be judged by them
     own = [f.effect for f in findings if f.effect.named and f.effect.covariate == "block"]
     errors = base = predict(own, extended.values) if own else nominal
     if any(_is_worse(nominal[0][:, j], base[0][:, j]) for j in channels):
-        own, errors, base = [], nominal, nominal  # other trials of its specimen speak against it
+        own = []  # other trials of its specimen speak against it
+        errors = base = nominal
     while len(findings) > len(own):
         effects = [f.effect for f in findings]
         errors = predict(effects, extended.values)
@@ -239,17 +249,21 @@ def choose_delivered_effects(
         # what was taken out along the run without a claim goes first
         weakest = min(
             (f for f in findings if f.effect not in own),
-            key=lambda f: (f.effect.id not in found.walks, f.gain),
+            key=lambda f: (f.effect.id not in explanation.walks, f.gain),
         )
         findings, errors = tuple(f for f in findings if f is not weakest), base
-    dropped = {f.effect.id for f in found.findings} - {f.effect.id for f in findings}
+    dropped = {f.effect.id for f in explanation.findings} - {f.effect.id for f in findings}
     if dropped:
-        extended = fit(found.problem, [f.effect for f in findings], extended.values)
-        found = replace(found, findings=findings, extended=extended)
-    if dropped - found.walks:
+        extended = fit(explanation.problem, [f.effect for f in findings], extended.values)
+        explanation = replace(explanation, findings=findings, extended=extended)
+    if dropped - explanation.walks:
         worse = "with another effect it predicts held-out trials worse"
         findings = tuple(replace(f, verdict=Verdict.UNEXPLAINED, reason=worse) for f in findings)
-        found = replace(
-            found, findings=findings, verdict=Verdict.UNEXPLAINED, adequate=False, reason=worse
+        explanation = replace(
+            explanation,
+            findings=findings,
+            verdict=Verdict.UNEXPLAINED,
+            adequate=False,
+            reason=worse,
         )
-    return found, list(zip(nominal[:-1], errors[:-1], strict=True))
+    return explanation, list(zip(nominal[:-1], errors[:-1], strict=True))

@@ -68,8 +68,7 @@ class Noise:
         """Whiten residuals of shape (n, c) or (n, c, p) to (n c,) or (n c, p)."""
         filled = np.where(np.isfinite(residual), residual, 0.0)
         tail = filled.shape[2:]
-        columns = filled.reshape(*filled.shape[:2], -1)
-        white = np.matmul(self.factors, columns).reshape(-1, *tail)
+        white = np.matmul(self.factors, filled.reshape(*filled.shape[:2], -1)).reshape(-1, *tail)
         along = self.basis.T @ white
         weight = 1.0 - self.shrink
         return np.asarray(
@@ -190,11 +189,11 @@ def estimate_scatter(residual: Floats, std: Floats, responses: Floats, dof: int)
     total = np.sum(filled**2, axis=0) / np.maximum(seen.sum(axis=0), 1)
     unit = np.sqrt(np.maximum(total, 1e-24))
     shown = np.where(seen[:, :, None], responses / unit[:, None], 0.0)
-    scaled, own = filled / unit, np.where(seen, (std / unit) ** 2, 1.0)
+    own = np.where(seen, (std / unit) ** 2, 1.0)
     size = np.maximum(np.sqrt(np.mean(shown**2, axis=(0, 1)) * c), 1e-12) if count else np.zeros(0)
     shown = shown / size
     # the few misfits of a flexible regression must not set the scatter of all
-    scaled = np.clip(scaled, -5.0, 5.0)
+    scaled = np.clip(filled / unit, -5.0, 5.0)
 
     def objective(x: Floats) -> tuple[float, Floats]:
         variance = np.exp(x)
@@ -217,12 +216,11 @@ def estimate_scatter(residual: Floats, std: Floats, responses: Floats, dof: int)
         slope[count:] = np.where(seen, diagonal, 0.0).sum(axis=0)
         return float(value), slope * variance
 
-    start = np.log(np.concatenate([np.full(count, 0.3), np.full(c, 0.1)]))
     # no channel is trusted beyond a thousandth of its variance: a rounding error would outweigh the
     # rest
     solution = minimize(
         objective,
-        start,
+        np.log(np.concatenate([np.full(count, 0.3), np.full(c, 0.1)])),
         jac=True,
         method="L-BFGS-B",
         bounds=[(np.log(1e-8), np.log(1e2))] * count + [(np.log(1e-4), np.log(4.0))] * c,

@@ -142,7 +142,7 @@ def _find_clusters(name: str, values: Floats, rows: NDArray[np.intp]) -> Hint | 
     return Hint("heaps", name, float(np.exp(-0.5 * min(gain, 600.0))), sentence, groups)
 
 
-def fit_walk(values: Floats) -> tuple[float, float, float]:
+def fit_random_walk(values: Floats) -> tuple[float, float, float]:
     """Fit a random walk beside scatter.
 
     The result is twice the log likelihood that it gains, with the standard deviations of step and
@@ -176,7 +176,7 @@ def split_into_levels(values: Floats) -> list[NDArray[np.intp]]:
 def _test_neighbours(name: str, values: Floats) -> Hint:
     from statsmodels.stats.diagnostic import acorr_ljungbox
 
-    gain, _, _ = fit_walk(values)
+    gain, _, _ = fit_random_walk(values)
     lags = min(5, len(values) // 8)
     together = float(acorr_ljungbox(values, lags=[lags])["lb_pvalue"].iloc[0])
     return describe_wandering(
@@ -194,7 +194,7 @@ def describe_wandering(name: str, p_value: float = 0.0) -> Hint:
     )
 
 
-def build_wandering(
+def build_wandering_errors(
     problem: Problem, fitted: Fit, wanders: Mapping[str, Floats]
 ) -> list[Systematic]:
     """Directions of the noise in which quantities wander along the run.
@@ -206,7 +206,8 @@ def build_wandering(
     place = np.argsort(np.argsort(problem.model.order(trials), kind="stable"), kind="stable")
     n, found = len(trials), []
     for name, values in wanders.items():
-        k, step = list(problem.model.quantities).index(name), fit_walk(values)[1]
+        k = list(problem.model.quantities).index(name)
+        step = fit_random_walk(values)[1]
         for wave in range(1, min(_DIRECTIONS, n // 3)):
             column = np.sqrt(2.0 / n) * np.cos(np.pi * wave * (place + 0.5) / n)
             found.append(
@@ -230,14 +231,14 @@ def add_jump_places(
             places[name, len(first)] = 0.5 * (order[rows][first - 1] + order[rows][first])
     return [
         replace(e, shapes=(*e.shapes, dict(zip(e.steps, found.tolist(), strict=True))))
-        if is_along_the_run(problem, e)
+        if follows_run_order(problem, e)
         and (found := places.get((e.slot, len(e.steps)))) is not None
         else e
         for e in candidates
     ]
 
 
-def bound_place(problem: Problem, fitted: Fit, effect: Law, name: str) -> tuple[float, float]:
+def bound_jump_place(problem: Problem, fitted: Fit, effect: Law, name: str) -> tuple[float, float]:
     """Find the 95 % interval of a place at which an effect changes at once.
 
     The likelihood is the same wherever between two values of the covariate the place lies. The
@@ -256,7 +257,7 @@ def bound_place(problem: Problem, fitted: Fit, effect: Law, name: str) -> tuple[
     return float(seen[kept[0]]), float(seen[kept[-1] + 1])
 
 
-def is_along_the_run(problem: Problem, effect: Law) -> bool:
+def follows_run_order(problem: Problem, effect: Law) -> bool:
     """Tell whether an effect follows the order of the run itself."""
     column = problem.trials.covariates.get(effect.covariate)
     return column is not None and np.array_equal(column, problem.model.order(problem.trials))
@@ -271,7 +272,7 @@ def fit_without_time_effects(problem: Problem, current: Fit) -> Fit:
     )
 
 
-def find_walks(problem: Problem, current: Fit) -> set[str]:
+def find_random_walks(problem: Problem, current: Fit) -> set[str]:
     """Find quantities whose law along the run explains no more than a random walk would.
 
     Their neighbours err together, and no law is claimed.
@@ -287,7 +288,7 @@ def find_walks(problem: Problem, current: Fit) -> set[str]:
         law = len(own) * float(np.log(np.var(own) / np.var(bare))) + np.log(len(own)) * len(
             effect.parameters
         )
-        if law > -fit_walk(bare)[0] + np.log(len(own)) - _OVER_WALK:
+        if law > -fit_random_walk(bare)[0] + np.log(len(own)) - _OVER_WALK:
             found.add(effect.slot)
     return found
 
@@ -295,9 +296,9 @@ def find_walks(problem: Problem, current: Fit) -> set[str]:
 def _follows_time(problem: Problem, effect: Law) -> bool:
     # Whether an effect follows what drifts with the hour. The run itself, or a reading that goes
     # along with it.
-    trials, order = problem.trials, problem.model.order(problem.trials)
+    trials = problem.trials
     numbers = trials.numeric(effect.covariate) if effect.covariate in trials.covariates else None
     if numbers is None or np.ptp(numbers) == 0.0:
         return False
-    sorted_ = numbers[np.argsort(order, kind="stable")]
+    sorted_ = numbers[np.argsort(problem.model.order(trials), kind="stable")]
     return float(np.corrcoef(sorted_[:-1], sorted_[1:])[0, 1]) > _DRIFTS

@@ -251,12 +251,11 @@ class CrownOnTooth(CrownMargin, Turned):
                 ),
                 states=(root, height),
             )
-        outside = replace(h, nominal=self.outer_radius)
         yield replace(
             make_characteristic(
                 "crown_diameter",
                 "diameter",
-                outside,
+                replace(h, nominal=self.outer_radius),
                 FaceRule("CYLINDER", radius=self.outer_radius),
                 label="diameter of the crown",
                 body=1,
@@ -302,11 +301,9 @@ class CrownOnTooth(CrownMargin, Turned):
         ledge = FaceRule("TORUS" if finish == "chamfer" else "CONE", body=0)
         if finish == "shoulder":
             ledge = describe_plane(2, 0.0, 0)
-        cavosurface, end, walls = (
-            EdgeRule(outside, ledge),
-            describe_plane(2, self.opening.nominal, 1),
-            self._state_walls(),
-        )
+        cavosurface = EdgeRule(outside, ledge)
+        end = describe_plane(2, self.opening.nominal, 1)
+        walls = self._state_walls()
         # between two cones that are not parallel each gap holds at one end of the crown's
         across: tuple[Rule, Rule] = walls[0], EdgeRule(walls[1], end)
         if finish != "feather-edge":
@@ -340,12 +337,8 @@ class CrownOnTooth(CrownMargin, Turned):
 
     def _state_opening(self, cavosurface: EdgeRule, end: FaceRule) -> Characteristic:
         # From the cavosurface angle along the path of draw to the margin of the crown
-        v, g, finish, key = (
-            self.opening,
-            self.marginal_gap.nominal,
-            self.finish_line.kind,
-            "vertical_discrepancy",
-        )
+        v, g, finish = self.opening, self.marginal_gap.nominal, self.finish_line.kind
+        key = "vertical_discrepancy"
         if v.nominal < 0.0:
             return make_characteristic(
                 key,
@@ -361,13 +354,12 @@ class CrownOnTooth(CrownMargin, Turned):
         # the margin is where the bevel meets the outside
         if finish == "shoulder" and v.nominal > g:
             outside = FaceRule("CYLINDER", radius=self.outer_radius, body=1)
-            bevel = FaceRule("CONE", holds={2: 0.5 * (g + v.nominal)}, body=1)
             return make_characteristic(
                 key,
                 "distance",
                 v,
                 describe_plane(2, 0.0, 0),
-                EdgeRule(bevel, outside),
+                EdgeRule(FaceRule("CONE", holds={2: 0.5 * (g + v.nominal)}, body=1), outside),
                 method=_SEATED,
             )
         return make_characteristic(key, "note", v, method=_SEATED)
@@ -428,10 +420,8 @@ class CrownOnTooth(CrownMargin, Turned):
             "internal_gap", "be below half of margin_radius", self.internal_gap.nominal, 0.5 * R
         )
         # of the crown across the path of draw at its fitting end
-        foot, gap = (
-            g + (finish.width.nominal if finish.kind == "chamfer" else 0.0),
-            self.internal_gap.nominal,
-        )
+        foot = g + (finish.width.nominal if finish.kind == "chamfer" else 0.0)
+        gap = self.internal_gap.nominal
         if finish.kind == "feather-edge":
             foot, gap = v, g
         inner = (
@@ -447,11 +437,14 @@ class CrownOnTooth(CrownMargin, Turned):
             h - wall,
             h,
         )
-        shell, rule = (
-            self.shell_thickness.nominal,
+        shell = self.shell_thickness.nominal
+        yield check_rule(
+            h <= shell,
+            "horizontal_discrepancy",
             "not exceed the shell (overextension beyond shell_thickness)",
+            shell,
+            h,
         )
-        yield check_rule(h <= shell, "horizontal_discrepancy", rule, shell, h)
         bevel = abs(v - g) if v >= 0.0 and finish.kind != "feather-edge" else 0.0
         yield check_rule(
             bevel < wall,

@@ -226,7 +226,7 @@ class MarginBlock(CrownMargin, Block):
 
     def volumes(self) -> tuple[float, ...]:
         # Add the halves on either side of x = 0, less the gap, corrected at the corner
-        body, half, depth = self.body, 0.5 * self.body.length.nominal, self.gap_depth.nominal
+        body, half, depth = self.body, self.body.half_length, self.gap_depth.nominal
         g, v, h = self.marginal_gap.nominal, self.opening.nominal, self.rise
         volume = compute_half_volume(body, half, 0.0) + compute_half_volume(body, half, h)
         above = [*self.corner, (0.0, h)] if v >= 0.0 else [(g, g), (0.0, g)]
@@ -252,7 +252,7 @@ class MarginBlock(CrownMargin, Block):
         right = make_hull(list_half_corners(body, 1.0, rise, [(0.0, rise)]))
         under, crown = split_solid(right, "x", gap)
         floor, _ = split_solid(under, "z", -self.gap_depth.nominal)
-        half, c = 0.5 * body.width.nominal, body.edge_break.nominal
+        half, c = body.half_width, body.edge_break.nominal
 
         def make_prism(section: list[tuple[float, float]]) -> Manifold:
             return make_hull(
@@ -280,7 +280,7 @@ class MarginBlock(CrownMargin, Block):
 
     def characteristics(self) -> Iterator[Characteristic]:
         g, h, depth = self.marginal_gap, self.horizontal_discrepancy, self.gap_depth
-        half = 0.5 * self.body.length.nominal
+        half = self.body.half_length
         tooth, crown = (
             describe_plane(2, 0.0, x=-0.5 * half),
             describe_plane(2, h.nominal, x=0.5 * half),
@@ -310,7 +310,8 @@ class MarginBlock(CrownMargin, Block):
         self, wall: FaceRule, crown: FaceRule
     ) -> Iterator[Characteristic]:
         # From the tooth's wall to the margin of the crown
-        v, g, h, key = self.opening, self.marginal_gap.nominal, self.rise, "vertical_discrepancy"
+        v, g, h = self.opening, self.marginal_gap.nominal, self.rise
+        key = "vertical_discrepancy"
         if v.nominal > g:
             bevel = FaceRule(
                 "SLOPE", holds={0: 0.5 * (g + v.nominal), 2: h - 0.5 * (v.nominal - g)}
@@ -335,7 +336,7 @@ class MarginBlock(CrownMargin, Block):
     def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Verdict]:
         yield self.measure_gap(mesh, self.body.length)
         crown = mesh.level_beside(self.opening.nominal, +1)
-        tooth = mesh.level_beside(self.body.edge_break.nominal - 0.5 * self.body.length.nominal, +1)
+        tooth = mesh.level_beside(self.body.edge_break.nominal - self.body.half_length, +1)
         yield Finding("horizontal discrepancy", self.rise, crown - tooth, NANOMETRE)
         yield Finding(
             "vertical discrepancy", self.opening.nominal, mesh.start_of_level(crown), NANOMETRE
@@ -349,7 +350,7 @@ class MarginBlock(CrownMargin, Block):
             self.gap_depth.nominal,
             self.body.edge_break.nominal,
         )
-        room = 0.5 * body.length.nominal - chamfer
+        room = body.half_length - chamfer
         yield check_below("marginal_gap", "be narrower than a quarter of the body", g, 0.5 * room)
         yield check_below(
             "vertical_discrepancy", "be smaller than a quarter of the body", abs(v), 0.5 * room

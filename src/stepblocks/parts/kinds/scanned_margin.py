@@ -142,9 +142,14 @@ class ScannedMargin(CrownMargin):
             raise ValueError(
                 f"mesh must be an STL or PLY file in the folder of the set, got {one.mesh!r:.80}"
             )
-        changed = path.stat().st_mtime_ns if path.is_file() else 0
         rows = _read_stations(
-            path, changed, _UNITS[one.unit], one.margin, one.stations, one.crown_towards, one.shows
+            path,
+            path.stat().st_mtime_ns if path.is_file() else 0,
+            _UNITS[one.unit],
+            one.margin,
+            one.stations,
+            one.crown_towards,
+            one.shows,
         )
         for number, row in enumerate(rows, start=1):
             values = number, row[:3], row[3:6], row[6:9], *row[9:]
@@ -170,9 +175,9 @@ class ScannedMargin(CrownMargin):
         return self.gap_depth.nominal, 0.0
 
     def make_counterface(self, **sizes: float) -> ProfiledMargin:
-        scan, level = self.station, vars(super().make_counterface(**sizes))
+        scan = self.station
         return ProfiledMargin(
-            **level,
+            **vars(super().make_counterface(**sizes)),
             tooth_curvature=scan.tooth_curvature_per_m,
             crown_curvature=scan.crown_curvature_per_m,
             crown_slope=math.tan(scan.crown_slope_rad),
@@ -248,12 +253,8 @@ class ScannedMargin(CrownMargin):
 
     @make_rules_validator
     def _can_be_made(self) -> Iterator[str]:
-        g, v, depth, thickness = (
-            self.marginal_gap.nominal,
-            self.opening.nominal,
-            self.floor_depth_and_slope[0],
-            self.thickness.nominal,
-        )
+        g, v, thickness = self.marginal_gap.nominal, self.opening.nominal, self.thickness.nominal
+        depth, _ = self.floor_depth_and_slope
         lowest = max(depth, *(-z for _, z in self._compute_section()))
         under = v - g - self.horizontal_discrepancy.nominal
         yield check_rule(

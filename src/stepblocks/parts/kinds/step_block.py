@@ -134,17 +134,16 @@ class StepBlock(Block):
 
     def _make_feature(self, feature: MetrologyFeature) -> cad.door.Body:
         # Make the groove to cut or the ridge to add, from z = 0 to the height of the step
-        back = 0.5 * self.body.width.nominal
-        near, y0 = feature.distance.nominal, back - feature.lane.nominal
-        x0, depth, top = near, feature.lane.nominal + OVER, self.height.nominal + OVER
-        # it ends where the edge break of its side begins, level with the upper face
-        if feature.kind == "ridge":
-            x0, depth, top = (
-                -near - feature.width.nominal,
-                feature.lane.nominal,
-                self.height.nominal,
-            )
-        return cad.kernel.make_box((x0, y0, 0.0), (x0 + feature.width.nominal, y0 + depth, top))
+        near, lane = feature.distance.nominal, feature.lane.nominal
+        y0 = self.body.half_width - lane
+        groove = feature.kind == "groove"
+        # a ridge ends where the edge break of its side begins, level with the upper face
+        over = OVER if groove else 0.0
+        x0 = near if groove else -near - feature.width.nominal
+        return cad.kernel.make_box(
+            (x0, y0, 0.0),
+            (x0 + feature.width.nominal, y0 + (lane + over), self.height.nominal + over),
+        )
 
     def volumes(self) -> tuple[float, ...]:
         # Add two halves, less the rounding, with or without the feature, less holes
@@ -154,7 +153,7 @@ class StepBlock(Block):
             self.edge_radius.nominal,
             self.metrology,
         )
-        half, c = 0.5 * body.length.nominal, body.edge_break.nominal
+        half, c = body.half_length, body.edge_break.nominal
         volume = compute_half_volume(body, half, 0.0) + compute_half_volume(body, half, H)
         # the rounding takes u(z) = r - sqrt(r^2 - zeta^2) off a face that is W - 2 (c - r) - 2 zeta
         # wide
@@ -187,9 +186,10 @@ class StepBlock(Block):
         right = make_hull(list_half_corners(body, 1.0, height, rounding))
         if feature is None:
             return [left, right]
-        near, lane = feature.distance.nominal, 0.5 * body.width.nominal - feature.lane.nominal
+        near = feature.distance.nominal
+        lane = body.half_width - feature.lane.nominal
         if feature.kind == "ridge":
-            y1 = 0.5 * body.width.nominal - body.edge_break.nominal
+            y1 = body.half_width - body.edge_break.nominal
             ridge = [
                 (x, y, z)
                 for x in (-near - feature.width.nominal, -near)
@@ -207,7 +207,7 @@ class StepBlock(Block):
         return CONTACT_DEFLECTION if at_edge else COARSE_DEFLECTION
 
     def characteristics(self) -> Iterator[Characteristic]:
-        H, r, half = self.height.nominal, self.edge_radius.nominal, 0.5 * self.body.length.nominal
+        H, r, half = self.height.nominal, self.edge_radius.nominal, self.body.half_length
         lower, upper = describe_plane(2, 0.0, x=-0.5 * half), describe_plane(2, H, x=0.5 * half)
         yield make_characteristic(
             "step_height", "distance", self.height, lower, upper, method=PROFILE
@@ -231,16 +231,17 @@ class StepBlock(Block):
     def _list_feature_characteristics(
         self, feature: MetrologyFeature, lower: FaceRule, upper: FaceRule
     ) -> Iterator[Characteristic]:
-        H, back = self.height.nominal, 0.5 * self.body.width.nominal
+        H, back = self.height.nominal, self.body.half_width
         lane = back - 0.5 * feature.lane.nominal
         kind = feature.kind
         method = "profilometer, ISO 5436-1 A1"
         side = 1.0 if kind == "groove" else -1.0
         near, width = side * feature.distance.nominal, side * feature.width.nominal
         middle = near + 0.5 * width
-        of, ends = "ridge_height", (lower, describe_plane(2, H, x=middle, y=lane))
+        ends = (lower, describe_plane(2, H, x=middle, y=lane))
         if kind == "groove":
-            of, ends = "groove_depth", (describe_plane(2, 0.0, x=middle, y=lane), upper)
+            ends = (describe_plane(2, 0.0, x=middle, y=lane), upper)
+        of = "groove_depth" if kind == "groove" else "ridge_height"
         yield make_characteristic(of, "distance", self.height, *ends, method=method)
         walls = describe_plane(0, near, y=lane), describe_plane(0, near + width, y=lane)
         yield make_characteristic(
@@ -297,7 +298,7 @@ class StepBlock(Block):
             feature.lane.nominal,
         )
         room, reach, least = (
-            0.5 * body.length.nominal - body.edge_break.nominal,
+            body.half_length - body.edge_break.nominal,
             distance + 2.0 * width,
             width + radius,
         )
@@ -315,7 +316,7 @@ class StepBlock(Block):
             least,
             distance,
         )
-        half = 0.5 * body.width.nominal
+        half = body.half_width
         if body.mounting is not None and body.mounting.kind == "clearance":
             bore = 0.5 * body.mounting.entry_diameter
             yield check_rule(

@@ -241,8 +241,9 @@ class HookTip(Tip):
         arc = cad.kernel.revolve(section, foot, axis, math.degrees(angle))
         end = (bend * (1.0 - math.cos(angle)), 0.0, top + bend * math.sin(angle))
         along = (math.sin(angle), 0.0, math.cos(angle))
-        radial = (wire * math.cos(angle), 0.0, -wire * math.sin(angle))
-        section = cad.kernel.outline_circle(end, radial, (0.0, wire, 0.0))
+        section = cad.kernel.outline_circle(
+            end, (wire * math.cos(angle), 0.0, -wire * math.sin(angle)), (0.0, wire, 0.0)
+        )
         shank = cad.kernel.extrude(section, tuple(length * a for a in along))
         return [cad.kernel.fuse([cad.kernel.turn(self.outline(), (0.0, 0.0, 0.0)), arc, shank])]
 
@@ -258,14 +259,10 @@ class HookTip(Tip):
         top, bend, angle = self.cone_end, self.bend_radius.nominal, self.bend_angle.nominal
 
         def section(turn: float, along: float = 0.0) -> list[Point3]:
-            c, s, wire = (
-                math.cos(turn),
-                math.sin(turn),
-                list_ring_points(self.shank_radius.nominal, 0.0),
-            )
+            c, s = math.cos(turn), math.sin(turn)
             return [
                 (bend - (bend - x) * c + along * s, y, top + (bend - x) * s + along * c)
-                for x, y, _ in wire
+                for x, y, _ in list_ring_points(self.shank_radius.nominal, 0.0)
             ]
 
         turns = np.linspace(0.0, angle, _BEND_PIECES + 1)

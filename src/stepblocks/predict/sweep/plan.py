@@ -166,7 +166,15 @@ def _resolve_plan(data: Document, folder: Path, mistakes: list[Mistake]) -> Swee
             folder / head["set"], parameters.get("stimulus"), tolerances
         )
         laws = (grid.laws or {}) | laws
-        declared = find_setting(grid)
+        # the values of the conditions that a set declares
+        declared = {
+            "tip_radius": list(grid.tip_radii),
+            "normal_load": list(grid.normal_loads),
+            "friction": list(grid.frictions),
+            "stiffness": [grid.tool.stiffness],
+            "conversion": [grid.tool.conversion],
+            "frequency": [grid.tool.frequency],
+        }
         limits = dict(vars(grid.as_tool().limits))
         if tolerances:
             shares = convert_half_widths(
@@ -365,18 +373,6 @@ def read_sweep_stimuli(
         ],
         declared.prediction,
     )
-
-
-def find_setting(grid: PredictionGrid) -> dict[str, list[float]]:
-    """Return the values of the conditions that a set declares."""
-    return {
-        "tip_radius": list(grid.tip_radii),
-        "normal_load": list(grid.normal_loads),
-        "friction": list(grid.frictions),
-        "stiffness": [grid.tool.stiffness],
-        "conversion": [grid.tool.conversion],
-        "frequency": [grid.tool.frequency],
-    }
 
 
 def _find_surface(part: Part) -> str:

@@ -92,8 +92,10 @@ def compute_table(plan: SweepPlan, rows: range) -> pa.Table:
     inputs = draw_inputs(plan, rows)
     laws = build_laws(plan.laws)
     if "friction" in laws:
-        loads, law = inputs["normal_load"].tolist(), laws["friction"]
-        inputs["friction"] = np.array([law.coefficient(0.0, one, 0.0, 0.0) for one in loads])
+        law = laws["friction"]
+        inputs["friction"] = np.array(
+            [law.coefficient(0.0, one, 0.0, 0.0) for one in inputs["normal_load"].tolist()]
+        )
     numbers = np.arange(rows.start, rows.stop)
     columns: dict[str, Column] = {"row": numbers, "draw": numbers % plan.draws}
     if plan.stimuli:
@@ -139,18 +141,16 @@ def _predict_rows(
         inside &= ~scanned[inputs["stimulus"].astype(int)]
     try:
         angle, release = _release_at_once(plan, inputs, backward, inside)
-        status[inside], figures[0, inside], figures[1, inside] = (
-            release.status,
-            angle,
-            release.pull_force,
-        )
+        status[inside] = release.status
+        figures[:2, inside] = angle, release.pull_force
     except ContactError:  # a limit that is not among ours: say in each row which
         inside = np.zeros(count, dtype=bool)
     for row in np.flatnonzero(~inside):
         try:
             face, point = _make_condition(plan, inputs, int(row), laws)
             one = face.release(point, bool(backward[row]))
-            status[row], figures[:2, row] = str(one.status), (one.angle, one.pull_force)
+            status[row] = str(one.status)
+            figures[:2, row] = one.angle, one.pull_force
         except ContactError as error:
             problem[row] = str(error)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -190,8 +190,11 @@ def _release_at_once(
     }
     ball = inputs["tip_radius"][inside]
     if plan.surface == "step":
-        edge = np.nan_to_num(sizes.get("edge_radius", np.zeros(len(ball))))
-        ways = Step(1e-5).angles(ball, height=sizes["height"], edge_radius=edge)
+        ways = Step(1e-5).angles(
+            ball,
+            height=sizes["height"],
+            edge_radius=np.nan_to_num(sizes.get("edge_radius", np.zeros(len(ball)))),
+        )
     else:
         opening = sizes.get("opening", sizes["gap"])
         sizes["opening"] = np.where(np.isnan(opening), sizes["gap"], opening)

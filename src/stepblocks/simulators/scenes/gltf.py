@@ -39,11 +39,12 @@ def _write_tooth(folder: Path, scan: Mesh, stations: Sequence[Scene]) -> None:
     # Write the scan and its margin line as one picture; y is up
     import trimesh
 
-    line = np.array([one.frame.shift * one.scale for one in [*stations, stations[0]]])
     seen = trimesh.Scene(
         {
             "tooth": trimesh.Trimesh(scan.vertices, scan.triangles, process=False),
-            "margin": trimesh.load_path(line),
+            "margin": trimesh.load_path(
+                np.array([one.frame.shift * one.scale for one in [*stations, stations[0]]])
+            ),
         }
     )
     seen.apply_transform(np.pad(GLB_FROM_PART, (0, 1)) + np.diag([0.0, 0.0, 0.0, 1.0]))

@@ -124,7 +124,9 @@ def analyse_measure(frame: Table, name: str, margin: float = math.nan) -> Measur
     tested = run_f_test(data, "value", "condition", block)
     mixed = fit_mixed_model(data, "value", "condition", "participant", block)
     table = average_participants(data)
-    complete, corrected, sphericity = table.dropna(), mixed.condition, None
+    complete = table.dropna()
+    corrected = mixed.condition
+    sphericity = None
     if len(complete) > 2 and corrected is not None and table.shape[1] > 1:
         sphericity = assess_effect(
             "condition", complete.to_numpy(), linalg.helmert(table.shape[1])

@@ -127,13 +127,14 @@ def run_f_test(
         name = ":".join(names[part.split("(")[1][0]] for part in str(label).split(":"))
         df, squares, f = (float(row[column]) for column in ("df", "sum_sq", "F"))
         terms.append(make_term(name, df, fit.df_resid, squares * scale**2, f))
-    levels, parameters = (
-        sorted(data["a"].unique()),
-        (fit.params.to_numpy(), fit.cov_params().to_numpy()),
-    )
-    spread, rows = math.sqrt(fit.mse_resid), find_mean_rows(fit.model, data, levels)
+    levels = sorted(data["a"].unique())
     family = compare_all_pairs(
-        levels, rows, parameters, lambda _: float(fit.df_resid), spread=spread, scale=scale
+        levels,
+        find_mean_rows(fit.model, data, levels),
+        (fit.params.to_numpy(), fit.cov_params().to_numpy()),
+        lambda _: float(fit.df_resid),
+        spread=math.sqrt(fit.mse_resid),
+        scale=scale,
     )
     return FTest(tuple(terms), tuple(family) if intervals else ())
 
@@ -159,9 +160,16 @@ def make_term(name: str, df: float, df_error: float, squares: float, f: float) -
 
     low, high = (float(value) for value in confint_noncentrality(f, (df, df_error), alpha=0.05))
     total = df + df_error + 1.0
-    p, share = float(stats.f.sf(f, df, df_error)), df * f / (df * f + df_error)
     return Term(
-        name, df, float(df_error), squares, f, p, share, low / (low + total), high / (high + total)
+        name,
+        df,
+        float(df_error),
+        squares,
+        f,
+        float(stats.f.sf(f, df, df_error)),
+        df * f / (df * f + df_error),
+        low / (low + total),
+        high / (high + total),
     )
 
 
@@ -223,7 +231,8 @@ def compare_all_pairs(
 
 def find_mean_rows(model: Table, data: Table, levels: Sequence[str]) -> list[Array]:
     """Return a row of the design matrix for each level, averaged over the second factor."""
-    letters = [letter for letter in "ab" if letter in data]
-    first = data.reset_index(drop=True).drop_duplicates(letters)
+    first = data.reset_index(drop=True).drop_duplicates(
+        [letter for letter in "ab" if letter in data]
+    )
     exog = np.asarray(model.exog)
     return [exog[first.index[first["a"] == one]].mean(axis=0) for one in levels]

@@ -99,8 +99,9 @@ def _draw_participants(figure: Panels, result: Result) -> Table:
 
 
 def _draw_ratings(figure: Panels, result: Result) -> Table:
-    axes, frame = figure.subplots(), result.frame
-    shares = frame.groupby("condition")["rating"].value_counts(normalize=True).unstack(0).fillna(0)
+    axes = figure.subplots()
+    counts = result.frame.groupby("condition")["rating"].value_counts(normalize=True)
+    shares = counts.unstack(0).fillna(0)
     width = 0.8 / shares.shape[1]
     for index, name in enumerate(shares):
         axes.bar(
@@ -158,8 +159,9 @@ def _draw_curves(figure: Panels, result: Result) -> Table:
 
 
 def _draw_magnitudes(figure: Panels, result: Result) -> Table:
-    axes, keys = figure.subplots(), ["condition", "participant", "height"]
-    logs = np.log(result.frame["magnitude"]).groupby([result.frame[key] for key in keys]).mean()
+    axes = figure.subplots()
+    keys = [result.frame[key] for key in ("condition", "participant", "height")]
+    logs = np.log(result.frame["magnitude"]).groupby(keys).mean()
     means = np.exp(logs).reset_index()
     for index, (condition, some) in enumerate(means.groupby("condition")):
         place = index % len(_COLOURS)

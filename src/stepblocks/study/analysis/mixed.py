@@ -165,9 +165,8 @@ def fit_mixed_model(
     ]
     model = smf.ols(f"y ~ {' * '.join(factors) or '1'}", data)
     cells = data.groupby(["g", "a"])
-    cell, owner = cells.ngroup().to_numpy(), pd.factorize(cells["g"].first())[0]
     x, y = np.asarray(model.exog), np.asarray(model.endog)
-    likelihood = _Likelihood(y, x, cell, owner)
+    likelihood = _Likelihood(y, x, cells.ngroup().to_numpy(), pd.factorize(cells["g"].first())[0])
     require(
         likelihood.free > 1, f"more judgements than cells of a mixed model are needed, got {len(y)}"
     )

@@ -145,8 +145,9 @@ def fit_proportional_odds(
             (likely * end * (1.0 - end) / share).sum(axis=1)[:, None] for end in (below, above)
         )
         by_step = (rise[steps] * low - rise[steps + 1] * high) * np.append(1.0, grown[1:])
-        every = [slope.sum(axis=1)[:, None] * x, by_step, (slope @ levels)[:, None]]
-        return -whole[:, 0], own.T @ np.hstack(every)
+        return -whole[:, 0], own.T @ np.hstack(
+            [slope.sum(axis=1)[:, None] * x, by_step, (slope @ levels)[:, None]]
+        )
 
     shares = np.cumsum(np.bincount(steps))[:-1] / len(x)
     first = np.log(shares / (1.0 - shares))

@@ -429,7 +429,6 @@ def _fit_curve(who: str, own: Table) -> Curve:
         tuple(column.tolist()) for column in (by_level.index, by_level["sum"], by_level["count"])
     )
     try:
-        fit, reason = fit_psychometric(levels, hits, totals), ""
+        return Curve(who, levels, hits, totals, fit_psychometric(levels, hits, totals), "")
     except StudyError as error:
-        fit, reason = None, str(error)
-    return Curve(who, levels, hits, totals, fit, reason)
+        return Curve(who, levels, hits, totals, None, str(error))

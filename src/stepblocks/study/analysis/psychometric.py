@@ -78,8 +78,7 @@ def fit_psychometric(
         return p, np.array([-density / spread, -density * away, 1.0 - 2.0 * rising])
 
     def miss(p: Array) -> Array:
-        lost: Array = -np.sum(xlogy(k, p) + xlog1py(n - k, -p), axis=-1)
-        return lost
+        return np.asarray(-np.sum(xlogy(k, p) + xlog1py(n - k, -p), axis=-1))
 
     def loss(point: Array) -> tuple[float, Array]:
         p, slopes = predict(point)
@@ -89,13 +88,12 @@ def fit_psychometric(
     bounds = [(reach[0], reach[1]), (-8.0, 4.0), (0.0, MAX_LAPSE)]
 
     def climb(start: Sequence[float], place: int = -1, value: float = 0.0) -> Any:
-        held = [(value, value) if n == place else bound for n, bound in enumerate(bounds)]
         return minimize(
             loss,
             start,
             jac=True,
             method="L-BFGS-B",
-            bounds=held,
+            bounds=[(value, value) if n == place else bound for n, bound in enumerate(bounds)],
             options={"ftol": 1e-15, "gtol": 1e-9, "maxiter": 1000},
         )
 
@@ -158,10 +156,13 @@ def find_crossing(excess: Callable[[float], float], start: float, end: float, st
 
     The sign of the step is the direction, also where the start is the end.
     """
-    outer, above = start, -1.0
+    outer = start
+    above = -1.0
     while above <= 0.0 and outer != end:
-        inner, outer = outer, (min if step > 0.0 else max)(outer + step, end)
-        above, step = excess(outer), 2.0 * step
+        inner = outer
+        outer = min(outer + step, end) if step > 0.0 else max(outer + step, end)
+        above = excess(outer)
+        step *= 2.0
     return float(brentq(excess, inner, outer, xtol=1e-6)) if above > 0.0 else step * math.inf
 
 
@@ -182,18 +183,20 @@ def _fit_step_functions(x: Array, k: Array, n: Array) -> Array:
     # Return what functions of no spread predict, one with its step at each level: there any share
     # between the lapses. The lapse rate is that of the other levels, or of all where it jumps.
     same, below = x[:, np.newaxis] == x, x < x[:, np.newaxis]
-    hits, totals, wrong = same @ k, same @ n, np.sum(~same * np.where(below, k, n - k), axis=1)
+    hits, totals = same @ k, same @ n
+    wrong = np.sum(~same * np.where(below, k, n - k), axis=1)
     rate = np.clip(
         [wrong / (n.sum() - totals), (wrong + np.minimum(hits, totals - hits)) / n.sum()],
         1e-15,
         MAX_LAPSE,
     )[..., np.newaxis]
-    p: Array = np.where(
-        same,
-        np.clip((hits / totals)[:, np.newaxis], rate, 1.0 - rate),
-        np.where(below, rate, 1.0 - rate),
+    return np.asarray(
+        np.where(
+            same,
+            np.clip((hits / totals)[:, np.newaxis], rate, 1.0 - rate),
+            np.where(below, rate, 1.0 - rate),
+        )
     )
-    return p
 
 
 def compute_weber(log_sigma: float) -> float:

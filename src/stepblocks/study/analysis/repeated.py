@@ -102,10 +102,10 @@ def compute_bayes_factor(t: float, people: float) -> float:
     The effect size under a difference has a Cauchy prior of scale 0.707: Rouder et al. (2009),
     Psychonomic Bulletin & Review 16, 225-237, doi:10.3758/PBR.16.2.225.
     """
-    df, half = people - 1.0, 0.5
+    df = people - 1.0
 
     def weigh(g: float) -> float:
-        wide = 1.0 + people * g * half
+        wide = 1.0 + 0.5 * people * g
         log = -0.5 * math.log(wide) - 0.5 * (df + 1.0) * math.log1p(t * t / (wide * df))
         return math.exp(log - 1.5 * math.log(g) - 0.5 / g) / math.sqrt(2.0 * math.pi)
 

@@ -211,10 +211,13 @@ class StudyResult:
         return draw_main_figure(self, ax)
 
     def __repr__(self) -> str:
-        people, rows = self.frame["participant"].nunique(), len(self.frame)
+        people = self.frame["participant"].nunique()
         first = self.findings()[:1]
         outcome = f", {first[0].name}: p = {first[0].p:.3g}" if first else ""
-        return f"<StudyResult {self.experiment}: {people} participants, {rows} judgements{outcome}>"
+        return (
+            f"<StudyResult {self.experiment}: {people} participants, {len(self.frame)} "
+            f"judgements{outcome}>"
+        )
 
     def _repr_html_(self) -> str:
         notes = "".join(f"<p>{html.escape(note)}</p>" for note in self.notes)
@@ -273,8 +276,11 @@ def _list_intervals(
 ) -> Iterator[Row]:
     for one in intervals:
         yield _format_interval(analysis, one, logarithmic, df_error=one.df)
-        name = f"{one.first} minus {one.second}, over the residual standard deviation"
-        yield _make_row(analysis, name, estimate=one.effect_size)
+        yield _make_row(
+            analysis,
+            f"{one.first} minus {one.second}, over the residual standard deviation",
+            estimate=one.effect_size,
+        )
 
 
 def _list_measure(measure: Measure) -> Iterator[Row]:
@@ -316,9 +322,11 @@ def _list_measure(measure: Measure) -> Iterator[Row]:
         yield _format_term("declared factors", term)
     for name, mean, error in mixed.means:
         ends = (mean, mean - Z975 * error, mean + Z975 * error)
-        label = f"mean {'error' if measure.name == 'bias' else measure.name} with {name}"
         yield _make_interval_row(
-            "mixed model", label, tuple(map(math.exp, ends)) if log else ends, "um"
+            "mixed model",
+            f"mean {'error' if measure.name == 'bias' else measure.name} with {name}",
+            tuple(map(math.exp, ends)) if log else ends,
+            "um",
         )
     unit, factor = ("1", 1.0) if log else ("um", 1e6)
     for name, spread in (
@@ -347,7 +355,9 @@ def _list_equivalence(
     bound, statistic, p = assess_equivalence(one, margin)
     label = f"{before}{one.first} and {one.second} differ by less than"
     if logarithmic:
-        label, unit, bound = f"{label} a factor of", "1", math.exp(bound)
+        label = f"{label} a factor of"
+        unit = "1"
+        bound = math.exp(bound)
     yield _make_interval_row(
         "equivalence", label, (math.nan, math.nan, bound), unit, df_error=one.df
     )
