@@ -117,7 +117,10 @@ def _draw_step_detail(sheet: Sheet, block: StepBlock) -> None:
     sheet.point_to((cx + 4.0, top), sheet.frame("flatness_upper", (cx + 8.0, top + 7.0)))
     sheet.frame("parallelism", (cx + 8.0, top + 13.0), "A")
     sheet.texture((cx + 46.0, top), "roughness", " (2 x)")
-    caption = f"A   lengths {format_scale(xs)}, heights {format_scale(zs)} ({zs / xs:g} times)"
+    caption = (
+        f"A   lengths {format_scale(xs)}, heights {format_scale(zs)} "
+        f"(heights exaggerated {zs / xs:g} times)"
+    )
     sheet.text((cx, cz - 33.0), caption, 2.5, "BOTTOM_CENTER")
 
 
