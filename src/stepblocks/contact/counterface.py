@@ -484,9 +484,9 @@ def take_counterface(surface: Counterface | Scanned) -> Counterface:
     """Take a counterface as it is, and a scanned profile over as one."""
     if isinstance(surface, Counterface):
         return surface
-    if not (hasattr(surface, "position") and hasattr(surface, "height")):
-        raise ContactError(
-            "must be a counterface such as Step(25e-6), or a scanned profile, got "
-            f"{type(surface).__name__}"
-        )
+    ContactError.require(
+        hasattr(surface, "position") and hasattr(surface, "height"),
+        "must be a counterface such as Step(25e-6), or a scanned profile, got "
+        f"{type(surface).__name__}",
+    )
     return Profile.from_scan(surface)

@@ -250,8 +250,10 @@ def _build_law(kind: str, law: str = "", **numbers: Any) -> object:
         built = (_SHIPPED[law] if law in _SHIPPED else offered[law].load())(**given)
     except (TypeError, ContactError) as error:
         raise QuantityError(f"law of {kind} {law!r}: {error}") from error
-    if not isinstance(built, _KINDS[kind]):
-        raise QuantityError(f"law of {kind} must be of {_KINDS[kind].__name__}, {law!r} is not")
+    QuantityError.require(
+        isinstance(built, _KINDS[kind]),
+        f"law of {kind} must be of {_KINDS[kind].__name__}, {law!r} is not",
+    )
     return built
 
 

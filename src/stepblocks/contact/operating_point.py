@@ -98,11 +98,11 @@ class Tool:
         several = isinstance(self.overtones, (list, tuple))
         listed = tuple(self.overtones) if several else (self.overtones,)
         for one in listed:
-            if not isinstance(one, Overtone) or one.frequency <= self.frequency:
-                raise ContactError(
-                    f"overtones must be Overtone objects above the frequency of the tool, "
-                    f"{self.frequency:g} Hz, got {shorten_value(one)}"
-                )
+            ContactError.require(
+                isinstance(one, Overtone) and one.frequency > self.frequency,
+                f"overtones must be Overtone objects above the frequency of the tool, "
+                f"{self.frequency:g} Hz, got {shorten_value(one)}",
+            )
         object.__setattr__(self, "overtones", listed)
 
     @property

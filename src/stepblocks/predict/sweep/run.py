@@ -126,11 +126,11 @@ def run_sweep(
         If the plan cannot be read, the folder belongs to another one, pyarrow is not installed, or
         a process was ended from outside.
     """
-    if not isinstance(jobs, int) or isinstance(jobs, bool) or not 1 <= jobs <= 1024:
-        raise PipelineError(
-            "jobs must be a whole number from 1 to 1024, got "
-            f"{' '.join(repr(jobs).split()):.40}"  # the text of a table has lines
-        )
+    PipelineError.require(
+        isinstance(jobs, int) and not isinstance(jobs, bool) and 1 <= jobs <= 1024,
+        "jobs must be a whole number from 1 to 1024, got "
+        f"{' '.join(repr(jobs).split()):.40}",  # the text of a table has lines
+    )
     if not isinstance(plan, SweepPlan):
         if not isinstance(plan, str | Path):
             raise PipelineError(f"plan must be a SweepPlan or a path, got {type(plan).__name__}")
