@@ -1,10 +1,12 @@
 """The page: what it draws is what was found."""
 
+import itertools
 import re
 
 import numpy as np
 import pytest
 
+from stepblocks.figure_file import make_figure
 from stepblocks.loop.page import (
     _average_by_setting,
     _compute_change,
@@ -126,5 +128,26 @@ def test_few_settings_are_averaged_one_by_one_and_many_in_groups_of_equal_size()
 
 def test_labels_are_drawn_in_a_row_and_numbers_where_they_are():
     x, ticks = _find_plot_positions(np.array(["B", "A", "B"]))
-    assert (x.tolist(), ticks) == ([1.0, 0.0, 1.0], ["A", "B"])
-    assert _find_plot_positions(np.array([3, 1])) == (pytest.approx(np.array([3.0, 1.0])), [])
+    assert (x.tolist(), ticks) == ([1.0, 0.0, 1.0], {0: "A", 1: "B"})
+    assert _find_plot_positions(np.array([3, 1])) == (pytest.approx(np.array([3.0, 1.0])), {})
+
+
+@pytest.mark.parametrize(
+    "labels",
+    [
+        [f"{8 + n // 12:02d}:{5 * n % 60:02d}:00" for n in range(96)],  # a clock
+        [f"step-{n:03d}" for n in range(10, 90, 10)],
+        ["A", "B"],
+    ],
+)
+def test_labels_under_a_figure_do_not_overlap(labels):
+    figure, (axis, *_) = make_figure(1, 3, width=11.0, height=2.6)
+    places, written = _find_plot_positions(np.array(labels))
+    axis.plot(places, 0.0 * places, ".")
+    axis.set_xticks(list(written), list(written.values()))
+    figure.canvas.draw()
+    boxes = [one.get_window_extent() for one in axis.get_xticklabels()]
+    assert len(boxes) > 1
+    assert all(left.x1 < right.x0 for left, right in itertools.pairwise(boxes))
+    # every label that is written stands under its own trials
+    assert all(labels[places.tolist().index(place)] == name for place, name in written.items())

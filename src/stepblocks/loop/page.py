@@ -111,7 +111,7 @@ def _draw_residuals(explanation: Explanation, channel: str) -> dict[str, str]:
         axis.set_xlabel(format_column_label(name))
         axis.sharey(axes[0])
         if ticks:
-            axis.set_xticks(range(len(ticks)), ticks)
+            axis.set_xticks(list(ticks), list(ticks.values()))
     for axis in axes[len(columns) :]:
         axis.set_visible(False)
     axes[0].legend(fontsize=8)
@@ -120,12 +120,16 @@ def _draw_residuals(explanation: Explanation, channel: str) -> dict[str, str]:
     return {"channel": CHANNELS_IN_WORDS[channel], "image": _encode_png(figure)}
 
 
-def _find_plot_positions(column: NDArray[np.generic]) -> tuple[Floats, list[str]]:
-    # Where to draw a column: numbers where they are, labels in a row
+def _find_plot_positions(column: NDArray[np.generic]) -> tuple[Floats, dict[int, str]]:
+    # Where to draw a column: numbers where they are, labels in a row, of which those are written
+    # that have room side by side
     if np.issubdtype(column.dtype, np.number):
-        return np.asarray(column, dtype=np.float64), []
+        return np.asarray(column, dtype=np.float64), {}
     labels, inverse = np.unique(column.astype(str), return_inverse=True)
-    return np.asarray(inverse, dtype=np.float64), [str(label) for label in labels]
+    # under one of three figures side by side there is room for 32 letters
+    every = -(-len(labels) * (max(map(len, labels)) + 2) // 32)
+    written = {place: str(labels[place]) for place in range(0, len(labels), every)}
+    return np.asarray(inverse, dtype=np.float64), written
 
 
 def _draw_effect(result: LoopResult, effect: Law, name_shown: str) -> dict[str, str]:
