@@ -87,10 +87,8 @@ def build_scene(
     full_scale: float = 0.0,
 ) -> Scene:
     """Build the scene of a contact: meshes, pieces and path, turned and magnified."""
-    HapticsError.require(
-        scale is None or (math.isfinite(scale) and scale > 0.0),
-        f"scale must be positive and finite, got {scale:g}",
-    )
+    if scale is not None and not (math.isfinite(scale) and scale > 0.0):
+        raise HapticsError(f"scale must be positive and finite, got {scale:g}")
     surface, point = contact.surface, contact.point
     plan = None if device is None else plan_rendering(device, contact.events[0], point, scale)
     size = plan.scale if plan else scale or 1.0
