@@ -12,7 +12,8 @@ from oracles.virtual_session import Plan, write_session
 from stepblocks.contact.effects.named import list_named_laws
 from stepblocks.loop.finding import describe_covariate, format_value, write_sentence
 from stepblocks.loop.run import analyse_features, loop_session
-from stepblocks.loop.search.explain import Rules, Verdict
+from stepblocks.loop.search.explain import Rules, Verdict, explain
+from stepblocks.loop.session_table import build_session_table
 
 
 def test_figures_are_read_in_the_units_of_the_bench():
@@ -76,8 +77,11 @@ def test_none_names_the_smallest_effect_of_each_slot_and_such_an_effect_is_seen(
         law for law in result.table.model.candidates(result.table.trials) if law.id == entry["id"]
     )
     planted = bench_trials(columns, 41, ((law, {entry["parameter"]: 1.5 * entry["value"]}),))
-    again = analyse_features(features_of(planted), 9810.0, 125e-6, rules=Rules(draws=150))
-    assert [f.effect.slot for f in again.found.findings][:1] == ["normal_load"]
+    table = build_session_table(features_of(planted), 9810.0, 125e-6)
+    again = explain(
+        table.model, table.trials, table.model.candidates(table.trials), Rules(draws=150)
+    )
+    assert [f.effect.slot for f in again.findings][:1] == ["normal_load"]
 
 
 @pytest.mark.parametrize(

@@ -39,7 +39,7 @@ def plan(tmp_path_factory):
 @pytest.fixture(scope="module")
 def planned(plan):
     folder = plan.parent / "bench-1"
-    assert main(["new", "session", str(folder), "--plan", str(plan)]) == 0
+    assert main(["new", "session", str(folder), "--plan", str(plan), "--rehearsals", "1"]) == 0
     return folder
 
 

@@ -143,10 +143,10 @@ def test_a_zero_that_one_day_knows_is_taken_off_that_day_alone():
 
 
 def test_a_model_of_several_sessions_is_read_back_and_holds_their_mean(tmp_path):
-    _, tables, scans = measure_days((0.14, 0.16, 0.18), count=48)
+    _, tables, scans = measure_days((0.14, 0.16, 0.18), count=32)
     together, shared = explain_together(tables, scans, rules=Rules(draws=120, fits=2))
     assert [finding.effect.id for finding in together.found.findings] == ["edge_rounding"]
-    assert together.document["trials_analysed"] == 144
+    assert together.document["trials_analysed"] == 96
     write_loop(together, tmp_path)
     learned = read_model(tmp_path / "model.json")
     assert learned.extended.values["friction"] == shared["friction"]["mean"]
