@@ -136,7 +136,20 @@ PARTS = [
         2,
         timing=True,
     ),
-    Part("coverage", "python benchmarks/softgauge_coverage.py", {}, 20),
+    Part(
+        "coverage",
+        "python benchmarks/softgauge_coverage.py",
+        {
+            "coverage-rows": (r"(\d+) kinds of value and surface, 0 outside", "{}"),
+            "coverage-step": (
+                r"\| height, two planes \| white 10 nm \|.* ([\d.]+)% ±",
+                "{} %",
+            ),
+            "coverage-edge": (r"\| edge radius \| white 10 nm \|.* ([\d.]+)% ±", "{} %"),
+            "coverage-groove": (r"\| depth, type A1 \| white 10 nm \|.* ([\d.]+)% ±", "{} %"),
+        },
+        20,
+    ),
     Part(
         "verdicts",
         "python benchmarks/softgauge_verdicts.py 300",
