@@ -4,7 +4,13 @@ import math
 
 from stepblocks.parts.body import DRILL_POINT, Body, Engraving, Mounting
 from stepblocks.parts.lettering import compute_text_width
-from stepblocks.workshop.sheet import Point, Sheet, choose_scale, format_scale
+from stepblocks.workshop.sheet import (
+    Point,
+    Sheet,
+    choose_scale,
+    format_scale,
+    use_decimal_comma,
+)
 
 FRONT_VIEW: Point = (100.0, 240.0)
 TOP_VIEW: Point = (100.0, 130.0)
@@ -180,7 +186,7 @@ def _draw_hole_section(sheet: Sheet, body: Body, mounting: Mounting) -> None:
         )
         sheet.text(
             (elbow[0] - 5.0, elbow[1] - 6.0),
-            f"core ⌀{mounting.hole_diameter * 1e3:g}".replace(".", ",") + ", 6H of ISO 965-1",
+            use_decimal_comma(f"core ⌀{mounting.hole_diameter * 1e3:g}") + ", 6H of ISO 965-1",
             2.5,
             "RIGHT",
         )
@@ -188,7 +194,7 @@ def _draw_hole_section(sheet: Sheet, body: Body, mounting: Mounting) -> None:
         sheet.leader(
             (x - drill, base + 3.0),
             elbow,
-            f"⌀{2e3 * drill / k:g} through, counterbored ⌀{2e3 * entry / k:g}".replace(".", ","),
+            use_decimal_comma(f"⌀{2e3 * drill / k:g} through, counterbored ⌀{2e3 * entry / k:g}"),
         )
 
 

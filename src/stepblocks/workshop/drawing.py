@@ -23,7 +23,14 @@ from stepblocks.workshop.blocks import (
     draw_margin_block_views,
     draw_step_block_views,
 )
-from stepblocks.workshop.sheet import FONT, HEIGHT, TOP_OF_TITLE, WIDTH, Sheet
+from stepblocks.workshop.sheet import (
+    FONT,
+    HEIGHT,
+    TOP_OF_TITLE,
+    WIDTH,
+    Sheet,
+    use_decimal_comma,
+)
 from stepblocks.workshop.turned import (
     draw_crown_views,
     draw_hook_tip_views,
@@ -87,7 +94,7 @@ def draw_part_sheet(
         "material": stimulus.material.order_text,
         "mass": "-"
         if density is None
-        else f"{density.value * volume * 1e3:.4g} g".replace(".", ","),
+        else use_decimal_comma(f"{density.value * volume * 1e3:.4g} g"),
         "drawn by": order.author or "-",
         "approved by": order.approved_by or "-",
         "owner": order.owner or "-",

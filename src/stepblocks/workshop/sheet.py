@@ -55,6 +55,11 @@ def choose_scale(largest: float) -> float:
     return max(step * decade for step in (1.0, 2.0, 5.0) if step * decade <= largest * (1.0 + 1e-9))
 
 
+def use_decimal_comma(text: str) -> str:
+    """Write the decimal signs of a text as ISO 129-1 does."""
+    return text.replace(".", ",")
+
+
 def format_scale(scale: float) -> str:
     """Write a scale as ISO 5455 does: 5:1 or 1:2."""
     return f"{scale:g}:1" if scale >= 1.0 else f"1:{1.0 / scale:g}"
@@ -132,7 +137,7 @@ class Sheet:
     def limits(self, key: str) -> str:
         """Return nominal and deviations of a characteristic."""
         _, one = self.listed[key]
-        return format_limits(one.nominal, one.lower, one.upper, one.quantity).replace(".", ",")
+        return use_decimal_comma(format_limits(one.nominal, one.lower, one.upper, one.quantity))
 
     def break_line(self, x: float, low: float, high: float) -> None:
         """Draw a vertical break with a zigzag in its middle."""
@@ -242,7 +247,7 @@ class Sheet:
         self.polyline([tip, corner], "DIMENSION")
         self.arrow(tip, corner)
         self.polyline([(x, y + 4.5), corner, (x + wide, y)], "FRAME")
-        self.text((x + 1.5, y + 2.4), limits.replace(".", ","), _TEXT, "MIDDLE_LEFT")
+        self.text((x + 1.5, y + 2.4), use_decimal_comma(limits), _TEXT, "MIDDLE_LEFT")
 
     def balloon(self, key: str, at: Point) -> None:
         """Draw the number of a characteristic in a circle."""
@@ -284,7 +289,7 @@ class Sheet:
         _, one = self.listed[key]
         x, y = at
         high, cell = 6.0, 7.0
-        value = format_zone(one.upper).replace(".", ",")
+        value = use_decimal_comma(format_zone(one.upper))
         wide = 4.0 + compute_text_width(value, _TEXT)
         # of the cells
         ends = [
@@ -325,7 +330,7 @@ class Sheet:
         Without a key it is that of all other surfaces.
         """
         (x, y), largest = foot, self.listed[key][1].upper if key else ELSEWHERE
-        text = f"Ra {largest * 1e6:g}{suffix}".replace(".", ",")
+        text = use_decimal_comma(f"Ra {largest * 1e6:g}{suffix}")
         self.polyline([(x - 2.0, y + 3.5), (x, y), (x + 2.0, y + 3.5)], "DIMENSION", closed=True)
         end = x + 6.0 + compute_text_width(text, _TEXT)
         self.polyline([(x + 2.0, y + 3.5), (x + 4.3, y + 7.5), (end, y + 7.5)], "DIMENSION")
