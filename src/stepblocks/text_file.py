@@ -19,7 +19,7 @@ def is_file(path: Path) -> bool:
     return os.path.isfile(path)  # noqa: PTH113  Path.is_file raises what a name is too long for
 
 
-def format_file_name(name: str) -> str:
+def escape_file_name(name: str) -> str:
     """Return a file's name as text; bytes that are no text stand as their escapes."""
     return name.encode(errors="backslashreplace").decode()
 

@@ -9,9 +9,9 @@ import pytest
 from stepblocks.errors import StudyError
 from stepblocks.study.simulate import (
     Observer,
-    estimate_heights,
     read_off_height,
     simulate_comparison,
+    simulate_estimates,
     simulate_sensation,
 )
 
@@ -30,7 +30,7 @@ def trials(people=4, settings=2, each=50, share=1.0):
 
 def estimated(observer, seed=1, **size):
     table = trials(**size)
-    return table, estimate_heights(table, KNOWN, observer, np.random.default_rng(seed))
+    return table, simulate_estimates(table, KNOWN, observer, np.random.default_rng(seed))
 
 
 def test_who_has_no_noise_reads_the_true_height_and_a_share_of_it_through_a_damper():

@@ -20,7 +20,7 @@ from stepblocks.atomic import replace_text
 from stepblocks.errors import MetrologyError, PipelineError
 from stepblocks.mistakes import validate_data
 from stepblocks.quantities import format_quantity, make_quantity_parser
-from stepblocks.text_file import format_file_name, is_file, read_document
+from stepblocks.text_file import escape_file_name, is_file, read_document
 
 _SCHEMA = 1  # of the record's format
 _TEXTS = ("stimulus", "scan", "scan_sha256", "convention")
@@ -80,7 +80,7 @@ class _Record(BaseModel):
 def write_as_built(path: Path, record: AsBuilt) -> list[Path]:
     """Write a record as TOML with units, and its surface beside it as CSV; return both paths."""
     document: dict[str, object] = {"schema": _SCHEMA}
-    document |= {name: format_file_name(getattr(record, name)) for name in _TEXTS}
+    document |= {name: escape_file_name(getattr(record, name)) for name in _TEXTS}
     document |= {} if record.arc else {"edge_is_arc": False}
     written = [path]
     if record.surface is not None:

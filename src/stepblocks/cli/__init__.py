@@ -97,7 +97,7 @@ def _run(words: Sequence[str]) -> int:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
-    _prepare_process()
+    _set_up_streams_and_signals()
     try:
         code = _run(sys.argv[1:] if argv is None else argv)
         sys.stdout.flush()
@@ -117,7 +117,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return code
 
 
-def _prepare_process() -> None:
+def _set_up_streams_and_signals() -> None:
     # Set streams, threads of the linear algebra, and what a signal to end does
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a file's name need not be text

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from stepblocks.cli.command import command
-from stepblocks.cli.options import Files, Jobs, Only, Quiet, quantity_option
+from stepblocks.cli.options import Files, Jobs, Only, Quiet, make_quantity_option
 from stepblocks.cli.outcome import Outcome, make_progress
 
 app = typer.Typer()
@@ -149,7 +149,7 @@ def workshop(
     only: Only = None,
     capability: Annotated[
         float | None,
-        quantity_option(
+        make_quantity_option(
             "length",
             "--capability",
             help="deviation of a height that your workshop holds in one piece; ask it",

@@ -6,7 +6,13 @@ from typing import Annotated
 import typer
 
 from stepblocks.cli.command import command
-from stepblocks.cli.options import Stimuli, given, quantity, quantity_option, refuse_both
+from stepblocks.cli.options import (
+    Stimuli,
+    keep_given_options,
+    make_quantity_option,
+    make_quantity_reader,
+    refuse_both,
+)
 from stepblocks.cli.outcome import Outcome
 from stepblocks.errors import PipelineError
 from stepblocks.text_file import Document
@@ -17,7 +23,7 @@ app = typer.Typer()
 def _read_range(text: str) -> tuple[float, float]:
     # Read two lengths with two dots between them
     try:
-        first, last = map(quantity("length"), text.split(".."))
+        first, last = map(make_quantity_reader("length"), text.split(".."))
         return first, last
     except ValueError as error:
         raise PipelineError(
@@ -41,7 +47,7 @@ def drag(
     ] = Path("out/drag"),
     static_friction: Annotated[
         float | None,
-        quantity_option(
+        make_quantity_option(
             "ratio",
             "--static-friction",
             help="coefficient of friction at rest; 0: as while sliding",
@@ -50,7 +56,7 @@ def drag(
     ] = None,
     handle_mass: Annotated[
         float | None,
-        quantity_option(
+        make_quantity_option(
             "mass",
             "--handle-mass",
             help="inertia of a pulled handle",
@@ -59,7 +65,7 @@ def drag(
     ] = None,
     ring_time: Annotated[
         float | None,
-        quantity_option(
+        make_quantity_option(
             "time",
             "--ring-time",
             help="time recorded after the release",
@@ -68,7 +74,7 @@ def drag(
     ] = None,
     sample_rate: Annotated[
         float | None,
-        quantity_option(
+        make_quantity_option(
             "frequency",
             "--sample-rate",
             help="rows of the trace per second",
@@ -77,7 +83,7 @@ def drag(
     ] = None,
     tip_radius: Annotated[
         float | None,
-        quantity_option(
+        make_quantity_option(
             "length",
             "--tip-radius",
             help="radius of the ball R",
@@ -86,7 +92,7 @@ def drag(
     ] = None,
     edge_radius: Annotated[
         float | None,
-        quantity_option(
+        make_quantity_option(
             "length",
             "--edge-radius",
             help="radius of a plain step's edge r",
@@ -95,7 +101,7 @@ def drag(
     ] = None,
     step_height: Annotated[
         float | None,
-        quantity_option(
+        make_quantity_option(
             "length",
             "--step-height",
             help="step under a declared tip",
@@ -104,7 +110,7 @@ def drag(
     ] = None,
     load: Annotated[
         float | None,
-        quantity_option(
+        make_quantity_option(
             "force",
             "--load",
             help="normal load F_py",
@@ -113,7 +119,7 @@ def drag(
     ] = None,
     friction: Annotated[
         float | None,
-        quantity_option(
+        make_quantity_option(
             "ratio",
             "--friction",
             help="coefficient of friction mu",
@@ -122,7 +128,7 @@ def drag(
     ] = None,
     stiffness: Annotated[
         float | None,
-        quantity_option(
+        make_quantity_option(
             "stiffness",
             "--stiffness",
             help="tangential stiffness k",
@@ -131,7 +137,7 @@ def drag(
     ] = None,
     frequency: Annotated[
         float | None,
-        quantity_option(
+        make_quantity_option(
             "frequency",
             "--frequency",
             help="natural frequency, which gives the tip's mass",
@@ -140,7 +146,7 @@ def drag(
     ] = None,
     damping_ratio: Annotated[
         float | None,
-        quantity_option(
+        make_quantity_option(
             "ratio",
             "--damping-ratio",
             help="share of critical damping",
@@ -150,7 +156,7 @@ def drag(
     stimuli: Stimuli = None,
     speed: Annotated[
         float | None,
-        quantity_option(
+        make_quantity_option(
             "speed",
             "--speed",
             above_zero=True,
@@ -160,7 +166,7 @@ def drag(
     ] = None,
     pull: Annotated[
         float | None,
-        quantity_option(
+        make_quantity_option(
             "force",
             "--pull",
             above_zero=True,
@@ -201,7 +207,7 @@ def drag(
     from stepblocks.drag.run import drag_over
 
     refuse_both(speed=speed, pull=pull)
-    options = given(
+    options = keep_given_options(
         static_friction=static_friction,
         handle_mass=handle_mass,
         ring_time=ring_time,

@@ -16,8 +16,8 @@ from stepblocks.cli.options import (
     Speed,
     StepHeight,
     TipRadius,
-    given,
-    quantity_option,
+    keep_given_options,
+    make_quantity_option,
     require_one,
 )
 from stepblocks.cli.outcome import Outcome, make_progress
@@ -65,7 +65,7 @@ def export(
     only: Only = None,
     scale: Annotated[
         float | None,
-        quantity_option(
+        make_quantity_option(
             "ratio",
             "--scale",
             help="magnification",
@@ -107,7 +107,7 @@ def export(
         return _list_devices(devices)
     from stepblocks.simulators.export import export_scenes
 
-    options = given(
+    options = keep_given_options(
         device=device,
         devices=devices,
         only=only,
@@ -222,7 +222,7 @@ def compare(
         to,
         output,
         backward=backward,
-        **given(ball_radius=tip_radius, normal_load=load, friction=friction),
+        **keep_given_options(ball_radius=tip_radius, normal_load=load, friction=friction),
     )
     return Outcome(
         f"{found['difference_jnd'].iloc[-1]:.3g} just noticeable differences from {to.name}, all "

@@ -9,9 +9,9 @@ from stepblocks.cli.command import command
 from stepblocks.cli.options import (
     Numbers,
     Stimuli,
-    given,
-    quantity,
-    quantity_option,
+    keep_given_options,
+    make_quantity_option,
+    make_quantity_reader,
     read_numbers,
     refuse_both,
 )
@@ -51,7 +51,7 @@ def inspect(
     ] = None,
     standard: Annotated[
         float | None,
-        quantity_option(
+        make_quantity_option(
             "length",
             "--standard",
             help="the scan is of a standard or grating of this certified depth, such as '500 nm'",
@@ -87,7 +87,7 @@ def inspect(
     ] = None,
     tolerance: Annotated[
         float | None,
-        quantity_option(
+        make_quantity_option(
             "length",
             "--tolerance",
             help="with --standard: uncertainty or tolerance of its certificate",
@@ -160,14 +160,14 @@ def inspect(
         typer.Option(
             "--area",
             metavar="X0 X1 Y0 Y1",
-            parser=quantity("length"),
+            parser=make_quantity_reader("length"),
             help="evaluate this rectangle of a map, such as 0um 200um 50um 90um",
             rich_help_panel=_EVALUATION,
         ),
     ] = None,
     exclusion: Annotated[
         float | None,
-        quantity_option(
+        make_quantity_option(
             "length",
             "--exclusion",
             help="width that is left out at every edge, such as '50 um'",
@@ -177,7 +177,7 @@ def inspect(
     ] = None,
     begin: Annotated[
         float | None,
-        quantity_option(
+        make_quantity_option(
             "length",
             "--from",
             help="evaluate each profile from here",
@@ -186,7 +186,7 @@ def inspect(
     ] = None,
     end: Annotated[
         float | None,
-        quantity_option(
+        make_quantity_option(
             "length",
             "--to",
             help="evaluate each profile up to here",
@@ -195,7 +195,7 @@ def inspect(
     ] = None,
     stylus_radius: Annotated[
         float | None,
-        quantity_option(
+        make_quantity_option(
             "length",
             "--stylus-radius",
             help="radius of the stylus, 0 um for an optical instrument",
@@ -204,7 +204,7 @@ def inspect(
     ] = None,
     stylus_cone: Annotated[
         float | None,
-        quantity_option(
+        make_quantity_option(
             "angle",
             "--stylus-cone",
             help="full angle of the stylus, 0 deg for an optical instrument",
@@ -213,7 +213,7 @@ def inspect(
     ] = None,
     calibration: Annotated[
         float | None,
-        quantity_option(
+        make_quantity_option(
             "ratio",
             "--calibration",
             help="relative standard uncertainty of the vertical calibration, such as '0.1 %'",
@@ -222,7 +222,7 @@ def inspect(
     ] = None,
     lateral_calibration: Annotated[
         float | None,
-        quantity_option(
+        make_quantity_option(
             "ratio",
             "--lateral-calibration",
             help="the same of its lateral calibration",
@@ -231,7 +231,7 @@ def inspect(
     ] = None,
     resolution: Annotated[
         float | None,
-        quantity_option(
+        make_quantity_option(
             "length",
             "--resolution",
             help="least difference of height, such as '1 nm'",
@@ -269,7 +269,7 @@ def inspect(
         stylus_radius=stylus_radius if stylus_radius is not None else tool.get("stylus_radius"),
         stylus_cone=stylus_cone if stylus_cone is not None else tool.get("stylus_cone"),
     )
-    arguments = given(
+    arguments = keep_given_options(
         options=evaluation,
         instrument=Instrument(
             calibration if calibration is not None else tool.get("calibration"),
@@ -283,9 +283,9 @@ def inspect(
         feature=feature,
     )
     if len(scans) > 1 or scan.is_dir() or is_table(scans):
-        arguments |= given(stimulus=stimulus, standard=standard)
-        asked = given(stimuli=stimuli, characteristics=characteristics)
-        arguments |= asked if standard is None else given(tolerance=tolerance)
+        arguments |= keep_given_options(stimulus=stimulus, standard=standard)
+        asked = keep_given_options(stimuli=stimuli, characteristics=characteristics)
+        arguments |= asked if standard is None else keep_given_options(tolerance=tolerance)
         together = inspect_many(scans, **arguments)
         return _summarise_many(
             together, [] if output is None else write_many(together, output, laboratory)
@@ -293,7 +293,7 @@ def inspect(
     if stimulus is None:
         result = inspect_standard(scan, standard, tolerance or 0.0, **arguments)
     else:
-        arguments |= given(stimuli=stimuli, characteristics=characteristics)
+        arguments |= keep_given_options(stimuli=stimuli, characteristics=characteristics)
         result = inspect_scan(scan, stimulus, **arguments)
     if output is not None:
         write_inspection(result, output, laboratory)

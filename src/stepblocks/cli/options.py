@@ -18,7 +18,7 @@ from stepblocks.quantities import parse_quantity
 _EVERYWHERE = "In every command"
 
 
-def quantity(dimension: str, *, above_zero: bool = False) -> Callable[[str], float]:
+def make_quantity_reader(dimension: str, *, above_zero: bool = False) -> Callable[[str], float]:
     """Return a reader of quantities of one dimension."""
 
     def read(text: str) -> float:
@@ -30,7 +30,7 @@ def quantity(dimension: str, *, above_zero: bool = False) -> Callable[[str], flo
     return read
 
 
-def quantity_option(
+def make_quantity_option(
     dimension: str,
     *names: str,
     help: str,
@@ -42,7 +42,7 @@ def quantity_option(
     option: OptionInfo = typer.Option(
         *names,
         metavar=dimension.upper(),
-        parser=quantity(dimension, above_zero=above_zero),
+        parser=make_quantity_reader(dimension, above_zero=above_zero),
         help=help,
         show_default=show_default,
         rich_help_panel=rich_help_panel,
@@ -72,7 +72,7 @@ def read_numbers(text: str) -> Numbers:
     return Numbers(read(part.strip()) for part in text.split(","))
 
 
-def given(**options: object) -> dict[str, Any]:
+def keep_given_options(**options: object) -> dict[str, Any]:
     """Keep the options that were given: the default of the others stands in the called function."""
     return {name: value for name, value in options.items() if value is not None}
 
@@ -80,13 +80,13 @@ def given(**options: object) -> dict[str, Any]:
 def require_one(next_step: str, **options: object) -> None:
     """Refuse options that exclude each other, and the lack of all of them."""
     names = " or ".join(map(_name_option, options))
-    if (count := len(given(**options))) != 1:
+    if (count := len(keep_given_options(**options))) != 1:
         raise PipelineError(f"one of {names} must be given, got {count or 'none'}; {next_step}")
 
 
 def refuse_both(**options: object) -> None:
     """Refuse options that exclude each other."""
-    if len(given(**options)) > 1:
+    if len(keep_given_options(**options)) > 1:
         names = " and ".join(map(_name_option, options))
         raise PipelineError(f"{names} exclude each other: give one of them")
 
@@ -177,7 +177,7 @@ NoOpen = Annotated[bool, typer.Option("--no-open", help="open no browser")]
 # Conditions of a drag
 TipRadius = Annotated[
     float | None,
-    quantity_option(
+    make_quantity_option(
         "length",
         "--tip-radius",
         help="radius of the tip",
@@ -186,7 +186,7 @@ TipRadius = Annotated[
 ]
 Load = Annotated[
     float | None,
-    quantity_option(
+    make_quantity_option(
         "force",
         "--load",
         help="normal load",
@@ -195,7 +195,7 @@ Load = Annotated[
 ]
 Friction = Annotated[
     float | None,
-    quantity_option(
+    make_quantity_option(
         "ratio",
         "--friction",
         help="coefficient of friction",
@@ -204,7 +204,7 @@ Friction = Annotated[
 ]
 Speed = Annotated[
     float | None,
-    quantity_option(
+    make_quantity_option(
         "speed",
         "--speed",
         help="speed of the handle",
@@ -213,7 +213,7 @@ Speed = Annotated[
 ]
 StepHeight = Annotated[
     float | None,
-    quantity_option(
+    make_quantity_option(
         "length",
         "--step-height",
         help="height of the step under a declared tip",

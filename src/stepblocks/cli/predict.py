@@ -13,7 +13,7 @@ from stepblocks.cli.options import (
     Speed,
     Table,
     Wide,
-    given,
+    keep_given_options,
     make_whole_number_reader,
 )
 from stepblocks.cli.outcome import Outcome, make_progress
@@ -98,7 +98,9 @@ def predict(
     if as_built:
         sets, by_name, rows = _predict_as_built(sets, as_built, in_time, speed)
     else:
-        by_name = {one.name: predict_all(one, in_time, **given(speed=speed)) for one in sets}
+        by_name = {
+            one.name: predict_all(one, in_time, **keep_given_options(speed=speed)) for one in sets
+        }
         rows = [format_row(one) for predictions in by_name.values() for one in predictions]
     notes = describe_left_out([one for predictions in by_name.values() for one in predictions])
     if plots:
@@ -131,7 +133,9 @@ def _predict_as_built(
             print(format_units(sentence), file=sys.stderr)
     nominal = sets
     sets = [as_built.replace_nominals(stimuli, records) for stimuli in sets]
-    by_name = {one.name: predict_all(one, in_time, **given(speed=speed)) for one in sets}
+    by_name = {
+        one.name: predict_all(one, in_time, **keep_given_options(speed=speed)) for one in sets
+    }
     by_name = {
         one.name: tuple(as_built.predict_from_surfaces(by_name[one.name], one, records))
         for one in sets

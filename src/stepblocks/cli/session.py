@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from stepblocks.cli.command import command
-from stepblocks.cli.options import AsBuilt, Jobs, Quiet, given
+from stepblocks.cli.options import AsBuilt, Jobs, Quiet, keep_given_options
 from stepblocks.cli.outcome import Outcome, make_progress
 from stepblocks.errors import PipelineError
 from stepblocks.text_file import Document
@@ -137,7 +137,7 @@ def loop(
     from stepblocks.loop.several import loop_sessions
     from stepblocks.quantities import format_units
 
-    options = given(
+    options = keep_given_options(
         jobs=jobs,
         forces_only=forces_only,
         as_built=as_built or [],

@@ -15,10 +15,10 @@ from stepblocks.cli.options import (
     Numbers,
     Only,
     TipRadius,
-    given,
+    keep_given_options,
+    make_quantity_option,
+    make_quantity_reader,
     make_whole_number_reader,
-    quantity,
-    quantity_option,
     read_numbers,
 )
 from stepblocks.cli.outcome import Outcome
@@ -47,7 +47,8 @@ def _read_shares(text: str) -> dict[str, float]:
 
         return find_damping(text)
     return {
-        name: quantity("ratio")(value) for name, value in read_pairs(text, "name=share").items()
+        name: make_quantity_reader("ratio")(value)
+        for name, value in read_pairs(text, "name=share").items()
     }
 
 
@@ -74,7 +75,7 @@ Noisier = Annotated[
 ]
 Weber = Annotated[
     float | None,
-    quantity_option(
+    make_quantity_option(
         "ratio",
         "--weber",
         help="Weber fraction of the energy",
@@ -84,7 +85,7 @@ Weber = Annotated[
 ]
 Noise = Annotated[
     float | None,
-    quantity_option(
+    make_quantity_option(
         "length",
         "--noise",
         help="response noise",
@@ -94,7 +95,7 @@ Noise = Annotated[
 ]
 Spread = Annotated[
     float | None,
-    quantity_option(
+    make_quantity_option(
         "length",
         "--spread",
         help="spread between participants",
@@ -104,7 +105,7 @@ Spread = Annotated[
 ]
 ConditionSpread = Annotated[
     float | None,
-    quantity_option(
+    make_quantity_option(
         "length",
         "--condition-spread",
         help="spread between participants in their response to a condition",
@@ -114,7 +115,7 @@ ConditionSpread = Annotated[
 ]
 Lapse = Annotated[
     float | None,
-    quantity_option(
+    make_quantity_option(
         "ratio",
         "--lapse",
         help="rate of lapses",
@@ -124,7 +125,7 @@ Lapse = Annotated[
 ]
 RealismGain = Annotated[
     float | None,
-    quantity_option(
+    make_quantity_option(
         "ratio",
         "--realism-gain",
         help="by how much vibration raises ratings, as the logarithm of their odds",
@@ -145,7 +146,7 @@ def _make_observer(
     from stepblocks.study.simulate import Observer
 
     return Observer(
-        **given(
+        **keep_given_options(
             weber=weber,
             response_noise=noise,
             participant_spread=spread,
@@ -192,7 +193,7 @@ def simulate(
         place,
         seed=seed,
         observer=_make_observer(weber, noise, spread, condition_spread, lapse, realism_gain),
-        **given(
+        **keep_given_options(
             damping=damping,
             noise=noisier,
             ball_radius=tip_radius,
@@ -304,7 +305,7 @@ def power(
         seed=seed,
         jobs=jobs,
         observer=_make_observer(weber, noise, spread, condition_spread, lapse, realism_gain),
-        **given(
+        **keep_given_options(
             experiment=experiment,
             standard=standard,
             probes=probes,

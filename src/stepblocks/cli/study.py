@@ -16,9 +16,9 @@ from stepblocks.cli.options import (
     NoOpen,
     Only,
     TipRadius,
-    given,
+    keep_given_options,
+    make_quantity_option,
     make_whole_number_reader,
-    quantity_option,
 )
 from stepblocks.cli.outcome import Outcome
 from stepblocks.cli.study_options import (
@@ -199,7 +199,7 @@ def design(
         choose_source(file, heights),
         output,
         seed=seed,
-        **given(
+        **keep_given_options(
             experiment=experiment,
             participants=participants,
             probes=probes,
@@ -300,7 +300,7 @@ def run(
         folder,
         participant,
         file,
-        **given(
+        **keep_given_options(
             device=device,
             library=library,
             scale=scale,
@@ -365,7 +365,7 @@ def analyse(
     ] = None,
     equivalent: Annotated[
         float | None,
-        quantity_option(
+        make_quantity_option(
             "length",
             "--equivalent",
             help="conditions that differ by less than this count as equivalent",
@@ -406,7 +406,7 @@ def analyse(
         folder,
         data or answers or [],
         place,
-        **given(
+        **keep_given_options(
             columns=columns,
             experiment=experiment,
             equivalent=equivalent,
@@ -449,6 +449,9 @@ def share(
 ) -> Outcome:
     """Write the study as a BIDS dataset, to share it."""
     files = stepblocks.share_study(
-        folder, answers or [], output, **given(form=form, authors=authors, licence=licence)
+        folder,
+        answers or [],
+        output,
+        **keep_given_options(form=form, authors=authors, licence=licence),
     )
     return Outcome(f"{output}: {len(files)} files", record={"files": files})

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from stepblocks.cli.options import make_whole_number_reader, quantity
+from stepblocks.cli.options import make_quantity_reader, make_whole_number_reader
 from stepblocks.errors import PipelineError
 
 
@@ -15,7 +15,7 @@ class Heights(tuple[float, ...]):
 
 def _read_heights(text: str) -> Heights:
     # Read heights in micrometres, or in the unit that each names
-    read = quantity("length")
+    read = make_quantity_reader("length")
     parts = text.split(",")
     return Heights(read(part if part.strip(" 0123456789.") else f"{part} um") for part in parts)
 

@@ -14,7 +14,7 @@ from stepblocks.parts.set import StimulusSet
 from stepblocks.quantities import format_quantity, parse_quantity
 from stepblocks.select import matches_pattern
 from stepblocks.tables import read_si_columns, read_table
-from stepblocks.text_file import format_file_name
+from stepblocks.text_file import escape_file_name
 
 # What of an operating point and of its tool may be given beside the subject
 OF_POINT = {"tip_radius": "ball_radius", "load": "normal_load", "friction": "friction"}
@@ -49,7 +49,7 @@ def resolve_subject(
             profile = Profile(columns["x"], columns["z"])
         except ContactError as error:
             raise PipelineError(f"{error} [{path}]") from error
-        return _take_surface(format_file_name(path.name), profile, values, f"[{path}]")
+        return _take_surface(escape_file_name(path.name), profile, values, f"[{path}]")
     try:
         height = parse_quantity(str(subject), "length")
     except QuantityError:

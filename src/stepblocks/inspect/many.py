@@ -29,7 +29,7 @@ from stepblocks.inspect.report import InspectionResult, write_inspection
 from stepblocks.inspect.run import inspect_scan, inspect_standard, judge_part
 from stepblocks.page_file import render_page
 from stepblocks.tables import find_misspelt_columns, read_table, write_table
-from stepblocks.text_file import format_file_name
+from stepblocks.text_file import escape_file_name
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -145,7 +145,7 @@ def inspect_many(
     factors = [name for name in asked.columns if name not in _OWN]
     results, rows, left_out = list[tuple[str, InspectionResult]](), [], []
     for own in asked.to_dict("records"):
-        name = format_file_name(own["scan"].name)
+        name = escape_file_name(own["scan"].name)
         given = options | ({"feature": own["feature"]} if own.get("feature") else {})
         try:
             if standard is not None:
@@ -238,7 +238,7 @@ def _merge_reports(
         values |= one.evaluation.values
         covered |= one.evaluation.covered
         missing |= {absent.key: why for absent, why in one.missing}
-        notes += [f"{format_file_name(one.source.name)}: {note}" for note in one.evaluation.notes]
+        notes += [f"{escape_file_name(one.source.name)}: {note}" for note in one.evaluation.notes]
     evaluation = replace(
         first.evaluation,
         values=values | dict(averaged),

@@ -47,7 +47,7 @@ from stepblocks.parts.characteristics import Characteristic
 from stepblocks.parts.conditions import NO_ORDER, OrderSpec, PredictionGrid
 from stepblocks.parts.kind import Part
 from stepblocks.parts.set import StimulusSet
-from stepblocks.text_file import format_file_name
+from stepblocks.text_file import escape_file_name
 
 Evaluator = Callable[
     [ScannedProfile | HeightMap, Instrument, Characteristic, EvaluationOptions], Evaluation
@@ -296,7 +296,7 @@ def inspect_standard(
     )
     source, digest = describe_source(scan)
     result = InspectionResult(
-        format_file_name(source.stem), None, evaluation, (), None, source, digest
+        escape_file_name(source.stem), None, evaluation, (), None, source, digest
     )
     if depth is None:
         return result

@@ -115,7 +115,7 @@ class Body(Table):
         return -self.thickness.nominal
 
     @make_rules_validator
-    def _fits(self) -> Iterator[str]:
+    def _check_fit(self) -> Iterator[str]:
         length, width, thickness = self.length.nominal, self.width.nominal, self.thickness.nominal
         holes, chamfer = self.mounting, self.edge_break.nominal
         half, room = 0.5 * min(length, width, thickness), length - 2.0 * chamfer

@@ -95,7 +95,7 @@ class PredictionGrid(Table):
     limits: LimitsSpec = LimitsSpec()
 
     @make_rules_validator
-    def _laws_are_known(self) -> Iterator[str]:
+    def _check_laws_are_known(self) -> Iterator[str]:
         overtone = self.built_laws.get("tool")
         if overtone and overtone.frequency <= self.tool.frequency:
             yield (

@@ -221,7 +221,7 @@ class StimulusSet(Table):
         return found
 
     @make_rules_validator
-    def _parts_suit_the_conditions(self) -> Iterator[str]:
+    def _check_parts_suit_the_conditions(self) -> Iterator[str]:
         counts = Counter(part.id for part in self.stimuli)
         for name in (counts - Counter(set(counts))).elements():
             yield (

@@ -27,9 +27,9 @@ from stepblocks.study.design import FACTOR, ORDERS
 from stepblocks.study.simulate import (
     REALISM,
     Observer,
-    estimate_heights,
     rate_realism,
     simulate_comparison,
+    simulate_estimates,
     simulate_sensation,
 )
 
@@ -133,7 +133,8 @@ def _simulate_estimates(trials: Table, observer: Observer, generator: np.random.
     by_height = dict(zip(trials["height"], trials["undamped"], strict=True))
     known = (np.array(list(by_height)), np.array(list(by_height.values())))
     return [
-        (f"{height * 1e6:.1f}",) for height in estimate_heights(trials, known, observer, generator)
+        (f"{height * 1e6:.1f}",)
+        for height in simulate_estimates(trials, known, observer, generator)
     ]
 
 

@@ -96,7 +96,7 @@ def simulate_sensation(
     )
 
 
-def estimate_heights(
+def simulate_estimates(
     trials: Table,
     references: tuple[Array, Array],
     observer: Observer,
@@ -245,7 +245,7 @@ def simulate_frame(plan: SimulatedStudy, seed: int) -> Table:
     frame["energy"] = energies[block] * np.array(shares)[setting]
     frame["noisier"] = np.array(plan.noise or [1.0] * len(shares))[setting]
     generator = np.random.default_rng(seed)
-    estimates = estimate_heights(frame, (heights, energies), plan.observer, generator)
+    estimates = simulate_estimates(frame, (heights, energies), plan.observer, generator)
     return frame.assign(
         participant=person.astype(str),
         condition=np.array(names)[setting],

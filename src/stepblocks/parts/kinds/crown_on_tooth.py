@@ -56,7 +56,7 @@ class FinishLine(Table):
     width: Length = declare_default("1 mm", "0.05 mm")
 
     @make_rules_validator
-    def _has_the_width_of_its_kind(self) -> Iterator[str]:
+    def _check_width_of_its_kind(self) -> Iterator[str]:
         if (self.width.nominal == 0.0) != (self.kind == "feather-edge"):
             rule = (
                 "be 0 for a feather-edge"
@@ -398,7 +398,7 @@ class CrownOnTooth(CrownMargin, Turned):
         return 1.0, wide, (self.margin_radius.nominal, wide, 0.0)
 
     @make_rules_validator
-    def _fits_the_tooth(self) -> Iterator[str]:
+    def _check_fit_on_tooth(self) -> Iterator[str]:
         h, g, v = (
             self.horizontal_discrepancy.nominal,
             self.marginal_gap.nominal,

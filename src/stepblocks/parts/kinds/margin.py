@@ -115,7 +115,7 @@ class CrownMargin(Part):
         return [(g, h)] if v == g else [(g, h - abs(v - g)), (v, h)]
 
     @make_rules_validator
-    def _lip_clears_the_tooth(self) -> Iterator[str]:
+    def _check_lip_clears_the_tooth(self) -> Iterator[str]:
         v, g, h = (
             self.opening.nominal,
             self.marginal_gap.nominal,
@@ -343,7 +343,7 @@ class MarginBlock(CrownMargin, Block):
         )
 
     @make_rules_validator
-    def _fits_the_body(self) -> Iterator[str]:
+    def _check_fit_in_body(self) -> Iterator[str]:
         body, g, v = self.body, self.marginal_gap.nominal, self.opening.nominal
         h, depth, chamfer = (
             self.horizontal_discrepancy.nominal,

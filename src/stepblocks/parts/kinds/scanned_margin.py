@@ -252,7 +252,7 @@ class ScannedMargin(CrownMargin):
         return [*super().derived(), [f"station {scan.number}", shape], ["marginal gap", gap]]
 
     @make_rules_validator
-    def _can_be_made(self) -> Iterator[str]:
+    def _check_section_can_be_made(self) -> Iterator[str]:
         g, v, thickness = self.marginal_gap.nominal, self.opening.nominal, self.thickness.nominal
         depth, _ = self.floor_depth_and_slope
         lowest = max(depth, *(-z for _, z in self._compute_section()))

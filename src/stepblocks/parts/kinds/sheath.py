@@ -50,7 +50,7 @@ class SheathMaterial(Material):
     loss_factor: Annotated[Sourced, make_sourced_validator("ratio")]
 
     @make_rules_validator
-    def _is_elastic(self) -> Iterator[str]:
+    def _check_elasticity(self) -> Iterator[str]:
         if self.poisson.value > 0.5:
             yield f"poisson must not exceed 0.5, got {self.poisson.value:g}"
 
@@ -213,7 +213,7 @@ class Sheath(Turned, HeldPart):
             )
 
     @make_rules_validator
-    def _is_possible(self) -> Iterator[str]:
+    def _check_sizes(self) -> Iterator[str]:
         bore, outer, broken = (
             self.bore.nominal,
             self.outer_diameter.nominal,

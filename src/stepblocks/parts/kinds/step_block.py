@@ -272,7 +272,7 @@ class StepBlock(Block):
         return choose_exaggeration(height), 2.5 * height, (0.0, 0.0, 0.0)
 
     @make_rules_validator
-    def _is_possible(self) -> Iterator[str]:
+    def _check_sizes(self) -> Iterator[str]:
         height, radius, body = self.height.nominal, self.edge_radius.nominal, self.body
         yield check_rule(radius <= height, "edge_radius", "not exceed height", height, radius)
         chamfer = body.edge_break.nominal

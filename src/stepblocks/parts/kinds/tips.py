@@ -135,7 +135,7 @@ class Tip(Turned, HeldPart):
         ]
 
     @make_rules_validator
-    def _is_possible(self) -> Iterator[str]:
+    def _check_sizes(self) -> Iterator[str]:
         R, shank, half = (
             self.ball_radius.nominal,
             self.shank_radius.nominal,
@@ -193,7 +193,7 @@ class StraightTip(Tip):
         )
 
     @make_rules_validator
-    def _has_a_shank(self) -> Iterator[str]:
+    def _check_shank(self) -> Iterator[str]:
         length, cone = self.length.nominal, self.cone_end
         yield check_rule(length > cone, "length", "exceed the end of the cone", cone, length)
 
@@ -300,7 +300,7 @@ class HookTip(Tip):
         )
 
     @make_rules_validator
-    def _can_be_bent(self) -> Iterator[str]:
+    def _check_bend(self) -> Iterator[str]:
         if self.bend_angle.nominal <= 0.0:
             yield "bend_angle must be above 0 deg, got 0 deg"
             return
