@@ -118,7 +118,7 @@ def design(folder, **more):
 def test_two_settings_go_from_the_design_to_one_comparison(tmp_path):
     design(tmp_path, probes=("bare", "soft"))
     answers = tmp_path / "answers.csv"
-    assert stepblocks.simulate_study(tmp_path, None, answers, seed=2) == 80
+    assert stepblocks.simulate_study(tmp_path, None, answers, seed=3) == 80
     planned = {
         (row["participant"], row["trial"]): row for row in read_design(tmp_path / "design.csv")
     }
