@@ -3,6 +3,7 @@
 import pickle
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from stepblocks.declare import load_set
@@ -62,6 +63,13 @@ def test_all_mistakes_of_a_declaration_are_said_at_once():
         )
     assert "height: must be a length" in str(caught.value)
     assert "lower-case words" in str(caught.value)
+
+
+def test_a_mistake_is_said_in_one_line_whatever_was_given_as_the_name():
+    with pytest.raises(StimulusError) as caught:
+        StimulusSet.declare(pd.Series([1.0, 2.0], ["a", "b"]), step_block=[[1.0, [2.0]]])
+    assert "step_block must be written as [[step_block]]" in str(caught.value)
+    assert len(str(caught.value).splitlines()) == 1
 
 
 def test_a_file_is_named_after_its_set(tmp_path):

@@ -143,7 +143,8 @@ class StimulusSet(Table):
         StimulusError
             With all mistakes: name, rule, value and place.
         """
-        return make_set(name, declared, Path(), name, [])
+        place = " ".join(str(name).split())  # in one line, whatever was given as the name
+        return make_set(name, declared, Path(), place, [])
 
     def to_toml(self, path: str | Path | None = None) -> str:
         """Write the set as a stimulus file that reads back as the same set.
