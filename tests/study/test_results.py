@@ -9,6 +9,7 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
+import statsmodels.formula.api as smf
 from matplotlib.figure import Figure
 from scipy import stats
 
@@ -262,10 +263,11 @@ def test_conditions_of_a_figure_differ_without_colours(tmp_path, experiment, opt
         assert len(looks) == conditions
 
 
-def test_a_factor_of_two_levels_has_a_bayes_factor_and_groups_have_a_bound():
-    # scipy's paired t-test of the levels, and its t-test of the groups' means
+def test_each_factor_has_a_bayes_factor_and_groups_have_a_bound():
+    # paired t-test of the levels and t-test of the groups by scipy; for three levels what
+    # two models of statsmodels leave, by the information criterion (Masson 2011)
     random = np.random.default_rng(3)
-    who, u, v, block, _ = (index.ravel() for index in np.indices((8, 2, 2, 2, 2)))
+    who, u, v, block, _ = (index.ravel() for index in np.indices((8, 2, 3, 2, 2)))
     error = 1e-6 * (random.standard_normal(8)[who] + random.standard_normal(len(who)))
     frame = pd.DataFrame(
         {
@@ -287,6 +289,15 @@ def test_a_factor_of_two_levels_has_a_bayes_factor_and_groups_have_a_bound():
     found = row_of(result, "Bayes factor", "u, no effect over an effect")
     t = stats.ttest_rel(means[0], means[1]).statistic
     assert found["estimate"] == pytest.approx(compute_bayes_factor(t, 8.0), rel=1e-6)
+    cells = frame.groupby(["participant", "factor_v"])["error"].mean().mul(1e6).reset_index()
+    left = [
+        smf.ols(f"error ~ C(participant){more}", cells).fit().ssr for more in ("", "+C(factor_v)")
+    ]
+    (term,) = (one for one in result.measures[0].factors if one.name == "v")
+    count = 8 * term.df  # participants by degrees of freedom, those by Greenhouse and Geisser
+    exact = math.exp(0.5 * (term.df * math.log(count) - count * math.log(left[0] / left[1])))
+    found = row_of(result, "Bayes factor", "v, no effect over an effect")
+    assert found["estimate"] == pytest.approx(exact, rel=1e-6)
     level = means.mean(axis=1).to_numpy()
     test = stats.ttest_ind(level[:4], level[4:])
     apart = abs(level[:4].mean() - level[4:].mean())

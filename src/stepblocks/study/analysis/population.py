@@ -174,33 +174,32 @@ class Population:
         # the table, the contrasts and the page ask for the same means
         self.estimate = cache(self._estimate_mean)
 
-    def _weigh(self, point: Array, index: int) -> tuple[Array, Array]:
-        # Return the distribution along an axis, and how many spreads its values are from the middle
+    def _weigh(self, point: Array, index: int) -> Array:
+        # Return the distribution along an axis, times the powers 0, 1 and 2 of how many spreads
+        # its values are from the middle
         away = (self.axes[index] - point[2 * index]) / math.exp(point[2 * index + 1])
         weight = np.exp(0.5 * (np.min(away**2) - away**2))
-        return weight / weight.sum(), away
+        return np.asarray([np.ones_like(away), away, away**2] * (weight / weight.sum()))
 
-    def _integrate(self, weights: Sequence[Array]) -> Array:
-        # Return the sums of each participant's likelihood with the rows of weights of each axis,
-        # the last axis first and participants last
+    def _find_moments(self, point: Array) -> tuple[Array, Array, Array]:
+        # Return each participant's likelihood; mean and mean square along each axis, in spreads
+        # from the middle, of each participant's posterior; and the same of the distribution
+        weights = [self._weigh(point, index) for index in range(len(self.axes))]
         sums = self._rows
         for index, rows in enumerate(weights):
             sums = np.tensordot(rows, sums, (1, index))
-        return sums
+        # the last axis stands first, so that the powers of each axis are 3 times as far apart
+        places = 3 ** np.arange(len(weights))[:, np.newaxis] * np.arange(3)
+        along = sums.reshape(3 ** len(weights), -1)[places]
+        prior = np.array([rows[1:].sum(axis=1, keepdims=True) for rows in weights])
+        return along[0, 0], along[:, 1:] / along[0, 0], prior
 
     def _loss(self, point: Array) -> tuple[float, Array]:
         # Return minus the log likelihood, and its gradient
-        weights = list[Array]()
-        for index in range(len(self.axes)):
-            weight, away = self._weigh(point, index)
-            slopes = np.array([away / math.exp(point[2 * index + 1]), away**2])
-            slopes -= (slopes @ weight)[:, np.newaxis]
-            weights.append(np.vstack([np.ones_like(away), slopes]) * weight)
-        sums = self._integrate(weights)
-        others = (0,) * (len(weights) - 1)
-        along = np.array([np.moveaxis(sums, -2 - n, -2)[others] for n in range(len(weights))])
-        whole = along[0, 0]
-        return -float(np.log(whole).sum()), -(along[:, 1:] / whole).sum(axis=2).ravel()
+        whole, seen, prior = self._find_moments(point)
+        slopes = (seen - prior).sum(axis=2)
+        slopes[:, 0] /= np.exp(point[1::2])
+        return -float(np.log(whole).sum()), -slopes.ravel()
 
     def maximise(self, start: Array, place: int = -1, value: float = 0.0) -> OptimizeResult:
         """Maximise the likelihood, with one parameter held at a value where a place is given."""
@@ -249,28 +248,19 @@ class Population:
             middle, low, high, spread, assess(0.0) if within else math.nan, people - 1.0
         )
 
-    def _describe_posteriors(self, point: Array, index: int) -> tuple[Array, Array]:
-        # Return each participant's mean along an axis, in spreads from the middle, and which share
-        # of the variance between participants the answers explain
-        weights = [self._weigh(point, axis)[0][np.newaxis] for axis in range(len(self.axes))]
-        away = self._weigh(point, index)[1]
-        prior = away**2 @ weights[index][0] - (away @ weights[index][0]) ** 2
-        weights[index] = np.array([np.ones_like(away), away, away**2]) * weights[index]
-        whole, first, second = self._integrate(weights).reshape(3, -1)
-        mean = first / whole
-        return mean, prior - second / whole + mean**2
-
     def _count_participants(self, point: Array, index: int) -> tuple[float, float]:
         # Return the number of participants who tell the mean along an axis, and which share of the
         # variance of what they tell is theirs: the rest is the uncertainty of their answers
-        shares = np.clip(self._describe_posteriors(point, index)[1], 1e-6, 1.0 - 1e-6)
+        _, seen, prior = self._find_moments(point)
+        shares = prior[index, 1] - prior[index, 0] ** 2 - seen[index, 1] + seen[index, 0] ** 2
+        shares = np.clip(shares, 1e-6, 1.0 - 1e-6)
         whole, squares = float(shares.sum()), float((shares**2).sum())
         return max(whole**2 / squares, 2.0), squares / whole
 
     def predict_participants(self, index: int) -> Array:
         """Return the mean of each participant's posterior along an axis."""
         middle, log_spread = self.best.x[2 * index : 2 * index + 2]
-        away = self._describe_posteriors(self.best.x, index)[0]
+        away = self._find_moments(self.best.x)[1][index, 0]
         return np.asarray(middle + math.exp(log_spread) * away)
 
     def profile(self, index: int) -> Array:

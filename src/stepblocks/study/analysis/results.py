@@ -29,6 +29,7 @@ from stepblocks.study.analysis.population import (
 )
 from stepblocks.study.analysis.psychometric import Z975, compute_weber
 from stepblocks.study.analysis.repeated import (
+    approximate_bayes_factor,
     average_participants,
     compare_participants,
     compute_bayes_factor,
@@ -303,23 +304,20 @@ def _list_measure(measure: Measure) -> Iterator[Row]:
             p=measure.sphericity.p,
         )
     yield from _list_intervals("participants' differences", measure.paired, log)
-    contrasts = [
-        (
+    for one in measure.paired:
+        yield _make_row(
+            "Bayes factor",
             f"{one.first} and {one.second}, no difference over a difference",
-            one.difference / one.error,
-            one.df,
+            estimate=compute_bayes_factor(one.difference / one.error, one.df + 1.0),
         )
-        for one in measure.paired
-    ]
-    contrasts += [  # of two levels, F is the square of Student's t
-        (f"{term.name}, no effect over an effect", math.sqrt(term.f), term.df_error)
-        for term in measure.factors
-        if math.isclose(term.df, 1.0)
-    ]
-    for name, t, df in contrasts:
-        yield _make_row("Bayes factor", name, estimate=compute_bayes_factor(t, df + 1.0))
     for term in measure.factors:
         yield _format_term("declared factors", term)
+        factor = (  # of two levels, F is the square of Student's t
+            compute_bayes_factor(math.sqrt(term.f), term.df_error + 1.0)
+            if math.isclose(term.df, 1.0)
+            else approximate_bayes_factor(term)
+        )
+        yield _make_row("Bayes factor", f"{term.name}, no effect over an effect", estimate=factor)
     for name, mean, error in mixed.means:
         ends = (mean, mean - Z975 * error, mean + Z975 * error)
         yield _make_interval_row(
