@@ -90,6 +90,15 @@ def test_the_setup_sheet_states_the_parts_of_the_assembly_and_its_base(tmp_path)
     assert "two gauge blocks" not in write_setup(tmp_path, BLOCK)[0].read_text()
 
 
+def test_a_base_that_the_stock_has_no_room_for_is_said_on_the_setup_sheet(tmp_path):
+    # two gauge blocks of 9 mm by 30 mm with 5 mm round them: 28 mm by 40 mm
+    pair = choose_pair(BLOCK.height.nominal)
+    for stock, said in (((27e-3, 45e-3, 12e-3), True), ((30e-3, 45e-3, 12e-3), False)):
+        block = BLOCK.model_copy(update={"stock": stock})
+        text = write_setup(tmp_path, block, (), pair)[0].read_text()
+        assert ("needs a larger stock than the block in one piece" in text) is said
+
+
 def test_the_workshop_command_writes_everything_and_prints_the_routes(tmp_path, capsys):
     arguments = [
         "workshop",

@@ -21,7 +21,7 @@ def draw_step_block_views(sheet: Sheet, block: StepBlock) -> list[str]:
     _draw_step_detail(sheet, block)
     lines = [
         "Step (1): distance of two parallel planes fitted to both faces, flanks excluded;",
-        "no size between two points (ISO 14405-2). Stylus of 2 um or less, or interferometer.",
+        "no size between two points (ISO 14405-2). Stylus of 2 µm or less, or interferometer.",
     ]
     if block.metrology is not None:
         _draw_feature(sheet, block, block.metrology, scale)

@@ -134,7 +134,7 @@ def draw_part_sheet(
     elif governing:
         rough = stimulus.face_demands["roughness"].upper * 1e6
         notes.append(
-            f"Ra {rough:.2f} um or better where a tip touches, from the tolerance of the "
+            f"Ra {rough:.2f} µm or better where a tip touches, from the tolerance of the "
             f"{governing}."
         )
     lines += [(note, "") for note in notes]
