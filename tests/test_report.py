@@ -28,6 +28,14 @@ def soak():
     return importlib.import_module("soak")
 
 
+def test_a_summary_of_no_draws_says_that_there_are_none(monkeypatch, capsys):
+    coverage = importlib.import_module("softgauge_coverage")
+    monkeypatch.setattr(coverage, "OUT", coverage.records.ROOT / "out" / "none.jsonl")
+    monkeypatch.setattr("sys.argv", ["softgauge_coverage.py", "--summary"])
+    assert coverage.main() == 1
+    assert "no draws of the present code in out/none.jsonl" in capsys.readouterr().out
+
+
 def test_tables_of_an_output_are_found_in_markdown_and_in_columns(report):
     text = "| a | b |\n|---|---:|\n| 1 | 2 |\n\nname   value\nfirst thing   3\nsecond   4\n"
     markdown, columns = report.read_tables(text)
