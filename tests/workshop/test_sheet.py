@@ -52,7 +52,7 @@ def test_a_dimension_measures_the_part_at_any_scale_either_way(scale, upright, s
         if upright
         else ((100.0, 100.0), (100.0 + long, 100.0))
     )
-    sheet.dimension("step", *ends, (90.0, 90.0), scale, upright=upright)
+    sheet.draw_dimension("step", *ends, (90.0, 90.0), scale, upright=upright)
     (one,) = dimensions(sheet)
     assert one.get_measurement() * one.override().get("dimlfac") == pytest.approx(0.010, abs=1e-12)
     assert [str(tag.value) for tag in one.get_xdata("STEPBLOCKS")[:2]] == ["step", "1"]
@@ -71,7 +71,7 @@ def test_the_text_of_a_narrow_dimension_stands_beside_it_and_its_balloon_beyond(
         if upright
         else ((100.0, 100.0), (100.0 + long, 100.0))
     )
-    sheet.dimension("step", *ends, (90.0, 90.0), 4000.0, upright=upright)
+    sheet.draw_dimension("step", *ends, (90.0, 90.0), 4000.0, upright=upright)
     (balloon,) = sheet.space.query("CIRCLE")
     if long < 50.0:
         assert balloon.dxf.center[axis] > 100.0 + long
@@ -80,7 +80,7 @@ def test_the_text_of_a_narrow_dimension_stands_beside_it_and_its_balloon_beyond(
 
 
 def test_a_diameter_says_so_with_unequal_deviations(sheet):
-    sheet.dimension("shank", (0.0, 0.0), (94.0, 0.0), (47.0, 10.0), 40.0)
+    sheet.draw_dimension("shank", (0.0, 0.0), (94.0, 0.0), (47.0, 10.0), 40.0)
     (one,) = dimensions(sheet)
     style = one.override()
     assert style.get("dimpost") == "⌀<>"
@@ -92,22 +92,22 @@ def test_a_diameter_says_so_with_unequal_deviations(sheet):
 def test_a_leader_stands_on_the_side_away_from_its_tip_with_the_limits_in_its_text(
     elbow, side, sheet
 ):
-    sheet.leader((100.0, 50.0), elbow, "R {} of the step", "step")
+    sheet.draw_leader((100.0, 50.0), elbow, "R {} of the step", "step")
     said, number = texts(sheet)
     assert said == "R 0,010 ±0,001 of the step"
     assert number == "1"
     (balloon,) = sheet.space.query("CIRCLE")
     assert side * (balloon.dxf.center.x - elbow[0]) > 3.0
-    sheet.leader((100.0, 50.0), elbow, "working edge")
+    sheet.draw_leader((100.0, 50.0), elbow, "working edge")
     assert texts(sheet)[-1] == "working edge"
     assert sheet.numbers == {1}
 
 
 def test_a_frame_holds_sign_zone_and_datum_with_the_number_beside(sheet):
-    left = sheet.frame("flat", (50.0, 40.0))
+    left = sheet.draw_tolerance_frame("flat", (50.0, 40.0))
     assert left == (50.0, 43.0)
     assert texts(sheet) == ["0,0005", "3"]
-    sheet.frame("parallel", (50.0, 60.0), "A")
+    sheet.draw_tolerance_frame("parallel", (50.0, 60.0), "A")
     assert texts(sheet)[2:] == ["0,002", "A", "4"]
     assert sheet.numbers == {3, 4}
 
@@ -123,7 +123,7 @@ def test_an_arrow_points_from_its_tail_to_its_tip(sheet):
 
 
 def test_the_title_block_lies_in_the_lower_right_corner_inside_the_frame(sheet):
-    sheet.border("Step block", {"identity": "STEP-010", "material": "steel", "mass": "29.1 g"})
+    sheet.draw_border("Step block", {"identity": "STEP-010", "material": "steel", "mass": "29.1 g"})
     said = texts(sheet)
     assert said[0] == "Step block"
     for name, value in (
@@ -139,16 +139,16 @@ def test_the_title_block_lies_in_the_lower_right_corner_inside_the_frame(sheet):
 
 
 def test_notes_go_down_line_by_line(sheet):
-    sheet.notes((20.0, 100.0), [("one", ""), ("two", ""), ("three", "")])
+    sheet.write_notes((20.0, 100.0), [("one", ""), ("two", ""), ("three", "")])
     heights = [entity.dxf.insert.y for entity in sheet.space.query("TEXT")]
     assert heights == [100.0, 95.0, 90.0]
-    sheet.notes((20.0, 50.0), [("4  one that states a characteristic", "shank")])
+    sheet.write_notes((20.0, 50.0), [("4  one that states a characteristic", "shank")])
     assert sheet.numbers == {2}
 
 
 def test_the_symbol_of_a_surface_stands_on_it_with_its_roughness_in_micrometres():
     rough = Sheet([Characteristic("rough", "roughness", "roughness", 0.0, 0.0, 0.1e-6)])
-    rough.texture((50.0, 40.0), "rough")
+    rough.draw_texture((50.0, 40.0), "rough")
     assert texts(rough) == ["Ra 0,1", "1"]
     lowest = min(y for line in rough.space.query("LWPOLYLINE") for _, y in line.get_points("xy"))
     assert lowest == 40.0

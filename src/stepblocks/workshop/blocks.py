@@ -16,8 +16,10 @@ def draw_step_block_views(sheet: Sheet, block: StepBlock) -> list[str]:
     scale = draw_body(sheet, block.body, block.id)
     k, (tx, ty) = 1e3 * scale, TOP_VIEW
     hy, right = 0.5e3 * scale * block.body.width.nominal, tx + 0.5 * k * block.body.length.nominal
-    sheet.line((tx, ty - hy), (tx, ty + hy))
-    sheet.leader((tx, ty - 0.35 * hy), (right + 20.0, ty - 0.25 * hy), "working edge, detail A")
+    sheet.draw_line((tx, ty - hy), (tx, ty + hy))
+    sheet.draw_leader(
+        (tx, ty - 0.35 * hy), (right + 20.0, ty - 0.25 * hy), "working edge, detail A"
+    )
     _draw_step_detail(sheet, block)
     lines = [
         "Step (1): distance of two parallel planes fitted to both faces, flanks excluded;",
@@ -41,8 +43,8 @@ def draw_margin_block_views(sheet: Sheet, margin: MarginBlock) -> list[str]:
     k, (tx, ty) = 1e3 * scale, TOP_VIEW
     hy = 0.5 * margin.body.width.nominal * k
     for x in (0.0, margin.marginal_gap.nominal * k):
-        sheet.line((tx + x, ty - hy), (tx + x, ty + hy))
-    sheet.leader(
+        sheet.draw_line((tx + x, ty - hy), (tx + x, ty + hy))
+    sheet.draw_leader(
         (tx, ty + 0.3 * hy),
         (tx + 0.5 * margin.body.length.nominal * k + 20.0, ty + 0.4 * hy),
         "margin, detail A",
@@ -62,14 +64,14 @@ def _draw_feature(sheet: Sheet, block: StepBlock, feature: MetrologyFeature, sca
     near = sign * feature.distance.nominal * k
     far = near + sign * feature.width.nominal * k
     low = hy - feature.lane.nominal * k
-    sheet.rectangle((tx + near, ty + low), (tx + far, ty + hy))
+    sheet.draw_rectangle((tx + near, ty + low), (tx + far, ty + hy))
     if (key := f"{feature.kind}_distance") in sheet.listed:
         ends = sorted([(tx, ty + hy), (tx + near, ty + hy)])
-        sheet.dimension(key, ends[0], ends[1], (tx, ty + hy + 8.0), scale)
+        sheet.draw_dimension(key, ends[0], ends[1], (tx, ty + hy + 8.0), scale)
     right = tx + 0.5 * block.body.length.nominal * k
     ends, long = [(tx + far, ty + low), (tx + far, ty + hy)], f"{feature.kind}_length"
-    sheet.dimension(long, ends[0], ends[1], (right + 14.0, ty), scale, upright=True)
-    sheet.leader(
+    sheet.draw_dimension(long, ends[0], ends[1], (right + 14.0, ty), scale, upright=True)
+    sheet.draw_leader(
         (tx + far, ty + low + 2.0), (right + 20.0, ty + low + 6.0), f"{feature.kind}, detail B"
     )
 
@@ -85,19 +87,21 @@ def _draw_step_detail(sheet: Sheet, block: StepBlock) -> None:
     top, left, right = view.at(0.0, H)[1], cx - 42.0, cx + 62.0
     turns = [index * math.pi / 40.0 for index in range(21)] if r > 0.0 else [0.5 * math.pi]
     edge = [view.at(r - r * math.cos(turn), H - r + r * math.sin(turn)) for turn in turns]
-    sheet.polyline([(left, cz), (cx, cz), *edge, (right, top)])
-    sheet.break_line(left, cz - 8.0, cz)
-    sheet.break_line(right, cz - 8.0, top)
-    sheet.dimension("step_height", (cx - 24.0, cz), (cx, top), (cx - 14.0, cz), zs, upright=True)
-    sheet.leader(edge[len(edge) // 2], (cx + 10.0, top - 8.0), "R {}", "edge_radius")
+    sheet.draw_polyline([(left, cz), (cx, cz), *edge, (right, top)])
+    sheet.draw_break_line(left, cz - 8.0, cz)
+    sheet.draw_break_line(right, cz - 8.0, top)
+    sheet.draw_dimension(
+        "step_height", (cx - 24.0, cz), (cx, top), (cx - 14.0, cz), zs, upright=True
+    )
+    sheet.draw_leader(edge[len(edge) // 2], (cx + 10.0, top - 8.0), "R {}", "edge_radius")
     # ISO 13715: the outer edge is free of burr; the root may have a fillet or an undercut
     small, large = (f"{limit * 1e3:.3g}" for limit in block.edge_radius.limits)
-    sheet.edge_state(
+    sheet.draw_edge_state(
         edge[len(edge) // 2],
         (cx + 10.0, top - 16.0),
         f"-{large}" if block.edge_radius.limits[0] <= 0.0 else f"-{small}/-{large}",
     )
-    sheet.edge_state(
+    sheet.draw_edge_state(
         (cx, cz),
         (cx + 10.0, cz - 7.0),
         "±H" if "step_height" in sheet.letters else f"±{H * 1e3:.3g}",
@@ -105,23 +109,27 @@ def _draw_step_detail(sheet: Sheet, block: StepBlock) -> None:
     if "riser_angle" in sheet.listed:
         half = cz + 0.35 * (top - cz)
         level = max(cz + 0.6, min(half - 4.0, top - 21.0))
-        sheet.leader((cx, half), (cx + 10.0, level), "{} to A", "riser_angle")
+        sheet.draw_leader((cx, half), (cx + 10.0, level), "{} to A", "riser_angle")
         # its arrow stands on the riser, drawn on over the faces (ISO 1101)
-        sheet.line((cx, top + 1.0), (cx, top + 25.0), "DIMENSION")
-        start = sheet.frame("riser_straightness", (cx + 8.0, top + 21.0))
-        sheet.polyline([start, (cx, start[1])], "DIMENSION")
-        sheet.arrow((cx, start[1]), start)
-    sheet.datum((cx - 32.0, cz), "A")
-    sheet.point_to((cx - 21.0, cz), sheet.frame("flatness_lower", (cx - 16.0, cz - 20.0)))
-    sheet.frame("parallelism_base", (cx - 16.0, cz - 26.0), "B")
-    sheet.point_to((cx + 4.0, top), sheet.frame("flatness_upper", (cx + 8.0, top + 7.0)))
-    sheet.frame("parallelism", (cx + 8.0, top + 13.0), "A")
-    sheet.texture((cx + 46.0, top), "roughness", " (2 x)")
+        sheet.draw_line((cx, top + 1.0), (cx, top + 25.0), "DIMENSION")
+        start = sheet.draw_tolerance_frame("riser_straightness", (cx + 8.0, top + 21.0))
+        sheet.draw_polyline([start, (cx, start[1])], "DIMENSION")
+        sheet.draw_arrow((cx, start[1]), start)
+    sheet.draw_datum((cx - 32.0, cz), "A")
+    sheet.point_to(
+        (cx - 21.0, cz), sheet.draw_tolerance_frame("flatness_lower", (cx - 16.0, cz - 20.0))
+    )
+    sheet.draw_tolerance_frame("parallelism_base", (cx - 16.0, cz - 26.0), "B")
+    sheet.point_to(
+        (cx + 4.0, top), sheet.draw_tolerance_frame("flatness_upper", (cx + 8.0, top + 7.0))
+    )
+    sheet.draw_tolerance_frame("parallelism", (cx + 8.0, top + 13.0), "A")
+    sheet.draw_texture((cx + 46.0, top), "roughness", " (2 x)")
     caption = (
         f"A   lengths {format_scale(xs)}, heights {format_scale(zs)} "
         f"(heights exaggerated {zs / xs:g} times)"
     )
-    sheet.text((cx, cz - 33.0), caption, 2.5, "BOTTOM_CENTER")
+    sheet.write_text((cx, cz - 33.0), caption, 2.5, "BOTTOM_CENTER")
 
 
 def _draw_groove_detail(sheet: Sheet, block: StepBlock, feature: MetrologyFeature) -> None:
@@ -130,7 +138,7 @@ def _draw_groove_detail(sheet: Sheet, block: StepBlock, feature: MetrologyFeatur
     zs, xs = choose_scale(44.0 / (H * 1e3)), choose_scale(30.0 / (W * 1e3))
     top, half = cz + H * 1e3 * zs, 0.5 * W * 1e3 * xs
     outside, inside = (top, cz) if kind == "groove" else (cz, top)
-    sheet.polyline(
+    sheet.draw_polyline(
         [
             (cx - 40.0, outside),
             (cx - half, outside),
@@ -141,12 +149,14 @@ def _draw_groove_detail(sheet: Sheet, block: StepBlock, feature: MetrologyFeatur
         ]
     )
     for x in (cx - 40.0, cx + 40.0):
-        sheet.break_line(x, cz - 8.0, outside)
+        sheet.draw_break_line(x, cz - 8.0, outside)
     # the text of a narrow width stands on the right, so the depth stands on the left
     key, start = _depth_key(feature), cx if kind == "groove" else cx - 30.0
-    sheet.dimension(key, (start, cz), (cx - half, top), (cx - half - 9.0, cz), zs, upright=True)
-    sheet.dimension(f"{kind}_width", (cx - half, top), (cx + half, top), (cx, top + 8.0), xs)
-    sheet.text(
+    sheet.draw_dimension(
+        key, (start, cz), (cx - half, top), (cx - half - 9.0, cz), zs, upright=True
+    )
+    sheet.draw_dimension(f"{kind}_width", (cx - half, top), (cx + half, top), (cx, top + 8.0), xs)
+    sheet.write_text(
         (cx, cz - 33.0),
         f"B   lengths {format_scale(xs)}, heights {format_scale(zs)}",
         2.5,
@@ -166,17 +176,19 @@ def _draw_margin_detail(sheet: Sheet, margin: MarginBlock) -> None:
     wall, level = view.at(g, h)  # of the crown, on the paper
     floor = cz + max(-d * 1e3 * s, -46.0)
     corner = [view.at(x, z) for x, z in margin.corner]
-    sheet.polyline([(cx - 60.0, cz), (cx, cz), (cx, floor)])
+    sheet.draw_polyline([(cx - 60.0, cz), (cx, cz), (cx, floor)])
     edge = (max(corner[-1][0], cx), corner[-1][1])
-    sheet.polyline([(wall, floor), *corner, edge, (cx + 75.0, level)])
+    sheet.draw_polyline([(wall, floor), *corner, edge, (cx + 75.0, level)])
     if cz - d * 1e3 * s < floor:
-        sheet.break_line(cx, floor - 6.0, floor)
-        sheet.break_line(wall, floor - 6.0, floor)
+        sheet.draw_break_line(cx, floor - 6.0, floor)
+        sheet.draw_break_line(wall, floor - 6.0, floor)
     else:
-        sheet.line((cx, floor), (wall, floor))
-    sheet.dimension("marginal_gap", (cx, floor + 8.0), (wall, floor + 8.0), (cx, floor - 12.0), s)
+        sheet.draw_line((cx, floor), (wall, floor))
+    sheet.draw_dimension(
+        "marginal_gap", (cx, floor + 8.0), (wall, floor + 8.0), (cx, floor - 12.0), s
+    )
     if sheet.listed["horizontal_discrepancy"][1].nominal > 0.0:
-        sheet.dimension(
+        sheet.draw_dimension(
             "horizontal_discrepancy",
             (cx - 30.0, cz),
             (cx + 62.0, level),
@@ -191,18 +203,20 @@ def _draw_margin_detail(sheet: Sheet, margin: MarginBlock) -> None:
         and sheet.listed["vertical_discrepancy"][1].kind == "distance"
     ):
         low, high = sorted([(cx, cz), view.at(margin.opening.nominal, h)])
-        sheet.dimension("vertical_discrepancy", low, high, (cx, top + 8.0), s)
+        sheet.draw_dimension("vertical_discrepancy", low, high, (cx, top + 8.0), s)
         beyond = high[0] + 42.0  # clear of the text, which stands beside a narrow dimension
-    sheet.datum((cx - 54.0, cz), "A")
-    sheet.frame("flatness_lower", (cx - 58.0, cz - 28.0))
+    sheet.draw_datum((cx - 54.0, cz), "A")
+    sheet.draw_tolerance_frame("flatness_lower", (cx - 58.0, cz - 28.0))
     sheet.point_to((cx - 44.0, cz), (cx - 44.0, cz - 22.0))
-    sheet.frame("parallelism_base", (cx - 58.0, cz - 34.0), "B")
-    sheet.point_to((beyond, level), sheet.frame("flatness_upper", (beyond + 4.0, top + 18.0)))
-    sheet.frame("parallelism", (beyond + 4.0, top + 24.0), "A")
-    sheet.text((cx - 58.0, cz + 3.0), "tooth", 2.5)
-    sheet.text((cx + 60.0, level - 5.0), "crown", 2.5)
-    sheet.texture((max(cx + 62.0, beyond + 3.0), level), "roughness", " (2 x)")
-    sheet.leader(
+    sheet.draw_tolerance_frame("parallelism_base", (cx - 58.0, cz - 34.0), "B")
+    sheet.point_to(
+        (beyond, level), sheet.draw_tolerance_frame("flatness_upper", (beyond + 4.0, top + 18.0))
+    )
+    sheet.draw_tolerance_frame("parallelism", (beyond + 4.0, top + 24.0), "A")
+    sheet.write_text((cx - 58.0, cz + 3.0), "tooth", 2.5)
+    sheet.write_text((cx + 60.0, level - 5.0), "crown", 2.5)
+    sheet.draw_texture((max(cx + 62.0, beyond + 3.0), level), "roughness", " (2 x)")
+    sheet.draw_leader(
         (cx + 0.4 * g * 1e3 * s, floor + 2.0), (cx - 24.0, floor + 8.0), "depth {}", "gap_depth"
     )
-    sheet.text((cx - 50.0, floor - 8.0), f"A   {format_scale(s)}", 2.5, "BOTTOM_CENTER")
+    sheet.write_text((cx - 50.0, floor - 8.0), f"A   {format_scale(s)}", 2.5, "BOTTOM_CENTER")

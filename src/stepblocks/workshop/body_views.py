@@ -40,36 +40,37 @@ def _draw_front(sheet: Sheet, body: Body, identity: str, scale: float) -> None:
     fx, middle = FRONT_VIEW
     fz = middle + 0.5 * t
     corners = _list_octagon((-half, -t), (half, 0.0), c)
-    sheet.polyline([(fx + x, fz + z) for x, z in corners], closed=True)
+    sheet.draw_polyline([(fx + x, fz + z) for x, z in corners], closed=True)
     left = fx - half
-    sheet.dimension(
+    sheet.draw_dimension(
         "thickness", (left + c, fz - t), (left + c, fz), (left - 12.0, fz), scale, upright=True
     )
     if body.engraving is not None:
         _draw_letters(sheet, body.engraving, identity, (fx, fz - 0.5 * t), fx + half, k)
-    sheet.leader(
+    sheet.draw_leader(
         (left + 0.5 * c, fz - 0.5 * c),
         (left + 6.0, fz + 7.0),
         "{} x 45°, all other edges",
         "edge_break",
     )
     base = fz - t
-    sheet.datum((fx + half - 14.0, base), "B")
+    sheet.draw_datum((fx + half - 14.0, base), "B")
     sheet.point_to(
-        (fx + half - 5.0, base), sheet.frame("flatness_base", (fx + half + 6.0, base - 12.0))
+        (fx + half - 5.0, base),
+        sheet.draw_tolerance_frame("flatness_base", (fx + half + 6.0, base - 12.0)),
     )
-    sheet.text((fx - 10.0, base - 10.0), f"front {format_scale(scale)}", 2.5, "BOTTOM_CENTER")
+    sheet.write_text((fx - 10.0, base - 10.0), f"front {format_scale(scale)}", 2.5, "BOTTOM_CENTER")
 
 
 def _draw_letters(
     sheet: Sheet, engraving: Engraving, identity: str, middle: Point, right: float, k: float
 ) -> None:
     letter = max(0.8 * engraving.height.nominal * k, 2.5)
-    sheet.text(middle, identity.upper(), letter, "MIDDLE_CENTER")
+    sheet.write_text(middle, identity.upper(), letter, "MIDDLE_CENTER")
     end = middle[0] + 0.5 * compute_text_width(identity.upper(), letter) + 1.5, middle[1]
     elbow = right + 12.0
-    sheet.leader(end, (elbow, middle[1] + 9.0), "letters {} high", "engraving_height")
-    sheet.leader(end, (elbow, middle[1] + 3.0), "engraved {} deep", "engraving_depth")
+    sheet.draw_leader(end, (elbow, middle[1] + 9.0), "letters {} high", "engraving_height")
+    sheet.draw_leader(end, (elbow, middle[1] + 3.0), "engraved {} deep", "engraving_depth")
 
 
 def _draw_top(sheet: Sheet, body: Body, scale: float) -> None:
@@ -81,18 +82,20 @@ def _draw_top(sheet: Sheet, body: Body, scale: float) -> None:
         body.edge_break.nominal * k,
     )
     corners = _list_octagon((-hx, -hy), (hx, hy), c)
-    sheet.polyline([(tx + x, ty + y) for x, y in corners], closed=True)
-    sheet.rectangle((tx - hx + c, ty - hy + c), (tx + hx - c, ty + hy - c), "DIMENSION")
+    sheet.draw_polyline([(tx + x, ty + y) for x, y in corners], closed=True)
+    sheet.draw_rectangle((tx - hx + c, ty - hy + c), (tx + hx - c, ty + hy - c), "DIMENSION")
     left, below = tx - hx, ty - hy
-    sheet.dimension("length", (left, below + c), (tx + hx, below + c), (tx, below - 28.0), scale)
+    sheet.draw_dimension(
+        "length", (left, below + c), (tx + hx, below + c), (tx, below - 28.0), scale
+    )
     ends = (left + c, below), (left + c, ty + hy)
     # above the middle, where the place of the holes is led out
-    sheet.dimension("width", *ends, (left - 12.0, ty), scale, upright=True, text_at=0.78)
+    sheet.draw_dimension("width", *ends, (left - 12.0, ty), scale, upright=True, text_at=0.78)
     if "edge_position" in sheet.listed:
-        sheet.dimension(
+        sheet.draw_dimension(
             "edge_position", (left, ty + hy - c), (tx, ty + hy), (tx, ty + hy + 16.0), scale
         )
-    sheet.text((tx + hx + 4.0, below), f"top {format_scale(scale)}", 2.5, "BOTTOM_LEFT")
+    sheet.write_text((tx + hx + 4.0, below), f"top {format_scale(scale)}", 2.5, "BOTTOM_LEFT")
 
 
 def _draw_holes(sheet: Sheet, body: Body, mounting: Mounting, scale: float) -> None:
@@ -108,30 +111,32 @@ def _draw_holes(sheet: Sheet, body: Body, mounting: Mounting, scale: float) -> N
     outer = 0.5 * mounting.entry_diameter * k
     for x in (-half, half):
         if mounting.kind == "clearance":
-            sheet.circle((tx + x, ty), outer)
-            sheet.circle((tx + x, ty), hole)
+            sheet.draw_circle((tx + x, ty), outer)
+            sheet.draw_circle((tx + x, ty), hole)
         else:  # tapped from below; a hidden thread is dashed, its outer line three quarters long
-            sheet.circle((tx + x, ty), hole, "HIDDEN")
+            sheet.draw_circle((tx + x, ty), hole, "HIDDEN")
             turns = [math.radians(10.0 * (index + 1)) for index in range(28)]
-            sheet.polyline(
+            sheet.draw_polyline(
                 [(tx + x + outer * math.cos(turn), ty + outer * math.sin(turn)) for turn in turns],
                 "HIDDEN",
             )
-        sheet.line((tx + x - hole - 3.0, ty), (tx + x + hole + 3.0, ty), "CENTRE")
-        sheet.line((tx + x, ty - hole - 3.0), (tx + x, ty + hole + 3.0), "CENTRE")
+        sheet.draw_line((tx + x - hole - 3.0, ty), (tx + x + hole + 3.0, ty), "CENTRE")
+        sheet.draw_line((tx + x, ty - hole - 3.0), (tx + x, ty + hole + 3.0), "CENTRE")
     left, below, foot = tx - hx, ty - hy, ty - hole
     near, corner = (tx - half, foot), (left + c, below)
     far, along = (tx + half, foot), (tx, below - 19.0)
     # its text stands beyond the line that leads the length out
-    sheet.dimension("hole_spacing", near, far, along, scale, clear=hx - half)
-    sheet.dimension(
+    sheet.draw_dimension("hole_spacing", near, far, along, scale, clear=hx - half)
+    sheet.draw_dimension(
         "hole_position", (left, below + c), near, (tx, below - 10.0), scale, before=True
     )
-    sheet.dimension("hole_row", corner, (tx - half, ty), (left - 24.0, ty), scale, upright=True)
+    sheet.draw_dimension(
+        "hole_row", corner, (tx - half, ty), (left - 24.0, ty), scale, upright=True
+    )
     tip, elbow = (tx + half + 0.7 * hole, ty - 0.7 * hole), (tx + hx + 20.0, ty - 0.65 * hy)
     thread = f"{mounting.thread}-6H" if mounting.kind == "tapped" else f"for {mounting.thread}"
-    sheet.leader(tip, elbow, f"2 x {thread}, section C")
-    sheet.cutting_line((tx + half - outer - 6.5, ty), (tx + hx + 3.0, ty), "C")
+    sheet.draw_leader(tip, elbow, f"2 x {thread}, section C")
+    sheet.draw_cutting_line((tx + half - outer - 6.5, ty), (tx + hx + 3.0, ty), "C")
     _draw_hole_section(sheet, body, mounting)
 
 
@@ -150,10 +155,10 @@ def _draw_hole_section(sheet: Sheet, body: Body, mounting: Mounting) -> None:
         0.5 * mounting.entry_diameter * k,
         mounting.depth.nominal * k,
     )
-    sheet.line((x - half, base), (x + half, base))
-    sheet.line((x - half, top), (x + half, top), "OUTLINE" if shown == tall else "DIMENSION")
+    sheet.draw_line((x - half, base), (x + half, base))
+    sheet.draw_line((x - half, top), (x + half, top), "OUTLINE" if shown == tall else "DIMENSION")
     for side in (-1.0, 1.0):
-        sheet.break_line(x + side * half, base, top)
+        sheet.draw_break_line(x + side * half, base, top)
         if tapped:
             point = drill / math.tan(0.5 * DRILL_POINT)
             outline = [
@@ -163,35 +168,35 @@ def _draw_hole_section(sheet: Sheet, body: Body, mounting: Mounting) -> None:
                 (0.0, base + deep + point),
             ]
             full = base + mounting.thread_depth * k
-            sheet.line((x + side * entry, base), (x + side * entry, full), "DIMENSION")
-            sheet.line((x, full), (x + side * entry, full))
+            sheet.draw_line((x + side * entry, base), (x + side * entry, full), "DIMENSION")
+            sheet.draw_line((x, full), (x + side * entry, full))
         else:
             outline = [(drill, base), (drill, top - deep), (entry, top - deep), (entry, top)]
-        sheet.polyline([(x + side * r, z) for r, z in outline])
+        sheet.draw_polyline([(x + side * r, z) for r, z in outline])
         cut = [*outline, (outline[-1][0], top), (half, top), (half, base)]
-        sheet.hatch([(x + side * r, z) for r, z in cut])
-    sheet.line((x, base - 3.0), (x, top + 3.0), "CENTRE")
+        sheet.draw_hatch([(x + side * r, z) for r, z in cut])
+    sheet.draw_line((x, base - 3.0), (x, top + 3.0), "CENTRE")
     low, high = (base, base + deep) if tapped else (top - deep, top)
-    sheet.line((x - drill, high if tapped else low), (x + drill, high if tapped else low))
+    sheet.draw_line((x - drill, high if tapped else low), (x + drill, high if tapped else low))
     ends = (x + drill, low), (x + drill, high)
-    sheet.dimension("hole_depth", *ends, (x + half + 8.0, base), scale, upright=True)
-    sheet.text((x, base - 8.0), f"C-C   {format_scale(scale)}", 2.5, "BOTTOM_CENTER")
+    sheet.draw_dimension("hole_depth", *ends, (x + half + 8.0, base), scale, upright=True)
+    sheet.write_text((x, base - 8.0), f"C-C   {format_scale(scale)}", 2.5, "BOTTOM_CENTER")
     elbow = x - half - 5.0, base + 0.5 * (top - base)
     if tapped:
-        sheet.leader(
+        sheet.draw_leader(
             (x - entry, base + 0.4 * mounting.thread_depth * k),
             elbow,
             f"{mounting.thread}-6H, thread {{}} deep",
             "thread",
         )
-        sheet.text(
+        sheet.write_text(
             (elbow[0] - 5.0, elbow[1] - 6.0),
             use_decimal_comma(f"core ⌀{mounting.hole_diameter * 1e3:g}") + ", 6H of ISO 965-1",
             2.5,
             "RIGHT",
         )
     else:
-        sheet.leader(
+        sheet.draw_leader(
             (x - drill, base + 3.0),
             elbow,
             use_decimal_comma(f"⌀{2e3 * drill / k:g} through, counterbored ⌀{2e3 * entry / k:g}"),

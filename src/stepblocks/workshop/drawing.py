@@ -116,7 +116,7 @@ def draw_part_sheet(
             )
             for one in blocks
         ]
-        sheet.table((150.0, 84.0), [("identity, engraved", "H"), *heights], (42.0, 30.0))
+        sheet.write_table((150.0, 84.0), [("identity, engraved", "H"), *heights], (42.0, 30.0))
     draw = next((VIEWS[kind] for kind in type(stimulus).__mro__ if kind in VIEWS), None)
     notes, governing = (
         draw(sheet, stimulus) if draw else [],
@@ -124,12 +124,12 @@ def draw_part_sheet(
     )
     # what no view shows is said in words, with its number
     lines = [
-        (f"{n}  {one.label.replace('.', ',')}: {sheet.limits(key)}", key)
+        (f"{n}  {one.label.replace('.', ',')}: {sheet.format_limits(key)}", key)
         for key, (n, one) in sheet.listed.items()
         if n not in sheet.numbers
     ]
     if stimulus.has_working_faces:
-        sheet.texture((100.0, 16.0))
+        sheet.draw_texture((100.0, 16.0))
         notes += filter(None, [describe_default_demands(stimulus)])
     elif governing:
         rough = stimulus.face_demands["roughness"].upper * 1e6
@@ -140,11 +140,11 @@ def draw_part_sheet(
     lines += [(note, "") for note in notes]
     rows = min(len(lines), _MOST_ROWS)
     for start in range(0, len(lines), _MOST_ROWS):  # the columns of a long list start level
-        sheet.notes(
+        sheet.write_notes(
             (232.0 + 92.0 * (start // _MOST_ROWS), TOP_OF_TITLE - 1.0 + 5.0 * rows),
             lines[start : start + _MOST_ROWS],
         )
-    sheet.border(f"{stimulus.kind_name.capitalize()}, part drawing", fields)
+    sheet.draw_border(f"{stimulus.kind_name.capitalize()}, part drawing", fields)
     return sheet
 
 

@@ -96,25 +96,25 @@ class Sheet:
         self.document.styles.add("LETTERS", font=FONT)
         self.document.dimstyles.add("PART", dxfattribs=_STYLE)
 
-    def line(self, a: Point, b: Point, layer: str = "OUTLINE") -> None:
+    def draw_line(self, a: Point, b: Point, layer: str = "OUTLINE") -> None:
         """Draw a line."""
         self.space.add_line(a, b, dxfattribs={"layer": layer})
 
-    def polyline(
+    def draw_polyline(
         self, points: Sequence[Point], layer: str = "OUTLINE", closed: bool = False
     ) -> None:
         """Draw a polyline."""
         self.space.add_lwpolyline(points, close=closed, dxfattribs={"layer": layer})
 
-    def rectangle(self, a: Point, b: Point, layer: str = "OUTLINE") -> None:
+    def draw_rectangle(self, a: Point, b: Point, layer: str = "OUTLINE") -> None:
         """Draw a rectangle by two opposite corners."""
-        self.polyline([a, (b[0], a[1]), b, (a[0], b[1])], layer, closed=True)
+        self.draw_polyline([a, (b[0], a[1]), b, (a[0], b[1])], layer, closed=True)
 
-    def circle(self, centre: Point, radius: float, layer: str = "OUTLINE") -> None:
+    def draw_circle(self, centre: Point, radius: float, layer: str = "OUTLINE") -> None:
         """Draw a circle."""
         self.space.add_circle(centre, radius, dxfattribs={"layer": layer})
 
-    def text(
+    def write_text(
         self, at: Point, text: str, height: float = _TEXT, align: str = "LEFT", key: str = ""
     ) -> None:
         """Write one line of text; `key` says which characteristic it states.
@@ -134,15 +134,15 @@ class Sheet:
         self.numbers.add(number)
         entity.set_xdata("STEPBLOCKS", [(1000, key), (1070, number)])
 
-    def limits(self, key: str) -> str:
+    def format_limits(self, key: str) -> str:
         """Return nominal and deviations of a characteristic."""
         _, one = self.listed[key]
         return use_decimal_comma(format_limits(one.nominal, one.lower, one.upper, one.quantity))
 
-    def break_line(self, x: float, low: float, high: float) -> None:
+    def draw_break_line(self, x: float, low: float, high: float) -> None:
         """Draw a vertical break with a zigzag in its middle."""
         middle = 0.5 * (low + high)
-        self.polyline(
+        self.draw_polyline(
             [
                 (x, low),
                 (x, middle - 2.0),
@@ -154,7 +154,7 @@ class Sheet:
             "DIMENSION",
         )
 
-    def dimension(
+    def draw_dimension(
         self,
         key: str,
         a: Point,
@@ -205,7 +205,9 @@ class Sheet:
         axis, side = (1, -1.0) if upright else (0, 1.0)
         start, end = sorted((a[axis], b[axis]))
         needed = (
-            compute_text_width(prefix.replace("<>", "") + self.limits(key).replace(" ", ""), _TEXT)
+            compute_text_width(
+                prefix.replace("<>", "") + self.format_limits(key).replace(" ", ""), _TEXT
+            )
             + 2.0
         )
         narrow = end - start < needed + 10.0
@@ -224,45 +226,45 @@ class Sheet:
         after, beside = (reach, 0.0) if narrow else (0.5 * needed + 2.6, 3.4)
         middle[axis] += after
         middle[1 - axis] += side * beside
-        self.balloon(key, (middle[0], middle[1]))
+        self.draw_balloon(key, (middle[0], middle[1]))
 
-    def hatch(self, points: Sequence[Point], angle: float = 0.0) -> None:
+    def draw_hatch(self, points: Sequence[Point], angle: float = 0.0) -> None:
         """Hatch the cut area within an outline, at 45 degrees and a further angle (ISO 128-50)."""
         area = self.space.add_hatch(dxfattribs={"layer": "DIMENSION"})
         area.set_pattern_fill("ANSI31", scale=0.8, angle=angle)
         area.paths.add_polyline_path(points)
 
-    def cutting_line(self, left: Point, right: Point, letter: str) -> None:
+    def draw_cutting_line(self, left: Point, right: Point, letter: str) -> None:
         """Draw where a section is cut (ISO 128-44), as seen from below on the paper."""
-        self.line(left, right, "CENTRE")
+        self.draw_line(left, right, "CENTRE")
         for (x, y), inwards in ((left, 1.0), (right, -1.0)):
-            self.line((x, y), (x + 3.0 * inwards, y))
-            self.line((x, y - 6.0), (x, y), "DIMENSION")
-            self.arrow((x, y), (x, y - 6.0))
-            self.text((x + 2.6, y - 3.0), letter, 3.0, "MIDDLE_CENTER")
+            self.draw_line((x, y), (x + 3.0 * inwards, y))
+            self.draw_line((x, y - 6.0), (x, y), "DIMENSION")
+            self.draw_arrow((x, y), (x, y - 6.0))
+            self.write_text((x + 2.6, y - 3.0), letter, 3.0, "MIDDLE_CENTER")
 
-    def edge_state(self, tip: Point, corner: Point, limits: str) -> None:
+    def draw_edge_state(self, tip: Point, corner: Point, limits: str) -> None:
         """Draw the symbol of the state of an edge (ISO 13715) with its limits in millimetres."""
         (x, y), wide = corner, 3.0 + compute_text_width(limits, _TEXT)
-        self.polyline([tip, corner], "DIMENSION")
-        self.arrow(tip, corner)
-        self.polyline([(x, y + 4.5), corner, (x + wide, y)], "FRAME")
-        self.text((x + 1.5, y + 2.4), use_decimal_comma(limits), _TEXT, "MIDDLE_LEFT")
+        self.draw_polyline([tip, corner], "DIMENSION")
+        self.draw_arrow(tip, corner)
+        self.draw_polyline([(x, y + 4.5), corner, (x + wide, y)], "FRAME")
+        self.write_text((x + 1.5, y + 2.4), use_decimal_comma(limits), _TEXT, "MIDDLE_LEFT")
 
-    def balloon(self, key: str, at: Point) -> None:
+    def draw_balloon(self, key: str, at: Point) -> None:
         """Draw the number of a characteristic in a circle."""
-        self.circle(at, 2.8, "DIMENSION")
-        self.text(at, str(self.listed[key][0]), _TEXT, "MIDDLE_CENTER")
+        self.draw_circle(at, 2.8, "DIMENSION")
+        self.write_text(at, str(self.listed[key][0]), _TEXT, "MIDDLE_CENTER")
 
-    def leader(self, tip: Point, elbow: Point, text: str, key: str = "") -> None:
+    def draw_leader(self, tip: Point, elbow: Point, text: str, key: str = "") -> None:
         """Draw an arrow to `tip` from a text at `elbow`; ``{}`` are the limits of `key`."""
         if key:
-            text = text.format(self.limits(key))
+            text = text.format(self.format_limits(key))
         side = 1.0 if elbow[0] >= tip[0] else -1.0
         shelf = elbow[0] + side * 3.0
-        self.polyline([tip, elbow, (shelf, elbow[1])], "DIMENSION")
-        self.arrow(tip, elbow)
-        self.text(
+        self.draw_polyline([tip, elbow, (shelf, elbow[1])], "DIMENSION")
+        self.draw_arrow(tip, elbow)
+        self.write_text(
             (shelf + side, elbow[1]),
             text,
             _TEXT,
@@ -270,9 +272,11 @@ class Sheet:
             key,
         )
         if key:
-            self.balloon(key, (shelf + side * (5.0 + compute_text_width(text, _TEXT)), elbow[1]))
+            self.draw_balloon(
+                key, (shelf + side * (5.0 + compute_text_width(text, _TEXT)), elbow[1])
+            )
 
-    def arrow(self, tip: Point, tail: Point, size: float = 2.5) -> None:
+    def draw_arrow(self, tip: Point, tail: Point, size: float = 2.5) -> None:
         """Draw a filled arrow head at `tip`, coming from `tail`."""
         angle = math.atan2(tip[1] - tail[1], tip[0] - tail[0])
         corners = [tip]
@@ -281,7 +285,7 @@ class Sheet:
             corners.append((tip[0] + size * math.cos(side), tip[1] + size * math.sin(side)))
         self.space.add_solid([*corners, corners[-1]], dxfattribs={"layer": "DIMENSION"})
 
-    def frame(self, key: str, at: Point, datum: str = "") -> Point:
+    def draw_tolerance_frame(self, key: str, at: Point, datum: str = "") -> Point:
         """Draw a tolerance frame as lines; return its left end.
 
         Viewers do not render the native entity.
@@ -297,52 +301,56 @@ class Sheet:
             x + cell + wide,
             *([x + cell + wide + cell] if datum else []),
         ]
-        self.rectangle(at, (ends[-1], y + high), "FRAME")
+        self.draw_rectangle(at, (ends[-1], y + high), "FRAME")
         for end in ends[:-1]:
-            self.line((end, y), (end, y + high), "FRAME")
+            self.draw_line((end, y), (end, y + high), "FRAME")
         for stroke in _SYMBOLS[one.kind]:
-            self.polyline([(x + right, y + up) for right, up in stroke], "FRAME")
-        self.text((x + cell + 0.5 * wide, y + 0.5 * high), value, _TEXT, "MIDDLE_CENTER", key)
+            self.draw_polyline([(x + right, y + up) for right, up in stroke], "FRAME")
+        self.write_text((x + cell + 0.5 * wide, y + 0.5 * high), value, _TEXT, "MIDDLE_CENTER", key)
         if datum:
-            self.text((ends[-1] - 0.5 * cell, y + 0.5 * high), datum, _TEXT, "MIDDLE_CENTER")
-        self.balloon(key, (ends[-1] + 4.0, y + 0.5 * high))
+            self.write_text((ends[-1] - 0.5 * cell, y + 0.5 * high), datum, _TEXT, "MIDDLE_CENTER")
+        self.draw_balloon(key, (ends[-1] + 4.0, y + 0.5 * high))
         return x, y + 0.5 * high
 
     def point_to(self, face: Point, start: Point) -> None:
         """Lead from the left end of a frame straight to a face."""
-        self.polyline([start, (face[0], start[1]), face], "DIMENSION")
-        self.arrow(face, (face[0], start[1]))
+        self.draw_polyline([start, (face[0], start[1]), face], "DIMENSION")
+        self.draw_arrow(face, (face[0], start[1]))
 
-    def datum(self, at: Point, letter: str) -> None:
+    def draw_datum(self, at: Point, letter: str) -> None:
         """Draw a datum triangle under a face, with its letter in a box below."""
         x, y = at
         foot = (x + 1.8, y - 3.0)
         self.space.add_solid(
             [(x, y), (x - 1.8, y - 3.0), foot, foot], dxfattribs={"layer": "FRAME"}
         )
-        self.line((x, y - 3.0), (x, y - 6.0), "FRAME")
-        self.rectangle((x - 3.0, y - 12.0), (x + 3.0, y - 6.0), "FRAME")
-        self.text((x, y - 9.0), letter, 3.0, "MIDDLE_CENTER")
+        self.draw_line((x, y - 3.0), (x, y - 6.0), "FRAME")
+        self.draw_rectangle((x - 3.0, y - 12.0), (x + 3.0, y - 6.0), "FRAME")
+        self.write_text((x, y - 9.0), letter, 3.0, "MIDDLE_CENTER")
 
-    def texture(self, foot: Point, key: str = "", suffix: str = "") -> None:
+    def draw_texture(self, foot: Point, key: str = "", suffix: str = "") -> None:
         """Draw the symbol of a machined surface (ISO 21920-1) with its largest Ra [um].
 
         Without a key it is that of all other surfaces.
         """
         (x, y), largest = foot, self.listed[key][1].upper if key else ELSEWHERE
         text = use_decimal_comma(f"Ra {largest * 1e6:g}{suffix}")
-        self.polyline([(x - 2.0, y + 3.5), (x, y), (x + 2.0, y + 3.5)], "DIMENSION", closed=True)
+        self.draw_polyline(
+            [(x - 2.0, y + 3.5), (x, y), (x + 2.0, y + 3.5)], "DIMENSION", closed=True
+        )
         end = x + 6.0 + compute_text_width(text, _TEXT)
-        self.polyline([(x + 2.0, y + 3.5), (x + 4.3, y + 7.5), (end, y + 7.5)], "DIMENSION")
-        self.text((x + 5.0, y + 5.3), text, _TEXT, "MIDDLE_LEFT", key)
+        self.draw_polyline([(x + 2.0, y + 3.5), (x + 4.3, y + 7.5), (end, y + 7.5)], "DIMENSION")
+        self.write_text((x + 5.0, y + 5.3), text, _TEXT, "MIDDLE_LEFT", key)
         if key:
-            self.balloon(key, (end + 3.6, y + 5.6))
+            self.draw_balloon(key, (end + 3.6, y + 5.6))
             return
-        self.text((x + 24.0, y + 3.0), "(", 4.0)
-        self.polyline([(x + 27.0, y + 5.0), (x + 29.0, y + 2.0), (x + 32.0, y + 7.0)], "DIMENSION")
-        self.text((x + 33.0, y + 3.0), ")", 4.0)
+        self.write_text((x + 24.0, y + 3.0), "(", 4.0)
+        self.draw_polyline(
+            [(x + 27.0, y + 5.0), (x + 29.0, y + 2.0), (x + 32.0, y + 7.0)], "DIMENSION"
+        )
+        self.write_text((x + 33.0, y + 3.0), ")", 4.0)
 
-    def border(self, title: str, rows: dict[str, str]) -> None:
+    def draw_border(self, title: str, rows: dict[str, str]) -> None:
         """Draw frame, title block and the symbol of first-angle projection."""
         standard = {
             "unit": "mm; scales stand at the views",
@@ -354,39 +362,41 @@ class Sheet:
         }
         cells = list((rows | standard).items())
         # ISO 5457: 20 mm on the left are for filing
-        self.rectangle((20.0, 10.0), (WIDTH - 10.0, HEIGHT - 10.0), "FRAME")
+        self.draw_rectangle((20.0, 10.0), (WIDTH - 10.0, HEIGHT - 10.0), "FRAME")
         left, half = WIDTH - 190.0, -(-len(cells) // 2)
         high = (TOP_OF_TITLE - 18.0) / half
-        self.rectangle((left, 10.0), (WIDTH - 10.0, TOP_OF_TITLE), "FRAME")
-        self.text((left + 3.0, TOP_OF_TITLE - 4.0), title, 4.5, "MIDDLE_LEFT")
+        self.draw_rectangle((left, 10.0), (WIDTH - 10.0, TOP_OF_TITLE), "FRAME")
+        self.write_text((left + 3.0, TOP_OF_TITLE - 4.0), title, 4.5, "MIDDLE_LEFT")
         for index, (name, value) in enumerate(cells):
             column, row = divmod(index, half)
             x, y = left + 90.0 * column, TOP_OF_TITLE - 8.0 - high * row
-            self.rectangle((x, y - high), (x + 90.0, y), "FRAME")
-            self.text((x + 2.0, y - 2.1), name, _TEXT, "MIDDLE_LEFT")
+            self.draw_rectangle((x, y - high), (x + 90.0, y), "FRAME")
+            self.write_text((x + 2.0, y - 2.1), name, _TEXT, "MIDDLE_LEFT")
             # a long text is written smaller rather than over the line of its field
             size = min(2.5, 2.5 * 84.0 / compute_text_width(value, 2.5)) if value else 2.5
-            self.text((x + 2.0, y - 5.9), value, size, "MIDDLE_LEFT")
+            self.write_text((x + 2.0, y - 5.9), value, size, "MIDDLE_LEFT")
         # the truncated cone from its side and, on the right of it, from its narrow end (ISO 5456-2)
         x, y = WIDTH - 26.0, 10.0 + 0.5 * high
         side = [(x - 4.0, y - 1.2), (x + 2.0, y - 2.4), (x + 2.0, y + 2.4), (x - 4.0, y + 1.2)]
-        self.polyline(side, "DIMENSION", closed=True)
+        self.draw_polyline(side, "DIMENSION", closed=True)
         for radius in (1.2, 2.4):
-            self.circle((x + 8.0, y), radius, "DIMENSION")
-        self.line((x - 5.0, y), (x + 3.0, y), "CENTRE")
-        self.line((x + 5.0, y), (x + 11.0, y), "CENTRE")
+            self.draw_circle((x + 8.0, y), radius, "DIMENSION")
+        self.draw_line((x - 5.0, y), (x + 3.0, y), "CENTRE")
+        self.draw_line((x + 5.0, y), (x + 11.0, y), "CENTRE")
 
-    def table(self, at: Point, rows: Sequence[Sequence[str]], widths: Sequence[float]) -> None:
+    def write_table(
+        self, at: Point, rows: Sequence[Sequence[str]], widths: Sequence[float]
+    ) -> None:
         """Draw a table downwards from its upper left corner, its first row the headings."""
         x, y = at
         for index, row in enumerate(rows):
             left, top = x, y - 6.0 * index
             for text, wide in zip(row, widths, strict=True):
-                self.rectangle((left, top - 6.0), (left + wide, top), "FRAME")
-                self.text((left + 2.0, top - 3.0), text, _TEXT, "MIDDLE_LEFT")
+                self.draw_rectangle((left, top - 6.0), (left + wide, top), "FRAME")
+                self.write_text((left + 2.0, top - 3.0), text, _TEXT, "MIDDLE_LEFT")
                 left += wide
 
-    def notes(self, at: Point, lines: Iterable[tuple[str, str]]) -> None:
+    def write_notes(self, at: Point, lines: Iterable[tuple[str, str]]) -> None:
         """Write notes downwards from a point, each with the characteristic that it states."""
         for index, (line, key) in enumerate(lines):
-            self.text((at[0], at[1] - 5.0 * index), line, key=key)
+            self.write_text((at[0], at[1] - 5.0 * index), line, key=key)

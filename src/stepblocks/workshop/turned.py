@@ -18,7 +18,7 @@ def _draw_mirrored(
     # Draw a half section on either side of its axis, which lies along the sheet
     half = list(outline)
     for side in (1.0, -1.0):
-        sheet.polyline([view.at(z, side * r) for r, z in half], closed=closed)
+        sheet.draw_polyline([view.at(z, side * r) for r, z in half], closed=closed)
 
 
 def draw_straight_tip_views(sheet: Sheet, tip: StraightTip) -> list[str]:
@@ -26,7 +26,7 @@ def draw_straight_tip_views(sheet: Sheet, tip: StraightTip) -> list[str]:
     shank, end = tip.shank_radius.nominal, tip.length.nominal
     view = _draw_side_view(sheet, tip, end, [])
     corner, foot = view.at(end, -shank), view.at(0.0, -shank)
-    sheet.dimension(
+    sheet.draw_dimension(
         "shank_diameter",
         corner,
         view.at(end, shank),
@@ -34,7 +34,9 @@ def draw_straight_tip_views(sheet: Sheet, tip: StraightTip) -> list[str]:
         view.scale,
         upright=True,
     )
-    sheet.dimension("length", view.origin, corner, (view.origin[0], foot[1] - 12.0), view.scale)
+    sheet.draw_dimension(
+        "length", view.origin, corner, (view.origin[0], foot[1] - 12.0), view.scale
+    )
     return _draw_ball(sheet, tip, view, -shank)
 
 
@@ -60,12 +62,14 @@ def draw_hook_tip_views(sheet: Sheet, tip: HookTip) -> list[str]:
     view = _draw_side_view(sheet, tip, top, bent)
     start, end = bent[1][-2:]  # of the straight run of the shank
     middle = view.at(0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1]))
-    sheet.leader(middle, (middle[0] + 14.0, middle[1] - 6.0), "⌀{}", "shank_diameter")
+    sheet.draw_leader(middle, (middle[0] + 14.0, middle[1] - 6.0), "⌀{}", "shank_diameter")
     axis = view.at(top + R * math.sin(0.5 * total), R * (1.0 - math.cos(0.5 * total)))
-    sheet.leader(axis, (axis[0] + 18.0, axis[1] - 10.0), "R {}, axis of the wire", "bend_radius")
-    sheet.leader(axis, (axis[0] + 18.0, axis[1] - 18.0), "bent by {}", "bend_angle")
+    sheet.draw_leader(
+        axis, (axis[0] + 18.0, axis[1] - 10.0), "R {}, axis of the wire", "bend_radius"
+    )
+    sheet.draw_leader(axis, (axis[0] + 18.0, axis[1] - 18.0), "bent by {}", "bend_angle")
     along = view.at(0.2 * start[0] + 0.8 * end[0], 0.2 * start[1] + 0.8 * end[1])
-    sheet.leader(
+    sheet.draw_leader(
         along,
         (along[0] + 14.0, along[1] - 6.0),
         "straight over {} from the bend",
@@ -87,15 +91,15 @@ def _draw_side_view(sheet: Sheet, tip: Tip, end: float, outlines: list[list[Poin
     s = choose_scale(min(180.0 / wide, 150.0 / tall, 40.0 / shank))
     view = View((40.0, 170.0 - 0.5e3 * s * (low[1] + high[1])), s)
     for line in lines:
-        sheet.polyline([view.at(*point) for point in line])
+        sheet.draw_polyline([view.at(*point) for point in line])
     cx, cy = view.origin
-    sheet.line((cx - 5.0, cy), (view.at(end, 0.0)[0] + 5.0, cy), "CENTRE")
+    sheet.draw_line((cx - 5.0, cy), (view.at(end, 0.0)[0] + 5.0, cy), "CENTRE")
     return view
 
 
 def _draw_ball(sheet: Sheet, tip: Tip, side: View, lowest: float) -> list[str]:
     # Write the caption of the side view and draw the ball enlarged; return no notes
-    sheet.text(
+    sheet.write_text(
         (side.origin[0], side.at(0.0, lowest)[1] - 26.0), f"side {format_scale(side.scale)}", 2.5
     )
     (cx, cy), R = (320.0, 215.0), tip.ball_radius.nominal
@@ -105,13 +109,15 @@ def _draw_ball(sheet: Sheet, tip: Tip, side: View, lowest: float) -> list[str]:
     outline.append((start[0] + (height - start[1]) * math.tan(tip.cone_angle.nominal), height))
     _draw_mirrored(sheet, view, outline)
     on_paper = R * 1e3 * view.scale
-    sheet.circle(view.at(R, 0.0), on_paper, "HIDDEN")
-    sheet.line((cx - 45.0, cy), (cx + 45.0, cy), "CENTRE")
+    sheet.draw_circle(view.at(R, 0.0), on_paper, "HIDDEN")
+    sheet.draw_line((cx - 45.0, cy), (cx + 45.0, cy), "CENTRE")
     tipped = (cx - 40.0 + on_paper * (1.0 - math.cos(1.0)), cy + on_paper * math.sin(1.0))
-    sheet.leader(tipped, (cx - 34.0, cy + 40.0), "SR {}", "ball_radius")
+    sheet.draw_leader(tipped, (cx - 34.0, cy + 40.0), "SR {}", "ball_radius")
     flank = view.at(2.6 * R, start[0] + (2.6 * R - start[1]) * math.tan(tip.cone_angle.nominal))
-    sheet.leader(flank, (flank[0] + 6.0, cy - 34.0), "{} included", "cone_angle")
-    sheet.text((cx - 20.0, cy - 48.0), f"ball {format_scale(view.scale)}", 2.5, "BOTTOM_CENTER")
+    sheet.draw_leader(flank, (flank[0] + 6.0, cy - 34.0), "{} included", "cone_angle")
+    sheet.write_text(
+        (cx - 20.0, cy - 48.0), f"ball {format_scale(view.scale)}", 2.5, "BOTTOM_CENTER"
+    )
     return []
 
 
@@ -130,14 +136,14 @@ def draw_crown_views(sheet: Sheet, margin: CrownOnTooth) -> list[str]:
     for outline, angle in ((tooth, 0.0), (crown, 90.0)):  # parts that touch are distinguished
         for side in (1.0, -1.0):
             points = [at(side * r, z) for r, z in outline]
-            sheet.polyline(points)
-            sheet.hatch(points, angle)
+            sheet.draw_polyline(points)
+            sheet.draw_hatch(points, angle)
     base, roof, outer = (
         at(0.0, -root)[1],
         max(z for _, z in crown),
         R + margin.horizontal_discrepancy.nominal,
     )
-    sheet.line((cx, base - 5.0), (cx, at(0.0, top)[1] + 18.0), "CENTRE")
+    sheet.draw_line((cx, base - 5.0), (cx, at(0.0, top)[1] + 18.0), "CENTRE")
     left, ceiling = at(-1.05 * outer, 0.0)[0] - 10.0, top + margin.internal_gap.nominal
     right = at(1.05 * outer, 0.0)[0] + 54.0  # beyond the text of the diameter above
     drawn = (  # between which points, and through which the line of the dimension leads
@@ -150,8 +156,8 @@ def draw_crown_views(sheet: Sheet, margin: CrownOnTooth) -> list[str]:
     )
     for key, one, other, along in drawn:
         if key in sheet.listed:
-            sheet.dimension(key, one, other, along, s, upright=not key.endswith("_diameter"))
-    sheet.text((cx, base - 22.0), f"section {format_scale(s)}, seated", 2.5, "BOTTOM_CENTER")
+            sheet.draw_dimension(key, one, other, along, s, upright=not key.endswith("_diameter"))
+    sheet.write_text((cx, base - 22.0), f"section {format_scale(s)}, seated", 2.5, "BOTTOM_CENTER")
     _draw_crown_margin(sheet, margin, (tooth, crown))
     return ["Marginal gap, internal gap and discrepancies hold with the crown seated on its tooth."]
 
@@ -170,18 +176,20 @@ def _draw_crown_margin(sheet: Sheet, margin: CrownOnTooth, outlines: Iterable[li
         piece = shapely.LineString(outline).intersection(window)
         for part in getattr(piece, "geoms", [piece]):
             if part.geom_type == "LineString":
-                sheet.polyline([(cx + (r - R) * 1e3 * s, cy + z * 1e3 * s) for r, z in part.coords])
+                sheet.draw_polyline(
+                    [(cx + (r - R) * 1e3 * s, cy + z * 1e3 * s) for r, z in part.coords]
+                )
     key = "vertical_discrepancy" if "vertical_discrepancy" in sheet.listed else "marginal_gap"
     _, one = sheet.listed[key]
     outer = margin.horizontal_discrepancy.nominal * 1e3 * s
     if one.kind == "distance":
         # from the cavosurface angle of the tooth to the margin of the crown
         end = (cx + outer, cy + one.nominal * 1e3 * s)
-        sheet.dimension(key, (cx, cy), end, (cx + max(outer, 0.0) + 14.0, cy), s, upright=True)
-    sheet.text((cx - half + 3.0, cy - half + 4.0), "tooth", 2.5)
-    sheet.text((cx - half + 3.0, cy + half - 7.0), "crown", 2.5)
-    sheet.rectangle((cx - half, cy - half), (cx + half, cy + half), "DIMENSION")
-    sheet.text((cx, cy - half - 7.0), f"A   margin {format_scale(s)}", 2.5, "BOTTOM_CENTER")
+        sheet.draw_dimension(key, (cx, cy), end, (cx + max(outer, 0.0) + 14.0, cy), s, upright=True)
+    sheet.write_text((cx - half + 3.0, cy - half + 4.0), "tooth", 2.5)
+    sheet.write_text((cx - half + 3.0, cy + half - 7.0), "crown", 2.5)
+    sheet.draw_rectangle((cx - half, cy - half), (cx + half, cy + half), "DIMENSION")
+    sheet.write_text((cx, cy - half - 7.0), f"A   margin {format_scale(s)}", 2.5, "BOTTOM_CENTER")
 
 
 def draw_sheath_views(sheet: Sheet, part: Sheath) -> list[str]:
@@ -194,27 +202,29 @@ def draw_sheath_views(sheet: Sheet, part: Sheath) -> list[str]:
     (left, cy), at = view.origin, view.at
     _draw_mirrored(sheet, view, part.outline(), closed=True)
     for side in (1.0, -1.0):
-        sheet.hatch([at(z, side * r) for r, z in part.outline()])
+        sheet.draw_hatch([at(z, side * r) for r, z in part.outline()])
     if "edge_break" in sheet.listed:
         corner = at(length - 0.5 * c, 0.5 * outer - 0.5 * c)
-        sheet.leader(
+        sheet.draw_leader(
             corner, (corner[0] - 12.0, corner[1] + 12.0), "{} x 45°, both ends", "edge_break"
         )
     for z in (0.0, length):
-        sheet.line(at(z, -0.5 * bore), at(z, 0.5 * bore))
+        sheet.draw_line(at(z, -0.5 * bore), at(z, 0.5 * bore))
     for z in (c, length - c):
-        sheet.line(at(z, -0.5 * outer), at(z, -0.5 * bore))
-        sheet.line(at(z, 0.5 * bore), at(z, 0.5 * outer))
-    sheet.line(at(-0.1 * length, 0.0), at(1.1 * length, 0.0), "CENTRE")
+        sheet.draw_line(at(z, -0.5 * outer), at(z, -0.5 * bore))
+        sheet.draw_line(at(z, 0.5 * bore), at(z, 0.5 * outer))
+    sheet.draw_line(at(-0.1 * length, 0.0), at(1.1 * length, 0.0), "CENTRE")
     low, right = -0.5 * outer, at(length, 0.0)[0]
-    sheet.dimension("length", at(0.0, low), at(length, low), at(0.0, low - 14.0 / (1e3 * s)), s)
-    sheet.dimension(
+    sheet.draw_dimension(
+        "length", at(0.0, low), at(length, low), at(0.0, low - 14.0 / (1e3 * s)), s
+    )
+    sheet.draw_dimension(
         "bore", at(length, -0.5 * bore), at(length, 0.5 * bore), (right + 12.0, cy), s, upright=True
     )
-    sheet.dimension(
+    sheet.draw_dimension(
         "outer_diameter", at(0.0, low), at(0.0, 0.5 * outer), (left - 16.0, cy), s, upright=True
     )
-    sheet.text(
+    sheet.write_text(
         (at(0.5 * length, 0.0)[0], at(0.0, low)[1] - 26.0),
         f"section {format_scale(s)}, clamp on the left",
         2.5,
@@ -222,10 +232,10 @@ def draw_sheath_views(sheet: Sheet, part: Sheath) -> list[str]:
     )
     end, reach = (right + 80.0, cy), 0.6e3 * outer * s
     for diameter in (bore, outer - 2.0 * c, outer):
-        sheet.circle(end, 0.5e3 * diameter * s)
-    sheet.line((end[0] - reach, cy), (end[0] + reach, cy), "CENTRE")
-    sheet.line((end[0], cy - reach), (end[0], cy + reach), "CENTRE")
-    sheet.text((end[0], cy - reach - 6.0), f"end {format_scale(s)}", 2.5, "BOTTOM_CENTER")
+        sheet.draw_circle(end, 0.5e3 * diameter * s)
+    sheet.draw_line((end[0] - reach, cy), (end[0] + reach, cy), "CENTRE")
+    sheet.draw_line((end[0], cy - reach), (end[0], cy + reach), "CENTRE")
+    sheet.write_text((end[0], cy - reach - 6.0), f"end {format_scale(s)}", 2.5, "BOTTOM_CENTER")
     lightest, heaviest = map(format_mass, part.mass_limits)
     return [
         f"Mass {format_mass(part.mass)}, {lightest} to {heaviest} within the limits.",
