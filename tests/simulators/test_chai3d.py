@@ -7,6 +7,7 @@ import shutil
 import subprocess
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pandas as pd
 import pytest
@@ -16,6 +17,7 @@ from stepblocks.bench.measure import measure_session
 from stepblocks.bench.rehearse import Rig, Truth, record_trial
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.declare import load_set
+from stepblocks.loop.run import loop_session
 from stepblocks.simulators.compare import compare_record
 from stepblocks.simulators.export import export_scenes
 from stepblocks.simulators.scene import write_scene
@@ -33,6 +35,16 @@ LOAD = 1.5
 def paper_force(height, load):
     """Equations (1) and (2)."""
     return load * math.tan(math.acos(1.0 - height / R) + math.atan(MU))
+
+
+def read_columns(path):
+    """The columns of a file of the log, in HDF5 or CSV, and its block where that is told."""
+    if path.suffix == ".csv":
+        return pd.read_csv(path)
+    with h5py.File(path) as file:
+        table = pd.DataFrame({name: values[:] for name, values in file.items()})
+        table.attrs["block"] = file.attrs["block"].decode()
+    return table
 
 
 @pytest.fixture(scope="module")
@@ -123,6 +135,8 @@ def test_measure_finds_forces_and_energies_of_the_file_in_a_session_of_the_progr
     forces = np.array([paper_force(height, LOAD) for height in heights])
     assert list(table["status"]) == ["ok"] * 10
     assert list(table["regime"]) == ["snap"] * 10
+    assert table["sliding_friction"].to_numpy() == pytest.approx(MU, rel=5e-3)
+    assert table["spring_constant_n_per_m"].to_numpy() == pytest.approx(SPRING, rel=2e-3)
     assert table["height_um"].to_numpy() == pytest.approx(heights * 1e6, rel=1e-6)
     assert table["peak_force_n"].to_numpy() == pytest.approx(forces, rel=0.015)
     energies = SHARE * forces**2 / (2.0 * SPRING)
@@ -135,10 +149,19 @@ def test_measure_finds_forces_and_energies_of_the_file_in_a_session_of_the_progr
         assert scores["difference_jnd"]["score"] < 1.0
 
 
-def test_without_hdf5_the_log_has_the_same_columns_as_csv(program, tmp_path):
-    pytest.importorskip("h5py")
-    import h5py
+def test_the_loop_finds_nothing_missing_in_a_session_of_the_program(program, tmp_path):
+    """Loads at which a tip without mass snaps: five blocks at three loads and three speeds."""
+    keys = [
+        f"l {load}\ns {speed}\n" + "\n".join("12345")
+        for load in (1.3, 1.6, 2.0)
+        for speed in (2.0, 4.0, 8.0)
+    ]
+    drive(program, "\n".join([*keys, "q\n"]), "--log", tmp_path / "log")
+    result = loop_session(tmp_path / "log", tmp_path / "loop", jobs=1)
+    assert result.verdict == "none"
 
+
+def test_without_hdf5_the_log_has_the_same_columns_as_csv(program, tmp_path):
     built = os.environ["CHAI3D_BUILD"]
     plain = shutil.copytree(program, tmp_path / "paper-ten" / "chai3d-blocks")
     shutil.rmtree(plain / "build")
@@ -185,6 +208,14 @@ def test_a_device_gives_no_force_before_it_is_calibrated_and_at_most_3_newton(pr
     table = measure_session(tmp_path / "log", jobs=1)
     good = table[(table["status"] == "ok") & (table["block"] == "step-030")]
     assert len(good)
+    # every tick from the calibration on, in the air too, with nothing lost between two files
+    stretches = [read_columns(path) for path in sorted((tmp_path / "log" / "ticks").iterdir())]
+    ticks = pd.concat(stretches, ignore_index=True)
+    assert np.diff(ticks["time_s"]) == pytest.approx(1.0 / 4e3, rel=1e-6)
+    blocks = {one.attrs["block"] for one in stretches if one.attrs}  # CSV does not tell it
+    assert not blocks or {"step-010", "step-090", "step-030"} <= blocks
+    assert (ticks["normal_n"].abs() < 0.01).mean() > 0.2
+    assert ticks["releases"].max() >= len(trials)
     assert good["peak_force_n"].to_numpy() == pytest.approx(paper_force(30e-6, LOAD), rel=0.03)
 
 

@@ -84,11 +84,13 @@ CHAI3D = SceneFormat(
         "elsewhere, at the real size; the virtual hand has gauges with a noise of 1 mN (`--noise`) "
         "and slides at 5 mm/s (`--speed`); a device is read at 4 kHz (`--rate`), and a tick that "
         "comes late is a gap in the record",
-        "the proxy has no mass: below a load of k R (1.23 N for the paper's tool) it climbs down "
-        "behind the edge for a while, which `measure` calls climb-down; above, it snaps",
-        "where the tip meets the edge CHAI3D drops friction for a moment, so that `measure` finds "
-        "less sliding friction than was set: 3 % less at 1.5 N, and up to a third in single drags "
-        "at other loads",
+        "`cFrictionProxy` of `ReleaseRing.h` takes the place of the tool's finger proxy: that of "
+        "CHAI3D drops friction where it comes near a second face and where it leaves an edge",
+        "the proxy has no mass: above a load of k R (1.23 N for the paper's tool) it snaps, below "
+        "it climbs down behind the edge as slowly as the hand goes while the ring sounds already; "
+        "`measure` calls that climb-down or rubbing, finds the peak and takes the ring for too "
+        "small: `compare` reads it from `ring_n`, and a session for `loop` is dragged above k R",
+        "`ticks/` of a session on a device has every tick, in the air too, in files of ten seconds",
         "its own vibration effect is a steady sine; `ReleaseRing.h` is a decaying one, fired when "
         "the proxy leaves the notch",
     ),

@@ -16,9 +16,11 @@ public:
     double z() const { return m_z; }
     double length() const { return std::sqrt(m_x * m_x + m_y * m_y + m_z * m_z); }
     void zero() { set(0.0, 0.0, 0.0); }
+    double distance(const cVector3d& o) const { return (*this - o).length(); }
     void set(double x, double y, double z) { m_x = x; m_y = y; m_z = z; }
     cVector3d operator-(const cVector3d& o) const { return cVector3d(m_x - o.m_x, m_y - o.m_y, m_z - o.m_z); }
 
+    cVector3d operator+(const cVector3d& o) const { return cVector3d(m_x + o.m_x, m_y + o.m_y, m_z + o.m_z); }
     friend cVector3d operator*(double s, const cVector3d& v) { return cVector3d(s * v.m_x, s * v.m_y, s * v.m_z); }
 
 private:
@@ -38,10 +40,32 @@ public:
     cVector3d getGlobalPos() const { return cVector3d(); }
 };
 
-class cProxy
+inline cVector3d cProjectPointOnPlane(const cVector3d& point, const cVector3d&, const cVector3d&) { return point; }
+
+struct cCollisionEvent
+{
+    cVector3d m_globalNormal;
+    cGenericObject* m_object = nullptr;
+};
+
+struct cCollisionRecorder
+{
+    cCollisionEvent m_nearestCollision;
+};
+
+class cAlgorithmFingerProxy
 {
 public:
+    virtual ~cAlgorithmFingerProxy() {}
     void setEpsilonBaseValue(double) {}
+
+protected:
+    virtual void computeNextBestProxyPosition(const cVector3d&) {}
+    virtual void testFrictionAndMoveProxy(const cVector3d&, const cVector3d&, cVector3d&, cGenericObject*) {}
+    cVector3d m_proxyGlobalPos, m_nextBestProxyGlobalPos;
+    cCollisionRecorder m_collisionRecorderConstraint0;
+    double m_radius = 1.0;
+    unsigned int m_numCollisionEvents = 0, m_algoCounter = 0;
 };
 
 class cHapticPoint
@@ -49,8 +73,9 @@ class cHapticPoint
 public:
     cVector3d getGlobalPosGoal() const { return goal; }
     cVector3d getGlobalPosProxy() const { return proxy; }
+    void initialize(const cVector3d&) {}
     cVector3d goal, proxy;
-    cProxy* m_algorithmFingerProxy = nullptr;
+    cAlgorithmFingerProxy* m_algorithmFingerProxy = nullptr;
 };
 
 class cGenericEffect
@@ -78,6 +103,7 @@ class cGenericTool
 {
 public:
     void setRadius(double, double) {}
+    cVector3d getDeviceGlobalPos() const { return cVector3d(); }
     cHapticPoint* getHapticPoint(int) { return nullptr; }
 };
 
