@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from oracles.feature_bench import bench_trials, design_columns
 from oracles.features_file import features_of
@@ -28,11 +29,27 @@ _RULES = Rules(draws=60, fits=2)
 def quiet():
     features = features_of(bench_trials(design_columns(45, 40), 40))
     features.loc[2, ["status", "reason"]] = ["flagged", "mislabelled: another load"]
-    return features, analyse_features(features, 9810.0, 125e-6, rules=_RULES)
+    said = []
+    result = analyse_features(
+        features, 9810.0, 125e-6, rules=_RULES, announce=lambda *one: said.append(one)
+    )
+    return features, result, said
+
+
+def test_a_long_analysis_says_which_of_its_searches_runs_and_what_that_finds(quiet):
+    said = quiet[2]
+    assert [done for done, _, _ in said] == list(range(1, 9))  # all trials, and seven folds
+    assert {of for _, of, _ in said} == {8}
+    assert said[0][2].endswith("effects beside the nominal model")
+    folds = (*quiet[1].within.selected, *quiet[1].between.selected)
+    assert [text for _, _, text in said[1:]] == [
+        f"part {n} of 7 held out: {', '.join(names) or 'nothing'}"
+        for n, names in enumerate(folds, 1)
+    ]
 
 
 def test_a_result_is_read_without_files(quiet):
-    features, result = quiet
+    features, result, _ = quiet
     assert result.verdict is Verdict.NONE
     assert result.document["verdict"] == "none"
     assert result.document["trials_analysed"] == len(result.table.trials)
@@ -67,7 +84,7 @@ def test_every_fold_chooses_for_itself_and_every_trial_is_held_out_once_either_w
 
 
 def test_workers_give_the_same_answer_and_ask_a_script_for_no_guard(quiet, tmp_path):
-    features, result = quiet
+    features, result, _ = quiet
     features.to_csv(tmp_path / "features.csv", index=False)
     script = tmp_path / "script.py"
     script.write_text(
@@ -92,6 +109,22 @@ def test_workers_give_the_same_answer_and_ask_a_script_for_no_guard(quiet, tmp_p
     assert [told[name] for name in told if name != "noise_floor"] == pytest.approx(
         [known[name] for name in known if name != "noise_floor"], rel=1e-6
     )
+
+
+def test_linear_algebra_of_an_analysis_takes_one_thread_whatever_its_caller_takes(monkeypatch):
+    class ReachedError(Exception):
+        pass
+
+    def stop(*_):
+        raise ReachedError(
+            {one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas"}
+        )
+
+    monkeypatch.setattr(run, "_explain_and_hold_out", stop)
+    features = features_of(bench_trials(design_columns(24, 1), 1))
+    with threadpool_limits(2, "blas"), pytest.raises(ReachedError) as found:
+        analyse_features(features, 9810.0, 125e-6)
+    assert found.value.args == ({1},)
 
 
 def test_a_session_without_the_radius_of_its_tip_is_refused(tmp_path):

@@ -1,6 +1,7 @@
 """``stepblocks simulate-session``, ``measure`` and ``loop``: a bench session, and what it shows."""
 
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -137,11 +138,13 @@ def loop(
     from stepblocks.loop.several import loop_sessions
     from stepblocks.quantities import format_units
 
+    show = make_progress("loop:", quiet=quiet)
     options = keep_given_options(
         jobs=jobs,
         forces_only=forces_only,
         as_built=as_built or [],
-        progress=make_progress("measured trials", quiet=quiet),
+        progress=partial(show, name="trials measured"),
+        announce=show,
     )
     if len(session) > 1:
         return _summarise_sessions(loop_sessions(session, output, **options), output)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+from threadpoolctl import threadpool_limits
 
 from stepblocks.artefacts.as_built import list_measured_edges, read_records
 from stepblocks.artefacts.model_file import build_model_document
@@ -48,6 +49,8 @@ _WITHIN, _BETWEEN = 3, 4  # folds
 _FEWEST = 12  # trials that a fold must leave
 _DRAWN = 12  # trials held apart whose traces are drawn
 
+Announce = Callable[[int, int, str], None]  # told which of how many searches runs, and what of it
+
 
 def loop_session(
     session: str | Path,
@@ -58,6 +61,7 @@ def loop_session(
     as_built: Sequence[str | Path] = (),
     features: pd.DataFrame | None = None,
     progress: Callable[[int, int], None] | None = None,
+    announce: Announce | None = None,
 ) -> LoopResult:
     """Measure a session and find what the model of equations (1) and (2) lacks.
 
@@ -80,6 +84,8 @@ def loop_session(
         ``status``; the traces are not measured again, and features.csv is not written.
     progress : callable, optional
         Told how many of how many trials are measured.
+    announce : callable, optional
+        Told which of how many searches runs, and what it tries, in words.
 
     Returns
     -------
@@ -131,6 +137,7 @@ def loop_session(
             jobs=cores,
             known=declared.calibration.list_known(),
             friction=declared.probe.friction,
+            announce=announce,
         )
         result.document["scans"]["left_out"] = [
             {"block": block, "reason": reason} for block, reason in failed.items()
@@ -155,6 +162,7 @@ def analyse_features(
     rules: Rules | None = None,
     known: Known | None = None,
     friction: Mapping[str, Any] | None = None,
+    announce: Announce | None = None,
 ) -> LoopResult:
     """Find what the nominal model lacks for a table of features.
 
@@ -166,15 +174,23 @@ def analyse_features(
         scans or {},
         jobs=jobs,
         rules=rules,
+        announce=announce,
     )
 
 
 def analyse_table(
-    table: SessionTable, scans: Scans, *, jobs: int = 1, rules: Rules | None = None
+    table: SessionTable,
+    scans: Scans,
+    *,
+    jobs: int = 1,
+    rules: Rules | None = None,
+    announce: Announce | None = None,
 ) -> LoopResult:
     """Find what the nominal model lacks for trials that can be analysed."""
     rules = rules or Rules()
-    found, holdouts = _explain_and_hold_out(table, rules, jobs)
+    # our matrices are small: threads of the linear algebra only wait for each other
+    with threadpool_limits(limits=1, user_api="blas"):
+        found, holdouts = _explain_and_hold_out(table, rules, jobs, announce)
     return LoopResult(
         "",
         table,
@@ -186,7 +202,7 @@ def analyse_table(
 
 
 def _explain_and_hold_out(
-    table: SessionTable, rules: Rules, jobs: int
+    table: SessionTable, rules: Rules, jobs: int, announce: Announce | None
 ) -> tuple[Explanation, tuple[Holdout, Holdout]]:
     # Explain all trials, and hold out trials within blocks and whole blocks. Every fold chooses its
     # own effects.
@@ -197,7 +213,14 @@ def _explain_and_hold_out(
         [rows for rows in folds if len(trials) - len(rows) >= _FEWEST]
         for folds in (inside, outside)
     )
-    found = explain(model, trials, model.candidates(trials), rules)
+    searches = 1 + len(inside) + len(outside)
+    found = explain(
+        model,
+        trials,
+        model.candidates(trials),
+        rules,
+        announce=partial(announce, 1, searches) if announce else None,
+    )
     one_fold = partial(
         select_effects_without,
         model,
@@ -205,7 +228,12 @@ def _explain_and_hold_out(
         candidates=model.candidates,
         rules=rules,
     )
-    selected = list(run_in_processes(one_fold, ((rows,) for rows in (*inside, *outside)), jobs))
+    selected: list[tuple[str, ...]] = []
+    for names in run_in_processes(one_fold, ((rows,) for rows in (*inside, *outside)), jobs):
+        selected.append(names)
+        if announce:
+            part = f"part {len(selected)} of {searches - 1} held out"
+            announce(1 + len(selected), searches, f"{part}: {', '.join(names) or 'nothing'}")
     found = check_claims(found, selected, model.cells(trials))
     found, (within, between) = choose_delivered_effects(
         add_height_errors(found, table), (inside, outside), model.candidates

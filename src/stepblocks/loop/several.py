@@ -21,7 +21,7 @@ from stepblocks.bench.session import open_session
 from stepblocks.errors import PipelineError
 from stepblocks.loop.bench_model import OF_A_DAY
 from stepblocks.loop.result import LoopResult
-from stepblocks.loop.run import analyse_table, loop_session, write_loop
+from stepblocks.loop.run import Announce, analyse_table, loop_session, write_loop
 from stepblocks.loop.search.explain import Rules
 from stepblocks.loop.search.fit import Fit
 from stepblocks.loop.search.forward_model import Floats, Trials
@@ -152,12 +152,13 @@ def explain_together(
     *,
     jobs: int = 1,
     rules: Rules | None = None,
+    announce: Announce | None = None,
 ) -> tuple[LoopResult, dict[str, Document]]:
     """Explain the trials of all sessions, by name, in one likelihood.
 
     Beside the result stands what the sessions share. The model predicts the next one.
     """
-    result = analyse_table(join_tables(tables), scans, jobs=jobs, rules=rules)
+    result = analyse_table(join_tables(tables), scans, jobs=jobs, rules=rules, announce=announce)
     fits = result.found.nominal, result.found.extended
     pooled = [list_shared(fitted, list(tables)) for fitted in fits]
     nominal, extended = (
@@ -186,6 +187,7 @@ def loop_sessions(
     forces_only: bool = False,
     as_built: Sequence[str | Path] = (),
     progress: Callable[[int, int], None] | None = None,
+    announce: Announce | None = None,
 ) -> Document:
     """Explain every session in a folder of its own, and all of them in one likelihood.
 
@@ -196,7 +198,7 @@ def loop_sessions(
     output : str or Path
         Folder for one folder per session; of all together result.json, report.html, sessions.json,
         and model.json that predicts the next session.
-    jobs, forces_only, as_built, progress
+    jobs, forces_only, as_built, progress, announce
         As in `loop_session`.
 
     Returns
@@ -234,6 +236,7 @@ def loop_sessions(
                 forces_only=forces_only,
                 as_built=as_built,
                 progress=progress,
+                announce=announce,
             )
             for name, folder in folders.items()
         }
@@ -241,6 +244,7 @@ def loop_sessions(
             {name: result.table for name, result in results.items()},
             {b: one for r in results.values() for b, one in r.document["scans"]["blocks"].items()},
             jobs=jobs or len(os.sched_getaffinity(0)),
+            announce=announce,
         )
         write_loop(together, output)
         verdicts = {

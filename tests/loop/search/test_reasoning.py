@@ -24,11 +24,10 @@ from stepblocks.loop.search.explain import (
     Verdict,
     _add_or_replace_effect,
     explain,
-    select_likeliest,
 )
 from stepblocks.loop.search.fit import build_problem, fit
 from stepblocks.loop.search.forward_model import Floats, Trials
-from stepblocks.loop.search.gate import Gate, score_candidates
+from stepblocks.loop.search.gate import Gate, score_candidates, select_likeliest
 from stepblocks.loop.search.holdout import (
     Holdout,
     choose_delivered_effects,
@@ -138,6 +137,14 @@ def test_the_search_stops_where_the_deployed_error_rises() -> None:
     )
     assert found.verdict is Verdict.NONE
     assert found.extended.effects == ()
+
+
+def test_a_search_says_what_it_tries_and_beside_what() -> None:
+    said: list[str] = []
+    explain(Toy(), toy_trials(120, 1, square=0.5), toy_effects(), _RULES, announce=said.append)
+    count = len(toy_effects())
+    assert said[0] == f"tries {count} effects beside the nominal model"
+    assert said[-1] == f"tries {count} effects beside level over z"  # what was planted
 
 
 def test_the_same_data_give_the_same_answer() -> None:

@@ -11,7 +11,12 @@ from stepblocks.law import Law
 from stepblocks.loop.search.adequacy import check_residuals, depends_on_settings
 from stepblocks.loop.search.fit import Fit, Problem, build_problem, fit, fit_without
 from stepblocks.loop.search.forward_model import ForwardModel, Trials
-from stepblocks.loop.search.gate import choose_candidate, score_candidates
+from stepblocks.loop.search.gate import (
+    Rival,
+    choose_candidate,
+    score_candidates,
+    select_likeliest,
+)
 from stepblocks.loop.search.mixture import find_bad_trials
 from stepblocks.loop.search.structure import (
     Hint,
@@ -26,8 +31,6 @@ from stepblocks.loop.search.structure import (
 )
 
 _LEAST_SHARE = 0.3  # of the whole gain, below which an effect only stands in for what is left
-# chance, by Schwarz's criterion, with which an effect and the rivals named with it hold the truth
-_GROUP = 0.95
 _INFLUENCE = 0.01  # share of the trials that may not carry an effect
 _BAD = 0.5  # chance that a trial went wrong, from which it is held apart
 _ALIKE = 1e-3  # of a channel, within which a jump and a label say the same
@@ -38,8 +41,6 @@ _WORTH = 4.0  # of the criterion, below which an exchange is not made
 LEFT = "something is left in the residual that noise would not do"  # why a whole is not claimed
 
 Deployed = Callable[[Fit], float]  # error of a fit where it will be used
-# an effect that may stand for another, its fit, and how far its criterion is behind
-Rival = tuple[Law, Fit, float]
 
 
 class Verdict(StrEnum):
@@ -160,6 +161,7 @@ def explain(
     candidates: Sequence[Law],
     rules: Rules | None = None,
     deployed: Deployed | None = None,
+    announce: Callable[[str], None] | None = None,
 ) -> Explanation:
     """Find what a model lacks, with trials that went wrong held apart.
 
@@ -175,6 +177,8 @@ def explain(
         When to claim what.
     deployed : callable, optional
         Error of a fit where it is to be used; the search ends where it no longer falls.
+    announce : callable, optional
+        Told what is tried, in words.
 
     Returns
     -------
@@ -188,7 +192,7 @@ def explain(
     """
     rules = rules or Rules()
     trials = trials if isinstance(trials, Trials) else Trials.from_table(trials)
-    grown = search_effects_and_structure(model, trials, candidates, rules, deployed)
+    grown = search_effects_and_structure(model, trials, candidates, rules, deployed, announce)
     apart: dict[int, float] = {}
     for _ in range(_ROUNDS):
         chance, _ = find_bad_trials(grown.problem, grown.extended)
@@ -202,7 +206,7 @@ def explain(
             break
         apart |= dict(zip(bad.tolist(), chance[bad].tolist(), strict=True))
         trials = trials.without(list(apart))
-        grown = search_effects_and_structure(model, trials, candidates, rules, deployed)
+        grown = search_effects_and_structure(model, trials, candidates, rules, deployed, announce)
     return replace(_judge_search(grown, candidates, rules), apart=tuple(sorted(apart.items())))
 
 
@@ -212,20 +216,21 @@ def search_effects_and_structure(
     candidates: Sequence[Law],
     rules: Rules,
     deployed: Deployed | None = None,
+    announce: Callable[[str], None] | None = None,
 ) -> _SearchResult:
     """Search for effects, then for structure in the residuals.
 
     The search is repeated where trials that follow one another err together.
     """
     problem = build_problem(model, trials)
-    grown = _search_effects(problem, candidates, rules, deployed)
+    grown = _search_effects(problem, candidates, rules, deployed, announce)
     hints, mistaken, wanders = _find_residual_structure(grown)
     jumps = {e.slot for e in grown.extended.effects if e.steps} & set(model.quantities)
     if wanders or jumps:
         # what changed at once is looked for again where the errors fall apart best
         base = fit_without_time_effects(grown.problem, grown.extended)
         candidates = add_jump_places(grown.problem, base, wanders | jumps, candidates)
-        grown = _search_effects(problem, candidates, rules, deployed)
+        grown = _search_effects(problem, candidates, rules, deployed, announce)
         hints, mistaken, wanders = _find_residual_structure(grown)
     if not wanders:
         return replace(grown, hints=hints)
@@ -235,7 +240,7 @@ def search_effects_and_structure(
     fits = {q: base if q in mistaken else grown.extended for q in model.quantities if q in wanders}
     seen = {q: estimate_errors_in_order(grown.problem, one, q)[1] for q, one in fits.items()}
     noisy = problem.add_shared_errors(build_wandering_errors(problem, base, seen), base)
-    again = _search_effects(noisy, candidates, rules, deployed)
+    again = _search_effects(noisy, candidates, rules, deployed, announce)
     return replace(_take_out_changes_along_run(again, problem, wanders, candidates), hints=hints)
 
 
@@ -274,12 +279,19 @@ def _take_out_changes_along_run(
 
 
 def _search_effects(
-    problem: Problem, candidates: Sequence[Law], rules: Rules, deployed: Deployed | None = None
+    problem: Problem,
+    candidates: Sequence[Law],
+    rules: Rules,
+    deployed: Deployed | None = None,
+    announce: Callable[[str], None] | None = None,
 ) -> _SearchResult:
     current, p_value = fit(problem), 1.0
     gates: dict[str, float] = {}
     error = deployed(current) if deployed else 0.0
     for step in range(rules.most + 1):
+        if announce:
+            beside = ", ".join(f"{e.slot} over {e.covariate}" for e in current.effects)
+            announce(f"tries {len(candidates)} effects beside {beside or 'the nominal model'}")
         opened = score_candidates(
             problem,
             current,
@@ -463,18 +475,6 @@ def _judge_effect(
         (row, share),
         (channel, float(gains[:, channel].sum()) / whole),
         reason or ("" if effect.named else "no law of the list fits it"),
-    )
-
-
-def select_likeliest(rivals: Sequence[Rival], always: Sequence[Rival]) -> tuple[Rival, ...]:
-    """Return the likeliest rivals of an effect, and those in `always`.
-
-    As many are kept as hold the truth together with the effect by `_GROUP`.
-    """
-    odds = np.exp([-0.5 * behind for _, _, behind in rivals])
-    before = (1.0 + np.cumsum(odds) - odds) / (1.0 + odds.sum())
-    return tuple(
-        r for r, share in zip(rivals, before, strict=True) if share < _GROUP or r in always
     )
 
 

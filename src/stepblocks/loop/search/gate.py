@@ -17,6 +17,11 @@ from stepblocks.loop.search.forward_model import Floats
 _HOPELESS, _SURPRISE = 0.4, 30.0
 # a direction of which less is left beside the nominal model is its derivative, up to rounding
 _UNSEEN = 2e-3
+# chance, by Schwarz's criterion, with which an effect and the rivals named with it hold the truth
+_GROUP = 0.95
+
+# an effect that may stand for another, its fit, and how far its criterion is behind
+Rival = tuple[Law, Fit, float]
 
 
 @dataclass(frozen=True)
@@ -345,3 +350,15 @@ def _fit_candidate(problem: Problem, base: Fit, score: Score) -> Fit | None:
         return fit(problem, (*base.effects, effect), start, evaluations=25)
     except (np.linalg.LinAlgError, ValueError, FloatingPointError):
         return None
+
+
+def select_likeliest(rivals: Sequence[Rival], always: Sequence[Rival]) -> tuple[Rival, ...]:
+    """Return the likeliest rivals of an effect, and those in `always`.
+
+    As many are kept as hold the truth together with the effect by `_GROUP`.
+    """
+    odds = np.exp([-0.5 * behind for _, _, behind in rivals])
+    before = (1.0 + np.cumsum(odds) - odds) / (1.0 + odds.sum())
+    return tuple(
+        r for r, share in zip(rivals, before, strict=True) if share < _GROUP or r in always
+    )
