@@ -11,6 +11,7 @@ from lxml import etree
 
 from oracles import schemas
 from stepblocks.artefacts.certificate import _collect_content, _write_pdf, write_certificate
+from stepblocks.artefacts.laboratory import InstrumentRecord, Laboratory
 from stepblocks.artefacts.qif import write_qif
 from stepblocks.artefacts.qif_read import match_results, read_qif_results
 from stepblocks.declare import load_set
@@ -178,13 +179,30 @@ def test_samples_of_other_programs_are_read():
     assert match_results(results, {"10": "bore"}).keys() == {"bore"}
 
 
-def certificate_of(folder):
+LABORATORY = Laboratory(
+    name="Metrology room",
+    address="Example street 1, Town",
+    country="DE",
+    signer="A. Signer",
+    temperature="20.1 degC",
+    temperature_spread="0.3 K",
+    measured_from="2026-11-20",
+    measured_to="2026-11-21",
+    certificate="C-2026-017",
+    serial="007",
+    instrument=InstrumentRecord(
+        name="Profilometer", serial="P-42", certificate="K-1234", calibrated="2026-05-01"
+    ),
+)
+
+
+def certificate_of(folder, laboratory=None):
     write_qif(
         folder / "a.qif", PARTS["step-050"], None, {"step_height": (50.9e-6, 0.1e-6, "not proven")}
     )
     result = inspect_scan(folder / "a.qif", "step-050", stimuli=STIMULI / "paper-ten.toml")
     path = folder / "step-050.dcc.xml"
-    write_certificate(path, PARTS["step-050"], result.as_record(), ORDER, "ab" * 32)
+    write_certificate(path, PARTS["step-050"], result.as_record(), ORDER, "ab" * 32, laboratory)
     return path
 
 
@@ -212,8 +230,29 @@ def test_the_draft_certificate_says_value_uncertainty_limits_budget_and_rule(tmp
         assert said in text
 
 
-def test_the_draft_certificate_is_valid_by_the_published_schema(tmp_path):
-    assert schemas.faults(schemas.DCC, certificate_of(tmp_path)) == []
+@pytest.mark.parametrize("laboratory", [None, LABORATORY])
+def test_the_certificate_is_valid_by_the_published_schema(laboratory, tmp_path):
+    assert schemas.faults(schemas.DCC, certificate_of(tmp_path, laboratory)) == []
+
+
+def test_the_certificate_names_the_calibration_of_the_instrument_and_gives_no_half_of_a_hash(
+    tmp_path,
+):
+    # a reference to another document needs procedure and value of its hash (DCC 3.2.1, hashType),
+    # which nobody has of a certificate on paper
+    dcc = "{https://ptb.de/dcc}"
+    root = etree.parse(certificate_of(tmp_path, LABORATORY)).getroot()
+    assert not [
+        one for one in root.iter(f"{dcc}referral") if one.getparent().find(f"{dcc}value") is None
+    ]
+    named = {
+        one.findtext(f"{dcc}name/{dcc}content"): one.findtext(f"{dcc}value")
+        for one in root.iterfind(f".//{dcc}measuringEquipment//{dcc}identification")
+    }
+    assert named == {
+        "serial number": "P-42",
+        "certificate of its calibration of 2026-05-01": "K-1234",
+    }
 
 
 def test_a_page_that_the_disk_has_no_room_for_is_an_error_of_the_disk(tmp_path):
