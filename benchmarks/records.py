@@ -20,10 +20,11 @@ FOLDER = ROOT / "docs" / "records"
 
 @cache
 def code_hash(*rooms: str) -> str:
-    """Hash the code of rooms, without comments and docstrings."""
+    """Hash the code of rooms or of single files, without comments and docstrings."""
     digest = hashlib.sha256()
     for room in sorted(rooms):
-        for path in sorted((ROOT / "src" / "stepblocks" / room).rglob("*.py")):
+        place = ROOT / "src" / "stepblocks" / room
+        for path in [place] if place.is_file() else sorted(place.rglob("*.py")):
             tree = ast.parse(path.read_text(encoding="utf-8"))
             for node in ast.walk(tree):
                 if isinstance(node, ast.FunctionDef | ast.ClassDef | ast.Module) and node.body:

@@ -214,8 +214,7 @@ def test_figures_have_one_record_each_and_every_record_says_how_it_was_measured(
     for record in every:
         for key in ("title", "command", "commit", "date", "machine", "versions"):
             assert record[key], (record["part"], key)
-        rooms = [path.name for path in HOUSE.iterdir()]
-        assert set(record["code"]) <= set(rooms)
+        assert [one for one in record["code"] if not (HOUSE / one).exists()] == []
         for table in record["tables"]:
             assert {len(row) for row in table["rows"]} <= {len(table["columns"])}, table["caption"]
 
