@@ -35,7 +35,7 @@ import lazy_loader
 
 __version__ = "1.0.0"
 
-# names of version 0.1, kept for one release
+# names of version 0.1, kept until version 2
 _RENAMED = {
     "How": "EvaluationOptions",
     "compare": "compare_record",

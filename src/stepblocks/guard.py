@@ -13,7 +13,7 @@ from stepblocks.errors import StepblocksError, UsageError
 P = ParamSpec("P")
 R = TypeVar("R")
 
-# keywords of version 0.1, kept for one release
+# keywords of version 0.1, kept until version 2
 _RENAMED = {"how": "options", "said": "description"}
 # what Python and its libraries raise over a value of a wrong type, shape or size
 _MISUSE = (

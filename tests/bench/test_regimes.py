@@ -168,7 +168,7 @@ def test_a_record_without_its_teeth_keeps_its_noise():
     # white noise of 1 mN; what five samples have in common is taken for motion
     force = 0.3 + 1e-3 * np.random.default_rng(4).standard_normal(20_000)
     saw = SimpleNamespace(kinetic=(0.2, 1e-3), onset=18_000)
-    calm = Sawtooth.calmed(saw, force)
+    calm = Sawtooth.remove_saw(saw, force)
     assert calm[10:17_990].mean() == pytest.approx(0.2, abs=1e-4)
     assert calm[10:17_990].std() == pytest.approx(1e-3, rel=0.03)
     assert np.array_equal(calm[18_000:], force[18_000:])

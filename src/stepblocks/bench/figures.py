@@ -6,7 +6,7 @@ from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 
-from stepblocks.bench.measure import estimate_tool, measure_or_explain
+from stepblocks.bench.measure import estimate_tool, measure_or_refuse
 from stepblocks.bench.session import open_session
 from stepblocks.bench.signal import Array, Trace, TraceError
 from stepblocks.bench.signal.features import Measurement
@@ -63,7 +63,7 @@ def draw_trials(
         tool = estimate_tool(traces, table)
         for trial in chosen:
             with suppress(TraceError):
-                examined = measure_or_explain(traces, trial, tool)
+                examined = measure_or_refuse(traces, trial, tool)
                 drawn.append(output / f"trial-{re.sub(r'[^A-Za-z0-9._-]', '_', trial.name)}.png")
                 _draw(declared.title, trial, examined, drawn[-1])
     return drawn

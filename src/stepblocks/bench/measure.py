@@ -184,7 +184,7 @@ def write_features(
                 )
                 if progress is not None:
                     progress(done, table.count)
-        return _write_with_label_faults(draft, output, table, check.faults())
+        return _apply_label_faults(draft, output, table, check.faults())
 
 
 def measure_trial(traces: Traces, trial: Trial, tool: Tool | None = None) -> TrialResult:
@@ -192,7 +192,7 @@ def measure_trial(traces: Traces, trial: Trial, tool: Tool | None = None) -> Tri
     if trial.fault:
         return TrialResult(trial, trial.fault)
     try:
-        trace, measured, reason = measure_or_explain(traces, trial, tool)
+        trace, measured, reason = measure_or_refuse(traces, trial, tool)
     except TraceError as fault:
         return TrialResult(trial, " ".join(str(fault).split()))
     if measured is None:
@@ -207,7 +207,7 @@ def measure_trial(traces: Traces, trial: Trial, tool: Tool | None = None) -> Tri
     return TrialResult(trial, "", measured.features, int.from_bytes(samples.digest()))
 
 
-def measure_or_explain(
+def measure_or_refuse(
     traces: Traces, trial: Trial, tool: Tool | None
 ) -> tuple[Trace, Measurement | None, str]:
     """Read, screen and measure one trace; where it cannot be measured, say why."""
@@ -274,7 +274,7 @@ def _measure_chunk(folder: Path, tool: Tool | None, trials: list[Trial]) -> list
     return [measure_trial(_opened(folder), trial, tool) for trial in trials]
 
 
-def _write_with_label_faults(
+def _apply_label_faults(
     draft: Path, output: Path, table: TrialTable, faults: dict[int, str]
 ) -> MeasureSummary:
     # Put the faults of labels into the draft, and the draft into its place

@@ -107,13 +107,16 @@ def write_view_script(
     # Coordinates are float32, a nanometre in 20 mm, and corners uint16 where that is enough, in
     # base64: half the size of digits.
 
-    def packed(values: NDArray[np.generic], kind: str) -> str:
+    def pack_values(values: NDArray[np.generic], kind: str) -> str:
         return base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode("ascii")
 
     bodies = [
-        {name: packed(column * 1e3, "<f4") for name, column in zip("xyz", vertices.T, strict=True)}
+        {
+            name: pack_values(column * 1e3, "<f4")
+            for name, column in zip("xyz", vertices.T, strict=True)
+        }
         | {
-            name: packed(column, f"<u{wide}")
+            name: pack_values(column, f"<u{wide}")
             for name, column in zip("ijk", triangles.T, strict=True)
         }
         | {"bytes_of_a_corner": wide}

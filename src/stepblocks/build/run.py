@@ -146,7 +146,9 @@ def build_sets(
     learned = read_model(Path(model)) if model else None
     report = BuildReport(
         str(folder),
-        notes=[f"{one.name}: {text}" for one in sets for text in one.describe_alike().values()],
+        notes=[
+            f"{one.name}: {text}" for one in sets for text in one.describe_equal_parts().values()
+        ],
     )
     with lock_folder(folder):
         _require_safe_output(folder, sets)

@@ -152,7 +152,7 @@ def workshop(
         make_quantity_option(
             "length",
             "--capability",
-            help="deviation of a height that your workshop holds in one piece; ask it",
+            help="deviation of a height that your workshop holds in one piece; ask the workshop",
             show_default="2 um, ground",
         ),
     ] = None,

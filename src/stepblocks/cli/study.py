@@ -38,9 +38,7 @@ study = typer.Typer(
     name="study",
     cls=Group,
     help="Design, run, simulate and analyse the experiments on people; find the number of "
-    "participants.\n\n"
-    "The experiments on people: a design, run sheets, answers, a report; and the power of a study "
-    "before it is run.",
+    "participants before a study is run.",
     subcommand_metavar="COMMAND ...",
 )
 study.add_typer(simulate.app)

@@ -76,7 +76,7 @@ StandardOption = Annotated[
     typer.Option(
         "--standard",
         metavar="ID",
-        help="block that all others are compared with (constant, adaptive)",
+        help="block that all others are compared with (constant, adaptive; power: constant)",
     ),
 ]
 

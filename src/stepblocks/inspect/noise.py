@@ -188,7 +188,7 @@ class _Lags:
         # Mean over frequencies, which is the value at lag zero.
         return float(self.back(spectrum).flat[0])
 
-    def convolved(self, spectrum: Array, columns: Array) -> Array:
+    def convolve_columns(self, spectrum: Array, columns: Array) -> Array:
         # Convolve columns with what has this spectrum.
         return self.back(spectrum * self.transform(columns))[(slice(None), *self._cut)]
 
@@ -201,7 +201,8 @@ def _compute_expectations(
     trace = float(np.sum(lags.back(form) * pairs * lags.back(spectrum)))
     columns = design * inside
     by_noise, by_form = (
-        (lags.convolved(one, columns) * inside).reshape(len(design), -1) for one in (spectrum, form)
+        (lags.convolve_columns(one, columns) * inside).reshape(len(design), -1)
+        for one in (spectrum, form)
     )
     columns = columns.reshape(len(design), -1)
     # the projection is that of the columns' span: of columns that depend on each other where

@@ -183,7 +183,7 @@ def inspect_scan(
     ]
     read = [f"heights were read as: {scale}"] if scale else []
     evaluation = replace(evaluation, notes=(*doubts, *evaluation.notes, *read))
-    result = judge_part(part, evaluation, *describe_source(scan), order, wanted)
+    result = judge_part(part, evaluation, *identify_source(scan), order, wanted)
     PipelineError.require(
         result.judged,
         f"scan of {part.id} must measure at least one characteristic with limits, got "
@@ -192,7 +192,7 @@ def inspect_scan(
     return replace(result, energy_statement=describe_energy(result, prediction))
 
 
-def describe_source(scan: Scan) -> tuple[Path, str]:
+def identify_source(scan: Scan) -> tuple[Path, str]:
     """Return the name of a scan and the SHA-256 of its file, or of its heights."""
     if isinstance(scan, str | Path):
         return Path(scan), hashlib.sha256(Path(scan).read_bytes()).hexdigest()
@@ -294,7 +294,7 @@ def inspect_standard(
     evaluation = _evaluate(
         EVALUATIONS[_STANDARDS[feature]], load_scan(scan, unit, channel), instrument, asked, options
     )
-    source, digest = describe_source(scan)
+    source, digest = identify_source(scan)
     result = InspectionResult(
         escape_file_name(source.stem), None, evaluation, (), None, source, digest
     )

@@ -189,7 +189,7 @@ class SessionModel:
         # much that may be
         open_to = {name: std for name, (_, std) in self.known.items()}
 
-        def informed(law: Law) -> Law:
+        def add_prior(law: Law) -> Law:
             return replace(
                 law,
                 parameters=tuple(
@@ -198,7 +198,7 @@ class SessionModel:
             )
 
         return tuple(
-            informed(law) if law.slot in ("sensor", "normal_load") else law for law in laws
+            add_prior(law) if law.slot in ("sensor", "normal_load") else law for law in laws
         )
 
     def predict(self, trials: Trials, values: Mapping[str, float], effects: Active = ()) -> Floats:

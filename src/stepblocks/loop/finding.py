@@ -96,7 +96,7 @@ def write_sentence(explanation: Explanation, document: Document) -> str:
         ]
         shown = "".join([*could, " would have shown"]) if could else ""
         return (
-            f"Nothing is there that noise would not do{shown}; error of E_v "
+            f"No effect beyond noise was found{shown}; error of E_v "
             f"{errors['before']}, noise {errors['noise']}"
         )
     parts = [hint.sentence for hint in explanation.hints]

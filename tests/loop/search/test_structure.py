@@ -1,4 +1,4 @@
-"""What nobody wrote down: each kind is told by its own test, and chance by none."""
+"""Differences that no column describes: each kind has its own test, and chance passes none."""
 
 from dataclasses import replace
 

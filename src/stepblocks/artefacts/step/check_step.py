@@ -223,7 +223,7 @@ def _read_dimension(
     )
 
 
-def _find_partners(file: Exchange, ref: str, entity: str, own: int) -> Iterator[object]:
+def _list_related_instances(file: Exchange, ref: str, entity: str, own: int) -> Iterator[object]:
     # Yield what an entity of two parameters links with an instance (parameter `own`)
     for user in file.users(ref):
         pair = file.parameters(user, entity)
@@ -235,7 +235,9 @@ def _read_limits(file: Exchange, ref: str) -> tuple[Measure | None, float, float
     # Read the nominal value, the signed deviations, and what is wrong with them. Limits stand as
     # deviations or as values of their own.
     found: dict[str, Measure] = {}
-    for representation in _find_partners(file, ref, "DIMENSIONAL_CHARACTERISTIC_REPRESENTATION", 0):
+    for representation in _list_related_instances(
+        file, ref, "DIMENSIONAL_CHARACTERISTIC_REPRESENTATION", 0
+    ):
         for item in (file.parameters(representation, "SHAPE_DIMENSION_REPRESENTATION") or ("", ()))[
             1
         ]:
@@ -253,7 +255,9 @@ def _read_limits(file: Exchange, ref: str) -> tuple[Measure | None, float, float
             found[side].si - nominal.si if side in found else math.nan
             for side in ("lower", "upper")
         )
-    for stated in _find_partners(file, ref, "PLUS_MINUS_TOLERANCE", 1) if not found else ():
+    for stated in (
+        _list_related_instances(file, ref, "PLUS_MINUS_TOLERANCE", 1) if not found else ()
+    ):
         if bounds := file.parameters(stated, "TOLERANCE_VALUE"):
             sides = [one for bound in bounds if (one := read_measure(file, bound)) is not None]
             if len(sides) != 2:

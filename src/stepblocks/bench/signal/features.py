@@ -365,7 +365,7 @@ def measure_trace(
     marks = find_landmarks(time, force)
     saw = find_saw(time, force, marks, tool or USUAL_TOOL, spring_constant)
     if saw is not None:
-        force = saw.calmed(force)
+        force = saw.remove_saw(force)
         marks = find_landmarks(time, force)
     late = marks.peak + (time.size - marks.peak) // 4
     # the ramp of a tip that stuck begins with its last tooth

@@ -120,7 +120,7 @@ class Sawtooth:
     kinetic: Estimate
     onset: int
 
-    def calmed(self, force: Array) -> Array:
+    def remove_saw(self, force: Array) -> Array:
         """Return the force as if the tip had slid up to the edge; the noise stays."""
         calm = force.copy()
         noise = (force - np.convolve(force, np.full(5, 0.2), mode="same"))[

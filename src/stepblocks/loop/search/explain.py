@@ -1,4 +1,4 @@
-"""The loop: gate, choice, addition, exchange, until nothing is left that noise would not do."""
+"""The loop: gate, choice, addition, exchange, until what is left is noise."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -38,7 +38,7 @@ _ROUNDS = 3
 _MOST_APART = 0.2  # share of the trials
 _WORTH = 4.0  # of the criterion, below which an exchange is not made
 
-LEFT = "something is left in the residual that noise would not do"  # why a whole is not claimed
+LEFT = "the residual holds more than noise"  # why a whole is not claimed
 
 Deployed = Callable[[Fit], float]  # error of a fit where it will be used
 
@@ -51,7 +51,7 @@ class Verdict(StrEnum):
     UNEXPLAINED = (
         "unexplained"  # something is there, at a slot and along a covariate, and no law is claimed
     )
-    NONE = "none"  # nothing that noise would not do
+    NONE = "none"  # no effect beyond noise
 
 
 @dataclass(frozen=True)
