@@ -59,6 +59,26 @@ def test_a_law_of_friction_is_read_by_its_name_and_refused_with_the_known_ones(t
         declared(tmp_path, ('tip_radius = "125 um"', LAW.replace("stribeck", "stribek")))
 
 
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ('contact = { law = "overtone" }', r"probe\.contact.*overtone"),
+        ('contact = { law = "linear", stiffness = "3 um" }', r"probe\.contact.*stiffness"),
+        ('tool = { law = "overtone" }', r"probe\.tool.*must be left out.*equations \(1\)"),
+    ],
+)
+def test_what_is_no_law_of_the_contact_is_refused_and_overtones_are_with_the_reason(
+    tmp_path, line, message
+):
+    kept = 'tip_radius = "125 um"\n'
+    good = 'contact = { law = "linear", stiffness = "3e5 N/m" }'
+    session = declared(tmp_path, (kept, f"{kept}{good}\n"))
+    assert session.probe.contact == {"law": "linear", "stiffness": "3e5 N/m"}
+    with pytest.raises(BenchError, match=message) as refused:
+        declared(tmp_path, (kept, f"{kept}{line}\n"))
+    assert str(refused.value).count("\n") == 0
+
+
 def test_quantities_are_read_into_si(tmp_path):
     session = declared(tmp_path)
     assert session.probe.spring_constant == pytest.approx(9810.0)
@@ -175,8 +195,8 @@ def test_what_else_a_laboratory_wants_to_note_stands_in_a_table_of_notes(tmp_pat
         (
             "tip_radius",
             "maker",
-            "probe.maker is not a known field, got '125 um'; known are friction, spring_constant, "
-            "tip_radius",
+            "probe.maker is not a known field, got '125 um'; known are contact, friction, "
+            "spring_constant, tip_radius, tool",
         ),
         ("set =", "sett =", "stimuli.sett is not a known field, got 'ten'; did you mean"),
     ],

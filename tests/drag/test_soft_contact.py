@@ -58,6 +58,23 @@ def test_the_ramp_of_a_drag_in_time_is_as_soft_as_its_contact_makes_it(
         assert 1.0 - soft == pytest.approx(1.0 - shown, rel=0.1)
 
 
+# Expected value: the drag in time, which integrates the contact and knows no formula of its depth.
+@pytest.mark.parametrize("contact", [LinearContact(3e5), Hertz(modulus=20e9)])
+@pytest.mark.parametrize(("height", "load"), [(15e-6, 0.4), (40e-6, 1.0)])
+def test_the_pull_of_a_model_whose_contact_is_declared_is_that_of_the_drag(contact, height, load):
+    design = BenchDesign(
+        *(np.array([one]) for one in ("b", height, load, 1e-3, PAPER.ball_radius)),
+        PAPER.tool.stiffness,
+        laws={"contact": contact},
+    )
+    values = _VALUES | {"friction": 0.15, "stiffness_ratio": 1.0}
+    pull = float(build_nominal_state(design, values).peak_force()[0])
+    done = drag_over(Step(height), load=load, friction=0.15, speed=1e-4, contact=contact)
+    rigid = float(build_nominal_state(replace(design, laws={}), values).peak_force()[0])
+    assert rigid - pull == pytest.approx(rigid - done.trace.peak_force, rel=0.12)
+    assert rigid / pull > 1.02
+
+
 # Expected value: floor and edge press elastically against one ball that rests at each place,
 # N1 + N2 (cos a - mu sin a) = W, and the greatest pull of all places: no code of the drag.
 @pytest.mark.parametrize("height", [1e-6, 3e-6])

@@ -10,11 +10,28 @@ from oracles.feature_bench import bench_trials, design_columns, noise_free
 from stepblocks.contact.forward import PEAK_FORCE, SPEED_OVER_LOAD
 from stepblocks.contact.operating_point import Tool
 from stepblocks.contact.state import CHANNELS
-from stepblocks.loop.bench_model import SessionModel, list_candidates, list_covariate_ranges
+from stepblocks.loop.bench_model import (
+    SessionModel,
+    find_column,
+    list_candidates,
+    list_covariate_ranges,
+)
 from stepblocks.loop.search.fit import build_problem
+from stepblocks.loop.search.forward_model import Trials
 
 _TOOL = Tool(frequency=300.0, decay_time=0.02)
 _MODEL = SessionModel(_TOOL)
+
+
+def test_an_effect_may_follow_what_the_model_computes_and_no_column_holds():
+    columns = {"speed_mm_s": np.array([2.0, 6.0]), "load_n": np.array([0.5, 2.0])}
+    none = np.full((2, len(CHANNELS)), np.nan)
+    trials = Trials(columns, CHANNELS, none, none, np.array(["a", "b"]))
+    predicted = none.copy()
+    predicted[:, CHANNELS.index("ln_peak_force")] = np.log([1.5, 4.0])
+    assert find_column(trials, predicted, "peak_force_n") == pytest.approx([1.5, 4.0])
+    assert find_column(trials, predicted, "speed_mm_s / load_n") == pytest.approx([4.0, 3.0])
+    assert find_column(trials, predicted, "load_n") is columns["load_n"]
 
 
 @pytest.fixture(scope="module")

@@ -35,7 +35,7 @@ def features():
 
 @pytest.fixture(scope="module")
 def declared(features):
-    return analyse_features(features, 9810.0, 125e-6, rules=_RULES, friction=_DECLARED)
+    return analyse_features(features, 9810.0, 125e-6, rules=_RULES, laws={"friction": _DECLARED})
 
 
 def test_nothing_is_missing_where_the_law_is_declared_and_unseen_blocks_are_twice_as_near(
@@ -56,7 +56,7 @@ def test_nothing_is_missing_where_the_law_is_declared_and_unseen_blocks_are_twic
 def test_the_model_that_is_written_predicts_by_the_law_without_the_session(declared, tmp_path):
     write_loop(declared, tmp_path)
     learned = read_model(tmp_path / "model.json")
-    assert learned.friction == _DECLARED
+    assert learned.known_laws == {"friction": _DECLARED}
     table = pd.DataFrame(_COLUMNS).assign(trial=np.arange(60))
     predicted = predict_trials(table, learned)["peak_force_n"].to_numpy()
     true = np.exp(noise_free(_COLUMNS, 3, _TRUTH)[:, 1])

@@ -72,7 +72,7 @@ def test_a_jump_and_a_drift_of_friction_are_taken_out():
     assert found.extended.values["step_friction_run_order.at_trial"] == pytest.approx(36.5, abs=0.6)
     # of so clear a jump the place is known to the two trials that it lies between
     (finding,) = found.findings
-    assert bound_jump_place(found.problem, found.extended, finding.effect, "at_trial") == (
+    assert bound_jump_place(found.problem, found.extended, finding.effect, "at_trial", _RUN) == (
         36.0,
         37.0,
     )

@@ -80,8 +80,8 @@ class LearnedModel:
     nominal : LearnedFit
     extended : LearnedFit
         With the effects found.
-    friction : Mapping[str, Any]
-        Law of friction of both, by its name and numbers; empty for a constant coefficient.
+    known_laws : Mapping[str, Mapping[str, Any]]
+        Laws of friction and contact of both, by kind, each by its name and numbers.
     """
 
     verdict: str
@@ -95,7 +95,7 @@ class LearnedModel:
     channel_std: Floats = field(repr=False)
     nominal: LearnedFit = field(repr=False)
     extended: LearnedFit = field(repr=False)
-    friction: Mapping[str, Any] = field(default_factory=dict, repr=False)
+    known_laws: Mapping[str, Mapping[str, Any]] = field(default_factory=dict, repr=False)
 
     def __reduce__(self) -> "tuple[Callable[[Document], LearnedModel], tuple[Document]]":
         return _parse_model, (build_model_document(self),)  # laws hold functions without a name
@@ -111,7 +111,7 @@ def build_model_document(learned: LearnedModel) -> dict[str, object]:
             "spring_constant_n_per_m": tool.stiffness,
             "tip_radius_um": learned.tip_radius_um,
         }
-        | ({"friction": dict(learned.friction)} if learned.friction else {}),
+        | {kind: dict(one) for kind, one in learned.known_laws.items()},
         "start": {"ring_frequency_hz": tool.frequency, "decay_time_s": tool.decay_time},
         "block_height_std_m": learned.height_std,
         "scanned_height_m": learned.scanned,
@@ -198,7 +198,7 @@ def _parse_model(document: Document) -> LearnedModel:
         channel_std=_parse_numbers("channel_std", scatter["channel_std"], (len(CHANNELS),)),
         nominal=_parse_fit("nominal", document["nominal"], laws),
         extended=extended,
-        friction=dict(probe.get("friction", {})),
+        known_laws={kind: probe[kind] for kind in ("friction", "contact") if kind in probe},
     )
 
 

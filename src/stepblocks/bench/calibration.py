@@ -1,10 +1,12 @@
-"""What is known of the gauges before the trials, as a session declares it from certificates."""
+"""What is known of probe and gauges before the trials, as a session declares it."""
 
-from typing import Annotated
+from functools import partial
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 
+from stepblocks.contact.laws import build_laws
 from stepblocks.quantities import make_quantity_parser
 
 Stiffness = Annotated[
@@ -13,6 +15,7 @@ Stiffness = Annotated[
 Frequency = Annotated[
     float, BeforeValidator(make_quantity_parser("frequency")), Field(gt=0.0, le=1e9)
 ]
+_Length = Annotated[float, BeforeValidator(make_quantity_parser("length")), Field(gt=0.0)]
 _Force = Annotated[float, BeforeValidator(make_quantity_parser("force"))]
 _Ratio = Annotated[float, BeforeValidator(make_quantity_parser("ratio"))]
 _Gain = Annotated[_Ratio, Field(gt=0.0)]
@@ -22,6 +25,44 @@ class Strict(BaseModel):
     """A table that may hold nothing but its fields."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+def _require_law(kind: str, declared: dict[str, Any]) -> dict[str, Any]:
+    build_laws({kind: declared})
+    return declared
+
+
+def _refuse_tool(_: object) -> None:
+    raise ValueError(
+        "must be left out: `loop` fits spring, ring and decay of a tool of one mode, and what "
+        "overtones do to a release is no law of equations (1) and (2)"
+    )
+
+
+class Probe(Strict):
+    """The explorer.
+
+    Attributes
+    ----------
+    spring_constant : Stiffness
+        [N/m].
+    tip_radius : _Length | None
+        [m].
+    friction, contact : dict or None
+        Laws that are known beforehand: the name of each under ``law``, and its numbers.
+    tool : None
+        What a set and a sweep know as a law of the tool is refused, with the reason.
+    """
+
+    spring_constant: Stiffness
+    tip_radius: _Length | None = None
+    friction: (
+        Annotated[dict[str, Any], AfterValidator(partial(_require_law, "friction"))] | None
+    ) = None
+    contact: Annotated[dict[str, Any], AfterValidator(partial(_require_law, "contact"))] | None = (
+        None
+    )
+    tool: Annotated[None, BeforeValidator(_refuse_tool)] = None
 
 
 def _convert_to_logarithm(pair: tuple[float, float]) -> tuple[float, float]:

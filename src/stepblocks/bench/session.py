@@ -8,13 +8,12 @@ import math
 import re
 from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
-from typing import Annotated, Any, Literal, NamedTuple, Self
+from typing import Annotated, Literal, NamedTuple, Self
 
-from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, model_validator
+from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
-from stepblocks.bench.calibration import Calibration, Frequency, Stiffness, Strict
+from stepblocks.bench.calibration import Calibration, Frequency, Probe, Strict
 from stepblocks.bench.signal import TraceError
-from stepblocks.contact.laws import build_laws
 from stepblocks.errors import BenchError, QuantityError
 from stepblocks.mistakes import Mistake, collect_mistakes, format_mistakes, list_mistakes
 from stepblocks.quantities import make_quantity_parser, parse_quantity
@@ -63,7 +62,6 @@ _TARE = re.compile(r"\s*first\s+(\S.*?)\s*")
 _MOST_BYTES = 1 << 20  # a longer session.toml is none
 
 _Time = Annotated[float, BeforeValidator(make_quantity_parser("time")), Field(ge=0.0)]
-_Length = Annotated[float, BeforeValidator(make_quantity_parser("length")), Field(gt=0.0)]
 _Force = Annotated[float, BeforeValidator(make_quantity_parser("force")), Field(gt=0.0)]
 _Delimiter = Annotated[str, Field(min_length=1, max_length=1)]
 _Decimal = Literal[".", ","]
@@ -89,11 +87,6 @@ def _require_finite(value: object) -> object:
     if isinstance(value, float) and not math.isfinite(value):
         raise ValueError("input should be a finite number")
     return value
-
-
-def _require_friction_law(declared: dict[str, Any]) -> dict[str, Any]:
-    build_laws({"friction": declared})
-    return declared
 
 
 _Gain = Annotated[float | str, BeforeValidator(_require_finite)]
@@ -219,24 +212,6 @@ class Channels(Strict):
         """Return the declared channels, each with its dimension."""
         forces = {"tangential": (self.tangential, "force"), "normal": (self.normal, "force")}
         return forces | ({} if self.time is None else {"time": (self.time, "time")})
-
-
-class Probe(Strict):
-    """The explorer.
-
-    Attributes
-    ----------
-    spring_constant : Stiffness
-        [N/m].
-    tip_radius : _Length | None
-        [m].
-    friction : dict or None
-        Law of friction that is known beforehand: its name under ``law``, and its numbers.
-    """
-
-    spring_constant: Stiffness
-    tip_radius: _Length | None = None
-    friction: Annotated[dict[str, Any], AfterValidator(_require_friction_law)] | None = None
 
 
 class Acquisition(Strict):

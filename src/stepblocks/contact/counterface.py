@@ -40,6 +40,7 @@ from stepblocks.quantities import format_quantity
 
 SIDE = 0.5e-3  # of a margin that was scanned [m]
 REACH = 5e-3  # half length of a centre path on either side of the edge [m]
+_LENGTH = "length", MOST_LENGTH  # of a dimension of a counterface
 
 
 class Counterface(ABC):
@@ -137,8 +138,7 @@ class Step(Counterface):
     _dimensions = ("height", "edge_radius")
 
     def __post_init__(self) -> None:
-        length = "length", MOST_LENGTH
-        convert_fields(self, 0.0, height=length, edge_radius=length)
+        convert_fields(self, 0.0, height=_LENGTH, edge_radius=_LENGTH)
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
@@ -219,9 +219,8 @@ class Margin(Counterface):
     _dimensions = ("gap", "opening", "rise")
 
     def __post_init__(self) -> None:
-        length = "length", MOST_LENGTH
-        convert_fields(self, 0.0, gap=length)
-        convert_fields(self, -MOST_LENGTH, opening=length, rise=length)
+        convert_fields(self, 0.0, gap=_LENGTH)
+        convert_fields(self, -MOST_LENGTH, opening=_LENGTH, rise=_LENGTH)
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
@@ -273,7 +272,7 @@ class Groove(Counterface):
     _dimensions = ("width", "flank")
 
     def __post_init__(self) -> None:
-        convert_fields(self, width=("length", MOST_LENGTH))
+        convert_fields(self, width=_LENGTH)
         convert_fields(self, 1e-3, flank=("angle", 0.5 * math.pi))
 
     def angles(self, ball_radius: Real, **dimensions: Real) -> tuple[Real, Real]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from stepblocks.contact.laws import FrictionLaw, build_laws
 from stepblocks.contact.operating_point import PAPER, Tool
-from stepblocks.contact.state import DragState, Floats, compute_channels
+from stepblocks.contact.state import DragState, Floats, compute_channels, press_edge
 from stepblocks.errors import ContactError
 from stepblocks.law import Active, Law, Parameter
 
@@ -36,7 +36,8 @@ class BenchDesign:
     spring_constant: float  # nominal, of the probe [N/m]
     # what an effect may follow, as in trials.csv
     covariates: Mapping[str, NDArray[np.generic]] = field(default_factory=dict)
-    friction_law: FrictionLaw | None = None  # known beforehand; its size is fitted
+    # of friction, whose size is fitted, and of the contact, by kind: known beforehand
+    laws: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name in ("height", "load", "speed", "tip_radius"):
@@ -63,29 +64,44 @@ class BenchDesign:
 
         Both are 1 without a law. The tip is at rest when it releases.
         """
-        law = self.friction_law or FrictionLaw(lambda speed, load, place, time: 1.0)
+        law = self.laws.get("friction") or FrictionLaw(lambda speed, load, place, time: 1.0)
         compute = np.vectorize(law.coefficient, otypes=[float])
         sliding, rest = (compute(speed, self.load, 0.0, 0.0) for speed in (self.speed, 0.0))
         return sliding / law.coefficient(0.0, 1.0, 0.0, 0.0), rest / sliding
+
+    @cached_property
+    def indentation(self) -> tuple[Floats, Floats] | None:
+        """Depth of the contact at 1 N [m], and the power of the load that it follows [1]."""
+        if "contact" not in self.laws:
+            return None
+        law = self.laws["contact"]
+        stiffness, power = np.vectorize(law.power_law, otypes=[float, float])(self.tip_radius)
+        return stiffness ** (-1.0 / power), 1.0 / power
 
 
 def build_bench_design(
     block: NDArray[np.str_],
     covariates: Mapping[str, NDArray[np.generic]],
     spring_constant: float,
-    friction: Mapping[str, Any] | None = None,
+    laws: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> BenchDesign:
     """Convert the columns of trials.csv, and ``tip_radius_um``, to SI units.
 
-    `friction` is a law by name with its numbers, as `build_laws` takes it.
+    `laws` are known beforehand: each by name with its numbers, as `build_laws` takes them.
     """
-    law = build_laws({"friction": friction})["friction"] if friction else None
     height, load, speed, radius = (
         np.asarray(covariates[name], dtype=np.float64)
         for name in ("height_um", "load_n", "speed_mm_s", "tip_radius_um")
     )
     return BenchDesign(
-        block, height * 1e-6, load, speed * 1e-3, radius * 1e-6, spring_constant, covariates, law
+        block,
+        height * 1e-6,
+        load,
+        speed * 1e-3,
+        radius * 1e-6,
+        spring_constant,
+        covariates,
+        build_laws(laws or {}),
     )
 
 
@@ -166,7 +182,7 @@ def build_nominal_state(design: BenchDesign, values: Mapping[str, float | Floats
     # while the tip is held and the handle goes on, the tool's damper 2 k / (omega^2 T) takes its
     # share of the pull
     damper = 2.0 * design.spring_constant / ((2.0 * np.pi * frequency) ** 2 * decay_time)
-    return _build_empty_state(len(design.block)).changed(
+    state = _build_empty_state(len(design.block)).changed(
         height=design.height + errors[inverse],
         radius=design.tip_radius + values.get("edge_radius", 0.0),
         friction=values["friction"] * sliding,
@@ -186,6 +202,8 @@ def build_nominal_state(design: BenchDesign, values: Mapping[str, float | Floats
         decay_time=decay_time,
         nominal_stiffness=design.spring_constant,
     )
+    indentation = design.indentation
+    return state if indentation is None else press_edge(state, *indentation)
 
 
 def build_extended_state(

@@ -10,6 +10,7 @@ from itertools import combinations
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stepblocks.contact import forward
 from stepblocks.contact.effects.gauges import apply_instrument_constants
@@ -38,16 +39,18 @@ _INTERACTING = 3  # readings of the surroundings that are asked for pair by pair
 _SHARP = 1.5e-6  # m, an edge that a scan shows to be no rounder
 # constants that each session has its own of, where several are explained together
 OF_A_DAY = ("friction", "ln_conversion", "ln_ring_frequency", "ln_decay_time")
+Laws = tuple[tuple[str, tuple[tuple[str, Any], ...]], ...]  # of each kind, what is declared
 # friction imitates a tilt exactly; a search would only find the rounding between the two
 _SAME_BY_DEFINITION = frozenset({"block_tilt"})
 
 
 @lru_cache(maxsize=4)
-def _find_design(
-    trials: Trials, spring_constant: float, friction: tuple[tuple[str, Any], ...]
-) -> BenchDesign:
+def _find_design(trials: Trials, spring_constant: float, laws: Laws) -> BenchDesign:
     return forward.build_bench_design(
-        trials.block, trials.covariates, spring_constant, dict(friction)
+        trials.block,
+        trials.covariates,
+        spring_constant,
+        {kind: dict(numbers) for kind, numbers in laws},
     )
 
 
@@ -67,8 +70,9 @@ class SessionModel:
         Of the edges from their scans: mean and uncertainty [m].
     known : Mapping[str, tuple[float, float]]
         Certified or tared.
-    friction : tuple of pairs
-        A law of friction that is known beforehand: its name under ``law``, and its numbers.
+    laws : tuple of pairs
+        Laws of friction and contact that are known beforehand, by kind: of each its name under
+        ``law``, and its numbers.
     own : Mapping[str, Mapping[str, float]]
         Of several sessions, named in the column ``session``: what is known in each.
     quantities : ClassVar
@@ -80,7 +84,7 @@ class SessionModel:
     scanned: Mapping[str, tuple[float, float]] | None = None
     scanned_radius: tuple[float, float] | None = None
     known: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    friction: tuple[tuple[str, Any], ...] = ()
+    laws: Laws = ()
     own: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     quantities: ClassVar = (
         "friction",
@@ -102,7 +106,7 @@ class SessionModel:
     def parameters(self, trials: Trials) -> tuple[Parameter, ...]:
         """Constants of the nominal model and the height errors of the blocks of a table."""
         found = forward.list_constants(
-            _find_design(trials, self.tool.stiffness, self.friction),
+            _find_design(trials, self.tool.stiffness, self.laws),
             self.tool,
             self.height_std,
             self.scanned,
@@ -144,7 +148,7 @@ class SessionModel:
 
         Along height, load, speed and their squares.
         """
-        design = _find_design(trials, self.tool.stiffness, self.friction)
+        design = _find_design(trials, self.tool.stiffness, self.laws)
         height, load, speed = (
             _standardise(np.log(column)) for column in (design.height, design.load, design.speed)
         )
@@ -171,7 +175,7 @@ class SessionModel:
                 for name, usual in constants.items()
             }
         state = forward.build_extended_state(
-            _find_design(trials, self.tool.stiffness, self.friction), values, effects
+            _find_design(trials, self.tool.stiffness, self.laws), values, effects
         )
         return apply_instrument_constants(state, None, constants) if constants else state
 
@@ -266,6 +270,15 @@ def list_covariate_ranges(trials: Trials) -> tuple[CovariateRange, ...]:
     if 2 < len(blocks) <= len(trials) / 6:
         found.append(CovariateRange("block", labels=blocks, distinct=len(blocks)))
     return tuple(found)
+
+
+def find_column(trials: Trials, predicted: Floats, covariate: str) -> NDArray[np.generic]:
+    """Return what an effect follows: a column of the table, or what the model computes."""
+    if covariate == PEAK_FORCE:
+        return np.asarray(np.exp(predicted[:, trials.channels.index("ln_peak_force")]))
+    if covariate == SPEED_OVER_LOAD:
+        return np.asarray(np.divide(trials.covariates["speed_mm_s"], trials.covariates["load_n"]))
+    return trials.covariates[covariate]
 
 
 def list_candidates(

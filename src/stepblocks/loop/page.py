@@ -17,6 +17,7 @@ from stepblocks.artefacts.model_file import WIDE
 from stepblocks.contact.forward import PEAK_FORCE, SPEED_OVER_LOAD
 from stepblocks.figure_file import make_figure
 from stepblocks.law import Law
+from stepblocks.loop.bench_model import find_column
 from stepblocks.loop.figures import AFTER, BEFORE, CHANNELS, plot_agreement
 from stepblocks.loop.finding import CHANNELS_IN_WORDS, describe_covariate, format_value
 from stepblocks.loop.result import LoopResult
@@ -182,13 +183,9 @@ def _compute_change(explanation: Explanation, effect: Law) -> tuple[int, Floats,
 def _find_abscissa(result: LoopResult, effect: Law) -> tuple[Floats, str]:
     # Return what an effect follows, as numbers, and its name. The height where it follows nothing.
     trials, fitted = result.table.trials, result.found.extended
-    if effect.covariate == PEAK_FORCE:
-        return np.exp(fitted.predicted[:, trials.channels.index("ln_peak_force")]), PEAK_FORCE
-    if effect.covariate == SPEED_OVER_LOAD:
-        ratio = np.divide(trials.covariates["speed_mm_s"], trials.covariates["load_n"])
-        return ratio, SPEED_OVER_LOAD
-    name = effect.covariate if effect.covariate in trials.covariates else "height_um"
-    return _find_plot_positions(trials.covariates[name])[0], name
+    known = (*trials.covariates, PEAK_FORCE, SPEED_OVER_LOAD)
+    name = effect.covariate if effect.covariate in known else "height_um"
+    return _find_plot_positions(find_column(trials, fitted.predicted, name))[0], name
 
 
 def _average_by_setting(

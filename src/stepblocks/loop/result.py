@@ -15,7 +15,12 @@ from stepblocks.contact.effects.smooth import CovariateRange
 from stepblocks.figure_file import Axes
 from stepblocks.law import Law
 from stepblocks.loop.apart import describe_trial
-from stepblocks.loop.bench_model import SessionModel, list_candidates, list_covariate_ranges
+from stepblocks.loop.bench_model import (
+    SessionModel,
+    find_column,
+    list_candidates,
+    list_covariate_ranges,
+)
 from stepblocks.loop.figures import plot_agreement
 from stepblocks.loop.finding import find_slope_unit, find_unit, write_sentence
 from stepblocks.loop.search.adequacy import (
@@ -114,7 +119,7 @@ def build_learned_model(
         channel_std=np.sqrt(scatter.channels),
         nominal=nominal,
         extended=extended,
-        friction=dict(model.friction),
+        known_laws={kind: dict(numbers) for kind, numbers in model.laws},
     )
 
 
@@ -279,7 +284,8 @@ def _describe_effect(
         for p in effect.parameters
     }
     for name in effect.steps:
-        low, high = bound_jump_place(problem, fitted, effect, name)
+        column = find_column(trials, fitted.predicted, effect.covariate)
+        low, high = bound_jump_place(problem, fitted, effect, name, column)
         # a place on a scale of degrees is no difference
         unit = find_unit(effect.covariate).strip("()").replace("K", "°C")
         parameters[name] |= {"low": low, "high": high, "unit": unit}

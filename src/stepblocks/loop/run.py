@@ -136,7 +136,7 @@ def loop_session(
             scans,
             jobs=cores,
             known=declared.calibration.list_known(),
-            friction=declared.probe.friction,
+            laws=declared.probe.model_dump(include={"friction", "contact"}, exclude_none=True),
             announce=announce,
         )
         result.document["scans"]["left_out"] = [
@@ -161,16 +161,16 @@ def analyse_features(
     jobs: int = 1,
     rules: Rules | None = None,
     known: Known | None = None,
-    friction: Mapping[str, Any] | None = None,
+    laws: Mapping[str, Mapping[str, Any]] | None = None,
     announce: Announce | None = None,
 ) -> LoopResult:
     """Find what the nominal model lacks for a table of features.
 
-    `known` gives constants of the gauges that are known, if there are any, `friction` a law by its
-    name and numbers whose size is fitted.
+    `known` gives constants of the gauges that are known, if there are any, `laws` those of friction
+    and contact by name and numbers; the size of friction is fitted.
     """
     return analyse_table(
-        build_session_table(features, spring_constant, tip_radius, scans, known, friction),
+        build_session_table(features, spring_constant, tip_radius, scans, known, laws),
         scans or {},
         jobs=jobs,
         rules=rules,

@@ -93,7 +93,7 @@ def build_session_table(
     tip_radius: float,
     scans: Scans | None = None,
     known: Known | None = None,
-    friction: Mapping[str, Any] | None = None,
+    laws: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> SessionTable:
     """Turn a table of features into trials with channels."""
     missing = [name for name in _REQUIRED if name not in features.columns]
@@ -176,7 +176,7 @@ def build_session_table(
             if edges
             else None,
             known=estimate_unloaded_zeros(features) | dict(known or {}),
-            friction=tuple((friction or {}).items()),
+            laws=tuple((kind, tuple(one.items())) for kind, one in (laws or {}).items()),
         ),
         tip_radius_um=tip_radius * 1e6,
         measured=measured,

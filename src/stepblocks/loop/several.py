@@ -211,7 +211,7 @@ def loop_sessions(
     Raises
     ------
     StepblocksError
-        If a session cannot be explained, two have one name, their springs or laws of friction
+        If a session cannot be explained, two have one name, their springs or laws
         differ, or the output cannot be written.
     """
     folders = {Path(session).resolve().name: Path(session) for session in sessions}
@@ -219,11 +219,14 @@ def loop_sessions(
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise PipelineError(f"sessions must have names of their own, got {twice[0]!r} twice")
     probes = {name: open_session(folder).probe for name, folder in folders.items()}
-    stated = {name: f"{one.spring_constant:g} N/m, {one.friction}" for name, one in probes.items()}
+    stated = {
+        name: f"{one.spring_constant:g} N/m, {one.friction}, {one.contact}"
+        for name, one in probes.items()
+    }
     if len(set(stated.values())) > 1:
         raise PipelineError(
-            "`probe.spring_constant` and `probe.friction` must be the same in sessions that are "
-            "explained together, got "
+            "`probe.spring_constant`, `probe.friction` and `probe.contact` must be the same in "
+            "sessions that are explained together, got "
             + "; ".join(f"{one} in {name}" for name, one in stated.items())
         )
     output = Path(output)

@@ -190,7 +190,7 @@ def predict_with_model(
         table["block"].astype(str).to_numpy(),
         columns,
         learned.tool.stiffness,
-        learned.friction,
+        learned.known_laws,
     )
     models = {
         "": _predict_channels(design, learned.extended, learned),

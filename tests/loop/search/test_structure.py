@@ -132,7 +132,7 @@ def test_the_place_of_a_jump_lies_in_its_interval_as_often_as_stated():
         problem = build_problem(Toy(), trials)
         problem = problem.reduce_noise(fit(problem, [jump], {"jump.at": 0.2, "jump.step": 0.5}))
         fitted = fit(problem, [jump], {"jump.at": 0.2, "jump.step": 0.5})
-        low, high = bound_jump_place(problem, fitted, jump, "at")
+        low, high = bound_jump_place(problem, fitted, jump, "at", trials.covariates["z"])
         inside += low <= 0.2 <= high
         widths.append(high - low)
     # origin: Hansen 2000; of 40 intervals of 95 %, 35 hold it but for one draw in a hundred

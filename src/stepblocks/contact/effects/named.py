@@ -12,7 +12,7 @@ import numpy as np
 from stepblocks.contact.effects.gauges import GAUGE_LAWS
 from stepblocks.contact.forward import SPEED_OVER_LOAD
 from stepblocks.contact.operating_point import PAPER
-from stepblocks.contact.state import DragState, Floats
+from stepblocks.contact.state import DragState, Floats, press_edge
 from stepblocks.errors import ContactError
 from stepblocks.law import Law, Parameter
 
@@ -22,20 +22,7 @@ _geometry = partial(Law, slot="contact_geometry")
 def _apply_compliance(
     power: float, state: DragState, _: object, values: Mapping[str, float]
 ) -> DragState:
-    # Let the edge press its way into the ball, or the block into what holds it
-    held = np.cos(np.arctan(state.friction * state.edge_factor))
-    across = np.maximum(state.load, 1e-3) * held / np.cos(state.angle())
-    per_newton = values["depth_at_1n_m"]
-    depth = per_newton * across**power
-    cosine = 1.0 - np.clip(state.height / state.radius, 1e-3, 1.0)
-    # in the corner floor and edge give way to the pull, in the middle of the ramp with half of what
-    # the edge will bear
-    both = (
-        (1.0 + cosine**2) / (1.0 - cosine**2) * power * per_newton * (0.5 * across) ** (power - 1.0)
-    )
-    # the ball comes nearer to the edge by the depth: cos a = (R - H) / (R - depth)
-    lower = state.radius * (state.height - depth) / (state.radius - depth)
-    return state.changed(height=lower, give=state.give + both)
+    return press_edge(state, values["depth_at_1n_m"], power)
 
 
 _GEOMETRY = (

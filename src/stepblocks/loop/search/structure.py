@@ -238,14 +238,16 @@ def add_jump_places(
     ]
 
 
-def bound_jump_place(problem: Problem, fitted: Fit, effect: Law, name: str) -> tuple[float, float]:
+def bound_jump_place(
+    problem: Problem, fitted: Fit, effect: Law, name: str, column: NDArray[np.generic]
+) -> tuple[float, float]:
     """Find the 95 % interval of a place at which an effect changes at once.
 
-    The likelihood is the same wherever between two values of the covariate the place lies. The
-    other parameters follow to first order.
+    The likelihood is the same wherever between two values of the `column` that the effect follows
+    the place lies. The other parameters follow to first order.
     """
     trials, own = problem.trials, f"{effect.id}.{name}"
-    seen = np.unique(np.asarray(trials.covariates[effect.covariate], dtype=np.float64))
+    seen = np.unique(np.asarray(column, dtype=np.float64))
     moving = [i for i, p in enumerate(fitted.parameters) if p.name != own]
     basis, _ = np.linalg.qr(fitted.jacobian[:, moving])
     costs = np.empty(len(seen) - 1)
