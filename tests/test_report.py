@@ -8,6 +8,7 @@ import runpy
 from pathlib import Path
 from types import SimpleNamespace
 
+import pandas as pd
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -41,6 +42,15 @@ def test_tables_of_an_output_are_found_in_markdown_and_in_columns(report):
     markdown, columns = report.read_tables(text)
     assert (markdown["columns"], markdown["rows"]) == (["a", "b"], [["1", "2"]])
     assert columns["rows"] == [["first thing", "3"], ["second", "4"]]
+
+
+def test_a_table_of_the_evidence_is_read_as_it_was_printed_with_its_empty_cells(report):
+    evidence = importlib.import_module("literature.__main__")
+    rows = [["power of 10 µJ", "625 µW", "", "", "agrees"], ["step", "", "2 mJ", "1 mJ", ""]]
+    table = pd.DataFrame(rows, columns=["figure", "formula", "drag", "rod", "verdict"])
+    printed = f"Published\n\n{evidence.format_markdown(table)}\n\nThe end.\n"
+    (read,) = report.read_tables(printed)
+    assert read == {"caption": "Published", "columns": list(table.columns), "rows": rows}
 
 
 def test_a_figure_is_the_text_that_its_pattern_finds(report):
