@@ -357,10 +357,9 @@ class Profile(Counterface):
     def angles(self, ball_radius: Real, **dimensions: Real) -> tuple[Real, Real]:
         """By exact dilation: the steepest slopes of the path of the tip, once for each ball."""
         balls, which = np.unique(np.asarray(ball_radius, dtype=np.float64), return_inverse=True)
-        slopes = [
-            _find_steepest_angles(self.x, self.z, float(ball), self.feature) for ball in balls
-        ]
-        found = np.array(slopes)[which]
+        found = np.array(
+            [_find_steepest_angles(self.x, self.z, float(ball), self.feature) for ball in balls]
+        )[which]
         forward, backward = (
             unwrap_scalar(found[..., way].reshape(np.shape(ball_radius))) for way in (0, 1)
         )

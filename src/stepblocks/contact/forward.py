@@ -74,8 +74,9 @@ class BenchDesign:
         """Depth of the contact at 1 N [m], and the power of the load that it follows [1]."""
         if "contact" not in self.laws:
             return None
-        law = self.laws["contact"]
-        stiffness, power = np.vectorize(law.power_law, otypes=[float, float])(self.tip_radius)
+        stiffness, power = np.vectorize(self.laws["contact"].power_law, otypes=[float, float])(
+            self.tip_radius
+        )
         return stiffness ** (-1.0 / power), 1.0 / power
 
 

@@ -125,16 +125,21 @@ def press_edge(state: DragState, depth: float | Floats, power: float | Floats) -
 
     `depth` is that at 1 N [m], and follows the force across the edge with a power.
     """
-    held = np.cos(np.arctan(state.friction * state.edge_factor))
-    across = np.maximum(state.load, _LEAST_LOAD) * held / np.cos(state.angle())
+    across = (
+        np.maximum(state.load, _LEAST_LOAD)
+        * np.cos(np.arctan(state.friction * state.edge_factor))
+        / np.cos(state.angle())
+    )
     deep = depth * across**power
     cosine = 1.0 - np.clip(state.height / state.radius, 1e-3, 1.0)
     # in the corner floor and edge give way to the pull, in the middle of the ramp with half of what
     # the edge will bear
     both = (1.0 + cosine**2) / (1.0 - cosine**2) * power * depth * (0.5 * across) ** (power - 1.0)
     # the ball comes nearer to the edge by the depth: cos a = (R - H) / (R - deep)
-    lower = state.radius * (state.height - deep) / (state.radius - deep)
-    return state.changed(height=lower, give=state.give + both)
+    return state.changed(
+        height=state.radius * (state.height - deep) / (state.radius - deep),
+        give=state.give + both,
+    )
 
 
 def compute_channels(state: DragState) -> Floats:

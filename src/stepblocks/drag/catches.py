@@ -46,11 +46,8 @@ class CatchPlaces(NamedTuple):
 
 def find_asked_place(places: CatchPlaces, within: tuple[float, float] | None) -> int | None:
     """Find the place with the greatest angle, of those whose edge lies `within` a range [m]."""
-    angle = places.angle
-    if within is not None:
-        angle = np.where(
-            (places.contact >= within[0]) & (places.contact <= within[1]), angle, -np.inf
-        )
+    low, high = within or (-np.inf, np.inf)
+    angle = np.where((places.contact >= low) & (places.contact <= high), places.angle, -np.inf)
     if not np.isfinite(angle).any():
         return None
     # of equal angles, to what a double can tell, the first counts

@@ -39,13 +39,14 @@ _INTERACTING = 3  # readings of the surroundings that are asked for pair by pair
 _SHARP = 1.5e-6  # m, an edge that a scan shows to be no rounder
 # constants that each session has its own of, where several are explained together
 OF_A_DAY = ("friction", "ln_conversion", "ln_ring_frequency", "ln_decay_time")
-Laws = tuple[tuple[str, tuple[tuple[str, Any], ...]], ...]  # of each kind, what is declared
 # friction imitates a tilt exactly; a search would only find the rounding between the two
 _SAME_BY_DEFINITION = frozenset({"block_tilt"})
 
 
 @lru_cache(maxsize=4)
-def _find_design(trials: Trials, spring_constant: float, laws: Laws) -> BenchDesign:
+def _find_design(
+    trials: Trials, spring_constant: float, laws: tuple[tuple[str, Any], ...]
+) -> BenchDesign:
     return forward.build_bench_design(
         trials.block,
         trials.covariates,
@@ -84,7 +85,7 @@ class SessionModel:
     scanned: Mapping[str, tuple[float, float]] | None = None
     scanned_radius: tuple[float, float] | None = None
     known: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    laws: Laws = ()
+    laws: tuple[tuple[str, Any], ...] = ()
     own: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     quantities: ClassVar = (
         "friction",
