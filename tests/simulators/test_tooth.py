@@ -86,6 +86,7 @@ def test_sections_of_neighbours_meet_and_those_across_the_tooth_do_not_reach_the
         half = 0.5 * 1.02 * 2.0 * RADIUS * math.sin(math.pi / STATIONS)
         assert np.abs(local[:, 1]).max() == pytest.approx(half, rel=0.01)
         assert np.abs(local[:, 0]).max() < 0.6e-3  # SIDE and the gap: no level ends of a bar
+        assert local[:, 2].min() == pytest.approx(-0.6e-3)  # under the gap, not through the tooth
 
 
 @pytest.mark.parametrize("number", [1, 2, 4])

@@ -124,7 +124,8 @@ def lay_out_teeth(scenes: Sequence[Scene], folder: Path) -> Iterator[tuple[Mesh,
 
 
 def _place_section(scene: Scene, part: ScannedMargin, width: float) -> Scene:
-    # Lay a section at its station; the level ends of the bar, which a tooth has not, are left out
+    # Lay a section at its station, without the level ends of the bar, which a tooth has not, and no
+    # deeper than under its gap: a thick one comes out on the other side of a small tooth
     at = part.station
     frame = Frame(
         np.column_stack([at.across, np.cross(at.outward, at.across), at.outward]),
@@ -132,7 +133,15 @@ def _place_section(scene: Scene, part: ScannedMargin, width: float) -> Scene:
         "those of the scan",
     )
     size = np.array([1.0, width / part.width.nominal, 1.0]) / scene.scale
-    pieces = [replace(one, vertices=one.vertices * size) for one in scene.pieces[1:-1]]
+    pieces = [
+        replace(
+            one,
+            vertices=np.maximum(
+                one.vertices * size, [-np.inf, -np.inf, -1.5 * part.gap_depth.nominal]
+            ),
+        )
+        for one in scene.pieces[1:-1]
+    ]
     return replace(
         scene, frame=frame, pieces=tuple(frame.place(piece, scene.scale) for piece in pieces)
     )
