@@ -17,6 +17,7 @@ HOUSE = ROOT / "src" / "stepblocks"
 SOURCES = sorted(HOUSE.rglob("*.py"))
 TREES = {path: ast.parse(path.read_text()) for path in SOURCES}
 REGISTRIES = {"contact/effects", "simulators/scenes", "cli"}  # folders of like siblings
+WRITTEN = {".py", ".pyi", ".js", ".css", ".c", ".h", ".cpp", ".cs", ".sh"}  # by people
 
 
 def module_of(path):
@@ -108,6 +109,19 @@ def test_the_house_keeps_its_measure():
         rooms[path.parent.relative_to(HOUSE).as_posix()] += path.name != "__init__.py"
     too_full = {room: count for room, count in rooms.items() if count > 15}
     assert {room: count for room, count in too_full.items() if room not in REGISTRIES} == {}
+
+
+def test_no_line_is_longer_than_a_hundred_characters():
+    """Of the files that people write; outside them a line is data, such as a table or a drawing."""
+    long = [
+        f"{path.relative_to(ROOT)}:{number}"
+        for folder in ("src", "tests", "benchmarks")
+        for path in sorted((ROOT / folder).rglob("*.*"))
+        if path.suffix in WRITTEN
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1)
+        if len(line) > 100
+    ]
+    assert long == []
 
 
 def find_form(value):

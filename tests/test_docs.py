@@ -21,7 +21,8 @@ ROOMS = sorted(
     path.name for path in HOUSE.iterdir() if path.is_dir() and (path / "__init__.py").exists()
 )
 PLACES = re.compile(
-    rf"(?<![\w/.<>-])(?:tests|src|benchmarks|stimuli|docs|{'|'.join(ROOMS)})/[\w./{{}}*-]*(?:::\w+)?"
+    rf"(?<![\w/.<>-])(?:tests|src|benchmarks|stimuli|docs|{'|'.join(ROOMS)})/"
+    r"[\w./{}*-]*(?:::\w+)?"
 )
 SUFFIXES = "json|cpp|py|toml|csv|html"  # drag.json is a file, no name of the library
 NAMES = re.compile(

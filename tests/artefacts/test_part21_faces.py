@@ -159,10 +159,9 @@ def test_angles_take_the_supplement_that_was_meant(tmp_path):
 
 def test_a_face_on_a_surface_that_is_not_understood_is_listed_but_measures_nothing(tmp_path):
     spline = "#99=B_SPLINE_SURFACE_WITH_KNOTS('',1);#100=ADVANCED_FACE('',(),#99,.T.);"
-    file = exchange_of(
-        f"{SHAPE}{spline}#101=SHAPE_ASPECT('','',$,.T.);#102=GEOMETRIC_ITEM_SPECIFIC_USAGE('','',#101,#5,#100);",
-        tmp_path,
-    )
+    aspect = "#101=SHAPE_ASPECT('','',$,.T.);"
+    usage = "#102=GEOMETRIC_ITEM_SPECIFIC_USAGE('','',#101,#5,#100);"
+    file = exchange_of(f"{SHAPE}{spline}{aspect}{usage}", tmp_path)
     (found,) = find_faces(file, "#101")
     assert found.kind == "B_SPLINE_SURFACE_WITH_KNOTS"
     assert measure_size([found], "diameter") is None

@@ -168,7 +168,8 @@ def test_a_face_that_is_not_there_and_a_text_without_a_header_are_refused():
         ("solid x\nendsolid", "begin with ISO-10303-21"),
         ("ISO-10303-21;\nHEADER;\n", "sound Part 21"),
         (
-            "ISO-10303-21;\nHEADER;\nFILE_SCHEMA(('X'));\nENDSEC;\nDATA;\n#1=POINT((((;\nENDSEC;\nEND-ISO-10303-21;\n",
+            "ISO-10303-21;\nHEADER;\nFILE_SCHEMA(('X'));\nENDSEC;\n"
+            "DATA;\n#1=POINT((((;\nENDSEC;\nEND-ISO-10303-21;\n",
             "sound",
         ),
     ],

@@ -35,7 +35,7 @@ _RULES = Rules(draws=200)
 _TOOL = Tool(frequency=300.0, decay_time=0.02)
 
 
-def _named(columns, name):  # type: ignore[no-untyped-def]
+def _named(columns, name):
     table = bench_trials(columns, 0)
     return next(e for e in list_candidates(table, list_covariate_ranges(table)) if e.id == name)
 
@@ -72,7 +72,7 @@ def test_a_rounded_edge_is_found_with_and_without_scans_of_the_heights(scanned: 
     assert std < (0.3e-6 if scanned else 3e-6)
 
 
-def test_the_effect_is_named_with_parameters_and_intervals(worn) -> None:  # type: ignore[no-untyped-def]
+def test_the_effect_is_named_with_parameters_and_intervals(worn) -> None:
     _, _, _, folder = worn
     result = json.loads((folder / "result.json").read_text())
     assert result["verdict"] == "effect"
@@ -89,7 +89,7 @@ def test_the_effect_is_named_with_parameters_and_intervals(worn) -> None:  # typ
     assert {"trial": "6", "reason": "truncated"} in result["excluded"]
 
 
-def test_the_block_that_is_asked_for_can_be_built(worn, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+def test_the_block_that_is_asked_for_can_be_built(worn, tmp_path: Path) -> None:
     _, _, result, _ = worn
     # only heights within those seen are asked for; where one of them is best no block is needed
     asked = {"name": "step-015", "height": "15 um", "tip": "125 um", "friction": "0.160"}
@@ -120,7 +120,7 @@ def test_a_constant_tilt_is_not_claimed_and_its_group_is_named() -> None:
     assert "friction" in named["imitated_by_constants"]["block_tilt"]
 
 
-def test_held_out_errors_fall_to_the_noise_floor(worn) -> None:  # type: ignore[no-untyped-def]
+def test_held_out_errors_fall_to_the_noise_floor(worn) -> None:
     _, _, result, _ = worn
     before, after = (result.document[part]["error"] for part in ("nominal", "extended"))
     for key in ("ln_energy_rms", "ln_peak_force_rms"):
@@ -131,7 +131,7 @@ def test_held_out_errors_fall_to_the_noise_floor(worn) -> None:  # type: ignore[
 @pytest.mark.parametrize(
     ("seed", "ending"), [(3, ""), (91, "_blocks_left_out")], ids=["new trials", "new blocks"]
 )
-def test_the_first_line_says_by_how_much_the_delivered_model_errs_on_what_it_never_saw(  # type: ignore[no-untyped-def]
+def test_the_first_line_says_by_how_much_the_delivered_model_errs_on_what_it_never_saw(
     worn, seed: int, ending: str
 ) -> None:
     _, truth, result, folder = worn
@@ -155,7 +155,7 @@ def test_the_first_line_says_by_how_much_the_delivered_model_errs_on_what_it_nev
     assert f"{errors[0]} -> {errors[1]} on new {'blocks' if ending else 'trials'}" in said
 
 
-def test_documents_hold_finite_numbers_only_and_the_page_opens_offline(worn) -> None:  # type: ignore[no-untyped-def]
+def test_documents_hold_finite_numbers_only_and_the_page_opens_offline(worn) -> None:
     _, _, _, folder = worn
     for name in ("result.json", "model.json"):
         text = (folder / name).read_text()
@@ -167,14 +167,14 @@ def test_documents_hold_finite_numbers_only_and_the_page_opens_offline(worn) -> 
     assert "https://" not in page
 
 
-def test_a_second_run_writes_the_same_bytes(worn, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+def test_a_second_run_writes_the_same_bytes(worn, tmp_path: Path) -> None:
     _, _, result, folder = worn
     write_loop(result, tmp_path)
     for name in ("result.json", "model.json", "report.html"):
         assert (tmp_path / name).read_bytes() == (folder / name).read_bytes()
 
 
-def test_unseen_trials_are_predicted_within_their_intervals(worn, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+def test_unseen_trials_are_predicted_within_their_intervals(worn, tmp_path: Path) -> None:
     _, truth, _, folder = worn
     unseen = design_columns(120, 77) | {"block": None}
     unseen["block"] = np.array([f"step-{int(h):03d}" for h in unseen["height_um"]])
@@ -203,7 +203,7 @@ def test_unseen_trials_are_predicted_within_their_intervals(worn, tmp_path: Path
     assert inside[good].mean() > 0.95
 
 
-def test_trials_beyond_the_data_are_flagged(worn, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+def test_trials_beyond_the_data_are_flagged(worn, tmp_path: Path) -> None:
     _, _, _, folder = worn
     rows = pd.DataFrame(
         {
@@ -226,7 +226,7 @@ def test_trials_beyond_the_data_are_flagged(worn, tmp_path: Path) -> None:  # ty
     assert status["bad"].startswith("invalid")
 
 
-def test_a_damaged_model_is_an_error_in_one_line(worn, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+def test_a_damaged_model_is_an_error_in_one_line(worn, tmp_path: Path) -> None:
     _, _, _, folder = worn
     document = json.loads((folder / "model.json").read_text())
     document["extended"]["effects"] = [{"id": "no_such_law"}]

@@ -116,7 +116,9 @@ def write_plux(path):
     index = (
         "<xml><GENERAL><DATE>2026-01-01 "
         "00:00:00</DATE><IMAGE_SIZE_X>4</IMAGE_SIZE_X><IMAGE_SIZE_Y>3</IMAGE_SIZE_Y>"
-        "<FOV_X>1</FOV_X><FOV_Y>2</FOV_Y></GENERAL><INFO><ITEM_0><NAME>Device</NAME><VALUE>gauge</VALUE></ITEM_0></INFO><LAYER_0><FILENAME_Z>LAYER_0.raw</FILENAME_Z></LAYER_0></xml>"
+        "<FOV_X>1</FOV_X><FOV_Y>2</FOV_Y></GENERAL>"
+        "<INFO><ITEM_0><NAME>Device</NAME><VALUE>gauge</VALUE></ITEM_0></INFO>"
+        "<LAYER_0><FILENAME_Z>LAYER_0.raw</FILENAME_Z></LAYER_0></xml>"
     )
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("index.xml", index)
@@ -154,7 +156,8 @@ def write_nid(path, dim2_range=None):
     channel = (
         "Version=2\r\nPoints=4\r\nLines=3\r\nFrame=Scan "
         "forward\r\nDim0Name=X*\r\nDim0Unit=m\r\nDim0Range=4e-06\r\n"
-        "Dim0Min=0\r\nDim1Name=Y*\r\nDim1Unit=m\r\nDim1Range=6e-06\r\nDim1Min=0\r\nDim2Name=Topography\r\nDim2Unit=m\r\n"
+        "Dim0Min=0\r\nDim1Name=Y*\r\nDim1Unit=m\r\nDim1Range=6e-06\r\nDim1Min=0\r\n"
+        "Dim2Name=Topography\r\nDim2Unit=m\r\n"
         f"Dim2Range={span!r}\r\nDim2Min={-span / 2!r}\r\nSaveMode=Binary\r\nSaveBits=16\r\n"
         "SaveSign=Signed\r\n"
         "SaveOrder=Intel\r\n"
@@ -162,7 +165,8 @@ def write_nid(path, dim2_range=None):
     text = (
         "[DataSet]\r\nVersion=2\r\nGroupCount=1\r\nGr0-Name=Scan "
         "forward\r\nGr0-ID=0\r\nGr0-Count=1\r\n"
-        "Gr0-Ch0=DataSet-0:0\r\nSetInfos=DataSet-Info\r\nInfoSetCount=1\r\nInfoSet0=DataSetInfos\r\n\r\n"
+        "Gr0-Ch0=DataSet-0:0\r\nSetInfos=DataSet-Info\r\nInfoSetCount=1\r\n"
+        "InfoSet0=DataSetInfos\r\n\r\n"
         "[DataSet-Info]\r\n-- Scan --=--------\r\nImage "
         "size=4um\r\nDate=01-01-2026\r\nTime=00:00:00\r\n\r\n"
         f"[DataSet-0:0]\r\n{channel}"

@@ -46,7 +46,7 @@ class Toy:
 def toy_effects() -> list[Law]:
     """A named square law over z, straight lines over z and w, and one that mimics constant a."""
 
-    def effect(name: str, covariate: str, shape, named: bool) -> Law:  # type: ignore[no-untyped-def]
+    def effect(name: str, covariate: str, shape, named: bool) -> Law:
         def apply(level: Floats, trials: Trials, own: Mapping[str, float]) -> Floats:
             return level + own["size"] * shape(trials)
 

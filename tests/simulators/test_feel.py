@@ -282,7 +282,7 @@ def test_blind_trials_tell_nothing_but_the_feel_and_keep_the_score(whole):
         told.append(
             whole.execute_script(
                 f"choose('{side}'); draw(); plot();return [answer.map(i => STIMULI[i].set), "
-                "ALIKE.map(n => stimulus[n]), toHand(1), place, "
+                "CONDITIONS.map(n => stimulus[n]), toHand(1), place, "
                 "$('scene').getAttribute('aria-valuenow'), $('tip').value, $('load').value, "
                 "$('scene').toDataURL()]"
             )

@@ -136,7 +136,10 @@ def test_two_participants_are_compared_and_one_is_not():
 def test_the_bayes_factor_is_that_of_the_noncentral_t_under_a_cauchy_prior(t, people):
     # independent: Student's noncentral t of scipy over the effect sizes of Rouder et al. 2009
     df, root = people - 1, np.sqrt(people)
-    likelihood = lambda d: nct.pdf(t, df, d * root) * cauchy.pdf(d, scale=np.sqrt(0.5))  # noqa: E731
+
+    def likelihood(d):
+        return nct.pdf(t, df, d * root) * cauchy.pdf(d, scale=np.sqrt(0.5))
+
     under_difference = quad(likelihood, -8.0, 8.0, limit=400, points=[0.0, t / root])[0]
     assert compute_bayes_factor(t, people) == pytest.approx(
         student.pdf(t, df) / under_difference, rel=1e-3

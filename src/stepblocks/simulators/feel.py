@@ -54,7 +54,7 @@ def write_feel_page(files: Sets, page: str | Path) -> int:
         for part in declared.stimuli
     ]
     templates = package_files("stepblocks.simulators").joinpath("templates")
-    names = "feel_law.js", "feel.js"
+    names = "feel_law.js", "feel_pictures.js", "feel.js"
     script = "\n" + "".join(templates.joinpath(name).read_text("utf-8") for name in names)
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     text = render_page(

@@ -79,7 +79,7 @@ def test_an_effect_without_a_law_is_left_unexplained_at_its_place() -> None:
 
 def test_covariates_that_run_together_are_ambiguous() -> None:
     trials = toy_trials(120, 3)
-    trials.covariates["w"][:] = trials.covariates["z"] + 1e-3 * trials.covariates["w"]  # type: ignore[index]
+    trials.covariates["w"][:] = trials.covariates["z"] + 1e-3 * trials.covariates["w"]
     shift = 0.4 * trials.covariates["z"]
     trials = replace(trials, values=trials.values + np.stack([shift, 2.0 * shift], axis=1))
     found = explain(Toy(), trials, toy_effects(), _RULES)

@@ -1,4 +1,5 @@
-// A program that drives the delivered StepBlocks.cs as an engine does: the library tick by tick, and the component with its servo.
+// A program that drives the delivered StepBlocks.cs as an engine does: the library tick by tick,
+// and the component with its servo.
 using System;
 using System.Globalization;
 using System.Reflection;
@@ -15,11 +16,13 @@ static class Drive
         return words[0] == "failing" ? Failing(words[1], words[2]) : Component(words[1], words[2]);
     }
 
-    // One line of x, y, z on the standard input for each tick of a millisecond; one line of the output back.
+    // One line of x, y, z on the standard input for each tick of a millisecond; one line of the
+    // output back.
     static int Ticks(string file, string block)
     {
         IntPtr world = Native.sb_create();
-        if (Native.sb_abi_version() != Native.AbiVersion || Native.sb_load(world, Native.Text(file)) < 1) return 1;
+        if (Native.sb_abi_version() != Native.AbiVersion) return 1;
+        if (Native.sb_load(world, Native.Text(file)) < 1) return 1;
         Native.sb_choose(world, Native.sb_find(world, Native.Text(block)));
         double[] still = new double[3];
         for (string line = Console.ReadLine(); line != null; line = Console.ReadLine())
@@ -29,16 +32,21 @@ static class Drive
             for (int i = 0; i < 3; ++i) hand[i] = double.Parse(parts[i], Plain);
             Output o;
             Native.sb_tick(world, hand, still, 1e-3, out o);
-            double[] told = { o.forceX, o.forceY, o.forceZ, o.ring, o.pull, o.tipX, o.tipZ, o.releaseForce, o.releaseEnergy };
-            Console.WriteLine(string.Join(" ", Array.ConvertAll(told, value => value.ToString("R", Plain)))
-                              + " " + o.events + " " + o.faults + " " + o.touching + " " + o.block);
+            double[] told =
+            {
+                o.forceX, o.forceY, o.forceZ, o.ring, o.pull, o.tipX, o.tipZ, o.releaseForce,
+                o.releaseEnergy
+            };
+            string numbers = string.Join(" ", Array.ConvertAll(told, Write));
+            Console.WriteLine(
+                numbers + " " + o.events + " " + o.faults + " " + o.touching + " " + o.block);
         }
         Native.sb_destroy(world);
         return 0;
     }
 
-    // A hand that keeps its load is pulled over the edge while the servo of the component runs, by a time of its own:
-    // how busy the machine is does not matter.
+    // A hand that keeps its load is pulled over the edge while the servo of the component runs, by
+    // a time of its own: how busy the machine is does not matter.
     static int Component(string folder, string block)
     {
         UnityEngine.Application.streamingAssetsPath = folder;
@@ -46,7 +54,11 @@ static class Drive
         double x = -2e-4, z = 3e-4, given = -1.0, time = 0.0;
         int ticks = 0;
         one.Seconds = () => time += 1e-4;
-        one.ReadHand = (hand, velocity) => { hand[0] = x; hand[1] = 0.0; hand[2] = z; };
+        one.ReadHand = (hand, velocity) => {
+            hand[0] = x;
+            hand[1] = 0.0;
+            hand[2] = z;
+        };
         one.WriteForce = (fx, fy, fz) => {
             z += Math.Max(Math.Min((fz - 0.3) / 9.81e3, 1e-4), -1e-5);
             if (z < 1e-4 && x < 1e-4) x += 2e-7;
@@ -55,13 +67,15 @@ static class Drive
         };
         Call(one, "Start");
         while (one.Releases == 0 && Volatile.Read(ref ticks) < 200000) Thread.Sleep(1);
-        Console.WriteLine(one.Releases + " " + one.ReleaseForce.ToString("R", Plain) + " " + one.Tip.x.ToString("R", Plain));
+        string place = one.Tip.x.ToString("R", Plain);
+        Console.WriteLine(one.Releases + " " + Write(one.ReleaseForce) + " " + place);
         Call(one, "OnDestroy");
-        Console.WriteLine(given.ToString("R", Plain));
+        Console.WriteLine(Write(given));
         return 0;
     }
 
-    // A hand rests on the lower face until its device fails; then a block that is not there is asked for.
+    // A hand rests on the lower face until its device fails; then a block that is not there is
+    // asked for.
     static int Failing(string folder, string block)
     {
         UnityEngine.Application.streamingAssetsPath = folder;
@@ -80,15 +94,27 @@ static class Drive
         Call(one, "Start");
         DateTime end = DateTime.UtcNow.AddSeconds(60.0);
         while (given != 0.0 && DateTime.UtcNow < end) Thread.Sleep(20);
-        Console.WriteLine(most.ToString("R", Plain) + " " + given.ToString("R", Plain));
-        try { one.Choose("step-999"); }
-        catch (ArgumentException problem) { Console.Error.WriteLine(problem.Message); }
+        Console.WriteLine(Write(most) + " " + Write(given));
+        try
+        {
+            one.Choose("step-999");
+        }
+        catch (ArgumentException problem)
+        {
+            Console.Error.WriteLine(problem.Message);
+        }
         Call(one, "OnDestroy");
         return 0;
     }
 
+    static string Write(double value)
+    {
+        return value.ToString("R", Plain);
+    }
+
     static void Call(object one, string name)
     {
-        one.GetType().GetMethod(name, BindingFlags.Instance | BindingFlags.NonPublic).Invoke(one, null);
+        const BindingFlags own = BindingFlags.Instance | BindingFlags.NonPublic;
+        one.GetType().GetMethod(name, own).Invoke(one, null);
     }
 }

@@ -5,7 +5,13 @@ namespace UnityEngine
 {
     public class MonoBehaviour { }
 
-    public static class Debug { public static void LogException(Exception problem) { Console.Error.WriteLine(problem.Message); } }
+    public static class Debug
+    {
+        public static void LogException(Exception problem)
+        {
+            Console.Error.WriteLine(problem.Message);
+        }
+    }
 
     public struct Vector3
     {

@@ -1,5 +1,5 @@
-// Unity component for libstepblocks: put libstepblocks.so, stepblocks.dll or libstepblocks.dylib into
-// Assets/Plugins, blocks.txt into Assets/StreamingAssets, and this file anywhere under Assets.
+// Unity component for libstepblocks: put libstepblocks.so, stepblocks.dll or libstepblocks.dylib
+// into Assets/Plugins, blocks.txt into Assets/StreamingAssets, and this file anywhere under Assets.
 //
 // Unity's frames are too slow and too uneven for a servo: the loop runs in a thread of its own at
 // `rate`, reads your device through `ReadHand` and gives the force to `WriteForce`. What the scene
@@ -27,7 +27,17 @@ namespace StepBlocks
 
     public enum Parameter
     {
-        TipRadius, Load, Friction, Stiffness, Wall, Conversion, Frequency, Decay, Damping, Scale, PullLimit
+        TipRadius,
+        Load,
+        Friction,
+        Stiffness,
+        Wall,
+        Conversion,
+        Frequency,
+        Decay,
+        Damping,
+        Scale,
+        PullLimit
     }
 
     public enum Setting { ForceLimit, Ramp, Rise, Watchdog, Vibration }
@@ -44,13 +54,17 @@ namespace StepBlocks
         [DllImport(Library)] public static extern int sb_load(IntPtr world, byte[] path);
         [DllImport(Library)] public static extern int sb_count(IntPtr world);
         [DllImport(Library)] public static extern int sb_find(IntPtr world, byte[] name);
-        [DllImport(Library)] public static extern int sb_set(IntPtr world, int block, int parameter, double value);
-        [DllImport(Library)] public static extern int sb_configure(IntPtr world, int setting, double value);
+        [DllImport(Library)]
+        public static extern int sb_set(IntPtr world, int block, int parameter, double value);
+        [DllImport(Library)]
+        public static extern int sb_configure(IntPtr world, int setting, double value);
         [DllImport(Library)] public static extern int sb_choose(IntPtr world, int block);
         [DllImport(Library)]
-        public static extern int sb_tick(IntPtr world, double[] hand, double[] velocity, double dt, out Output output);
+        public static extern int sb_tick(
+            IntPtr world, double[] hand, double[] velocity, double dt, out Output output);
         [DllImport(Library)]
-        public static extern int sb_tick_tooth(IntPtr world, double[] hand, double[] velocity, double dt, out Output output);
+        public static extern int sb_tick_tooth(
+            IntPtr world, double[] hand, double[] velocity, double dt, out Output output);
 
         /// <summary>A text as C takes it: UTF-8 with a zero at its end.</summary>
         public static byte[] Text(string text)
@@ -68,15 +82,19 @@ namespace StepBlocks
         [Tooltip("Largest force that the device may render [N]")] public double forceLimit = 3.0;
         [Tooltip("In which the force grows after the start [s]")] public double rise = 1.0;
         public bool vibration = true;
-        [Tooltip("The file is a whole tooth: hand and force are in the axes of the scan")] public bool tooth = false;
+        [Tooltip("The file is a whole tooth: hand and force are in the axes of the scan")]
+        public bool tooth = false;
 
-        /// <summary>Reads position [m] and velocity [m/s] of the hand in the axes of the part; set it before Start.</summary>
+        /// <summary>Reads position [m] and velocity [m/s] of the hand in the axes of the part; set
+        /// it before Start.</summary>
         public Action<double[], double[]> ReadHand;
 
-        /// <summary>Gives a force [N] in the axes of the part to the device; set it before Start.</summary>
+        /// <summary>Gives a force [N] in the axes of the part to the device; set it before
+        /// Start.</summary>
         public Action<double, double, double> WriteForce;
 
-        /// <summary>Gives the time [s] in place of a stopwatch, as for a run without a device; set it before Start.</summary>
+        /// <summary>Gives the time [s] in place of a stopwatch, as for a run without a device; set
+        /// it before Start.</summary>
         public Func<double> Seconds;
 
         readonly object gate = new object();
@@ -86,11 +104,28 @@ namespace StepBlocks
         int wanted = -1;
         Output shown;
 
-        public Vector3 Tip { get { lock (gate) return ToUnity(shown.tipX, shown.tipY, shown.tipZ); } }
-        public double Pull { get { lock (gate) return shown.pull; } }
-        public double Ring { get { lock (gate) return shown.ring; } }
-        public double ReleaseForce { get { lock (gate) return shown.releaseForce; } }
-        public uint Releases { get { lock (gate) return shown.events; } }
+        public Vector3 Tip
+        {
+            get
+            {
+                Output now = Shown;
+                return ToUnity(now.tipX, now.tipY, now.tipZ);
+            }
+        }
+
+        public double Pull => Shown.pull;
+        public double Ring => Shown.ring;
+        public double ReleaseForce => Shown.releaseForce;
+        public uint Releases => Shown.events;
+
+        // The last tick, whole
+        Output Shown
+        {
+            get
+            {
+                lock (gate) return shown;
+            }
+        }
 
         public static Vector3 ToUnity(double x, double y, double z)
         {
@@ -109,7 +144,9 @@ namespace StepBlocks
             Check(Native.sb_configure(world, (int)Setting.Vibration, vibration ? 1.0 : 0.0));
             Check(Native.sb_choose(world, block.Length == 0 ? 0 : Find(block)));
             running = true;
-            servo = new Thread(Loop) { IsBackground = true, Priority = System.Threading.ThreadPriority.Highest };
+            servo = new Thread(Loop);
+            servo.IsBackground = true;
+            servo.Priority = System.Threading.ThreadPriority.Highest;
             servo.Start();
         }
 
@@ -138,7 +175,8 @@ namespace StepBlocks
 
         void Serve()
         {
-            double[] hand = { 0.0, 0.0, 1.0 }, velocity = new double[3];
+            double[] hand = { 0.0, 0.0, 1.0 };
+            double[] velocity = new double[3];
             Stopwatch watch = Stopwatch.StartNew();
             Func<double> seconds = Seconds ?? (() => watch.Elapsed.TotalSeconds);
             double before = 0.0, due = 0.0;
@@ -171,14 +209,18 @@ namespace StepBlocks
         int Find(string name)
         {
             int found = Native.sb_find(world, Native.Text(name));
-            if (found < 0) throw new ArgumentException("there is no block " + name + " in " + blocks);
+            if (found < 0)
+                throw new ArgumentException("there is no block " + name + " in " + blocks);
             return found;
         }
 
         int Check(int result)
         {
             if (result < 0)
-                throw new InvalidOperationException(Marshal.PtrToStringAnsi(Native.sb_message(world)));
+            {
+                string said = Marshal.PtrToStringAnsi(Native.sb_message(world));
+                throw new InvalidOperationException(said);
+            }
             return result;
         }
     }

@@ -1,8 +1,9 @@
 // Unreal component for libstepblocks: add the library and stepblocks.h to a module of your project
-// (PublicAdditionalLibraries, PublicIncludePaths), and this file and StepBlocksComponent.cpp to its source.
+// (PublicAdditionalLibraries, PublicIncludePaths), and this file and StepBlocksComponent.cpp to its
+// source.
 //
-// The servo runs in a thread of its own; the game reads a copy of the last tick. Unreal is left-handed,
-// z up, centimetres: a part's (x, y, z) [m] is Unreal's 100 (x, -y, z) [cm].
+// The servo runs in a thread of its own; the game reads a copy of the last tick. Unreal is
+// left-handed, z up, centimetres: a part's (x, y, z) [m] is Unreal's 100 (x, -y, z) [cm].
 #pragma once
 
 #include "Components/ActorComponent.h"

@@ -1,6 +1,6 @@
-/* Drag a virtual hand over every block of a file, in both directions, and print each peak force beside
- * the formula: drag blocks.txt [--time]. With --time also how long a tick takes. Exit status 1 where
- * a peak is off by more than 1 %. */
+/* Drag a virtual hand over every block of a file, in both directions, and print each peak force
+ * beside the formula: drag blocks.txt [--time]. With --time also how long a tick takes. Exit
+ * status 1 where a peak is off by more than 1 %. */
 #define _POSIX_C_SOURCE 199309L
 #include <math.h>
 #include <stdio.h>

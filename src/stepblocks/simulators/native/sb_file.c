@@ -3,7 +3,7 @@
  *   stepblocks-blocks 1
  *   block step-050              then any of the parameters, one a line, such as
  *   tip_radius_m 0.000125
- *   frame 0 0 0 1 0 0 0 0 1     place [m], axis across, axis outwards; of the stations of a tooth only
+ *   frame 0 0 0 1 0 0 0 0 1     place [m], axis across, axis outwards; of the stations of a tooth
  *   discs 1                     x z radius [m], one disc a line
  *   0 5e-05 0
  *   lines 2                     x0 z0 x1 z1 [m], one line a line
@@ -65,7 +65,8 @@ static int read_numbers(reader *r, double *values, size_t count)
         const char *end;
         while (at < stop && *at == ' ') ++at;
         values[i] = sb_read_number(at, &end);
-        if (end == at || end > stop || !isfinite(values[i])) return wrong(r, "a number is expected");
+        if (end == at || end > stop || !isfinite(values[i]))
+            return wrong(r, "a number is expected");
         at = end;
     }
     return at == stop ? SB_OK : wrong(r, "there is more on this line than is expected");

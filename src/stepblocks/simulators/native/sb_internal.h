@@ -7,8 +7,8 @@
 #define SB_NAME_LENGTH 80
 #define SB_MESSAGE_LENGTH 240
 
-/* Path of the ball's centre: one knot per place, slopes at both ends of every piece. What belongs to
- * a piece stands at the knot where it begins. */
+/* Path of the ball's centre: one knot per place, slopes at both ends of every piece. What
+ * belongs to a piece stands at the knot where it begins. */
 typedef struct {
     size_t count;
     double *x, *z, *first, *last;
@@ -35,11 +35,13 @@ struct sb_world {
     int touching, fresh; /* fresh: the next tick puts the tip where the hand is */
     uint32_t events, faults, limited, late;
     int held;
-    double gain, ramp; /* 0 to 1, of the force after a start or a fault, and how long it grows [s] */
+    double gain; /* 0 to 1, of the force after a start or a fault */
+    double ramp; /* how long it grows [s] */
     double good[3]; /* last force of a good tick [N] */
     sb_output last; /* of the last good tick */
     int loads, riding; /* files so far; whether the tip goes along a margin line */
-    double way, origin[3], axes[3][3]; /* of the section at the last tick, in the axes of the scan */
+    double way; /* along the line at the last tick [m] */
+    double origin[3], axes[3][3]; /* of the section there, in the axes of the scan */
     char message[SB_MESSAGE_LENGTH];
 };
 

@@ -1,5 +1,5 @@
-/* The path of the ball's centre: the upper envelope of circles about the corners, grown by the ball,
- * and of the straight faces lifted by it. */
+/* The path of the ball's centre: the upper envelope of circles about the corners, grown by the
+ * ball, and of the straight faces lifted by it. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -87,7 +87,8 @@ static int ascending(const void *a, const void *b)
     return (one > two) - (one < two);
 }
 
-/* Sort, drop equal values and those closer than a distance to the one before; returns how many stay. */
+/* Sort, drop equal values and those closer than a distance to the one before; returns how many
+ * stay. */
 static size_t sort_unique(double *values, size_t count, double apart)
 {
     size_t kept = 0;
@@ -168,7 +169,8 @@ static size_t add_crossings(const shapes *s, double *knots, size_t count)
     return count;
 }
 
-static int fill_path(sb_path *path, const shapes *s, const double *knots, size_t count, double scale)
+static int fill_path(sb_path *path, const shapes *s, const double *knots, size_t count,
+                     double scale)
 {
     double *room = malloc(4 * count * sizeof *room);
     unsigned char *flags = calloc(2 * count, 1);

@@ -1,4 +1,5 @@
-/* One servo tick: the proxy on its path, the force on the hand, the ring, and what keeps both safe. */
+/* One servo tick: the proxy on its path, the force on the hand, the ring, and what keeps both
+ * safe. */
 #include <math.h>
 #include <string.h>
 
@@ -13,7 +14,7 @@
 typedef struct {
     const sb_path *path;
     double stiffness, wall, friction, limit; /* magnified springs [N/m], mu, pull limit [N] */
-    double load;                             /* imposed [N]; negative where the hand's height gives it */
+    double load; /* imposed [N]; negative where the hand's height gives it */
     double x, z;                             /* of the hand [m] */
 } pull;
 
@@ -131,7 +132,8 @@ static int is_pressed(const pull *h, double x, size_t i)
     return !(along * ahead + down < 0.0 && along * behind + down < 0.0);
 }
 
-/* Slide in either direction; leaving a notch uphill is a release, unless the tip just fell into it. */
+/* Slide in either direction; leaving a notch uphill is a release, unless the tip just fell into
+ * it. */
 static void move(sb_world *w, const sb_block *block, const pull *h, int landed)
 {
     const sb_path *p = h->path;

@@ -1,5 +1,6 @@
-/* A whole tooth: the sections of its margin, each at its station of the margin line. The hand moves in
- * the axes of the scan; each tick finds where it is along the line and turns it into the section there. */
+/* A whole tooth: the sections of its margin, each at its station of the margin line. The hand
+ * moves in the axes of the scan; each tick finds where it is along the line and turns it into
+ * the section there. */
 #include <math.h>
 #include <string.h>
 
@@ -144,7 +145,8 @@ static int station_at(const margin *m, const spot *s, double way)
     return m->closed ? 0 : m->count - 1;
 }
 
-/* Origin and axes between two stations: a smooth line through the places, axes turned in between. */
+/* Origin and axes between two stations: a smooth line through the places, axes turned in
+ * between. */
 static void frame_at(const margin *m, const spot *s, double origin[3], double axes[3][3])
 {
     const double t = s->share;

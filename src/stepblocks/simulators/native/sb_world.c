@@ -111,7 +111,8 @@ static int rebuild(sb_world *world, sb_block *block)
 {
     const int result =
         sb_path_build(&block->path, block->discs, block->disc_count, block->lines,
-                      block->line_count, block->parameter[SB_TIP_RADIUS], block->parameter[SB_SCALE]);
+                      block->line_count, block->parameter[SB_TIP_RADIUS],
+                      block->parameter[SB_SCALE]);
     if (result == SB_ERROR_MEMORY) return sb_fail(world, result, "memory is short");
     if (result != SB_OK)
         return sb_fail(world, result, "%s: the outline must have a width", block->name);
@@ -134,7 +135,7 @@ int sb_set(sb_world *world, int block, int parameter, double value)
     if ((parameter != SB_TIP_RADIUS && parameter != SB_SCALE) || value == before) return SB_OK;
     result = rebuild(world, one);
     if (result != SB_OK) one->parameter[parameter] = before;
-    else if (block == world->active) sb_choose(world, block); /* the tip's place has lost its path */
+    else if (block == world->active) sb_choose(world, block); /* the tip has lost its path */
     return result;
 }
 
@@ -152,8 +153,8 @@ int sb_configure(sb_world *world, int setting, double value)
     if (setting < 0 || setting >= SB_SETTINGS)
         return sb_fail(world, SB_ERROR_INDEX, "there is no setting %d", setting);
     if (!isfinite(value) || value < 0.0)
-        return sb_fail(world, SB_ERROR_ARGUMENT, "a setting must be finite and not negative, got %g",
-                       value);
+        return sb_fail(world, SB_ERROR_ARGUMENT,
+                       "a setting must be finite and not negative, got %g", value);
     world->setting[setting] = value;
     return SB_OK;
 }

@@ -1,19 +1,20 @@
 /* libstepblocks: the force and the ring of step blocks and margins, one call per servo tick.
  *
- * C99 and C++, plain C ABI. SI units everywhere: m, N, s, Hz, N/m. The frame is that of the blocks:
- * x across the edge (positive up the step), y along the edge, z up; the edge is at x = 0, the lower
- * face at z = 0. A block shown with magnification S has lengths times S, spring divided by S, and the
- * forces of the real size.
+ * C99 and C++, plain C ABI. SI units everywhere: m, N, s, Hz, N/m. The frame is that of the
+ * blocks: x across the edge (positive up the step), y along the edge, z up; the edge is at x =
+ * 0, the lower face at z = 0. A block shown with magnification S has lengths times S, spring
+ * divided by S, and the forces of the real size.
  *
- * The law: a proxy (the centre of the tip's ball) slides on the path that the ball's centre takes
- * over the surface. The hand pulls it through the spring of the tool, friction holds it. It slides
- * where F_x (1 - mu t) > F_z (t + mu), t the slope of the path; this is equation (1) of the paper
- * without its division, so a locked tip never moves. Leaving a notch uphill is a release: it starts a
- * decaying ring whose amplitude is sqrt(C_v) times the force in the spring at that moment.
+ * The law: a proxy (the centre of the tip's ball) slides on the path that the ball's centre
+ * takes over the surface. The hand pulls it through the spring of the tool, friction holds it.
+ * It slides where F_x (1 - mu t) > F_z (t + mu), t the slope of the path; this is equation (1)
+ * of the paper without its division, so a locked tip never moves. Leaving a notch uphill is a
+ * release: it starts a decaying ring whose amplitude is sqrt(C_v) times the force in the spring
+ * at that moment.
  *
  * Functions that return int return a negative sb_error when they fail; sb_message says why. Only
- * sb_create, sb_load, sb_add_block and sb_set(SB_TIP_RADIUS or SB_SCALE) allocate memory: sb_tick
- * never does. A world is used by one thread at a time; use one world per hand. */
+ * sb_create, sb_load, sb_add_block and sb_set(SB_TIP_RADIUS or SB_SCALE) allocate memory:
+ * sb_tick never does. A world is used by one thread at a time; use one world per hand. */
 #ifndef STEPBLOCKS_H
 #define STEPBLOCKS_H
 
@@ -64,7 +65,7 @@ enum sb_parameter {
 /* Settings of a world: the safety of hand and device. Zero switches one off. */
 enum sb_setting {
     SB_FORCE_LIMIT = 0, /* largest force on the hand; its direction is kept [N], 3 at first */
-    SB_RAMP = 1,        /* in which a force vanishes after a fault and comes back [s], 0.01 at first */
+    SB_RAMP = 1,        /* in which a force vanishes after a fault, and comes back [s], 0.01 */
     SB_RISE = 2,        /* in which the force grows after sb_reset or sb_choose [s], 0 at first */
     SB_WATCHDOG = 3,    /* a later tick switches the force off until the hand lets go [s], 0.05 */
     SB_VIBRATION = 4,   /* 1: a release rings; 0: the paper's condition without vibration */
@@ -80,7 +81,7 @@ enum sb_state {
 typedef struct sb_output {
     double force[3];       /* on the hand: all that the device should render [N] */
     double ring;           /* the share of force[0] that is the ring [N] */
-    double pull;           /* force in the spring along x, positive where the hand pulls to +x [N] */
+    double pull;           /* in the spring along x, positive where the hand pulls to +x [N] */
     double load;           /* normal force [N] */
     double tip[3];         /* centre of the ball [m] */
     double release_force;  /* spring force at the last release, signed [N]; 0 before the first */
@@ -119,12 +120,12 @@ SB_API sb_world *sb_create(void); /* NULL without memory */
 SB_API void sb_destroy(sb_world *world);
 SB_API const char *sb_message(const sb_world *world); /* of the last failure; never NULL */
 
-/* Add the blocks of a file that `stepblocks export --for native` wrote. Returns how many were added;
- * a file with a mistake adds none. */
+/* Add the blocks of a file that `stepblocks export --for native` wrote. Returns how many were
+ * added; a file with a mistake adds none. */
 SB_API int sb_load(sb_world *world, const char *path);
 
-/* Add a block by its outline: discs (x, z, radius; radius 0 is a sharp corner) and lines (x0, z0, x1,
- * z1), whose upper envelope grown by the ball is the path. Returns its index. */
+/* Add a block by its outline: discs (x, z, radius; radius 0 is a sharp corner) and lines (x0,
+ * z0, x1, z1), whose upper envelope grown by the ball is the path. Returns its index. */
 SB_API int sb_add_block(sb_world *world, const char *name, const double *discs, size_t disc_count,
                         const double *lines, size_t line_count);
 
@@ -138,8 +139,11 @@ SB_API double sb_get(const sb_world *world, int block, int parameter); /* NaN wh
 SB_API int sb_configure(sb_world *world, int setting, double value);
 SB_API double sb_setting_of(const sb_world *world, int setting);
 
-SB_API int sb_choose(sb_world *world, int block); /* make a block active; the next tick begins under the hand */
-SB_API int sb_reset(sb_world *world, const double hand[3]); /* put the tip where the hand is, free */
+/* Make a block active; the next tick begins under the hand. */
+SB_API int sb_choose(sb_world *world, int block);
+
+/* Put the tip where the hand is, free. */
+SB_API int sb_reset(sb_world *world, const double hand[3]);
 
 /* One servo tick: the force on a hand at a position with a velocity, dt after the last tick. The
  * output is always written and always finite. Returns an sb_state, or SB_ERROR_ARGUMENT for a null
@@ -147,16 +151,16 @@ SB_API int sb_reset(sb_world *world, const double hand[3]); /* put the tip where
 SB_API int sb_tick(sb_world *world, const double hand[3], const double velocity[3], double dt,
                    sb_output *output);
 
-/* The same for a whole tooth: the blocks are the stations of a margin line (`frame` in the file, or
- * sb_place), loaded together and in order. Hand, velocity, force and tip are in the axes of the scan,
- * magnified as the blocks are. The section is that of the place of the tip along the line, and answers
- * within 1 mm on either side of the margin; farther away, and deeper, there is no force. output->block
- * is the station; pull and ring are across the margin, load is outwards. */
+/* The same for a whole tooth: the blocks are the stations of a margin line (`frame` in the file,
+ * or sb_place), loaded together and in order. Hand, velocity, force and tip are in the axes of
+ * the scan, magnified as the blocks are. The section is that of the place of the tip along the
+ * line, and answers within 1 mm on either side of the margin; farther away, and deeper, there is
+ * no force. output->block is the station; pull and ring are across the margin, load is outwards. */
 SB_API int sb_tick_tooth(sb_world *world, const double hand[3], const double velocity[3], double dt,
                          sb_output *output);
 
-/* Put a block on a margin line: its place, unmagnified [m], and the axes across the margin towards the
- * crown and outwards, of any length, at right angles. */
+/* Put a block on a margin line: its place, unmagnified [m], and the axes across the margin
+ * towards the crown and outwards, of any length, at right angles. */
 SB_API int sb_place(sb_world *world, int block, const double place[3], const double across[3],
                     const double outward[3]);
 

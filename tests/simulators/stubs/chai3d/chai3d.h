@@ -17,11 +17,24 @@ public:
     double length() const { return std::sqrt(m_x * m_x + m_y * m_y + m_z * m_z); }
     void zero() { set(0.0, 0.0, 0.0); }
     double distance(const cVector3d& o) const { return (*this - o).length(); }
-    void set(double x, double y, double z) { m_x = x; m_y = y; m_z = z; }
-    cVector3d operator-(const cVector3d& o) const { return cVector3d(m_x - o.m_x, m_y - o.m_y, m_z - o.m_z); }
-
-    cVector3d operator+(const cVector3d& o) const { return cVector3d(m_x + o.m_x, m_y + o.m_y, m_z + o.m_z); }
-    friend cVector3d operator*(double s, const cVector3d& v) { return cVector3d(s * v.m_x, s * v.m_y, s * v.m_z); }
+    void set(double x, double y, double z)
+    {
+        m_x = x;
+        m_y = y;
+        m_z = z;
+    }
+    cVector3d operator-(const cVector3d& o) const
+    {
+        return cVector3d(m_x - o.m_x, m_y - o.m_y, m_z - o.m_z);
+    }
+    cVector3d operator+(const cVector3d& o) const
+    {
+        return cVector3d(m_x + o.m_x, m_y + o.m_y, m_z + o.m_z);
+    }
+    friend cVector3d operator*(double s, const cVector3d& v)
+    {
+        return cVector3d(s * v.m_x, s * v.m_y, s * v.m_z);
+    }
 
 private:
     double m_x, m_y, m_z;
@@ -40,7 +53,10 @@ public:
     cVector3d getGlobalPos() const { return cVector3d(); }
 };
 
-inline cVector3d cProjectPointOnPlane(const cVector3d& point, const cVector3d&, const cVector3d&) { return point; }
+inline cVector3d cProjectPointOnPlane(const cVector3d& point, const cVector3d&, const cVector3d&)
+{
+    return point;
+}
 
 struct cCollisionEvent
 {
@@ -61,7 +77,10 @@ public:
 
 protected:
     virtual void computeNextBestProxyPosition(const cVector3d&) {}
-    virtual void testFrictionAndMoveProxy(const cVector3d&, const cVector3d&, cVector3d&, cGenericObject*) {}
+    virtual void testFrictionAndMoveProxy(const cVector3d&, const cVector3d&, cVector3d&,
+                                          cGenericObject*)
+    {
+    }
     cVector3d m_proxyGlobalPos, m_nextBestProxyGlobalPos;
     cCollisionRecorder m_collisionRecorderConstraint0;
     double m_radius = 1.0;
@@ -83,7 +102,8 @@ class cGenericEffect
 public:
     explicit cGenericEffect(cGenericObject* parent) : m_parent(parent) {}
     virtual ~cGenericEffect() {}
-    virtual bool computeForce(const cVector3d&, const cVector3d&, const unsigned int&, cVector3d&) = 0;
+    virtual bool computeForce(const cVector3d&, const cVector3d&, const unsigned int&,
+                              cVector3d&) = 0;
 
 protected:
     cGenericObject* m_parent;

@@ -6,6 +6,9 @@ enum EThreadPriority { TPri_TimeCritical };
 class FRunnableThread
 {
 public:
-    static FRunnableThread* Create(FRunnable*, const char*, int, EThreadPriority) { return nullptr; }
+    static FRunnableThread* Create(FRunnable*, const char*, int, EThreadPriority)
+    {
+        return nullptr;
+    }
     void WaitForCompletion() {}
 };
