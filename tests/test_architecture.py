@@ -17,7 +17,8 @@ HOUSE = ROOT / "src" / "stepblocks"
 SOURCES = sorted(HOUSE.rglob("*.py"))
 TREES = {path: ast.parse(path.read_text()) for path in SOURCES}
 REGISTRIES = {"contact/effects", "simulators/scenes", "cli"}  # folders of like siblings
-WRITTEN = {".py", ".pyi", ".js", ".css", ".c", ".h", ".cpp", ".cs", ".sh"}  # by people
+# what people write and read as a program or a page, also as a template
+WRITTEN = (".py", ".pyi", ".js", ".css", ".html", ".c", ".h", ".cpp", ".cs", ".sh")
 
 
 def module_of(path):
@@ -117,7 +118,7 @@ def test_no_line_is_longer_than_a_hundred_characters():
         f"{path.relative_to(ROOT)}:{number}"
         for folder in ("src", "tests", "benchmarks")
         for path in sorted((ROOT / folder).rglob("*.*"))
-        if path.suffix in WRITTEN
+        if path.name.removesuffix(".j2").endswith(WRITTEN)
         for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1)
         if len(line) > 100
     ]
