@@ -102,8 +102,10 @@ def parse_quantity(text: object, dimension: str) -> float:
         raise QuantityError(f"{wanted}, got {' '.join(repr(text).split())}{hint}")
     else:
         value = _find_magnitude(text, unit, wanted)
-    if not math.isfinite(value):
-        raise QuantityError(f"{wanted} and finite, got {text!r}")
+    QuantityError.require(
+        math.isfinite(value),
+        f"{wanted} and finite, got {text!r}",
+    )
     return value
 
 
@@ -129,8 +131,10 @@ def _find_magnitude(text: str, unit: str, wanted: str) -> float:
         OverflowError,
     ) as error:
         raise QuantityError(f"{wanted}, got {shown!r}") from error
-    if not offset_free:
-        raise QuantityError(f"{wanted}, got {shown!r}")
+    QuantityError.require(
+        offset_free,
+        f"{wanted}, got {shown!r}",
+    )
     if unit == "K":  # a scale of temperature has an offset beside the size of its degree
         return float(_build_registry().Quantity(number, meant).to(unit).magnitude)
     return float(multiply_by_unit(number, factor))

@@ -35,8 +35,10 @@ def read_table(path: Path, texts: Collection[str] = ()) -> "pd.DataFrame":
     import pandas as pd
 
     try:
-        if measure_file_size(path) > _LARGEST_FILE:
-            raise PipelineError(f"table must be smaller than {_LARGEST_FILE} bytes [{path}]")
+        PipelineError.require(
+            measure_file_size(path) <= _LARGEST_FILE,
+            f"table must be smaller than {_LARGEST_FILE} bytes [{path}]",
+        )
         with path.open(encoding="utf-8-sig") as file:
             names = [name.strip() for name in file.readline().split(",")]
         frame = pd.read_csv(
@@ -48,8 +50,10 @@ def read_table(path: Path, texts: Collection[str] = ()) -> "pd.DataFrame":
         raise PipelineError(
             f"table must be a CSV: {str(error).splitlines()[0]} [{path}]"
         ) from error
-    if len(set(names)) != len(names):
-        raise PipelineError(f"table must not name a column twice [{path}]")
+    PipelineError.require(
+        len(set(names)) == len(names),
+        f"table must not name a column twice [{path}]",
+    )
     PipelineError.require(not frame.empty, f"table has no rows [{path}]")
     frame.columns = [str(name).strip() for name in frame.columns]
     return frame

@@ -127,6 +127,17 @@ def test_linear_algebra_of_an_analysis_takes_one_thread_whatever_its_caller_take
     assert found.value.args == ({1},)
 
 
+def test_a_result_is_shown_in_a_line(quiet):
+    result = quiet[1]
+    before, after = (
+        result.document[part]["error"]["ln_energy_rms"] for part in ("nominal", "extended")
+    )
+    trials = result.document["trials_analysed"]
+    assert repr(result) == f"LoopResult(none, {trials} trials, E_v {before:.1%} -> {after:.1%})"
+    assert len(repr(result.found)) <= 200
+    assert repr(result.found).startswith("Explanation(verdict=<Verdict.NONE: 'none'>, adequate=")
+
+
 def test_a_session_without_the_radius_of_its_tip_is_refused(tmp_path):
     (tmp_path / "session.toml").write_text("schema = 1\n")
     with pytest.raises(Exception, match="probe"):

@@ -42,11 +42,12 @@ class AsBuilt:
 
     stimulus: str  # identity of the part
     scan: str  # file name of the scan
-    scan_sha256: str
-    convention: str  # how the values are defined
-    values: dict[str, AsBuiltValue]  # by key of the characteristic, such as ``step_height``
+    scan_sha256: str = field(repr=False)
+    convention: str = field(repr=False)  # how the values are defined
+    # by key of the characteristic, such as ``step_height``
+    values: dict[str, AsBuiltValue] = field(repr=False)
     # levelled profile across the edge, for what the values do not say of its form
-    surface: ScannedProfile | None = field(default=None, compare=False)
+    surface: ScannedProfile | None = field(default=None, compare=False, repr=False)
     arc: bool = (
         True  # whether the edge is an arc; where not, its surface says what its radius cannot
     )
@@ -146,10 +147,10 @@ def read_records(paths: Sequence[Path]) -> dict[str, AsBuilt]:
     records: dict[str, AsBuilt] = {}
     for file in files:
         record = read_as_built(file)
-        if records.setdefault(record.stimulus, record) is not record:
-            raise PipelineError(
-                f"records must name each stimulus once, got {record.stimulus} twice [{file}]"
-            )
+        PipelineError.require(
+            records.setdefault(record.stimulus, record) is record,
+            f"records must name each stimulus once, got {record.stimulus} twice [{file}]",
+        )
     PipelineError.require(records, "expected at least one record (*.as-built.toml), got none")
     return records
 

@@ -83,8 +83,10 @@ def read_qif_results(path: str | Path) -> list[QifResult]:
 
 def _parse_root(path: Path) -> etree._Element:
     try:
-        if path.stat().st_size > _MOST_BYTES:
-            raise MetrologyError(f"QIF results must not exceed {_MOST_BYTES} bytes [{path}]")
+        MetrologyError.require(
+            path.stat().st_size <= _MOST_BYTES,
+            f"QIF results must not exceed {_MOST_BYTES} bytes [{path}]",
+        )
         parser = etree.XMLParser(
             resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False
         )

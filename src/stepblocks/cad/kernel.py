@@ -225,8 +225,10 @@ def _read_triangulation(face: cq.Face) -> tuple[NDArray[np.float64], NDArray[np.
 def read_step(path: Path) -> list[Body]:
     """Read the solids of a STEP file."""
     reader = STEPControl_Reader()
-    if reader.ReadFile(str(path)) != IFSelect_ReturnStatus.IFSelect_RetDone:
-        raise MetrologyError(f"must be a STEP file that the kernel can read [{path}]")
+    MetrologyError.require(
+        reader.ReadFile(str(path)) == IFSelect_ReturnStatus.IFSelect_RetDone,
+        f"must be a STEP file that the kernel can read [{path}]",
+    )
     reader.TransferRoots()
     found: list[Body] = cq.Shape.cast(reader.OneShape()).Solids() if reader.NbShapes() else []
     MetrologyError.require(found, f"must hold at least one solid, got none [{path}]")

@@ -125,8 +125,10 @@ def write_step_with_tolerances(
     writer.SetDimTolMode(True)
     writer.SetMaterialMode(True)
     writer.Transfer(document.document, STEPControl_StepModelType.STEPControl_AsIs)
-    if writer.Write(str(path)) != IFSelect_ReturnStatus.IFSelect_RetDone:
-        raise SolidError(f"the kernel could not write {path.name}")
+    SolidError.require(
+        writer.Write(str(path)) == IFSelect_ReturnStatus.IFSelect_RetDone,
+        f"the kernel could not write {path.name}",
+    )
 
 
 class _Document:

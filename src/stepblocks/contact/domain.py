@@ -4,6 +4,7 @@ Each value outside it, alone or in an array, is refused in the same words.
 """
 
 import math
+from dataclasses import fields
 from typing import Any, Protocol
 
 import numpy as np
@@ -15,6 +16,16 @@ from stepblocks.quantities import DIMENSIONS, parse_quantity
 Real = Any  # a float or an array of them: what is given decides what comes out
 MOST_LENGTH = 1.0  # of anything on a bench [m]; more was read in a wrong unit
 MOST_BALL = 0.05  # of the radius of a tip, magnified models included [m]
+
+
+def format_changed_fields(value: Any) -> str:
+    """Write a dataclass in a line, without the fields that have their default."""
+    changed = [
+        f"{field.name}={getattr(value, field.name)!r}"
+        for field in fields(value)
+        if getattr(value, field.name) != field.default
+    ]
+    return f"{type(value).__name__}({', '.join(changed)})"
 
 
 def convert_fields(owner: object, low: float | None = None, **bounds: tuple[str, float]) -> None:

@@ -4,7 +4,7 @@ After the release the tool is a spring that rings freely, its damper spends E_v 
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -73,16 +73,17 @@ class VibrationEvent:
     direction: (
         int  # of the drag along x, +1 or -1, and of the first half wave of the force on the hand
     )
-    trigger_position: float  # of the ball's centre across the edge at the release [m], unscaled
-    trigger_height: float  # of the same over the part's z = 0 [m], unscaled
-    critical_angle: float  # slope of the path there [rad]
+    # of the ball's centre across the edge at the release, and over the part's z = 0 [m], unscaled
+    trigger_position: float = field(repr=False)
+    trigger_height: float = field(repr=False)
+    critical_angle: float = field(repr=False)  # slope of the path there [rad]
     critical_force: float  # pulling force at which the probe releases [N]
     energy: float  # E_v [J], never scaled
-    tool: Tool  # the spring that rings
-    waveform: Waveform | None = (
-        None  # a simulated ring of the same energy; None where it is the exponential
-    )
-    learned: LearnedPrediction | None = None  # energy and tool are then those that were learnt
+    tool: Tool = field(repr=False)  # the spring that rings
+    # a simulated ring of the same energy; None where it is the exponential
+    waveform: Waveform | None = field(default=None, repr=False)
+    # energy and tool are then those that were learnt
+    learned: LearnedPrediction | None = field(default=None, repr=False)
 
     @property
     def drag(self) -> str:

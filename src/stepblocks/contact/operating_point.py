@@ -6,7 +6,12 @@ The ball, the load, the friction, the speed, and the tool as a spring that rings
 import math
 from dataclasses import dataclass
 
-from stepblocks.contact.domain import MOST_BALL, convert_fields, require_not_negative
+from stepblocks.contact.domain import (
+    MOST_BALL,
+    convert_fields,
+    format_changed_fields,
+    require_not_negative,
+)
 from stepblocks.contact.laws import ContactLaw, FrictionLaw, Overtone
 from stepblocks.errors import ContactError
 from stepblocks.mistakes import shorten_value
@@ -83,6 +88,7 @@ class Tool:
     frequency_deviation: float = _HALF_BAND
     limits: Limits = Limits()
     overtones: tuple[Overtone, ...] = ()
+    __repr__ = format_changed_fields
 
     def __post_init__(self) -> None:
         convert_fields(
@@ -168,6 +174,7 @@ class OperatingPoint:
     tissue: Tissue = Tissue()
     friction_law: FrictionLaw | None = None
     contact: ContactLaw | None = None
+    __repr__ = format_changed_fields
 
     def __post_init__(self) -> None:
         given: object = self.friction

@@ -1,7 +1,7 @@
 """The ring after a release: its energy, its decay, and where both phases lie in the spectrum."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,14 +50,14 @@ class Ring:
     """
 
     amplitude: float
-    level: float
+    level: float = field(repr=False)
     energy: float
     share: float
     duration: float
     decay_time: float
     frequency: float = math.nan
-    loading_share: float = math.nan
-    ring_band_share: float = math.nan
+    loading_share: float = field(default=math.nan, repr=False)
+    ring_band_share: float = field(default=math.nan, repr=False)
     mode_energies: tuple[float, ...] = ()
 
 

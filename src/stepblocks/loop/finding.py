@@ -86,6 +86,14 @@ def find_slope_unit(where: CovariateRange) -> tuple[float, str]:
     return 2.0 / (where.high - where.low), f"1/{find_unit(where.name)}"
 
 
+def write_summary(document: Document) -> str:
+    """Write verdict, number of trials and held-out error of the energy before and after."""
+    before, after = (
+        f"{document[part]['error']['ln_energy_rms']:.1%}" for part in ("nominal", "extended")
+    )
+    return f"{document['verdict']}, {document['trials_analysed']} trials, E_v {before} -> {after}"
+
+
 def write_sentence(explanation: Explanation, document: Document) -> str:
     """Say what was found, how large, how far the error fell, and what noise leaves."""
     errors = _format_errors(document)

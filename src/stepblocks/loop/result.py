@@ -1,7 +1,4 @@
-"""What a session came to, and result.json.
-
-The verdict, what it rests on, and what to measure next.
-"""
+"""What a session came to, and result.json: verdict, what it rests on, what to measure next."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -22,7 +19,7 @@ from stepblocks.loop.bench_model import (
     list_covariate_ranges,
 )
 from stepblocks.loop.figures import plot_agreement
-from stepblocks.loop.finding import find_slope_unit, find_unit, write_sentence
+from stepblocks.loop.finding import find_slope_unit, find_unit, write_sentence, write_summary
 from stepblocks.loop.search.adequacy import (
     compare_directions,
     compare_with_replicates,
@@ -81,6 +78,9 @@ class LoopResult:
     def verdict(self) -> Verdict:
         """How it ended."""
         return self.found.verdict
+
+    def __repr__(self) -> str:
+        return f"LoopResult({write_summary(self.document)})"
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Draw energies as measured against both models, into `ax` or new axes; return these."""

@@ -167,8 +167,10 @@ class StimulusSet(Table):
         """
         text = format_set(self, self.name, self.stimuli)
         if path is not None:
-            if Path(path).stem != self.name:
-                raise StimulusError(f"the file must be named after its set, {self.name!r} [{path}]")
+            StimulusError.require(
+                Path(path).stem == self.name,
+                f"the file must be named after its set, {self.name!r} [{path}]",
+            )
             replace_text(Path(path), text)
         return text
 
@@ -290,8 +292,10 @@ def make_set(
             )
         )
     total = sum(len(raw.get(kind, ())) for kind in known)
-    if total > MAX_SERIES:
-        raise StimulusError(f"a set must have at most {MAX_SERIES} stimuli, got {total} [{place}]")
+    StimulusError.require(
+        total <= MAX_SERIES,
+        f"a set must have at most {MAX_SERIES} stimuli, got {total} [{place}]",
+    )
     declared = {"name": name, "title": name, **raw}
 
     def locate(location: Location) -> tuple[str, Location]:

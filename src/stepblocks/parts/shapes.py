@@ -20,6 +20,9 @@ class Mesh:
     vertices: NDArray[np.float64]  # points [m], shape (n, 3)
     triangles: NDArray[np.int64]  # indices, shape (m, 3), counter-clockwise seen from outside
 
+    def __repr__(self) -> str:
+        return f"Mesh({self.name!r}, {len(self.vertices)} points, {len(self.triangles)} triangles)"
+
 
 def build_solids(part: Part) -> list[tuple[str, cad.door.Body]]:
     """Build the solids of a part with the CAD kernel.

@@ -1,7 +1,7 @@
 """Everything a workshop gets besides the STEP file: drawings, sheets, routes."""
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import pandas as pd
@@ -46,8 +46,10 @@ class PartOrder:
     """What was written for one part."""
 
     name: str  # ``"set/id"``
-    files: tuple[Path, ...]  # drawings, for a step block also of the two-piece variant, and sheets
-    routes: tuple[Route, ...]  # ways to make a step block; empty for other parts
+    # drawings, for a step block also of the two-piece variant, and sheets
+    files: tuple[Path, ...] = field(repr=False)
+    # ways to make a step block; empty for other parts
+    routes: tuple[Route, ...] = field(repr=False)
     note: str = ""  # which block of the set has the same sizes
 
 

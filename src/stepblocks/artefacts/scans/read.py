@@ -234,8 +234,10 @@ def read_scan_confined(path: Path, unit: str = "", channel: str = "") -> dict[st
 
 
 def _check_size(shape: Sequence[int], place: str) -> None:
-    if int(np.prod(shape)) > _MOST_POINTS:
-        raise MetrologyError(f"scan must have at most {_MOST_POINTS} points, got {shape} [{place}]")
+    MetrologyError.require(
+        int(np.prod(shape)) <= _MOST_POINTS,
+        f"scan must have at most {_MOST_POINTS} points, got {shape} [{place}]",
+    )
 
 
 def _unpack_sur(path: Path) -> io.BytesIO:
@@ -330,8 +332,10 @@ def _find_channel(channels: "list[ChannelInfo]", wanted: str, place: str) -> "Ch
         found = exact or [
             one for one, name in zip(channels, names, strict=True) if wanted.lower() in name.lower()
         ]
-        if len({one.name for one in found}) != 1:
-            raise MetrologyError(f"channel must name one of {listed}, got {wanted!r} [{place}]")
+        MetrologyError.require(
+            len({one.name for one in found}) == 1,
+            f"channel must name one of {listed}, got {wanted!r} [{place}]",
+        )
         return found[0]
     heights = [
         one

@@ -59,10 +59,14 @@ class ScannedProfile:
             len(self.position) >= _LEAST_POINTS,
             f"profile must have at least 3 points, got {len(self.position)}{place}",
         )
-        if not (np.isfinite(self.position).all() and (np.diff(self.position) > 0.0).all()):
-            raise MetrologyError(f"positions must be finite and increase along the profile{place}")
-        if not np.isfinite(self.height).any():
-            raise MetrologyError(f"profile must hold at least one measured height, got none{place}")
+        MetrologyError.require(
+            np.isfinite(self.position).all() and (np.diff(self.position) > 0.0).all(),
+            f"positions must be finite and increase along the profile{place}",
+        )
+        MetrologyError.require(
+            np.isfinite(self.height).any(),
+            f"profile must hold at least one measured height, got none{place}",
+        )
         _require_reach("positions", self.position, place)
         _require_reach("heights", self.height, place)
 
@@ -118,8 +122,10 @@ class HeightMap:
             shape = " x ".join(map(str, self.height.shape))
             raise MetrologyError(f"height map must have at least 2 x 3 points, got {shape}{place}")
         for name, value in (("dx", self.dx), ("dy", self.dy)):
-            if not (np.isfinite(value) and value > 0.0):
-                raise MetrologyError(f"{name} must be positive and finite, got {value:g} m{place}")
+            MetrologyError.require(
+                np.isfinite(value) and value > 0.0,
+                f"{name} must be positive and finite, got {value:g} m{place}",
+            )
         MetrologyError.require(
             np.isfinite(self.height).any(),
             f"height map must hold at least one measured height, got none{place}",

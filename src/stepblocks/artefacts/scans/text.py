@@ -111,8 +111,10 @@ def read_text_scan(
             f"text must not exceed {_MOST_BYTES >> 20} MiB, got {length} bytes [{path.name}]"
         )
     text = _decode(path.read_bytes())
-    if "\0" in text[:4096]:
-        raise MetrologyError(f"file must be text, got binary data [{path.name}]")
+    MetrologyError.require(
+        "\0" not in text[:4096],
+        f"file must be text, got binary data [{path.name}]",
+    )
     head, values = _parse_table(text, path)
     names, common = _parse_names(head, values)
     given = parse_given_units(unit)
@@ -250,8 +252,10 @@ def _find_beginning(lines: list[str], path: Path) -> tuple[int, str | None, bool
             and _parse_numbers(fields, comma)
         ):
             return number, mark, comma, len(fields)
-    if len(lines) > _MOST_HEADER_LINES:
-        raise MetrologyError(f"table must begin within {_MOST_HEADER_LINES} lines [{path.name}]")
+    MetrologyError.require(
+        len(lines) <= _MOST_HEADER_LINES,
+        f"table must begin within {_MOST_HEADER_LINES} lines [{path.name}]",
+    )
     raise MetrologyError(
         f"text must hold a table of numbers in two columns or more, got none [{path.name}]"
     )

@@ -94,8 +94,10 @@ def read_exchange(path: Path) -> Exchange:
         text = path.read_text(encoding="utf-8")
     except UnicodeDecodeError:
         text = path.read_text(encoding="latin-1")
-    if not text.lstrip().startswith("ISO-10303-21;"):
-        raise MetrologyError(f"STEP file must begin with ISO-10303-21; [{path.name}]")
+    MetrologyError.require(
+        text.lstrip().startswith("ISO-10303-21;"),
+        f"STEP file must begin with ISO-10303-21; [{path.name}]",
+    )
     try:
         header, raw = _split_instances(text)
         stated = next(

@@ -145,8 +145,10 @@ def write_session(plan: SessionPlan, folder: Path) -> SimulationSummary:
             write(number, trace)
             table.writerow({name: escape_formula(cell) for name, cell in row.items()})
             truth_writer.writerow([row["trial"], "ok", *(f"{value:.9g}" for value in figures)])
-    if locked == len(rows):
-        raise PipelineError("every trial of the plan locks; lower the friction or the heights")
+    PipelineError.require(
+        locked != len(rows),
+        "every trial of the plan locks; lower the friction or the heights",
+    )
     return SimulationSummary(len(rows), locked)
 
 

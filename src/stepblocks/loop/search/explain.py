@@ -1,7 +1,7 @@
 """The loop: gate, choice, addition, exchange, until what is left is noise."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 import numpy as np
@@ -118,13 +118,15 @@ class Finding:
 @dataclass(frozen=True, kw_only=True)
 class _SearchResult:
     # The extended model that a search has found, and the gates that its effects passed
-    problem: Problem
-    extended: Fit
-    gates: dict[str, float]  # chance of a false alarm of the gate that let each effect in
-    last_gate_p: float
-    needed: float  # gain of one amplitude that opens the last gate
-    hints: tuple[Hint, ...] = ()  # of an input that no column holds
-    walks: frozenset[str] = frozenset()  # effects along the run that a walk would do as well
+    problem: Problem = field(repr=False)
+    extended: Fit = field(repr=False)
+    # chance of a false alarm of the gate that let each effect in
+    gates: dict[str, float] = field(repr=False)
+    last_gate_p: float = field(repr=False)
+    needed: float = field(repr=False)  # gain of one amplitude that opens the last gate
+    hints: tuple[Hint, ...] = field(default=(), repr=False)  # of an input that no column holds
+    # effects along the run that a walk would do as well
+    walks: frozenset[str] = field(default=frozenset(), repr=False)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,12 +148,12 @@ class Explanation(_SearchResult):
         Why the whole is not claimed although every finding may be; empty elsewhere.
     """
 
-    nominal: Fit
-    findings: tuple[Finding, ...]
+    nominal: Fit = field(repr=False)
+    findings: tuple[Finding, ...] = field(repr=False)
     verdict: Verdict
-    checks: tuple[tuple[str, str, float], ...]
+    checks: tuple[tuple[str, str, float], ...] = field(repr=False)
     adequate: bool
-    apart: tuple[tuple[int, float], ...] = ()
+    apart: tuple[tuple[int, float], ...] = field(default=(), repr=False)
     reason: str = ""
 
 
