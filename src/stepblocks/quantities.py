@@ -92,6 +92,9 @@ def parse_quantity(text: object, dimension: str) -> float:
     ...
     stepblocks.errors.QuantityError: must be a length such as '25 um', got '25 N'
     """
+    QuantityError.require(
+        dimension in _KNOWN, f"dimension must be one of {', '.join(_KNOWN)}, got {dimension!r}"
+    )
     unit, example = _KNOWN[dimension]
     article = "an" if dimension[0] in "ae" else "a"
     wanted = f"must be {article} {dimension} such as {example!r}"

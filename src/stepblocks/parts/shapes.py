@@ -171,8 +171,10 @@ def require_manifold(mesh: Mesh) -> None:
     )
     if solid.status() != manifold3d.Error.NoError:
         raise HapticsError(f"the mesh of {mesh.name} must be a manifold, got {solid.status()}")
-    if compute_enclosed_volume(mesh.vertices, mesh.triangles) <= 0.0:
-        raise HapticsError(f"the mesh of {mesh.name} must be wound outwards, got an inward winding")
+    HapticsError.require(
+        compute_enclosed_volume(mesh.vertices, mesh.triangles) > 0.0,
+        f"the mesh of {mesh.name} must be wound outwards, got an inward winding",
+    )
 
 
 def make_hull(points: Iterable[Sequence[float]]) -> Manifold:

@@ -14,6 +14,7 @@ from stepblocks.contact.kernels import compute_locking_height
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.contact.uncertainty import Interval, convert_half_widths, estimate_interval
 from stepblocks.errors import ContactError, PipelineError
+from stepblocks.mistakes import shorten_value
 from stepblocks.parts.conditions import PredictionGrid
 from stepblocks.parts.kind import Part
 from stepblocks.parts.set import StimulusSet
@@ -346,6 +347,10 @@ def predict_set(
     """
     import pandas as pd
 
+    PipelineError.require(
+        isinstance(stimuli, StimulusSet | str | Path),
+        f"stimuli must be a set or its file, got {shorten_value(stimuli)}",
+    )
     if not isinstance(stimuli, StimulusSet):
         from stepblocks.declare import load_set
 

@@ -92,10 +92,10 @@ def write_new_files(folder: Path, texts: Mapping[str, str | bytes]) -> None:
     }
     for name, content in contents.items():
         path = folder / name
-        if path.exists() and path.read_bytes() != content:
-            raise PipelineError(
-                f"{path} has another content already; move it away or choose another folder"
-            )
+        PipelineError.require(
+            not path.exists() or path.read_bytes() == content,
+            f"{path} has another content already; move it away or choose another folder",
+        )
     for name, content in contents.items():
         replace_bytes(folder / name, content)
 

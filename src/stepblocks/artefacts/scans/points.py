@@ -130,8 +130,10 @@ def read_points(path: Path, sizes: dict[str, tuple[float, float]]) -> HeightMap:
     import meshio
 
     points = np.asarray(meshio.read(path).points, dtype=np.float64)
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise MetrologyError(f"points must be rows of x, y, z, got shape {points.shape}")
+    MetrologyError.require(
+        points.ndim == 2 and points.shape[1] == 3,
+        f"points must be rows of x, y, z, got shape {points.shape}",
+    )
     x, y, z = (np.unique(points, axis=0) * per).T
     return grid_points(x, y, z, path.name, "unit as given")
 

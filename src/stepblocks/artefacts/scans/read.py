@@ -29,6 +29,7 @@ from stepblocks.artefacts.scans.text import (
 from stepblocks.confined import read_confined
 from stepblocks.contact.counterface import Profile
 from stepblocks.errors import MetrologyError
+from stepblocks.mistakes import shorten_value
 from stepblocks.text_file import is_file
 
 if TYPE_CHECKING:
@@ -91,6 +92,11 @@ def load_scan(
     if hasattr(scan, "to_csv"):  # a table; pandas is not loaded to find out
         return read_table_scan(scan, unit, channel)
     arrays = (scan.x, scan.z) if isinstance(scan, Profile) else scan
+    MetrologyError.require(
+        hasattr(arrays, "__len__") and len(arrays) == 2,
+        "scan must be a file, a table, or two rows, x and z, got "
+        + (f"shape {np.shape(arrays)}" if hasattr(arrays, "shape") else shorten_value(arrays)),
+    )
     position, height = (np.asarray(one, dtype=np.float64) for one in arrays)
     return ScannedProfile(position, height, "arrays")
 

@@ -1,0 +1,34 @@
+"""A value that a public function cannot use is refused by name and rule, not in Python's words."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import stepblocks as sb
+
+SET = Path(__file__).resolve().parents[1] / "stimuli" / "paper-ten.toml"
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: sb.predict_set(3), "stimuli must be a set or its file, got 3"),
+        (
+            lambda: sb.parse_quantity("3 um", "lenght"),
+            "dimension must be one of length, force, ",
+        ),
+        (
+            lambda: sb.inspect_scan(np.zeros((2001, 2)), sb.load_set(SET).stimuli[0]),
+            "scan must be a file, a table, or two rows, x and z, got shape (2001, 2)",
+        ),
+        (
+            lambda: sb.inspect_scan(3, sb.load_set(SET).stimuli[0]),
+            "scan must be a file, a table, or two rows, x and z, got 3",
+        ),
+    ],
+)
+def test_a_value_of_a_wrong_kind_is_refused_by_name_and_rule(call, message):
+    with pytest.raises(sb.StepblocksError) as caught:
+        call()
+    assert str(caught.value).startswith(message)
