@@ -63,7 +63,7 @@ def test_a_block_with_the_sizes_of_another_is_said_where_it_is_ordered(tmp_path,
         {"id": "again", "height": "25 um", "material": "brass"},
         {"id": "rounded", "height": "25 um", "edge_radius": "5 um"},
     ]
-    alike = StimulusSet.declare("mine", step_block=blocks).describe_equal_parts()
+    alike = StimulusSet.declare("mine", step_block=blocks).describe_alike()
     assert list(alike) == ["again"]
     assert alike["again"].startswith("again has the sizes of first: height 25 um")
     text = "\n".join(f'[[step_block]]\nid = "{one["id"]}"\nheight = "25 um"' for one in blocks[:2])

@@ -146,9 +146,7 @@ def build_sets(
     learned = read_model(Path(model)) if model else None
     report = BuildReport(
         str(folder),
-        notes=[
-            f"{one.name}: {text}" for one in sets for text in one.describe_equal_parts().values()
-        ],
+        notes=[f"{one.name}: {text}" for one in sets for text in one.describe_alike().values()],
     )
     with lock_folder(folder):
         _require_safe_output(folder, sets)

@@ -207,7 +207,7 @@ class StimulusSet(Table):
         tool = self.prediction.tool.model_copy(update={"stiffness": ring.stiffness})
         return self.prediction.model_copy(update={"tool": tool})
 
-    def describe_equal_parts(self) -> dict[str, str]:
+    def describe_alike(self) -> dict[str, str]:
         """Say which bench blocks have the sizes of another: no hand and no scan tells them apart.
 
         Returns

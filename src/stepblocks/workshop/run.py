@@ -160,7 +160,7 @@ def _order_part(part: Part, output: Path, capability: float, declared: StimulusS
         ),
     )
     return PartOrder(
-        name, (*written, *sheets), tuple(routes), declared.describe_equal_parts().get(part.id, "")
+        name, (*written, *sheets), tuple(routes), declared.describe_alike().get(part.id, "")
     )
 
 
