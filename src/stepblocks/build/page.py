@@ -159,11 +159,14 @@ def _summarise(predictions: Sequence[Prediction]) -> Iterator[str]:
             for name, values in figures.items()
             if values
         )
-        parts = [", ".join(spans)]
-        for status, words in _WORDS.items():
-            if count := sum(release.status is status for release in releases):
-                parts.append(f"{words} in {count} of {len(releases)}")
-        yield f"{drag}: " + "; ".join(filter(None, parts))
+        counts = {
+            words: sum(release.status is status for release in releases)
+            for status, words in _WORDS.items()
+        }
+        others = [
+            f"{words} in {count} of {len(releases)}" for words, count in counts.items() if count
+        ]
+        yield f"{drag}: " + "; ".join(filter(None, [", ".join(spans), *others]))
 
 
 def _compute_curves(stimuli: StimulusSet) -> str | None:

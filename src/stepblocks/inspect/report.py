@@ -99,11 +99,13 @@ class InspectionResult:
         own = [(one, found) for one, found in self.judged if one.key in self.asked]
         absent = sum(one.key in self.asked for one, _ in self.missing)
         whole = len(self.asked) == len(self.judged) + len(self.missing)
-        parts = []
-        for outcome, verb in _FAULTS.items():
-            labels = [one.label for one, found in own if found.verdict is outcome]
-            if labels:
-                parts.append(f"{len(labels)} {verb} ({', '.join(labels)})")
+        labels = {
+            verb: [one.label for one, found in own if found.verdict is outcome]
+            for outcome, verb in _FAULTS.items()
+        }
+        parts = [
+            f"{len(names)} {verb} ({', '.join(names)})" for verb, names in labels.items() if names
+        ]
         asked = f"{len(self.asked)}" if whole else f"the {len(self.asked)} asked for"
         counted = f"{len(own)} of {asked} measured, {', '.join(parts) or 'all conform'}"
         return f"{counted}; {absent} not measured" if absent else counted

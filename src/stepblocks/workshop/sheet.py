@@ -279,11 +279,11 @@ class Sheet:
     def draw_arrow(self, tip: Point, tail: Point, size: float = 2.5) -> None:
         """Draw a filled arrow head at `tip`, coming from `tail`."""
         angle = math.atan2(tip[1] - tail[1], tip[0] - tail[0])
-        corners = [tip]
-        for turn in (-1.0, 1.0):
-            side = angle + math.pi + turn * 0.165
-            corners.append((tip[0] + size * math.cos(side), tip[1] + size * math.sin(side)))
-        self.space.add_solid([*corners, corners[-1]], dxfattribs={"layer": "DIMENSION"})
+        left, right = (
+            (tip[0] - size * math.cos(side), tip[1] - size * math.sin(side))
+            for side in (angle - 0.165, angle + 0.165)
+        )
+        self.space.add_solid([tip, left, right, right], dxfattribs={"layer": "DIMENSION"})
 
     def draw_tolerance_frame(self, key: str, at: Point, datum: str = "") -> Point:
         """Draw a tolerance frame as lines; return its left end.
