@@ -9,6 +9,7 @@ import types
 import numpy as np
 import pandas as pd
 import pytest
+from scipy import stats
 
 from stepblocks.errors import StepblocksError, StudyError
 from stepblocks.study.analysis.people import find_swapped_conditions
@@ -318,6 +319,34 @@ def test_several_factors_are_crossed_and_each_is_tested(tmp_path):
     assert found["probe"] < 0.01 < found["load"]
     assert [term.name for term in measure.groups] == ["group", "condition:group"]
     assert "declared factors" in render_study(result)
+
+
+@pytest.mark.parametrize("experiment", ["estimates", "virtual", "magnitude"])
+def test_groups_alone_are_compared_by_their_participants(tmp_path, experiment):
+    # estimates of groups alone once had no analysis, and magnitudes were pooled over the groups
+    name = "exponent, heavy minus light" if experiment == "magnitude" else "absolute error"
+    options = {"experiment": experiment, "factors": {"load": ("0.2 N", "0.8 N")}}
+    if experiment != "virtual":
+        options["factors"] = {"load": ("light", "heavy")}
+    design_study(
+        HEIGHTS, tmp_path, seed=1, participants=8, between=("load",), primary=name, **options
+    )
+    simulate_study(tmp_path, None, tmp_path / "answers.csv", seed=2)
+    result = analyse_study(tmp_path, [tmp_path / "answers.csv"], tmp_path / "report")
+    if experiment == "magnitude":
+        values = {
+            law.condition: [own[1] for own in law.by_participant] for law in result.power_laws
+        }
+    else:
+        own = result.frame.assign(error=result.frame["error"].abs())
+        means = own.groupby(["condition", "participant"])["error"].mean()
+        values = {group: means[group] for group in own["condition"].unique()}
+    one, other = (values[group] for group in sorted(values))
+    exact = stats.ttest_ind(one, other)
+    (first, *_) = result.findings()
+    assert (first.name, first.primary) == (name, True)
+    assert first.p == pytest.approx(exact.pvalue, rel=1e-4)
+    assert not any("no judgement" in note for note in result.notes)
 
 
 def test_estimates_are_analysed_where_fewer_people_than_settings_rated(tmp_path):

@@ -14,6 +14,7 @@ import pandas as pd
 from stepblocks.errors import StudyError
 from stepblocks.study import Table, require
 from stepblocks.study.analysis.accuracy import MEASURES, analyse_measure
+from stepblocks.study.analysis.anova import run_f_test
 from stepblocks.study.analysis.ordinal import fit_ordinal_model
 from stepblocks.study.analysis.people import find_swapped_conditions
 from stepblocks.study.analysis.population import QUANTITIES, compare_settings, fit_setting
@@ -176,8 +177,11 @@ def _analyse_estimates(frame: Table, margin: float) -> Fields:
 def _name_tests_of_ratings(frame: Table) -> dict[str, str]:
     # Name the test of each column: of several factors each is tested beside the others, for there
     # may be more cells than participants
-    factors = [str(name) for name in frame if str(name).startswith(FACTOR)]
-    named = {name: f"{REALISM}, {name.removeprefix(FACTOR)}" for name in factors}
+    named = {
+        name: f"{REALISM}, {name.removeprefix(FACTOR)}"
+        for name in map(str, frame)
+        if name.startswith(FACTOR)
+    }
     return named or {"condition": REALISM}
 
 
@@ -258,8 +262,8 @@ def list_outcomes(experiment: str, frame: Table) -> list[str]:
     if kind.value == "estimate":
         ratings = _name_tests_of_ratings(frame) if "realism_rating" in kind.answers else {}
         return [*kind.quantities, *ratings.values()]
-    names = name_settings(frame) if kind.paired else frame["condition"]
-    pairs = [*itertools.combinations(sorted(set(names)), 2)]
+    names = [name_settings(frame)] if kind.paired else [frame["condition"], frame.get("group", [])]
+    pairs = [pair for own in names for pair in itertools.combinations(sorted(set(own)), 2)]
     return [name_contrast(quantity, *pair) for quantity in kind.quantities for pair in pairs]
 
 
@@ -315,9 +319,14 @@ def _analyse_magnitudes(frame: Table, margin: float) -> Fields:
     table = pd.DataFrame(
         {law.condition: {who: e for who, e, _ in law.by_participant} for law in laws}
     )
+    exponents = compare_participants(table)
+    if "group" in frame or (len(laws) > 1 and not exponents):  # nobody met two conditions
+        group = frame.groupby("participant")["group" if "group" in frame else "condition"].first()
+        level = table.mean(axis=1).to_frame("value").assign(group=group)
+        exponents += run_f_test(level, "value", "group").intervals
     return {
         "power_laws": tuple(laws),
-        "exponents": compare_participants(table),
+        "exponents": exponents,
         "remarks": tuple(find_swapped_conditions(table, "exponent")),
     }
 

@@ -52,26 +52,22 @@ def _describe_finding(result: StudyResult, finding: Finding) -> str:
 
 
 def _describe_measure(measure: Measure, finding: Finding, reference: str, p: str) -> str:
-    pairs = [one for one in measure.paired if reference in ("", one.first, one.second)]
-    if finding.corrected < _LEVEL:
-        found = [_describe_pair(measure, one) for one in pairs if one.p < _LEVEL]
-        return "; ".join(found or ["conditions differ, no single pair does"]) + f" ({p})"
-    bound = max(
-        (
-            assess_equivalence(one)[0]
-            for one in measure.mixed.intervals
-            if reference in ("", one.first, one.second)
-        ),
-        default=math.nan,
+    pairs, modelled = (
+        [one for one in family if reference in ("", one.first, one.second)]
+        for family in (measure.paired, measure.mixed.intervals)
     )
+    if finding.corrected < _LEVEL:
+        # where each condition has its own participants, nobody has differences
+        found = [_describe_pair(measure, one) for one in pairs or modelled if one.p < _LEVEL]
+        return "; ".join(found or ["conditions differ, no single pair does"]) + f" ({p})"
+    bound = max((assess_equivalence(one)[0] for one in modelled), default=math.nan)
     less = f"a factor of {math.exp(bound):.2g}" if measure.logarithmic else f"{bound * 1e6:.2g} um"
-    factors = [compute_bayes_factor(one.difference / one.error, one.df + 1.0) for one in pairs]
-    ends = " to ".join(f"{value:.2g}" for value in sorted({min(factors), max(factors)}))
-    return (
-        f"no difference between conditions was found ({p}); they differ by less than {less}; no "
-        f"difference is {ends} times as likely as one"
-        if factors
-        else f"no difference between conditions was found ({p})"
+    factors = sorted(
+        compute_bayes_factor(one.difference / one.error, one.df + 1.0) for one in pairs
+    )
+    ends = " to ".join(dict.fromkeys(f"{value:.2g}" for value in (*factors[:1], *factors[-1:])))
+    return f"no difference between conditions was found ({p}); they differ by less than {less}" + (
+        f"; no difference is {ends} times as likely as one" if factors else ""
     )
 
 

@@ -156,12 +156,13 @@ def design_study(
         standard=standard,
         interleaved=interleaved,
     )
-    conditions = sorted({row["condition"] for row in design.trials})
+    table = sheet.split_groups(pd.DataFrame(design.trials))
+    conditions = sorted(set(table["condition"]))
     require(
         not reference or reference in conditions,
         f"reference must be one of {', '.join(conditions)}, got {reference!r}",
     )
-    tests = list_outcomes(experiment, sheet.split_groups(pd.DataFrame(design.trials)))
+    tests = list_outcomes(experiment, table)
     require(
         not primary or primary in tests,
         f"primary must be one of {'; '.join(tests) or 'none'}, got {primary!r}",

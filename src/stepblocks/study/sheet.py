@@ -20,7 +20,7 @@ from stepblocks.study import RATINGS, Table, require
 from stepblocks.study.adaptive import complete_prior, order_trials
 from stepblocks.study.analysis.people import describe_unlike_participants
 from stepblocks.study.analysis.results import StudyResult
-from stepblocks.study.design import DESIGN_COLUMNS, FACTOR, WHEN, Item, name_setting
+from stepblocks.study.design import DESIGN_COLUMNS, FACTOR, ORDERS, WHEN, Item, name_setting
 from stepblocks.study.experiments import (
     EXPERIMENTS,
     Row,
@@ -188,9 +188,10 @@ class Judgements:
                 f"{' and more' if len(self.missing) > 20 else ''}); the models are fitted to the "
                 "others, which is right if they are missing at random."
             )
-        for name, own in self.frame.groupby("participant", sort=False):
-            lacking = sorted(set(self.frame["condition"]) - set(own["condition"]))
-            if lacking:
+        met = self.frame.groupby("participant", sort=False)["condition"].unique()
+        for name, own in met.items():
+            lacking = sorted(set(self.frame["condition"]) - set(own))
+            if lacking and met.map(len).max() > 1:  # not where each condition has its own group
                 lines.append(f"Participant {name} has no judgement with {', '.join(lacking)}.")
         return lines + describe_unlike_participants(self.frame, EXPERIMENTS[self.experiment].value)
 
@@ -362,7 +363,6 @@ def join_rows(
     require(
         not frame.empty, "at least one participant must have answered in every condition, got none"
     )
-    frame = split_groups(frame)
     cells = {(row["condition"], row["stimulus"]) for row in planned.values()}
     for condition, stimulus in sorted(
         cells - set(zip(frame["condition"], frame["stimulus"], strict=True))
@@ -371,18 +371,29 @@ def join_rows(
             f"every block must be judged in every condition, got no answer for {stimulus} with "
             f"{condition}"
         )
-    return Judgements(experiment, frame, missing, tuple(left))
+    return Judgements(experiment, split_groups(frame), missing, tuple(left))
 
 
 def split_groups(frame: Table) -> Table:
-    """Drop factors of one level; those that vary between participants only are their group."""
+    """Drop factors of one level; those that vary between participants only are their group.
+
+    Where nothing else varies, a group is the condition of its participants.
+    """
     names = [name for name in frame if str(name).startswith(FACTOR)]
     own = {name: frame.groupby("participant")[name].nunique().max() for name in names}
     between = [name for name in names if own[name] == 1 and frame[name].nunique() > 1]
     if between and "group" not in frame:
         frame = frame.assign(group=frame[between].agg("/".join, axis=1))
     dropped = [name for name in names if own[name] == 1 or frame[name].equals(frame["condition"])]
-    return frame.drop(columns=dropped)
+    frame = frame.drop(columns=dropped)
+    # the orders of a pair are no conditions that anybody compares
+    if (
+        "group" in frame
+        and frame["condition"].nunique() == 1
+        and frame["condition"].iloc[0] not in ORDERS
+    ):
+        return frame.assign(condition=frame["group"]).drop(columns="group")
+    return frame
 
 
 def read_rows(path: Path, columns: Sequence[str], empty: bool = False) -> list[dict[str, str]]:

@@ -170,8 +170,9 @@ def fit_mixed_model(
     require(
         likelihood.free > 1, f"more judgements than cells of a mixed model are needed, got {len(y)}"
     )
-    # a response to conditions is only apart from single judgements where these are repeated
-    repeated = compared and likelihood.sizes.max() > 1
+    # a response to conditions is only apart from single judgements where these are repeated, and
+    # from the participant where one meets several conditions
+    repeated = compared and likelihood.sizes.max() > 1 and len(likelihood.sizes) > people
     point, spread = likelihood.fit(repeated)
     products, covariance = likelihood.products(point)[0], likelihood.covariance(point)
     beta: Array = np.asarray(np.linalg.solve(products[:-1, :-1], products[:-1, -1]), dtype=float)

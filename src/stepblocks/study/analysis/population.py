@@ -164,11 +164,9 @@ class Population:
             others = tuple(n for n in range(1, likelihood.ndim) if n != index + 1)
             own = likelihood.sum(axis=others)
             means, step = own @ axis / own.sum(axis=1), float(axis[1] - axis[0])
-            spread = max(float(means.std()), 2.0 * step)
-            start += [float(means.mean()), math.log(spread)]
+            start += [float(means.mean()), math.log(max(means.std(), 2.0 * step))]
             # a narrower normal would fall between the points of the grid
-            narrow, wide = math.log(0.6 * step), math.log(float(np.ptp(axis)))
-            bounds += [(float(axis[0]), float(axis[-1])), (narrow, wide)]
+            bounds += [(axis[0], axis[-1]), (math.log(0.6 * step), math.log(np.ptp(axis)))]
         self._bounds = np.array(bounds)
         self.best = self.maximise(np.array(start))
         # the table, the contrasts and the page ask for the same means
