@@ -230,6 +230,17 @@ PARTS = [
         65,
     ),
     Part(
+        "repeated",
+        "python benchmarks/soak.py --rounds 1000 --minutes 170",
+        {
+            "repeated-times": (r"(\d+) times each", "{}"),
+            "repeated-memory": (r"\| memory \| (\d+) MiB \| (\d+ MiB)", "{} to {}"),
+            "repeated-files": (r"\| open files \| (\d+) \| (\d+)", "{} and {}"),
+            "repeated-faults": (r"(\d+) faults", "{}"),
+        },
+        70,
+    ),
+    Part(
         "mutations",
         "python benchmarks/mutations.py --summary",
         {
@@ -301,7 +312,7 @@ PARTS = [
     ),
     Part(
         "fuzz",
-        "python benchmarks/fuzz.py --count 560 --functions 15 --seed 3811",
+        "python benchmarks/fuzz.py --count 640 --functions 20 --seed 2611",
         {
             "fuzz-inputs": (r"\| all \| (\d+) \|", "{}"),
             "fuzz-faults": (r"\| all (?:\| \d+ ){3}\| (\d+) \|", "{}"),
