@@ -29,12 +29,7 @@ from stepblocks.study.design import (
     name_setting,
 )
 from stepblocks.study.exchange import read_foreign_judgements
-from stepblocks.study.experiments import (
-    ALIASES,
-    EXPERIMENTS,
-    list_outcomes,
-    refuse_unused_options,
-)
+from stepblocks.study.experiments import ALIASES, EXPERIMENTS, list_outcomes, refuse_unused_options
 from stepblocks.study.page import render_run_sheets, render_study, write_figures
 from stepblocks.study.simulate import (
     REALISM,
