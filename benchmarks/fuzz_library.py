@@ -19,6 +19,7 @@ import json
 import os
 import resource
 import signal
+import stat
 import sys
 import tempfile
 import traceback
@@ -164,8 +165,8 @@ def make_strange_values() -> list[tuple[str, object]]:
         ("empty frame", pd.DataFrame()),
         ("Arabic digits", "\u0662\u0665 um"),
         ("quantity beyond float", "1e400 um"),
-        ("device of zeros", Path("/dev/zero")),
-        ("device of nothing", Path("/dev/null")),
+        ("device of zeros", Path("zeros")),  # `make_nodes` makes both in the call's own folder
+        ("pipe", Path("pipe")),
         ("lone surrogate", "\ud800"),
     ]
     with contextlib.suppress(ImportError):
@@ -457,6 +458,16 @@ def make_method_calls(work: Path) -> dict[str, Call]:
     }
 
 
+def make_nodes() -> None:
+    """Make a pipe and, where the system lets us, a device in this folder.
+
+    Never those of the machine: a writer that is wrong would replace them.
+    """
+    os.mkfifo("pipe")
+    with contextlib.suppress(PermissionError):
+        os.mknod("zeros", stat.S_IFCHR | 0o600, os.makedev(1, 5))
+
+
 def call_in_child(call: Call, work: Path) -> tuple[str, str]:
     """Call in a process of its own; how it ended (read, refused, fault), and what it said."""
     read, write = os.pipe()
@@ -467,6 +478,7 @@ def call_in_child(call: Call, work: Path) -> tuple[str, str]:
         resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS + 1))
         signal.alarm(WAITING * SECONDS)
         os.chdir(tempfile.mkdtemp(dir=work))
+        make_nodes()
         function, arguments, keywords = call
         # a method is no border: over a value of a wrong type or shape Python speaks for itself
         misuse = MISUSE if inspect.ismethod(function) else ()

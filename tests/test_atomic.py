@@ -1,6 +1,7 @@
 """A file is whole or it is the one that was there before; what a killed run left goes."""
 
 import os
+import stat
 import subprocess
 import sys
 import textwrap
@@ -169,3 +170,34 @@ def test_a_pipe_named_like_a_draft_is_never_waited_for(tmp_path):
         timeout=120.0,
     )
     assert done.stdout == "made\n"
+
+
+@pytest.mark.parametrize("kind", ["pipe", "link", "device"])
+def test_a_table_never_takes_the_place_of_a_device_or_a_pipe(kind, tmp_path, capsys):
+    node = tmp_path / "node"
+    try:
+        mode = (stat.S_IFCHR if kind == "device" else stat.S_IFIFO) | 0o600
+        os.mknod(node, mode, os.makedev(1, 3) if kind == "device" else 0)
+    except PermissionError:
+        pytest.skip("only root makes devices")
+    target = node
+    if kind == "link":
+        target = tmp_path / "link"
+        target.symlink_to(node)
+    before = names(tmp_path)
+    four = Path(__file__).parents[1] / "stimuli" / "paper-four.toml"
+    assert main(["predict", str(four), "-o", str(target)]) == 2
+    said = capsys.readouterr().err
+    assert f"output must be a plain file, got a device, a pipe or a socket [{target}]" in said
+    assert said.count("\n") == 1
+    assert target.is_symlink() == (kind == "link")
+    assert stat.S_IFMT(node.lstat().st_mode) == stat.S_IFMT(mode)
+    assert names(tmp_path) == before
+
+
+def test_a_link_to_a_plain_file_is_written_as_before(tmp_path):
+    old = tmp_path / "old.csv"
+    old.write_text("old")
+    (tmp_path / "link").symlink_to(old)
+    replace_text(tmp_path / "link", "new")
+    assert (tmp_path / "link").read_text() == "new"

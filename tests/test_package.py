@@ -2,6 +2,7 @@
 empty folder.
 """
 
+import importlib
 import json
 import os
 import re
@@ -155,6 +156,54 @@ def test_licences_are_listed_and_what_has_a_copyleft_is_named_in_the_docs():
     page = (ROOT / "docs" / "reference" / "stability.md").read_text()
     assert {"npTDMS", "igor2"} <= weak
     assert [name for name in weak if name not in page] == []
+
+
+@pytest.fixture
+def is_refused(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+    return importlib.import_module("licences").is_refused
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        "GPL-3.0-or-later",
+        "AGPL-3.0-or-later",
+        "GNU General Public License v3 or later (GPLv3+)",
+        "GNU Affero General Public License v3 or later (AGPLv3+)",
+        "GPL-2.0-only AND MPL-2.0",
+        "GPL-2.0-only OR AGPL-3.0-only",
+        "(GPL-2.0-only OR MIT) AND AGPL-3.0-only",
+        "MIT License, GNU General Public License v3 (GPLv3)",
+        "MIT; a library: GPL-2.0-only",
+        "GPL-2.0-only WITH Classpath-exception-2.0",
+        "MIT or GPL",  # in small letters no operator: a person must look
+        "SSPL-1.0",
+        "not stated",
+        "UNKNOWN",
+    ],
+)
+def test_a_licence_that_binds_who_uses_us_is_refused(said, is_refused):
+    """Names and operators as SPDX and the classifiers of packages have them."""
+    assert is_refused(said)
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        "GPL-2.0-or-later OR MIT",
+        "(GPL-2.0-only OR MIT) AND BSD-3-Clause",
+        "LGPL-3.0-or-later",
+        "GNU Lesser General Public License v3 or later (LGPLv3+)",
+        "GNU Library or Lesser General Public License (LGPL)",
+        "GNU Library General Public License v2",
+        "Mozilla Public License 2.0 (MPL 2.0)",
+        "MPL-2.0 AND (Apache-2.0 OR MIT)",
+        "BSD License; libgfortran: GPL-3.0-or-later WITH GCC-exception-3.1",  # it is listed
+    ],
+)
+def test_a_licence_that_leaves_who_uses_us_free_is_passed(said, is_refused):
+    assert not is_refused(said)
 
 
 def test_constraints_name_one_version_each_and_no_address():

@@ -37,6 +37,10 @@ def write_atomically(path: Path) -> Iterator[Path]:
     The folder of `path` is made where there is none.
     """
     with make_draft_folder(path) as folder:
+        PipelineError.require(
+            path.is_file() or path.is_dir() or not path.exists(),
+            f"output must be a plain file, got a device, a pipe or a socket [{path}]",
+        )
         draft = folder / path.name
         yield draft
         # what a killed run wrote, and had no time to note as ours, is the same again
@@ -67,8 +71,11 @@ def make_draft_folder(path: Path) -> Iterator[Path]:
     except OSError as error:
         named = str(error.filename2 or error.filename or path)
         place = str(path if "/.partial-" in named else named).partition("/.partial-")[0]
-        is_file = isinstance(error, FileExistsError)
-        what = "a folder must stand here, got a file" if is_file else error.strerror or error
+        what = (
+            "a folder must stand here, got a file"
+            if isinstance(error, FileExistsError)
+            else error.strerror or error
+        )
         raise PipelineError(f"output cannot be written: {what} [{place}]") from error
 
 
