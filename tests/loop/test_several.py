@@ -172,6 +172,6 @@ def test_sessions_of_unlike_springs_are_refused_before_anything_is_measured(tmp_
             '[acquisition]\nsample_rate = "10 kHz"\ntraces = "traces.h5"\n'
             'channels = { tangential = "fx_n", normal = "fy_n" }\n'
         )
-    with pytest.raises(PipelineError, match=r"9810 N/m, None in monday; 5000 N/m"):
+    with pytest.raises(PipelineError, match=r"9810 N/m in monday; 5000 N/m in tuesday"):
         loop_sessions([tmp_path / "monday", tmp_path / "tuesday"], tmp_path / "out")
     assert not (tmp_path / "out").exists()

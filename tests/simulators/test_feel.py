@@ -90,7 +90,7 @@ def test_the_profile_that_is_drawn_is_the_parts_own(tmp_path):
 def test_the_page_allows_no_network_and_no_script_but_its_own(page):
     """The policy stands before the scripts; its hash is that of the text between their tags."""
     text = page.read_text()
-    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', text)[1]
+    policy = re.search(r'Content-Security-Policy"\s+content="([^"]*)"', text)[1]
     script = text.split("<script>")[1].split("</script>")[0]
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     rules = dict(rule.strip().split(" ", 1) for rule in html.unescape(policy).split(";"))

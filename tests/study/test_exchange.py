@@ -112,7 +112,7 @@ def test_the_report_opens_with_what_was_found_and_ends_as_a_journal_wants_it(res
     assert re.search(r"with soft it is larger by .* than with (bare|hard)", said)
     assert "µm" in said
     assert " um" not in said
-    page = render_study(result)
+    page = " ".join(render_study(result).split())  # as it is read
     assert (
         "6 participants gave 216 judgements of 4 blocks in 3 conditions (bare, hard, soft)" in page
     )

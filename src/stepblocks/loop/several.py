@@ -220,7 +220,9 @@ def loop_sessions(
         raise PipelineError(f"sessions must have names of their own, got {twice[0]!r} twice")
     probes = {name: open_session(folder).probe for name, folder in folders.items()}
     stated = {
-        name: f"{one.spring_constant:g} N/m, {one.friction}, {one.contact}"
+        name: ", ".join(
+            [f"{one.spring_constant:g} N/m", *map(str, filter(None, (one.friction, one.contact)))]
+        )
         for name, one in probes.items()
     }
     if len(set(stated.values())) > 1:
