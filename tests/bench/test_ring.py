@@ -123,3 +123,20 @@ def test_a_gap_is_sought_until_one_is_seen_though_a_tip_that_sticks_fits_within_
     force += noise * np.random.default_rng(1).standard_normal(time.size)
     found = fit_rubbing_ring(time, force, 0.4, tool, COURSE.slope, noise, spread=KNOWN_SPREAD)
     assert found.values[1] == pytest.approx(0.04, abs=4.0 * found.std(1))
+
+
+def test_a_fit_misses_its_noise_by_what_its_ten_figures_leave_of_few_samples():
+    # Expected value: chi squared of 60 samples and ten fitted figures (frequency, two decays,
+    # level, drift, hum of two, rest, ring of two) is 50 on average, its spread 10. Of 8 ms, 16
+    # samples, at most 16 are expected, with a spread of sqrt(32).
+    time = COURSE.release + 0.25e-3 + np.arange(60) / 2e3
+    noise, squares = 2e-3, []
+    for seed in range(40):
+        force = COURSE.force(time) + noise * np.random.default_rng(seed).standard_normal(time.size)
+        ring = fit_ring(time, force, COURSE.release, 50.0, noise)
+        square = (ring.fit.residuals / noise) ** 2
+        squares.append(square.sum())
+        whole, begun = (square.sum() - 50.0) / 10.0, (square[:16].sum() - 16.0) / np.sqrt(32.0)
+        assert ring.misfit == pytest.approx(max(whole, begun), abs=1e-9)
+    # four standard errors of the mean of 40
+    assert np.mean(squares) == pytest.approx(50.0, abs=40.0 / np.sqrt(40))

@@ -195,3 +195,20 @@ def test_of_a_place_that_is_met_twice_the_release_answers_and_not_the_way_past_i
     )
     answer = _report_asked_place(replace(trace_of(), events=events), 3, None, None)
     assert (answer.asked, answer.status, answer.release_time) == (1, Status.RELEASES, RELEASE)
+
+
+def test_a_ring_ends_at_the_very_next_release_and_each_release_rings_by_itself():
+    # Expected value: 5 % of the first swing are left after decay ln 20, 21 ms, of the one ring and
+    # of the other, that begins at once 40 ms later.
+    decay, pause = 7e-3, 40e-3
+    first = trace_of(decay=decay, length=pause)
+    again = first.rows[first.column("time_s") >= RELEASE].copy()
+    again[:, 0] += pause
+    events = tuple(
+        SimpleNamespace(status="releases", released_s=at, pull_n=PEAK, place=0)
+        for at in (RELEASE, RELEASE + pause)
+    )
+    trace = replace(first, rows=np.concatenate([first.rows, again]), events=events)
+    for event in (0, 1):
+        ring = measure_ring(trace, spectra=False, event=event)
+        assert ring.duration == pytest.approx(decay * math.log(20.0), abs=1.0 / 300.0), event

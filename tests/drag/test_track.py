@@ -16,6 +16,7 @@ from stepblocks.contact.energy import find_release
 from stepblocks.contact.laws import LinearContact
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.drag import kernels
+from stepblocks.drag.catches import find_catch_places
 from stepblocks.drag.probe import PAPER_DRAG, DragSettings
 from stepblocks.drag.run import drag_over
 from stepblocks.drag.simulate import simulate_drag
@@ -227,3 +228,13 @@ def test_over_a_face_that_is_its_own_mirror_image_a_tip_is_pulled_left_as_it_is_
         assert sign * left[name] == pytest.approx(right[name], abs=close)
     for name, sign in (("normal_n", 1), ("friction_n", -1)):
         assert sign * left[name] == pytest.approx(right[name], abs=1e-6)
+
+
+@pytest.mark.parametrize("height", [10e-6, 25e-6, 60e-6])
+def test_a_tip_has_left_a_sharp_step_where_its_path_is_half_as_steep(height):
+    # Expected value: the ball rolls over the edge, its centre sin(slope) radii before it, and flat
+    # ground follows: half the critical angle is left at -R sin(a / 2).
+    angle = find_step_angle(height, R)
+    places = find_catch_places(build_step_track(height, R), R)
+    assert places.last / R == pytest.approx([-math.sin(angle)], abs=1e-3)
+    assert places.behind / R == pytest.approx([-math.sin(0.5 * angle)], abs=3e-3)

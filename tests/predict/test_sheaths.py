@@ -12,6 +12,7 @@ from stepblocks.errors import ContactError
 from stepblocks.parts.tolerance import Dimension
 from stepblocks.predict.predictions import _compute_stiffness_tolerance, predict_by_formula
 from stepblocks.predict.sheaths import (
+    _count_releases_needed,
     predict_conditions,
     tabulate_decay_test,
     tabulate_rings,
@@ -152,3 +153,13 @@ def test_three_files_stand_in_the_folder_of_a_set_with_sheaths(tmp_path):
     assert [one.name for one in written] == ["rings.csv", "damping-test.csv", "probe.json"]
     assert sorted(tmp_path.iterdir()) == sorted(written)
     assert (tmp_path / "rings.csv").read_text().count("\n") == len(predict_conditions(SET)) + 1
+
+
+def test_a_difference_of_decrements_is_told_from_three_of_its_standard_uncertainties():
+    # By hand: 0.003 and 0.004 are together 0.005, three of which over sqrt(n) are 0.0024 at
+    # n = (0.015 / 0.0024)^2 = 39.06.
+    bare = {"log_decrement": 0.0500, "log_decrement_std": 0.003}
+    worn = {"log_decrement": 0.0524, "log_decrement_std": 0.004}
+    assert _count_releases_needed(bare, worn) == "40"
+    assert _count_releases_needed(bare, worn | {"log_decrement": 0.05 - 0.015 * 1.001}) == "1"
+    assert _count_releases_needed(bare, bare) == ""

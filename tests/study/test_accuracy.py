@@ -184,3 +184,21 @@ def test_errors_are_blocked_by_stimulus_where_there_are_two_and_not_where_there_
     two = judgements[judgements["stimulus"].isin([first, second])]
     assert compute_measure(two, "error")[1] == "stimulus"
     assert compute_measure(two[two["stimulus"] == first], "error")[1] == ""
+
+
+def test_each_participant_s_spread_counts_the_blocks_that_it_judged_itself():
+    # By hand: squares about the mean of each block, over the judgements less one for every block.
+    errors = {
+        "A": {"1": [1.0, 3.0], "2": [2.0, 6.0]},  # (2 + 8) / (4 - 2)
+        "B": {"1": [0.0, 2.0, 4.0]},  # 8 / (3 - 1)
+        "C": {"1": [1.0, 3.0], "2": [0.0, 0.0], "3": [5.0, 9.0, 10.0]},  # (2 + 0 + 14) / (7 - 3)
+    }
+    rows = [
+        (who, "bare", block, error)
+        for who, blocks in errors.items()
+        for block, judged in blocks.items()
+        for error in judged
+    ]
+    frame = pd.DataFrame(rows, columns=["participant", "condition", "stimulus", "error"])
+    spread = compute_measure(frame, "spread")[0].set_index("participant")["value"]
+    assert np.exp(2.0 * spread).to_dict() == pytest.approx({"A": 5.0, "B": 4.0, "C": 4.0})

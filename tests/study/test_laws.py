@@ -152,3 +152,17 @@ def test_one_height_alone_gives_no_participant_a_trend():
     )
     with warnings.catch_warnings(action="error"):
         assert describe_unlike_participants(frame, "estimate_um") == []
+
+
+@pytest.mark.parametrize(
+    ("mean", "said"), [(10.0, ["10.8"]), (31.0, ["3.7"]), (32.0, []), (54.0, []), (55.0, ["3.7"])]
+)
+def test_who_answers_far_below_the_others_is_named_like_who_answers_far_above(mean, said):
+    # By hand: the others lie 0, 2, 2 and 4 from their median, the last one 10, 11 or 32. The middle
+    # of the five is 2, one robust standard deviation 1.4826 * 2; 10 are 3.37 and 11 are 3.71.
+    estimates = [40.0, 42.0, 44.0, 46.0, mean]
+    frame = pd.DataFrame({"participant": list("abcde"), "height": 50e-6, "estimate_um": estimates})
+    assert describe_unlike_participants(frame, "estimate_um") == [
+        f"Participant e's mean answer is {far} robust standard deviations from the median of all."
+        for far in said
+    ]
