@@ -16,6 +16,7 @@ import pytest
 from oracles.browser import browser
 from oracles.page_policy import ATTEMPTS, TRY, counting_server
 from stepblocks.study.conduct import open_run
+from stepblocks.study.hands import Mouse
 from stepblocks.study.run import design_study
 from stepblocks.study.server import RunServer, _Handler
 
@@ -67,6 +68,9 @@ def close(server, *lines):
         ("Host: 127.0.0.1:{port}.evil.example",),
         ("Host: [::1]:{port}",),
         ("Host: evil.example:{port}",),
+        # of two, what stands between may believe the other
+        ("Host: 127.0.0.1:{port}", "Host: evil.example:{port}"),
+        ("Host: 127.0.0.1:{port}", "host: 127.0.0.1:{port}"),
     ],
 )
 def test_who_names_another_host_learns_nothing_not_even_the_state(server, named):
@@ -82,8 +86,11 @@ def test_who_names_another_host_learns_nothing_not_even_the_state(server, named)
 
 @pytest.mark.parametrize("origin", ["null", "http://evil.example", "https://127.0.0.1:{port}", ""])
 @pytest.mark.parametrize("method", ["GET", "POST"])
-def test_a_request_of_another_page_is_refused_whatever_it_asks(server, method, origin):
-    lines = host(server), f"Origin: {origin.format(port=server.port)}", "Content-Length: 2"
+@pytest.mark.parametrize("before", [(), ("Origin: http://127.0.0.1:{port}",)])
+def test_a_request_of_another_page_is_refused_whatever_it_asks(server, method, origin, before):
+    # the origin of the page before that of another does not help it
+    origins = [one.format(port=server.port) for one in (*before, f"Origin: {origin}")]
+    lines = host(server), *origins, "Content-Length: 2" if method == "POST" else "Accept: */*"
     token = f"X-Stepblocks: {server.token}"
     refused = send(server, f"{method} /state HTTP/1.1", *lines, token, body=b"{}")
     assert statuses(refused) == [403]
@@ -103,10 +110,19 @@ def test_a_request_that_does_not_say_its_length_is_refused(server, length):
     assert statuses(send(server, "POST /begin HTTP/1.1", *lines, body=b"2\r\n{}\r\n")) == [411]
 
 
-@pytest.mark.parametrize(("size", "status"), [(20_000, 200), (20_001, 413), (10**30, 413)])
+@pytest.mark.parametrize(
+    ("size", "status"),
+    [
+        ("20000", 200),
+        ("20001", 413),
+        (f"{10**30}", 413),
+        ("0000000000000020001", 413),  # zeros before it make it no smaller
+        ("9" * 5000, 413),  # more digits than Python turns into a number
+    ],
+)
 def test_a_request_has_at_most_20_000_bytes(server, size, status):
     lines = host(server), f"X-Stepblocks: {server.token}", f"Content-Length: {size}"
-    body = b"{}".ljust(min(size, 20_000))
+    body = b"{}".ljust(20_000)
     assert statuses(send(server, "POST /begin HTTP/1.1", *lines, body=body)) == [status]
 
 
@@ -115,6 +131,104 @@ def test_what_follows_a_refused_request_on_its_line_is_no_request(server):
     inner = f"GET /state HTTP/1.1\r\n{host(server)}\r\n\r\n".encode()
     lines = host(server), "X-Stepblocks: guess", f"Content-Length: {len(inner)}"
     assert statuses(send(server, "POST /begin HTTP/1.1", *lines, body=inner)) == [403]
+
+
+@pytest.mark.parametrize(
+    ("lines", "status"),
+    [
+        (("Content-Length: {size}",), 413),  # a GET has no body
+        (("Content-Length: 0", "Content-Length: {size}"), 403),  # which of the two is believed?
+        (("no header", "Content-Length: {size}"), 403),  # the library reads no header after it
+    ],
+)
+def test_a_get_with_a_body_has_one_answer_and_its_line_is_cut(server, lines, status):
+    # else the body is taken for the next request (request smuggling, RFC 9112, 11.2)
+    inner = f"GET /state HTTP/1.1\r\n{host(server)}\r\n\r\n".encode()
+    lines = [one.format(size=len(inner)) for one in lines]
+    answer = send(server, "GET /state HTTP/1.1", host(server), *lines, body=inner)
+    assert statuses(answer) == [status]
+    assert b"Connection: close" in answer
+    assert close(server, "GET / HTTP/1.1", host(server), "Content-Length: 0") == [200]
+
+
+def post(server, path, body):
+    """The answer to what the page asks, with its token."""
+    lines = host(server), f"X-Stepblocks: {server.token}", f"Content-Length: {len(body)}"
+    return send(server, f"POST {path} HTTP/1.1", *lines, "Connection: close", body=body)
+
+
+@pytest.mark.parametrize(
+    ("path", "body"),
+    [
+        ("/begin", b"[" * 9_000),  # deeper than Python's stack
+        ("/begin", b'{"a":' * 3_000),
+        ("/begin", b"[]"),
+        ("/begin", b"\xff"),
+        ("/answer", b'{"trial": "1", "answers": [], "reaction_s": 1}'),
+        # beyond the largest double, 1.8e308 (IEEE 754)
+        ("/answer", b'{"trial": "1", "answers": {}, "reaction_s": 1%s}' % (b"0" * 400)),
+        ("/answer", b'{"trial": "1", "answers": {}, "reaction_s": NaN}'),  # no JSON (RFC 8259, 6)
+    ],
+)
+def test_what_is_no_request_of_the_page_is_answered_and_prints_nothing(server, path, body, capfd):
+    assert statuses(post(server, path, body)) == [400]
+    assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize("x", ["1" + "0" * 400, "NaN", "-Infinity"])
+def test_a_hand_that_is_nowhere_is_refused_and_does_not_move(server, x, monkeypatch):
+    places = []
+    mouse = Mouse(1.0, 1.0, 1.0)
+    monkeypatch.setattr(mouse, "post", lambda x, held: places.append(x))
+    monkeypatch.setattr(server.experiment, "hand", mouse)
+    assert statuses(post(server, "/hand", f'{{"x": {x}, "held": true}}'.encode())) == [400]
+    assert statuses(post(server, "/hand", b'{"x": 1e999, "held": true}')) == [200]
+    assert places == [1.0]  # the end of the screen
+
+
+@pytest.mark.parametrize("seconds", ["1e300", "1e999", "86400.5", "-1"])
+def test_a_reaction_of_more_than_a_day_is_refused_and_not_written(server, seconds):
+    body = f'{{"trial": "1", "answers": {{"estimate_um": "30"}}, "reaction_s": {seconds}}}'
+    answer = post(server, "/answer", body.encode())
+    assert statuses(answer) == [422]
+    assert b"reaction_s must be from 0 to 86400, got" in answer
+    assert not server.experiment.path.exists()
+
+
+@pytest.mark.parametrize(
+    ("first", "lines", "status"),
+    [
+        ("PUT / HTTP/1.1", (), 501),
+        ("HEAD / HTTP/1.1", (), 501),
+        ("OPTIONS * HTTP/1.1", (), 501),
+        ("GET / HTTP/1.1", ("A: b",) * 101, 431),
+        ("GET / HTTP/2.0", (), 505),
+        ("GET / HTTP/x", (), 400),
+        ("<script>alert(1)</script>", (), 400),
+        ("GET /", (), 403),  # of 1991, without headers; no browser asks so
+        (None, (), 414),
+    ],
+)
+def test_what_the_library_refuses_is_answered_as_all_else(server, first, lines, status):
+    if first is None:  # a longer line is not read to its end
+        with socket.create_connection(("127.0.0.1", server.port), timeout=10) as line:
+            line.sendall(b"G" * 65_537)
+            answer = b"".join(iter(lambda: line.recv(1 << 16), b""))
+    else:
+        answer = send(server, first, *lines)
+    assert statuses(answer) == [status]
+    head, _, body = answer.partition(b"\r\n\r\n")
+    found = dict(line.split(": ", 1) for line in head.decode().split("\r\n")[1:])
+    assert found["Content-Type"] == "application/json"
+    assert found["X-Content-Type-Options"] == "nosniff"
+    assert found["Cache-Control"] == "no-store"
+    assert found["Content-Security-Policy"].startswith("default-src 'none'")
+    assert found["Connection"] == "close"
+    if first == "HEAD / HTTP/1.1":
+        assert body == b""  # RFC 9110, 9.3.2
+    else:
+        assert list(json.loads(body)) == ["error"]
+        assert int(found["Content-Length"]) == len(body)
 
 
 def test_the_401st_request_of_a_second_is_refused_and_the_next_second_is_free(server, monkeypatch):

@@ -3,6 +3,7 @@
 import http.client
 import itertools
 import json
+import os
 import threading
 import types
 
@@ -258,6 +259,14 @@ def test_a_run_that_a_spreadsheet_saved_goes_on(tmp_path):
     assert [row["estimate_um"] for row in rows] == ["30.5", "40"]
     assert (rows[1]["reaction_s"], rows[1]["comment"]) == ("1.250", "a draught, a door")
     assert rows[1]["shown_utc"] <= rows[1]["answered_utc"]
+
+
+def test_a_pipe_in_place_of_a_run_is_not_waited_for(tmp_path):
+    design_study(HEIGHTS, tmp_path, seed=1, participants=1, repetitions=1, probes=("a", "b"))
+    (tmp_path / "runs").mkdir()
+    os.mkfifo(tmp_path / "runs" / "participant-1.csv")
+    with pytest.raises(StudyError, match=r"answers cannot be read: Not a plain file \[.*1\.csv\]"):
+        open_run(tmp_path, "1")
 
 
 def test_a_run_that_was_opened_and_closed_leaves_nothing(tmp_path):

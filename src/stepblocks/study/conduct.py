@@ -45,6 +45,7 @@ from stepblocks.study.sheet import (
     read_plan,
 )
 from stepblocks.tables import format_csv
+from stepblocks.text_file import is_file
 
 _SLOW = 1.0  # s
 # Columns of a run's file beside those of a run sheet: when the trial was shown and answered (UTC),
@@ -117,6 +118,7 @@ class Run:
         # Return the answered trials; a last line that a crash cut short is dropped
         if not self.path.exists():
             return []
+        require(is_file(self.path), f"answers cannot be read: Not a plain file [{self.path}]")
         text = self.path.read_text(encoding="utf-8-sig")
         whole = text if text.endswith("\n") else text[: text.rfind("\n") + 1]
         if whole != text:
@@ -130,8 +132,10 @@ class Run:
                     f"{name} must be {planned[name]} here, as planned, got {row[name]} "
                     f"[{row['line']}]",
                 )
-        most = len(self.planned)
-        require(len(rows) <= most, f"at most {most} trials are planned, got more [{self.path}]")
+        require(
+            len(rows) <= len(self.planned),
+            f"at most {len(self.planned)} trials are planned, got more [{self.path}]",
+        )
         if whole.partition("\n")[0] + "\n" != self._header():
             self._write(rows)  # a spreadsheet saved it with other separators or decimals
         return rows
@@ -280,13 +284,11 @@ class Run:
             else self.scale * self.strongest / self.blocks.point.tool.stiffness
         )
 
-    def end(self) -> str:
-        """Stop the servo loop, if one runs, and return why it ended."""
-        if self._running is None:
-            return ""
-        self._running.stop()
-        ended, self._running = self._running.ended, None
-        return ended
+    def end(self) -> None:
+        """Stop the servo loop, if one runs."""
+        if self._running is not None:
+            self._running.stop()
+            self._running = None
 
     def answer(
         self, trial: str, texts: Mapping[str, str], reaction: float = math.nan, comment: str = ""
@@ -300,8 +302,8 @@ class Run:
         texts : mapping of str
             By column of the answers.
         reaction : float
-            Time from the question to the answer as the page measured it [s]; by default since the
-            trial was shown.
+            Time from the question to the answer as the page measured it [s], at most a day; by
+            default since the trial was shown.
         comment : str
             Note of the participant.
         """
@@ -309,6 +311,10 @@ class Run:
             row, now = self.now, self._wall + time.monotonic()
             if row is None or trial != row["trial"]:
                 raise StudyError(f"trial must be the one that is next, got {trial!r}")
+            require(
+                math.isnan(reaction) or 0.0 <= reaction <= 86_400.0,  # a day [s]
+                f"reaction_s must be from 0 to 86400, got {reaction:g}: load the page anew",
+            )
             given = {name: texts.get(name, "").strip() for name in self.kind.answers}
             values = self.kind.read(row, given, self.ratings)  # refuses what cannot be read
             if self._is_virtual(row):
@@ -317,10 +323,11 @@ class Run:
                     raise StudyError(f"trial {trial} must be touched before it is answered")
                 servo.stop()
                 asked = {name: row[name] for name in (*WHEN, "stimulus", "height_um")}
-                name = f"trial-{int(trial):04}.h5"
                 if not self.practice:
                     write_motion(
-                        self.path.with_suffix("") / name, servo, asked | {"scale": self.scale}
+                        self.path.with_suffix("") / f"trial-{int(trial):04}.h5",
+                        servo,
+                        asked | {"scale": self.scale},
                     )
                 self._running = None
             if self.practice:
@@ -328,7 +335,7 @@ class Run:
                 self.feedback = _give_feedback(row, values)
                 self._shown = now
                 return
-            seconds = reaction if 0.0 <= reaction < math.inf else now - self._shown
+            seconds = now - self._shown if math.isnan(reaction) else reaction
             stamps = [
                 datetime.fromtimestamp(one, UTC)
                 .isoformat(timespec="milliseconds")

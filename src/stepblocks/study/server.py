@@ -16,7 +16,7 @@ from stepblocks.study.conduct import Run
 from stepblocks.study.hands import Mouse
 from stepblocks.study.servo import raise_priority
 
-_LARGEST = 20_000  # bytes of a request
+_LARGEST = {"GET": 0, "POST": 20_000}  # bytes of a request
 _MOST_REQUESTS = 400  # of the page in one second; it asks 60 times
 _POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; script-src 'nonce-{}'; connect-src 'self'; "
@@ -62,6 +62,7 @@ class _Handler(BaseHTTPRequestHandler):
     # nothing, runs its own script only, and stands in no frame.
     server: RunServer
     protocol_version = "HTTP/1.1"
+    default_request_version = "HTTP/1.1"  # of an answer to what is no request: it has headers too
     timeout = 30.0  # s of silence until a line is cut; a page opens a new one by itself
 
     def log_message(self, format: str, *args: object) -> None:
@@ -70,6 +71,11 @@ class _Handler(BaseHTTPRequestHandler):
     def handle(self) -> None:
         with suppress(ConnectionError):  # who closes the page in the middle of an answer wants none
             super().handle()
+
+    def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:
+        # A refusal, of the library too, is answered as all else is, and the line is cut
+        self.close_connection = True
+        self._send_json(code, {"error": message or self.responses[code][0]})
 
     def do_GET(self) -> None:
         run = self.server.experiment
@@ -99,7 +105,10 @@ class _Handler(BaseHTTPRequestHandler):
         if not self._is_allowed():
             return
         try:
-            asked = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
+            # `int` refuses the words NaN and Infinity, which are no JSON
+            asked = json.loads(
+                self.rfile.read(int(self.headers["Content-Length"])), parse_constant=int
+            )
             if not isinstance(asked, dict):
                 raise ValueError("a JSON object is expected")
             found = self._perform(self.server.experiment, asked)
@@ -108,7 +117,14 @@ class _Handler(BaseHTTPRequestHandler):
             )
         except StepblocksError as error:
             self._send_json(422, {"error": str(error)})
-        except (ValueError, KeyError, TypeError, AttributeError):
+        except (
+            ValueError,
+            KeyError,
+            TypeError,
+            AttributeError,
+            OverflowError,  # a whole number of hundreds of digits
+            RecursionError,  # thousands of brackets
+        ):
             self._send_json(400, {"error": "the request is not one of this page"})
 
     def _perform(self, run: Run, asked: Mapping[str, Any]) -> dict[str, object] | None:
@@ -142,19 +158,22 @@ class _Handler(BaseHTTPRequestHandler):
         ours = self.command == "GET" or secrets.compare_digest(
             self.headers.get("X-Stepblocks", "").encode(), self.server.token.encode()
         )
-        status, rule = 0, ""
-        if host not in hosts or origin not in (None, f"http://{host}") or not ours:
-            status, rule = 403, "only the page of this run may ask this"
+        # of a header that comes twice, or after a line that is none, another reader sees another
+        clear = not self.headers.defects and all(
+            len(self.headers.get_all(name, ())) <= 1
+            for name in ("Host", "Origin", "Content-Length")
+        )
+        if host not in hosts or origin not in (None, f"http://{host}") or not ours or not clear:
+            self.send_error(403, "only the page of this run may ask this")
         elif not size.isdecimal() or self.headers.get("Transfer-Encoding"):
-            status, rule = 411, "a request must say its length"
-        elif int(size[:12]) > _LARGEST:
-            status, rule = 413, f"a request must have at most {_LARGEST} bytes"
+            self.send_error(411, "a request must say its length")
+        elif len(size) > 12 or int(size) > _LARGEST[self.command]:
+            self.send_error(413, f"a request must have at most {_LARGEST[self.command]} bytes")
         elif self.server.is_too_busy():
-            status, rule = 429, f"at most {_MOST_REQUESTS} requests in a second are answered"
-        if status:
-            self.close_connection = True
-            self._send_json(status, {"error": rule})
-        return not status
+            self.send_error(429, f"at most {_MOST_REQUESTS} requests in a second are answered")
+        else:
+            return True
+        return False
 
     def _send_json(self, status: int, content: object) -> None:
         self._send(status, json.dumps(content), "application/json")
@@ -169,10 +188,9 @@ class _Handler(BaseHTTPRequestHandler):
             "Content-Security-Policy": _POLICY.format(self.server.nonce),
             "X-Content-Type-Options": "nosniff",
             "Referrer-Policy": "no-referrer",
+            "Connection": "close" if self.close_connection else "keep-alive",
         }
-        if self.close_connection:
-            headers["Connection"] = "close"
         for name, value in headers.items():
             self.send_header(name, value)
         self.end_headers()
-        self.wfile.write(body)
+        self.wfile.write(b"" if self.command == "HEAD" else body)
