@@ -17,6 +17,7 @@ from stepblocks.errors import PipelineError
 from stepblocks.figure_file import Axes, take_axes
 from stepblocks.predict.sweep.plan import SweepPlan, load_sweep
 from stepblocks.quantities import format_column_label, format_units
+from stepblocks.text_file import measure_file_size
 from stepblocks.workers import run_in_processes
 
 try:
@@ -160,13 +161,13 @@ def write_partition(plan: SweepPlan, number: int, folder: Path) -> int:
 
 
 def _list_rows(plan: SweepPlan, number: int) -> range:
-    start = number * plan.rows_per_partition
-    return range(start, min(start + plan.rows_per_partition, plan.rows))
+    return range(plan.rows)[number * plan.rows_per_partition :][: plan.rows_per_partition]
 
 
 def _is_whole(plan: SweepPlan, number: int, folder: Path) -> bool:
     # Tell whether a partition is there, and to the byte what is written for its rows
     try:
+        measure_file_size(_find_path(folder, number))  # refuses a pipe
         content = _find_path(folder, number).read_bytes()
         table = pq.ParquetFile(pa.BufferReader(content), page_checksum_verification=True).read()
     except (OSError, ValueError, pa.ArrowException):
@@ -192,8 +193,9 @@ def _claim_folder(plan: SweepPlan, folder: Path) -> None:
     path = folder / PLAN_FILE
     if path.exists():
         try:
+            measure_file_size(path)  # refuses a pipe, which would be waited for
             known = json.loads(path.read_text(encoding="utf-8")).get("digest")
-        except (OSError, ValueError, AttributeError) as error:
+        except (OSError, ValueError, AttributeError, RecursionError) as error:
             raise PipelineError(
                 f"{PLAN_FILE} cannot be read; choose another folder [{folder}]"
             ) from error
@@ -202,13 +204,13 @@ def _claim_folder(plan: SweepPlan, folder: Path) -> None:
             "folder holds the result of another sweep, or of another version of "
             f"stepblocks; choose another folder [{folder}]",
         )
-        return
-    PipelineError.require(
-        not any(folder.glob("part-*.parquet")),
-        f"folder holds partitions without {PLAN_FILE}; choose another folder [{folder}]",
-    )
-    record = {"digest": plan.digest, "rows": plan.rows, "plan": asdict(plan)}
-    replace_text(path, json.dumps(record, indent=1, sort_keys=True) + "\n")
+    else:
+        PipelineError.require(
+            not any(folder.glob("part-*.parquet")),
+            f"folder holds partitions without {PLAN_FILE}; choose another folder [{folder}]",
+        )
+        record = {"digest": plan.digest, "rows": plan.rows, "plan": asdict(plan)}
+        replace_text(path, json.dumps(record, indent=1, sort_keys=True) + "\n")
 
 
 def _find_path(folder: Path, number: int) -> Path:
