@@ -17,7 +17,7 @@ from stepblocks.errors import PipelineError
 from stepblocks.figure_file import Axes, take_axes
 from stepblocks.predict.sweep.plan import SweepPlan, load_sweep
 from stepblocks.quantities import format_column_label, format_units
-from stepblocks.text_file import measure_file_size
+from stepblocks.text_file import is_file, measure_file_size
 from stepblocks.workers import run_in_processes
 
 try:
@@ -141,8 +141,9 @@ def run_sweep(
     with lock_folder(folder):
         _claim_folder(plan, folder)
         missing = [k for k in range(plan.partitions) if not _is_whole(plan, k, folder)]
-        for k in missing:  # a damaged file is ours, whatever it holds: the plan beside it says so
-            _find_path(folder, k).unlink(missing_ok=True)
+        # a damaged file is ours, whatever it holds: the plan beside it says so
+        for damaged in filter(is_file, (_find_path(folder, k) for k in missing)):
+            damaged.unlink()
         for number in run_in_processes(
             write_partition, ((plan, k, folder.absolute()) for k in missing), jobs, in_order=False
         ):
