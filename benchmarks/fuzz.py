@@ -10,12 +10,14 @@ Foreign formats are read as the commands read them, in their confined process.
 from __future__ import annotations
 
 import argparse
+import io
 import resource
 import signal
 import sys
 import tempfile
 import time
 import traceback
+import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -104,7 +106,15 @@ def mutated(whole: bytes, random: np.random.Generator) -> bytes:
 def kinds(work: Path, wanted: list[str]) -> Iterator[Kind]:
     """Make honest files of each kind, by the name that they must have, with their reader."""
     left = set(wanted)
-    for source in (_texts, _tables, _traces, _arguments, _parts, _commands):  # the last two build
+    for source in (
+        _texts,
+        _tables,
+        _sheets,
+        _traces,
+        _arguments,
+        _parts,
+        _commands,
+    ):  # the last two build
         if wanted and not left:
             return
         for name, found in source(work):
@@ -283,6 +293,40 @@ def _clouds() -> list[tuple[str, bytes]]:
         ("c.ply", mesh.export(file_type="ply", encoding="ascii")),
         ("c.obj", mesh.export(file_type="obj").encode()),
     ]
+
+
+def _sheets(work: Path) -> Iterator[Kind]:
+    """Make a filled sheet, whole and part by part: a changed part is packed with its sum made anew.
+
+    Without the part that says when it was written, which would differ from run to run.
+    """
+    from stepblocks.artefacts.on_paper import make_sheet_table
+    from stepblocks.artefacts.sheet_read import read_filled_sheet
+    from stepblocks.declare import load_set
+
+    block = load_set(ROOT / "stimuli" / "paper-four.toml").stimuli[0]
+    said = {one.key: (one.nominal, 1e-8, "conforms") for one in block.characteristics()}
+    make_sheet_table(block, said).to_excel(work / "s.xlsx", index=False)
+    with zipfile.ZipFile(work / "s.xlsx") as whole:
+        names = {Path(name).name: name for name in whole.namelist() if "core" not in name}
+        parts = {short: whole.read(name) for short, name in names.items()}
+
+    def pack(parts: dict[str, bytes]) -> bytes:
+        packed = io.BytesIO()
+        with zipfile.ZipFile(packed, "w") as archive:
+            for short, content in parts.items():
+                archive.writestr(zipfile.ZipInfo(names[short]), content, zipfile.ZIP_DEFLATED)
+        return packed.getvalue()
+
+    def read(path: Path) -> object:
+        if path.name in parts:
+            changed = parts | {path.name: path.read_bytes()}
+            path = path.with_name("s.xlsx")
+            path.write_bytes(pack(changed))
+        return read_filled_sheet(path)
+
+    changeable = {short: content for short, content in parts.items() if short.endswith(".xml")}
+    yield "xlsx", ([("s.xlsx", pack(parts)), *changeable.items()], read)
 
 
 def _refused(call: Callable[..., object], *arguments: object) -> object:

@@ -50,6 +50,7 @@ def test_strange_files_are_read_or_refused_in_our_own_words(tmp_path):
         "hdf5",
         "mat",
         "tdms",
+        "xlsx",
         "--count",
         "20",
     ]
@@ -57,7 +58,7 @@ def test_strange_files_are_read_or_refused_in_our_own_words(tmp_path):
         [*command, "--keep", str(tmp_path)], capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    assert len(done.stdout.splitlines()) == 2 + 12 + 1  # head, kinds, and all
+    assert len(done.stdout.splitlines()) == 2 + 13 + 1  # head, kinds, and all
 
 
 @pytest.fixture(scope="module")

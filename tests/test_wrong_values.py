@@ -8,6 +8,9 @@ import pytest
 import stepblocks as sb
 
 SET = Path(__file__).resolve().parents[1] / "stimuli" / "paper-ten.toml"
+PLACES = np.arange(-1e-3, 1e-3, 1e-6)
+NOISE = np.random.default_rng(1).normal(0.0, 5e-9, PLACES.size)
+EDGE = (PLACES, np.where(PLACES > 0.0, 25e-6, 0.0) + NOISE)
 
 
 @pytest.mark.parametrize(
@@ -25,6 +28,17 @@ SET = Path(__file__).resolve().parents[1] / "stimuli" / "paper-ten.toml"
         (
             lambda: sb.inspect_scan(3, sb.load_set(SET).stimuli[0]),
             "scan must be a file, a table, or two rows, x and z, got 3",
+        ),
+        *(
+            (
+                lambda depth=depth: sb.inspect_standard(EDGE, depth, 1e-6, feature="edge"),
+                f"depth must be one number [m], got {type(depth).__name__}",
+            )
+            for depth in ((), [], True)
+        ),
+        (
+            lambda: sb.inspect_standard(EDGE, 25e-6, True, feature="edge"),
+            "tolerance must be one number [m], got bool",
         ),
     ],
 )

@@ -3,7 +3,9 @@ front of the part."""
 
 import itertools
 import math
+import os
 import re
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -16,14 +18,17 @@ from stepblocks.artefacts.on_paper import (
     format_millimetres,
     make_sheet_table,
 )
+from stepblocks.artefacts.sheet_read import read_filled_sheet
 from stepblocks.artefacts.step.write import _draw_callout, _format_callout, make_conforming
 from stepblocks.cad.kernel import Face
+from stepblocks.cli import main
 from stepblocks.declare import load_set
 from stepblocks.errors import MachiningError
 from stepblocks.parts.characteristics import Characteristic
 from stepblocks.select import find_stimulus_files
 
 STIMULI = Path(__file__).parents[2] / "stimuli"
+TEN = STIMULI / "paper-ten.toml"
 
 
 @pytest.mark.parametrize("nanometres", [0, 1, 10, 125, 1000, 10_000, 32_000, 2_350_000, 39_999_999])
@@ -200,3 +205,58 @@ def test_every_kind_of_part_has_texts_that_part_21_may_hold():
         for stimulus in load_set(path).stimuli:
             for number, one in enumerate(stimulus.characteristics(), start=1):
                 assert _format_callout(one, number).replace("±", "+-").isascii()
+
+
+@pytest.fixture
+def sheet(tmp_path):
+    """A filled sheet as a spreadsheet program writes it."""
+    table = make_sheet_table(load_set(TEN).stimuli[1], {"step_height": (25.1e-6, 1e-7, "conforms")})
+    table.to_excel(tmp_path / "sheet.xlsx", index=False)
+    return tmp_path / "sheet.xlsx"
+
+
+def test_a_filled_spreadsheet_gives_what_was_written_in_it_in_metres(sheet):
+    (height,) = read_filled_sheet(sheet)
+    assert (height.value, height.std) == pytest.approx((25.1e-6, 1e-7), rel=1e-9)
+
+
+def damaged(sheet, part, change):
+    """Pack the spreadsheet anew with one part of it changed, its sums right."""
+    with zipfile.ZipFile(sheet) as whole:
+        parts = {name: whole.read(name) for name in whole.namelist()}
+    parts[part] = change(parts[part])
+    with zipfile.ZipFile(sheet, "w") as whole:
+        for name, content in parts.items():
+            whole.writestr(name, content)
+
+
+@pytest.mark.parametrize("part", ["xl/workbook.xml", "xl/worksheets/sheet1.xml", "xl/styles.xml"])
+@pytest.mark.parametrize("change", [lambda text: text[:-40], lambda text: b"\0" + text])
+def test_a_damaged_spreadsheet_is_refused_in_one_line_with_its_name(part, change, sheet, capsys):
+    damaged(sheet, part, change)
+    said = refused(sheet, capsys)
+    assert "must be a sound XLSX file, got: " in said
+
+
+def test_a_spreadsheet_whose_compressed_bytes_are_damaged_is_refused_by_name(sheet, capsys):
+    whole = bytearray(sheet.read_bytes())
+    with zipfile.ZipFile(sheet) as archive:
+        start = archive.getinfo("xl/worksheets/sheet1.xml").header_offset + 80
+    whole[start : start + 30] = b"\xff" * 30
+    sheet.write_bytes(whole)
+    refused(sheet, capsys)
+
+
+def test_a_pipe_that_is_called_a_spreadsheet_is_not_waited_for(tmp_path, capsys):
+    os.mkfifo(tmp_path / "sheet.xlsx")
+    assert "Not a plain file" in refused(tmp_path / "sheet.xlsx", capsys)
+
+
+def refused(sheet, capsys):
+    """What the command says of a sheet that it cannot read."""
+    asked = ["inspect", str(sheet), "--set", str(TEN), "--stimulus", load_set(TEN).stimuli[1].id]
+    assert main([*asked, "-o", str(sheet.parent / "out")]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert said.strip().endswith("[sheet.xlsx]")
+    return said

@@ -4,11 +4,11 @@ Each measured line is read in SI.
 """
 
 import math
-import zipfile
 from pathlib import Path
 
 from stepblocks.artefacts.on_paper import COLUMNS
 from stepblocks.artefacts.qif_read import QifResult
+from stepblocks.confined import read_confined
 from stepblocks.errors import MetrologyError
 
 _VALUE, _STD = "measured_mm_or_deg", "std_mm_or_deg"
@@ -24,25 +24,33 @@ def is_filled_sheet(path: Path) -> bool:
         return _VALUE in file.readline(10_000)
 
 
+def read_cells_confined(path: Path) -> dict[str, object]:
+    """Read columns and rows of a sheet as text; called in the confined process."""
+    import pandas as pd
+
+    MetrologyError.require(
+        path.stat().st_size <= _MOST_BYTES,
+        f"sheet must be at most {_MOST_BYTES >> 20} MiB [{path.name}]",
+    )
+    if path.suffix.lower() == ".xlsx":
+        table = pd.read_excel(path, dtype=str, engine="openpyxl")
+    else:
+        table = pd.read_csv(path, dtype=str, sep=None, engine="python", encoding="utf-8-sig")
+    return dict(table.rename(columns=str).fillna("").to_dict("split"))
+
+
 def read_filled_sheet(path: Path) -> list[QifResult]:
     """Read what was filled in, line by line; all mistakes of the sheet are named at once."""
     import pandas as pd
 
-    try:
-        if path.stat().st_size > _MOST_BYTES:
-            raise MetrologyError(f"sheet must be at most {_MOST_BYTES >> 20} MiB [{path}]")
-        if path.suffix.lower() == ".xlsx":
-            table = pd.read_excel(path, dtype=str, engine="openpyxl")
-        else:
-            table = pd.read_csv(path, dtype=str, sep=None, engine="python", encoding="utf-8-sig")
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
-        raise MetrologyError(f"sheet must be a readable table: {error} [{path}]") from error
-    absent = [name for name in (*COLUMNS[:2], "unit", _VALUE) if name not in table.columns]
-    if absent:
-        raise MetrologyError(f"sheet must keep its columns, missing {', '.join(absent)} [{path}]")
+    table = read_confined(f"{__name__}:read_cells_confined", path, raises=MetrologyError)
+    absent = [name for name in (*COLUMNS[:2], "unit", _VALUE) if name not in table["columns"]]
+    MetrologyError.require(
+        not absent, f"sheet must keep its columns, missing {', '.join(absent)} [{path}]"
+    )
     found, mistakes = [], []
-    for row in table.fillna("").to_dict("records"):
-        text = {name: str(cell).strip() for name, cell in row.items()}
+    for row in table["data"]:
+        text = dict(zip(table["columns"], map(str.strip, row), strict=True))
         if not text[_VALUE]:
             continue
         factor = _FACTORS.get(text["unit"], math.nan)
@@ -69,7 +77,6 @@ def read_filled_sheet(path: Path) -> list[QifResult]:
                 text.get("serial_number", ""),
             )
         )
-    if mistakes:
-        raise MetrologyError("\n".join(f"{one} [{path}]" for one in mistakes))
+    MetrologyError.require(not mistakes, "\n".join(f"{one} [{path}]" for one in mistakes))
     MetrologyError.require(found, f"sheet must have at least one measured value filled in [{path}]")
     return found

@@ -16,6 +16,7 @@ from stepblocks.artefacts.qif_read import QifResult, match_results, read_qif_res
 from stepblocks.artefacts.scans.read import Scan, load_scan
 from stepblocks.artefacts.scans.scan import HeightMap, ScannedProfile, crop_map
 from stepblocks.artefacts.sheet_read import is_filled_sheet, read_filled_sheet
+from stepblocks.contact.domain import read_number
 from stepblocks.declare import Sets, load_sets
 from stepblocks.errors import MetrologyError, PipelineError
 from stepblocks.inspect.budget import (
@@ -221,12 +222,12 @@ def _read_results(path: Path, called: Mapping[str, str]) -> Evaluation:
     qif = path.suffix.lower() == ".qif"
     results: list[QifResult] = read_qif_results(path) if qif else read_filled_sheet(path)
     found = match_results(results, called)
-    if not found:
-        names = ", ".join(dict.fromkeys(one.name or one.designator or "?" for one in results))
-        raise PipelineError(
-            "results must measure a characteristic by its name or number on the drawing, got "
-            f"{names:.120} [{path}]"
-        )
+    names = ", ".join(dict.fromkeys(one.name or one.designator or "?" for one in results))
+    PipelineError.require(
+        found,
+        "results must measure a characteristic by its name or number on the drawing, got "
+        f"{names:.120} [{path}]",
+    )
     values = {}
     for key, one in found.items():
         origin = (
@@ -284,12 +285,20 @@ def inspect_standard(
     PipelineError.require(
         feature in _STANDARDS, f"feature must be one of {', '.join(_STANDARDS)}, got {feature!r}"
     )
-    if feature == "ball" and depth is None:
-        raise MetrologyError("a ball needs its radius as the standard, such as '500 um'")
+    MetrologyError.require(
+        feature != "ball" or depth is not None,
+        "a ball needs its radius as the standard, such as '500 um'",
+    )
     _refuse_unused_options(_STANDARDS[feature], options)
     key = _STANDARDS[feature].removeprefix("groove_")
+    width = read_number("tolerance", tolerance, "length")
     asked = Characteristic(
-        key, key.replace("_", " "), "distance", depth or 0.0, -tolerance, tolerance
+        key,
+        key.replace("_", " "),
+        "distance",
+        0.0 if depth is None else read_number("depth", depth, "length"),
+        -width,
+        width,
     )
     evaluation = _evaluate(
         EVALUATIONS[_STANDARDS[feature]], load_scan(scan, unit, channel), instrument, asked, options
