@@ -16,6 +16,11 @@ EDGE = (PLACES, np.where(PLACES > 0.0, 25e-6, 0.0) + NOISE)
 @pytest.mark.parametrize(
     ("call", "message"),
     [
+        # NumPy itself ends the interpreter, with signal 11
+        (
+            lambda: sb.simulate_study(".", None, "x.csv", seed=np.asmatrix([[1.0, 2.0]])),
+            "seed must be a whole number, got matrix",
+        ),
         (lambda: sb.predict_set(3), "stimuli must be a set or its file, got 3"),
         (
             lambda: sb.parse_quantity("3 um", "lenght"),

@@ -3,6 +3,7 @@
 import difflib
 import functools
 import inspect
+import numbers
 import reprlib
 import warnings
 from collections.abc import Callable, Mapping
@@ -34,6 +35,11 @@ def guard(function: Callable[P, R], name: str) -> Callable[P, R]:
                 stacklevel=2,
             )
             named[_RENAMED[old]] = named.pop(old)
+        # of a matrix as seed NumPy ends the interpreter
+        UsageError.require(
+            isinstance(named.get("seed", 0), numbers.Integral),
+            f"seed must be a whole number, got {type(named.get('seed')).__name__}",
+        )
         try:
             return function(*values, **named)
         except StepblocksError:
