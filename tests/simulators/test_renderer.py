@@ -319,3 +319,9 @@ def test_a_drag_without_end_or_without_a_load_is_refused(load, travel, speed):
     renderer = Renderer(TEN[4].counterface().centre_path(R), POINT)
     with pytest.raises(HapticsError, match="a drag must have a load, and 1 to 20000000 ticks"):
         renderer.drag(load, travel, speed=speed)
+
+
+def test_a_speed_that_is_no_real_number_is_refused_before_the_compiler_sees_it():
+    renderer = Renderer(TEN[4].counterface().centre_path(R), POINT)
+    with pytest.raises(TypeError, match=r"not .*complex"):
+        renderer.drag(0.5, 1e-4, speed=1e-3 + 1e-3j)

@@ -172,7 +172,7 @@ class Renderer:
         """
         # travel behind the notch [m] and speed [m/s] in the magnified frame, towards +x or -x
         notch, height, _ = self.path.find_notch(direction)
-        approach, step = _APPROACH * self.scale, direction * speed * self.period
+        approach, step = _APPROACH * self.scale, direction * float(speed) * self.period
         start = notch - direction * approach
         ticks = (approach + travel) / abs(step) if step else math.inf
         HapticsError.require(
