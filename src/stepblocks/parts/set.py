@@ -143,8 +143,8 @@ class StimulusSet(Table):
         StimulusError
             With all mistakes: name, rule, value and place.
         """
-        place = " ".join(str(name).split())  # in one line, whatever was given as the name
-        return make_set(name, declared, Path(), place, [])
+        # the place is said in one line, whatever was given as the name
+        return make_set(name, declared, Path(), " ".join(str(name).split()), [])
 
     def to_toml(self, path: str | Path | None = None) -> str:
         """Write the set as a stimulus file that reads back as the same set.

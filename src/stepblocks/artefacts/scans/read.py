@@ -92,11 +92,12 @@ def load_scan(
     if hasattr(scan, "to_csv"):  # a table; pandas is not loaded to find out
         return read_table_scan(scan, unit, channel)
     arrays = (scan.x, scan.z) if isinstance(scan, Profile) else scan
-    MetrologyError.require(
-        hasattr(arrays, "__len__") and len(arrays) == 2,
-        "scan must be a file, a table, or two rows, x and z, got "
-        + (f"shape {np.shape(arrays)}" if hasattr(arrays, "shape") else shorten_value(arrays)),
-    )
+    if not hasattr(arrays, "__len__") or len(arrays) != 2:
+        # only here: to write a list of a million numbers takes longer than to read it
+        raise MetrologyError(
+            "scan must be a file, a table, or two rows, x and z, got "
+            + (f"shape {np.shape(arrays)}" if hasattr(arrays, "shape") else shorten_value(arrays))
+        )
     position, height = (np.asarray(one, dtype=np.float64) for one in arrays)
     return ScannedProfile(position, height, "arrays")
 
