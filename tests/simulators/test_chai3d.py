@@ -49,18 +49,35 @@ def read_columns(path):
 
 @pytest.fixture(scope="module")
 def program(tmp_path_factory):
-    """The program of the ten blocks, built by the command that its second line gives."""
+    """The program of the ten blocks, built by the commands that its head gives."""
     built, cmake = os.environ.get("CHAI3D_BUILD"), shutil.which("cmake")
     if not (built and cmake):
         pytest.skip("CHAI3D_BUILD names no build tree of CHAI3D 3.3")
     base = tmp_path_factory.mktemp("with space")
     export_scenes(str(SET), "chai3d", base)
     folder = base / "paper-ten" / "chai3d-blocks"
-    line = (folder / "blocks.cpp").read_text().splitlines()[1].removeprefix("//")
-    commands = line.replace("<build tree of CHAI3D>", built).split("&&")
-    for command in commands[:-1]:
+    for command in list_commands(folder, built)[:-1]:
         subprocess.run(command, shell=True, check=True, cwd=folder, capture_output=True)
     return folder
+
+
+def list_commands(folder, built):
+    """The commands that the head of a delivered program gives."""
+    text = (folder / "blocks.cpp").read_text().replace("<build tree of CHAI3D>", built)
+    lines = re.findall(r"^//   (.*)$", text, re.MULTILINE)
+    return " && ".join(lines).split(" && ")
+
+
+def test_the_head_of_the_program_says_how_it_is_built_and_run(tmp_path):
+    """Known without CHAI3D, too: the README sends its reader there."""
+    export_scenes(str(SET), "chai3d", tmp_path, only="step-050")
+    folder = tmp_path / "paper-ten" / "step-050" / "chai3d"
+    assert "(its head says how)" in (folder / "README.md").read_text()
+    assert list_commands(folder, "CHAI3D") == [
+        "cmake -B build -DCMAKE_PREFIX_PATH=CHAI3D",
+        "cmake --build build",
+        "build/blocks --device 0",
+    ]
 
 
 def read_until(stream, pattern):

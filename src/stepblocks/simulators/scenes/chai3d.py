@@ -59,7 +59,7 @@ CHAI3D = SceneFormat(
     write=_write,
     write_set=_write_set,
     run=(
-        "Build `blocks.cpp` against your CHAI3D (its second line says how); `echo 1 | "
+        "Build `blocks.cpp` against your CHAI3D (its head says how); `echo 1 | "
         "build/blocks --blocks .` lets a virtual hand drag the proxy over the edge and prints the "
         "peak beside the formula, `--device 0` takes a device, `--device demo` shows the program "
         "without one. `--log NAME` writes every drag into a new session folder that `stepblocks "
