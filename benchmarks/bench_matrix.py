@@ -35,6 +35,7 @@ from oracles.virtual_bench import Bench
 from oracles.virtual_session import Plan, write_session
 from stepblocks.bench.measure import measure_session
 from stepblocks.bench.session import open_session
+from stepblocks.loop.heights import add_height_errors
 from stepblocks.loop.run import analyse_features
 from stepblocks.loop.search.explain import Explanation, Rules, Verdict, explain
 from stepblocks.loop.session_table import build_session_table, scan_blocks
@@ -314,6 +315,7 @@ def run_one(name: str, trials: int, seed: int, *, folds: bool = False) -> dict[s
     else:
         table = build_session_table(features, spring, plan.bench.tip_radius, scans, known)
         found = explain(table.model, table.trials, table.model.candidates(table.trials), Rules())
+        found = add_height_errors(found, table)
         energy = found.problem.trials.values[:, 0]
         error = [
             float(np.sqrt(np.nanmean((energy - one.predicted[:, 0]) ** 2)))

@@ -125,6 +125,16 @@ def test_a_top_that_noise_touched_before_it_saturated_is_saturated_on_any_ramp(s
         )
 
 
+def test_a_small_ring_whose_top_the_converter_shows_flat_is_no_saturation():
+    # a ring of 5 mN read by a converter of 1 mN: a quarter of these records held such four
+    time = np.arange(6000) / RATE
+    swing = 5e-3 * np.exp(-40.0 * time) * np.sin(2.0 * np.pi * 300.0 * time)
+    for seed in range(100):
+        noise = 0.3e-3 * np.random.default_rng(seed).standard_normal(time.size)
+        read = np.round((0.35 + np.roll(swing, 3000) + noise) / 1e-3) * 1e-3
+        assert screen_trace(Trace(time, np.abs(np.sin(time)), read), RATE) == ""
+
+
 def test_the_declared_range_saturates_before_anything_is_flat():
     force = whole().tangential
     top = float(force.max())

@@ -9,12 +9,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from oracles.feature_bench import bench_trials, design_columns
+from oracles.feature_bench import bench_trials, design_columns, noise_free
+from oracles.features_file import features_of
 from stepblocks.contact.operating_point import Tool
 from stepblocks.law import Law, Parameter
 from stepblocks.loop.bench_model import SessionModel, list_covariate_ranges
+from stepblocks.loop.result import _estimate_noise_floor
 from stepblocks.loop.search.explain import Rules, Verdict, explain
 from stepblocks.loop.search.structure import bound_jump_place, split_into_levels
+from stepblocks.loop.session_table import build_session_table
 
 _MODEL = SessionModel(Tool(frequency=300.0, decay_time=0.02))
 
@@ -122,3 +125,30 @@ def _ranges(**columns):
     trials = bench_trials(design_columns(30, 1), 1)
     covariates = {name: column[: len(trials)] for name, column in columns.items()}
     return list_covariate_ranges(replace(trials, covariates={**trials.covariates, **covariates}))
+
+
+def test_the_noise_beside_a_cause_that_goes_with_the_hour_is_what_the_bench_scatters_by():
+    # origin: the same drags of the bench without scatter. A regression of fourth order in the run
+    # cannot follow two and a half periods
+    design = design_columns(96, 1)
+    law = Law(
+        "hour",
+        "mu f",
+        (Parameter("on", "1", 0.0, 0.0, 1.0, 1.0),),
+        lambda state, _, values: state.changed(
+            friction=state.friction * (1.0 + 0.2 * np.cos(2.0 * np.pi * _RUN / 38.0))
+        ),
+        "friction",
+    )
+    planted = ((law, {"on": 1.0}),)
+    trials = bench_trials(design, 1, planted)
+    rows = trials.covariates["run_order"].astype(int) - 1  # a tip that locks shows no energy
+    scatter = np.nanstd(trials.values - noise_free(design, 1, planted)[rows], axis=0)
+    table = build_session_table(features_of(trials), 9810.0, 125e-6)
+    model = table.model
+    found = explain(model, table.trials, model.candidates(table.trials), Rules(draws=200))
+    unknown = {"replicate_std": math.nan, "replicate_dof": 0}
+    adequacy = {"pure_error": {"ln_energy": unknown, "ln_peak_force": unknown}}
+    energy, force = _estimate_noise_floor(table, found.extended, adequacy)
+    assert energy == pytest.approx(scatter[0], rel=0.2)
+    assert force == pytest.approx(scatter[1], rel=0.2)

@@ -61,7 +61,7 @@ class Plan:
     softening: float = 0.0  # of the spring about 22 degrees C [1/K]
     hersey_excess: float = 0.0  # mu (1 + s exp(-(v / F_py) / h)): s
     hersey_number: float = 5e-3  # h [m/(s N)]
-    # what blocks are off by beside their scatter, by the height of their label [um] [m]
+    # what blocks are off by in place of their scatter, by the height of their label [um] [m]
     machined_off: Mapping[int, float] = field(default_factory=dict)
     polish: float = 0.0  # growth of the radius of an edge with each pass over its block [m]
 
@@ -115,9 +115,7 @@ def write_session(folder: Path, plan: Plan, seed: int) -> list[dict[str, Any]]:
         + (certificate if plan.spring_std else "")
     )
     true_heights = {
-        h: h
-        + plan.height_scatter * random.standard_normal()
-        + plan.machined_off.get(round(h * 1e6), 0.0)
+        h: h + plan.machined_off.get(round(h * 1e6), plan.height_scatter * random.standard_normal())
         for h in plan.heights
     }
     if plan.scans:

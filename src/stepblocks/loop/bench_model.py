@@ -256,8 +256,11 @@ def list_covariate_ranges(trials: Trials) -> tuple[CovariateRange, ...]:
             found.append(CovariateRange(PEAK_FORCE, float(force.min()), float(force.max()), True))
     if {"load_n", "speed_mm_s"} <= {place.name for place in found}:
         ratio = np.unique(np.divide(trials.covariates["speed_mm_s"], trials.covariates["load_n"]))
-        ends = float(ratio[0]), float(ratio[-1])
-        found.append(CovariateRange(SPEED_OVER_LOAD, *ends, True, distinct=len(ratio)))
+        found.append(
+            CovariateRange(
+                SPEED_OVER_LOAD, float(ratio[0]), float(ratio[-1]), True, distinct=len(ratio)
+            )
+        )
     climate = [
         place
         for place in found

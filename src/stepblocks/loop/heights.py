@@ -17,24 +17,24 @@ _WIDE = 1.96
 
 
 def add_height_errors(explanation: Explanation, table: SessionTable) -> Explanation:
-    """Name every block without a scan whose height is beyond its tolerance by 95 %."""
+    """Name every block without a scan whose height is beyond its tolerance by 95 %.
+
+    Of those that a search has named the height error is known as well as that of the others.
+    """
     model = table.model
-    tolerance = _TOLERANCE * model.height_std
     fitted, heights = explanation.extended, dict(model.scanned or {})
+    named = {e.id for e in fitted.effects}
     off: dict[str, float] = {}
     for block in np.unique(table.trials.block).tolist():
         name = format_height_name(block)
-        beyond = abs(fitted.values.get(name, 0.0)) - tolerance
-        if block not in heights and beyond > _WIDE * fitted.std[name]:
+        beyond = abs(fitted.values.get(name, 0.0)) - _TOLERANCE * model.height_std
+        if block not in heights and (
+            f"block_height_error~{block}" in named or beyond > _WIDE * fitted.std[name]
+        ):
             off[block] = float(stats.norm.sf(beyond / fitted.std[name]))
-    taken = {e.id for e in fitted.effects}
-    laws = [
-        law
-        for law in list_named_laws(list(off))
-        if law.covariate == "block" and law.id not in taken
-    ]
-    if not laws:
+    if not off:
         return explanation
+    laws = [law for law in list_named_laws(list(off)) if law.covariate == "block"]
     # the heights of these blocks belong to the laws now
     owned = {
         one: (1e-6 * float(table.trials.covariates["height_um"][table.trials.block == one][0]), 0.0)
@@ -43,13 +43,15 @@ def add_height_errors(explanation: Explanation, table: SessionTable) -> Explanat
     informed: SessionModel = replace(model, scanned=heights | owned)
     problem = replace(explanation.problem, model=informed)
     start = fitted.values | {
-        f"{law.id}.height_error_m": fitted.values[format_height_name(block)]
+        f"{law.id}.height_error_m": fitted.values.get(f"{law.id}.height_error_m", 0.0)
+        + fitted.values[format_height_name(block)]
         for law, block in zip(laws, off, strict=True)
     }
-    extended = fit(problem, (*fitted.effects, *laws), start)
+    added = [(law, p) for law, p in zip(laws, off.values(), strict=True) if law.id not in named]
+    extended = fit(problem, (*fitted.effects, *(law for law, _ in added)), start)
     findings = [
         Finding(law, Verdict.EFFECT, p_value, fit(problem).cost - extended.cost)
-        for law, p_value in zip(laws, off.values(), strict=True)
+        for law, p_value in added
     ]
     return replace(
         explanation,

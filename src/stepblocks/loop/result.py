@@ -132,7 +132,7 @@ def build_document(
 ) -> Document:
     """Return the contents of result.json; units stand in keys or beside the values."""
     adequacy = _describe_adequacy(table, explanation, rules)
-    floor = _estimate_noise_floor(table, adequacy)
+    floor = _estimate_noise_floor(table, explanation.extended, adequacy)
     models = {
         name: {
             "parameters": _describe_constants(fitted, table.model.tool.stiffness),
@@ -191,11 +191,8 @@ def build_document(
 def _list_censored(table: SessionTable, explanation: Explanation) -> dict[str, object]:
     # List trials whose peak is known as a bound alone, and those whose predicted peak stays below
     # it by 3 deviations.
-    bound = (
-        np.full(len(table.trials), np.nan)
-        if table.trials.floor is None
-        else table.trials.floor[:, 1]
-    )
+    floor = table.trials.floor
+    bound = np.full(len(table.trials), np.nan) if floor is None else floor[:, 1]
     rows = np.isfinite(bound)
     scatter, fitted = explanation.problem.noise.scatter, explanation.extended
     shifted = table.model.responses(table.trials, fitted.values, fitted.active)[:, 1]
@@ -334,16 +331,19 @@ def _describe_errors(
     return {**errors, "noise_floor": dict(zip(names, floor, strict=True))}
 
 
-def _estimate_noise_floor(table: SessionTable, adequacy: Document) -> list[float]:
-    # Scatter about a regression that trusts no model. Replicates may scatter less than that can
-    # follow.
-    residual, dof = compute_flexible_residual(table.trials)
-    floor = np.sqrt(np.nansum(residual[:, :2] ** 2, axis=0) / max(dof, 1))
+def _estimate_noise_floor(table: SessionTable, fitted: Fit, adequacy: Document) -> list[float]:
+    # The least scatter about a regression that trusts no model, about a model, among replicates
+    left = np.where(table.trials.seen, table.trials.values - fitted.predicted, np.nan)
+    free = max(len(left) - len(fitted.parameters), len(left) // 2)
+    floors = [
+        np.sqrt(np.nansum(residual[:, :2] ** 2, axis=0) / max(dof, 1))
+        for residual, dof in (compute_flexible_residual(table.trials), (left, free))
+    ]
     replicates = [
         t["replicate_std"] if t["replicate_dof"] >= _REPLICATES else np.inf
         for t in adequacy["pure_error"].values()
     ]
-    return [float(value) for value in np.fmin(floor, replicates)]
+    return [float(value) for value in np.fmin.reduce([*floors, replicates])]
 
 
 def _describe_adequacy(table: SessionTable, explanation: Explanation, rules: Rules) -> Document:

@@ -195,11 +195,15 @@ def find_regime_hints(table: SessionTable) -> tuple[Hint, ...]:
     if stuck < _STICKING * n:
         return ()
     seen = f" of {table.static_friction:.2g}" if np.isfinite(table.static_friction) else ""
-    sentence = (
-        f"static friction{seen} above the kinetic: the tip sticks and slips before the edge in "
-        f"{stuck} of {n} trials"
+    return (
+        Hint(
+            "stick-slip",
+            "friction",
+            0.0,
+            f"static friction{seen} above the kinetic: the tip sticks and slips before the edge in "
+            f"{stuck} of {n} trials",
+        ),
     )
-    return (Hint("stick-slip", "friction", 0.0, sentence),)
 
 
 def _select_usable_trials(

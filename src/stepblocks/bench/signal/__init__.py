@@ -18,7 +18,9 @@ _FEWEST_SAMPLES = 200
 _RATE_TOLERANCE = 0.01
 _GAP_STEPS = 1.6  # a step of the clock this many times the usual one is a gap
 _FLAT_SAMPLES = 4  # equal samples in a row at the extreme of a record that was still moving
-_FLAT_STEPS = 4.0  # steps of the converter that the movement would have made meanwhile
+# steps of the converter, or of the noise from sample to sample, that the movement would have made
+# meanwhile
+_FLAT_STEPS = 12.0
 _FEWEST_STILL = 40  # samples before the tip is set down, fewer say nothing of a zero
 _EDGE = 8  # samples at which the load is coming on
 _CALM = 7e-3  # [s] two periods of a ring, over which it averages out
@@ -114,7 +116,8 @@ def _find_saturation(name: str, values: Array, limit: float | None) -> str:
             continue
         # noise may touch the top before it stays there: a stretch twice as long tells how far the
         # force had still to go
-        if top - float(np.median(signed[max(start - 2 * run, 0) : start])) > _FLAT_STEPS * step:
+        least = _FLAT_STEPS * (step + float(np.mean(moves[:start])))
+        if top - float(np.median(signed[max(start - 2 * run, 0) : start])) > least:
             return (
                 f"saturated: {run} samples in a row at the {side} {name} force, {sign * top:.4g} N"
             )

@@ -180,8 +180,9 @@ class _Objective:
     def predict(self, x: Floats) -> Floats:
         # a Jacobian asks for what its residual has just asked for
         if self.last is None or not np.array_equal(self.last[0], x):
-            scaled = zip(self.parameters, x * self.scale, strict=True)
-            values = {p.name: float(v) for p, v in scaled}
+            values = {
+                p.name: float(v) for p, v in zip(self.parameters, x * self.scale, strict=True)
+            }
             self.last = x.copy(), self.problem.predict(self.effects, values)
         return self.last[1]
 

@@ -165,8 +165,7 @@ def build_tangent_basis(base: Fit) -> Floats:
 def _compute_gains(directions: Sequence[Direction], vectors: Floats) -> tuple[Floats, list[Floats]]:
     # Gains of all directions on all vectors, shape (d, m), and the projections on each direction.
     stacked = np.concatenate([d.basis for d in directions], axis=1)
-    last = np.cumsum([d.basis.shape[1] for d in directions])
-    parts = np.split(stacked.T @ vectors, last[:-1])
+    parts = np.split(stacked.T @ vectors, np.cumsum([d.basis.shape[1] for d in directions])[:-1])
     gains = np.stack([np.sum(part**2, axis=0) for part in parts])
     for d, gain, part in zip(directions, gains, parts, strict=True):
         if d.one_sided:
