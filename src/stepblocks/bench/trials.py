@@ -253,8 +253,11 @@ def _read_rows(session: Session) -> Iterator[tuple[int, list[str]]]:
 def _read_lines(session: Session) -> Iterator[list[str]]:
     with session.table.open(newline="", encoding="utf-8-sig") as file:
         try:
-            rows = csv.reader(file, delimiter=session.trials.delimiter)
-            yield from (cells for cells in rows if not _COMMENT.match("".join(cells[:1])))
+            yield from (
+                cells
+                for cells in csv.reader(file, delimiter=session.trials.delimiter)
+                if not _COMMENT.match("".join(cells[:1]))
+            )
         except (csv.Error, UnicodeDecodeError) as error:
             raise BenchError(
                 f"table of trials must be CSV in UTF-8: {error} [{session.table}]"

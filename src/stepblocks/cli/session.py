@@ -94,10 +94,12 @@ def measure(
             session, plots, [name.strip() for name in trials.split(",")] if trials else None
         )
     reasons = dict(sorted(summary.reasons.items(), key=lambda item: -item[1]))
-    notes = [f"excluded {count}: {reason}" for reason, count in reasons.items()]
     return Outcome(
         f"{summary.total - summary.excluded} of {summary.total} trials measured -> {output}",
-        notes=[*notes, *(f"note: {note}" for note in summary.notes)],
+        notes=[
+            *(f"excluded {count}: {reason}" for reason, count in reasons.items()),
+            *(f"note: {note}" for note in summary.notes),
+        ],
         record={"trials": summary.total, "excluded": reasons, "notes": list(summary.notes)},
     )
 

@@ -2,8 +2,6 @@
 
 import math
 
-import numpy as np
-
 from stepblocks.loop.search.explain import Explanation
 from stepblocks.loop.search.forward_model import Floats
 
@@ -27,8 +25,8 @@ def describe_trial(explanation: Explanation, measured: Floats, row: int) -> str:
     energy, force, friction = (measured[row] - fitted.predicted[row])[:3].tolist()
     near = fitted.predicted[:, :2] - measured[row, :2]
     like = (abs(near) < (2.0 * _SMALL, _SMALL)).all(axis=1) & (trials.block != trials.block[row])
-    settings = [trials.covariates[name] for name in ("load_n", "speed_mm_s")]
-    like &= np.all([values == values[row] for values in settings], axis=0)
+    for name in ("load_n", "speed_mm_s"):
+        like &= trials.covariates[name] == trials.covariates[name][row]
     other = f", or the block {trials.block[like][0]}" if like.any() else ""
     if force < -_SMALL and abs(energy - 2.0 * force) < 0.35 * abs(energy):
         return f"let go early, at {100.0 * math.exp(force):.0f} % of the peak force{other}"

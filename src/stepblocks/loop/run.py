@@ -227,6 +227,7 @@ def _explain_and_hold_out(
         found.problem.trials,
         candidates=model.candidates,
         rules=rules,
+        values=found.extended.values,
     )
     selected: list[tuple[str, ...]] = []
     for names in run_in_processes(one_fold, ((rows,) for rows in (*inside, *outside)), jobs):

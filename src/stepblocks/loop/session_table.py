@@ -106,8 +106,12 @@ def build_session_table(
         status=features["status"].astype(str) if "status" in features else "ok",
         reason=features["reason"].fillna("").astype(str) if "reason" in features else "",
     )
-    tips = features["tip"].astype(str) if "tip" in features else [""] * len(features)
-    radius = np.array([parse_tip_radius_um(tip, tip_radius * 1e6) for tip in tips])
+    radius = np.array(
+        [
+            parse_tip_radius_um(tip, tip_radius * 1e6)
+            for tip in features.get("tip", pd.Series("", features.index)).astype(str)
+        ]
+    )
     if (~np.isclose(radius, tip_radius * 1e6, rtol=0.01)).all():
         raise PipelineError(
             f"tips of the table must agree with `probe.tip_radius`, {tip_radius * 1e6:g} um: their "

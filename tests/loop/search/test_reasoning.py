@@ -158,7 +158,9 @@ def test_held_out_error_falls_to_the_scatter_once_the_effect_is_in() -> None:
     folds = split_within_blocks(trials, 4)
     found = explain(Toy(), trials, toy_effects(), _RULES)
     selected = [
-        select_effects_without(Toy(), trials, rows, lambda _: toy_effects(), _RULES)
+        select_effects_without(
+            Toy(), trials, rows, lambda _: toy_effects(), _RULES, found.extended.values
+        )
         for rows in folds
     ]
     _, ((nominal, extended),) = choose_delivered_effects(found, (folds,), lambda _: toy_effects())
@@ -168,6 +170,32 @@ def test_held_out_error_falls_to_the_scatter_once_the_effect_is_in() -> None:
     assert set(outcome.selected) == {("square_of_z",)}
     assert after == pytest.approx(np.hypot(0.1, 0.05), rel=0.15)
     assert before > 1.8 * after
+
+
+@pytest.mark.parametrize(("alike", "said"), [(True, "by_z"), (False, "by_w")])
+def test_a_fold_that_cannot_tell_two_effects_apart_does_not_contradict_the_whole(alike, said):
+    # both columns part the trials alike but for those held out; else the fold knows better
+    def step(name: str) -> Law:
+        def apply(level: Floats, trials: Trials, own: Mapping[str, float]) -> Floats:
+            return level + own["size"] * (trials.covariates[name] > 0.0)
+
+        size = Parameter("size", "1", 0.0, -10.0, 10.0, 0.1)
+        return Law(f"by_{name}", name, (size,), apply, "level", name)
+
+    trials = toy_trials(80, 3)
+    sides = np.where(np.arange(80) < 40, -1.0, 1.0)
+    rows = np.arange(36, 44)
+    other = sides.copy()
+    other[rows if alike else np.arange(20, 60)] *= -1.0
+    columns = trials.covariates | {"z": sides, "w": other}
+    jump = 0.8 * ((sides if alike else other) > 0.0)
+    seen = replace(
+        trials, covariates=columns, values=trials.values + jump[:, None] * np.array([1.0, 2.0])
+    )
+    laws = [step("w"), step("z")]
+    whole = fit(build_problem(Toy(), seen), [laws[1]]).values
+    assert select_effects_without(Toy(), seen, rows, lambda _: laws, _RULES, whole) == (said,)
+    assert select_effects_without(Toy(), seen, rows, lambda _: laws, _RULES, {}) == ("by_w",)
 
 
 @pytest.mark.parametrize("covariate", ["z", "block"])

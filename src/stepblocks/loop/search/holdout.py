@@ -41,9 +41,9 @@ def check_claims(
     ]
     known = [p for p in misfit if np.isfinite(p)]
     lacking = bool(known) and min(known) * len(known) < _LACKING
-    folds = [set(names) for names in selected]
     findings = tuple(
-        _judge_folds(f, folds) if f.verdict is Verdict.EFFECT else f for f in explanation.findings
+        _judge_folds(f, selected) if f.verdict is Verdict.EFFECT else f
+        for f in explanation.findings
     )
     verdict, reason = explanation.verdict, explanation.reason
     if verdict is Verdict.EFFECT:
@@ -76,7 +76,7 @@ def withdraw_claims(explanation: Explanation, hints: tuple[Hint, ...]) -> Explan
     )
 
 
-def _judge_folds(finding: Finding, folds: Sequence[set[str]]) -> Finding:
+def _judge_folds(finding: Finding, folds: Sequence[Sequence[str]]) -> Finding:
     # Say what may be claimed of a law, given the choices of the folds, each of which has fewer
     # trials.
     family = finding.effect.id.split("~")[0]
@@ -148,12 +148,29 @@ def split_by_block(trials: Trials, most_folds: int) -> list[Rows]:
 
 
 def select_effects_without(
-    model: ForwardModel, trials: Trials, rows: Rows, candidates: Asked, rules: Rules
+    model: ForwardModel,
+    trials: Trials,
+    rows: Rows,
+    candidates: Asked,
+    rules: Rules,
+    values: Mapping[str, float],
 ) -> tuple[str, ...]:
-    """Name the effects that a search chooses without the trials of one fold."""
+    """Name the effects that a search chooses without the trials of one fold.
+
+    They are those of all trials, whose fit has `values`, where they do as well within the margin.
+    """
     train = trials.take(np.setdiff1d(np.arange(len(trials)), rows))
-    grown = search_effects_and_structure(model, train, candidates(train), rules)
-    return tuple(effect.id for effect in grown.extended.effects)
+    asked = candidates(train)
+    grown = search_effects_and_structure(model, train, asked, rules)
+    chosen = tuple(effect.id for effect in grown.extended.effects)
+    whole = {law.id: law for law in asked if f"{law.id}.{law.parameters[0].name}" in values}
+    # the trials held out may be the only ones that tell two effects apart
+    if set(chosen) - set(whole) and (
+        fit(grown.problem, [*whole.values()], values).criterion
+        <= grown.extended.criterion + rules.margin
+    ):
+        return tuple(whole)
+    return chosen
 
 
 def _is_worse(nominal: Floats, extended: Floats) -> bool:
