@@ -396,3 +396,42 @@ def test_the_command_answers_for_a_range_and_says_what_else_released(tmp_path, c
         assert f"--x-range: must be two lengths such as -50µm..50µm, got {wrong!r}" in (
             capsys.readouterr().err
         )
+
+
+@pytest.mark.parametrize(("height", "width", "load"), [(3e-6, 5e-6, 1.0), (10e-6, 30e-6, 3.0)])
+def test_a_fall_deeper_than_the_ball_feeds_the_ring_and_the_event_says_how_much(
+    height, width, load
+):
+    """The load does the work N f.
+
+    The fall f is the wall's 200 um, less what of the lip was still to climb, and with the dent of
+    the blow.
+    """
+    lip = Profile(
+        [-1e-3, 0.0, 0.0, width, width, 1e-3],
+        [0.0, 0.0, height, height, height - 200e-6, height - 200e-6],
+    )
+    done = drag_over(lip, load=load, friction=0.05)
+    (event,) = done.events.to_dict("records")
+    assert event["status"] == "releases"
+    assert done.summary["ledger_error"] < 5e-3
+    assert 199e-6 - height < event["fall_energy_j"] / load < 230e-6
+    assert event["vibration_energy_j"] < event["stored_energy_j"] + event["fall_energy_j"]
+    fed = event["ring_share"] > 1.0
+    assert fed == done.summary.get("reason", "").startswith("the tip falls behind the edge: the")
+    assert fed or height > 5e-6
+
+
+@pytest.mark.parametrize("load", [0.1, 1.0])
+def test_a_wall_as_high_as_the_ball_is_fallen_down_without_an_error(load):
+    """Nothing catches on the way down, whatever the load."""
+    done = drag_over(Step(60e-6), tip_radius=60e-6, load=load, backward=True)
+    assert done.summary["status"] == "no-catch"
+    assert done.summary["ledger_error"] < 5e-3
+
+
+def test_a_direction_that_is_none_is_refused():
+    with pytest.raises(ContactError, match="backward must be True or False, got 3"):
+        Step(25e-6).release(PAPER, 3)
+    with pytest.raises(ContactError, match="backward must be True or False, got 3"):
+        drag_over("25 um", backward=3)

@@ -89,8 +89,14 @@ class Counterface(ABC):
 
     def release(self, point: OperatingPoint, backward: bool = False) -> Release:
         """Force and energy of one drag, equations (1) and (2)."""
+        ContactError.require(
+            backward in (False, True), f"backward must be True or False, got {backward!r}"
+        )
         return find_release(
-            self.angles(point.ball_radius)[backward], point.normal_load, point.friction, point.tool
+            self.angles(point.ball_radius)[bool(backward)],
+            point.normal_load,
+            point.friction,
+            point.tool,
         )
 
     def heights(self, x: Array) -> Array:

@@ -39,6 +39,7 @@ def list_events(
             vibration_energy_j=ring.energy,
             ring_share=ring.share,
             ring_decay_s=ring.decay_time,
+            fall_energy_j=ring.fall_energy,
         )
 
     return tuple(complete(number, one) for number, one in enumerate(trace.events))

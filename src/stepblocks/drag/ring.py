@@ -39,6 +39,8 @@ class Ring:
         [s].
     decay_time : float
         In which the swings fall to 1/e of the first [s]; NaN where the trace ends before.
+    fall_energy : float
+        Work of the load as the tip falls behind the edge, which feeds the ring as well [J].
     frequency : float
         Peak of the spectrum over 16 ms after the release [Hz].
     loading_share : float
@@ -55,6 +57,7 @@ class Ring:
     share: float
     duration: float
     decay_time: float
+    fall_energy: float = field(repr=False)
     frequency: float = math.nan
     loading_share: float = field(default=math.nan, repr=False)
     ring_band_share: float = field(default=math.nan, repr=False)
@@ -117,9 +120,9 @@ def measure_ring(trace: DragTrace, *, spectra: bool = True, event: int | None = 
         modes = tuple((0.5 * swings * swings / stiffness).tolist())
         energy = sum(modes)
     # what the spring, the fall of the load and the handle can give
-    fall = cut.column("y_m")[0] - cut.column("y_m").min()
+    fall = trace.settings.normal_load * float(np.max(cut.column("y_m")[0] - cut.column("y_m")))
     travel = np.ptp(cut.column("handle_m"))
-    given = cut.stored_energy + trace.settings.normal_load * fall + abs(cut.peak_force) * travel
+    given = cut.stored_energy + fall + abs(cut.peak_force) * travel
     ContactError.require(
         energy <= 1.02 * given,
         f"the ring at {cut.release_time:.6g} s has {energy:.3g} J, but is given {given:.3g} J: "
@@ -132,20 +135,17 @@ def measure_ring(trace: DragTrace, *, spectra: bool = True, event: int | None = 
         energy / cut.stored_energy,
         duration,
         _find_decay_time(cut),
+        fall,
         mode_energies=modes,
     )
     if not spectra:
         return ring
     frequencies, power = compute_phase_spectrum(trace, "vibration")
-    loading, own = (
-        compute_band_share(*compute_phase_spectrum(trace, "loading"), LOADING_BAND),
-        compute_band_share(frequencies, power, RING_BAND),
-    )
     return replace(
         ring,
         frequency=float(frequencies[np.argmax(power)]),
-        loading_share=loading,
-        ring_band_share=own,
+        loading_share=compute_band_share(*compute_phase_spectrum(trace, "loading"), LOADING_BAND),
+        ring_band_share=compute_band_share(frequencies, power, RING_BAND),
     )
 
 

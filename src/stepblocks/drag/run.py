@@ -212,12 +212,18 @@ class Drag:
                 "vibration_energy_j": ring.energy,
                 "mode_energies_j": list(ring.mode_energies),
                 "ring_share": ring.share,
+                "fall_energy_j": ring.fall_energy,
                 "ring_duration_s": ring.duration,
                 "ring_decay_time_s": None if math.isnan(ring.decay_time) else ring.decay_time,
                 "ring_frequency_hz": ring.frequency,
                 "loading_share_0_100_hz": ring.loading_share,
                 "vibration_share_250_350_hz": ring.ring_band_share,
             }
+        if ring is not None and ring.share > 1.0:
+            summary["reason"] = (
+                f"the tip falls behind the edge: the load gives {1e6 * ring.fall_energy:.3g} uJ, "
+                f"the spring had stored {1e6 * trace.stored_energy:.3g} uJ"
+            )
         if by.status is not Status.NO_CATCH:
             summary["equation_1"] = {"status": str(by.status)}
         if by.status is Status.RELEASES:

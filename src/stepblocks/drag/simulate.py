@@ -60,9 +60,11 @@ class DragEvent:
     stored_energy_j, vibration_energy_j : float
         Energy of the spring at the release, and of the ring.
     ring_share : float
-        One over the other [1].
+        One over the other [1]; above 1 only where the tip falls behind the edge.
     ring_decay_s : float
         Time in which the swings fall to 1/e; NaN where the next place comes before.
+    fall_energy_j : float
+        Work of the load in that fall, which feeds the ring beside the spring.
     """
 
     place: int
@@ -81,6 +83,7 @@ class DragEvent:
     vibration_energy_j: float = math.nan
     ring_share: float = math.nan
     ring_decay_s: float = math.nan
+    fall_energy_j: float = math.nan
 
 
 @dataclass(frozen=True, repr=False)

@@ -113,7 +113,7 @@ def _resolve_declared_part(
         probe = name if part.ball is not None else f"probe in {name}"
         name = f"{probe} over a step of {format_quantity(height, 'length')}"
     elif len(face.ways) > 1:
-        name = f"{name}, {face.ways[backward]}"
+        name = f"{name}, {face.ways[bool(backward)]}"
     return Subject(name, face, change_point(point, values))
 
 

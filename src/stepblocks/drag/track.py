@@ -29,6 +29,7 @@ _HALVINGS = 34  # of an interval in which a notch lies
 _HALF = 0.49  # of the way to the next kink: two bends shall not meet in one knot
 _BEND = 5e-3  # radii: the least half width of a bend, where kinks crowd
 _RISER = 0.5 * math.pi - 1e-5  # a path that is steeper jumps [rad]
+_STEEPEST = 15.0  # slope at which a path falls at most [1]: along a wall no step is short enough
 _LEAST_FACE = 1e-3  # radii: a narrower face carries no tip
 _LEVEL = 400.0  # radii by which a surface goes on level: a released spring may throw the tip far
 
@@ -233,6 +234,7 @@ def build_profile_track(
     kinks = np.searchsorted(nodes, where[sharp])
     left, slope = right.slope.copy(), right.slope.copy()
     left[kinks], slope[kinks] = np.tan(before[sharp]), np.tan(behind[sharp])
+    left, slope = np.maximum(left, -_STEEPEST), np.maximum(slope, -_STEEPEST)
     ends = nodes[0] - _LEVEL * ball_radius, nodes[-1] + _LEVEL * ball_radius
     return Track(
         np.concatenate([ends[:1], nodes, ends[1:]]),

@@ -145,9 +145,11 @@ def _predict_event(stimulus: Path, overrides: dict[str, float], backward: bool) 
         part.counterface(next(iter(declared.prediction.step_heights), None)), point, part.id
     )[int(backward)]
     if event.status is not Status.RELEASES:
-        rule = "the stimulus must release the probe to be compared"
         other = "" if backward else "; --backward takes the drag towards -x"
-        raise HapticsError(f"{rule}, it is {event.status.value}{other} [{stimulus}]")
+        raise HapticsError(
+            f"the stimulus must release the probe to be compared, it is {event.status.value}"
+            f"{other} [{stimulus}]"
+        )
     return event
 
 

@@ -16,7 +16,6 @@ from stepblocks.select import matches_pattern
 from stepblocks.simulators.assemble import Contact, build_scene, lay_out_teeth, resolve_contact
 from stepblocks.simulators.conditions import check_overrides, choose_operating_point
 from stepblocks.simulators.devices import (
-    Device,
     RenderingPlan,
     choose_common_scale,
     find_device,
@@ -139,7 +138,12 @@ def export_scenes(
         }
         for (stimuli, _), each in zip(sets, contacts, strict=True)
     ]
-    scales = [_choose_scale(each, chosen, scale) for each in contacts]
+    scales = [
+        scale
+        if chosen is None or scale is not None
+        else choose_common_scale(chosen, [(one.events[0], one.point) for one in each])
+        for each in contacts
+    ]
     if chosen is not None:
         require_renderable(
             plan_rendering(chosen, one.events[0], one.point, size)
@@ -197,15 +201,6 @@ def _resolve_set(
         )
         for part in stimuli.stimuli
     ]
-
-
-def _choose_scale(
-    contacts: list[Contact], device: Device | None, scale: float | None
-) -> float | None:
-    # Choose the scale of a whole set, whatever is written of it
-    if device is None or scale is not None:
-        return scale
-    return choose_common_scale(device, [(one.events[0], one.point) for one in contacts])
 
 
 def _move_into_place(draft: Path, output: Path) -> None:

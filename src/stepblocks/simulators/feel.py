@@ -54,8 +54,10 @@ def write_feel_page(files: Sets, page: str | Path) -> int:
         for part in declared.stimuli
     ]
     templates = package_files("stepblocks.simulators").joinpath("templates")
-    names = "feel_law.js", "feel_pictures.js", "feel.js"
-    script = "\n" + "".join(templates.joinpath(name).read_text("utf-8") for name in names)
+    script = "\n" + "".join(
+        templates.joinpath(name).read_text("utf-8")
+        for name in ("feel_law.js", "feel_pictures.js", "feel.js")
+    )
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     text = render_page(
         "stepblocks.simulators",
