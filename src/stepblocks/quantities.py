@@ -8,7 +8,7 @@ import math
 import re
 from collections.abc import Callable, Sequence
 from decimal import Decimal
-from functools import cache, partial
+from functools import cache, lru_cache, partial
 from typing import TYPE_CHECKING, TypeVar
 
 from stepblocks.errors import QuantityError
@@ -112,6 +112,7 @@ def parse_quantity(text: object, dimension: str) -> float:
     return value
 
 
+@lru_cache(maxsize=4096)  # the stanzas of a series share all but a few of their texts
 def _find_magnitude(text: str, unit: str, wanted: str) -> float:
     shown = text if len(text) <= _MAX_TEXT else text[: _MAX_TEXT - 3] + "..."
     found = _QUANTITY.fullmatch(text) if len(text) <= _MAX_TEXT else None
