@@ -2,11 +2,13 @@
 
 import itertools
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from stepblocks.figure_file import make_figure
+from stepblocks.loop import page
 from stepblocks.loop.page import (
     _average_by_setting,
     _compute_change,
@@ -47,8 +49,6 @@ def test_the_page_holds_every_claim_and_its_grounds(result):
 
 
 def test_what_a_law_follows_is_said_in_words_where_its_name_holds_a_column(result):
-    from dataclasses import replace
-
     entry = result.document["effects"][0] | {
         "id": "step_friction_pause_s",
         "variant": "step_friction_pause_s",
@@ -68,8 +68,6 @@ def test_what_a_law_follows_is_said_in_words_where_its_name_holds_a_column(resul
 
 
 def test_a_title_from_a_session_cannot_break_the_page(result):
-    from dataclasses import replace
-
     page = render_loop_page(replace(result, title="<script>alert(1)</script>"))
     assert "<script>" not in page
     assert "&lt;script&gt;" in page
@@ -95,7 +93,7 @@ def test_the_curve_is_the_change_that_the_law_makes(result):
     effect = found.findings[0].effect
     j, change, std = _compute_change(found, effect)
     assert found.problem.trials.channels[j] in ("ln_energy", "ln_peak_force")
-    along, name = _find_abscissa(result, effect)
+    (along, _), name = _find_abscissa(result, effect)
     assert name == "run_order"
     # friction that has run in raises no force any more: the change falls along the run, and doubt
     # with it
@@ -111,6 +109,17 @@ def test_an_effect_that_follows_nothing_is_drawn_over_the_height(result):
     laws = {law.id: law for law in list_named_laws()}
     assert _find_abscissa(result, laws["edge_rounding"])[1] == "height_um"
     assert _find_abscissa(result, laws["hardening_spring"])[1] == "peak_force_n"
+
+
+def test_an_effect_of_a_label_is_drawn_as_points_under_its_labels(result, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(page, "_encode_png", lambda figure: drawn.append(figure) or "")
+    labels = _find_plot_positions(result.table.trials.covariates["operator"]), "operator"
+    monkeypatch.setattr(page, "_find_abscissa", lambda *_: labels)
+    page._draw_effect(result, result.found.findings[0].effect, "it")
+    (axis,) = drawn[0].axes
+    assert [one.get_text() for one in axis.get_xticklabels()] == ["A", "B"]
+    assert axis.lines[0].get_linestyle() == "None"
 
 
 def test_few_settings_are_averaged_one_by_one_and_many_in_groups_of_equal_size():

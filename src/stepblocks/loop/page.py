@@ -137,13 +137,17 @@ def _draw_effect(result: LoopResult, effect: Law, name_shown: str) -> dict[str, 
     # Draw the change that an effect makes in the channel that it moves most, over what it follows,
     # with its 95 % band.
     j, change, std = _compute_change(result.found, effect)
-    along, name = _find_abscissa(result, effect)
+    (along, ticks), name = _find_abscissa(result, effect)
     x, curve, band = _average_by_setting(along, change, std)
     unit = CHANNELS_IN_WORDS[result.found.problem.trials.channels[j]]
     low, middle, high = (100.0 * np.expm1(curve + side * band) for side in (-WIDE, 0.0, WIDE))
     figure, axis = make_figure(width=6.0, height=3.4)
-    axis.fill_between(x, low, high, color=AFTER, alpha=0.25, lw=0)
-    axis.plot(x, middle, color=AFTER)
+    if ticks:  # nothing lies between two labels
+        axis.errorbar(x, middle, (middle - low, high - middle), fmt="o", color=AFTER)
+        axis.set_xticks(list(ticks), list(ticks.values()))
+    else:
+        axis.fill_between(x, low, high, color=AFTER, alpha=0.25, lw=0)
+        axis.plot(x, middle, color=AFTER)
     axis.axhline(0.0, color="0.6", lw=0.8)
     axis.set(xlabel=format_column_label(name), ylabel=f"change of {unit}, %")
     return {
@@ -180,12 +184,13 @@ def _compute_change(explanation: Explanation, effect: Law) -> tuple[int, Floats,
     return j, base[:, j], np.sqrt(np.maximum(variance, 0.0))
 
 
-def _find_abscissa(result: LoopResult, effect: Law) -> tuple[Floats, str]:
-    # Return what an effect follows, as numbers, and its name. The height where it follows nothing.
+def _find_abscissa(result: LoopResult, effect: Law) -> tuple[tuple[Floats, dict[int, str]], str]:
+    # Return what an effect follows, as numbers with their labels, and its name. The height where it
+    # follows nothing.
     trials, fitted = result.table.trials, result.found.extended
     known = (*trials.covariates, PEAK_FORCE, SPEED_OVER_LOAD)
     name = effect.covariate if effect.covariate in known else "height_um"
-    return _find_plot_positions(find_column(trials, fitted.predicted, name))[0], name
+    return _find_plot_positions(find_column(trials, fitted.predicted, name)), name
 
 
 def _average_by_setting(

@@ -81,8 +81,10 @@ class Problem:
 
         Those of an effect are called ``effect.parameter``.
         """
-        of_effects = (replace(p, name=f"{e.id}.{p.name}") for e in effects for p in e.parameters)
-        return (*self.model.parameters(self.trials), *of_effects)
+        return (
+            *self.model.parameters(self.trials),
+            *(replace(p, name=f"{e.id}.{p.name}") for e in effects for p in e.parameters),
+        )
 
     def predict(self, effects: Sequence[Law], values: Mapping[str, float]) -> Floats:
         """Predict all channels with effects, shape (n, c)."""

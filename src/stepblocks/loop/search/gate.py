@@ -333,8 +333,9 @@ def _fit_candidate(problem: Problem, base: Fit, score: Score) -> Fit | None:
     steps = dict(zip(effect.amplitudes, held.tolist(), strict=True))
     # the constants give way to first order, so that the fit begins near its valley
     moved = compute_tangent(problem, base, effect, score.shape) @ held
-    scales = np.array([p.scale for p in base.parameters])
-    way = base.covariance @ (base.jacobian[: len(moved)].T @ moved / scales)
+    way = base.covariance @ (
+        base.jacobian[: len(moved)].T @ moved / [p.scale for p in base.parameters]
+    )
     start = {
         p.name: base.values[p.name] - shift
         for p, shift in zip(base.parameters, way.tolist(), strict=True)
