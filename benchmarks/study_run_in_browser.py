@@ -1,16 +1,19 @@
-"""Drive whole runs of both experiments in headless Chromium, each killed twice on the way.
+"""Drive whole runs of both experiments in headless Chromium, each broken off twice on the way.
 
 Run as ``PYTHONPATH=tests:src python benchmarks/study_run_in_browser.py [PARTICIPANTS]``: ten
 blocks, three repetitions; three probes (90 trials each) in experiment 1, vibration off and on (60
-trials) in experiment 2. The participants answer by height, with an error of their own. Prints what
-was shown, what is left on the disk, and the first sentence of the report.
+trials) in experiment 2. The program is killed in trial 17 and the browser closed in trial 42. The
+participants answer by height, with an error of their own. Prints what was shown, what is left on
+the disk, and the first sentence of the report.
 """
 
 from __future__ import annotations
 
+import csv
 import sys
 import tempfile
 import time
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,27 +28,27 @@ from stepblocks.study.run import analyse_study, design_study
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from selenium.webdriver.remote.webdriver import WebDriver
 
 SET = Path(__file__).resolve().parents[1] / "stimuli" / "paper-ten.toml"
 
 
 def make_participant(
-    planned: Mapping[int, Mapping[str, str]], seed: int
+    planned: Mapping[int, Mapping[str, str]], seed: int, given: dict[int, tuple[str, int]]
 ) -> Callable[[int], tuple[str, int]]:
-    """Return who answers a trial by its height, and rates vibration as more real."""
+    """Return who answers a trial by its height, and rates vibration as more real; note `given`."""
     generator = np.random.default_rng(seed)
 
     def reply(trial: int) -> tuple[str, int]:
         row = planned[trial]
         estimate = float(row["height_um"]) * np.exp(0.2 * generator.standard_normal())
         vibrates = "vibration-on" in row["condition"]
-        return f"{estimate:.1f}", int(generator.integers(1, 6)) + 2 * vibrates
+        given[trial] = f"{estimate:.1f}", int(generator.integers(1, 6)) + 2 * vibrates
+        return given[trial]
 
     return reply
 
 
-def run_experiment(window: WebDriver, experiment: str, people: int, folder: Path) -> None:
+def run_experiment(experiment: str, people: int, folder: Path) -> None:
     """Run an experiment to its report and print what became of it."""
     design = design_study(SET, folder, seed=1, experiment=experiment, participants=people)
     sources = [str(SET)] if experiment == "virtual" else []
@@ -56,15 +59,38 @@ def run_experiment(window: WebDriver, experiment: str, people: int, folder: Path
             for row in design.trials
             if row["participant"] == str(participant)
         }
-        reply = make_participant(planned, participant)
-        shown = whole_run(window, folder, str(participant), [17, 42], *sources, reply=reply)
-        expected = sorted([*range(1, len(planned) + 1), 17, 42])
+        given: dict[int, tuple[str, int]] = {}
+        with ExitStack() as held:
+
+            def open_browser(held: ExitStack = held) -> object:
+                held.close()
+                return held.enter_context(browser(*LOOKS))
+
+            shown = whole_run(
+                open_browser(),
+                folder,
+                str(participant),
+                [17],
+                *sources,
+                reply=make_participant(planned, participant, given),
+                closed=[42],
+                reopen=open_browser,
+            )
+        expected = sorted([*planned, 17, 42])
         place = folder / "runs" / f"participant-{participant}"
-        lines = place.with_suffix(".csv").read_text().splitlines()[1:]
+        with place.with_suffix(".csv").open(newline="") as file:
+            lines = list(csv.DictReader(file))
+        whole = [int(line["trial"]) for line in lines] == sorted(planned) and all(
+            (line["estimate_um"], line.get("realism_rating", "")) == (estimate, str(rating))
+            or (line["estimate_um"] == estimate and "realism_rating" not in line)
+            for line, (estimate, rating) in zip(lines, given.values(), strict=True)
+        )
+        stamped = all(line["shown_utc"] < line["answered_utc"] for line in lines)
         motions = sorted(place.glob("*.h5"))
         print(
             f"{experiment}, participant {participant}: {len(lines)} answers of {len(planned)}, "
-            f"{len(motions)} motions, order kept with 17 and 42 asked again: {shown == expected}, "
+            f"each once and as given: {whole}, stamped: {stamped}, {len(motions)} motions, order "
+            f"kept with 17 and 42 asked again: {shown == expected}, "
             f"{time.monotonic() - start:.0f} s",
             flush=True,
         )
@@ -78,9 +104,9 @@ def run_experiment(window: WebDriver, experiment: str, people: int, folder: Path
 
 def main() -> None:
     people = int(sys.argv[1]) if len(sys.argv) > 1 else 2
-    with tempfile.TemporaryDirectory() as name, browser(*LOOKS) as window:
+    with tempfile.TemporaryDirectory() as name:
         for experiment in ("estimates", "virtual"):
-            run_experiment(window, experiment, people, Path(name) / experiment)
+            run_experiment(experiment, people, Path(name) / experiment)
 
 
 if __name__ == "__main__":

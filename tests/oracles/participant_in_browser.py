@@ -83,11 +83,22 @@ def reply_by_number(trial):
     return 10 + 5 * (trial % 7), 1 + trial % 7
 
 
-def whole_run(window, folder, participant, kills, *options, pixels=560, reply=reply_by_number):
-    """Run all trials of a participant, the program killed in the middle of the trials `kills`;
-    return the trials as shown.
+def whole_run(
+    window,
+    folder,
+    participant,
+    kills,
+    *options,
+    pixels=560,
+    reply=reply_by_number,
+    closed=(),
+    reopen=None,
+):
+    """Run all trials of a participant, the program killed in the middle of the trials `kills`, and
+    the browser closed in that of others, where `reopen` returns a new one; return the trials as
+    shown.
     """
-    shown, waiting = [], list(kills)
+    shown, waiting, closing = [], list(kills), list(closed)
     while True:
         with running(folder, participant, *options) as (process, url):
             window.get(url)
@@ -105,6 +116,11 @@ def whole_run(window, folder, participant, kills, *options, pixels=560, reply=re
                     waiting.pop(0)
                     process.kill()
                     break
+                if closing and shown[-1] == closing[0]:
+                    closing.pop(0)
+                    window = reopen()
+                    window.get(url)
+                    continue
                 estimate, rating = reply(shown[-1])
                 if answer(window, estimate, rating if virtual else None):
                     assert process.wait(20.0) == 0
