@@ -198,3 +198,33 @@ def test_a_preregistration_says_what_its_participants_can_show(tmp_path):
     text = (tmp_path / "preregistration.md").read_text()
     assert "the 12 participants' own differences finds, with a power of 80 %" in text
     assert f"a difference of {design.detectable:.2f} standard deviations" in text
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ({"experiment": "estimates"}, "(training) are compared by a split-plot analysis"),
+        (
+            {"experiment": "constant", "standard": "step-050"},
+            "Welch's degrees of freedom, as are the groups (training)",
+        ),
+        ({"experiment": "magnitude"}, "groups (training) by their mean exponents"),
+    ],
+)
+def test_a_preregistration_says_how_groups_of_participants_are_compared(
+    tmp_path, options, expected
+):
+    factors = {"training": ("dentist", "student"), "probe": ("bare", "soft")}
+    heights = (30e-6, 50e-6, 80e-6)
+    for between, said in ((["training"], True), ([], False)):
+        folder = tmp_path / str(said)
+        design_study(heights, folder, seed=1, factors=factors, between=between, **options)
+        assert (expected in (folder / "preregistration.md").read_text()) == said
+
+
+def test_a_preregistration_without_differences_of_a_participant_plans_none(tmp_path):
+    factors = {"training": ("dentist", "student")}
+    design_study((30e-6, 50e-6), tmp_path, seed=1, factors=factors, between=["training"])
+    text = (tmp_path / "preregistration.md").read_text()
+    assert "Pairs of conditions by this model, for each participant meets one." in text
+    assert "own differences" not in text.partition("## Analysis")[2]

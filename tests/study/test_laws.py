@@ -76,8 +76,8 @@ def test_epsilon_lies_between_one_over_its_contrasts_and_one(seed):
 
     table = np.random.default_rng(seed).standard_normal((7, 4)) * [1.0, 2.0, 4.0, 8.0]
     term, found = assess_effect("x", table, helmert(4))
-    assert 1.0 / 3.0 <= found.epsilon <= 1.0
-    assert term.df == pytest.approx(3.0 * found.epsilon)
+    assert 1.0 / 3.0 <= found.epsilon <= found.huynh_feldt <= 1.0
+    assert term.df == pytest.approx(3.0 * found.huynh_feldt)
 
 
 @bounded

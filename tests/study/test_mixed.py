@@ -126,9 +126,28 @@ def test_sphericity_and_its_correction_are_those_of_afex():
     table = rows.groupby(["participant", "condition"])["value"].mean().unstack()
     term, found = assess_effect("condition", table.to_numpy(), helmert(table.shape[1]))
     w, p = R["Mauchly W, p"]
-    epsilon, corrected = R["Greenhouse and Geisser epsilon, p"]
+    epsilon, corrected = R["Huynh and Feldt epsilon, p"]
     assert (found.statistic, found.p) == pytest.approx((w, p), rel=1e-6)
-    assert (found.epsilon, term.p) == pytest.approx((epsilon, corrected), rel=1e-6)
+    assert found.epsilon == pytest.approx(R["Greenhouse and Geisser epsilon, p"][0], rel=1e-6)
+    assert (found.huynh_feldt, term.p) == pytest.approx((epsilon, corrected), rel=1e-6)
+
+
+@pytest.mark.parametrize(("conditions", "spread"), [(3, 1.0), (4, 1.0), (3, 6.0)])
+def test_the_level_of_ten_participants_is_kept_whether_differences_vary_alike_or_not(
+    conditions, spread
+):
+    # 4,000 studies without an effect: one standard error of a level of 0.05 is 0.0034
+    random = np.random.default_rng(6)
+    tables = random.standard_normal((4000, 10, conditions)) * [spread, *[1.0] * (conditions - 1)]
+    found = [assess_effect("condition", own, helmert(conditions))[0].p for own in tables]
+    assert 0.04 < np.mean(np.array(found) < 0.05) < 0.06
+
+
+def test_of_two_conditions_there_is_nothing_to_correct():
+    table = np.random.default_rng(2).standard_normal((5, 2))
+    term, found = assess_effect("condition", table, helmert(2))
+    assert (found.epsilon, found.huynh_feldt) == pytest.approx((1.0, 1.0))
+    assert term.p == pytest.approx(stats.ttest_rel(*table.T).pvalue)
 
 
 def test_a_participant_without_one_condition_stays_in_the_model():

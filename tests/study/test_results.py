@@ -294,7 +294,7 @@ def test_each_factor_has_a_bayes_factor_and_groups_have_a_bound():
         smf.ols(f"error ~ C(participant){more}", cells).fit().ssr for more in ("", "+C(factor_v)")
     ]
     (term,) = (one for one in result.measures[0].factors if one.name == "v")
-    count = 8 * term.df  # participants by degrees of freedom, those by Greenhouse and Geisser
+    count = 8 * term.df  # participants by degrees of freedom, those by Huynh and Feldt
     exact = math.exp(0.5 * (term.df * math.log(count) - count * math.log(left[0] / left[1])))
     found = row_of(result, "Bayes factor", "v, no effect over an effect")
     assert found["estimate"] == pytest.approx(exact, rel=1e-6)

@@ -137,5 +137,5 @@ def order_trials(
             expected[row["height_um"]],
         ),
     )
-    others = [row for row in left.values() if row is not best]
+    others = (row for row in left.values() if row is not best)
     return [*done, best, *others][: trials * len(counts)]

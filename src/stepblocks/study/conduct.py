@@ -89,8 +89,12 @@ class Run:
 
     def __post_init__(self) -> None:
         self.planned = [row for row in self.design if row["participant"] == self.participant]
-        known = ", ".join(dict.fromkeys(row["participant"] for row in self.design))
-        require(self.planned, f"participant must be one of {known}, got {self.participant!r}")
+        require(
+            self.planned,
+            "participant must be one of "
+            f"{', '.join(dict.fromkeys(row['participant'] for row in self.design))}, got "
+            f"{self.participant!r}",
+        )
         self.experiment = self.planned[0]["experiment"]
         self.kind, self.virtual = EXPERIMENTS[self.experiment], self.blocks is not None
         require(
@@ -322,8 +326,8 @@ class Run:
                 if servo is None or not (servo.record()["held"] > 0.0).any():
                     raise StudyError(f"trial {trial} must be touched before it is answered")
                 servo.stop()
-                asked = {name: row[name] for name in (*WHEN, "stimulus", "height_um")}
                 if not self.practice:
+                    asked = {name: row[name] for name in (*WHEN, "stimulus", "height_um")}
                     write_motion(
                         self.path.with_suffix("") / f"trial-{int(trial):04}.h5",
                         servo,

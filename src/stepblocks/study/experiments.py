@@ -177,12 +177,11 @@ def _analyse_estimates(frame: Table, margin: float) -> Fields:
 def _name_tests_of_ratings(frame: Table) -> dict[str, str]:
     # Name the test of each column: of several factors each is tested beside the others, for there
     # may be more cells than participants
-    named = {
+    return {
         name: f"{REALISM}, {name.removeprefix(FACTOR)}"
         for name in map(str, frame)
         if name.startswith(FACTOR)
-    }
-    return named or {"condition": REALISM}
+    } or {"condition": REALISM}
 
 
 def _analyse_virtual(frame: Table, margin: float) -> Fields:

@@ -22,7 +22,6 @@ def render_study(result: StudyResult) -> str:
     for name in FIGURES:  # four digits are read; all of them stand in results.csv
         digits = 8 if name.startswith("df") else 4
         table[name] = ["" if value != value else f"{value:.{digits}g}" for value in table[name]]
-    frame = result.frame
     return render_page(
         "stepblocks.study",
         "study.html",
@@ -41,10 +40,10 @@ def render_study(result: StudyResult) -> str:
             (": ".join(filter(None, name)), own.to_dict("records"))
             for name, own in table.groupby(["measure", "analysis"], sort=False)
         ],
-        conditions=sorted(frame["condition"].unique()),
-        people=frame["participant"].nunique(),
-        judgements=len(frame),
-        stimuli=frame["stimulus"].nunique(),
+        conditions=sorted(result.frame["condition"].unique()),
+        people=result.frame["participant"].nunique(),
+        judgements=len(result.frame),
+        stimuli=result.frame["stimulus"].nunique(),
         measures=[one.name for one in result.measures],
         groups=any(one.groups for one in result.measures),
         ordinal=bool(result.ordinal),

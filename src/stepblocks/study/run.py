@@ -131,12 +131,14 @@ def design_study(
     }
     refuse_unused_options(experiment, {name: one for name, one in given.items() if one})
     blocks = choose_blocks(source, only=only)
-    known = ", ".join(item.identity for item in blocks.items)
-    require(standard or not kind.paired, f"standard must be one of {known}, got {standard!r}")
-    declared = ({"probe": tuple(probes)} if probes else {}) | dict(factors)
+    require(
+        standard or not kind.paired,
+        f"standard must be one of {', '.join(item.identity for item in blocks.items)}, got "
+        f"{standard!r}",
+    )
+    declared = ({"probe": tuple(probes)} if probes else {}) | dict(factors) or dict(kind.factors)
     for name, levels in factors.items() if experiment == "virtual" else ():
         check_virtual_factor(name, levels)
-    declared = declared or dict(kind.factors)
     known_before = complete_prior(({"trials": trials} if trials else {}) | dict(prior))
     if kind.adaptive:  # enough of each block for any order, each block in either order of a pair
         repetitions = math.ceil(known_before["trials"] / 4)

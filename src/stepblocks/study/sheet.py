@@ -189,9 +189,10 @@ class Judgements:
                 "others, which is right if they are missing at random."
             )
         met = self.frame.groupby("participant", sort=False)["condition"].unique()
-        for name, own in met.items():
+        # not where each condition has its own group
+        for name, own in met.items() if met.map(len).max() > 1 else ():
             lacking = sorted(set(self.frame["condition"]) - set(own))
-            if lacking and met.map(len).max() > 1:  # not where each condition has its own group
+            if lacking:
                 lines.append(f"Participant {name} has no judgement with {', '.join(lacking)}.")
         return lines + describe_unlike_participants(self.frame, EXPERIMENTS[self.experiment].value)
 
@@ -349,8 +350,10 @@ def join_rows(
     stayed = {key: row for key, row in planned.items() if key[0] not in left}
     missing = tuple(key for key in stayed if key not in answered)
     columns = next(iter(planned.values()), {})
-    kept = [name for name in (*WHEN, "stimulus", "group") if name in columns]
-    kept += [name for name in columns if name.startswith(FACTOR)]
+    kept = [
+        *(name for name in (*WHEN, "stimulus", "group") if name in columns),
+        *(name for name in columns if name.startswith(FACTOR)),
+    ]
     frame = pd.DataFrame(
         {
             **{name: row[name] for name in kept},

@@ -37,7 +37,7 @@ line("spread mixed F", v[["F value"]], v[["Pr(>F)"]], v$NumDF, v$DenDF)
 p <- as.data.frame(summary(pairs(emmeans(m, ~condition)), infer = TRUE))
 for (i in seq_len(nrow(p))) line(paste("spread pair", p$contrast[i]), exp(p$estimate[i]), exp(p$lower.CL[i]), exp(p$upper.CL[i]), p$p.value[i])
 g <- suppressMessages(anova(aov_ez("participant", "absolute", d, between = "group", within = "condition", type = 2,
-  fun_aggregate = mean), correction = "none"))
+  fun_aggregate = mean), correction = "HF"))
 for (n in c("group", "group:condition")) line(paste("groups", n), g[n, "F"], g[n, "Pr(>F)"], g[n, "num Df"], g[n, "den Df"])
 cat(sprintf('  "origin": "%s; lme4 %s, lmerTest %s, emmeans %s, afex %s"\n}\n', R.version.string, packageVersion("lme4"),
   packageVersion("lmerTest"), packageVersion("emmeans"), packageVersion("afex")))

@@ -15,7 +15,7 @@ cat("{\n")
 m <- afex::md_12.1
 write.csv(m, "reactions.csv", row.names = FALSE, quote = FALSE)
 for (n in c("id", "noise", "angle")) m[[n]] <- factor(m[[n]])
-a <- anova(aov_ez("id", "rt", m, within = c("noise", "angle")), correction = "GG")
+a <- anova(aov_ez("id", "rt", m, within = c("noise", "angle")), correction = "HF")
 for (n in rownames(a)) line(paste("afex", n), a[n, "F"], a[n, "Pr(>F)"], a[n, "num Df"], a[n, "den Df"])
 r <- summary(aov(rt ~ noise * angle + Error(id / (noise * angle)), m))
 r <- r[["Error: id:angle"]][[1]]
@@ -45,7 +45,7 @@ o <- afex::obk.long
 write.csv(o, "treatments.csv", row.names = FALSE, quote = FALSE)
 for (n in c("id", "treatment", "phase", "hour")) o[[n]] <- factor(o[[n]])
 a <- suppressMessages(anova(aov_ez("id", "value", o, between = "treatment", within = "phase",
-  fun_aggregate = mean, type = 2), correction = "none"))
+  fun_aggregate = mean, type = 2), correction = "HF"))
 for (n in c("treatment", "treatment:phase")) {
   line(paste("afex", n), a[n, "F"], a[n, "Pr(>F)"], a[n, "num Df"], a[n, "den Df"])
 }

@@ -22,6 +22,7 @@ w <- afex::aov_ez("participant", "y", d, within = "condition", fun_aggregate = m
 s <- summary(w)
 line("Mauchly W, p", s$sphericity.tests[1, ])
 line("Greenhouse and Geisser epsilon, p", s$pval.adjustments[1, 1:2])
+line("Huynh and Feldt epsilon, p", s$pval.adjustments[1, 3:4])
 d$y <- d$estimate_um - d$height_um
 u <- subset(d, (row * 7919) %% 10 >= 2 & !(participant == "3" & condition == "soft"))
 m <- lmer(y ~ condition * stimulus + (1 | participant) + (1 | participant:condition), u)

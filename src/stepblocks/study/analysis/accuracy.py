@@ -48,8 +48,8 @@ class Measure:
     mixed : MixedFit
         The model of repeated measures.
     corrected : Term or None
-        Its test of the conditions, degrees of freedom multiplied by Greenhouse and Geisser's
-        epsilon; what the report reads.
+        Its test of the conditions, degrees of freedom multiplied by Huynh and Feldt's epsilon; what
+        the report reads.
     sphericity : Sphericity or None
         Of the participants who judged in every condition; None for fewer than three.
     paired : tuple of Interval
@@ -131,8 +131,8 @@ def analyse_measure(frame: Table, name: str, margin: float = math.nan) -> Measur
         sphericity = assess_effect(
             "condition", complete.to_numpy(), linalg.helmert(table.shape[1])
         )[1]
-        df = sphericity.epsilon * corrected.df, sphericity.epsilon * corrected.df_error
-        corrected = make_term("condition", *df, math.nan, corrected.f)
+        df = sphericity.huynh_feldt * np.array([corrected.df, corrected.df_error])
+        corrected = make_term("condition", *df.tolist(), math.nan, corrected.f)
     return Measure(
         name,
         data,
@@ -190,11 +190,8 @@ def compare_groups(data: Table) -> tuple[tuple[Term, ...], tuple[Interval, ...]]
     between = run_f_test(level.to_frame("value").assign(group=group), "value", "group")
     if table.shape[1] == 1:
         return between.terms, between.intervals
-    own = table.sub(level, axis=0)
-    left = float(((own - own.groupby(group).transform("mean")) ** 2).to_numpy().sum())
-    spare = float(((own - own.mean()) ** 2).to_numpy().sum()) - left
-    rows, columns = (
-        (count - 1.0) * (table.shape[1] - 1) for count in (len(sizes), len(table) - len(sizes) + 1)
+    member = (group.to_numpy()[:, np.newaxis] == sizes.index.to_numpy()).astype(float)
+    within, _ = assess_effect(
+        "condition:group", table.to_numpy(), linalg.helmert(table.shape[1]), member
     )
-    within = make_term("condition:group", rows, columns, spare, spare / rows / (left / columns))
     return (*between.terms, within), between.intervals

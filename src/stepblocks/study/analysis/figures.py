@@ -135,8 +135,10 @@ def _draw_curves(figure: Panels, result: Result) -> Table:
                 alpha=0.5,
                 color=colour,
             )
-            for level, hits, total in zip(curve.levels, curve.hits, curve.totals, strict=True):
-                rows.append((found.setting, curve.who, level * 1e6, hits, total))
+            rows += [
+                (found.setting, curve.who, level * 1e6, hits, total)
+                for level, hits, total in zip(curve.levels, curve.hits, curve.totals, strict=True)
+            ]
             if fit := curve.fit:
                 rise = ndtr(np.log(x / fit.threshold[0]) / fit.spread)
                 y = fit.lapse + (1.0 - 2.0 * fit.lapse) * rise

@@ -20,11 +20,14 @@ class Sphericity:
     ----------
     epsilon : float
         Greenhouse and Geisser's; 1 where all variances are equal [1].
+    huynh_feldt : float
+        Huynh and Feldt's, at most 1, by which degrees of freedom are multiplied [1].
     statistic, p : float
         Mauchly's W, and the probability of one as small if all variances are equal.
     """
 
     epsilon: float
+    huynh_feldt: float
     statistic: float
     p: float
 
@@ -38,26 +41,39 @@ def average_participants(data: Table) -> Table:
     return data.groupby(["participant", "condition"])["value"].mean().unstack()
 
 
-def assess_effect(name: str, table: Array, contrasts: Array) -> tuple[Term, Sphericity]:
+def assess_effect(
+    name: str, table: Array, contrasts: Array, member: Array | None = None
+) -> tuple[Term, Sphericity]:
     """Test orthonormal contrasts of participants' means, corrected for sphericity.
 
-    The correction is that of Greenhouse, S. W., Geisser, S. (1959), Psychometrika 24, 95-112,
-    doi:10.1007/BF02289823; the test of sphericity Mauchly's (1940), doi:10.1214/aoms/1177731915.
+    Of participants who are members (rows, 0 or 1) of groups (columns), whether the groups differ.
     """
+    # Geisser's epsilon alone is too small where variances are alike: of studies of ten participants
+    # without an effect, 3 to 4 % then claim one. Huynh, H., Feldt, L. S. (1976), J. Educational
+    # Statistics 1, 69-82, doi:10.3102/10769986001001069; of groups Lecoutre, B. (1991), ibid. 16,
+    # 371-372, doi:10.3102/10769986016004371. The test of sphericity is Mauchly's (1940),
+    # doi:10.1214/aoms/1177731915.
     own = table @ contrasts.T
     people, q = own.shape
-    spread = np.atleast_2d(np.cov(own, rowvar=False))
+    member = np.ones((people, 1)) if member is None else member
+    groups = member.shape[1]
+    rank, freedom = max(groups - 1, 1), people - groups
+    means = member @ np.linalg.pinv(member) @ own
+    apart = own - means
+    spread = apart.T @ apart / freedom
     trace = float(np.trace(spread))
-    f = people * float(own.mean(axis=0) @ own.mean(axis=0)) / max(trace, 1e-300)
     epsilon = trace**2 / (q * max(float((spread * spread).sum()), 1e-300))
+    less = ((freedom + 1.0) * q * epsilon - 2.0) / (q * max(freedom - q * epsilon, 1e-300))
     statistic = p = math.nan
-    if 1 < q < people:
+    if 1 < q <= freedom:
         statistic = float(np.linalg.det(spread / (trace / q)))
-        scale = (people - 1) - (2.0 * q * q + q + 2.0) / (6.0 * q)
+        scale = freedom - (2.0 * q * q + q + 2.0) / (6.0 * q)
         p = float(stats.chi2.sf(-scale * math.log(max(statistic, 1e-300)), q * (q + 1) / 2.0 - 1.0))
-    return make_term(name, q * epsilon, q * epsilon * (people - 1), math.nan, f), Sphericity(
-        epsilon, statistic, p
-    )
+    sphericity = Sphericity(epsilon, float(np.clip(less, epsilon, 1.0)), statistic, p)
+    df = q * sphericity.huynh_feldt
+    explained = means - means.mean(axis=0) if groups > 1 else means
+    f = float((explained**2).sum()) / rank / max(trace, 1e-300)
+    return make_term(name, rank * df, freedom * df, math.nan, f), sphericity
 
 
 def assess_factors(table: Table, levels: Mapping[str, Sequence[str]]) -> Iterator[Term]:

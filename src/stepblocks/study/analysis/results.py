@@ -153,8 +153,7 @@ class StudyResult:
         tests = {one.name: one.corrected.p for one in self.measures if one.corrected}
         tests |= {name: fit.participants["p"] for name, fit in self.ordinal.items()}
         tests |= {name: one.p for name, one in self.differences().items()}
-        chosen = self.primary if self.primary in tests else ""
-        first = chosen or (ANSWER if ANSWER in tests else next(iter(tests), ""))
+        first = next((name for name in (self.primary, ANSWER, *tests) if name in tests), "")
         rest = {name: p for name, p in tests.items() if name != first and math.isfinite(p)}
         holm = correct_by_holm(list(rest.values())).tolist()
         found = [Finding(first, tests[first], tests[first], True)] if first else []
@@ -293,10 +292,12 @@ def _list_measure(measure: Measure) -> Iterator[Row]:
         yield _format_term("mixed model", mixed.condition)
         yield from _list_intervals("mixed model", mixed.intervals, log)
     if measure.corrected is not None and measure.sphericity is not None:
-        yield _format_term("mixed model, Greenhouse and Geisser", measure.corrected)
-        yield _make_row(
-            "sphericity", "epsilon of Greenhouse and Geisser", estimate=measure.sphericity.epsilon
-        )
+        yield _format_term("mixed model, Huynh and Feldt", measure.corrected)
+        for name, epsilon in (
+            ("Greenhouse and Geisser", measure.sphericity.epsilon),
+            ("Huynh and Feldt", measure.sphericity.huynh_feldt),
+        ):
+            yield _make_row("sphericity", f"epsilon of {name}", estimate=epsilon)
         yield _make_row(
             "sphericity",
             "W of Mauchly",
