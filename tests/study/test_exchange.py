@@ -7,11 +7,13 @@ import re
 import shutil
 import subprocess
 
+import numpy as np
 import pandas as pd
 import pytest
 
 from stepblocks.cli import main
 from stepblocks.errors import StudyError
+from stepblocks.study.conduct import open_run
 from stepblocks.study.exchange import share_study
 from stepblocks.study.page import render_study
 from stepblocks.study.prose import format_apa_p, write_headline
@@ -198,3 +200,32 @@ def test_power_takes_its_conditions_from_the_probes_bare_included():
     ).to_dict("records")
     assert (row["judgements_each"], row["measure"]) == (2 * 4 * 3, "absolute error")
     assert row["power_ratio"] > 0.5
+
+
+def test_when_a_trial_was_shown_and_answered_stands_in_every_file(tmp_path):
+    design_study(HEIGHTS, tmp_path, seed=1, participants=3, repetitions=2, probes=("a", "b"))
+    random = np.random.default_rng(1)
+    for who in ("1", "2", "3"):
+        run = open_run(tmp_path, who)
+        while run.now is not None:
+            estimate = float(run.now["height_um"]) + random.uniform(0.0, 9.0)
+            run.answer(run.now["trial"], {"estimate_um": f"{estimate:.1f}"}, reaction=1.25)
+        run.close()
+    written = pd.read_csv(tmp_path / "runs" / "participant-1.csv", dtype=str)
+    analyse_study(tmp_path, [tmp_path / "runs"], tmp_path / "report")
+    share_study(tmp_path, [tmp_path / "runs"], tmp_path / "set")
+    judged = pd.read_csv(tmp_path / "report" / "judgements.csv", dtype=str)
+    shared = pd.read_csv(next(tmp_path.glob("set/sub-1/beh/*.tsv")), sep="\t", dtype=str)
+    for name in ("shown_utc", "answered_utc"):
+        for table in (judged[judged["participant"] == "1"], shared):
+            assert [*table[name]] == [*written[name]]
+    assert {*judged["reaction_s"].astype(float), *shared["reaction_s"].astype(float)} == {1.25}
+    again = analyse_study(None, [tmp_path / "set"])
+    assert [*again.frame["reaction_s"]] == [1.25] * 48
+
+
+def test_an_effect_size_says_what_it_is_over(result):
+    rows = result.table().query("measure == 'bias' and quantity.str.contains('hard, over')")
+    said = dict(zip(rows["analysis"], rows["quantity"].str.partition(", ")[2], strict=True))
+    assert said["participants' differences"] == "over the standard deviation of the differences"
+    assert said["mixed model"] == said["tukey"] == "over the residual standard deviation"

@@ -38,6 +38,7 @@ from stepblocks.study.experiments import EXPERIMENTS, Row, read_number
 from stepblocks.study.hands import HANDS, Hand, Mouse
 from stepblocks.study.servo import RATE, Limits, Servo, write_motion
 from stepblocks.study.sheet import (
+    STAMPS,
     blind_rows,
     list_answer_columns,
     read_answers,
@@ -50,7 +51,7 @@ from stepblocks.text_file import is_file
 _SLOW = 1.0  # s
 # Columns of a run's file beside those of a run sheet: when the trial was shown and answered (UTC),
 # the time between, and what the participant noted
-_TIMES = ("shown_utc", "answered_utc", "reaction_s", "comment")
+_TIMES = (*STAMPS, "comment")
 MAGNIFICATION = 100.0  # of a virtual block: the hand of a mouse travels centimetres [1]
 
 

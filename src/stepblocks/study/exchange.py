@@ -35,6 +35,8 @@ _DESCRIPTIONS = {
     "second_is_higher": "whether the second block of the pair was called higher, y or n",
     "magnitude_ratio": "number given to the felt magnitude",
     "group": "group of the participant",
+    "shown_utc": "when the trial was shown, UTC",
+    "answered_utc": "when it was answered, UTC",
     "reaction_s": "time from the question to the answer, seconds",
 }
 
@@ -179,8 +181,10 @@ def share_study(
         for name in _DESCRIPTIONS
         if name in design[0] and (kind.paired or not name.startswith("standard"))
     ] + [name for name in design[0] if name.startswith(FACTOR)]
+    stamps = [name for name in sheet.STAMPS if any(row.get(name) for row in given.values())]
     people = sheet.group_by_participant(
-        {name: row[name] for name in columns} | {name: answer[name] for name in kind.answers}
+        {name: row[name] for name in columns}
+        | {name: answer.get(name, "") for name in (*kind.answers, *stamps)}
         for row in design
         if (answer := given.get((row["participant"], row["trial"])))
     )
@@ -205,7 +209,7 @@ def _write_bids(
     description = {
         name: {
             "Description": _DESCRIPTIONS.get(name, "level of a declared factor"),
-            **({"Units": "um"} if name.endswith("_um") else {}),
+            **({"Units": name.rpartition("_")[2]} if name.endswith(("_um", "_s")) else {}),
         }
         for name in columns
     }
@@ -214,18 +218,20 @@ def _write_bids(
         for name, text in credit.items()
         if text
     }
-    described = {
-        "Name": title,
-        "BIDSVersion": "1.9.0",
-        "DatasetType": "raw",
-        **named,
-        "GeneratedBy": [{"Name": "stepblocks", "Version": version("stepblocks")}],
-    }
-    listed = "".join(f"sub-{label}\t{who}\n" for who, label in labels.items())
     files = {
-        "dataset_description.json": json.dumps(described, indent=1),
+        "dataset_description.json": json.dumps(
+            {
+                "Name": title,
+                "BIDSVersion": "1.9.0",
+                "DatasetType": "raw",
+                **named,
+                "GeneratedBy": [{"Name": "stepblocks", "Version": version("stepblocks")}],
+            },
+            indent=1,
+        ),
         "README": f"{title}. {_ROWS} Lengths are in micrometres.\n",
-        "participants.tsv": f"participant_id\tname\n{listed}",
+        "participants.tsv": "participant_id\tname\n"
+        + "".join(f"sub-{label}\t{who}\n" for who, label in labels.items()),
         "participants.json": json.dumps(
             {"name": {"Description": "name of the participant in the design"}}, indent=1
         ),

@@ -30,7 +30,11 @@ def render_study(result: StudyResult) -> str:
         notes=[
             *result.notes,
             *result.remarks,
-            *dict.fromkeys(remark for one in result.measures for remark in one.mixed.remarks),
+            *(
+                f"{one.name.capitalize()}: {remark[0].lower()}{remark[1:]}"
+                for one in result.measures
+                for remark in one.mixed.remarks
+            ),
         ],
         figures=[
             (caption, _save(figure, "svg").decode())

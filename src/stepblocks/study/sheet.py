@@ -31,7 +31,7 @@ from stepblocks.tables import format_csv
 from stepblocks.text_file import measure_file_size
 
 _MISSING = ("NA", "N/A", "n/a", "#N/A", "<NA>")  # as R, BIDS, spreadsheets and pandas write it
-TIMES = ("reaction_s",)  # columns beside the answers that `study run` writes, numbers
+STAMPS = ("shown_utc", "answered_utc", "reaction_s")  # that `study run` writes beside answers
 _MAX_BYTES = 100_000_000
 _UNNAMED = {"primary": "", "reference": ""}
 # a decimal comma, as spreadsheets of half of Europe write it
@@ -264,8 +264,7 @@ def read_plan(folder: Path) -> tuple[dict[str, str], dict[str, float]]:
     try:
         # designs before it name neither
         plan = {**(json.loads(path.read_text(encoding="utf-8")) if path.exists() else _UNNAMED)}
-        named = {name: str(plan[name]) for name in _UNNAMED}
-        return named, complete_prior(plan.get("prior", {}))
+        return {name: str(plan[name]) for name in _UNNAMED}, complete_prior(plan.get("prior", {}))
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise StudyError(
             f"plan.json must be as 'study design' wrote it: {error!r:.60} [{path}]"
@@ -329,14 +328,18 @@ def join_rows(
     A judgement that was `asked` and not answered is missing.
     """
     kind, planned = EXPERIMENTS[experiment], asked or _index_by_trial([row for row, _ in pairs])
-    answered: dict[Key, dict[str, float]] = {}
+    answered: dict[Key, dict[str, float | str]] = {}
     found = list(mistakes)
     for row, answer in pairs:
         with collect_mistakes(found, answer["line"]):
             if all(answer[name] for name in kind.answers):
-                times = {name: read_number(answer[name]) for name in TIMES if answer.get(name)}
+                stamps = {
+                    name: read_number(answer[name]) if name == "reaction_s" else answer[name]
+                    for name in STAMPS
+                    if answer.get(name)
+                }
                 key = row["participant"], row["trial"]
-                answered[key] = kind.read(row, answer, ratings) | times
+                answered[key] = {**kind.read(row, answer, ratings), **stamps}
     if found:
         files = ", ".join(dict.fromkeys(place.rpartition(", line ")[0] for place, _ in found))
         raise StudyError(

@@ -131,8 +131,10 @@ def analyse_measure(frame: Table, name: str, margin: float = math.nan) -> Measur
         sphericity = assess_effect(
             "condition", complete.to_numpy(), linalg.helmert(table.shape[1])
         )[1]
-        df = sphericity.huynh_feldt * np.array([corrected.df, corrected.df_error])
-        corrected = make_term("condition", *df.tolist(), math.nan, corrected.f)
+        df, df_error = (
+            sphericity.huynh_feldt * count for count in (corrected.df, corrected.df_error)
+        )
+        corrected = make_term("condition", df, df_error, math.nan, corrected.f)
     return Measure(
         name,
         data,

@@ -57,7 +57,8 @@ def assess_effect(
     people, q = own.shape
     member = np.ones((people, 1)) if member is None else member
     groups = member.shape[1]
-    rank, freedom = max(groups - 1, 1), people - groups
+    rank = max(groups - 1, 1)
+    freedom = people - groups
     means = member @ np.linalg.pinv(member) @ own
     apart = own - means
     spread = apart.T @ apart / freedom

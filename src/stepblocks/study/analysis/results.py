@@ -38,6 +38,8 @@ from stepblocks.tables import format_csv
 
 # Columns of results.csv; the unit of estimate, low and high stands in each row
 _CURVE = "psychometric function"
+# what an effect size is over, but for residuals
+_SCALES = {"participants' differences": "standard deviation of the differences"}
 FIGURES = ("estimate", "low_95", "high_95", "statistic", "df", "df_error", "p")
 COLUMNS = ("measure", "analysis", "quantity", "unit", *FIGURES)
 # columns of the judgements that are lengths [m]
@@ -278,7 +280,8 @@ def _list_intervals(
         yield _format_interval(analysis, one, logarithmic, df_error=one.df)
         yield _make_row(
             analysis,
-            f"{one.first} minus {one.second}, over the residual standard deviation",
+            f"{one.first} minus {one.second}, over the "
+            f"{_SCALES.get(analysis, 'residual standard deviation')}",
             estimate=one.effect_size,
         )
 
