@@ -13,7 +13,8 @@ again). Survivors that no test can notice stand with their reason in
 ``mutations_equivalent.json``; there, too, those ``chosen``: a width of a line or an allowance for
 which there is no expected value, and which count as survivors. A sample tries few
 mutants of all rooms, 60 s each and ``--seconds`` in all; what does not end in that time is
-undecided. Its exit code is 1 only where fewer than half of at least six that ended are noticed.
+undecided. Its exit code is 1 where more than three, and more than a share of ``--survivors`` of
+those that ended, survive; equivalent ones are not tried.
 """
 
 from __future__ import annotations
@@ -609,8 +610,19 @@ def run_all(
             print(f"{line['outcome']:9} {line['seconds']:6} s  {line['mutant']}", flush=True)
 
 
-def sample(mutants: list[Mutant], seconds: float) -> int:
+def read_reasons() -> dict[str, dict[str, str]]:
+    """Read why the survivors that are known survive, by their keys."""
+    return json.loads(EQUIVALENT.read_text(encoding="utf-8")) if EQUIVALENT.exists() else {}
+
+
+def is_too_many(outcomes: list[str], share: float) -> bool:
+    """Whether more than a share of the mutants that ended survived, and more than three."""
+    return outcomes.count("survived") > max(3.0, share * len(outcomes))
+
+
+def sample(mutants: list[Mutant], seconds: float, share: float) -> int:
     """Try a few, the tests of their module first, as far as the time goes."""
+    mutants = [mutant for mutant in mutants if mutant.key not in read_reasons()]
     end = time.monotonic() + seconds
     tried: list[dict[str, object]] = []
     with tempfile.TemporaryDirectory(prefix="mutants-") as scratch:
@@ -629,9 +641,9 @@ def sample(mutants: list[Mutant], seconds: float) -> int:
                 continue
             tried.append(described(mutant, outcome, begun))
             print(f"{tried[-1]['outcome']:9} {tried[-1]['mutant']}", flush=True)
-    noticed = sum(line["outcome"] == "noticed" for line in tried)
-    print(f"{noticed} of {len(tried)} mutants noticed")
-    return int(len(tried) >= 6 and 2 * noticed < len(tried))
+    outcomes = [str(line["outcome"]) for line in tried]
+    print(f"{outcomes.count('noticed')} of {len(tried)} mutants noticed")
+    return int(is_too_many(outcomes, share))
 
 
 def read_record(record: Path) -> list[dict[str, str]]:
@@ -646,7 +658,7 @@ def summary(record: Path) -> int:
     present = {mutant.key for room in ROOMS for mutant in find_mutants(ROOT, room)}
     tried = read_record(record)
     lines = [line for line in tried if line["key"] in present]
-    reasons = json.loads(EQUIVALENT.read_text(encoding="utf-8")) if EQUIVALENT.exists() else {}
+    reasons = read_reasons()
     equivalent = {key for key, one in reasons.items() if not one.get("chosen")}
     print("Mutants:")
     print("\n| room | mutants | noticed | equivalent | survive |\n|---|---|---|---|---|")
@@ -693,6 +705,9 @@ def main() -> int:
     )
     parser.add_argument("--sample", type=int, help="so many mutants of all rooms, and no record")
     parser.add_argument("--seconds", type=float, default=300.0, help="that a sample may take")
+    parser.add_argument(
+        "--survivors", type=float, default=0.3, help="share that fails a sample (default 0.3)"
+    )
     parser.add_argument("--summary", action="store_true", help="only print what the record holds")
     asked = parser.parse_args()
     unknown = [room for room in asked.rooms if room not in ROOMS]
@@ -708,7 +723,7 @@ def main() -> int:
         chosen.append(of_room)
     pool = [mutant for of_room in chosen for mutant in of_room]
     if asked.sample:
-        return sample(draw.sample(pool, asked.sample), asked.seconds)
+        return sample(draw.sample(pool, asked.sample), asked.seconds, asked.survivors)
     reach = Reach(asked.record.resolve().parent, asked.near, asked.enough)
     if asked.keys:
         left = [mutant for mutant in pool if mutant.key in asked.keys]

@@ -20,11 +20,19 @@ FOLDER = ROOT / "docs" / "records"
 
 @cache
 def code_hash(*rooms: str) -> str:
-    """Hash the code of rooms or of single files, without comments and docstrings."""
+    """Hash the code of rooms or of single files: Python without comments and docstrings.
+
+    Other files, such as C, pages and tables, count with every byte.
+    """
     digest = hashlib.sha256()
     for room in sorted(rooms):
         place = ROOT / "src" / "stepblocks" / room
-        for path in [place] if place.is_file() else sorted(place.rglob("*.py")):
+        for path in [place] if place.is_file() else sorted(place.rglob("*.*")):
+            if path.suffix == ".pyc" or not path.is_file():
+                continue
+            if path.suffix != ".py":
+                digest.update(path.read_bytes())
+                continue
             tree = ast.parse(path.read_text(encoding="utf-8"))
             for node in ast.walk(tree):
                 if isinstance(node, ast.FunctionDef | ast.ClassDef | ast.Module) and node.body:

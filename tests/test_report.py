@@ -168,6 +168,42 @@ def test_a_mutant_stands_only_while_its_tests_run(mutations, tmp_path, monkeypat
     assert tree.run(tests, 600.0) == "passed"
 
 
+def test_a_sample_of_mutants_fails_where_more_than_the_stated_share_survives(
+    mutations, tmp_path, monkeypatch
+):
+    found = mutations.find_mutants(ROOT, "drag")[:10]
+    monkeypatch.setattr(mutations, "EQUIVALENT", tmp_path / "none.json")
+    monkeypatch.setattr(mutations, "Tree", lambda _: SimpleNamespace(root=ROOT, run=answer))
+    answers = []
+
+    def answer(*_, **__):
+        return answers.pop()
+
+    for survivors, code in ((3, 0), (4, 1)):
+        answers[:] = ["passed"] * survivors + ["failed"] * (10 - survivors)
+        assert mutations.sample(found, 600.0, 0.3) == code
+    # one that is known to be equivalent is not tried
+    (tmp_path / "none.json").write_text(json.dumps({found[0].key: {"reason": "equal"}}))
+    answers[:] = ["failed"] * 9
+    assert mutations.sample(found, 600.0, 0.3) == 0
+    assert answers == []
+
+
+def test_the_hash_of_code_sees_templates_and_no_comment(report, tmp_path, monkeypatch):
+    records = report.records
+    room = tmp_path / "src" / "stepblocks" / "room"
+    room.mkdir(parents=True)
+    monkeypatch.setattr(records, "ROOT", tmp_path)
+    count = records.code_hash.__wrapped__
+    (room / "one.py").write_text("x = 1\n")
+    (room / "page.js").write_text("let x = 1;\n")
+    first = count("room")
+    (room / "one.py").write_text('"""A word."""\nx = 1  # a comment\n')
+    assert count("room") == first
+    (room / "page.js").write_text("let x = 2;\n")
+    assert count("room") != first
+
+
 def test_the_site_hooks_know_every_generated_page():
     hooks = runpy.run_path(str(ROOT / "docs" / "generated_pages.py"))
     assert all((ROOT / "docs" / page).exists() for page in hooks["PAGES"])
