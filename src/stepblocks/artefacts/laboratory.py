@@ -37,7 +37,25 @@ class InstrumentRecord(BaseModel):
 
 
 class Laboratory(BaseModel):
-    """Laboratory, instrument, conditions, dates and signer of a certificate."""
+    """Laboratory, instrument, conditions, dates and signer of a certificate.
+
+    Attributes
+    ----------
+    name, address, country : str
+        Of the laboratory; the country by the two letters of ISO 3166.
+    signer : str
+        Who answers for the certificate.
+    instrument : InstrumentRecord
+        The instrument, its certificate and its calibration.
+    temperature, temperature_spread : float
+        Of the room [K], and by how much it varied [K].
+    measured_from, measured_to : date
+        When the part was measured.
+    certificate : str
+        Number of the certificate.
+    customer_address, serial : str
+        Of the customer and of the part, where they are known.
+    """
 
     model_config = _STRICT
     name: _Text

@@ -66,23 +66,41 @@ class VibrationEvent:
     """The ring of one drag; only a probe that releases rings.
 
     Otherwise forces and energy are not-a-number.
+
+    Attributes
+    ----------
+    stimulus : str
+        What is felt.
+    status : Status
+        What becomes of the probe.
+    direction : int
+        Of the drag along x, +1 or -1, and of the first half wave of the force on the hand.
+    trigger_position, trigger_height : float
+        Of the centre of the ball across the edge at the release, and over z = 0 [m], unscaled.
+    critical_angle : float
+        Slope of the path there [rad].
+    critical_force : float
+        Pulling force at which the probe releases [N].
+    energy : float
+        E_v [J], never scaled.
+    tool : Tool
+        The spring that rings.
+    waveform : Waveform, optional
+        A simulated ring of the same energy; None where it is the exponential.
+    learned : LearnedPrediction, optional
+        Where a model of a session predicts: energy and tool are then those of that model.
     """
 
-    stimulus: str  # what is felt
+    stimulus: str
     status: Status
-    direction: (
-        int  # of the drag along x, +1 or -1, and of the first half wave of the force on the hand
-    )
-    # of the ball's centre across the edge at the release, and over the part's z = 0 [m], unscaled
+    direction: int
     trigger_position: float = field(repr=False)
     trigger_height: float = field(repr=False)
-    critical_angle: float = field(repr=False)  # slope of the path there [rad]
-    critical_force: float  # pulling force at which the probe releases [N]
-    energy: float  # E_v [J], never scaled
-    tool: Tool = field(repr=False)  # the spring that rings
-    # a simulated ring of the same energy; None where it is the exponential
+    critical_angle: float = field(repr=False)
+    critical_force: float
+    energy: float
+    tool: Tool = field(repr=False)
     waveform: Waveform | None = field(default=None, repr=False)
-    # energy and tool are then those that were learnt
     learned: LearnedPrediction | None = field(default=None, repr=False)
 
     @property

@@ -28,23 +28,36 @@ _KNOWN = 300.0  # logarithm of a factor beyond which nothing is known
 # draws do not release at all
 @dataclass(frozen=True)
 class Interval:
-    """A prediction with its intervals."""
+    """A prediction with its intervals.
 
-    status: Status  # of the nominal inputs
-    force: float  # nominal F_px [N]; NaN unless it releases
-    energy: float  # nominal E_v [J]; NaN unless it releases
-    # quantiles of the draws; infinite where that share of them is held, 0 where it does not catch
+    Attributes
+    ----------
+    status : Status
+        Of the nominal inputs.
+    force, energy : float
+        Nominal F_px [N] and E_v [J]; NaN unless it releases.
+    force_low, force_high, energy_low, energy_high : float
+        Quantiles of the draws [N], [J]; infinite where that share of them is held, 0 where it does
+        not catch.
+    analytic_energy_low, analytic_energy_high : float
+        The same from sensitivities of the logarithm [J]; NaN unless the nominal releases.
+    held_probability : float
+        Share of the draws that lock or meet a riser [1].
+    agrees : bool
+        Whether drawn and analytic ends of the energy interval differ by less than a tenth of its
+        width.
+    """
+
+    status: Status
+    force: float
+    energy: float
     force_low: float
     force_high: float
     energy_low: float
     energy_high: float
-    analytic_energy_low: (
-        float  # the same from sensitivities of the logarithm; NaN unless the nominal releases
-    )
+    analytic_energy_low: float
     analytic_energy_high: float
-    held_probability: float  # share of the draws that lock or meet a riser [1]
-    # whether drawn and analytic ends of the energy interval differ by less than a tenth of its
-    # width
+    held_probability: float
     agrees: bool
 
 

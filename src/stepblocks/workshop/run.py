@@ -43,14 +43,24 @@ GROUND = "2 um"  # deviation of a height in one piece that is ground, not lapped
 
 @dataclass(frozen=True)
 class PartOrder:
-    """What was written for one part."""
+    """What was written for one part.
 
-    name: str  # ``"set/id"``
-    # drawings, for a step block also of the two-piece variant, and sheets
+    Attributes
+    ----------
+    name : str
+        ``"set/id"``.
+    files : tuple of Path
+        Drawings, for a step block also of the two-piece variant, and sheets.
+    routes : tuple of Route
+        Ways to make a step block; empty for other parts.
+    note : str
+        Which block of the set has the same sizes.
+    """
+
+    name: str
     files: tuple[Path, ...] = field(repr=False)
-    # ways to make a step block; empty for other parts
     routes: tuple[Route, ...] = field(repr=False)
-    note: str = ""  # which block of the set has the same sizes
+    note: str = ""
 
 
 def order_parts(

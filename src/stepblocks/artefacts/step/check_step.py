@@ -86,17 +86,34 @@ class Characteristic:
 
 @dataclass(frozen=True)
 class StepReport:
-    """What stands in a STEP file."""
+    """What stands in a STEP file.
 
-    name: str  # of the file
+    Attributes
+    ----------
+    name : str
+        Of the file.
+    schema : tuple of str
+        FILE_SCHEMA of its header.
+    dimensions, tolerances : tuple of Characteristic
+        Each with its limits and what its faces measure [m], [rad].
+    materials : tuple of str
+        Names.
+    densities : tuple of float
+        Of these [kg/m^3].
+    textures : tuple of (str, float)
+        Face and largest Ra of every stated surface texture [m].
+    findings : tuple of str
+        One line for everything wrong; none means that the file passes.
+    """
+
+    name: str
     schema: tuple[str, ...]
     dimensions: tuple[Characteristic, ...]
     tolerances: tuple[Characteristic, ...]
-    materials: tuple[str, ...]  # names
-    densities: tuple[float, ...]  # kg/m^3
-    # face and largest Ra of every stated surface texture [m]
+    materials: tuple[str, ...]
+    densities: tuple[float, ...]
     textures: tuple[tuple[str, float], ...]
-    findings: tuple[str, ...]  # one line for everything wrong; none means that the file passes
+    findings: tuple[str, ...]
 
     @property
     def passes(self) -> bool:
