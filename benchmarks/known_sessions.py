@@ -35,9 +35,7 @@ def main() -> None:
             places = [
                 f"{entry['slot']} over {entry['covariate']}" for entry in result.document["effects"]
             ]
-            told = [
-                f"{hint['kind']} of {hint['quantity']}" for hint in result.document["unwritten"]
-            ]
+            told = [f"{hint['kind']} of {hint['quantity']}" for hint in result.document["hints"]]
             print(f"{session.name:20s} {result.verdict:12s} {'; '.join([*places, *told]) or '-'}")
             print(
                 f"{'':20s} {result.document['finding']} [{time.perf_counter() - began:.0f} s]",

@@ -107,12 +107,16 @@ def test_traces_of_another_bench_end_at_the_bench_or_with_what_nobody_wrote_down
     write_session(tmp_path / "session", plan, 4)
     document = loop_session(tmp_path / "session", jobs=1).document
     assert [entry["slot"] for entry in document["effects"]] == ([slot] if slot else [])
-    assert [hint["kind"] for hint in document["unwritten"]] == told
+    assert [hint["kind"] for hint in document["hints"]] == told
+    # the old names stand beside them until version 2
+    assert document["unwritten"] == document["hints"]
+    assert all(hint["said"] == hint["text"] for hint in document["hints"])
+    assert all(hint["heaps"] == hint["groups"] for hint in document["hints"])
     assert (
         document["verdict"] in ("effect", "ambiguous")
         if slot
         else document["verdict"] == "unexplained"
     )
-    listed = [trial for hint in document["unwritten"] for heap in hint["heaps"] for trial in heap]
+    listed = [trial for hint in document["hints"] for group in hint["groups"] for trial in group]
     assert len(listed) == len(set(listed))
     assert np.all([int(trial) <= 64 for trial in listed])

@@ -71,6 +71,7 @@ def write_height_field(stem: Path, part: Part) -> list[Path]:
         npz, height_m=heights, x_m=_choose_positions(part), y_m=_list_positions(_HALF_Y)
     )
     described: dict[str, object] = {
+        "schema": 1,
         "stimulus": part.id,
         "files": {
             tiff.name: {"unit": "um", "dtype": "float32"},

@@ -72,6 +72,7 @@ def build_stimulus(
         # of all that was asked for: what somebody removes meanwhile is missed and not left out
         outputs = {path.name: hash_file(path) for path in sorted({*paths, *workshop.iterdir()})}
         record = {
+            "schema": 1,
             "key": key,
             "stimulus": stimulus.id,
             "kind": stimulus.kind_name,
@@ -108,7 +109,7 @@ def _write_artefacts(stimulus: Part, folder: Path, order: OrderSpec) -> None:
     arrays = [(mesh.vertices, mesh.triangles) for mesh in meshes]
     draw_part(folder / f"{stimulus.id}.png", arrays, *stimulus.choose_close_up())
     write_view_script(folder / "view.js", stimulus.id, arrays, *stimulus.choose_close_up())
-    specification = json.dumps(stimulus.record(), indent=2, allow_nan=False)
+    specification = json.dumps({"schema": 1, **stimulus.record()}, indent=2, allow_nan=False)
     (folder / "specification.json").write_text(specification + "\n", encoding="utf-8")
 
 

@@ -64,7 +64,8 @@ def show(
         record = outcome.record
         if record is None:
             record = {
-                "said": outcome.summary,
+                "summary": outcome.summary,
+                "said": outcome.summary,  # the old name, until version 2
                 **outcome.tables,
                 "written": [str(path) for path in written],
             }

@@ -417,7 +417,10 @@ def analyse(
     notes = [*result.notes, *result.remarks]
     summary = write_headline(result)
     return Outcome(
-        summary, notes=notes, page=place / "report.html", record={"said": summary, "notes": notes}
+        summary,
+        notes=notes,
+        page=place / "report.html",
+        record={"summary": summary, "said": summary, "notes": notes},
     )
 
 

@@ -99,7 +99,7 @@ def write_sentence(explanation: Explanation, document: Document) -> str:
     errors = _format_errors(document)
     if explanation.verdict is Verdict.NONE:
         could = [
-            f"; {e['said']} of {format_value(e['value'], e['unit'])}"
+            f"; {e['text']} of {format_value(e['value'], e['unit'])}"
             for e in document["could_have_shown"][:3]
         ]
         shown = "".join([*could, " would have shown"]) if could else ""

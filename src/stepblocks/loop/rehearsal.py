@@ -31,7 +31,7 @@ def rehearse_session(
             found = loop_session(folder).document
         verdicts.append(found["verdict"])
         for one in found["could_have_shown"]:
-            sizes.setdefault((one["said"], one["covariate"], one["unit"]), []).append(one["value"])
+            sizes.setdefault((one["text"], one["covariate"], one["unit"]), []).append(one["value"])
         progress(number + 1, count)
     could_show = [
         {

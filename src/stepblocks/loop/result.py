@@ -143,6 +143,7 @@ def build_document(
             (("nominal", explanation.nominal), ("extended", explanation.extended))
         )
     }
+    hints = [hint.as_record(table.names) for hint in explanation.hints]
     document = {
         "finding": "",
         "verdict": str(explanation.verdict),
@@ -160,11 +161,8 @@ def build_document(
             for f in explanation.findings
             for e, fitted, behind in f.rivals
         ],
-        "unwritten": [
-            {"kind": h.kind, "quantity": h.quantity, "p_value": h.p_value, "said": h.sentence}
-            | {"heaps": [[str(table.names[row]) for row in group] for group in h.clusters]}
-            for h in explanation.hints
-        ],
+        "hints": hints,
+        "unwritten": hints,  # the old name, until version 2
         "known_of_the_gauges": {
             n: {"value": v, "std": s} for n, (v, s) in table.model.known.items()
         },
@@ -224,7 +222,7 @@ def _list_detectable(explanation: Explanation) -> list[dict[str, object]]:
             "parameter": parameter.name,
             "value": shown[law.id],
             "unit": parameter.unit,
-            "said": law.id.replace("_", " "),
+            **dict.fromkeys(("text", "said"), law.id.replace("_", " ")),  # said until version 2
         }
         entries.setdefault(law.slot, entry)
     return list(entries.values())

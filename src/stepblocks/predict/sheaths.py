@@ -224,6 +224,7 @@ def write_sheath_files(stimuli: StimulusSet, folder: Path) -> list[Path]:
         return []
     rod = stimuli.probe.rod()
     content = {
+        "schema": 1,
         "probe": stimuli.probe.record(),
         "follows": {
             "free_length_m": rod.length,

@@ -289,5 +289,7 @@ def write_from_template(path: Path, template: str = "", **values: object) -> Non
 
 
 def write_json(path: Path, content: Mapping[str, object]) -> None:
-    """Write JSON that every reader takes: no NaN."""
-    path.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    """Write JSON with the version of its keys that every reader takes: no NaN."""
+    path.write_text(
+        json.dumps({"schema": 1, **content}, indent=2, allow_nan=False) + "\n", encoding="utf-8"
+    )

@@ -59,6 +59,17 @@ class Hint:
     sentence: str
     clusters: tuple[tuple[int, ...], ...] = ()
 
+    def as_record(self, names: NDArray[np.str_]) -> dict[str, object]:
+        """Write it out for JSON with the names of its trials; the old keys go in version 2."""
+        groups = [[str(names[row]) for row in group] for group in self.clusters]
+        return {
+            "kind": self.kind,
+            "quantity": self.quantity,
+            "p_value": self.p_value,
+            **dict.fromkeys(("text", "said"), self.sentence),
+            **{"groups": groups, "heaps": groups},
+        }
+
 
 def estimate_quantity_errors(problem: Problem, fitted: Fit) -> tuple[Floats, Floats]:
     """Estimate for every trial by how much its quantities differ from the model, shape (n, k).
