@@ -36,6 +36,20 @@ def test_a_value_of_a_wrong_type_is_refused_in_one_line_with_its_cause_attached(
     assert isinstance(caught.value, TypeError)  # who catches Python's error still does
 
 
+@pytest.mark.parametrize("call", [sb.build_solids, sb.build_convex_pieces, sb.sample_height_field])
+def test_what_is_no_part_is_refused_with_what_it_must_be(call):
+    with pytest.raises(sb.StepblocksError, match=r"^\w+: part must be a Part, got 3$"):
+        call(3)
+
+
+def test_a_set_is_written_to_a_path_and_drawn_into_axes_alone():
+    declared = sb.StimulusSet.declare("mine", step_block=[{"id": "low", "height": "25 um"}])
+    with pytest.raises(sb.StepblocksError, match="path must be that of a file, got 3"):
+        declared.to_toml(3)
+    with pytest.raises(sb.StepblocksError, match="ax must be axes of matplotlib, got 3"):
+        sb.drag_over("25 um").plot(3)
+
+
 def test_a_value_that_is_written_over_several_lines_is_shown_in_one():
     with pytest.raises(sb.StepblocksError, match="must be a length") as caught:
         sb.parse_quantity(np.ones((2, 2, 2)), "length")

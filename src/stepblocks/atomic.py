@@ -44,10 +44,12 @@ def write_atomically(path: Path) -> Iterator[Path]:
         draft = folder / path.name
         yield draft
         # what a killed run wrote, and had no time to note as ours, is the same again
-        if path.is_file() and _kept.get()(path) and not filecmp.cmp(draft, path, shallow=False):
-            raise PipelineError(
-                f"the file is not ours, or was changed since; --force replaces it [{path}]"
-            )
+        PipelineError.require(
+            not (
+                path.is_file() and _kept.get()(path) and not filecmp.cmp(draft, path, shallow=False)
+            ),
+            f"the file is not ours, or was changed since; --force replaces it [{path}]",
+        )
         _sync_file(draft)
         draft.replace(path)
         _sync_file(path.parent)

@@ -58,8 +58,10 @@ def load_sets(sources: Sets | None = None) -> list[tuple[StimulusSet, str]]:
     Without any they are those of the folder ``stimuli``.
     """
     several = [sources] if isinstance(sources, str | Path | StimulusSet) else list(sources or ())
-    if not all(isinstance(one, str | Path | StimulusSet) for one in several):
-        raise PipelineError(f"a set must be a path or a StimulusSet, got {shorten_value(several)}")
+    PipelineError.require(
+        all(isinstance(one, str | Path | StimulusSet) for one in several),
+        f"a set must be a path or a StimulusSet, got {shorten_value(several)}",
+    )
     declared = [(one, one.name) for one in several if isinstance(one, StimulusSet)]
     paths = [one for one in several if not isinstance(one, StimulusSet)]
     files = find_stimulus_files(paths) if paths or not declared else []

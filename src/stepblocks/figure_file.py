@@ -5,6 +5,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from stepblocks.atomic import write_atomically
+from stepblocks.errors import PipelineError
+from stepblocks.mistakes import shorten_value
 from stepblocks.quantities import format_units
 
 if TYPE_CHECKING:
@@ -44,6 +46,9 @@ def take_axes(ax: "Axes | None") -> "Axes":
         from matplotlib import pyplot
 
         ax = pyplot.subplots()[1]
+    PipelineError.require(
+        hasattr(ax, "plot"), f"ax must be axes of matplotlib, got {shorten_value(ax)}"
+    )
     return ax
 
 

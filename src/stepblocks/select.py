@@ -34,8 +34,10 @@ def find_stimulus_files(meant: str | Path | Sequence[str | Path] | None = None) 
             raise PipelineError(f"expected {what}{other} [{argument}]")
         files += found
     stems = [path.stem for path in files]
-    if len(set(stems)) < len(stems):
-        raise PipelineError(f"sets must have different names, got {', '.join(sorted(stems))}")
+    PipelineError.require(
+        len(set(stems)) == len(stems),
+        f"sets must have different names, got {', '.join(sorted(stems))}",
+    )
     return files
 
 

@@ -5,21 +5,23 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
-from stepblocks.artefacts.as_built import AsBuilt, AsBuiltValue
+import stepblocks
+from stepblocks.artefacts.as_built import AsBuilt, AsBuiltValue, write_as_built
 from stepblocks.artefacts.scans.scan import ScannedProfile
 from stepblocks.contact.energy import Status
 from stepblocks.declare import load_set
 from stepblocks.predict.as_built import (
     _format_energy_change,
     describe_energy_changes,
-    format_surface_columns,
     predict_from_surfaces,
     prepare_surface_releases,
     replace_nominals,
+    tabulate_surface,
 )
-from stepblocks.predict.predictions import predict_by_formula
+from stepblocks.predict.predictions import format_row, predict_by_formula
 
 STIMULI = Path(__file__).parents[2] / "stimuli"
 X = np.arange(-400, 401) * 1e-6
@@ -101,19 +103,36 @@ def test_a_scanned_surface_is_predicted_by_the_path_of_the_tip_over_it(stimuli):
     assert "; by the scanned surface itself E_v " in said
 
 
-def test_the_columns_of_a_surface_are_empty_where_nothing_is_known(stimuli):
+def test_the_figures_of_a_surface_are_none_where_nothing_is_known(stimuli):
     surfaces = prepare_surface_releases(stimuli, {"step-050": record(surface=chamfered())})
     release = next(
         found for one in predict_by_formula(stimuli) if (found := surfaces(one)) is not None
     )
-    known, none = format_surface_columns(release), format_surface_columns(None)
+    known, none = tabulate_surface(release), tabulate_surface(None)
     assert known.keys() == none.keys()
-    assert set(none.values()) == {""}
+    assert set(format_row(none).values()) == {""}
     assert known["surface_status"] == "releases"
-    locked = format_surface_columns(
-        replace(release, status=Status.LOCKED, pull_force=math.nan, vibration_energy=math.nan)
+    assert known["surface_pull_force_n"] == release.pull_force
+    assert known["surface_vibration_energy_uj"] == release.vibration_energy * 1e6
+
+
+def test_a_set_is_predicted_as_it_was_built_from_python_as_by_the_command(stimuli, tmp_path):
+    name = tmp_path / "step-050.as-built.toml"
+    write_as_built(name, record(51e-6, 3e-6))
+    table = stepblocks.predict_set(stimuli, dragged=False, as_built=[name])
+    built = replace_nominals(stimuli, {"step-050": record(51e-6, 3e-6)})
+    wanted = stepblocks.predict_set(built, dragged=False)
+    pd.testing.assert_frame_equal(table, wanted)
+    nominal = stepblocks.predict_set(stimuli, dragged=False)
+    changed = table.pull_force_n.notna() & (table.pull_force_n != nominal.pull_force_n)
+    assert set(table.stimulus[changed]) == {"step-050"}
+    write_as_built(name, record(surface=chamfered()))
+    scanned = stepblocks.predict_set(stimuli, dragged=False, as_built=[tmp_path])
+    # the chamfer of 45 degrees is the steepest place of its path
+    assert scanned.surface_critical_angle_deg[scanned.stimulus == "step-050"].tolist() == (
+        pytest.approx([45.0] * (scanned.stimulus == "step-050").sum(), abs=1e-6)
     )
-    assert (locked["surface_pull_force_n"], locked["surface_vibration_energy_uj"]) == ("", "")
+    assert scanned.surface_critical_angle_deg[scanned.stimulus != "step-050"].isna().all()
 
 
 def test_one_condition_has_a_change_and_no_range(stimuli):

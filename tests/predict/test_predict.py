@@ -120,11 +120,11 @@ def test_the_limits_of_a_prediction_are_the_equations_at_the_limits_of_height_an
 
 
 def test_a_block_that_may_lock_within_its_tolerance_says_so():
-    from stepblocks.predict.predictions import format_row
+    from stepblocks.predict.predictions import format_row, tabulate_prediction
 
     ten = load_set(Path(__file__).resolve().parents[2] / "stimuli" / "paper-ten.toml")
     rows = [
-        format_row(p)
+        format_row(tabulate_prediction(p))
         for p in predict_by_formula(ten)
         if p.stimulus == "step-100" and p.point.friction == 0.2
     ]

@@ -36,7 +36,7 @@ def four():
 
 def test_file_rows_and_table_of_a_set_hold_the_same_figures(four):
     rows = list(csv.DictReader(io.StringIO(format_predictions_csv(four))))
-    assert rows == [format_row(one) for one in four]
+    assert rows == [format_row(tabulate_prediction(one)) for one in four]
     frame = predict_set(FOUR)
     assert list(frame.columns) == list(rows[0])
     assert len(rows) == len(frame) == len(four)
@@ -117,7 +117,7 @@ def test_further_columns_stand_behind(four):
 
 
 def test_a_terminal_is_shown_the_drawn_interval_of_the_energy_alone(four):
-    columns = choose_terminal_columns(list(format_row(four[0])))
+    columns = choose_terminal_columns(list(tabulate_prediction(four[0])))
     assert {
         "vibration_energy_95_low_uj",
         "vibration_energy_95_high_uj",

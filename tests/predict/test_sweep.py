@@ -206,6 +206,33 @@ def test_a_result_draws_its_table_and_says_what_it_is(tmp_path):
     assert done.plot(y="peak_force_n", ax=axes) is axes
     assert axes.get_xlabel() == "height, m"
     assert "12 rows in 3 partitions, 3 computed, 0 found" in repr(done)
+    assert done._repr_html_().count("<tr") == 1 + 5  # names, and the first partition
+
+
+def test_a_sweep_draws_into_axes_that_stand_first_as_every_result_does(tmp_path):
+    done = run_sweep(
+        plan_of(tmp_path, RANDOM.format(rows=4, size=5, mode="static")), tmp_path / "out"
+    )
+    axes = done.plot()
+    assert done.plot(axes, "peak_force_n") is axes
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("height, m", "peak force, N")
+    assert done.plot("friction", ax=axes) is axes
+    assert axes.get_xlabel().startswith("friction")
+    with pytest.raises(PipelineError, match="ax must be axes of matplotlib, got 3"):
+        done.plot(3)
+
+
+def test_polars_reads_the_folder_of_a_sweep(tmp_path):
+    polars = pytest.importorskip("polars")
+    out = tmp_path / "out"
+    done = run_sweep(plan_of(tmp_path, RANDOM.format(rows=12, size=5, mode="static")), out)
+    wanted = done.read()
+    for table in (
+        polars.scan_parquet(out, hidden_file_prefix="_").collect(),
+        polars.read_parquet(out / "*.parquet"),
+    ):
+        assert table.columns == list(wanted.columns)
+        assert table["vibration_energy_j"].to_list() == wanted.vibration_energy_j.tolist()
 
 
 @pytest.mark.parametrize("jobs", [0, -1, "2", 1.0, True, 10**9, pd.Series([1, 2])])

@@ -38,19 +38,32 @@ class AsBuiltValue:
 
 @dataclass(frozen=True)
 class AsBuilt:
-    """What is known of one machined stimulus."""
+    """What is known of one machined stimulus.
 
-    stimulus: str  # identity of the part
-    scan: str  # file name of the scan
+    Attributes
+    ----------
+    stimulus : str
+        Identity of the part.
+    scan, scan_sha256 : str
+        File name of the scan, and the hash of its bytes.
+    convention : str
+        How the values are defined.
+    values : dict of str to AsBuiltValue
+        By key of the characteristic, such as ``step_height``: ``value`` and ``std``, its combined
+        standard uncertainty [m], and ``verdict`` against the limits of the stimulus.
+    surface : ScannedProfile, optional
+        Levelled profile across the edge, for what the values do not say of its form.
+    arc : bool
+        Whether the edge is an arc; where not, its surface says what its radius cannot.
+    """
+
+    stimulus: str
+    scan: str
     scan_sha256: str = field(repr=False)
-    convention: str = field(repr=False)  # how the values are defined
-    # by key of the characteristic, such as ``step_height``
+    convention: str = field(repr=False)
     values: dict[str, AsBuiltValue] = field(repr=False)
-    # levelled profile across the edge, for what the values do not say of its form
     surface: ScannedProfile | None = field(default=None, compare=False, repr=False)
-    arc: bool = (
-        True  # whether the edge is an arc; where not, its surface says what its radius cannot
-    )
+    arc: bool = True
 
     @property
     def height(self) -> AsBuiltValue | None:

@@ -17,7 +17,7 @@ from stepblocks.contact.effects.smooth import CovariateRange, list_smooth_laws
 from stepblocks.contact.forward import build_bench_design, list_constants
 from stepblocks.contact.operating_point import Tool
 from stepblocks.contact.state import CHANNELS, Floats
-from stepblocks.errors import ContactError, PipelineError
+from stepblocks.errors import ContactError, PipelineError, QuantityError
 from stepblocks.law import Active, Law, Parameter
 from stepblocks.text_file import Document, read_document
 
@@ -217,10 +217,10 @@ def _parse_fit(name: str, part: Document, laws: Mapping[str, Law]) -> LearnedFit
     effects = tuple(laws[str(e["id"])] for e in part["effects"])
     own = [(f"{law.id}.{p.name}", p.low, p.high) for law in effects for p in law.parameters]
     for key, low, high in (*((p.name, p.low, p.high) for p in _list_constants()), *own):
-        if not low <= values[key] <= high:
-            raise ValueError(
-                f"{key} of {name} must lie between {low:g} and {high:g}, got {values[key]:g}"
-            )
+        QuantityError.require(
+            low <= values[key] <= high,
+            f"{key} of {name} must lie between {low:g} and {high:g}, got {values[key]:g}",
+        )
     return LearnedFit(values, tuple(str(unit) for unit in part["units"]), covariance, effects)
 
 
@@ -236,6 +236,8 @@ def _list_constants() -> tuple[Parameter, ...]:
 
 def _parse_numbers(name: str, raw: object, shape: tuple[int, ...]) -> Floats:
     numbers = np.asarray(raw, dtype=np.float64)
-    if numbers.shape != shape or not np.all(np.isfinite(numbers)):
-        raise ValueError(f"{name} must be {' by '.join(map(str, shape))} finite numbers")
+    QuantityError.require(
+        numbers.shape == shape and np.all(np.isfinite(numbers)),
+        f"{name} must be {' by '.join(map(str, shape))} finite numbers",
+    )
     return numbers

@@ -113,8 +113,10 @@ def _parse_number(text: str, path: Path, must: bool = False) -> float:
         value = float(text) if text or must else math.nan
     except ValueError as error:
         raise MetrologyError(f"QIF results must hold numbers, got {text!r:.40} [{path}]") from error
-    if must and not math.isfinite(value):
-        raise MetrologyError(f"QIF results must hold finite numbers, got {text!r:.40} [{path}]")
+    MetrologyError.require(
+        not must or math.isfinite(value),
+        f"QIF results must hold finite numbers, got {text!r:.40} [{path}]",
+    )
     return value
 
 

@@ -59,11 +59,11 @@ def check_declarations(traces: Traces, pilots: Sequence[tuple[Trial, Mapping[str
     if not enough:
         return
     spring, load, _ = _compare_with_declared(session, measured)
-    if not 1.0 / _FAR < load < _FAR:
-        raise BenchError(
-            f"the normal force is {load:.3g} times the load of the table: correct factor or "
-            f"units of `acquisition.channels.normal`, or the unit of the load [{session.table}]"
-        )
+    BenchError.require(
+        1.0 / _FAR < load < _FAR,
+        f"the normal force is {load:.3g} times the load of the table: correct factor or "
+        f"units of `acquisition.channels.normal`, or the unit of the load [{session.table}]",
+    )
     declared = session.probe.spring_constant
     raise BenchError(
         f"the ramps show a spring of {1e-3 * declared * spring:.3g} N/mm, "

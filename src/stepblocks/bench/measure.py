@@ -157,8 +157,10 @@ def write_features(
     PipelineError.require(
         not output.is_dir(), f"output must be a file, got the folder {str(output)!r}"
     )
-    if output.exists() and folder.resolve() in output.resolve().parents:
-        raise PipelineError(f"output must not replace a file of the session, got {str(output)!r}")
+    PipelineError.require(
+        not (output.exists() and folder.resolve() in output.resolve().parents),
+        f"output must not replace a file of the session, got {str(output)!r}",
+    )
     check = LabelCheck()
     with tempfile.TemporaryDirectory(prefix="stepblocks-measure-") as scratch:
         draft = Path(scratch) / "draft.csv"

@@ -185,8 +185,10 @@ def check_channels(channels: Mapping[str, tuple[Channel, str]]) -> None:
         with collect_mistakes(mistakes):
             channel.scale(dimension, place)
             channel.offset_in_si(dimension, place)
-            if channel.read_tare_duration(place) and place.startswith("trials"):
-                raise BenchError(f"`{place}` has no time to take a tare from")
+            BenchError.require(
+                not channel.read_tare_duration(place) or not place.startswith("trials"),
+                f"`{place}` has no time to take a tare from",
+            )
     if mistakes:
         raise ValueError("\n".join(text for _, text in mistakes))
 
@@ -429,13 +431,15 @@ def open_session(folder: str | Path) -> Session:
                 check_pattern(given, field, name)
                 resolve_inside(folder, given, name)
                 split = (declared.get("acquisition") or {}).get("split")
-                if (
-                    key == "traces"
-                    and given.lower().endswith(".csv")
-                    and "{" not in given
-                    and not split
-                ):
-                    raise BenchError(f"`{name}` must hold {{trial}} for CSV traces, got {given!r}")
+                BenchError.require(
+                    not (
+                        key == "traces"
+                        and given.lower().endswith(".csv")
+                        and "{" not in given
+                        and not split
+                    ),
+                    f"`{name}` must hold {{trial}} for CSV traces, got {given!r}",
+                )
     if mistakes:
         raise BenchError(format_mistakes(mistakes, path))
     return session
@@ -444,10 +448,10 @@ def open_session(folder: str | Path) -> Session:
 def check_pattern(pattern: str, field: str, place: str) -> None:
     """Allow no braces in `pattern` but those of `field`, such as ``{trial}`` or ``{trial:04d}``."""
     rest = _FIELD.sub(lambda m: "" if m.group(1) == field else m.group(0), pattern)
-    if "{" in rest or "}" in rest or not pattern.strip():
-        raise BenchError(
-            f"`{place}` may hold {{{field}}}, {{{field}:04d}} and no other braces, got {pattern!r}"
-        )
+    BenchError.require(
+        "{" not in rest and "}" not in rest and pattern.strip(),
+        f"`{place}` may hold {{{field}}}, {{{field}:04d}} and no other braces, got {pattern!r}",
+    )
 
 
 def fill_pattern(pattern: str, **values: str) -> str:
@@ -469,6 +473,10 @@ def resolve_inside(folder: Path, relative: str, place: str) -> Path:
     Nothing may lead out of it.
     """
     parts = PurePosixPath(relative.replace("\\", "/"))
-    if parts.is_absolute() or ".." in parts.parts or "\0" in relative or _DRIVE.match(relative):
-        raise BenchError(f"`{place}` must lie inside the session, got {relative!r}")
+    BenchError.require(
+        not (
+            parts.is_absolute() or ".." in parts.parts or "\0" in relative or _DRIVE.match(relative)
+        ),
+        f"`{place}` must lie inside the session, got {relative!r}",
+    )
     return folder.joinpath(*parts.parts)

@@ -186,8 +186,10 @@ def _list_sources(files: "Source | Sequence[Source] | None") -> "dict[str, Path 
     if paths or not found:
         found += find_stimulus_files(paths)
     by_name = {one.stem if isinstance(one, Path) else one.name: one for one in found}
-    if len(by_name) < len(found):
-        raise PipelineError(f"sets must have different names, got {', '.join(sorted(by_name))}")
+    PipelineError.require(
+        len(by_name) == len(found),
+        f"sets must have different names, got {', '.join(sorted(by_name))}",
+    )
     return by_name
 
 
@@ -199,11 +201,10 @@ def _require_safe_output(output: Path, sets: "Sequence[StimulusSet]") -> None:
         "assets",
         *(f"{stimuli.name}/{stimulus.id}" for stimuli in sets for stimulus in stimuli.stimuli),
     ):
-        if resolve_inside(output, name) is None:
-            raise PipelineError(
-                "the folder must lie in the output folder, with no link on the way "
-                f"[{output / name}]"
-            )
+        PipelineError.require(
+            resolve_inside(output, name) is not None,
+            f"the folder must lie in the output folder, with no link on the way [{output / name}]",
+        )
 
 
 def _find_outdated(

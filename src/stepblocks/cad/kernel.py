@@ -130,8 +130,10 @@ def make_prism(outline: Outline, width: float) -> Body:
 
 def _require_single(shape: Body, operation: str) -> Body:
     solids = shape.Solids()
-    if len(solids) != 1 or not solids[0].isValid():
-        raise SolidError(f"{operation} must give one valid solid, got {len(solids)}")
+    SolidError.require(
+        len(solids) == 1 and solids[0].isValid(),
+        f"{operation} must give one valid solid, got {len(solids)}",
+    )
     return solids[0]
 
 

@@ -78,8 +78,10 @@ def new(
     The file is valid as it stands and says what can be changed; a session is a folder.
     """
     require_one("begin with: stepblocks new block mine.toml", KIND=kind, shipped=shipped)
-    if plan is not None and kind != "session":
-        raise PipelineError(f"--plan goes with: stepblocks new session, got {kind or 'no kind'}")
+    PipelineError.require(
+        plan is None or kind == "session",
+        f"--plan goes with: stepblocks new session, got {kind or 'no kind'}",
+    )
     if kind is None:
         return _copy_shipped(shipped or Path("stimuli"), force=force)
     file = file or Path(f"my-{kind}" if kind == "session" else f"my-{kind}.toml")

@@ -60,8 +60,10 @@ class Command(TyperCommand):
                 yield f"{word}={option.show_default}"
                 continue
             is_value = not option.is_flag
-            if is_value and (is_last or after in options) and not ctx.resilient_parsing:
-                raise PipelineError(f"{word} needs a value (see {ctx.command_path} --help)")
+            PipelineError.require(
+                ctx.resilient_parsing or not is_value or not (is_last or after in options),
+                f"{word} needs a value (see {ctx.command_path} --help)",
+            )
             yield word
 
 

@@ -89,6 +89,7 @@ def predict(
         describe_left_out,
         format_row,
         predict_all,
+        tabulate_prediction,
     )
     from stepblocks.predict.sheaths import tabulate_rings
     from stepblocks.tables import format_csv
@@ -101,7 +102,11 @@ def predict(
         by_name = {
             one.name: predict_all(one, in_time, **keep_given_options(speed=speed)) for one in sets
         }
-        rows = [format_row(one) for predictions in by_name.values() for one in predictions]
+        rows = [
+            format_row(tabulate_prediction(one))
+            for predictions in by_name.values()
+            for one in predictions
+        ]
     notes = describe_left_out([one for predictions in by_name.values() for one in predictions])
     if plots:
         from stepblocks.predict.figures import write_plots
@@ -123,31 +128,26 @@ def _predict_as_built(
 ) -> "tuple[list[StimulusSet], dict[str, tuple[Prediction, ...]], list[dict[str, str]]]":
     # Predict what was measured in place of the nominal; give sets, predictions and their rows
     from stepblocks.artefacts.as_built import read_records
+    from stepblocks.contact.operating_point import PAPER
     from stepblocks.predict import as_built
-    from stepblocks.predict.predictions import format_row, predict_all
+    from stepblocks.predict.predictions import format_row
     from stepblocks.quantities import format_units
 
     records = read_records(paths)
     for stimuli in sets:
         for sentence in as_built.describe_energy_changes(stimuli, records):
             print(format_units(sentence), file=sys.stderr)
-    nominal = sets
-    sets = [as_built.replace_nominals(stimuli, records) for stimuli in sets]
-    by_name = {
-        one.name: predict_all(one, in_time, **keep_given_options(speed=speed)) for one in sets
-    }
-    by_name = {
-        one.name: tuple(as_built.predict_from_surfaces(by_name[one.name], one, records))
+    found = {
+        one.name: as_built.predict_as_built(
+            one, records, in_time, PAPER.speed if speed is None else speed
+        )
         for one in sets
     }
-    scanned = any(record.surface is not None for record in records.values())
-    surfaces = {one.name: as_built.prepare_surface_releases(one, records) for one in nominal}
-    rows = [
-        format_row(one) | (as_built.format_surface_columns(surfaces[name](one)) if scanned else {})
-        for name, predictions in by_name.items()
-        for one in predictions
-    ]
-    return sets, by_name, rows
+    return (
+        [as_built.replace_nominals(stimuli, records) for stimuli in sets],
+        {name: predictions for name, (predictions, _) in found.items()},
+        [format_row(row) for _, rows in found.values() for row in rows],
+    )
 
 
 def _predict_table(files: list[Path], output: Path | None, model: Path | None) -> Outcome:

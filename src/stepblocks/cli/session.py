@@ -82,8 +82,10 @@ def measure(
     """
     from stepblocks.bench.measure import write_features
 
-    if trials is not None and plots is None:
-        raise PipelineError("--trials says which trials --plots draws: give --plots, too")
+    PipelineError.require(
+        trials is None or plots is not None,
+        "--trials says which trials --plots draws: give --plots, too",
+    )
     summary = write_features(
         session, output, progress=make_progress("measured trials", quiet=quiet, lines=10), jobs=jobs
     )

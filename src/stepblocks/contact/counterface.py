@@ -484,13 +484,15 @@ def _find_steepest_angles(
     )
 
 
-def take_counterface(surface: Counterface | Scanned) -> Counterface:
-    """Take a counterface as it is, and a scanned profile over as one."""
+def take_counterface(surface: object) -> Counterface:
+    """Take a counterface as it is, that of a part, and a scanned profile over as one."""
     if isinstance(surface, Counterface):
         return surface
-    ContactError.require(
-        hasattr(surface, "position") and hasattr(surface, "height"),
-        "must be a counterface such as Step(25e-6), or a scanned profile, got "
-        f"{type(surface).__name__}",
+    if hasattr(surface, "counterface"):
+        return take_counterface(surface.counterface())
+    if hasattr(surface, "position") and hasattr(surface, "height"):
+        return Profile.from_scan(surface)
+    raise ContactError(
+        "must be a counterface such as Step(25e-6), a part or a scanned profile, got "
+        f"{type(surface).__name__}"
     )
-    return Profile.from_scan(surface)

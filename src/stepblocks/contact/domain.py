@@ -37,8 +37,12 @@ def convert_fields(owner: object, low: float | None = None, **bounds: tuple[str,
     for name, (dimension, high) in bounds.items():
         unit = DIMENSIONS[dimension]
         value = read_number(name, getattr(owner, name), dimension)
-        checks = {None: require_positive, 0.0: require_not_negative}
-        checks.get(low, require_finite)(name, value, unit)
+        if low is None:
+            require_positive(name, value, unit)
+        elif low == 0.0:
+            require_not_negative(name, value, unit)
+        else:
+            require_finite(name, value, unit)
         if value > high or (low is not None and value < low):
             rule = f"be at most {high:g}" if low is None else f"lie between {low:g} and {high:g}"
             raise ContactError(

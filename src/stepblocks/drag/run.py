@@ -13,9 +13,10 @@ from typing import cast
 import numpy as np
 import pandas as pd
 
+from stepblocks.artefacts.scans.read import Scan
 from stepblocks.atomic import replace_text
 from stepblocks.contact.counterface import Counterface, Profile
-from stepblocks.contact.domain import Scanned, read_number
+from stepblocks.contact.domain import read_number
 from stepblocks.contact.energy import Release, Status
 from stepblocks.contact.kernels import (
     compute_height_at_angle,
@@ -34,6 +35,7 @@ from stepblocks.drag.simulate import DragEvent, DragTrace
 from stepblocks.drag.subject import resolve_subject
 from stepblocks.errors import ContactError, PipelineError
 from stepblocks.figure_file import Axes, take_axes
+from stepblocks.parts.kind import Part
 from stepblocks.quantities import format_quantity
 from stepblocks.tables import write_table
 from stepblocks.text_file import Document
@@ -288,7 +290,7 @@ class Drag:
 
 
 def drag_over(
-    subject: str | Path | Counterface | Scanned,
+    subject: "Scan | Counterface | Part",
     *,
     backward: bool = False,
     stimuli: Sets | None = None,
@@ -302,10 +304,10 @@ def drag_over(
 
     Parameters
     ----------
-    subject : str, Path, Counterface or ScannedProfile
-        A step height such as ``"25 um"``; a CSV with the columns x and z, the unit in their names;
-        a declared stimulus by ``ID``, ``SET/ID`` or ``FILE.toml/ID``; a counterface, such as a
-        part's; or a profile that `read_scan` returned.
+    subject : str, Path, Counterface, Part, ScannedProfile, DataFrame or pair of arrays
+        A step height such as ``"25 um"``; a CSV with the columns x and z, the unit in their names,
+        or its table; a declared stimulus by ``ID``, ``SET/ID`` or ``FILE.toml/ID``; a counterface,
+        or a part that has one; a profile that `read_scan` returned, or positions and heights [m].
     backward : bool
         Towards falling x: from the crown to the tooth, or down a step.
     stimuli : str, Path, StimulusSet or sequence of them, optional

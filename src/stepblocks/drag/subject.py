@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from stepblocks.artefacts.scans.read import Scan, load_scan
 from stepblocks.contact.counterface import Counterface, Profile, Step, take_counterface
-from stepblocks.contact.domain import Scanned
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.declare import Sets, load_sets
 from stepblocks.errors import ContactError, PipelineError, QuantityError
@@ -33,14 +33,18 @@ class Subject:
 
 
 def resolve_subject(
-    subject: str | Path | Counterface | Scanned,
+    subject: "Scan | Counterface | Part",
     values: Mapping[str, float],
     backward: bool = False,
     stimuli: Sets | None = None,
 ) -> Subject:
     """Find out what is to be dragged over; `values` [SI] replace what the paper or the set says."""
     if not isinstance(subject, (str, Path)):
-        return _take_surface("a counterface", take_counterface(subject), values)
+        if hasattr(subject, "__len__"):  # a table or arrays
+            subject = load_scan(subject)
+        return _take_surface(
+            getattr(subject, "id", "a counterface"), take_counterface(subject), values
+        )
     if (path := Path(subject)).suffix.lower() == ".csv":
         columns = read_si_columns(
             read_table(path), {name: ([name], "length", None) for name in ("x", "z")}, path

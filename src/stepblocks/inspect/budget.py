@@ -96,11 +96,11 @@ class Instrument:
         ):
             if value is not None and not 0.0 <= value < 1.0:
                 raise MetrologyError(f"{name} must be at least 0 and below 1, got {value:g}")
-        if not 0.0 <= self.resolution < 1e-3:
-            raise MetrologyError(
-                "resolution, or one count of a scan, must be at least 0 and below 1 mm, got "
-                f"{self.resolution * 1e3:g} mm"
-            )
+        MetrologyError.require(
+            0.0 <= self.resolution < 1e-3,
+            "resolution, or one count of a scan, must be at least 0 and below 1 mm, got "
+            f"{self.resolution * 1e3:g} mm",
+        )
 
 
 @dataclass(frozen=True)

@@ -332,11 +332,11 @@ def _measure_by_rows(
     (first, best), found, count = kept[0], [one for _, one in kept], kind[0]
     spans = np.array([one.spans for one in found])
     single = not np.isfinite(spans).all()  # steps, which have neither width nor pitch
-    if single and isinstance(scan, HeightMap) and is_periodic(scan.height):
-        raise MetrologyError(
-            "single steps must not repeat over a map, as the teeth of a grating do; a part of "
-            "it without repetition can be evaluated"
-        )
+    MetrologyError.require(
+        not (single and isinstance(scan, HeightMap) and is_periodic(scan.height)),
+        "single steps must not repeat over a map, as the teeth of a grating do; a part of "
+        "it without repetition can be evaluated",
+    )
     label, each = key.replace("_", " "), []
     for index in range(count):
         each_row = [one.seen[index].feature.height for one in found]

@@ -375,11 +375,11 @@ def measure_features(
             one for one in levels.features if abs(one.height.value) < _SIGNIFICANT * one.height.std
         ]
         if not weak:
-            if levels.gain < BEAT:
-                raise MetrologyError(
-                    "profile must show a step that a smooth curve does not explain, got a "
-                    f"likelihood gain of {levels.gain:.1f} on a smooth curve ({BEAT:g} needed)"
-                )
+            MetrologyError.require(
+                not levels.gain < BEAT,
+                "profile must show a step that a smooth curve does not explain, got a "
+                f"likelihood gain of {levels.gain:.1f} on a smooth curve ({BEAT:g} needed)",
+            )
             return levels
         gone = {end for one in weak for end in (one.begin, one.end)}
         edges = [edge for edge in edges if edge.position not in gone]

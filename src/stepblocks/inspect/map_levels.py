@@ -107,10 +107,10 @@ def measure_masked_step(
     depth = _estimate_by_bands(depths, share, value, known)
     near = max(3.0 * pitch, _SUDDEN[0] * float(within.max()))
     sides = [level[(np.abs(one - near) <= pitch) & measured] for one in (within, outside)]
-    if not all(side.size for side in sides):
-        raise MetrologyError(
-            f"heights must be measured {near * 1e6:.3g} um beside an edge, got none [{scan.source}]"
-        )
+    MetrologyError.require(
+        all(side.size for side in sides),
+        f"heights must be measured {near * 1e6:.3g} um beside an edge, got none [{scan.source}]",
+    )
     inner, outer = map(np.median, sides)
     if not (jump := float(outer - inner) / value) > _SUDDEN[1]:
         raise MetrologyError(

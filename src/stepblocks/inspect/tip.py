@@ -123,7 +123,9 @@ def _fit_algebraic(points: Array, unit: float, flat: bool) -> Array:
     design = np.column_stack([2.0 * (p[:, ::2] if flat else p), np.ones(len(p))])
     solution, _, rank, _ = np.linalg.lstsq(design, np.sum(p**2, axis=1), rcond=1e-10)
     squared = float(solution[-1] + solution[:-1] @ solution[:-1])
-    if rank < design.shape[1] or squared <= 0.0 or squared > 1e8:
-        raise MetrologyError("points must determine a sphere, got points on a plane or a line")
+    MetrologyError.require(
+        rank >= design.shape[1] and 0.0 < squared <= 1e8,
+        "points must determine a sphere, got points on a plane or a line",
+    )
     centre = np.array([solution[0], 0.0, solution[1]]) if flat else solution[:3]
     return np.append(centre * unit + origin, np.sqrt(squared) * unit)

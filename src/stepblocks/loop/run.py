@@ -16,6 +16,7 @@ from threadpoolctl import threadpool_limits
 from stepblocks.artefacts.as_built import list_measured_edges, read_records
 from stepblocks.artefacts.model_file import build_model_document
 from stepblocks.atomic import lock_folder, replace_text
+from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.errors import PipelineError
 from stepblocks.loop.bench_model import list_covariate_ranges
 from stepblocks.loop.heights import add_height_errors
@@ -53,13 +54,14 @@ Announce = Callable[[int, int, str], None]  # told which of how many searches ru
 
 
 def loop_session(
-    session: str | Path,
+    session: str | Path | pd.DataFrame,
     output: str | Path | None = None,
     *,
     jobs: int | None = None,
     forces_only: bool = False,
     as_built: Sequence[str | Path] = (),
     features: pd.DataFrame | None = None,
+    point: OperatingPoint = PAPER,
     progress: Callable[[int, int], None] | None = None,
     announce: Announce | None = None,
 ) -> LoopResult:
@@ -67,8 +69,9 @@ def loop_session(
 
     Parameters
     ----------
-    session : str or Path
-        Folder of the session; it is only read.
+    session : str, Path or DataFrame
+        Folder of the session, which is only read, or a table of features as `measure_session`
+        returns it.
     output : str or Path, optional
         Folder for features.csv, result.json, model.json, report.html and, where a block is asked
         for, next-block.toml.
@@ -82,6 +85,9 @@ def loop_session(
     features : pandas.DataFrame, optional
         What `measure_session` returned for this session, every row of it, perhaps with another
         ``status``; the traces are not measured again, and features.csv is not written.
+    point : OperatingPoint
+        For a table: the radius of its tip and the spring of its tool, which else stand in
+        ``session.toml``.
     progress : callable, optional
         Told how many of how many trials are measured.
     announce : callable, optional
@@ -103,10 +109,25 @@ def loop_session(
     from stepblocks.bench.session import open_session
     from stepblocks.bench.trials import insert_conditions, read_conditions
 
-    session = Path(session)
     inspected = (
         list_measured_edges(read_records([Path(path) for path in as_built])) if as_built else {}
     )
+    cores = jobs or len(os.sched_getaffinity(0))
+    if isinstance(session, pd.DataFrame):
+        scans = {} if forces_only else {block: dict(one) for block, one in inspected.items()}
+        result = analyse_features(
+            session,
+            point.tool.stiffness,
+            point.ball_radius,
+            scans,
+            jobs=cores,
+            announce=announce,
+        )
+        if output is not None:
+            with lock_folder(Path(output)):
+                write_loop(result, Path(output))
+        return result
+    session = Path(session)
     declared = open_session(session)
     conditions = read_conditions(declared)
     radius = declared.probe.tip_radius
@@ -114,7 +135,6 @@ def loop_session(
         raise PipelineError(
             f"`probe.tip_radius` must be given to explain a session [{session / 'session.toml'}]"
         )
-    cores = jobs or len(os.sched_getaffinity(0))
     with nullcontext() if output is None else lock_folder(Path(output)):
         if features is None:
             features = measure_session(

@@ -112,11 +112,11 @@ def build_session_table(
             for tip in features.get("tip", pd.Series("", features.index)).astype(str)
         ]
     )
-    if (~np.isclose(radius, tip_radius * 1e6, rtol=0.01)).all():
-        raise PipelineError(
-            f"tips of the table must agree with `probe.tip_radius`, {tip_radius * 1e6:g} um: their "
-            f"labels say {', '.join(f'{one:g} um' for one in np.unique(radius))}; correct either"
-        )
+    PipelineError.require(
+        not (~np.isclose(radius, tip_radius * 1e6, rtol=0.01)).all(),
+        f"tips of the table must agree with `probe.tip_radius`, {tip_radius * 1e6:g} um: their "
+        f"labels say {', '.join(f'{one:g} um' for one in np.unique(radius))}; correct either",
+    )
     good, excluded = _select_usable_trials(features, radius, spring_constant)
     PipelineError.require(
         good.sum() >= _FEWEST,

@@ -225,12 +225,12 @@ def loop_sessions(
         )
         for name, one in probes.items()
     }
-    if len(set(stated.values())) > 1:
-        raise PipelineError(
-            "`probe.spring_constant`, `probe.friction` and `probe.contact` must be the same in "
-            "sessions that are explained together, got "
-            + "; ".join(f"{one} in {name}" for name, one in stated.items())
-        )
+    PipelineError.require(
+        not (len(set(stated.values())) > 1),
+        "`probe.spring_constant`, `probe.friction` and `probe.contact` must be the same in "
+        "sessions that are explained together, got "
+        + "; ".join(f"{one} in {name}" for name, one in stated.items()),
+    )
     output = Path(output)
     with lock_folder(output):
         results = {

@@ -103,8 +103,7 @@ class Characteristic:
 def find_face(faces: tuple[cad.door.Face, ...], rule: FaceRule, place: str) -> int:
     """Find the one face that a rule describes, the largest where the rule fits several."""
     found = [index for index, face in enumerate(faces) if _is_face_of(face, rule)]
-    if not found:
-        raise MachiningError(f"a face must exist for {rule}, got none [{place}]")
+    MachiningError.require(found, f"a face must exist for {rule}, got none [{place}]")
 
     def extent(index: int) -> float:
         sides = sorted(

@@ -7,6 +7,7 @@ from typing import Annotated, Any, TypeAlias
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
+from stepblocks.errors import QuantityError
 from stepblocks.parts.tolerance import Dimension, parse_sensible
 from stepblocks.quantities import DIMENSIONS, format_quantity, parse_quantity
 
@@ -52,8 +53,10 @@ def read_positive(dimension: str, *, or_zero: bool = False) -> QuantityValidator
 
     def read(raw: object) -> float:
         value = parse_sensible(raw, dimension)
-        if value < 0.0 or (value == 0.0 and not or_zero):
-            raise ValueError(f"must {'not be negative' if or_zero else 'be positive'}, got {raw!r}")
+        QuantityError.require(
+            value > 0.0 or (value == 0.0 and or_zero),
+            f"must {'not be negative' if or_zero else 'be positive'}, got {raw!r}",
+        )
         return value
 
     return QuantityValidator(read, dimension=dimension)
@@ -139,13 +142,12 @@ def make_sourced_validator(quantity: str) -> BeforeValidator:
             return raw
         if not isinstance(raw, dict) or set(raw) != {"value", "source"}:
             raise ValueError(f"must be a table with value and source, got {raw!r:.60}")
-        if not isinstance(raw["source"], str) or not raw["source"].strip():
-            raise ValueError(
-                f"source must say where the value comes from, got {raw['source']!r:.60}"
-            )
+        QuantityError.require(
+            isinstance(raw["source"], str) and raw["source"].strip(),
+            f"source must say where the value comes from, got {raw['source']!r:.60}",
+        )
         value = parse_sensible(raw["value"], quantity)
-        if value <= 0.0:
-            raise ValueError(f"value must be positive, got {raw['value']!r:.60}")
+        QuantityError.require(value > 0.0, f"value must be positive, got {raw['value']!r:.60}")
         return Sourced(value, quantity, raw["source"])
 
     return BeforeValidator(read)
@@ -262,8 +264,7 @@ def _read_zone(raw: object) -> Dimension:
     if isinstance(raw, Dimension):
         return raw
     width = parse_quantity(raw, "length")
-    if width <= 0.0:
-        raise ValueError(f"must be positive, got {format_quantity(width, 'length')}")
+    QuantityError.require(width > 0.0, f"must be positive, got {format_quantity(width, 'length')}")
     return Dimension(0.0, width, 0.0)
 
 

@@ -38,8 +38,9 @@ def expand_series(stanza: Mapping[str, object]) -> Iterator[dict[str, object]]:
     """Expand the series in a stanza, every combination of them."""
     series = {path: _read_values(path, table) for path, table in _find_series(stanza, ())}
     count = math.prod(map(len, series.values()))
-    if count > MAX_SERIES:
-        raise ValueError(f"a series must have at most {MAX_SERIES} members, got {count}")
+    QuantityError.require(
+        count <= MAX_SERIES, f"a series must have at most {MAX_SERIES} members, got {count}"
+    )
     for combination in itertools.product(*series.values()):
         one = copy.deepcopy(dict(stanza))
         for path, nominal in zip(series, combination, strict=True):
@@ -66,11 +67,10 @@ def _find_series(
 def _read_values(path: tuple[str, ...], table: Mapping[str, object]) -> list[str]:
     name = ".".join(path)
     unknown = set(table) - {"from", "to", "step", "values", *_BESIDE}
-    if unknown:
-        raise ValueError(
-            f"{name}: a series has from, to and step, or values; got also "
-            f"{', '.join(sorted(unknown))}"
-        )
+    QuantityError.require(
+        not unknown,
+        f"{name}: a series has from, to and step, or values; got also {', '.join(sorted(unknown))}",
+    )
     if "values" in table:
         values = table["values"]
         if (
@@ -85,10 +85,10 @@ def _read_values(path: tuple[str, ...], table: Mapping[str, object]) -> list[str
             )
         return list(values)
     missing = {"to", "step"} - set(table)
-    if missing:
-        raise ValueError(
-            f"{name}: a series needs from, to and step, got no {' and no '.join(sorted(missing))}"
-        )
+    QuantityError.require(
+        not missing,
+        f"{name}: a series needs from, to and step, got no {' and no '.join(sorted(missing))}",
+    )
     first, last, step = (table[key] for key in ("from", "to", "step"))
     dimension = _find_quantity(first)
     try:
@@ -96,16 +96,20 @@ def _read_values(path: tuple[str, ...], table: Mapping[str, object]) -> list[str
     except QuantityError as error:
         raise ValueError(f"{name}: {error}") from error
     got = f"got from {first} to {last} step {step}"
-    if stride <= 0.0 or stop < start:
-        raise ValueError(f"{name}: a series must ascend with a positive step, {got}")
+    QuantityError.require(
+        stride > 0.0 and stop >= start,
+        f"{name}: a series must ascend with a positive step, {got}",
+    )
     steps = (stop - start) / stride
     count = round(steps)
-    if steps > MAX_SERIES:
-        raise ValueError(
-            f"{name}: a series must have at most {MAX_SERIES} members, got {steps:.0f}"
-        )
-    if abs(steps - count) > 1e-6:
-        raise ValueError(f"{name}: to must be a whole number of steps from from, {got}")
+    QuantityError.require(
+        steps <= MAX_SERIES,
+        f"{name}: a series must have at most {MAX_SERIES} members, got {steps:.0f}",
+    )
+    QuantityError.require(
+        abs(steps - count) <= 1e-6,
+        f"{name}: to must be a whole number of steps from from, {got}",
+    )
     unit = str(first).lstrip("+-.0123456789eE ").strip()
     scale = parse_quantity(f"1 {unit}", dimension)
     return [f"{(start + index * stride) / scale:.12g} {unit}" for index in range(count + 1)]

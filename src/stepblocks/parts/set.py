@@ -71,8 +71,10 @@ def register_kind(kind: type[Part]) -> Iterator[None]:
         If another kind has stanzas of that name, or it cannot be the name of one.
     """
     taken = {*list_kinds(), *StimulusSet.model_fields, "schema", "set", "defaults"}
-    if not kind.stanza.isidentifier() or kind.stanza in taken:
-        raise StimulusError(f"stanza must be a new name, got {kind.stanza!r} [{kind.__name__}]")
+    StimulusError.require(
+        kind.stanza.isidentifier() and kind.stanza not in taken,
+        f"stanza must be a new name, got {kind.stanza!r} [{kind.__name__}]",
+    )
     _more.append(kind)
     try:
         yield
@@ -165,6 +167,10 @@ class StimulusSet(Table):
         StimulusError
             If the name of the file is not that of the set, or a part cannot be stated in a file.
         """
+        StimulusError.require(
+            path is None or isinstance(path, str | Path),
+            f"path must be that of a file, got {shorten_value(path)}",
+        )
         text = format_set(self, self.name, self.stimuli)
         if path is not None:
             StimulusError.require(

@@ -14,11 +14,21 @@ from stepblocks.parts.kind import COARSE_DEFLECTION, CONTACT_DEFLECTION, Manifol
 
 @dataclass(frozen=True)
 class Mesh:
-    """A closed triangle mesh."""
+    """A closed triangle mesh.
 
-    name: str  # of the body
-    vertices: NDArray[np.float64]  # points [m], shape (n, 3)
-    triangles: NDArray[np.int64]  # indices, shape (m, 3), counter-clockwise seen from outside
+    Attributes
+    ----------
+    name : str
+        Of the body.
+    vertices : ndarray
+        Points [m], shape (n, 3).
+    triangles : ndarray
+        Indices, shape (m, 3), counter-clockwise seen from outside.
+    """
+
+    name: str
+    vertices: NDArray[np.float64]
+    triangles: NDArray[np.int64]
 
     def __repr__(self) -> str:
         return f"Mesh({self.name!r}, {len(self.vertices)} points, {len(self.triangles)} triangles)"

@@ -37,12 +37,14 @@ def parse_sensible(raw: object, quantity: str) -> float:
     """Read a quantity of a size that a bench can have."""
     value = parse_quantity(raw, quantity)
     least, largest = _SENSIBLE.get(quantity, (0.0, math.inf))
-    if abs(value) > largest:
-        raise ValueError(f"must not exceed {format_quantity(largest, quantity)}, got {raw!r:.60}")
-    if 0.0 < abs(value) < least:
-        raise ValueError(
-            f"must be 0 or at least {format_quantity(least, quantity)}, got {raw!r:.60}"
-        )
+    QuantityError.require(
+        abs(value) <= largest,
+        f"must not exceed {format_quantity(largest, quantity)}, got {raw!r:.60}",
+    )
+    QuantityError.require(
+        value == 0.0 or abs(value) >= least,
+        f"must be 0 or at least {format_quantity(least, quantity)}, got {raw!r:.60}",
+    )
     return value
 
 
@@ -136,15 +138,14 @@ def _read_deviations(raw: object, quantity: str) -> tuple[float, float]:
         )
     else:
         upper = parse_quantity(raw, quantity)
-        if upper <= 0.0:
-            raise ValueError(f"tolerance must be positive, got {raw!r}")
+        QuantityError.require(upper > 0.0, f"tolerance must be positive, got {raw!r}")
         lower = -upper
     largest = _SENSIBLE.get(quantity, (0.0, math.inf))[1]
-    if not -largest <= lower < upper <= largest:
-        raise ValueError(
-            "tolerance must have its upper deviation above the lower one, within sense, got "
-            f"{raw!r:.60}"
-        )
+    QuantityError.require(
+        -largest <= lower < upper <= largest,
+        "tolerance must have its upper deviation above the lower one, within sense, got "
+        f"{raw!r:.60}",
+    )
     return upper, lower
 
 
@@ -183,12 +184,11 @@ def _make_validator(quantity: str, rule: str = "", *, above: bool = False) -> Be
     def read(raw: object) -> Dimension:
         dimension = _read_dimension(raw, quantity)
         value = dimension.nominal
-        if (
-            value < least
-            or (above and value == least)
-            or (quantity == "angle" and value >= math.pi)
-        ):
-            raise ValueError(f"must {rule}, got {format_quantity(value, quantity)}")
+        QuantityError.require(
+            (value > least if above else value >= least)
+            and (quantity != "angle" or value < math.pi),
+            f"must {rule}, got {format_quantity(value, quantity)}",
+        )
         if quantity == "length" and least == 0.0 < value < -dimension.lower:
             below = format_quantity(-dimension.lower, "length")
             raise ValueError(

@@ -12,7 +12,12 @@ from stepblocks.contact.energy_change import find_energy_change
 from stepblocks.contact.uncertainty import Interval
 from stepblocks.parts.kind import Part
 from stepblocks.parts.set import StimulusSet
-from stepblocks.predict.predictions import Prediction, format_six_digits, predict_by_formula
+from stepblocks.predict.predictions import (
+    Prediction,
+    predict_all,
+    predict_by_formula,
+    tabulate_prediction,
+)
 
 
 def replace_nominals(stimuli: StimulusSet, records: Mapping[str, AsBuilt]) -> StimulusSet:
@@ -91,18 +96,30 @@ def _shift_interval(interval: Interval, release: Release) -> Interval:
     return replace(interval, status=release.status, **(found | limits))
 
 
-def format_surface_columns(release: Release | None) -> dict[str, str]:
-    """Return more columns of a table of predictions, empty where no surface was scanned."""
+def tabulate_surface(release: Release | None) -> dict[str, float | str]:
+    """Return more columns of a table of predictions, NaN where no surface was scanned."""
     return {
-        "surface_critical_angle_deg": format_six_digits(math.degrees(release.angle))
-        if release
-        else "",
+        "surface_critical_angle_deg": math.degrees(release.angle) if release else math.nan,
         "surface_status": release.status.value if release else "",
-        "surface_pull_force_n": format_six_digits(release.pull_force) if release else "",
-        "surface_vibration_energy_uj": format_six_digits(release.vibration_energy * 1e6)
-        if release
-        else "",
+        "surface_pull_force_n": release.pull_force if release else math.nan,
+        "surface_vibration_energy_uj": release.vibration_energy * 1e6 if release else math.nan,
     }
+
+
+def predict_as_built(
+    stimuli: StimulusSet, records: Mapping[str, AsBuilt], dragged: bool | None, speed: float
+) -> tuple[tuple[Prediction, ...], list[dict[str, float | str]]]:
+    """Predict what was measured in place of the nominal; with the rows of a table.
+
+    Where any surface was scanned, the rows have the columns of `tabulate_surface`, too.
+    """
+    built = replace_nominals(stimuli, records)
+    found = tuple(predict_from_surfaces(predict_all(built, dragged, speed), built, records))
+    rows = [tabulate_prediction(one) for one in found]
+    if any(record.surface is not None for record in records.values()):
+        scanned = prepare_surface_releases(stimuli, records)
+        rows = [row | tabulate_surface(scanned(one)) for row, one in zip(rows, found, strict=True)]
+    return found, rows
 
 
 def describe_energy_changes(stimuli: StimulusSet, records: Mapping[str, AsBuilt]) -> Iterator[str]:

@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
@@ -268,11 +268,10 @@ def tabulate_prediction(prediction: Prediction) -> dict[str, float | str]:
     }
 
 
-def format_row(prediction: Prediction) -> dict[str, str]:
-    """Format a prediction for a table."""
+def format_row(row: Mapping[str, float | str]) -> dict[str, str]:
+    """Format the figures of a table's row."""
     return {
-        name: one if isinstance(one, str) else format_six_digits(one)
-        for name, one in tabulate_prediction(prediction).items()
+        name: one if isinstance(one, str) else format_six_digits(one) for name, one in row.items()
     }
 
 
@@ -316,11 +315,17 @@ def format_predictions_csv(
     predictions: Iterable[Prediction], more: Callable[[Prediction], dict[str, str]] | None = None
 ) -> str:
     """Write predictions as ``predictions.csv``, with further columns behind."""
-    return format_csv([format_row(one) | (more(one) if more else {}) for one in predictions])
+    return format_csv(
+        [format_row(tabulate_prediction(one)) | (more(one) if more else {}) for one in predictions]
+    )
 
 
 def predict_set(
-    stimuli: StimulusSet | str | Path, *, dragged: bool | None = None, speed: float = PAPER.speed
+    stimuli: StimulusSet | str | Path,
+    *,
+    dragged: bool | None = None,
+    speed: float = PAPER.speed,
+    as_built: Sequence[str | Path] = (),
 ) -> "pd.DataFrame":
     """Predict every stimulus of a set under every tip, load and friction that it asks for.
 
@@ -332,6 +337,9 @@ def predict_set(
         Whether each row is dragged in time as well; by default up to 10,000 rows.
     speed : float
         Of the handle in those drags [m/s].
+    as_built : sequence of str or Path
+        As-built records of inspected blocks, or folders of them: what was measured counts in place
+        of the nominal, and where a surface was scanned, the columns ``surface_...`` stand behind.
 
     Returns
     -------
@@ -355,6 +363,12 @@ def predict_set(
         from stepblocks.declare import load_set
 
         stimuli = load_set(Path(stimuli))
+    if as_built:
+        from stepblocks.artefacts.as_built import read_records
+        from stepblocks.predict.as_built import predict_as_built
+
+        records = read_records([Path(path) for path in as_built])
+        return pd.DataFrame(predict_as_built(stimuli, records, dragged, speed)[1])
     return pd.DataFrame([tabulate_prediction(one) for one in predict_all(stimuli, dragged, speed)])
 
 

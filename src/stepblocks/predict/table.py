@@ -80,6 +80,8 @@ def predict_table(
     PipelineError
         If the table or one of its columns is wrong.
     """
+    if hasattr(table, "to_pandas"):  # of polars or Arrow
+        table = table.to_pandas()
     place = "table" if isinstance(table, pd.DataFrame) else Path(table)
     frame = table if isinstance(table, pd.DataFrame) else read_table(Path(table))
     uncertain = {

@@ -47,8 +47,9 @@ class GaugePair:
 
 def choose_pair(height: float, grade: str = "0") -> GaugePair:
     """Choose the pair of a standard set whose difference is a height."""
-    if grade not in GRADES:
-        raise MachiningError(f"grade must be one of {', '.join(GRADES)}, got {grade!r}")
+    MachiningError.require(
+        grade in GRADES, f"grade must be one of {', '.join(GRADES)}, got {grade!r}"
+    )
     deviation, variation = GRADES[grade]
     pairs = (
         (a, b)

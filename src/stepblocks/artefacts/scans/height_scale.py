@@ -76,10 +76,10 @@ def check_height_scale(
         raise MetrologyError(
             f"reader must use {scale.count:g} m per count ({scale.field}), got {used:g} m [{place}]"
         )
-    if not scale.integral and used is None:
-        raise MetrologyError(
-            f"reader must say what it took for {scale.field}, got nothing [{place}]"
-        )
+    MetrologyError.require(
+        scale.integral or used is not None,
+        f"reader must say what it took for {scale.field}, got nothing [{place}]",
+    )
     finite = height[np.isfinite(height)]
     ends = [abs(end) for end in (scale.lowest, scale.highest) if np.isfinite(end)]
     slack = 2.0 * scale.count if scale.integral else 1e-6 * max(ends, default=0.0)

@@ -23,22 +23,23 @@ def grid_points(x: Array, y: Array, z: Array, source: str, scale: str) -> Height
     Where they lie on none, it is the nearest grid that holds each point within half a step.
     """
     known = np.isfinite(x) & np.isfinite(y)
-    if not known.all() and np.isfinite(z[~known]).any():
-        raise MetrologyError(f"positions must be finite numbers [{source}]")
+    MetrologyError.require(
+        known.all() or not np.isfinite(z[~known]).any(),
+        f"positions must be finite numbers [{source}]",
+    )
     x, y, z = x[known], y[known], z[known]
-    if len(x) < 4:
-        raise MetrologyError(f"points must lie on a grid, got {len(x)} points [{source}]")
+    MetrologyError.require(
+        not (len(x) < 4), f"points must lie on a grid, got {len(x)} points [{source}]"
+    )
     axes = _find_axes(x, y)
     shape = tuple(len(axis) for axis in axes)
-    if (
-        min(shape) < 2
-        or (1.0 - _MOST_EMPTY) * shape[0] * shape[1] > len(x)
-        or max(shape) > _MOST_CELLS / min(shape)
-    ):
-        raise MetrologyError(
-            f"points must lie on a grid, got {len(x)} points on {shape[0]} columns and "
-            f"{shape[1]} rows [{source}]"
-        )
+    MetrologyError.require(
+        min(shape) >= 2
+        and (1.0 - _MOST_EMPTY) * shape[0] * shape[1] <= len(x)
+        and max(shape) <= _MOST_CELLS / min(shape),
+        f"points must lie on a grid, got {len(x)} points on {shape[0]} columns and "
+        f"{shape[1]} rows [{source}]",
+    )
     steps = [(axis[-1] - axis[0]) / (len(axis) - 1) for axis in axes]
     grid = zip((x, y), axes, steps, strict=True)
     column, row = (np.rint((one - axis[0]) / step).astype(int) for one, axis, step in grid)

@@ -83,15 +83,19 @@ def load_scan(
 ) -> ScannedProfile | HeightMap:
     """Return a scan as an object: read from its file or table, taken as it is, or made of arrays.
 
-    Arrays are two, or one of two rows [m].
+    Arrays are two, one of two rows, or a series over its positions [m].
     """
     if isinstance(scan, ScannedProfile | HeightMap):
         return scan
     if isinstance(scan, str | Path):
         return read_scan(scan, unit, channel)
-    if hasattr(scan, "to_csv"):  # a table; pandas is not loaded to find out
+    if hasattr(scan, "to_pandas"):  # of polars, Arrow or xarray
+        scan = scan.to_pandas()
+    if hasattr(scan, "columns"):  # a table; pandas is not loaded to find out
         return read_table_scan(scan, unit, channel)
     arrays = (scan.x, scan.z) if isinstance(scan, Profile) else scan
+    if hasattr(arrays, "to_csv"):  # a row of heights over positions
+        arrays = arrays.index, arrays
     if not hasattr(arrays, "__len__") or len(arrays) != 2:
         # only here: to write a list of a million numbers takes longer than to read it
         raise MetrologyError(

@@ -17,8 +17,10 @@ _FARTHEST = 10.0  # a surface that reaches farther was read in a wrong unit, or 
 
 def _require_reach(name: str, values: Array, place: str) -> None:
     farthest = np.nanmax(np.abs(values))
-    if farthest > _FARTHEST:
-        raise MetrologyError(f"{name} must lie within {_FARTHEST:g} m, got {farthest:g} m{place}")
+    MetrologyError.require(
+        not farthest > _FARTHEST,
+        f"{name} must lie within {_FARTHEST:g} m, got {farthest:g} m{place}",
+    )
 
 
 @dataclass(frozen=True, repr=False)

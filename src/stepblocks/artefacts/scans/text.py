@@ -184,10 +184,10 @@ def _parse_table(text: str, path: Path) -> tuple[list[list[str]], Array]:
         [field.lstrip("# ").strip('"') for field in _split_fields(line, mark)]
         for line in lines[:begin]
     ]
-    if width > _MOST_COLUMNS and any(len(fields) == width for fields in head):
-        raise MetrologyError(
-            f"table must have at most {_MOST_COLUMNS} columns [{path.name}, {begin + 1}]"
-        )
+    MetrologyError.require(
+        width <= _MOST_COLUMNS or all(len(fields) != width for fields in head),
+        f"table must have at most {_MOST_COLUMNS} columns [{path.name}, {begin + 1}]",
+    )
     body = "\n".join(lines[begin:])
     try:
         fast = np.loadtxt(

@@ -88,8 +88,10 @@ def find_references(value: object) -> Iterator[str]:
 def read_exchange(path: Path) -> Exchange:
     """Parse a STEP file."""
     MetrologyError.require(is_file(path), f"STEP file must be a file, got {str(path)!r}")
-    if path.stat().st_size > _MOST_BYTES:
-        raise MetrologyError(f"STEP file must not exceed {_MOST_BYTES >> 20} MiB [{path.name}]")
+    MetrologyError.require(
+        path.stat().st_size <= _MOST_BYTES,
+        f"STEP file must not exceed {_MOST_BYTES >> 20} MiB [{path.name}]",
+    )
     try:
         text = path.read_text(encoding="utf-8")
     except UnicodeDecodeError:

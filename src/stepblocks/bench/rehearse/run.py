@@ -93,8 +93,10 @@ def simulate_session(plan: str | Path, output: str | Path) -> SimulationSummary:
     """
     declared = read_plan(Path(plan))
     output = Path(output)
-    if output.exists() and (not output.is_dir() or any(output.iterdir())):
-        raise PipelineError(f"output must be a new or empty folder, got {str(output)!r}")
+    PipelineError.require(
+        not (output.exists() and (not output.is_dir() or any(output.iterdir()))),
+        f"output must be a new or empty folder, got {str(output)!r}",
+    )
     with make_draft_folder(output) as draft:
         summary = write_session(declared, draft)
         sync_folder(draft)

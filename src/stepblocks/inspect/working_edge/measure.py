@@ -129,10 +129,10 @@ def _measure_along_rows(
     for one in beside:  # a flank is followed by another at once
         near = abs(one.begin - edge.middle) < 2.0 * edge.exclusion + LEAST_FACE * first.spacing
         rise = edge.height.value if edge.rising else -edge.height.value
-        if near and abs(one.height.value + rise) < PAIR * abs(rise):
-            raise MetrologyError(
-                f"edge must have a face of {LEAST_FACE} points on either side, got a notch or ridge"
-            )
+        MetrologyError.require(
+            not (near and abs(one.height.value + rise) < PAIR * abs(rise)),
+            f"edge must have a face of {LEAST_FACE} points on either side, got a notch or ridge",
+        )
     # a second step bends the planes: only the part between such steps is levelled
     steps = [one.begin for one in beside if not np.isfinite(one.end)]
     if steps and options.begin is None and options.end is None:

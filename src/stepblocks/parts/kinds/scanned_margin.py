@@ -14,7 +14,7 @@ from stepblocks import cad
 from stepblocks.atomic import resolve_inside
 from stepblocks.confined import read_confined
 from stepblocks.contact.counterface import SIDE, ProfiledMargin
-from stepblocks.errors import StimulusError
+from stepblocks.errors import QuantityError, StimulusError
 from stepblocks.parts import margin_line
 from stepblocks.parts.characteristics import Characteristic, describe_plane, make_characteristic
 from stepblocks.parts.declared import (
@@ -130,8 +130,10 @@ class ScannedMargin(CrownMargin):
     def expand_stanza(
         cls, stanza: Mapping[str, object], folder: Path
     ) -> Iterator[Mapping[str, object]]:
-        if "station" in stanza:
-            raise ValueError("station is worked out from the mesh, and not a field of a file")
+        QuantityError.require(
+            "station" not in stanza,
+            "station is worked out from the mesh, and not a field of a file",
+        )
         try:
             one = cls.model_validate(stanza)
         except ValidationError:  # whose mistakes are listed where all stanzas are validated

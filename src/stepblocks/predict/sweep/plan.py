@@ -157,11 +157,10 @@ def _resolve_plan(data: Document, folder: Path, mistakes: list[Mistake]) -> Swee
             "surface must not be given beside set, which says what its stimuli are [sweep]",
         )
         tolerances = draws.get("tolerances", False)
-        if not isinstance(head["set"], str) or not isinstance(tolerances, bool):
-            raise PipelineError(
-                "set must be the path of a stimulus file and tolerances true or false [sweep], "
-                "[draws]"
-            )
+        PipelineError.require(
+            isinstance(head["set"], str) and isinstance(tolerances, bool),
+            "set must be the path of a stimulus file and tolerances true or false [sweep], [draws]",
+        )
         surface, stimuli, grid = read_sweep_stimuli(
             folder / head["set"], parameters.get("stimulus"), tolerances
         )

@@ -8,6 +8,7 @@ import io
 import json
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
+from html import escape
 from pathlib import Path
 
 import pandas as pd
@@ -29,6 +30,7 @@ except ImportError as error:
     ) from error
 
 PLAN_FILE = "_sweep.json"  # pandas and Dask pass over a name that begins so
+_SHOWN = 5  # rows that a notebook shows
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,7 @@ class SweepResult:
     ----------
     folder : Path
         Holds the partitions, ``part-00000000.parquet`` and on. pandas and Dask read the folder
-        as it is, polars and DuckDB ``*.parquet`` in it.
+        as it is, DuckDB ``*.parquet`` in it, polars with ``hidden_file_prefix="_"``.
     plan : SweepPlan
         What was computed.
     computed, found : int
@@ -69,15 +71,22 @@ class SweepResult:
             [_find_path(self.folder, k) for k in range(self.plan.partitions)], columns=columns
         ).to_pandas()
 
+    def _repr_html_(self) -> str:
+        rows = pq.read_table(_find_path(self.folder, 0)).slice(0, _SHOWN)
+        return f"<p>{escape(repr(self))}</p>{rows.to_pandas().to_html(index=False)}"
+
     def plot(
-        self, x: str | None = None, y: str = "vibration_energy_j", ax: "Axes | None" = None
+        self,
+        x: "str | Axes | None" = None,
+        y: str = "vibration_energy_j",
+        ax: "Axes | None" = None,
     ) -> "Axes":
         """Draw a column against another, by default the energy against the height or the gap.
 
         Parameters
         ----------
         x, y : str
-            Columns of the table.
+            Columns of the table. Axes may stand first, as in the other methods of this name.
         ax : matplotlib Axes, optional
             Where to draw; a new figure by default.
 
@@ -85,11 +94,13 @@ class SweepResult:
         -------
         matplotlib Axes
         """
-        x = x or ("height_m" if self.plan.surface == "step" else "marginal_gap_m")
-        table = self.read([x, y])
+        if x is not None and not isinstance(x, str):
+            return self.plot(None, y, x)
+        across = x or ("height_m" if self.plan.surface == "step" else "marginal_gap_m")
+        table = self.read([across, y])
         axes = take_axes(ax)
-        axes.plot(table[x], table[y], ".", markersize=3.0)
-        axes.set_xlabel(format_units(format_column_label(x)))
+        axes.plot(table[across], table[y], ".", markersize=3.0)
+        axes.set_xlabel(format_units(format_column_label(across)))
         axes.set_ylabel(format_units(format_column_label(y)))
         return axes
 
@@ -210,7 +221,7 @@ def _claim_folder(plan: SweepPlan, folder: Path) -> None:
             not any(folder.glob("part-*.parquet")),
             f"folder holds partitions without {PLAN_FILE}; choose another folder [{folder}]",
         )
-        record = {"digest": plan.digest, "rows": plan.rows, "plan": asdict(plan)}
+        record = {"schema": 1, "digest": plan.digest, "rows": plan.rows, "plan": asdict(plan)}
         replace_text(path, json.dumps(record, indent=1, sort_keys=True) + "\n")
 
 
