@@ -42,8 +42,15 @@ PARTS = [
     ),
     Part(
         "install",
-        "python benchmarks/install_size.py",
-        {"install-size": (r"\*\*all \d+\*\* \| \*\*(\d+)\*\*", "{:GB} GB")},
+        "python benchmarks/install_size.py && "
+        "python benchmarks/install_size.py cadquery trimesh manifold3d numpy pyvista",
+        {
+            "install-size": (r"\*\*all \d+\*\* \| \*\*(\d+)\*\*", "{:GB} GB"),
+            "install-kernel": (
+                r"all \d+\*\*[\s\S]*\*\*all \d+\*\* \| \*\*(\d+)\*\*",
+                "{:GB} GB",
+            ),
+        },
     ),
     Part(
         "renderer",
@@ -107,6 +114,9 @@ PARTS = [
         {
             "mujoco-faster": (r"5e-06 s .*linear 3e7 (\d+), Hertz (\d+)", "{} to {}"),
             "mujoco-rate": (r"drags per second per core.*: (\d+)", "{}"),
+            "mujoco-peak": (r"peaks of both programs, linear 3e7: (\S+) %", "{} %"),
+            "mujoco-step": (r"LARGEST MuJoCo, step 2e-05 s +\S+ +\S+ +(\S+)", "{:.0e}"),
+            "drag-step": (r"LARGEST ours, .*? +\d+\.\d\d +\d+\.\d +(\S+)", "{:.0e}"),
         },
         timing=True,
     ),
@@ -116,6 +126,8 @@ PARTS = [
         {
             "sweep-static": (r"static in this process: +(\d+)", "{}"),
             "sweep-drag": (r"drag +in this process: +(\d+)", "{}"),
+            "sweep-two-static": (r"static in two processes: .* (\S+) times as fast", "{}"),
+            "sweep-two-drag": (r"drag +in two processes: .* (\S+) times as fast", "{}"),
         },
         2,
         timing=True,
@@ -131,9 +143,13 @@ PARTS = [
     ),
     Part(
         "loop-seconds",
-        "python benchmarks/loop_seconds.py --trials 240",
-        {"loop-240": (r"of-240 +240 +(\S+)", "{} s")},
-        2,
+        "python benchmarks/loop_seconds.py --trials 240 && "
+        "python benchmarks/loop_seconds.py --trials 4000 --jobs 1",
+        {
+            "loop-240": (r"of-240 +240 +(\S+)", "{} s"),
+            "loop-4000": (r"of-4000 +4000 +(\S+)", "{} s"),
+        },
+        6,
         timing=True,
     ),
     Part(
@@ -196,6 +212,10 @@ PARTS = [
         {
             "sim-renderer": (
                 r"LARGEST ^\| [\w-]+ \| [\d.]+ \| [\d.]+ \(([-+][\d.]+) %",
+                "{:.2f} %",
+            ),
+            "sim-forcelaw": (
+                r"LARGEST ^(?:\| [^|]+){3,4}\| [\d.]+ \(([-+][\d.]+) %",
                 "{:.2f} %",
             ),
             "sim-mujoco": (r"LARGEST ^(?:\| [^|]+){5}\| [\d.]+ \(([-+][\d.]+) %", "{:.2f} %"),
@@ -301,6 +321,12 @@ PARTS = [
         "build",
         "python benchmarks/build_against_scripts.py --runs 3 && "
         "python benchmarks/sweep_of_blocks.py --sizes 50 1000",
+        {
+            "build-seconds": (r"stepblocks build, everything {3,}(\S+)", "{} s"),
+            "build-ratio": (r"stepblocks build, everything {3,}(?:\S+ +){3}(\S+)", "{}"),
+            "build-per-block": (r"(?m)^ *1000 +\S+ +(\S+)", "{} s"),
+            "build-memory": (r"(?m)^ *1000 +(?:\S+ +){2}(\d+)", "{} MiB"),
+        },
         timing=True,
         minutes=20,
     ),

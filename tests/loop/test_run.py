@@ -9,6 +9,7 @@ import sys
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
@@ -16,6 +17,7 @@ from oracles.feature_bench import bench_trials, design_columns
 from oracles.features_file import features_of
 from oracles.virtual_session import Plan, write_session
 from stepblocks.bench.measure import measure_session
+from stepblocks.contact.operating_point import PAPER, OperatingPoint, Tool
 from stepblocks.errors import PipelineError
 from stepblocks.loop import run
 from stepblocks.loop.run import analyse_features, loop_session
@@ -169,6 +171,21 @@ def test_features_that_are_measured_already_are_explained_as_they_are(tmp_path, 
     loop_session(tmp_path / "session", features=features, forces_only=True)
     assert taken[0]["trial"].tolist() == features["trial"].tolist()
     assert taken[0].loc[2, "reason"] == "the bench was knocked"
+
+
+def test_a_table_of_features_is_explained_without_a_session(tmp_path, monkeypatch, worn):
+    features = pd.DataFrame({"trial": ["1"]})
+    taken = []
+    monkeypatch.setattr(run, "analyse_features", lambda *one, **_: taken.append(one) or worn[2])
+    point = OperatingPoint("120 um", "1 N", 0.15, Tool("9 N/mm"))
+    assert loop_session(features, tmp_path / "out", point=point) is worn[2]
+    assert taken[0][0] is features
+    assert taken[0][1:] == (pytest.approx(9000.0), pytest.approx(120e-6), {})
+    assert loop_session(features) is worn[2]  # the paper's, and nothing written
+    assert taken[1][1:3] == (PAPER.tool.stiffness, PAPER.ball_radius)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out"]
+    written = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert written["verdict"] == str(worn[2].verdict)
 
 
 def test_records_that_do_not_exist_are_reported_before_anything_is_measured(tmp_path):
