@@ -11,6 +11,7 @@ import pytest
 
 from stepblocks.atomic import _remove_stale_drafts, lock_folder, replace_text, write_atomically
 from stepblocks.cli import main
+from stepblocks.errors import PipelineError
 
 
 def names(folder):
@@ -201,3 +202,15 @@ def test_a_link_to_a_plain_file_is_written_as_before(tmp_path):
     (tmp_path / "link").symlink_to(old)
     replace_text(tmp_path / "link", "new")
     assert (tmp_path / "link").read_text() == "new"
+
+
+@pytest.mark.skipif(not os.access("/dev", os.W_OK), reason="only root writes there")
+def test_no_output_is_put_among_the_devices_where_a_link_to_a_plain_file_may_stand():
+    # /dev/stdout is one under a redirection, and the link was replaced
+    place = Path("/dev/stepblocks-test.csv")
+    try:
+        with pytest.raises(PipelineError, match="output must be a plain file, got a device"):
+            replace_text(place, "x")
+        assert not place.exists()
+    finally:
+        place.unlink(missing_ok=True)

@@ -38,7 +38,9 @@ def write_atomically(path: Path) -> Iterator[Path]:
     """
     with make_draft_folder(path) as folder:
         PipelineError.require(
-            path.is_file() or path.is_dir() or not path.exists(),
+            # what lies in /dev may be a link to a plain file, as /dev/stdout is under a redirection
+            (path.is_file() or path.is_dir() or not path.exists())
+            and path.parent.resolve() != Path("/dev"),
             f"output must be a plain file, got a device, a pipe or a socket [{path}]",
         )
         draft = folder / path.name

@@ -18,9 +18,9 @@ from stepblocks.predict.predictions import (
     format_predictions_csv,
     format_row,
     predict_all,
-    predict_set,
     tabulate_prediction,
 )
+from stepblocks.predict.run import predict_set
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 FOUR, MARGINS, TIPS, SHEATHS = (

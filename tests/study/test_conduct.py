@@ -3,8 +3,10 @@ a crash left it.
 """
 
 import csv
+import errno
 import http.client
 import json
+import os
 import threading
 import time
 
@@ -166,6 +168,37 @@ def test_a_virtual_trial_leaves_motion_and_forces_and_needs_to_be_felt(virtual):
             name: planned(virtual)[0][name] for name in ("stimulus", "condition")
         }
     run.close()
+
+
+def test_an_answer_that_a_full_disk_does_not_take_is_refused_in_one_line(real, monkeypatch, capfd):
+    server = RunServer(open_run(real, "1"))
+    threading.Thread(target=server.until_done, daemon=True).start()
+    client = http.client.HTTPConnection("127.0.0.1", server.server_address[1])
+
+    def answer(trial):
+        body = json.dumps({"trial": trial, "answers": {"estimate_um": "30"}})
+        client.request("POST", "/answer", body, {"X-Stepblocks": server.token})
+        reply = client.getresponse()
+        return reply.status, json.loads(reply.read())
+
+    def refuse(number):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    assert answer("1")[0] == 200
+    path = real / "runs" / "participant-1.csv"
+    before = path.read_bytes()
+    with monkeypatch.context() as full:
+        full.setattr(os, "fsync", refuse)
+        status, said = answer("2")
+    assert (status, said["error"]) == (
+        422,
+        f"output cannot be written: No space left on device [{path}]",
+    )
+    assert path.read_bytes() == before
+    assert answer("2")[1]["trial"] == "3"
+    client.close()
+    server.shutdown()
+    assert "Traceback" not in capfd.readouterr().err
 
 
 def test_the_page_answers_only_itself(real):

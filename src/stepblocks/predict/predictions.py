@@ -5,7 +5,6 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stepblocks.contact.counterface import Counterface
@@ -14,7 +13,6 @@ from stepblocks.contact.kernels import compute_locking_height
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.contact.uncertainty import Interval, convert_half_widths, estimate_interval
 from stepblocks.errors import ContactError, PipelineError
-from stepblocks.mistakes import shorten_value
 from stepblocks.parts.conditions import PredictionGrid
 from stepblocks.parts.kind import Part
 from stepblocks.parts.set import StimulusSet
@@ -22,8 +20,6 @@ from stepblocks.parts.tolerance import Dimension
 from stepblocks.tables import format_csv
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from stepblocks.drag.ring import Ring
     from stepblocks.drag.simulate import DragTrace
 
@@ -318,58 +314,6 @@ def format_predictions_csv(
     return format_csv(
         [format_row(tabulate_prediction(one)) | (more(one) if more else {}) for one in predictions]
     )
-
-
-def predict_set(
-    stimuli: StimulusSet | str | Path,
-    *,
-    dragged: bool | None = None,
-    speed: float = PAPER.speed,
-    as_built: Sequence[str | Path] = (),
-) -> "pd.DataFrame":
-    """Predict every stimulus of a set under every tip, load and friction that it asks for.
-
-    Parameters
-    ----------
-    stimuli : StimulusSet, str or Path
-        The set, or its file.
-    dragged : bool, optional
-        Whether each row is dragged in time as well; by default up to 10,000 rows.
-    speed : float
-        Of the handle in those drags [m/s].
-    as_built : sequence of str or Path
-        As-built records of inspected blocks, or folders of them: what was measured counts in place
-        of the nominal, and where a surface was scanned, the columns ``surface_...`` stand behind.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row for each stimulus, tip, step, direction, friction and load, in that order; the
-        columns of ``predictions.csv`` (docs/explanation/uncertainty.md), the unit in each name,
-        with all digits.
-
-    Raises
-    ------
-    StepblocksError
-        If the file cannot be read or declares something impossible.
-    """
-    import pandas as pd
-
-    PipelineError.require(
-        isinstance(stimuli, StimulusSet | str | Path),
-        f"stimuli must be a set or its file, got {shorten_value(stimuli)}",
-    )
-    if not isinstance(stimuli, StimulusSet):
-        from stepblocks.declare import load_set
-
-        stimuli = load_set(Path(stimuli))
-    if as_built:
-        from stepblocks.artefacts.as_built import read_records
-        from stepblocks.predict.as_built import predict_as_built
-
-        records = read_records([Path(path) for path in as_built])
-        return pd.DataFrame(predict_as_built(stimuli, records, dragged, speed)[1])
-    return pd.DataFrame([tabulate_prediction(one) for one in predict_all(stimuli, dragged, speed)])
 
 
 _HIDDEN = (

@@ -5,7 +5,6 @@
 
 import itertools
 import math
-import os
 import threading
 import time
 from collections.abc import Mapping, Sequence
@@ -349,24 +348,10 @@ class Run:
             ]
             cells = (*stamps, f"{seconds:.3f}", " ".join(comment.split())[:500])
             line = blind_rows([row])[0] | given | dict(zip(_TIMES, cells, strict=True))
-            self._append(line)
+            self._write([*self._rows, line])
             self._rows.append(line)
             self._place(self._rows)
             self.feedback, self._shown = "", now
-
-    def _append(self, row: Row) -> None:
-        # Write a line and wait until the disk has it
-        text = format_csv([row], self._header().strip().split(",")).partition("\n")[2]
-        if not self.path.exists():
-            replace_text(self.path, self._header())
-        with self.path.open("ab", buffering=0) as file:
-            before = file.tell()
-            try:
-                file.write(text.encode())
-                os.fsync(file.fileno())
-            except BaseException:
-                file.truncate(before)  # the same trial is asked again
-                raise
 
     def undo(self) -> None:
         """Take the last answer back; its trial is asked again."""

@@ -163,7 +163,8 @@ class CrownOnTooth(CrownMargin, Turned):
             self.finish_line.width.nominal,
             self.marginal_gap.nominal,
         )
-        slope, inner = math.tan(self.taper.nominal), self.internal_gap.nominal
+        slope = math.tan(self.taper.nominal)
+        inner = self.internal_gap.nominal
         across = inner / math.cos(self.taper.nominal)
         ceiling = self.preparation_height.nominal + inner
         outer, roof = self.outer_radius, ceiling + self.shell_thickness.nominal

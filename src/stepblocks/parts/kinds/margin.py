@@ -139,7 +139,8 @@ class CrownMargin(Part):
         )
 
     def choose_close_up(self) -> tuple[float, float, tuple[float, float, float]]:
-        rise, gap = abs(self.horizontal_discrepancy.nominal), self.marginal_gap.nominal
+        rise = abs(self.horizontal_discrepancy.nominal)
+        gap = self.marginal_gap.nominal
         wide = 2.5 * max(rise, gap, abs(self.opening.nominal))
         return (choose_exaggeration(rise) if rise else 1.0), wide, (0.5 * gap, 0.0, 0.0)
 

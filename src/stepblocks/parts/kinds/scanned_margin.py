@@ -192,7 +192,8 @@ class ScannedMargin(CrownMargin):
         return list(zip(np.minimum(x, half).tolist(), z.tolist(), strict=True))
 
     def solids(self) -> list[cad.door.Body]:
-        half, base = 0.5 * self.length.nominal, -self.thickness.nominal
+        half = 0.5 * self.length.nominal
+        base = -self.thickness.nominal
         return [
             cad.kernel.make_prism(
                 [(half, base), *reversed(self._compute_section()), (-half, base)],
@@ -208,7 +209,8 @@ class ScannedMargin(CrownMargin):
         return (area * self.width.nominal,)
 
     def hulls(self) -> list[Manifold]:
-        base, side = -self.thickness.nominal, 0.5 * self.width.nominal
+        base = -self.thickness.nominal
+        side = 0.5 * self.width.nominal
         columns = [(a, b) for a, b in itertools.pairwise(self._compute_section()) if b[0] > a[0]]
         return [
             make_hull((x, y, z) for x, top in ends for z in (base, top) for y in (-side, side))
@@ -229,7 +231,8 @@ class ScannedMargin(CrownMargin):
             if (one := getattr(self, name)) is not None:
                 yield make_characteristic(name, "note", one, method=ACROSS)
         for axis, one in enumerate((self.length, self.width)):
-            name, half = ("length", "width")[axis], 0.5 * one.nominal
+            name = ("length", "width")[axis]
+            half = 0.5 * one.nominal
             yield make_characteristic(
                 name, "distance", one, describe_plane(axis, -half), describe_plane(axis, half)
             )

@@ -1,0 +1,60 @@
+"""Predict a set, as it is declared or as it was built."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import pandas as pd
+
+from stepblocks.artefacts.as_built import read_records
+from stepblocks.contact.operating_point import PAPER
+from stepblocks.declare import load_set
+from stepblocks.errors import PipelineError
+from stepblocks.mistakes import shorten_value
+from stepblocks.parts.set import StimulusSet
+from stepblocks.predict.as_built import predict_as_built
+from stepblocks.predict.predictions import predict_all, tabulate_prediction
+
+
+def predict_set(
+    stimuli: StimulusSet | str | Path,
+    *,
+    dragged: bool | None = None,
+    speed: float = PAPER.speed,
+    as_built: Sequence[str | Path] = (),
+) -> pd.DataFrame:
+    """Predict every stimulus of a set under every tip, load and friction that it asks for.
+
+    Parameters
+    ----------
+    stimuli : StimulusSet, str or Path
+        The set, or its file.
+    dragged : bool, optional
+        Whether each row is dragged in time as well; by default up to 10,000 rows.
+    speed : float
+        Of the handle in those drags [m/s].
+    as_built : sequence of str or Path
+        As-built records of inspected blocks, or folders of them: what was measured counts in place
+        of the nominal, and where a surface was scanned, the columns ``surface_...`` stand behind.
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row for each stimulus, tip, step, direction, friction and load, in that order; the
+        columns of ``predictions.csv`` (docs/explanation/uncertainty.md), the unit in each name,
+        with all digits.
+
+    Raises
+    ------
+    StepblocksError
+        If the file cannot be read or declares something impossible.
+    """
+    PipelineError.require(
+        isinstance(stimuli, StimulusSet | str | Path),
+        f"stimuli must be a set or its file, got {shorten_value(stimuli)}",
+    )
+    if not isinstance(stimuli, StimulusSet):
+        stimuli = load_set(Path(stimuli))
+    if as_built:
+        records = read_records([Path(path) for path in as_built])
+        return pd.DataFrame(predict_as_built(stimuli, records, dragged, speed)[1])
+    return pd.DataFrame([tabulate_prediction(one) for one in predict_all(stimuli, dragged, speed)])
