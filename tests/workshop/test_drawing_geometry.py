@@ -50,7 +50,32 @@ BODIES = {
         "metrology": {"lane": "5 mm"},
     },
     "plain": {"metrology": "none", "edge_radius": "5 um"},
+    # the text of a length beside its arrows, holes close to the edge, a tolerance of four decimals
+    "short": {"body": {"length": "18 mm", "width": "14 mm"}, "tolerance": "1.5 um"},
+    "long": {"body": {"length": "60 mm", "width": "20 mm", "thickness": "12 mm"}},
+    "slim": {
+        "body": {
+            "length": "50 mm",
+            "width": "20 mm",
+            "mounting": {"kind": "clearance", "thread": "M2.5"},
+        },
+        "metrology": {"lane": "4 mm"},
+    },
+    "narrow": {
+        "body": {"length": "14 mm", "mounting": {"thread": "M2.5", "spacing": "9 mm"}},
+        "metrology": "none",
+    },
 }
+
+
+def make_block(height, body):
+    """A step block of so many micrometres with one of the bodies."""
+    sizes = dict(BODIES[body])
+    tolerance = sizes.pop("tolerance", "1 um")
+    limits = {"nominal": f"{height} um", "tolerance": tolerance}
+    return StepBlock(id=f"step-{height:03}", height=limits, **sizes)
+
+
 CASES = [(height, "usual") for height in range(10, 106, 5)]
 CASES += [(height, name) for height in (10, 65, 105) for name in BODIES if name != "usual"]
 
@@ -103,8 +128,31 @@ def overlaps_on(sheet):
 
 @pytest.mark.parametrize(("height", "body"), CASES)
 def test_nothing_on_the_drawing_of_a_step_block_strikes_anything(height, body):
-    block = StepBlock(id=f"step-{height:03}", height=f"{height} um", **BODIES[body])
+    block = make_block(height, body)
     assert list(overlaps_on(draw_part_sheet(block, ORDER))) == []
+
+
+@pytest.mark.parametrize("body", ["usual", "short", "long"])
+def test_a_text_beside_its_arrows_stands_over_its_dimension_line(body):
+    # ISO 129-1: where there is no room between the arrows the line is drawn on, under the value
+    sheet = draw_part_sheet(make_block(65, body), ORDER)
+    lines = shapely.union_all([line for one in sheet.space for line in strokes_of(one)])
+    beside = 0
+    for dimension in sheet.space.query("DIMENSION"):
+        parts = list(dimension.virtual_entities())
+        (text,) = [part for part in parts if part.dxftype() in ("TEXT", "MTEXT")]
+        size = bbox.extents([text], fast=False)
+        low, high = (dimension.dxf.defpoint2.vec2, dimension.dxf.defpoint3.vec2)
+        upright = dimension.dxf.angle == 90.0
+        middle = 0.5 * (size.extmin.vec2 + size.extmax.vec2)
+        place, ends = (middle.y, (low.y, high.y)) if upright else (middle.x, (low.x, high.x))
+        if min(ends) <= place <= max(ends):
+            continue
+        beside += 1
+        along = dimension.dxf.defpoint.x if upright else dimension.dxf.defpoint.y
+        foot = (along, middle.y) if upright else (middle.x, along)
+        assert lines.distance(shapely.Point(foot)) < 1e-9
+    assert beside >= 3
 
 
 def test_a_section_is_hatched_where_it_cuts_and_its_place_is_shown():
@@ -140,7 +188,7 @@ def test_scales_letters_frame_and_threads_are_those_of_the_standards(body):
     # ISO 5455: 1, 2 or 5 times a power of ten; ISO 5457: 20 mm for filing, 10 mm elsewhere;
     # ISO 3098: letters of 2.5 mm; ISO 129-1: a decimal comma; ISO 6410-1: a thread that is hidden
     # is dashed, its outer line three quarters of a circle
-    block = StepBlock(id="step-065", height="65 um", **BODIES[body])
+    block = make_block(65, body)
     sheet = draw_part_sheet(block, ORDER)
     texts = list(sheet.space.query("TEXT"))
     scales = [one for text in texts for one in re.findall(r"([\d.]+):([\d.]+)", text.dxf.text)]
@@ -155,7 +203,7 @@ def test_scales_letters_frame_and_threads_are_those_of_the_standards(body):
     assert (box.extmin.x, box.extmin.y) == (20.0, 10.0)
     assert (box.extmax.x, box.extmax.y) == (410.0, 287.0)
     hidden = sheet.space.query("LWPOLYLINE[layer=='HIDDEN']")
-    tapped = "mounting" not in BODIES[body].get("body", {}) or "depth" in str(BODIES[body])
+    tapped = block.body.mounting is not None and block.body.mounting.kind == "tapped"
     assert len(hidden) == 2 * tapped
     for thread in hidden:
         points = np.array(thread.get_points("xy"))
@@ -194,11 +242,10 @@ def test_nothing_on_the_drawing_of_a_margin_block_strikes_anything(opening):
 
 
 def test_nothing_on_the_sheet_of_a_series_strikes_anything_and_every_height_is_in_its_table():
-    blocks = [
-        StepBlock(id=f"step-{height:03}", height=f"{height} um") for height in range(15, 106, 10)
-    ]
+    blocks = [make_block(height, "short") for height in range(15, 106, 10)]
     sheet = draw_part_sheet(blocks[0], ORDER, ("own-ten", "1 of 1", blocks))
     assert list(overlaps_on(sheet)) == []
     texts = {entity.dxf.text for entity in sheet.space.query("TEXT")}
     assert {f"STEP-{height:03}" for height in range(15, 106, 10)} <= texts
-    assert {f"0,{height:03} ±0,001" for height in range(15, 106, 10)} <= texts
+    assert {f"0,{height:03}0 ±0,0015" for height in range(15, 106, 10)} <= texts
+    assert "1 of each" in texts

@@ -72,6 +72,13 @@ def test_a_block_with_the_sizes_of_another_is_said_where_it_is_ordered(tmp_path,
     assert "mine/higher: higher has the sizes of first: height 25 µm" in capsys.readouterr().out
 
 
+def test_a_set_with_a_mistake_leaves_no_folder(tmp_path):
+    (tmp_path / "bad.toml").write_text('[[step_block]]\nid = "a"\nheight = "-1 um"\n')
+    with pytest.raises(StepblocksError, match="height"):
+        order_parts(tmp_path / "bad.toml", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize("capability", ["0 um", "-1 um", 0.0])
 def test_a_capability_must_be_positive(capability, tmp_path):
     with pytest.raises(MachiningError, match="capability must be positive"):

@@ -135,8 +135,12 @@ def check_part_step(path: Path, stimulus: Part) -> tuple[StepReport, list[str]]:
         f"{item.ref} {item.kind} {item.value * 1e3:.9g} mm: was not asked for" for item in left
     ]
     if stimulus.has_working_faces:
-        faces = ("flatness_lower", "flatness_upper")
-        flat = {face for one, found in pairs if found and one.key in faces for face in found.faces}
+        flat = {
+            face
+            for one, found in pairs
+            if found and one.key in ("flatness_lower", "flatness_upper")
+            for face in found.faces
+        }
         rough = stimulus.face_demands["roughness"].upper
         if dict(report.textures).keys() != flat or any(
             abs(value - rough) > ALLOWED for _, value in report.textures
@@ -283,8 +287,10 @@ def _read_sidecar(path: Path) -> Document:
     # Read where the points of a height field lie
     try:
         side = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
-        names = ("origin_x_m", "origin_y_m", "spacing_x_m", "spacing_y_m")
-        return {"shape": side["shape_rows_columns"]} | {name: float(side[name]) for name in names}
+        return {"shape": side["shape_rows_columns"]} | {
+            name: float(side[name])
+            for name in ("origin_x_m", "origin_y_m", "spacing_x_m", "spacing_y_m")
+        }
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise MetrologyError(
             f"needs its sidecar {path.stem}.json with shape, origin and spacing [{path}]"

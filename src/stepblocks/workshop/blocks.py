@@ -7,8 +7,8 @@ from stepblocks.parts.kinds.step_block import MetrologyFeature, StepBlock
 from stepblocks.workshop.body_views import TOP_VIEW, draw_body
 from stepblocks.workshop.sheet import Point, Sheet, View, choose_scale, format_scale
 
-_DETAIL: Point = (235.0, 215.0)
-_SECOND: Point = (352.0, 215.0)
+_DETAIL: Point = (235.0, 214.0)
+_SECOND: Point = (352.0, 214.0)
 
 
 def draw_step_block_views(sheet: Sheet, block: StepBlock) -> list[str]:
@@ -17,9 +17,7 @@ def draw_step_block_views(sheet: Sheet, block: StepBlock) -> list[str]:
     k, (tx, ty) = 1e3 * scale, TOP_VIEW
     hy, right = 0.5e3 * scale * block.body.width.nominal, tx + 0.5 * k * block.body.length.nominal
     sheet.draw_line((tx, ty - hy), (tx, ty + hy))
-    sheet.draw_leader(
-        (tx, ty - 0.35 * hy), (right + 20.0, ty - 0.25 * hy), "working edge, detail A"
-    )
+    sheet.draw_leader((tx, ty - 0.75 * hy), (right + 10.0, ty - 17.0), "working edge, detail A")
     _draw_step_detail(sheet, block)
     lines = [
         "Step (1): distance of two parallel planes fitted to both faces, flanks excluded;",
@@ -28,8 +26,10 @@ def draw_step_block_views(sheet: Sheet, block: StepBlock) -> list[str]:
     if block.metrology is not None:
         _draw_feature(sheet, block, block.metrology, scale)
         _draw_groove_detail(sheet, block, block.metrology)
-        number = sheet.listed[_depth_key(block.metrology)][0]
-        lines.append(f"{block.metrology.kind.capitalize()} ({number}): ISO 5436-1 type A1.")
+        lines.append(
+            f"{block.metrology.kind.capitalize()} "
+            f"({sheet.listed[_depth_key(block.metrology)][0]}): ISO 5436-1 type A1."
+        )
     lines += [
         "Root of the riser: fillet or undercut up to the height of the step is allowed.",
         "Every part is accepted by ISO 14253-1, Ra by its largest value (ISO 21920-3).",
@@ -68,11 +68,12 @@ def _draw_feature(sheet: Sheet, block: StepBlock, feature: MetrologyFeature, sca
     if (key := f"{feature.kind}_distance") in sheet.listed:
         ends = sorted([(tx, ty + hy), (tx + near, ty + hy)])
         sheet.draw_dimension(key, ends[0], ends[1], (tx, ty + hy + 8.0), scale)
-    right = tx + 0.5 * block.body.length.nominal * k
+    # beyond the text of the distance, which stands beside its arrows
+    right = tx + max(0.5 * block.body.length.nominal * k + 14.0, near + 38.0, 38.0)
     ends, long = [(tx + far, ty + low), (tx + far, ty + hy)], f"{feature.kind}_length"
-    sheet.draw_dimension(long, ends[0], ends[1], (right + 14.0, ty), scale, upright=True)
+    sheet.draw_dimension(long, ends[0], ends[1], (right, ty), scale, upright=True)
     sheet.draw_leader(
-        (tx + far, ty + low + 2.0), (right + 20.0, ty + low + 6.0), f"{feature.kind}, detail B"
+        (tx + far, ty + low + 2.0), (right + 6.0, ty + low + 6.0), f"{feature.kind}, detail B"
     )
 
 
@@ -177,8 +178,9 @@ def _draw_margin_detail(sheet: Sheet, margin: MarginBlock) -> None:
     floor = cz + max(-d * 1e3 * s, -46.0)
     corner = [view.at(x, z) for x, z in margin.corner]
     sheet.draw_polyline([(cx - 60.0, cz), (cx, cz), (cx, floor)])
-    edge = (max(corner[-1][0], cx), corner[-1][1])
-    sheet.draw_polyline([(wall, floor), *corner, edge, (cx + 75.0, level)])
+    sheet.draw_polyline(
+        [(wall, floor), *corner, (max(corner[-1][0], cx), corner[-1][1]), (cx + 75.0, level)]
+    )
     if cz - d * 1e3 * s < floor:
         sheet.draw_break_line(cx, floor - 6.0, floor)
         sheet.draw_break_line(wall, floor - 6.0, floor)

@@ -46,7 +46,7 @@ def _draw_front(sheet: Sheet, body: Body, identity: str, scale: float) -> None:
         "thickness", (left + c, fz - t), (left + c, fz), (left - 12.0, fz), scale, upright=True
     )
     if body.engraving is not None:
-        _draw_letters(sheet, body.engraving, identity, (fx, fz - 0.5 * t), fx + half, k)
+        _draw_letters(sheet, body.engraving, identity, (fx, fz - 0.5 * t), (fx + half, fz), k)
     sheet.draw_leader(
         (left + 0.5 * c, fz - 0.5 * c),
         (left + 6.0, fz + 7.0),
@@ -59,18 +59,21 @@ def _draw_front(sheet: Sheet, body: Body, identity: str, scale: float) -> None:
         (fx + half - 5.0, base),
         sheet.draw_tolerance_frame("flatness_base", (fx + half + 6.0, base - 12.0)),
     )
-    sheet.write_text((fx - 10.0, base - 10.0), f"front {format_scale(scale)}", 2.5, "BOTTOM_CENTER")
+    sheet.write_text(
+        (fx + half - 19.0, base - 10.0), f"front {format_scale(scale)}", 2.5, "BOTTOM_RIGHT"
+    )
 
 
 def _draw_letters(
-    sheet: Sheet, engraving: Engraving, identity: str, middle: Point, right: float, k: float
+    sheet: Sheet, engraving: Engraving, identity: str, middle: Point, corner: Point, k: float
 ) -> None:
     letter = max(0.8 * engraving.height.nominal * k, 2.5)
     sheet.write_text(middle, identity.upper(), letter, "MIDDLE_CENTER")
     end = middle[0] + 0.5 * compute_text_width(identity.upper(), letter) + 1.5, middle[1]
-    elbow = right + 12.0
-    sheet.draw_leader(end, (elbow, middle[1] + 9.0), "letters {} high", "engraving_height")
-    sheet.draw_leader(end, (elbow, middle[1] + 3.0), "engraved {} deep", "engraving_depth")
+    # below the note of the edges, which stands 7 mm over the body
+    elbow, level = corner[0] + 12.0, min(middle[1] + 9.0, corner[1] + 0.5)
+    sheet.draw_leader(end, (elbow, level), "letters {} high", "engraving_height")
+    sheet.draw_leader(end, (elbow, level - 6.0), "engraved {} deep", "engraving_depth")
 
 
 def _draw_top(sheet: Sheet, body: Body, scale: float) -> None:
@@ -81,21 +84,28 @@ def _draw_top(sheet: Sheet, body: Body, scale: float) -> None:
         body.half_width * k,
         body.edge_break.nominal * k,
     )
-    corners = _list_octagon((-hx, -hy), (hx, hy), c)
-    sheet.draw_polyline([(tx + x, ty + y) for x, y in corners], closed=True)
+    sheet.draw_polyline(
+        [(tx + x, ty + y) for x, y in _list_octagon((-hx, -hy), (hx, hy), c)], closed=True
+    )
     sheet.draw_rectangle((tx - hx + c, ty - hy + c), (tx + hx - c, ty + hy - c), "DIMENSION")
     left, below = tx - hx, ty - hy
     sheet.draw_dimension(
         "length", (left, below + c), (tx + hx, below + c), (tx, below - 28.0), scale
     )
-    ends = (left + c, below), (left + c, ty + hy)
-    # above the middle, where the place of the holes is led out
-    sheet.draw_dimension("width", *ends, (left - 12.0, ty), scale, upright=True, text_at=0.78)
+    sheet.draw_dimension(
+        "width",
+        (left + c, below),
+        (left + c, ty + hy),
+        (left - 12.0, ty),
+        scale,
+        upright=True,
+        text_at=0.78,  # above the middle, where the place of the holes is led out
+    )
     if "edge_position" in sheet.listed:
         sheet.draw_dimension(
             "edge_position", (left, ty + hy - c), (tx, ty + hy), (tx, ty + hy + 16.0), scale
         )
-    sheet.write_text((tx + hx + 4.0, below), f"top {format_scale(scale)}", 2.5, "BOTTOM_LEFT")
+    sheet.write_text((tx, below - 35.0), f"top {format_scale(scale)}", 2.5, "BOTTOM_CENTER")
 
 
 def _draw_holes(sheet: Sheet, body: Body, mounting: Mounting, scale: float) -> None:
@@ -115,28 +125,29 @@ def _draw_holes(sheet: Sheet, body: Body, mounting: Mounting, scale: float) -> N
             sheet.draw_circle((tx + x, ty), hole)
         else:  # tapped from below; a hidden thread is dashed, its outer line three quarters long
             sheet.draw_circle((tx + x, ty), hole, "HIDDEN")
-            turns = [math.radians(10.0 * (index + 1)) for index in range(28)]
             sheet.draw_polyline(
-                [(tx + x + outer * math.cos(turn), ty + outer * math.sin(turn)) for turn in turns],
+                [
+                    (tx + x + outer * math.cos(turn), ty + outer * math.sin(turn))
+                    for turn in (math.radians(10.0 * (index + 1)) for index in range(28))
+                ],
                 "HIDDEN",
             )
         sheet.draw_line((tx + x - hole - 3.0, ty), (tx + x + hole + 3.0, ty), "CENTRE")
         sheet.draw_line((tx + x, ty - hole - 3.0), (tx + x, ty + hole + 3.0), "CENTRE")
     left, below, foot = tx - hx, ty - hy, ty - hole
-    near, corner = (tx - half, foot), (left + c, below)
-    far, along = (tx + half, foot), (tx, below - 19.0)
+    near, far, along = (tx - half, foot), (tx + half, foot), (tx, below - 19.0)
     # its text stands beyond the line that leads the length out
     sheet.draw_dimension("hole_spacing", near, far, along, scale, clear=hx - half)
     sheet.draw_dimension(
         "hole_position", (left, below + c), near, (tx, below - 10.0), scale, before=True
     )
     sheet.draw_dimension(
-        "hole_row", corner, (tx - half, ty), (left - 24.0, ty), scale, upright=True
+        "hole_row", (left + c, below), (tx - half, ty), (left - 24.0, ty), scale, upright=True
     )
-    tip, elbow = (tx + half + 0.7 * hole, ty - 0.7 * hole), (tx + hx + 20.0, ty - 0.65 * hy)
+    tip, elbow = (tx + half + 0.7 * hole, ty - 0.7 * hole), (tx + hx + 10.0, ty - 11.0)
     thread = f"{mounting.thread}-6H" if mounting.kind == "tapped" else f"for {mounting.thread}"
-    sheet.draw_leader(tip, elbow, f"2 x {thread}, section C")
-    sheet.draw_cutting_line((tx + half - outer - 6.5, ty), (tx + hx + 3.0, ty), "C")
+    sheet.draw_leader(tip, elbow, use_decimal_comma(f"2 x {thread}, section C"))
+    sheet.draw_cutting_line((tx - hx - 3.0, ty), (tx + hx + 3.0, ty), "C")
     _draw_hole_section(sheet, body, mounting)
 
 
@@ -160,12 +171,11 @@ def _draw_hole_section(sheet: Sheet, body: Body, mounting: Mounting) -> None:
     for side in (-1.0, 1.0):
         sheet.draw_break_line(x + side * half, base, top)
         if tapped:
-            point = drill / math.tan(0.5 * DRILL_POINT)
             outline = [
                 (entry, base),
                 (drill, base + entry - drill),
                 (drill, base + deep),
-                (0.0, base + deep + point),
+                (0.0, base + deep + drill / math.tan(0.5 * DRILL_POINT)),
             ]
             full = base + mounting.thread_depth * k
             sheet.draw_line((x + side * entry, base), (x + side * entry, full), "DIMENSION")
@@ -178,15 +188,21 @@ def _draw_hole_section(sheet: Sheet, body: Body, mounting: Mounting) -> None:
     sheet.draw_line((x, base - 3.0), (x, top + 3.0), "CENTRE")
     low, high = (base, base + deep) if tapped else (top - deep, top)
     sheet.draw_line((x - drill, high if tapped else low), (x + drill, high if tapped else low))
-    ends = (x + drill, low), (x + drill, high)
-    sheet.draw_dimension("hole_depth", *ends, (x + half + 8.0, base), scale, upright=True)
+    sheet.draw_dimension(
+        "hole_depth",
+        (x + drill, low),
+        (x + drill, high),
+        (x + half + 8.0, base),
+        scale,
+        upright=True,
+    )
     sheet.write_text((x, base - 8.0), f"C-C   {format_scale(scale)}", 2.5, "BOTTOM_CENTER")
     elbow = x - half - 5.0, base + 0.5 * (top - base)
     if tapped:
         sheet.draw_leader(
             (x - entry, base + 0.4 * mounting.thread_depth * k),
             elbow,
-            f"{mounting.thread}-6H, thread {{}} deep",
+            use_decimal_comma(f"{mounting.thread}-6H, thread {{}} deep"),
             "thread",
         )
         sheet.write_text(

@@ -106,7 +106,12 @@ def draw_part_sheet(
     if series is not None:
         name, place, blocks = series
         sheet.letters = dict.fromkeys(("step_height", "groove_depth", "ridge_height"), "H")
-        fields |= {"identity": f"{name.upper()}, series", "mass": "-", "sheet": place}
+        fields |= {
+            "identity": f"{name.upper()}, series",
+            "mass": "-",
+            "quantity": f"{order.quantity} of each",
+            "sheet": place,
+        }
         heights = [
             (
                 one.id.upper(),
@@ -116,7 +121,7 @@ def draw_part_sheet(
             )
             for one in blocks
         ]
-        sheet.write_table((150.0, 84.0), [("identity, engraved", "H"), *heights], (42.0, 30.0))
+        sheet.write_table((150.0, 84.0), [("identity, engraved", "H"), *heights], (42.0, 34.0))
     draw = next((VIEWS[kind] for kind in type(stimulus).__mro__ if kind in VIEWS), None)
     notes, governing = (
         draw(sheet, stimulus) if draw else [],
@@ -132,10 +137,9 @@ def draw_part_sheet(
         sheet.draw_texture((100.0, 16.0))
         notes += filter(None, [describe_default_demands(stimulus)])
     elif governing:
-        rough = stimulus.face_demands["roughness"].upper * 1e6
+        rough = use_decimal_comma(f"{stimulus.face_demands['roughness'].upper * 1e6:.2f}")
         notes.append(
-            f"Ra {rough:.2f} µm or better where a tip touches, from the tolerance of the "
-            f"{governing}."
+            f"Ra {rough} µm or better where a tip touches, from the tolerance of the {governing}."
         )
     lines += [(note, "") for note in notes]
     rows = min(len(lines), _MOST_ROWS)

@@ -105,8 +105,9 @@ def write_gauge_assembly(path: Path, block: StepBlock, pair: GaugePair) -> None:
     upper = (0.0, -half, floor), (wide, half, pair.upper - pair.lower)
     pieces = [f"{length * 1e3:.4f}".replace(".", "p") + "mm" for length in (pair.lower, pair.upper)]
     names = f"{block.id}-base", *(f"gauge-block-{piece}" for piece in pieces)
-    solids = base, cad.kernel.make_box(*lower), cad.kernel.make_box(*upper)
-    bodies = list(zip(names, solids, strict=True))
+    bodies = list(
+        zip(names, (base, cad.kernel.make_box(*lower), cad.kernel.make_box(*upper)), strict=True)
+    )
     deviation, _ = GRADES[pair.grade]
     dimensions, tops = [], []
     for index, length in ((1, pair.lower), (2, pair.upper)):

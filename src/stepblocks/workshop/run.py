@@ -100,17 +100,23 @@ def order_parts(
     held = GROUND if capability is None else capability
     held = parse_quantity(held, "length") if isinstance(held, str) else held
     orders: list[PartOrder] = []
+    sets = [declared for declared, _ in load_sets(files)]
+    selected = select_stimuli(sets, only)
     with lock_folder(Path(output)):
-        sets = [declared for declared, _ in load_sets(files)]
-        selected = select_stimuli(sets, only)
         for declared, one in selected:
             orders.append(_order_part(one, Path(output), held, declared))
             if announce is not None:
                 announce(orders[-1])
         for declared in sets:
-            mine = (one for its, one in selected if its is declared)
-            blocks = [one for one in mine if isinstance(one, StepBlock)]
-            alike = [one for one in blocks if _differs_in_height_only(one, blocks[0])]
+            blocks = [
+                one for its, one in selected if its is declared and isinstance(one, StepBlock)
+            ]
+            alike = [  # but for their heights
+                one
+                for one in blocks
+                if one.model_copy(update={"id": blocks[0].id, "height": blocks[0].height})
+                == blocks[0]
+            ]
             if len(alike) > 1:
                 folder = _make_folder(Path(output), declared.name)
                 orders.append(
@@ -121,10 +127,6 @@ def order_parts(
                     )
                 )
     return orders
-
-
-def _differs_in_height_only(one: StepBlock, other: StepBlock) -> bool:
-    return one.model_copy(update={"id": other.id, "height": other.height}) == other
 
 
 def _make_folder(output: Path, name: str) -> Path:

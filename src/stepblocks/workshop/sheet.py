@@ -204,17 +204,17 @@ class Sheet:
         # from it
         axis, side = (1, -1.0) if upright else (0, 1.0)
         start, end = sorted((a[axis], b[axis]))
-        needed = (
-            compute_text_width(
-                prefix.replace("<>", "") + self.format_limits(key).replace(" ", ""), _TEXT
-            )
-            + 2.0
-        )
-        narrow = end - start < needed + 10.0
+        size = prefix.replace("<>", "") + self.format_limits(key).replace(" ", "")
+        needed = compute_text_width(self.letters.get(key, size), _TEXT) + 2.0
+        narrow = end - start < max(needed + 10.0, 0.5 * needed / min(text_at, 1.0 - text_at))
         reach = 0.5 * needed + 3.0
         middle = list(along)
         if narrow:  # the text stands beside the arrows; before them with room for the balloon
             middle[axis] = start - reach - 6.0 if before else end + reach + clear
+            # under which the line goes on (ISO 129-1)
+            far = middle[axis] - 0.5 * needed if before else middle[axis] + 0.5 * needed
+            under = (along[0], far) if upright else (far, along[1])
+            self.draw_line((along[0], end) if upright else (end, along[1]), under, "DIMENSION")
             middle[1 - axis] += side * 2.2
             dimension.set_location(Vec2(middle), leader=False)
         else:
@@ -241,7 +241,7 @@ class Sheet:
             self.draw_line((x, y), (x + 3.0 * inwards, y))
             self.draw_line((x, y - 6.0), (x, y), "DIMENSION")
             self.draw_arrow((x, y), (x, y - 6.0))
-            self.write_text((x + 2.6, y - 3.0), letter, 3.0, "MIDDLE_CENTER")
+            self.write_text((x - 2.6 * inwards, y - 3.0), letter, 3.0, "MIDDLE_CENTER")
 
     def draw_edge_state(self, tip: Point, corner: Point, limits: str) -> None:
         """Draw the symbol of the state of an edge (ISO 13715) with its limits in millimetres."""

@@ -54,8 +54,10 @@ def draw_hook_tip_views(sheet: Sheet, tip: HookTip) -> list[str]:
         -r,
         r,
     ):
-        turns = [total * index / 60.0 for index in range(61)]
-        arc = [(top + (R + offset) * math.sin(t), R - (R + offset) * math.cos(t)) for t in turns]
+        arc = [
+            (top + (R + offset) * math.sin(t), R - (R + offset) * math.cos(t))
+            for t in (total * index / 60.0 for index in range(61))
+        ]
         arc.append((arc[-1][0] + run * math.cos(total), arc[-1][1] + run * math.sin(total)))
         bent.append(arc)
     bent.append([bent[0][-1], bent[1][-1]])

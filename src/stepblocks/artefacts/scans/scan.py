@@ -73,8 +73,10 @@ class ScannedProfile:
         _require_reach("heights", self.height, place)
 
     def __repr__(self) -> str:
-        length = float(np.ptp(self.position)) * 1e3
-        return f"ScannedProfile({len(self.position)} points over {length:.4g} mm{_describe(self)})"
+        return (
+            f"ScannedProfile({len(self.position)} points over "
+            f"{float(np.ptp(self.position)) * 1e3:.4g} mm{_describe(self)})"
+        )
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Draw heights over positions in micrometres, into `ax` or new axes, and return these."""

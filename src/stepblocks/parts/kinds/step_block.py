@@ -326,4 +326,6 @@ class StepBlock(Block):
                 half - bore,
                 lane,
             )
-        yield check_below("metrology.lane", "leave half the width to the drag", lane, half)
+        yield check_below(
+            "metrology.lane", "leave more than half the width to the drag", lane, half
+        )
