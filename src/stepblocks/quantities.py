@@ -263,7 +263,10 @@ def format_column(values: Sequence[object]) -> list[str]:
             text.removesuffix(".0") if number == number else "-"
             for text, number in zip(texts, numbers, strict=True)
         ]
-    return [format_number(number) for number in numbers]
+    return [
+        text if text and isinstance(value, str) else format_number(number)
+        for value, text, number in zip(values, texts, numbers, strict=True)
+    ]
 
 
 _SIGNS = {"um": "µm", "uJ": "µJ", "uW": "µW", "us": "µs", "uN": "µN", "deg": "°"}

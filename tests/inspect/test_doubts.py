@@ -194,6 +194,29 @@ def test_a_flank_of_55_degrees_is_no_arc_as_high_as_the_step(radius, seed):
     assert edge.radius.value < 28 * UM
 
 
+def test_the_radius_of_an_edge_that_is_no_circle_holds_what_its_window_changes():
+    # an ellipse with half axes of 20 and 14 um: of curvature 20^2 / 14 = 28.6 um at the face, where
+    # a circle of its width has 20 um; windows of a circle say the same
+    x = np.arange(-400, 400) * UM
+    near = np.clip(1.0 - (x - 0.3 * UM) / (20 * UM), 0.0, 1.0)
+    round_edge = edge_gauge(x, 50 * UM, 20 * UM, riser=0.3 * UM)
+    oval = np.where(x < 0.3 * UM, 0.0, 36 * UM + 14 * UM * np.sqrt(1.0 - near**2))
+    found = []
+    for z in (round_edge, oval):
+        rows = np.stack([z + noise(seed, len(x)) for seed in range(3)])
+        how = EvaluationOptions(stylus_radius=0.0, stylus_cone=0.0)
+        value = measure_edge(HeightMap(rows, UM, UM), Instrument(0.0, 0.0, 0.0), how).values[
+            "edge_radius"
+        ]
+        (form,) = [one.std for one in value.components if one.name == "form"]
+        found.append((value, form))
+    (circle, none), (other, form) = found
+    assert abs(circle.value - 20 * UM) < circle.expanded()
+    assert none < 0.05 * UM
+    assert form > 0.5 * UM
+    assert other.expanded() > 2.0 * circle.expanded()
+
+
 def test_the_corner_of_a_flank_is_found_where_few_points_lie_on_it():
     # a corner of 3.6 um at 36 deg, whose arc is five points long: another minimum said 0.44 um
     x = np.arange(-1200, 1200) * 0.5 * UM

@@ -26,6 +26,7 @@ from stepblocks.inspect.report import write_inspection
 from stepblocks.inspect.run import find_declared_part, inspect_scan, judge_part
 from stepblocks.inspect.working_edge.measure import measure_edge
 from stepblocks.parts.conditions import NO_ORDER
+from stepblocks.quantities import format_column
 
 STIMULI = Path(__file__).parents[2] / "stimuli" / "paper-ten.toml"
 KNOWN = Instrument(1e-3, 0.0, 1e-3)
@@ -376,6 +377,25 @@ def test_the_limits_in_a_table_of_several_scans_are_not_rounded(tmp_path):
     rows = many.table_rows["blocks"]
     row = next(one for one in rows if one["characteristic"] == "step_height")
     assert (row["lower_um"], row["upper_um"]) == ("103.5", "106.5")
+    # nor where the table is printed
+    assert format_column([row["lower_um"], "105.42"]) == ["103.5", "105.42"]
+
+
+@pytest.mark.parametrize(("spacing", "bound"), [(1.0, "at most"), (0.25, "")])
+def test_the_cone_of_a_stylus_over_a_low_step_is_no_rounded_edge(spacing, bound):
+    # of a step of 15 um a cone of 60 degrees shows a flank of 9 um, too short for its fit at 1 um:
+    # a sharp edge was one of 15 um radius, which does not conform
+    fine = np.arange(-6000, 6000) * 0.1 * UM
+    trace = stylus_trace(fine, edge_gauge(fine, 15 * UM, 0.8 * UM), 2 * UM, math.radians(60.0))
+    random = np.random.default_rng(1)
+    x = (np.arange(-550, 550, spacing) + random.uniform(-0.5, 0.5)) * UM
+    z = np.interp(x, fine, trace)
+    z += correlated_noise(len(x), spacing * UM, 5e-9, 20e-9, 3 * UM, random)
+    how = EvaluationOptions(stylus_radius=2 * UM, stylus_cone=math.radians(60.0))
+    found = measure_edge(ScannedProfile(x, z), KNOWN, how).values["edge_radius"]
+    assert found.bound == bound
+    if not bound:
+        assert abs(found.value - 0.8 * UM) < found.expanded()
 
 
 @pytest.mark.parametrize("degrees", [20.0, -12.0, 90.0, 70.0])

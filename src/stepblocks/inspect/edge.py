@@ -42,7 +42,7 @@ _SUSPECT = 4.0
 # falls by less
 _BY_FAR = 2.5
 # of the height, from which an arc leaves no riser to distinguish it from [1]
-_NO_RISER = 0.7
+NO_RISER = 0.7
 _BETTER = 1.5  # of the residuals of the arc over those of the flank, from which it is a flank [1]
 _LEAST_EXCLUSION = 16.0  # sampling intervals kept out of the faces where the edge is sharp [1]
 _MOST_DROPPED = 0.2  # part of the points of a face, or at an edge, that may be spikes [1]
@@ -96,6 +96,14 @@ class Edge:
         """Return distances from the edge to the upper face, and heights over the lower one [m]."""
         sign = 1.0 if self.rising else -1.0
         return sign * (position - self.middle), height - self.offset - self.tilt * position
+
+    def measure_riser(self, position: Array, height: Array, angle: float) -> float:
+        """Return the zone that holds a sloping riser between a quarter and three quarters [m]."""
+        u, level = self.measure_across(position, height)
+        top = self.height.value
+        used = (np.abs(u) <= self.exclusion) & (level > 0.25 * top) & (level < 0.75 * top)
+        rest = level[used] - np.polyval(np.polyfit(u[used], level[used], 1), u[used])
+        return float(np.ptp(rest) * np.cos(angle))
 
 
 def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> Edge:
@@ -248,7 +256,7 @@ def _find_better_flank(
     # an arc as high as the step is as steep as a flank there: the better fit decides
     fitted = compute_edge_profile(x, arc.riser, height, arc.radius)
     rest = float(np.sqrt(np.mean((fitted - levelled)[flank.used] ** 2)))
-    gentler |= arc.radius > _NO_RISER * height and rest > _BETTER * flank.misfit
+    gentler |= arc.radius > NO_RISER * height and rest > _BETTER * flank.misfit
     return flank if arc.excess > _SUSPECT and gentler else None
 
 

@@ -38,7 +38,7 @@ _STARTS = 4  # best points of the coarse grid, of which those in a valley of the
 _SUSPECTS = 4  # points of either kind that are named as suspects
 _LEAST_ANGLE = 0.02  # of a flank [rad]
 _CORNERS = (0.03, 0.1, 0.3)  # radii of a corner that a fit starts from, as a part of the height [1]
-_LEAST_ON_FLANK = 6  # points between a quarter and three quarters of the height
+LEAST_ON_FLANK = 6  # points between a quarter and three quarters of the height
 _NORMAL_95 = 1.6448536269514722  # 95th percentile of the standard normal law [1]
 
 
@@ -313,7 +313,7 @@ def fit_flank(
     # The arguments are those of `Window`. Errors of flank and radius go together through the
     # autocovariance of the faces.
     inside = (levelled > 0.25 * height) & (levelled < 0.75 * height)
-    if inside.sum() < _LEAST_ON_FLANK:
+    if inside.sum() < LEAST_ON_FLANK:
         return None
     slope, offset = np.polyfit(position[inside], levelled[inside], 1)
     if not _LEAST_ANGLE < np.arctan(slope) < 0.5 * np.pi - 0.01:
@@ -334,7 +334,7 @@ def fit_flank(
 
     def solve(points: Mask) -> OptimizeResult:
         # from several radii, since a corner of few points has other minima
-        trials = [
+        trials = (
             least_squares(
                 lambda state: (shape(state) - levelled[used])[points] / np.sqrt(variance),
                 [*line, share * height / spacing],
@@ -346,7 +346,7 @@ def fit_flank(
                 x_scale="jac",
             )
             for share in _CORNERS
-        ]
+        )
         return min(trials, key=lambda one: float(one.cost))
 
     found, upper = (solve(levelled[used] > share * height) for share in (0.0, 0.5))

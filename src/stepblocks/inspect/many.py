@@ -68,7 +68,7 @@ class ManyScans:
     def table_rows(self) -> dict[str, Sequence[Mapping[str, object]]]:
         """Rows of the tables as text.
 
-        Limits are not rounded; values have the digits of their uncertainty.
+        Limits are not rounded, values to five digits, uncertainties to three.
         """
         return {
             name: [{key: _show_cell(key, cell) for key, cell in row.items()} for row in rows]
@@ -96,7 +96,8 @@ class ManyScans:
 def _show_cell(key: str, cell: object) -> object:
     if not isinstance(cell, float) or not key.endswith("_um"):
         return cell
-    return f"{round(cell, 9):.7g}" if math.isfinite(cell) else None
+    digits = {"value_um": 5, "lower_um": 7, "upper_um": 7}.get(key, 3)
+    return f"{round(cell, 9):.{digits}g}" if math.isfinite(cell) else None
 
 
 def inspect_many(
@@ -222,8 +223,12 @@ def inspect_many(
         "variation": _convert_to_um(pd.DataFrame(variation)),
         "scans": _convert_to_um(table).drop(columns="measured"),
     }
-    whole = combine_verdicts(one.verdict for one in reports.values())
-    return ManyScans(tables, tuple(left_out), whole, reports if standard is None else {})
+    return ManyScans(
+        tables,
+        tuple(left_out),
+        combine_verdicts(one.verdict for one in reports.values()),
+        reports if standard is None else {},
+    )
 
 
 def _merge_reports(

@@ -119,12 +119,12 @@ def measure_masked_step(
         )
     own = ndimage.label(inside)[0][floor]
     means = np.bincount(own, level[floor]) / np.maximum(np.bincount(own), 1)
-    counts = int(known.sum()), int(np.unique(own).size)
     return MaskedStep(
         depth,
         float(np.std(means[own])),
         exclusion,
-        *counts,
+        int(known.sum()),
+        int(np.unique(own).size),
         level,
         inside,
         floor,

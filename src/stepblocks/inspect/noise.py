@@ -52,6 +52,19 @@ class Estimate:
     dof: float = math.inf
 
 
+def compute_change(pairs: Sequence[tuple[Estimate, Estimate]], allowed: float) -> float:
+    """Compute the standard uncertainty by what a mean changes between two fits, a rectangle.
+
+    Only the change beyond `allowed` times what noise alone changes counts.
+    """
+    if not pairs:
+        return 0.0
+    # a fit through fewer of the same points differs by what its variance has grown
+    grown = sum(max(other.std**2 - one.std**2, 0.0) for one, other in pairs) / len(pairs) ** 2
+    change = float(np.mean([other.value - one.value for one, other in pairs]))
+    return float(np.sqrt(max(change**2 - allowed**2 * grown, 0.0) / 3.0))
+
+
 def estimate_robust_scale(residuals: Array) -> float:
     """Return the standard deviation of the bulk of `residuals` [same unit].
 

@@ -444,8 +444,14 @@ def _draw_scan(axis: "Axes", result: InspectionResult, shown: Shown) -> None:
         rest.set_ylabel("residual / um", fontsize=8)
         rest.tick_params(labelsize=7, labelbottom=False)
     if (off := shown.dropped) is not None and off.any():
-        left_out = shown.position[off] * 1e6, shown.height[off] * 1e6
-        axis.plot(*left_out, "x", color="#b3261e", markersize=4, label="left out")
+        axis.plot(
+            shown.position[off] * 1e6,
+            shown.height[off] * 1e6,
+            "x",
+            color="#b3261e",
+            markersize=4,
+            label="left out",
+        )
     if axis.get_legend_handles_labels()[0]:
         axis.legend(
             loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, fontsize=7, frameon=False

@@ -1,7 +1,7 @@
 """Characteristics of a working edge: height, edge radius, burr, riser, and form of the faces."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -17,8 +17,8 @@ from stepblocks.inspect.budget import (
     add_instrument_components,
     average_profiles,
 )
-from stepblocks.inspect.edge import Edge, find_position, fit_edge, fit_step
-from stepblocks.inspect.edge_arc import RESOLVED, Flank, compute_edge_profile
+from stepblocks.inspect.edge import NO_RISER, Edge, find_position, fit_edge, fit_step
+from stepblocks.inspect.edge_arc import LEAST_ON_FLANK, RESOLVED, Flank, compute_edge_profile
 from stepblocks.inspect.form import (
     FaceForm,
     compute_flatness,
@@ -42,12 +42,17 @@ from stepblocks.inspect.measure import (
     keep_profiles_that_agree,
     sample_profiles,
 )
-from stepblocks.inspect.noise import Array, Estimate
+from stepblocks.inspect.noise import Array, Estimate, compute_change
 from stepblocks.inspect.working_edge.burr import find_burr
 
 _MOST_ACROSS = 300  # points of a map along either side through which the form of a face is fitted
 _MOST_SLANT_ROWS = 12  # of a map, from which the direction of its edge is found
 _TURNED = 0.01  # slope of an edge over a map from which it is turned [1]
+# of the radius of an arc, over which it is steeper than 45 degrees; and sampling intervals that a
+# radius needs for a fit without them [1]
+_STEEP, _LEAST_ARC = 1.0 - math.sqrt(0.5), 6.0
+# sampling intervals in a height with too few points on a flank of 60 deg to tell it from an arc
+_COARSE = 2.0 * (LEAST_ON_FLANK + 2.0) * math.tan(math.radians(60.0))
 _WORN = 0.25  # of the radius of a stylus, that it may be off: a rectangle [1]
 # flanks that the styli of ISO 3274 show of a vertical riser: of a cone of 90 and of 60 deg [rad]
 _STEEPEST_SHOWN = math.radians(45.0), math.radians(60.0)
@@ -101,11 +106,12 @@ def _measure_along_rows(
     )
     flanks = [one.flank for one in edges if one.flank is not None]
     flanks = flanks if 2 * len(flanks) > len(edges) else []
-    heights = [one.height for one in edges]
     values = {
-        "step_height": average_profiles("step height", heights, instrument, [form]),
+        "step_height": average_profiles(
+            "step height", [one.height for one in edges], instrument, [form]
+        ),
         "edge_radius": _average_radius(
-            edges, rows[0].spacing, isinstance(scan, HeightMap), instrument, options, notes
+            results, isinstance(scan, HeightMap), instrument, options, notes
         ),
     }
     missing = dict.fromkeys(
@@ -171,7 +177,7 @@ def _measure_along_rows(
         missing=missing,
         covered=covered,
         surface=surface,
-        faces=_extract_faces(results),
+        faces=tuple(_extract_faces(results)),
     )
 
 
@@ -195,8 +201,10 @@ def _find_other_features(row: ScannedProfile, edge: Edge) -> list[Feature]:
 
 def _find_slant(rows: list[ScannedProfile]) -> float:
     # Return how far the edge of a map moves along x per distance along y [1]; 0 where it does not.
-    some = rows[:: max(len(rows) // _MOST_SLANT_ROWS, 1)]
-    found = evaluate_each(lambda row: find_position(row.position, row.height), some)[0]
+    found = evaluate_each(
+        lambda row: find_position(row.position, row.height),
+        rows[:: max(len(rows) // _MOST_SLANT_ROWS, 1)],
+    )[0]
     # of a ridge or groove the walls are as high: only those on one side are one edge
     walls = [
         [(row.offset, position) for row, (position, rises) in found if rises is rising]
@@ -212,17 +220,18 @@ def _find_slant(rows: list[ScannedProfile]) -> float:
 
 
 def _average_radius(
-    edges: list[Edge],
-    spacing: float,
+    results: list[tuple[ScannedProfile, Edge]],
     is_map: bool,
     instrument: Instrument,
     options: EvaluationOptions,
     notes: list[str],
 ) -> Measured:
     # Average the edge radius over profiles, with what sampling, pixels and stylus leave open of it.
+    edges, spacing = [edge for _, edge in results], results[0][0].spacing
     sloped = 2 * sum(one.flank is not None for one in edges) > len(edges)
     corners = [one.radius for one in edges if (one.flank is not None) == sloped]
-    tip, others = options.stylus_radius or 0.0, []
+    others = [Component("form", _estimate_arc_form(results), how="change without its steep half")]
+    tip = options.stylus_radius or 0.0
     single = float(np.mean([one.std for one in corners]))
     sharp = float(np.mean([one.value for one in corners])) < RESOLVED * spacing and not sloped
     if is_map or sharp:
@@ -254,16 +263,38 @@ def _average_radius(
     stylus = f"the stylus radius of {tip * 1e6:.3g} um is"
     if found.value + found.expanded() < 0.0:
         seen = replace(found, value=found.value + tip, bound="at most")
-        sharper = f"the edge shows {seen.value * 1e6:.2g} um, sharper than such a stylus can"
-        notes.append(f"{stylus} not taken off the edge radius: {sharper}; check what is stated")
+        notes.append(
+            f"{stylus} not taken off the edge radius: the edge shows {seen.value * 1e6:.2g} um, "
+            "sharper than such a stylus can; check what is stated"
+        )
         return seen
+    bounded = options.stylus_radius is None
     if tip > 0.0:
         notes.append(f"{stylus} taken off the edge radius")
-    return replace(
-        found,
-        value=max(found.value, 0.0),
-        bound="at most" if options.stylus_radius is None else "",
-    )
+        most = min(_COARSE * spacing, (found.value + tip) / NO_RISER)
+        if not sloped and edges[0].height.value < most:
+            bounded = True
+            notes[-1] += ", at most this: too few points lie on the riser to tell it from the cone"
+    return replace(found, value=max(found.value, 0.0), bound="at most" if bounded else "")
+
+
+def _estimate_arc_form(results: list[tuple[ScannedProfile, Edge]]) -> float:
+    # Return the change of the mean radius when the steeper half of the arcs is left out [m].
+    arcs = [
+        (row, edge)
+        for row, edge in results
+        if edge.flank is None and edge.radius.value > _LEAST_ARC * row.spacing
+    ]
+
+    def fit_crown(one: tuple[ScannedProfile, Edge]) -> Estimate:
+        row, edge = one
+        beyond = (row.position - edge.position) * (1.0 if edge.rising else -1.0)
+        crown = (beyond <= 0.0) | (beyond >= _STEEP * edge.radius.value)
+        return fit_edge(row.position, np.where(crown, row.height, np.nan), edge.exclusion).radius
+
+    crowns = evaluate_each(fit_crown, arcs[:: max(len(arcs) // 10, 1)])[0]
+    # a fit of few points is no normal law: twice what noise changes is none
+    return compute_change([(edge.radius, crown) for (_, edge), crown in crowns], 2.0)
 
 
 def _is_flank_of_surface(angle: float, off: float, cone: float | None) -> bool:
@@ -302,28 +333,25 @@ def _measure_riser(
         for one in (instrument.calibration_std, instrument.lateral_std)
     ]
     relative = 0.5 * math.sin(2.0 * angle) * math.hypot(*scales)
-    spread = float(np.std([one.angle for one in flanks]))
     parts = [
-        Component("noise", math.hypot(off, spread), how="covariance of the fit of the flank"),
+        Component(
+            "noise",
+            math.hypot(off, np.std([one.angle for one in flanks])),
+            how="covariance of the fit of the flank",
+        ),
         Component("calibration", relative, how="of both scales"),
     ]
     values = {"riser_angle": Measured("angle of the riser", angle, tuple(parts))}
-    rest = [_fit_riser_line(row, edge, angle) for row, edge in results if edge.flank is not None]
+    rest = [
+        edge.measure_riser(row.position, row.height, angle)
+        for row, edge in results
+        if edge.flank is not None
+    ]
     noise = Component("noise", float(np.std(rest)), how="scatter over the profiles, noise included")
     values["riser_straightness"] = add_instrument_components(
         "straightness of the riser", float(np.mean(rest)), [noise], instrument
     )
     return values, ""
-
-
-def _fit_riser_line(row: ScannedProfile, edge: Edge, angle: float) -> float:
-    # Return the width of the zone that holds a flank between a quarter and three quarters of it
-    # [m].
-    u, level = edge.measure_across(row.position, row.height)
-    top = edge.height.value
-    used = (np.abs(u) <= edge.exclusion) & (level > 0.25 * top) & (level < 0.75 * top)
-    rest = level[used] - np.polyval(np.polyfit(u[used], level[used], 1), u[used])
-    return float(np.ptp(rest)) * math.cos(angle)
 
 
 def _extend_by_level_faces(row: ScannedProfile, edge: Edge) -> ScannedProfile:
@@ -371,8 +399,9 @@ def _measure_burr(
     notes: list[str],
     missing: dict[str, str],
 ) -> dict[str, Measured]:
-    sizes = [(edge.height.value, edge.exclusion) for _, edge in results]
-    found = find_burr(across, level, *(float(np.median(each)) for each in zip(*sizes, strict=True)))
+    found = find_burr(
+        across, level, *np.median([(one.height.value, one.exclusion) for _, one in results], axis=0)
+    )
     if found is None:
         missing["burr"] = (
             "a scan that reaches 0.2 mm beyond the edge on the upper face would show it"
@@ -392,16 +421,14 @@ def _measure_burr(
     return {"burr": add_instrument_components("burr", found.height.value, own, instrument)}
 
 
-def _extract_faces(results: list[tuple[ScannedProfile, Edge]]) -> tuple[ScannedProfile, ...]:
-    # Return the two faces of some profiles, levelled, those of the lower face first.
+def _extract_faces(results: list[tuple[ScannedProfile, Edge]]) -> Iterator[ScannedProfile]:
+    # Yield the two faces of some profiles, levelled, those of the lower face first.
     some = results[:: max(len(results) // _MOST_FACES, 1)]
-    faces = []
     for side in (-1.0, 1.0):
         for row, edge in some:
             u, level = edge.measure_across(row.position, row.height)
             inside = side * u > edge.exclusion
-            faces.append(ScannedProfile(row.position[inside], level[inside], row.source))
-    return tuple(faces)
+            yield ScannedProfile(row.position[inside], level[inside], row.source)
 
 
 def _build_shown(first: ScannedProfile, edge: Edge, sloped: bool) -> Shown:
@@ -421,19 +448,12 @@ def _build_shown(first: ScannedProfile, edge: Edge, sloped: bool) -> Shown:
 
 
 def _estimate_form(results: list[tuple[ScannedProfile, Edge]]) -> float:
-    # Return the change of the mean height when twice as much is excluded, beyond what noise alone
-    # changes, as a rectangle [m].
+    # Return the change of the mean height when twice as much is excluded [m].
     some = results[:: max(len(results) // 10, 1)]
     wider = evaluate_each(
         lambda one: fit_step(one[0].position, one[0].height, 2.0 * one[1].exclusion), some
     )[0]
-    pairs = [(edge.height, wide) for (_, edge), wide in wider]
-    if not pairs:
-        return 0.0
-    # a fit through fewer of the same points differs by what its variance has grown
-    noise = np.mean([max(wide.std**2 - edge.std**2, 0.0) for edge, wide in pairs]) / len(pairs)
-    beyond = float(np.mean([wide.value - edge.value for edge, wide in pairs])) ** 2 - float(noise)
-    return float(np.sqrt(max(beyond, 0.0) / 3.0))
+    return compute_change([(edge.height, wide) for (_, edge), wide in wider], 1.0)
 
 
 def _measure_faces(
