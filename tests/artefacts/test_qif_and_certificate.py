@@ -10,7 +10,12 @@ import pytest
 from lxml import etree
 
 from oracles import schemas
-from stepblocks.artefacts.certificate import _collect_content, _write_pdf, write_certificate
+from stepblocks.artefacts.certificate import (
+    _collect_content,
+    _format_row,
+    _write_pdf,
+    write_certificate,
+)
 from stepblocks.artefacts.laboratory import InstrumentRecord, Laboratory
 from stepblocks.artefacts.qif import write_qif
 from stepblocks.artefacts.qif_read import match_results, read_qif_results
@@ -253,6 +258,34 @@ def test_the_certificate_names_the_calibration_of_the_instrument_and_gives_no_ha
         "serial number": "P-42",
         "certificate of its calibration of 2026-05-01": "K-1234",
     }
+
+
+@pytest.mark.parametrize(
+    ("value", "expanded", "shown"),
+    [
+        ("592.1475e-6", "8.3995e-6", ("592.1", "8.4")),
+        ("24.6042e-6", "49.1e-9", ("24.604", "0.049")),
+    ],
+)
+def test_a_row_shows_two_digits_of_the_uncertainty_and_the_whole_label(value, expanded, shown):
+    # JCGM 100, 7.2.6
+    label = "burr over the upper face within 0.2 mm of the edge"
+    entry = {"unit": "\\metre", "limits": [], "number": 25, "label": label, "factor": "1.960"}
+    row = _format_row(entry | {"value": value, "expanded": expanded, "verdict": "conforms"})
+    assert tuple(row[2:4]) == shown
+    assert row[1].split() == label.split()
+    assert max(map(len, row[1].splitlines())) <= 44
+
+
+def test_the_owner_of_an_order_is_the_customer(tmp_path):
+    certificate_of(tmp_path)
+    result = inspect_scan(tmp_path / "a.qif", "step-050", stimuli=STIMULI / "paper-ten.toml")
+    for order, customer in (
+        (OrderSpec(author="A. Maker", owner="Clinic"), "Clinic"),
+        (OrderSpec(author="A. Maker"), "A. Maker"),
+    ):
+        content = _collect_content(PARTS["step-050"], result.as_record(), order, "ab" * 32, None)
+        assert content["customer"] == customer
 
 
 def test_a_page_that_the_disk_has_no_room_for_is_an_error_of_the_disk(tmp_path):

@@ -42,7 +42,7 @@ def write_certificate(
 ) -> list[Path]:
     """Write both forms of the certificate of an inspection.
 
-    The author of the order is the customer.
+    The owner of the order, or else its author, is the customer.
     """
     content = _collect_content(part, record, order, digest, laboratory)
     replace_text(path, render_page("stepblocks.artefacts", "dcc.xml.j2", **content))
@@ -81,7 +81,7 @@ def _collect_content(
         "scan": record["scan"],
         "release": __version__,
         "blank": _BLANK,
-        "author": order.author,
+        "customer": order.owner or order.author,
         "begin": date if laboratory is None else laboratory.measured_from,
         "end": date if laboratory is None else laboratory.measured_to,
         "digest": digest[:16],
@@ -177,8 +177,9 @@ def _write_pdf(path: Path, content: Document) -> None:
                 figure.text(0.06, 0.94, "\n".join(lines), fontsize=7, va="top")
                 if own:
                     height = 0.018 * (len(own) + 1)
-                    low = max(0.93 - 0.0118 * len(lines) - height, 0.02)
-                    axes = figure.add_axes((0.06, low, 0.88, height))
+                    axes = figure.add_axes(
+                        (0.06, max(0.93 - 0.0118 * len(lines) - height, 0.02), 0.88, height)
+                    )
                     axes.set_axis_off()
                     table = axes.table(
                         cellText=own, colLabels=_HEADINGS, colWidths=_WIDTHS, bbox=Bbox.unit()
@@ -193,12 +194,14 @@ def _format_row(entry: Document) -> list[str]:
     factor, unit = (1e6, "um") if entry["unit"] == "\\metre" else (57.29577951308232, "deg")
     ends = {side: f"{float(size) * factor:.7g}" for side, size in entry["limits"]}
     limits = f"{ends.get('lower', '')} to {ends.get('upper', '')}".strip()
-    value, half = (f"{float(entry[name]) * factor:.4f}" for name in ("value", "expanded"))
+    value, half = (float(entry[name]) * factor for name in ("value", "expanded"))
+    # the uncertainty has two digits, and the value as many decimals (JCGM 100, 7.2.6)
+    decimals = max(1 - int(f"{half:e}".partition("e")[2]), 0)
     return [
         str(entry["number"]),
-        str(entry["label"])[:48],
-        value,
-        half,
+        "\n".join(wrap(str(entry["label"]), 44)),
+        f"{value:.{decimals}f}",
+        f"{half:.{decimals}f}",
         entry["factor"],
         limits,
         unit,

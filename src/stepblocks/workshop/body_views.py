@@ -71,7 +71,8 @@ def _draw_letters(
     sheet.write_text(middle, identity.upper(), letter, "MIDDLE_CENTER")
     end = middle[0] + 0.5 * compute_text_width(identity.upper(), letter) + 1.5, middle[1]
     # below the note of the edges, which stands 7 mm over the body
-    elbow, level = corner[0] + 12.0, min(middle[1] + 9.0, corner[1] + 0.5)
+    elbow = corner[0] + 12.0
+    level = min(middle[1] + 9.0, corner[1] + 0.5)
     sheet.draw_leader(end, (elbow, level), "letters {} high", "engraving_height")
     sheet.draw_leader(end, (elbow, level - 6.0), "engraved {} deep", "engraving_depth")
 
@@ -144,9 +145,12 @@ def _draw_holes(sheet: Sheet, body: Body, mounting: Mounting, scale: float) -> N
     sheet.draw_dimension(
         "hole_row", (left + c, below), (tx - half, ty), (left - 24.0, ty), scale, upright=True
     )
-    tip, elbow = (tx + half + 0.7 * hole, ty - 0.7 * hole), (tx + hx + 10.0, ty - 11.0)
     thread = f"{mounting.thread}-6H" if mounting.kind == "tapped" else f"for {mounting.thread}"
-    sheet.draw_leader(tip, elbow, use_decimal_comma(f"2 x {thread}, section C"))
+    sheet.draw_leader(
+        (tx + half + 0.7 * hole, ty - 0.7 * hole),
+        (tx + hx + 10.0, ty - 11.0),
+        use_decimal_comma(f"2 x {thread}, section C"),
+    )
     sheet.draw_cutting_line((tx - hx - 3.0, ty), (tx + hx + 3.0, ty), "C")
     _draw_hole_section(sheet, body, mounting)
 

@@ -139,8 +139,10 @@ class HeightMap:
 
     def __repr__(self) -> str:
         ny, nx = self.height.shape
-        steps = f"{self.dx * 1e6:.4g} x {self.dy * 1e6:.4g} um"
-        return f"HeightMap({nx} x {ny} points of {steps}{_describe(self)})"
+        return (
+            f"HeightMap({nx} x {ny} points of {self.dx * 1e6:.4g} x {self.dy * 1e6:.4g} um"
+            f"{_describe(self)})"
+        )
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Draw heights in micrometres as an image, into `ax` or new axes, and return these."""

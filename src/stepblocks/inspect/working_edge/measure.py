@@ -50,7 +50,8 @@ _MOST_SLANT_ROWS = 12  # of a map, from which the direction of its edge is found
 _TURNED = 0.01  # slope of an edge over a map from which it is turned [1]
 # of the radius of an arc, over which it is steeper than 45 degrees; and sampling intervals that a
 # radius needs for a fit without them [1]
-_STEEP, _LEAST_ARC = 1.0 - math.sqrt(0.5), 6.0
+_STEEP = 1.0 - math.sqrt(0.5)
+_LEAST_ARC = 6.0
 # sampling intervals in a height with too few points on a flank of 60 deg to tell it from an arc
 _COARSE = 2.0 * (LEAST_ON_FLANK + 2.0) * math.tan(math.radians(60.0))
 _WORN = 0.25  # of the radius of a stylus, that it may be off: a rectangle [1]
