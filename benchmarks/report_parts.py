@@ -374,8 +374,16 @@ PARTS = [
     ),
     Part(
         "loop-matrix",
-        "python benchmarks/bench_matrix.py --sessions 23 --record out/matrix.jsonl",
+        "python benchmarks/bench_matrix.py --first 9301 --sessions 20 --record out/matrix.jsonl && "
+        "python benchmarks/bench_matrix.py nothing --first 9401 --sessions 300 "
+        "--record out/nulls.jsonl",
         {
+            "loop-nulls": (r"nothing {30,}(\d+ of 300) ", "{}"),
+            "loop-gain": (r"tangential gain 1-6 % {10,}(\d+ of \d+) ", "{}"),
+            "loop-gain-certified": (
+                r"tangential gain 1-6 %, spring certified to 0.5 % +(\d+ of \d+) ",
+                "{}",
+            ),
             "loop-geometry": (r"claimed where there is none: (\d+ of \d+)", "{}"),
             "loop-intervals": (r"intervals that hold the truth: (\d+ of \d+)", "{}"),
             "loop-wander": (r"laws of wandering friction: (\d+ of \d+)", "{}"),
