@@ -238,7 +238,7 @@ def test_the_shadow_of_a_wall_hides_no_edge_of_a_groove_and_is_in_its_width(begi
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-@pytest.mark.parametrize("wall", [5 * UM, 15 * UM, 25 * UM, 80 * UM])
+@pytest.mark.parametrize("wall", [0.2 * UM, 5 * UM, 15 * UM, 25 * UM, 80 * UM])
 def test_the_walls_of_a_feature_stand_within_the_flanks_that_a_cone_shows(sign, wall):
     # a cone of 60 degrees shows a wall of 50 um as 29 um wide; a gentler one is that of the surface
     fine = np.arange(-9000, 9000) * 0.1 * UM
