@@ -67,7 +67,7 @@ def drag_in_time(
     probe = build_probe(point.tool, point.ball_radius, **changes)
     how = {"speed": 0.0, "pulling_force": pull, "handle_mass": 0.1} if pull else {}
     track, settings = build_track(face, point.ball_radius), DragSettings.under(point, **how)
-    none = Ring(*[math.nan] * 6)
+    none = Ring(*[math.nan] * 7)
     try:
         trace = simulate_drag(track, probe, settings)
         return trace.status, measure_ring(trace) if trace.status is Status.RELEASES else none

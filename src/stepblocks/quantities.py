@@ -251,8 +251,8 @@ def format_number(value: float) -> str:
     return f"{mantissa}e{int(power)}" if power else "0"
 
 
-def format_column(values: Sequence[object]) -> list[str]:
-    """Write the cells of a column: fractions to three digits, text with signs of units."""
+def format_column(values: Sequence[object], *, exact: bool = False) -> list[str]:
+    """Write the cells of a column: fractions to three digits, all if `exact`, text with units."""
     texts = ["-" if value is None else str(value) for value in values]
     try:
         numbers = [math.nan if text in ("", "-") else float(text) for text in texts]
@@ -264,8 +264,8 @@ def format_column(values: Sequence[object]) -> list[str]:
             for text, number in zip(texts, numbers, strict=True)
         ]
     return [
-        text if text and isinstance(value, str) else format_number(number)
-        for value, text, number in zip(values, texts, numbers, strict=True)
+        text if exact and number == number else format_number(number)
+        for text, number in zip(texts, numbers, strict=True)
     ]
 
 

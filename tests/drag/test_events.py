@@ -21,7 +21,7 @@ from stepblocks.contact.event import list_vibration_events
 from stepblocks.contact.laws import LinearContact
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.drag.run import drag_over
-from stepblocks.errors import ContactError, PipelineError
+from stepblocks.errors import ContactError, MetrologyError, PipelineError
 from stepblocks.predict.predictions import predict_one
 from stepblocks.simulators.assemble import simulate_ring_of
 
@@ -323,7 +323,7 @@ def test_a_scanned_profile_is_dragged_over_as_it_was_read():
     )
     with pytest.raises(ContactError, match="at least half of a scan"):
         drag_over(SimpleNamespace(position=WAVY.x, height=np.where(X > -0.7e-3, np.nan, 0.0)))
-    with pytest.raises(ContactError, match="scanned profile, got dict"):
+    with pytest.raises(MetrologyError, match="two rows, x and z, got {'x': 1}"):
         drag_over({"x": 1})
 
 

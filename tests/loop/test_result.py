@@ -10,7 +10,6 @@ from oracles.features_file import features_of
 from stepblocks.artefacts.model_file import WIDE
 from stepblocks.loop.result import build_document, build_learned_model
 from stepblocks.loop.run import analyse_features
-from stepblocks.loop.search.adequacy import compare_with_replicates
 from stepblocks.loop.search.explain import Finding, Rules, Verdict
 
 
@@ -76,17 +75,6 @@ def test_the_floor_is_never_above_what_replicates_scatter_by(result):
         assert floor[key] > 0.0
         if test["replicate_dof"] >= 20:
             assert floor[key] <= test["replicate_std"]
-
-
-def test_the_lack_of_fit_that_is_shown_is_the_one_that_the_verdict_asks_for(result, monkeypatch):
-    # a page said "Yes" beside p = 0.0003: the verdict weighs trials by what they know
-    cells = [number // 8 for number in range(len(result.table.trials))]
-    monkeypatch.setattr(type(result.table.model), "cells", lambda *_: cells)
-    test = _again(result)["adequacy"]["pure_error"]["ln_energy"]
-    seen, fitted = result.table.trials.seen, result.found.extended
-    weighed = np.where(seen, fitted.residual.reshape(seen.shape), np.nan)[:, 0]
-    asked = compare_with_replicates(weighed, cells, len(fitted.parameters))
-    assert test["lack_of_fit_p_value"] == asked["lack_of_fit_p_value"] < 1.0
 
 
 def test_the_floor_is_the_scatter_that_the_bench_has(result):

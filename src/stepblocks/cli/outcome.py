@@ -118,7 +118,13 @@ def print_table(title: str, rows: Sequence[Mapping[str, object]], *, wide: bool 
 
     if not rows:
         return
-    cells = {name: format_column([row.get(name) for row in rows]) for name in rows[0]}
+    cells = {
+        # a limit is what was agreed, not a figure to be rounded
+        name: format_column(
+            [row.get(name) for row in rows], exact=name.startswith(("lower_", "upper_"))
+        )
+        for name in rows[0]
+    }
     heads = {name: format_column_label(name) for name in cells}
     # what is alike in all rows is said once
     alike = {

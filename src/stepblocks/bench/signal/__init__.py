@@ -20,7 +20,7 @@ _GAP_STEPS = 1.6  # a step of the clock this many times the usual one is a gap
 _FLAT_SAMPLES = 4  # equal samples in a row at the extreme of a record that was still moving
 # steps of the converter, or of the noise from sample to sample, that the movement would have made
 # meanwhile
-_FLAT_STEPS = 12.0
+_FLAT_STEPS = 7.0
 _FEWEST_STILL = 40  # samples before the tip is set down, fewer say nothing of a zero
 _EDGE = 8  # samples at which the load is coming on
 _CALM = 7e-3  # [s] two periods of a ring, over which it averages out
