@@ -323,7 +323,7 @@ def test_a_scanned_profile_is_dragged_over_as_it_was_read():
     )
     with pytest.raises(ContactError, match="at least half of a scan"):
         drag_over(SimpleNamespace(position=WAVY.x, height=np.where(X > -0.7e-3, np.nan, 0.0)))
-    with pytest.raises(MetrologyError, match="two rows, x and z, got {'x': 1}"):
+    with pytest.raises(MetrologyError, match="two rows, x and z"):
         drag_over({"x": 1})
 
 
