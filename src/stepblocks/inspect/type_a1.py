@@ -57,7 +57,7 @@ def evaluate_a1(x: Array, z: Array, edges: Span) -> TypeA1:
     spans = outer[0], (left + width / 3, right - width / 3), outer[1]
     slack = 0.5 * (x[-1] - x[0]) / (len(x) - 1)
     MetrologyError.require(
-        not (spans[0][0] < x[0] - slack or spans[2][1] > x[-1] + slack),
+        x[0] - slack <= spans[0][0] and spans[2][1] <= x[-1] + slack,
         f"profile must reach one width ({width * 1e6:.4g} um) beyond the edges, from "
         f"{spans[0][0] * 1e6:.4g} to "
         f"{spans[2][1] * 1e6:.4g} um, got {x[0] * 1e6:.4g} to {x[-1] * 1e6:.4g} um",

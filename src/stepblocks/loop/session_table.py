@@ -113,7 +113,7 @@ def build_session_table(
         ]
     )
     PipelineError.require(
-        not (~np.isclose(radius, tip_radius * 1e6, rtol=0.01)).all(),
+        np.isclose(radius, tip_radius * 1e6, rtol=0.01).any(),
         f"tips of the table must agree with `probe.tip_radius`, {tip_radius * 1e6:g} um: their "
         f"labels say {', '.join(f'{one:g} um' for one in np.unique(radius))}; correct either",
     )

@@ -226,7 +226,7 @@ def loop_sessions(
         for name, one in probes.items()
     }
     PipelineError.require(
-        not (len(set(stated.values())) > 1),
+        len(set(stated.values())) <= 1,
         "`probe.spring_constant`, `probe.friction` and `probe.contact` must be the same in "
         "sessions that are explained together, got "
         + "; ".join(f"{one} in {name}" for name, one in stated.items()),

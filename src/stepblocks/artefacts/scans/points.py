@@ -29,7 +29,7 @@ def grid_points(x: Array, y: Array, z: Array, source: str, scale: str) -> Height
     )
     x, y, z = x[known], y[known], z[known]
     MetrologyError.require(
-        not (len(x) < 4), f"points must lie on a grid, got {len(x)} points [{source}]"
+        len(x) >= 4, f"points must lie on a grid, got {len(x)} points [{source}]"
     )
     axes = _find_axes(x, y)
     shape = tuple(len(axis) for axis in axes)

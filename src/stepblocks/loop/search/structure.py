@@ -66,8 +66,10 @@ class Hint:
             "kind": self.kind,
             "quantity": self.quantity,
             "p_value": self.p_value,
-            **dict.fromkeys(("text", "said"), self.sentence),
-            **{"groups": groups, "heaps": groups},
+            "text": self.sentence,
+            "said": self.sentence,
+            "groups": groups,
+            "heaps": groups,
         }
 
 
