@@ -75,7 +75,7 @@ class _Reader:
 
     def call(self, request: Mapping[str, object], seconds: float) -> Answer:
         with self._one_at_a_time:
-            process = self._started()
+            process = self._start_process()
             assert process.stdin is not None
             assert isinstance(process.stdout, BufferedReader)
             watch = threading.Timer(_WAITING * seconds, process.kill)
@@ -104,7 +104,7 @@ class _Reader:
                 watch.cancel()
         return found, answer["refused"], answer["ours"]
 
-    def _started(self) -> subprocess.Popen[bytes]:
+    def _start_process(self) -> subprocess.Popen[bytes]:
         if self._process is None or self._process.poll() is not None:
             self.close()  # the pipes of one that has died
             self._process = subprocess.Popen(

@@ -62,8 +62,8 @@ def stairs(height=43e-6):
 def test_a_box_measures_as_it_was_made():
     mesh = MeshMeasures(*box())
     assert mesh.volume == pytest.approx(6e-9, rel=1e-14)
-    assert mesh.bad_edges() == 0
-    assert mesh.concavity() == 0.0
+    assert mesh.count_bad_edges() == 0
+    assert mesh.measure_concavity() == 0.0
     assert mesh.radii.max() == pytest.approx(math.hypot(3e-3, 2e-3))
 
 
@@ -78,18 +78,18 @@ def test_the_volume_does_not_depend_on_where_the_mesh_lies_and_changes_sign_with
 
 def test_a_hole_a_flip_and_a_double_are_counted_by_their_edges():
     vertices, faces = box()
-    assert MeshMeasures(vertices, faces[1:]).bad_edges() == 3
+    assert MeshMeasures(vertices, faces[1:]).count_bad_edges() == 3
     flipped = faces.copy()
     flipped[0] = flipped[0, ::-1]
-    assert MeshMeasures(vertices, flipped).bad_edges() >= 3
-    assert MeshMeasures(vertices, np.concatenate([faces, faces[:1]])).bad_edges() == 3
+    assert MeshMeasures(vertices, flipped).count_bad_edges() >= 3
+    assert MeshMeasures(vertices, np.concatenate([faces, faces[:1]])).count_bad_edges() == 3
 
 
 def test_levels_beside_an_edge_are_distinguished_by_their_side():
     mesh = MeshMeasures(*stairs())
-    assert mesh.level_beside(0.0, -1) == pytest.approx(0.0, abs=1e-15)
-    assert mesh.level_beside(0.0, +1) == pytest.approx(43e-6, abs=1e-15)
-    assert math.isnan(mesh.level_beside(1e-3, +1))
+    assert mesh.measure_level_beside(0.0, -1) == pytest.approx(0.0, abs=1e-15)
+    assert mesh.measure_level_beside(0.0, +1) == pytest.approx(43e-6, abs=1e-15)
+    assert math.isnan(mesh.measure_level_beside(1e-3, +1))
 
 
 def test_a_level_begins_where_its_connected_face_begins():
@@ -107,9 +107,9 @@ def test_a_wall_is_found_by_the_side_it_faces():
     left, faces = box((4e-3, 4e-3, 2e-3), (-4e-3, -2e-3, -2e-3))
     right, _ = box((4e-3, 4e-3, 2e-3), (50e-6, -2e-3, -2e-3))
     gap = MeshMeasures(np.concatenate([left, right]), np.concatenate([faces, faces + 8]))
-    assert gap.wall_position(+1, 1e-3) == pytest.approx(0.0, abs=1e-15)
-    assert gap.wall_position(-1, 1e-3) == pytest.approx(50e-6, abs=1e-15)
-    assert math.isnan(gap.wall_position(+1, 1e-9 - 1e-3))
+    assert gap.measure_wall_position(+1, 1e-3) == pytest.approx(0.0, abs=1e-15)
+    assert gap.measure_wall_position(-1, 1e-3) == pytest.approx(50e-6, abs=1e-15)
+    assert math.isnan(gap.measure_wall_position(+1, 1e-9 - 1e-3))
 
 
 def test_a_notch_shows_as_the_farthest_corner_beyond_any_face():
@@ -117,7 +117,7 @@ def test_a_notch_shows_as_the_farthest_corner_beyond_any_face():
     whole, _ = box((0.2e-3, 0.2e-3, 1.1e-3), (0.4e-3, 0.4e-3, 0.0))
     mesh = MeshMeasures(np.concatenate([vertices, whole]), np.concatenate([faces, FACES + 8]))
     # the sides of the pillar lie 0.4 mm inside those of the box
-    assert mesh.concavity() == pytest.approx(0.4e-3, rel=1e-9)
+    assert mesh.measure_concavity() == pytest.approx(0.4e-3, rel=1e-9)
 
 
 def ball(radius, rows=40, around=60):
@@ -136,7 +136,7 @@ def ball(radius, rows=40, around=60):
 
 
 def test_a_ball_is_fitted_up_to_where_the_cone_begins():
-    radius, form, sag = MeshMeasures(*ball(83e-6)).sphere(83e-6, 100e-6)
+    radius, form, sag = MeshMeasures(*ball(83e-6)).fit_sphere(83e-6, 100e-6)
     assert radius == pytest.approx(83e-6, rel=1e-9)
     assert form < 1e-14
     # chords of a sixtieth of a turn at the ball's widest sag by R (1 - cos(pi / 60)) at most, by
@@ -158,7 +158,7 @@ def test_another_library_reads_what_each_writer_wrote(form, tmp_path):
     path = tmp_path / f"box{form}"
     MESH_FORMATS[form](path, Mesh("box", vertices, faces))
     mesh = MeshMeasures(*read_mesh(path))
-    assert mesh.bad_edges() == 0
+    assert mesh.count_bad_edges() == 0
     assert mesh.vertices.min(axis=0) == pytest.approx(vertices.min(axis=0), abs=1e-9)
     assert mesh.vertices.max(axis=0) == pytest.approx(vertices.max(axis=0), abs=1e-9)
     assert mesh.volume == pytest.approx(3e-3 * 2e-3 * 1.25e-5, rel=1e-6)

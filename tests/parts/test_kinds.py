@@ -122,7 +122,7 @@ def test_its_mesh_is_closed_of_its_volume_and_measures_what_was_declared(part):
     ):
         mesh = mesh_solid(part, name, solid)
         measured = MeshMeasures(mesh.vertices, mesh.triangles)
-        assert measured.bad_edges() == 0
+        assert measured.count_bad_edges() == 0
         assert measured.volume == pytest.approx(volume, rel=1e-9)
         findings = list(part.measure_mesh(body, measured))
         assert findings
@@ -134,7 +134,7 @@ def test_its_mesh_is_closed_of_its_volume_and_measures_what_was_declared(part):
 @pytest.mark.parametrize("part", SOME)
 def test_its_convex_pieces_fill_it(part):
     pieces = [MeshMeasures(piece.vertices, piece.triangles) for piece in build_convex_pieces(part)]
-    assert max(piece.concavity() for piece in pieces) <= NANOMETRE
+    assert max(piece.measure_concavity() for piece in pieces) <= NANOMETRE
     assert all(piece.volume > 0.0 for piece in pieces)
     # a polygon of 96 sides holds sin(t) / t of its circle, t = 2 pi / 96
     t = math.tau / 96.0

@@ -211,7 +211,7 @@ def _is_same_value(item: Characteristic, kind: str, declared: tuple[float, ...])
 def _check_mesh(part: Part, path: Path) -> Iterator[Verdict]:
     mesh = MeshMeasures(*read_mesh(path))
     body = part.bodies.index(path.stem) if path.stem in part.bodies else 0
-    yield Finding("edges without exactly one neighbour", 0.0, mesh.bad_edges(), 0.0, "count")
+    yield Finding("edges without exactly one neighbour", 0.0, mesh.count_bad_edges(), 0.0, "count")
     yield Finding(
         "volume", part.volumes()[body], mesh.volume, VOLUME_LIMIT, "volume", relative=True
     )
@@ -223,12 +223,15 @@ def _check_pieces(part: Part, path: Path) -> Iterator[Verdict]:
     yield Finding(
         "edges without exactly one neighbour",
         0.0,
-        sum(piece.bad_edges() for piece in pieces),
+        sum(piece.count_bad_edges() for piece in pieces),
         0.0,
         "count",
     )
     yield Finding(
-        "concavity of the pieces", 0.0, max(piece.concavity() for piece in pieces), NANOMETRE
+        "concavity of the pieces",
+        0.0,
+        max(piece.measure_concavity() for piece in pieces),
+        NANOMETRE,
     )
     whole = math.fsum(part.volumes()) + part.removed_volume
     total = math.fsum(piece.volume for piece in pieces)

@@ -162,7 +162,7 @@ class _Document:
                 TDataStd_Name.Set_s(component, TCollection_ExtendedString(name))
             self._shapes.UpdateAssemblies()
 
-    def _item(self, item: PmiItem) -> TDF_Label:
+    def _get_label(self, item: PmiItem) -> TDF_Label:
         label, faces = self._bodies[item.body]
         shape = faces[item.face]
         if item.other is not None:
@@ -194,7 +194,7 @@ class _Document:
         _find_attribute(label, XCAFDoc_Dimension).SetObject(content)
         sequences = [TDF_LabelSequence(), TDF_LabelSequence()]
         for sequence, item in zip(sequences, dimension.items, strict=False):
-            sequence.Append(self._item(item))
+            sequence.Append(self._get_label(item))
         self._tolerances.SetDimension(sequences[0], sequences[1], label)
 
     def add_tolerance(self, tolerance: PmiTolerance) -> None:
@@ -204,7 +204,7 @@ class _Document:
         content.SetValue(tolerance.zone * _MM)
         _set_presentation(content, tolerance.callout)
         _find_attribute(label, XCAFDoc_GeomTolerance).SetObject(content)
-        self._tolerances.SetGeomTolerance(self._item(tolerance.face), label)
+        self._tolerances.SetGeomTolerance(self._get_label(tolerance.face), label)
         if tolerance.datum is None:
             return
         letter, face = tolerance.datum
@@ -214,7 +214,7 @@ class _Document:
         named.SetPosition(1)
         _find_attribute(datum, XCAFDoc_Datum).SetObject(named)
         faces = TDF_LabelSequence()
-        faces.Append(self._item(face))
+        faces.Append(self._get_label(face))
         self._tolerances.SetDatum(faces, datum)
         self._tolerances.SetDatumToGeomTol(datum, label)
 

@@ -88,13 +88,13 @@ def new(
     if kind == "session":
         folder = file.parent if file.name == "session.toml" else file
         place = folder / "session.toml"
-        text, then = write_beginning(kind, folder)
+        text, then = write_starter_file(kind, folder)
         if plan is not None:
             return _plan_session(folder, plan, rehearsals, then, quiet=quiet, force=force)
         texts = {place: text, folder / "trials.csv": _TRIALS}
     else:
         place = file.with_suffix(".toml") if file.name else file
-        text, then = write_beginning(kind, place)
+        text, then = write_starter_file(kind, place)
         texts = {place: text}
     _write_new(texts, force=force)
     return Outcome(
@@ -165,7 +165,7 @@ def _copy_shipped(folder: Path, *, force: bool) -> Outcome:
     )
 
 
-def write_beginning(kind: str, place: Path) -> tuple[str, str]:
+def write_starter_file(kind: str, place: Path) -> tuple[str, str]:
     """Return the text of a file to begin with, and the command that takes it.
 
     Below it stands, commented out, what its kinds leave to their defaults.

@@ -22,12 +22,12 @@ def make_rules_validator(check: Callable[[Any], Iterator[str]]) -> Any:
     The check yields broken rules; nothing or ``""`` where all hold.
     """
 
-    def checked(self: object) -> Any:
+    def check_table(self: object) -> Any:
         if broken := [text for text in check(self) if text]:
             raise ValueError("\n".join(broken))
         return self
 
-    return model_validator(mode="after")(checked)
+    return model_validator(mode="after")(check_table)
 
 
 def check_rule(holds: bool, field: str, rule: str, limit: float, value: float) -> str:

@@ -60,14 +60,14 @@ class Contact:
 def build_plain_step(height: float, name: str = "step") -> StepBlock:
     """Build the sharp step that a declared tip is dragged over."""
 
-    def exact(**sizes: str) -> dict[str, object]:
+    def declare(**sizes: str) -> dict[str, object]:
         return {field: {"nominal": size, "tolerance": "1 um"} for field, size in sizes.items()}
 
-    mounting = {"kind": "tapped", "thread": "M2", **exact(spacing="6 mm", depth="2 mm")}
-    body = exact(length="12 mm", width="12 mm", thickness="4 mm", edge_break="0.3 mm")
-    body |= {"mounting": mounting, "engraving": exact(height="0.5 mm", depth="0.05 mm")}
-    groove = {"kind": "groove", **exact(width="0.4 mm", lane="3 mm", distance="1 mm")}
-    edge = exact(height=f"{height * 1e6:.9g} um", edge_radius="0 um")
+    mounting = {"kind": "tapped", "thread": "M2", **declare(spacing="6 mm", depth="2 mm")}
+    body = declare(length="12 mm", width="12 mm", thickness="4 mm", edge_break="0.3 mm")
+    body |= {"mounting": mounting, "engraving": declare(height="0.5 mm", depth="0.05 mm")}
+    groove = {"kind": "groove", **declare(width="0.4 mm", lane="3 mm", distance="1 mm")}
+    edge = declare(height=f"{height * 1e6:.9g} um", edge_radius="0 um")
     try:
         return StepBlock.model_validate(
             {"id": name, "material": "steel", "body": body, "metrology": groove, **edge}

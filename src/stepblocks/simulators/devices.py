@@ -55,7 +55,7 @@ class Figure(BaseModel, frozen=True, extra="forbid"):
     confidence: Literal["datasheet", "code", "remembered", "assumed"]
 
 
-def _parse_figure(dimension: str) -> BeforeValidator:
+def _make_figure_validator(dimension: str) -> BeforeValidator:
     def parse(raw: object) -> object:
         if isinstance(raw, dict) and "value" in raw:
             value = parse_quantity(raw["value"], dimension)
@@ -67,8 +67,8 @@ def _parse_figure(dimension: str) -> BeforeValidator:
     return BeforeValidator(parse)
 
 
-Length = Annotated[Figure, _parse_figure("length")]
-Force = Annotated[Figure, _parse_figure("force")]
+Length = Annotated[Figure, _make_figure_validator("length")]
+Force = Annotated[Figure, _make_figure_validator("force")]
 
 
 class Device(BaseModel, frozen=True, extra="forbid"):
@@ -96,8 +96,8 @@ class Device(BaseModel, frozen=True, extra="forbid"):
     position_resolution: Length
     peak_force: Force
     continuous_force: Force | None = None
-    stiffness_limit: Annotated[Figure, _parse_figure("stiffness")] | None = None
-    update_rate: Annotated[Figure, _parse_figure("frequency")]
+    stiffness_limit: Annotated[Figure, _make_figure_validator("stiffness")] | None = None
+    update_rate: Annotated[Figure, _make_figure_validator("frequency")]
     travel: Length | None = None
     actuated_axes: Annotated[int, Field(ge=1, le=12)]
     sensed_axes: Annotated[int, Field(ge=1, le=12)]

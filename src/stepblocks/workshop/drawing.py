@@ -233,7 +233,7 @@ def _render(sheet: Sheet, path: Path) -> None:
         )
         font = FontProperties(fname=Path(mpl.get_data_path()) / "fonts" / "ttf" / FONT)
 
-        def letters(
+        def draw_letters(
             text: str, transform: Any, properties: object, cap_height: float, dxftype: str = "TEXT"
         ) -> None:
             origin, ahead = (
@@ -255,7 +255,7 @@ def _render(sheet: Sheet, path: Path) -> None:
 
         backend = MatplotlibBackend(axes, adjust_figure=False)
         frontend = Frontend(RenderContext(sheet.document), backend, config=configuration)
-        frontend.pipeline.draw_text = letters
+        frontend.pipeline.draw_text = draw_letters
         frontend.draw_layout(sheet.space, finalize=True)
         # the figure has the sheet's own proportions
         axes.set(

@@ -42,7 +42,7 @@ class MeshMeasures:
         terms = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
         return math.fsum(terms.tolist()) / 6.0
 
-    def bad_edges(self) -> int:
+    def count_bad_edges(self) -> int:
         """Count the directed edges that do not meet exactly one neighbour running the other way."""
         triangles = self.triangles
         edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
@@ -51,7 +51,7 @@ class MeshMeasures:
         keys, counts = np.unique(forward, return_counts=True)
         return int(np.count_nonzero(~np.isin(keys, backward) | (counts != 1)))
 
-    def level_beside(self, edge: float, side: int) -> float:
+    def measure_level_beside(self, edge: float, side: int) -> float:
         """Measure the height of the level face beside a line across x [m].
 
         `side` is 1 to the right of the line and -1 to the left of it.
@@ -80,7 +80,7 @@ class MeshMeasures:
         x = np.where(np.isin(np.arange(count), chosen), self.vertices[:, 0], -np.inf)
         return float(self.vertices[label == label[int(np.argmax(x))], 0].min())
 
-    def wall_position(self, facing: int, reach: float) -> float:
+    def measure_wall_position(self, facing: int, reach: float) -> float:
         """Find the deepest upright wall across x near the edge [m]; its normal is +x or -x."""
         normals, areas = self._normals_and_areas
         x = self.vertices[self.triangles, 0].mean(axis=1)
@@ -94,7 +94,7 @@ class MeshMeasures:
         )
         return float(np.average(x[chosen], weights=areas[chosen])) if chosen.any() else math.nan
 
-    def sphere(self, radius: float, below: float) -> tuple[float, float, float]:
+    def fit_sphere(self, radius: float, below: float) -> tuple[float, float, float]:
         """Fit the ball of a tip on the z axis, up to a height.
 
         The results are radius, form and chordal error against `radius` [m].
@@ -106,7 +106,7 @@ class MeshMeasures:
         sag = radius - np.linalg.norm(middles, axis=1).min() if on_ball.any() else math.nan
         return fitted, form, float(sag)
 
-    def concavity(self) -> float:
+    def measure_concavity(self) -> float:
         """How far the farthest vertex stands out of the plane of any triangle [m]."""
         normals, areas = self._normals_and_areas
         real = areas > 1e-6 * areas.max()

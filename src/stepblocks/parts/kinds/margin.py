@@ -134,7 +134,7 @@ class CrownMargin(Part):
         return Finding(
             "marginal gap",
             self.marginal_gap.nominal,
-            mesh.wall_position(-1, reach) - mesh.wall_position(+1, reach),
+            mesh.measure_wall_position(-1, reach) - mesh.measure_wall_position(+1, reach),
             NANOMETRE,
         )
 
@@ -336,8 +336,8 @@ class MarginBlock(CrownMargin, Block):
 
     def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Verdict]:
         yield self.measure_gap(mesh, self.body.length)
-        crown = mesh.level_beside(self.opening.nominal, +1)
-        tooth = mesh.level_beside(self.body.edge_break.nominal - self.body.half_length, +1)
+        crown = mesh.measure_level_beside(self.opening.nominal, +1)
+        tooth = mesh.measure_level_beside(self.body.edge_break.nominal - self.body.half_length, +1)
         yield Finding("horizontal discrepancy", self.rise, crown - tooth, NANOMETRE)
         yield Finding(
             "vertical discrepancy", self.opening.nominal, mesh.start_of_level(crown), NANOMETRE

@@ -263,7 +263,10 @@ class StepBlock(Block):
             )
 
     def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Verdict]:
-        low, high = mesh.level_beside(0.0, -1), mesh.level_beside(self.edge_radius.nominal, +1)
+        low, high = (
+            mesh.measure_level_beside(0.0, -1),
+            mesh.measure_level_beside(self.edge_radius.nominal, +1),
+        )
         yield Finding("step height", self.height.nominal, high - low, NANOMETRE)
         yield Finding("lower working face at z = 0", 0.0, low, NANOMETRE)
 

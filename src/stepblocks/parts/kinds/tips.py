@@ -115,7 +115,7 @@ class Tip(Turned, HeldPart):
 
     def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Verdict]:
         R = self.ball_radius.nominal
-        radius, form, sag = mesh.sphere(R, self.cone_start[1])
+        radius, form, sag = mesh.fit_sphere(R, self.cone_start[1])
         yield Finding("radius of the contact sphere", R, radius, SPHERE_LIMIT)
         yield Finding("form of the contact sphere", 0.0, form, SPHERE_LIMIT)
         yield Finding("chordal error on the contact sphere", 0.0, sag, SPHERE_LIMIT)
