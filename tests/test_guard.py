@@ -6,10 +6,12 @@ import inspect
 import pickle
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import stepblocks as sb
 from oracles.learned import make_learned_model
+from oracles.toy_model import toy_effects, toy_trials
 
 
 def test_an_unknown_keyword_is_refused_with_the_one_that_was_meant():
@@ -40,6 +42,11 @@ def test_a_value_of_a_wrong_type_is_refused_in_one_line_with_its_cause_attached(
 def test_what_is_no_part_is_refused_with_what_it_must_be(call):
     with pytest.raises(sb.StepblocksError, match=r"^\w+: part must be a Part, got 3$"):
         call(3)
+
+
+def test_what_is_no_forward_model_is_refused_with_what_it_must_be():
+    with pytest.raises(sb.StepblocksError, match=r"^explain: model must be a ForwardModel, got 3$"):
+        sb.explain(3, toy_trials(24, 1), toy_effects())
 
 
 def test_a_set_is_written_to_a_path_and_drawn_into_axes_alone():
@@ -188,6 +195,7 @@ def test_values_that_need_more_memory_than_there_is_are_refused():
     "call",
     [
         lambda strange, _: sb.predict_trials(strange.to_numpy(), make_learned_model()),
+        lambda *_: sb.build_convex_pieces(pd.DataFrame()),
         lambda strange, _: sb.Trials.from_table({str(strange): 1}),
         lambda strange, _: sb.Renderer(sb.Step(25e-6).centre_path(125e-6), sb.PAPER).tick(
             strange, strange

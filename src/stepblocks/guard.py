@@ -87,7 +87,9 @@ def _describe_misuse(
         # a number or a text may be taken for another; what is ours may not
         ours = inspect.isclass(wanted) and wanted.__module__.startswith("stepblocks.")
         if ours and not isinstance(value, wanted):
-            return f"{name}: {key} must be a {wanted.__name__}, got {reprlib.repr(value)}"
+            return " ".join(
+                f"{name}: {key} must be a {wanted.__name__}, got {reprlib.repr(value)}".split()
+            )
     shown = (f"{key}={reprlib.repr(value)}" for key, value in given.items() if key != "self")
     reason = " ".join(f"{type(error).__name__}: {error}".split())
     return f"{name} cannot use these values: {reason:.200} [{' '.join(' '.join(shown).split())}]"

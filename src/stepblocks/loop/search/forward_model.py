@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import pandas as pd
@@ -146,6 +146,7 @@ class Systematic:
     std: float
 
 
+@runtime_checkable
 class ForwardModel(Protocol):
     """What the search asks of a model."""
 
