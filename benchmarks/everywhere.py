@@ -336,6 +336,8 @@ def main() -> int:
         if any(f"{machine.name}: {cell}" in chosen for cell in machine.cells)
     ]
     print("\n".join(rows))
+    whole = [one for one in rows if "| passes |" in one and "not run" not in one]
+    print(f"\n{len(whole)} of {len(everything)} machines pass")
     return int(
         any(found[name]["outcome"] in ("FAILS", "not installed") for name in chosen & found.keys())
         or any("differ" in one for one in rows)

@@ -20,6 +20,8 @@ class Part:
         About how long it takes on two idle cores.
     timing
         Whether its figures are times, so that other work on the machine spoils them.
+    optional
+        Figures that need a program which few machines have: without it they keep their older text.
     held
         Whether the command is tests that hold figures and tables to what the record says: where
         they pass, they stand.
@@ -30,15 +32,16 @@ class Part:
     figures: dict[str, tuple[str, str]] = field(default_factory=dict)
     minutes: float = 1.0
     timing: bool = False
+    optional: frozenset[str] = frozenset()
     held: bool = False
 
 
 PARTS = [
     Part(
         "exchange",
-        "python benchmarks/ap242.py",
+        "python benchmarks/ap242.py && python benchmarks/exchange.py",
         {"ap242": (r"LARGEST (\d\.\d\de-\d\d)  none", "{:.1e} nm")},
-        0.5,
+        5,
     ),
     Part(
         "install",
@@ -219,8 +222,12 @@ PARTS = [
                 "{:.2f} %",
             ),
             "sim-mujoco": (r"LARGEST ^(?:\| [^|]+){5}\| [\d.]+ \(([-+][\d.]+) %", "{:.2f} %"),
+            "sim-feel": (r"LARGEST ^(?:\| [^|]+){6}\| [\d.]+ \(([-+][\d.]+) %", "{:.2f} %"),
+            "sim-chai3d": (r"LARGEST ^(?:\| [^|]+){7}\| [\d.]+ \(([-+][\d.]+) %", "{:.2f} %"),
+            "sim-ring": (r"energy off by up to (\S+) %", "{} %"),
         },
         5,
+        optional=frozenset({"sim-feel", "sim-chai3d"}),
     ),
     Part(
         "fault-injection",
@@ -326,6 +333,7 @@ PARTS = [
             "build-ratio": (r"stepblocks build, everything {3,}(?:\S+ +){3}(\S+)", "{}"),
             "build-per-block": (r"(?m)^ *1000 +\S+ +(\S+)", "{} s"),
             "build-memory": (r"(?m)^ *1000 +(?:\S+ +){2}(\d+)", "{} MiB"),
+            "build-unchanged": (r"(?m)^ *50 +(?:\S+ +){3}(\S+)", "{} s"),
         },
         timing=True,
         minutes=20,
@@ -333,7 +341,11 @@ PARTS = [
     Part(
         "everywhere",
         "python benchmarks/everywhere.py",
-        {"machine-files": (r"(\d+) files \|", "{}")},
+        {
+            "machines": (r"(\d+) of \d+ machines pass", "{}"),
+            "machine-tests": (r"newest libraries[^|]*\| passes \| (\d+) passed", "{}"),
+            "machine-files": (r"(\d+) files \|", "{}"),
+        },
         240,
     ),
     Part(
@@ -360,7 +372,15 @@ PARTS = [
         },
         10,
     ),
-    Part("loop-sessions", "python benchmarks/known_sessions.py {shared}/bench", {}, 15),
+    Part(
+        "loop-sessions",
+        "python benchmarks/known_sessions.py {shared}/bench {shared}/bench/taught",
+        {
+            "session-blunt": (r"\| blunt \|.*? r = ([\d.]+ µm)", "{}"),
+            "session-running-in": (r"\| unexplained-a \|.*? to settle (\S+) \(", "{}"),
+        },
+        30,
+    ),
     Part(
         "loop-reasoning",
         "python benchmarks/closure_confusion.py named --sessions 5 --trials 240 && "

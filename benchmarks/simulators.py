@@ -2,7 +2,8 @@
 
 A cell is what that program printed when its exported folder was run here; what cannot be run here
 says so. Programs that do not come with the extra `[sim]` are named on the command line: an
-interpreter that has newton, the compile and link flags of an installed CHAI3D.
+interpreter that has newton, the compile and link flags of an installed CHAI3D. The page to feel
+runs in a headless Chromium. The last line says how far the energy of a rendered ring is off.
 """
 
 from __future__ import annotations
@@ -17,17 +18,25 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
+
+from oracles.browser import browser
+from stepblocks.contact.event import compute_ring_energy
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.declare import load_set
 from stepblocks.parts.kind import Part
 from stepblocks.quantities import parse_quantity
 from stepblocks.simulators.assemble import build_scene, resolve_contact
+from stepblocks.simulators.feel import write_feel_page
 from stepblocks.simulators.renderer import Renderer
 from stepblocks.simulators.scene import Scene, write_scene
 from stepblocks.simulators.scenes import SCENE_FORMATS
 
 ROOT = Path(__file__).resolve().parents[1]
+SETS = [ROOT / "stimuli" / name for name in ("paper-ten.toml", "crown-margins.toml")]
+DRAG_ACROSS = (ROOT / "tests" / "simulators" / "drag_across.js").read_text(encoding="utf-8")
 RADIUS = 125e-6
+SPEED, TICKS = 1e-3, 1e4  # m/s, 1/s
 # peak force [N] and whether the ball crossed; None: not run here
 Result = tuple[float, bool] | None
 
@@ -52,20 +61,44 @@ def main() -> None:
     )
     print("| surface | formula | " + " | ".join(COLUMNS) + " | SOFA, H3D, Unity, Unreal, Isaac |")
     print("|---|---|" + "---|" * len(COLUMNS) + "---|")
-    crowns = load_set(ROOT / "stimuli" / "crown-margins.toml").crown_on_tooth
-    with tempfile.TemporaryDirectory(prefix="step blocks ") as folder:
-        for surface in (*load_set(ROOT / "stimuli" / "paper-ten.toml").stimuli, *crowns):
-            if surface.id.startswith(arguments.only):
-                row(Path(folder) / surface.id, surface, point, arguments)
+    ten, margins = (load_set(path) for path in SETS)
+    surfaces = [
+        one for one in (*ten.stimuli, *margins.crown_on_tooth) if one.id.startswith(arguments.only)
+    ]
+    with tempfile.TemporaryDirectory(prefix="step blocks ") as folder, browser() as window:
+        arguments.window = window
+        if window is not None:
+            page = Path(folder) / "feel.html"
+            write_feel_page(SETS, page)
+            window.get(page.as_uri())
+        scenes = [row(Path(folder) / one.id, one, point, arguments) for one in surfaces]
+    off = [ring_error(scene) for scene in scenes if scene.events[0].status == "releases"]
+    print(f"\nring of the renderer: energy off by up to {100.0 * max(off):.2f} %")
 
 
-def row(folder: Path, surface: Part, point: OperatingPoint, arguments: argparse.Namespace) -> None:
+def row(folder: Path, surface: Part, point: OperatingPoint, arguments: argparse.Namespace) -> Scene:
     scene = build_scene(resolve_contact(surface, point))
     event = scene.events[0]
     formula = event.critical_force if event.status == "releases" else None
     cells = [f"{formula:.4f}" if formula else event.status.value]
     cells += [cell(run(folder, scene, arguments), formula) for run in COLUMNS.values()]
     print(f"| {surface.id} | " + " | ".join(cells) + " | not run here |", flush=True)
+    return scene
+
+
+def ring_error(scene: Scene) -> float:
+    """How far the energy of a rendered ring is off that of its event, as a share of it.
+
+    What the ring adds is the difference from a drag that renders none; it is followed for 0.2 s.
+    """
+    path, event = scene.surface.counterface().centre_path(RADIUS), scene.events[0]
+    way = event.critical_force / scene.stiffness + 0.2 * SPEED
+    with_ring, without = (
+        Renderer(path, scene.point, event=ring).drag(scene.point.normal_load, way, 1.0, SPEED)
+        for ring in (True, False)
+    )
+    added = np.asarray(with_ring.force) - np.asarray(without.force)
+    return abs(compute_ring_energy(added, TICKS, event.tool) / event.energy - 1.0)
 
 
 def on_profile(_: Path, scene: Scene, __: argparse.Namespace) -> Result:
@@ -134,6 +167,19 @@ def in_chai3d(folder: Path, scene: Scene, arguments: argparse.Namespace) -> Resu
     return float(words[words.index("peak") + 1]), "crossed" in words
 
 
+def on_page(_: Path, scene: Scene, arguments: argparse.Namespace) -> Result:
+    """Drag across on the page to feel, as its own script renders it."""
+    if arguments.window is None:
+        return None
+    name = scene.events[0].stimulus
+    tool = {"radius": RADIUS, "load": scene.point.normal_load, "friction": scene.point.friction}
+    found = arguments.window.execute_script(
+        f"{DRAG_ACROSS}\nreturn dragAcross(STIMULI.findIndex(one => one.name === '{name}'),"
+        f" {json.dumps({**tool, 'limit': 1e3})})"
+    )
+    return found["peak"], found["events"] > 0
+
+
 def in_newton(folder: Path, scene: Scene, arguments: argparse.Namespace) -> Result:
     if not arguments.newton:
         return None
@@ -146,6 +192,7 @@ COLUMNS: dict[str, Callable[[Path, Scene, argparse.Namespace], Result]] = {
     "force law, Python": in_python,
     "force law, C": in_c,
     "MuJoCo, pieces": in_mujoco,
+    "page to feel": on_page,
     "CHAI3D": in_chai3d,
     "Newton": in_newton,
 }

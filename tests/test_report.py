@@ -106,17 +106,34 @@ def test_what_tests_hold_stands_while_they_pass(report, tmp_path):
     before["figures"] = [{"id": "a", "text": "1e-5", "older": "c"}]
     record = report.measure(part, before)
     assert (record["figures"], record["tables"]) == ([{"id": "a", "text": "1e-5"}], [1])
-    test.write_text("def test_one():\n    assert False\n")
-    with pytest.raises(RuntimeError, match="exit code 1"):
-        report.measure(part, before)
+    for text, said in (
+        ("def test_one():\n    assert False\n", "exit code 1"),
+        ("import pytest\ndef test_one():\n    pytest.skip('no program')\n", "were skipped"),
+    ):
+        test.write_text(text)
+        with pytest.raises(RuntimeError, match=said):
+            report.measure(part, before)
 
 
-def test_every_figure_of_a_part_is_one_of_its_record(report):
+def test_every_figure_of_a_record_comes_from_what_its_part_prints_or_is_held_by_its_tests(report):
     for part in report.PARTS:
         path = ROOT / "docs" / "records" / f"{part.name}.json"
-        if path.exists():
-            known = {one["id"] for one in json.loads(path.read_text())["figures"]}
-            assert set(part.figures) <= known, part.name
+        known = {one["id"] for one in json.loads(path.read_text())["figures"]}
+        assert set(part.figures) == (set() if part.held else known), part.name
+        assert part.optional <= set(part.figures)
+
+
+def test_a_figure_of_a_program_that_is_not_here_keeps_its_text_with_a_mark(report, tmp_path):
+    one = tmp_path / "one.py"
+    one.write_text("print('a: 3')")
+    figures = {"a": (r"a: (\d+)", "{}"), "b": (r"b: (\d+)", "{}")}
+    part = report.Part("none", f"python {one}", figures, optional=frozenset("b"))
+    before = {"code": [], "commit": "x", "date": "y", "tables": []}
+    before["figures"] = [{"id": "a", "text": "2"}, {"id": "b", "text": "7"}]
+    assert report.measure(part, before)["figures"] == [
+        {"id": "a", "text": "3"},
+        {"id": "b", "text": "7", "older": "x, y"},
+    ]
 
 
 def test_a_part_that_fails_leaves_the_record_as_it_was(report, tmp_path):
