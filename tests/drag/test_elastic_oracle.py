@@ -90,3 +90,21 @@ def test_where_a_tip_lands_in_a_notch_the_grip_of_the_contact_decides_and_not_a_
     behind = rows[rows[:, 0] > second.released_s, 1]
     ring = 0.5 * (0.15 - behind.min()) ** 2 / done.tool.stiffness
     assert second.vibration_energy_j == pytest.approx(ring, rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("height", "width", "deep", "friction"),
+    [(3e-6, 5e-6, 200e-6, 0.05), (8e-6, 20e-6, 200e-6, 0.15), (8e-6, 20e-6, 60e-6, 0.15)],
+)
+def test_down_a_wall_higher_than_the_ball_the_tip_swings_as_far_as_an_elastic_ball(
+    height, width, deep, friction
+):
+    # the foot of a wall was rounded, and the tip fell 24 um below its floor: 6 % too far
+    corners = [(-1e-3, 0.0), (0.0, 0.0), (0.0, height), (width, height), (width, height - deep)]
+    corners.append((1e-3, height - deep))
+    done = drag_over(Profile(*np.transpose(corners)), friction=friction)
+    rows = follow_an_elastic_ball(done, corners)
+    assert done.frame.fx_n.max() == pytest.approx(rows[:, 1].max(), rel=2e-3)
+    swing, expected = (friction - one.min() for one in (done.frame.fx_n, rows[:, 1]))
+    assert swing == pytest.approx(expected, rel=0.02)
+    assert done.frame.y_m.min() > height - deep - 12e-6

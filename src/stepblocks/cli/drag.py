@@ -262,7 +262,7 @@ def _describe_drag(summary: Document) -> list[str]:
         notes.append(
             f"peak {summary['peak_force_n']:.4g} N; "
             f"rings with {format_quantity(summary['vibration_energy_j'], 'energy')} "
-            f"({summary['ring_share']:.0%} of the stored energy) for "
+            f"({summary['ring_share']:.0%} of what spring and fall give) for "
             f"{summary['ring_duration_s'] * 1e3:.1f} ms"
         )
     if "difference_from_equation_1" in summary:

@@ -33,14 +33,15 @@ class Ring:
     energy : float
         E_v = amplitude^2 / 2k [J]; with overtones the sum over the modes, each by its own swing.
     share : float
-        E_v over the energy stored at the release [1]; the paper's C_v.
+        E_v over what it is given, the energy stored at the release and `fall_energy` [1], never
+        above 1; where nothing falls it is the paper's C_v.
     duration : float
         From the release until the force stays within 5 % of the first swing around where it settles
         [s].
     decay_time : float
         In which the swings fall to 1/e of the first [s]; NaN where the trace ends before.
     fall_energy : float
-        Work of the load as the tip falls behind the edge, which feeds the ring as well [J].
+        Work of the load as the tip falls behind the edge in that first swing [J].
     frequency : float
         Peak of the spectrum over 16 ms after the release [Hz].
     loading_share : float
@@ -119,12 +120,12 @@ def measure_ring(trace: DragTrace, *, spectra: bool = True, event: int | None = 
         swings = np.maximum(level - cut.rows[: first.size, len(COLUMNS) :].min(axis=0), 0.0)
         modes = tuple((0.5 * swings * swings / stiffness).tolist())
         energy = sum(modes)
-    # what the spring, the fall of the load and the handle can give
-    fall = trace.settings.normal_load * float(np.max(cut.column("y_m")[0] - cut.column("y_m")))
-    travel = np.ptp(cut.column("handle_m"))
-    given = cut.stored_energy + fall + abs(cut.peak_force) * travel
+    # the spring and the fall of the load feed the first swing, which ends where the tip turns
+    heights = cut.column("y_m")[: int(np.argmin(first)) + 1]
+    fall = trace.settings.normal_load * float(heights[0] - heights.min())
+    given = cut.stored_energy + fall
     ContactError.require(
-        energy <= 1.02 * given,
+        energy <= given,
         f"the ring at {cut.release_time:.6g} s has {energy:.3g} J, but is given {given:.3g} J: "
         "its energy ledger fails; raise the resolution",
     )
@@ -132,7 +133,7 @@ def measure_ring(trace: DragTrace, *, spectra: bool = True, event: int | None = 
         amplitude,
         level,
         energy,
-        energy / cut.stored_energy,
+        energy / given,
         duration,
         _find_decay_time(cut),
         fall,

@@ -221,7 +221,7 @@ class Drag:
                 "loading_share_0_100_hz": ring.loading_share,
                 "vibration_share_250_350_hz": ring.ring_band_share,
             }
-        if ring is not None and ring.share > 1.0:
+        if ring is not None and ring.fall_energy > trace.stored_energy:
             summary["reason"] = (
                 f"the tip falls behind the edge: the load gives {1e6 * ring.fall_energy:.3g} uJ, "
                 f"the spring had stored {1e6 * trace.stored_energy:.3g} uJ"

@@ -60,11 +60,12 @@ class DragEvent:
     stored_energy_j, vibration_energy_j : float
         Energy of the spring at the release, and of the ring.
     ring_share : float
-        One over the other [1]; above 1 only where the tip falls behind the edge.
+        The ring's over the stored energy and that of the fall together [1]; never above 1.
     ring_decay_s : float
         Time in which the swings fall to 1/e; NaN where the next place comes before.
     fall_energy_j : float
-        Work of the load in that fall, which feeds the ring beside the spring.
+        Work of the load where the tip falls behind the edge, which feeds the ring beside the
+        spring.
     """
 
     place: int
@@ -204,7 +205,6 @@ def simulate_drag(
     window = min(NEAR * track.ball_radius, PATCHES * patch)
     shared = track.list_separate_kinks(depth, window)
     pressed = track.press_flat(shared, patch)
-    y = float(np.interp(x, track.x, track.z)) - depth
     rows, count, peak, ledger, passed, passes = kernels.integrate(
         (
             pressed.x,
@@ -224,7 +224,7 @@ def simulate_drag(
         ),
         (
             x,
-            y,
+            float(np.interp(x, track.x, track.z)) - depth,
             window,
             probe.stretch(settings.find_sliding_force()),
             0.01 * track.ball_radius,

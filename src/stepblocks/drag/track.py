@@ -30,6 +30,7 @@ _HALF = 0.49  # of the way to the next kink: two bends shall not meet in one kno
 _BEND = 5e-3  # radii: the least half width of a bend, where kinks crowd
 _RISER = 0.5 * math.pi - 1e-5  # a path that is steeper jumps [rad]
 _STEEPEST = 15.0  # slope at which a path falls at most [1]: along a wall no step is short enough
+_WALL = 0.15  # radii from its foot over which a wall is spread
 _LEAST_FACE = 1e-3  # radii: a narrower face carries no tip
 _LEVEL = 400.0  # radii by which a surface goes on level: a released spring may throw the tip far
 
@@ -72,8 +73,10 @@ class Track(CentrePath):
         both = np.stack([np.column_stack(ends), self.cubics[self.kinks, :3]], axis=1)
         # a branch is a line or an arc about a corner, which bends by 1 / R; the cubic of a piece
         # that is short beside the sampling may bend by far more
-        bend = 0.5 * (1.0 + both[..., 1] ** 2) ** 1.5 / self.ball_radius
-        both[..., 2] = np.clip(both[..., 2], -1.05 * bend, 0.05 * bend)
+        level = 0.5 / self.ball_radius
+        both[..., 2] = np.clip(
+            both[..., 2], -1.05 * level * (1.0 + both[..., 1] ** 2) ** 1.5, 0.05 * level
+        )
         return both
 
     def evaluate(self, x: Array, side: Literal["left", "right"] = "right") -> tuple[Array, Array]:
@@ -229,6 +232,9 @@ def build_profile_track(
     nodes = np.unique(np.concatenate([grid, where[sharp]]))
     crowded = np.diff(nodes) <= room
     crowded = np.append(crowded, False) | np.append(False, crowded)
+    # down a wall the tip falls along a slope that it crosses in several steps
+    feet = np.append(where[sharp & (before < -math.atan(_STEEPEST))], math.inf)
+    crowded |= feet[np.searchsorted(feet, nodes, "right")] - nodes < _WALL * ball_radius
     nodes = nodes[~crowded | np.isin(nodes, where[sharp])]
     right = build_profile_path(xs, zs, ball_radius, positions=nodes)
     kinks = np.searchsorted(nodes, where[sharp])

@@ -172,8 +172,10 @@ def resolve_contact(
         events = list_vibration_events(surface.counterface(), point, surface.id)
     if ring == "drag":
         face = surface.counterface()
-        up, down = (simulate_ring_of(event, face, point) for event in events)
-        events = up, down
+        events = (
+            simulate_ring_of(events[0], face, point),
+            simulate_ring_of(events[1], face, point),
+        )
     return Contact(stimulus, surface, point, events)
 
 

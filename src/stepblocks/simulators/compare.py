@@ -124,8 +124,10 @@ def compare_record(
             if name in found
         ]
     )
-    score = np.linalg.norm(table["difference_jnd"])
-    table.loc[len(table)] = {"part": "score", "difference_jnd": score}
+    table.loc[len(table)] = {
+        "part": "score",
+        "difference_jnd": np.linalg.norm(table["difference_jnd"]),
+    }
     if output is not None:
         write_table(table, Path(output), "%.6g")
     return table
