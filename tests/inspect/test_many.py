@@ -83,6 +83,7 @@ def test_a_batch_gets_its_days_and_repeats_into_the_budget_and_a_page(batch, tmp
     table, page, *each = write_many(result, tmp_path / "out")
     assert len(pd.read_csv(table)) == 3 * 12
     assert "variation" in page.read_text()
+    assert "Scan a block four times or more" in page.read_text()
     assert {path.parent.name for path in each} == {"B1", "B2", "B3"}
     assert (tmp_path / "out" / "B1" / "step-050.certificate.pdf").read_bytes()[:4] == b"%PDF"
 

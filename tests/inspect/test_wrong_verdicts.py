@@ -351,6 +351,7 @@ def test_few_readings_keep_their_interval_in_qif_and_sheet_and_get_no_certificat
         assert back.values["step_height"].expanded() == pytest.approx(height.expanded(), rel=0.01)
     said = files["dcc.xml"].read_text()
     assert "too few profiles or scans: coverage factor 4.30" in said
+    assert "four scans of the part or more suffice" in said
 
 
 # 9. Limits in tables, turned maps
@@ -363,7 +364,8 @@ def test_the_limits_in_a_table_of_several_scans_are_not_rounded(tmp_path, capsys
     )
     x = np.arange(-400, 400) * UM
     for number in (1, 2):
-        z = block(x, height=105 * UM) + np.random.default_rng(number).normal(0.0, 20e-9, len(x))
+        z = flank_gauge(x, 105 * UM, math.radians(40.0), 4 * UM)
+        z = z + np.random.default_rng(number).normal(0.0, 20e-9, len(x))
         columns = np.column_stack([x, z]) * 1e6
         np.savetxt(
             tmp_path / f"{number}.csv", columns, delimiter=",", header="x_um,z_um", comments=""
@@ -376,11 +378,16 @@ def test_the_limits_in_a_table_of_several_scans_are_not_rounded(tmp_path, capsys
     )
     rows = many.table_rows["blocks"]
     row = next(one for one in rows if one["characteristic"] == "step_height")
-    assert (row["lower_um"], row["upper_um"]) == ("103.5", "106.5")
+    assert (row["lower"], row["upper"]) == ("103.5", "106.5")
     print_table("blocks", rows, wide=True)
     printed = capsys.readouterr().out
     assert "103.5" in printed
     assert "106.5" in printed
+    # the same column holds degrees of a flank, so its head is no length
+    angle = next(one for one in rows if one["characteristic"] == "riser_angle")
+    assert (angle["unit"], row["unit"]) == ("deg", "um")
+    assert float(angle["value"]) == pytest.approx(40.0, abs=0.5)
+    assert not [key for key in row if key.endswith("_um")]
 
 
 @pytest.mark.parametrize(("spacing", "bound"), [(1.0, "at most"), (0.25, "")])

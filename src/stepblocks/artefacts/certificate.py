@@ -104,7 +104,7 @@ def _find_obstacle(entry: Document) -> str:
     if entry["coverage_factor"] > _LARGEST_FACTOR:
         return (
             f"too few profiles or scans: coverage factor {entry['coverage_factor']:.2f}, "
-            f"at most {_LARGEST_FACTOR}"
+            f"at most {_LARGEST_FACTOR}; four scans of the part or more suffice"
         )
     return ""
 

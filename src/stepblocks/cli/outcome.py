@@ -121,7 +121,7 @@ def print_table(title: str, rows: Sequence[Mapping[str, object]], *, wide: bool 
     cells = {
         # a limit is what was agreed, not a figure to be rounded
         name: format_column(
-            [row.get(name) for row in rows], exact=name.startswith(("lower_", "upper_"))
+            [row.get(name) for row in rows], exact=name.startswith(("lower", "upper"))
         )
         for name in rows[0]
     }

@@ -39,7 +39,8 @@ _LENGTHS = ("value", "u", "u95", "lower", "upper", "std")
 _SCATTER = ("noise", "repeatability", "scatter")  # of one scan, which several show together
 _LEAD = (
     "ISO 14253-1. Of a block that was scanned several times the scatter of its scans stands in "
-    "the budget as repeatability; scans under one condition count as one reading."
+    "the budget as repeatability; scans under one condition count as one reading. Scan a block "
+    "four times or more: a certificate leaves out what two or three readings alone tell."
 )
 
 
@@ -66,12 +67,15 @@ class ManyScans:
 
     @property
     def table_rows(self) -> dict[str, Sequence[Mapping[str, object]]]:
-        """Rows of the tables as text.
+        """Rows of the tables as text, where the column ``unit`` says that of the row.
 
         Limits are not rounded, values to five digits, uncertainties to three.
         """
         return {
-            name: [{key: _show_cell(key, cell) for key, cell in row.items()} for row in rows]
+            name: [
+                {key.removesuffix("_um"): _show_cell(key, cell) for key, cell in row.items()}
+                for row in rows
+            ]
             for name, table in self.tables.items()
             if (rows := table.to_dict("records"))
         }
@@ -271,7 +275,7 @@ def _convert_to_um(table: "pd.DataFrame") -> "pd.DataFrame":
     factors = np.where(angles, math.degrees(1.0), 1e6)
     for name in lengths:
         table[name] = table[name].astype(float) * factors
-    table["unit"] = np.where(angles, "deg", "um")
+    table.insert(table.columns.get_loc(lengths[0]), "unit", np.where(angles, "deg", "um"))
     return table.rename(columns={name: f"{name}_um" for name in lengths})
 
 
