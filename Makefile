@@ -54,7 +54,7 @@ evidence: $(VENV)/ready
 	PYTHONPATH=benchmarks $(BIN)/python -m literature out/evidence
 
 test: $(VENV)/ready-dev graphics
-	$(BIN)/python -m pytest -n auto --dist loadfile
+	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
 	$(BIN)/python -m pytest --doctest-modules src/stepblocks
 
 lint: $(VENV)/ready-dev

@@ -175,6 +175,7 @@ def tested(python: str, cell: str, settings: dict[str, str]) -> tuple[bool, dict
         "auto",
         "--dist",
         "loadfile",
+        "--no-loadscope-reorder",
         "-p",
         "no:cacheprovider",
         *asked,

@@ -20,6 +20,29 @@ for library in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
 ROOT = Path(__file__).resolve().parent.parent
 
 
+# files of a minute or so: begun first, so that no process waits for another one at the end
+LONG = (
+    "artefacts/test_artefacts.py",
+    "cli/test_one_event.py",
+    "drag/test_events.py",
+    "inspect/test_wrong_verdicts.py",
+    "loop/test_finding.py",
+    "loop/test_loop.py",
+    "loop/test_rehearsal.py",
+    "loop/test_run.py",
+    "simulators/test_camera.py",
+    "study/test_recovery.py",
+    "tests/test_package.py",
+    "tests/test_report.py",
+    "workshop/test_ten_blocks.py",
+)
+
+
+def pytest_collection_modifyitems(items):
+    """Order files by how long they take, as far as that matters."""
+    items.sort(key=lambda item: not item.path.as_posix().endswith(LONG))
+
+
 def pytest_collection_finish():
     """Look for garbage among what tests make, seldom, and never among what was loaded for all."""
     gc.freeze()

@@ -3,6 +3,8 @@
 The truth is Stribeck's curve, written out here; the tip is at rest when it releases.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -43,7 +45,8 @@ def test_nothing_is_missing_where_the_law_is_declared_and_unseen_blocks_are_twic
 ):
     assert declared.verdict is Verdict.NONE
     assert declared.found.nominal.values["friction"] == pytest.approx(0.16, rel=0.02)
-    without = analyse_features(features, 9810.0, 125e-6, rules=_RULES)
+    # one effect in its place is enough to say that something is missing
+    without = analyse_features(features, 9810.0, 125e-6, rules=replace(_RULES, most=2))
     assert without.verdict is not Verdict.NONE
     assert without.found.nominal.cost > declared.found.nominal.cost + 100.0
     with_law, constant = (

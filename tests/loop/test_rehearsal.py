@@ -1,6 +1,8 @@
 """A session is planned: trials in random order, and what noise alone and the design could show."""
 
+import contextlib
 import csv
+import io
 import json
 
 import pytest
@@ -37,10 +39,27 @@ def plan(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def planned(plan):
-    folder = plan.parent / "bench-1"
-    assert main(["new", "session", str(folder), "--plan", str(plan), "--rehearsals", "1"]) == 0
-    return folder
+def rehearsed(plan):
+    """Folder of a session that was planned and rehearsed twice, what was simulated, and the JSON
+    that was printed.
+    """
+    folder, seeds, printed = plan.parent / "bench-1", [], io.StringIO()
+    simulated = rehearsal.write_session
+
+    def watch(one, place):
+        seeds.append((one.seed, one.effects))
+        return simulated(one, place)
+
+    words = ["new", "session", str(folder), "--plan", str(plan), "--rehearsals", "2", "--json"]
+    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(printed):
+        patch.setattr(rehearsal, "write_session", watch)
+        assert main(words) == 0
+    return folder, seeds, json.loads(printed.getvalue())
+
+
+@pytest.fixture(scope="module")
+def planned(rehearsed):
+    return rehearsed[0]
 
 
 def test_a_plan_becomes_a_session_with_every_combination_once_a_day_or_nearly(planned):
@@ -67,18 +86,8 @@ def test_the_planned_session_with_its_traces_is_explained(planned, plan, tmp_pat
     assert found["verdict"] != "none"
 
 
-def test_rehearsals_plant_nothing_and_their_json_says_what_would_show(plan, capsys, monkeypatch):
-    seeds = []
-    simulated = rehearsal.write_session
-
-    def watch(one, folder):
-        seeds.append((one.seed, one.effects))
-        return simulated(one, folder)
-
-    monkeypatch.setattr(rehearsal, "write_session", watch)
-    arguments = ["new", "session", str(plan.parent / "bench-2"), "--plan", str(plan)]
-    assert main([*arguments, "--rehearsals", "2", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+def test_rehearsals_plant_nothing_and_their_json_says_what_would_show(rehearsed):
+    _, seeds, found = rehearsed
     assert seeds == [(3, ()), (4, ())]
     assert found["verdicts"] == ["none", "none"]
     assert found["locked"] == 0
