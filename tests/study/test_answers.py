@@ -12,7 +12,7 @@ from stepblocks.errors import StudyError
 from stepblocks.study.analysis.results import COLUMNS
 from stepblocks.study.design import Item
 from stepblocks.study.sheet import (
-    blind_rows,
+    blind_row,
     format_key,
     join_answers,
     read_answers,
@@ -150,7 +150,7 @@ def test_a_rating_off_its_scale_is_refused(value):
 def test_a_damaged_file_is_refused_by_name(study, tmp_path, damage, message):
     design, _ = study
     path = tmp_path / "answers.csv"
-    damaged = damage(format_csv(blind_rows(design)))
+    damaged = damage(format_csv(map(blind_row, design)))
     path.write_bytes(damaged if isinstance(damaged, bytes) else damaged.encode())
     with pytest.raises(StudyError, match=message) as caught:
         read_answers(path, "estimates")
@@ -165,7 +165,7 @@ def test_files_come_back_as_they_were_written(tmp_path):
     rows = read_design(path)
     assert [{name: row[name] for name in row if name != "line"} for row in rows] == design.trials
     sheet = tmp_path / "sheet.csv"
-    sheet.write_text(format_csv(blind_rows(rows)))
+    sheet.write_text(format_csv(map(blind_row, rows)))
     assert len(read_answers(sheet, "constant")) == len(rows)
 
 
@@ -173,7 +173,7 @@ def test_run_sheets_are_blind_and_the_key_opens_them():
     design = compared(3, BLOCKS, 2, 3, "step-050")
     rows = design.trials
     sheet, key = (
-        format_csv(blind_rows(rows)),
+        format_csv(map(blind_row, rows)),
         list(csv.DictReader(io.StringIO(format_key(design.blocks)))),
     )
     for item in BLOCKS:

@@ -94,6 +94,15 @@ def test_experiment_two_alternates_which_condition_comes_first():
     assert len(design.trials) == 10 * 2 * 10
 
 
+def test_groups_are_balanced_each_by_itself_and_a_design_says_when():
+    factors = {"probe": ("bare", "soft"), "hand": ("left", "right")}
+    design = design_trials("estimates", 6, FOUR, 1, 1, factors=factors, between=["hand"])
+    assert "exact at multiples of 4 participants" in str(design.balance)
+    assert design_trials(
+        "estimates", 8, FOUR, 1, 1, factors=factors, between=["hand"]
+    ).balance.exact
+
+
 def test_constant_stimuli_put_the_standard_first_and_second_equally_often():
     design = compared(3, TEN, 4, 1, "step-050")
     cells = Counter((t["participant"], t["stimulus"], t["condition"]) for t in design.trials)

@@ -263,6 +263,20 @@ def test_conditions_of_a_figure_differ_without_colours(tmp_path, experiment, opt
         assert len(looks) == conditions
 
 
+def test_a_figure_of_participants_names_their_groups(tmp_path):
+    factors = {"training": ("some", "none")}
+    options = {"factors": factors, "between": ("training",), "probes": ("a", "b")}
+    design_study((30e-6, 60e-6), tmp_path, seed=1, participants=4, repetitions=2, **options)
+    simulate_study(tmp_path, None, tmp_path / "answers.csv", seed=2)
+    result = analyse_study(tmp_path, [tmp_path / "answers.csv"])
+    (figure,) = [one for name, _, one, _ in draw_study_figures(result) if name == "participants"]
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == ["none", "some"]
+    looks = {line.get_color() for line in legend.get_lines()}
+    assert looks == {line.get_color() for line in figure.axes[0].lines[:-1]}
+    assert len(looks) == 2
+
+
 def test_each_factor_has_a_bayes_factor_and_groups_have_a_bound():
     # paired t-test of the levels and t-test of the groups by scipy; for three levels what
     # two models of statsmodels leave, by the information criterion (Masson 2011)

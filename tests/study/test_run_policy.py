@@ -33,7 +33,7 @@ def server(tmp_path_factory):
 
 def send(server, *lines, body=b""):
     """All that the server answers to these very bytes until it hangs up, or is silent for 2 s."""
-    with socket.create_connection(("127.0.0.1", server.port), timeout=10) as line:
+    with socket.create_connection(("127.0.0.1", server.server_port), timeout=10) as line:
         line.sendall("\r\n".join((*lines, "", "")).encode() + body)
         line.settimeout(2.0)
         answer = b""
@@ -50,7 +50,7 @@ def statuses(answer):
 
 
 def host(server, name="127.0.0.1"):
-    return f"Host: {name}:{server.port}"
+    return f"Host: {name}:{server.server_port}"
 
 
 def close(server, *lines):
@@ -75,7 +75,7 @@ def close(server, *lines):
 )
 def test_who_names_another_host_learns_nothing_not_even_the_state(server, named):
     # a name that a foreign page lets point at this machine must not open it (DNS rebinding)
-    lines = [one.format(port=server.port) for one in named]
+    lines = [one.format(port=server.server_port) for one in named]
     for path in ("/", "/state", "/nowhere"):
         answer = send(server, f"GET {path} HTTP/1.1", *lines)
         assert statuses(answer) == [403]
@@ -89,7 +89,7 @@ def test_who_names_another_host_learns_nothing_not_even_the_state(server, named)
 @pytest.mark.parametrize("before", [(), ("Origin: http://127.0.0.1:{port}",)])
 def test_a_request_of_another_page_is_refused_whatever_it_asks(server, method, origin, before):
     # the origin of the page before that of another does not help it
-    origins = [one.format(port=server.port) for one in (*before, f"Origin: {origin}")]
+    origins = [one.format(port=server.server_port) for one in (*before, f"Origin: {origin}")]
     lines = host(server), *origins, "Content-Length: 2" if method == "POST" else "Accept: */*"
     token = f"X-Stepblocks: {server.token}"
     refused = send(server, f"{method} /state HTTP/1.1", *lines, token, body=b"{}")
@@ -211,7 +211,7 @@ def test_a_reaction_of_more_than_a_day_is_refused_and_not_written(server, second
 )
 def test_what_the_library_refuses_is_answered_as_all_else(server, first, lines, status):
     if first is None:  # a longer line is not read to its end
-        with socket.create_connection(("127.0.0.1", server.port), timeout=10) as line:
+        with socket.create_connection(("127.0.0.1", server.server_port), timeout=10) as line:
             line.sendall(b"G" * 65_537)
             answer = b"".join(iter(lambda: line.recv(1 << 16), b""))
     else:
@@ -308,7 +308,7 @@ def test_a_client_that_says_nothing_is_cut_off_and_keeps_nobody_waiting(server, 
         "Content-Length: 100\r\n\r\n{"
     )
     for said in (b"", half.encode()):
-        with socket.create_connection(("127.0.0.1", server.port), timeout=10) as silent:
+        with socket.create_connection(("127.0.0.1", server.server_port), timeout=10) as silent:
             silent.sendall(said)
             assert close(server, "GET /state HTTP/1.1", host(server)) == [200]
             assert silent.recv(1 << 16) == b""  # hung up; an endless wait would end in an error
@@ -317,7 +317,7 @@ def test_a_client_that_says_nothing_is_cut_off_and_keeps_nobody_waiting(server, 
 def test_a_client_that_hangs_up_in_the_middle_of_an_answer_prints_nothing(server, capfd):
     others = threading.enumerate()  # lines of the browser among them, which last for 30 s
     for _ in range(5):
-        line = socket.create_connection(("127.0.0.1", server.port), timeout=10)
+        line = socket.create_connection(("127.0.0.1", server.server_port), timeout=10)
         line.sendall(f"GET / HTTP/1.1\r\n{host(server)}\r\n\r\n".encode() * 20)
         # closed at once, with a reset: what the server still writes meets nobody
         line.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))

@@ -7,7 +7,7 @@ import pytest
 from oracles.designs import compared, crossed
 from stepblocks.study.design import Item
 from stepblocks.study.page import render_run_sheets
-from stepblocks.study.sheet import blind_rows
+from stepblocks.study.sheet import blind_row
 
 BLOCKS = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in (25, 50, 75)]
 DESIGNS = {
@@ -20,7 +20,7 @@ DESIGNS = {
 def sheets(experiment):
     rows = DESIGNS[experiment]().trials
     return {
-        who: blind_rows([row for row in rows if row["participant"] == who]) for who in ("1", "2")
+        who: [blind_row(row) for row in rows if row["participant"] == who] for who in ("1", "2")
     }
 
 

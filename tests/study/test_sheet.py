@@ -9,7 +9,7 @@ from oracles.designs import compared, crossed
 from stepblocks.errors import PipelineError
 from stepblocks.study.design import DESIGN_COLUMNS, Item
 from stepblocks.study.experiments import EXPERIMENTS
-from stepblocks.study.sheet import blind_rows, format_key, list_answer_columns, write_new_files
+from stepblocks.study.sheet import blind_row, format_key, list_answer_columns, write_new_files
 
 BLOCKS = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in (10, 25, 50)]
 BY_CODE = {"VTK": BLOCKS[2], "ABE": BLOCKS[0]}
@@ -19,7 +19,8 @@ def test_every_trial_is_a_row_that_tells_all():
     design = crossed("estimates", 2, BLOCKS, 2, 1, ("bare", "soft"))
     assert len(design.trials) == 2 * 2 * 3 * 2
     for row in design.trials:
-        assert tuple(row) == (*DESIGN_COLUMNS, "factor_probe")
+        practised = "practice_code", "practice_standard_code"
+        assert tuple(row) == (*DESIGN_COLUMNS, "factor_probe", *practised)
         item = design.blocks[row["participant"]][row["code"]]
         assert (row["stimulus"], row["engraved"]) == (item.identity, item.engraved)
         assert float(row["height_um"]) == pytest.approx(item.height * 1e6, rel=1e-8)
@@ -29,7 +30,7 @@ def test_every_trial_is_a_row_that_tells_all():
 def test_in_a_pair_the_standard_is_named_and_the_sheet_keeps_its_place():
     rows = compared(1, BLOCKS, 1, 1, "step-025").trials
     assert {row["standard"] for row in rows} == {"step-025"}
-    for row, shown in zip(rows, blind_rows(rows), strict=True):
+    for row, shown in zip(rows, map(blind_row, rows), strict=True):
         places = {"standard-first": "first_code", "standard-second": "second_code"}
         assert shown[places[row["condition"]]] == row["standard_code"]
         assert {shown["first_code"], shown["second_code"]} == {row["code"], row["standard_code"]}

@@ -13,12 +13,14 @@ import pytest
 from scipy import stats
 
 from stepblocks.errors import StepblocksError, StudyError
+from stepblocks.simulators.renderer import Renderer
 from stepblocks.study.analysis.people import find_swapped_conditions
 from stepblocks.study.conduct import open_run
 from stepblocks.study.page import render_study
-from stepblocks.study.run import analyse_study, design_study, simulate_study
+from stepblocks.study.run import analyse_study, design_study, simulate_study, write_sheets
 from stepblocks.study.server import RunServer
-from stepblocks.study.sheet import blind_rows
+from stepblocks.study.sheet import blind_row
+from stepblocks.study.simulate import Observer
 
 HEIGHTS = tuple(h * 1e-6 for h in (25, 35, 50, 70, 95))
 
@@ -181,13 +183,29 @@ def test_heights_in_another_unit_than_their_column_says_are_refused(tmp_path):
 
 def test_rows_that_stand_twice_are_refused(tmp_path):
     rows = estimates()
-    with pytest.raises(StudyError, match="participant p0's 18 rows must not stand twice"):
+    with pytest.raises(StudyError, match="the 90 rows of a table must not stand twice"):
         analysed(tmp_path, rows + rows)
     again = [row | {"second_is_higher": "y"} for row in pairs(people=2)]  # alike, but no copies
     assert analysed(tmp_path, pairs() + again[:1], experiment="constant").comparisons
     numbered = [row | {"trial": n} for n, row in enumerate(rows)]
     with pytest.raises(StudyError, match=r"must not stand twice \[.*line 92; first .*line 5\]"):
         analysed(tmp_path, [*numbered, numbered[3]])
+    named = [{("n" if key == "trial" else key): row[key] for key in row} for row in numbered]
+    with pytest.raises(StudyError, match=r"must not stand twice \[.*line 92; first .*line 5\]"):
+        analysed(tmp_path, [*named, named[3]], columns={"trial": "n"})
+
+
+def test_a_participant_who_answers_alike_twice_is_kept_and_named(tmp_path):
+    rows = [row for row in estimates() if row["participant"] != "p0"]
+    own = [
+        {"participant": "p0", "condition": condition, "height_um": height, "estimate_um": height}
+        for condition in ("bare", "soft")
+        for height in (25, 50, 75)
+    ]
+    result = analysed(tmp_path, [*own, *own, *rows])
+    assert len(result.frame) == 12 + len(rows)
+    (note,) = [note for note in result.notes if "twice" in note]
+    assert note.startswith("Participant p0 gave 6 answers twice, in the same order")
 
 
 def test_the_na_of_r_is_a_missing_answer(tmp_path):
@@ -304,6 +322,88 @@ def test_an_answer_is_taken_back_and_practice_is_not_recorded(tmp_path):
     run.close()
 
 
+def test_levels_between_participants_are_those_of_the_run(tmp_path, monkeypatch):
+    # vibration was on for everybody, and no page named the probe
+    rendered = []
+
+    def render(*given, event, **more):
+        rendered.append(event)
+        return Renderer(*given, event=event, **more)
+
+    monkeypatch.setattr("stepblocks.study.conduct.Renderer", render)
+    factors = {"vibration": ("vibration-off", "vibration-on"), "training": ("some", "none")}
+    options = {"factors": factors, "between": tuple(factors), "experiment": "virtual"}
+    design_study(HEIGHTS, tmp_path, seed=1, participants=8, repetitions=1, **options)
+    levels = []
+    for participant in range(1, 9):
+        run = open_run(tmp_path, str(participant))
+        run.begin()
+        levels.append(run.now["factor_vibration"] == "vibration-on")
+        assert "setting" not in run.state()  # a rendered block is blind
+        run.close()
+    assert rendered == levels
+    assert set(levels) == {False, True}
+    simulate_study(tmp_path, None, tmp_path / "a.csv", seed=1, observer=Observer(realism_gain=20.0))
+    ratings = analyse_study(tmp_path, [tmp_path / "a.csv"]).frame
+    on = ratings["condition"].str.contains("vibration-on")
+    assert ratings.loc[on, "rating"].min() == 7 > ratings.loc[~on, "rating"].median()
+    with pytest.raises(StudyError, match="within participants must be one of vibration, block"):
+        design_study(HEIGHTS, tmp_path / "b", seed=1, **options | {"between": ("vibration",)})
+
+
+def test_who_prepares_a_trial_knows_the_levels_between_participants(tmp_path):
+    options = {"probes": ("bare", "soft"), "factors": {"hand": ("left", "right")}}
+    design_study(HEIGHTS, tmp_path, seed=1, participants=4, between=("probe",), **options)
+    write_sheets(tmp_path)
+    for path in (tmp_path / "sheets").iterdir():
+        own = pd.read_csv(path, dtype=str)
+        run = open_run(tmp_path, own["participant"][0])
+        row = run.now
+        assert run.state()["setting"] == f"{row['factor_hand']}/{row['factor_probe']}"
+        assert own["setting"][0] == run.state()["setting"]
+        run.close()
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"probes": ("a", "b")},
+        {"experiment": "2afc", "standard": "step-050"},
+        {"experiment": "virtual", "factors": {"block": ("real", "simulated")}},
+    ],
+)
+def test_practice_names_no_code_that_a_trial_shows(tmp_path, options):
+    # after a trial of practice the height, or which of two is higher, is known
+    design_study(HEIGHTS, tmp_path, seed=1, participants=2, repetitions=1, **options)
+    key = pd.read_csv(tmp_path / "key.csv", dtype=str)
+    blocks = key[key["participant"] == "1"].set_index("code")["stimulus"]
+    run = open_run(tmp_path, "1")
+    shown = ("code", "first_code", "second_code")
+    trials = {blind_row(row).get(name) for row in run.planned for name in shown}
+    run.practice, practised = len(run.planned), set()
+    while run.practice:
+        state = run.state()
+        practised |= {state[name] for name in shown if name in state}
+        codes = {run.now["code"]: "stimulus", run.now["standard_code"]: "standard"}
+        for code, place in codes.items():
+            assert not code or blocks[code] == run.now[place]  # who places it finds it in the key
+        run.practice -= 1
+    run.close()
+    assert practised
+    assert all(code.startswith("P-") for code in practised)
+    assert not practised & trials
+    assert {code for code in blocks.index if not code.startswith("P-")} == trials - {None}
+
+
+def test_a_design_without_codes_of_practice_is_run_without_practice(tmp_path):
+    design_study(HEIGHTS, tmp_path, seed=1, participants=1, probes=("a", "b"))
+    rows = pd.read_csv(tmp_path / "design.csv", dtype=str)
+    rows.drop(columns=rows.filter(like="practice")).to_csv(tmp_path / "design.csv", index=False)
+    with pytest.raises(StudyError, match="practice must show other codes than the trials"):
+        open_run(tmp_path, "1", practice=2)
+    open_run(tmp_path, "1").close()
+
+
 def test_the_page_reveals_no_scale_and_no_code_of_the_standard(tmp_path):
     design_study(HEIGHTS, tmp_path, seed=1, experiment="2afc", standard="step-050", repetitions=2)
     rows = pd.read_csv(tmp_path / "design.csv", dtype=str).to_dict("records")
@@ -375,7 +475,9 @@ def test_a_mixed_model_without_a_maximum_is_refused_in_a_line(tmp_path):
     # two participants whose answers follow the number of the trial once met a singular matrix
     heights = tuple(h * 1e-6 for h in range(10, 101, 10))
     design_study(heights, tmp_path, seed=1, experiment="virtual", participants=2)
-    rows = blind_rows(pd.read_csv(tmp_path / "design.csv", dtype=str).to_dict("records"))
+    rows = [
+        blind_row(row) for row in pd.read_csv(tmp_path / "design.csv", dtype=str).to_dict("records")
+    ]
     for row in rows:
         number = int(row["trial"]) % 7
         row |= {"estimate_um": str(10 + 5 * number), "realism_rating": str(1 + number)}
@@ -411,10 +513,10 @@ def test_every_rule_of_the_page_s_policy_is_kept(tmp_path):
     design_study(HEIGHTS, tmp_path, seed=1, participants=1, repetitions=1, probes=("a", "b"))
     server = RunServer(open_run(tmp_path, "1"))
     threading.Thread(target=server.until_done, daemon=True).start()
-    host = f"127.0.0.1:{server.port}"
+    host = f"127.0.0.1:{server.server_port}"
 
     def ask(body=b"{}", path="/begin", **headers):
-        client = http.client.HTTPConnection("127.0.0.1", server.port, timeout=10)
+        client = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=10)
         given = {"X-Stepblocks": server.token, "Host": host} | {
             name.replace("_", "-"): text for name, text in headers.items()
         }

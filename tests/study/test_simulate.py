@@ -5,6 +5,7 @@ import pytest
 
 from oracles.designs import compared, crossed
 from stepblocks.errors import StudyError
+from stepblocks.study.analysis.accuracy import analyse_measure
 from stepblocks.study.analysis.ordinal import fit_ordinal_model
 from stepblocks.study.analysis.results import COLUMNS
 from stepblocks.study.design import Item, design_trials
@@ -176,6 +177,21 @@ def test_the_power_of_ratings_is_that_of_the_ordinal_model_and_the_level_without
     # ratings that do not overlap have no finite odds: such a study finds nothing
     far = plan(measure="realism", participants=3, observer=Observer(realism_gain=50.0))
     assert compute_p_value(far, "mixed", 1) == 1.0
+
+
+def test_power_is_that_of_the_test_that_the_analysis_reads():
+    three = plan(
+        participants=6,
+        factors=(("bare", 1.0), ("hard", 0.9), ("soft", 0.8)),
+        observer=Observer(condition_spread=4e-6),
+        noise=(1.0, 1.0, 20.0),
+    )
+    epsilons = []
+    for seed in range(5):
+        measure = analyse_measure(simulate_frame(three, seed), "bias")
+        assert compute_p_value(three, "mixed", seed) == pytest.approx(measure.corrected.p, rel=1e-9)
+        epsilons.append(measure.sphericity.huynh_feldt)
+    assert min(epsilons) < 0.8  # without it another p comes out
 
 
 def test_a_study_of_typical_observers_has_a_p_value():

@@ -1,7 +1,7 @@
 """``stepblocks study``: the experiments on people, from the design to the report."""
 
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -49,11 +49,8 @@ _COUNT = make_whole_number_reader(1, 100_000)
 _EXPERIMENTS = Literal["estimates", "virtual", "constant", "magnitude", "2afc", "adaptive"]
 
 
-class Scale(NamedTuple):
-    """Lowest and highest rating."""
-
-    low: int
-    high: int
+class Scale(tuple[int, int]):
+    """Lowest and highest rating, with a hyphen between them on the command line."""
 
 
 def _read_scale(text: str) -> Scale:
@@ -62,7 +59,7 @@ def _read_scale(text: str) -> Scale:
         dash and low.isdecimal() and high.isdecimal() and len(text) < 40 and int(low) < int(high)
     ):
         raise ValueError(f"must be LOW-HIGH such as 1-7, got {text!r:.40}")
-    return Scale(int(low), int(high))
+    return Scale((int(low), int(high)))
 
 
 Probes = Annotated[

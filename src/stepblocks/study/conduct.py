@@ -3,7 +3,6 @@
 # Whatever happens, the trial that was running is asked again, those that were answered stay, and
 # the order is the design's.
 
-import itertools
 import math
 import threading
 import time
@@ -32,13 +31,14 @@ from stepblocks.study.design import (
     Blocks,
     Declared,
     find_designed_blocks,
+    list_levels,
 )
 from stepblocks.study.experiments import EXPERIMENTS, Row, read_number
 from stepblocks.study.hands import HANDS, Hand, Mouse
 from stepblocks.study.servo import RATE, Limits, Servo, write_motion
 from stepblocks.study.sheet import (
     STAMPS,
-    blind_rows,
+    blind_row,
     list_answer_columns,
     read_answers,
     read_design,
@@ -97,9 +97,17 @@ class Run:
         )
         self.experiment = self.planned[0]["experiment"]
         self.kind, self.virtual = EXPERIMENTS[self.experiment], self.blocks is not None
+        self.columns = (*list_answer_columns(self.experiment), *_TIMES)
         require(
             0 <= self.practice <= len(self.planned),
             f"practice must be from 0 to {len(self.planned)} trials, got {self.practice}",
+        )
+        require(
+            "practice_code" in self.planned[0]
+            or not self.practice
+            or all(self._is_virtual(row) for row in self.planned),
+            "practice must show other codes than the trials, and this design has none: run it "
+            "without, or design the study anew",
         )
         path = resolve_inside(self.folder / "runs", f"participant-{self.participant}.csv")
         if path is None:
@@ -126,7 +134,7 @@ class Run:
         text = self.path.read_text(encoding="utf-8-sig")
         whole = text if text.endswith("\n") else text[: text.rfind("\n") + 1]
         if whole != text:
-            replace_text(self.path, whole or self._header())
+            replace_text(self.path, whole or ",".join(self.columns) + "\n")
         rows = read_answers(self.path, self.experiment)
         self._place(rows)
         for row, planned in zip(rows, self.planned, strict=False):
@@ -140,7 +148,7 @@ class Run:
             len(rows) <= len(self.planned),
             f"at most {len(self.planned)} trials are planned, got more [{self.path}]",
         )
-        if whole.partition("\n")[0] + "\n" != self._header():
+        if whole.partition("\n")[0] != ",".join(self.columns):
             self._write(rows)  # a spreadsheet saved it with other separators or decimals
         return rows
 
@@ -149,15 +157,9 @@ class Run:
         if self.kind.adaptive:
             self.planned = order_trials(self._all, rows, read_plan(self.folder)[1])
 
-    def _header(self) -> str:
-        return ",".join((*list_answer_columns(self.experiment), *_TIMES)) + "\n"
-
     def _write(self, rows: Sequence[Row]) -> None:
-        columns = self._header().strip().split(",")
-        replace_text(
-            self.path,
-            format_csv([{name: row.get(name, "") for name in columns} for row in rows], columns),
-        )
+        cells = [{name: row.get(name, "") for name in self.columns} for row in rows]
+        replace_text(self.path, format_csv(cells, self.columns))
 
     @property
     def answered(self) -> int:
@@ -168,7 +170,12 @@ class Run:
     def now(self) -> Row | None:
         """Return the trial that is next, with all that it hides; None when the run is done."""
         if self.practice:
-            return self.planned[-self.practice]
+            row = self.planned[-self.practice]
+            return {
+                **row,
+                "code": row.get("practice_code", ""),
+                "standard_code": row.get("practice_standard_code", ""),
+            }
         return self.planned[self.answered] if self.answered < len(self.planned) else None
 
     def _is_virtual(self, row: Row | None) -> bool:
@@ -190,21 +197,12 @@ class Run:
             "answered": self.answered,
         }
         if row is not None:
-            # the answers order the trials of an adaptive design, not its sets
-            found["set"] = sum(
-                one["repetition"] != two["repetition"] or one["condition"] != two["condition"]
-                for one, two in itertools.pairwise(self.planned[: self.answered + 1])
-                if not self.kind.adaptive
-                and (not self.kind.paired or one["repetition"] != two["repetition"])
-            )
             hidden = (
                 "participant",
                 *self.kind.answers,
-                *(("condition", "code") if virtual else ()),
+                *(("setting", "condition", "code") if virtual else ()),
             )
-            found |= {
-                name: text for name, text in blind_rows([row])[0].items() if name not in hidden
-            }
+            found |= {name: text for name, text in blind_row(row).items() if name not in hidden}
         return found
 
     def _set_point(self, row: Row) -> OperatingPoint:
@@ -240,7 +238,7 @@ class Run:
                 point,
                 scale=self.scale,
                 rate=RATE,
-                event="vibration-off" not in row["condition"].split("/"),
+                event="vibration-off" not in list_levels(row),
             )
             renderer.tick(np.array([0.0, 0.0, 1.0]), np.zeros(3))  # compiled before it is felt
             if self.hand is None or isinstance(self.hand, Mouse):
@@ -272,8 +270,7 @@ class Run:
     @cached_property
     def strongest(self) -> float:
         """Return the largest release force of the study's blocks [N], the full scale of sound."""
-        if self.blocks is None:
-            return 1.0
+        assert self.blocks is not None
         releases = [face.release(self.blocks.point) for face in self.blocks.faces.values()]
         return max(
             (one.pull_force for one in releases if one.status is Status.RELEASES), default=1e-9
@@ -347,7 +344,7 @@ class Run:
                 for one in (self._shown, now)
             ]
             cells = (*stamps, f"{seconds:.3f}", " ".join(comment.split())[:500])
-            line = blind_rows([row])[0] | given | dict(zip(_TIMES, cells, strict=True))
+            line = blind_row(row) | given | dict(zip(_TIMES, cells, strict=True))
             self._write([*self._rows, line])
             self._rows.append(line)
             self._place(self._rows)

@@ -36,6 +36,7 @@ MAX_CODES = len(_ALPHABET) ** 2  # blocks that one study can tell apart
 WHEN = ("participant", "trial", "condition", "repetition")
 _BLOCK = ("stimulus", "engraved", "code", "height_um")
 FACTOR = "factor_"  # begins the column of each declared factor
+PRACTICE = "P-"  # begins a code of practice, which says what was right: no trial shows it
 # Columns of design.csv, which hides nothing; those of declared factors follow
 DESIGN_COLUMNS = (
     "experiment",
@@ -95,6 +96,7 @@ class Balance:
     position_spread: int  # largest minus smallest count of a condition in a position
     follower_spread: int  # the same of an ordered pair of different neighbours
     interleaved: bool = False  # whether conditions change from trial to trial
+    groups: int = 1  # of participants, each balanced by itself
 
     @property
     def exact(self) -> bool:
@@ -109,7 +111,7 @@ class Balance:
         return (
             f"order of conditions balanced to within {self.position_spread} per position and "
             f"{self.follower_spread} per neighbour; exact at multiples of "
-            f"{len(make_williams_square(self.conditions))} participants"
+            f"{self.groups * len(make_williams_square(self.conditions))} participants"
         )
 
 
@@ -154,18 +156,22 @@ class Item:
         }
 
 
-def assign_codes(items: Sequence[Item], generator: np.random.Generator) -> dict[str, Item]:
-    """Give every block a code of two random letters and a check letter."""
+def assign_codes(
+    items: Sequence[Item], generator: np.random.Generator, practised: Sequence[Item] = ()
+) -> dict[str, Item]:
+    """Give every block a code of two random letters and a check letter, and one for practice."""
+    places = [*((item, "") for item in items), *((item, PRACTICE) for item in practised)]
     require(
-        len(items) <= MAX_CODES, f"a study must have at most {MAX_CODES} blocks, got {len(items)}"
+        len(places) <= MAX_CODES,
+        f"a participant must need at most {MAX_CODES} codes, with those of practice, got "
+        f"{len(places)}: choose fewer blocks",
     )
     size = len(_ALPHABET)
     codes = {}
-    for item, number in zip(items, generator.permutation(MAX_CODES), strict=False):
+    for (item, head), number in zip(places, generator.permutation(MAX_CODES), strict=False):
         first, second = divmod(int(number), size)
-        codes[
-            _ALPHABET[first] + _ALPHABET[second] + _ALPHABET[-(2 * first + 3 * second) % size]
-        ] = item
+        check = _ALPHABET[-(2 * first + 3 * second) % size]
+        codes[head + _ALPHABET[first] + _ALPHABET[second] + check] = item
     return codes
 
 
@@ -181,7 +187,7 @@ class Design:
         Rows of design.csv, by participant, in the order in which they are run.
     blocks : mapping
         Block by participant and code. Codes differ between participants, and a standard has as
-        many as there are blocks to compare it with.
+        many as there are blocks to compare it with. Each block has one more for practice.
     balance : Balance
         Of the order of conditions over participants.
     """
@@ -225,6 +231,11 @@ def name_setting(row: Mapping[str, str]) -> str:
     return "/".join(level for name, level in row.items() if name.startswith(FACTOR))
 
 
+def list_levels(row: Mapping[str, str]) -> set[str]:
+    """Return the condition of a trial and all levels of its factors."""
+    return {row["condition"], *row["condition"].split("/"), *name_setting(row).split("/")}
+
+
 def design_trials(
     experiment: str,
     participants: int,
@@ -246,7 +257,7 @@ def design_trials(
     settings, groups, generator = _check_size(
         (participants, repetitions, seed), items, factors, between, standard
     )
-    inner = [name for name in factors if name not in between]
+    names = [*(name for name in factors if name not in between), *between]
     group = generator.permutation(participants) % len(groups)
     orders = np.zeros((participants, len(settings)), dtype=np.int64)
     for index, count in enumerate(np.bincount(group, minlength=len(groups))):
@@ -255,8 +266,9 @@ def design_trials(
     others = [item for item in items if item.identity != standard]
     trials, blocks = list[dict[str, str]](), dict[str, dict[str, Item]]()
     for person in range(participants):
-        codes = assign_codes([*others, *base * len(others)], generator)
-        own, aliases = list(codes)[: len(others)], list(codes)[len(others) :]
+        codes = assign_codes([*others, *base * len(others)], generator, items)
+        own, aliases = list(codes)[: len(others)], list(codes)[len(others) : -len(items)]
+        practised = {codes[code].identity: code for code in list(codes)[-len(items) :]}
         blocks[str(person + 1)] = codes
         last = ""
         number = itertools.count(1)
@@ -270,8 +282,7 @@ def design_trials(
             ]
             facing = {order: generator.permutation(aliases) for order in ORDERS if base}
             for code, condition, index in _shuffle(cells, last, generator):
-                levels = dict(zip(inner, settings[index], strict=True))
-                levels |= dict(zip(between, groups[group[person]], strict=True))
+                met = settings[index] + groups[group[person]]
                 row = make_trial_row(
                     experiment,
                     (person + 1, next(number), condition, time + 1),
@@ -280,11 +291,19 @@ def design_trials(
                     str(facing[condition][own.index(code)]) if base else "",
                 )
                 trials.append(
-                    row | {f"{FACTOR}{factor}": level for factor, level in levels.items()}
+                    row
+                    | {f"{FACTOR}{one}": level for one, level in zip(names, met, strict=True)}
+                    | {
+                        f"practice_{name}": practised.get(row[block], "")
+                        for name, block in (("code", "stimulus"), ("standard_code", "standard"))
+                    }
                 )
                 last = code
     return Design(
-        experiment, trials, blocks, replace(measure_balance(orders), interleaved=interleaved)
+        experiment,
+        trials,
+        blocks,
+        replace(measure_balance(orders), interleaved=interleaved, groups=len(groups)),
     )
 
 
@@ -359,13 +378,13 @@ class Blocks:
         """Predict the energy of vibration [J] of each block; each must release the probe."""
         found = dict(zip(self.faces, _predict_felt(self.faces.values(), self.point), strict=True))
         for name, face in self.faces.items():
-            if not found[name] > 0.0:
-                status = face.release(self.point).status
-                reason = "walked over in time" if status is Status.RELEASES else status.value
-                raise PipelineError(
-                    f"every block must release the probe to be felt by its vibration; {name} "
-                    f"is {reason} at friction {self.point.friction:g}"
-                )
+            status = face.release(self.point).status
+            reason = "walked over in time" if status is Status.RELEASES else status.value
+            PipelineError.require(
+                found[name] > 0.0,
+                f"every block must release the probe to be felt by its vibration; {name} is "
+                f"{reason} at friction {self.point.friction:g}",
+            )
         return found
 
 
@@ -420,7 +439,8 @@ def check_virtual_factor(name: str, levels: Sequence[str]) -> None:
     """Refuse a factor of virtual blocks that the program cannot change, or levels of no meaning."""
     require(
         name in VIRTUAL_FACTORS,
-        f"a factor of virtual blocks must be one of {', '.join(VIRTUAL_FACTORS)}, got {name!r}",
+        "a factor of virtual blocks within participants must be one of "
+        f"{', '.join(VIRTUAL_FACTORS)}, got {name!r}",
     )
     words = {"vibration": ("vibration-off", "vibration-on"), "block": (REAL, VIRTUAL)}
     for level in levels:

@@ -66,7 +66,7 @@ def read_foreign_judgements(
         )
     needed = [named.get("participant", "participant")]
     rows = [row for path in sheet.find_sheets(tables) for row in sheet.read_rows(path, needed)]
-    _refuse_duplicates(rows, needed[0])
+    _refuse_duplicates(rows, needed[0], {named.get("trial", "trial"), "repetition", "time"})
     keys: Counter[tuple[str, ...]] = Counter()
     planned = []
     for row in rows:
@@ -74,8 +74,8 @@ def read_foreign_judgements(
             mine: text
             for mine in _DESCRIPTIONS
             if (text := _format_cell(row, mine, named)) is not None
-        } | {"line": row["line"]}
-        one |= {name: text for name, text in row.items() if name.startswith(FACTOR)}
+        }
+        one |= {name: row[name] for name in row if name == "line" or name.startswith(FACTOR)}
         one.setdefault("condition", _DEFAULTS[experiment])
         needed = ["participant", "condition", "height_um", *kind.answers]
         lacking = [
@@ -101,24 +101,22 @@ def read_foreign_judgements(
     return sheet.join_rows(experiment, [(row, row) for row in planned], ratings)
 
 
-def _refuse_duplicates(rows: Sequence[Row], participant: str) -> None:
-    # Refuse numbered rows that stand twice, and participants all of whose rows follow twice
-    # without numbers two rows that are alike may be two judgements that agree
+def _refuse_duplicates(rows: Sequence[Row], participant: str, numbers: set[str]) -> None:
+    # Refuse numbered rows that stand twice, and tables in which everybody's rows follow twice:
+    # without numbers, rows of one participant that are alike may be judgements that agree
     first, people = dict[tuple[str, ...], str](), dict[str, list[tuple[str, ...]]]()
     for row in rows:
         key = tuple(text for name, text in row.items() if name != "line")
         people.setdefault(row[participant], []).append(key)
         require(
-            key not in first or not {"trial", "repetition", "time"} & {*row},
+            key not in first or not numbers & {*row},
             f"a row must not stand twice [{row['line']}; first {first.get(key, '')}]",
         )
         first.setdefault(key, row["line"])
-    for who, own in people.items():
-        half = len(own) // 2
-        require(
-            half < 3 or own != own[:half] * 2,
-            f"participant {who}'s {half} rows must not stand twice",
-        )
+    require(
+        any(len(own) < 6 or own != own[: len(own) // 2] * 2 for own in people.values()),
+        f"the {len(rows) // 2} rows of a table must not stand twice",
+    )
 
 
 def _format_cell(row: Row, mine: str, named: Mapping[str, str]) -> str | None:

@@ -24,7 +24,7 @@ from stepblocks.study.analysis.results import (
     PowerLaw,
     name_contrast,
 )
-from stepblocks.study.design import FACTOR, ORDERS
+from stepblocks.study.design import FACTOR, ORDERS, list_levels
 from stepblocks.study.simulate import (
     REALISM,
     Observer,
@@ -143,7 +143,7 @@ def _simulate_virtual(trials: Table, observer: Observer, generator: np.random.Ge
     estimates = _simulate_estimates(trials, observer, generator)
     ratings = rate_realism(
         trials["person"].to_numpy(),
-        np.array(["vibration-on" in name.split("/") for name in trials["condition"]]),
+        np.array(["vibration-on" in list_levels(row) for row in trials.to_dict("records")]),
         observer,
         generator,
     )

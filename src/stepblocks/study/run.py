@@ -20,13 +20,14 @@ from stepblocks.study.analysis.accuracy import ANSWER
 from stepblocks.study.analysis.results import StudyResult
 from stepblocks.study.design import (
     REPETITIONS,
+    VIRTUAL_FACTORS,
     Declared,
     Design,
     check_virtual_factor,
     choose_blocks,
     design_trials,
     find_designed_blocks,
-    name_setting,
+    list_levels,
 )
 from stepblocks.study.exchange import read_foreign_judgements
 from stepblocks.study.experiments import ALIASES, EXPERIMENTS, list_outcomes, refuse_unused_options
@@ -78,9 +79,9 @@ def design_study(
     probes : sequence of str
         Levels of the factor ``probe``; bare, hard and soft for ``"estimates"``.
     factors : mapping of sequence of str
-        Declared factors with their levels; all are crossed. Of ``"virtual"`` blocks: vibration
-        (vibration-off, vibration-on), amplitude [1], frequency [Hz], decay [s], load [N], with
-        units, and block (real, simulated).
+        Declared factors with their levels; all are crossed. Of ``"virtual"`` blocks vibration
+        (vibration-off, vibration-on), amplitude [1], frequency [Hz], decay [s], load [N], block
+        (real, simulated), and any that is between participants.
     between : sequence of str
         Factors of which each participant meets one level.
     interleaved : bool
@@ -138,7 +139,9 @@ def design_study(
     )
     declared = ({"probe": tuple(probes)} if probes else {}) | dict(factors) or dict(kind.factors)
     for name, levels in factors.items() if experiment == "virtual" else ():
-        check_virtual_factor(name, levels)
+        # what the program does not change is a property of participants, such as their training
+        if name in VIRTUAL_FACTORS or name not in between:
+            check_virtual_factor(name, levels)
     known_before = complete_prior(({"trials": trials} if trials else {}) | dict(prior))
     if kind.adaptive:  # enough of each block for any order, each block in either order of a pair
         repetitions = math.ceil(known_before["trials"] / 4)
@@ -217,7 +220,7 @@ def write_sheets(folder: str | Path) -> int:
         not EXPERIMENTS[design[0]["experiment"]].adaptive,
         "an adaptive design has no sheets: 'study run' chooses each block by the answers",
     )
-    sheets = sheet.group_by_participant(sheet.blind_rows(design))
+    sheets = sheet.group_by_participant(map(sheet.blind_row, design))
     for person in sheets:  # it becomes the name of a file
         require(
             re.fullmatch(r"[\w.-]{1,40}", person),
@@ -279,17 +282,14 @@ def simulate_study(
         If a block has no energy there, a name is unknown, or the answers have no response noise.
     """
     design, output = sheet.read_design(Path(folder) / "design.csv"), Path(output)
-    known = sorted(
-        {row["condition"] for row in design}
-        | {part for row in design for part in name_setting(row).split("/")} - {""}
-    )
+    known = sorted({level for row in design for level in list_levels(row)} - {""})
     for option, given in (("damping", damping), ("noise", noise)):
-        unknown = sorted(set(given or {}) - set(known))
-        if unknown:
-            raise PipelineError(
-                f"{option} must name conditions of the design ({', '.join(known)}), got "
-                f"{unknown[0]!r}"
-            )
+        unknown = sorted(set(given or {}) - set(known))[:1]
+        PipelineError.require(
+            not unknown,
+            f"{option} must name conditions of the design ({', '.join(known)}), got "
+            f"{''.join(unknown)!r}",
+        )
     refuse_unused_options(design[0]["experiment"], {"noise": noise} if noise else {})
     answers = sheet.simulate_answers(
         design,
@@ -489,9 +489,11 @@ def study_power(
                 rows.append({"analysis": "2afc"} | size | found | {"runs": runs})
             continue
         found = estimate_power(SimulatedStudy(people, times, *sizes), analysis, runs, seed, jobs)
-        size["judgements_each"] = times * len(heights) * len(names)
         tested = {"measure": measure, "analysis": "ordinal" if measure == REALISM else analysis}
-        rows.append(tested | size | found | {"runs": runs})
+        rows.append(
+            {**tested, **size, "judgements_each": times * len(heights) * len(names)}
+            | {**found, "runs": runs}
+        )
     table = pd.DataFrame(rows)
     if output is not None:
         write_table(table, Path(output), "%.3f")

@@ -33,8 +33,7 @@ class RunServer(ThreadingHTTPServer):
         super().__init__(("127.0.0.1", port), _Handler)
         self.experiment, self.token = run, secrets.token_urlsafe(16)
         self.nonce = secrets.token_urlsafe(16)
-        self.port = self.server_address[1]
-        self.url = f"http://127.0.0.1:{self.port}/"
+        self.url = f"http://127.0.0.1:{self.server_port}/"
         self._second, self._asked = 0, 0
 
     def is_too_busy(self) -> bool:
@@ -152,7 +151,7 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _is_allowed(self) -> bool:
         # Whether a request keeps the policy; one that does not is answered and cut off
-        hosts = [f"{name}:{self.server.port}" for name in ("127.0.0.1", "localhost")]
+        hosts = [f"{name}:{self.server.server_port}" for name in ("127.0.0.1", "localhost")]
         host, origin = self.headers.get("Host", ""), self.headers.get("Origin")
         size = self.headers.get("Content-Length", "0" if self.command == "GET" else "")
         ours = self.command == "GET" or secrets.compare_digest(

@@ -1,6 +1,7 @@
 """A design and its answers as files: plan, key, blinded sheets, and the table of judgements."""
 
 import csv
+import itertools
 import json
 import math
 import re
@@ -20,7 +21,15 @@ from stepblocks.study import RATINGS, Table, require
 from stepblocks.study.adaptive import complete_prior, order_trials
 from stepblocks.study.analysis.people import describe_unlike_participants
 from stepblocks.study.analysis.results import StudyResult
-from stepblocks.study.design import DESIGN_COLUMNS, FACTOR, ORDERS, WHEN, Item, name_setting
+from stepblocks.study.design import (
+    DESIGN_COLUMNS,
+    FACTOR,
+    ORDERS,
+    WHEN,
+    Item,
+    list_levels,
+    name_setting,
+)
 from stepblocks.study.experiments import (
     EXPERIMENTS,
     Row,
@@ -47,21 +56,21 @@ def list_answer_columns(experiment: str) -> tuple[str, ...]:
     return ("participant", "trial", *shown, *kind.answers)
 
 
-def blind_rows(rows: Iterable[Row]) -> list[dict[str, str]]:
-    """Blind the rows of a design: what is left is what may be shown, and room for the answers."""
-    blinded = []
-    for row in rows:
-        first, second = row["condition"], row["code"]
-        if EXPERIMENTS[row["experiment"]].paired:
-            pair = (row["standard_code"], row["code"])
-            first, second = pair if row["condition"] == "standard-first" else pair[::-1]
-        columns = list_answer_columns(row["experiment"])
-        cells = (row["participant"], row["trial"], first, second, *[""] * (len(columns) - 4))
-        sheet = dict(zip(columns, cells, strict=True))
-        if EXPERIMENTS[row["experiment"]].paired and (levels := name_setting(row)):
-            sheet = {"participant": row["participant"], "setting": levels} | sheet
-        blinded.append(sheet)
-    return blinded
+def blind_row(row: Row) -> dict[str, str]:
+    """Blind a row of a design: what is left is what may be shown, and room for the answers."""
+    shown = [row["condition"], row["code"]]
+    if EXPERIMENTS[row["experiment"]].paired:
+        order = 1 if row["condition"] == "standard-first" else -1
+        shown = [row["standard_code"], row["code"]][::order]
+    cells = [row["participant"], row["trial"], *shown]
+    # who prepares a trial must know the levels between participants, too
+    setting = name_setting(row)
+    added = {"setting": setting} if setting not in ("", row["condition"]) else {}
+    return {
+        "participant": row["participant"],
+        **added,
+        **dict(itertools.zip_longest(list_answer_columns(row["experiment"]), cells, fillvalue="")),
+    }
 
 
 def group_by_participant(rows: Iterable[Row]) -> dict[str, list[Row]]:
@@ -117,7 +126,7 @@ def simulate_answers(
         pd.factorize(trials[name])[0] for name in ("participant", "condition")
     )
     trials["height"] = trials["height_um"].astype(float) * 1e-6
-    levels = [{row["condition"], *name_setting(row).split("/")} for row in design]
+    levels = [list_levels(row) for row in design]
     shares, noisier = (
         [math.prod(given.get(level, 1.0) for level in own) for own in levels]
         for given in (damping, noise)
@@ -131,8 +140,8 @@ def simulate_answers(
     kind = EXPERIMENTS[design[0]["experiment"]]
     answers = kind.simulate(trials, observer, np.random.default_rng(seed))
     return [
-        row | dict(zip(kind.answers, texts, strict=True))
-        for row, texts in zip(blind_rows(design), answers, strict=True)
+        blind_row(row) | dict(zip(kind.answers, texts, strict=True))
+        for row, texts in zip(design, answers, strict=True)
     ]
 
 
@@ -209,7 +218,10 @@ class Judgements:
             not lacking,
             f"every participant must have a group, got none for {', '.join(lacking[:5])} [{path}]",
         )
-        return replace(self, frame=self.frame.assign(group=self.frame["participant"].map(group)))
+        return replace(
+            self,
+            frame=split_groups(self.frame.assign(group=self.frame["participant"].map(group))),
+        )
 
     def analyse(
         self, margin: float = math.nan, primary: str = "", reference: str = ""
@@ -303,7 +315,7 @@ def join_answers(
                 key in planned,
                 f"participant and trial must be in the design, got {key[0]!r} and {key[1]!r}",
             )
-            (shown,) = blind_rows([planned[key]])
+            shown = blind_row(planned[key])
             for name in ("first_code", "second_code", "code", "condition"):
                 require(
                     name not in shown or answer[name] == shown[name],

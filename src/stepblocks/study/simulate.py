@@ -10,7 +10,12 @@ from scipy.interpolate import make_interp_spline
 
 from stepblocks.errors import StudyError
 from stepblocks.study import RATINGS, Array, Table, require
-from stepblocks.study.analysis.accuracy import ANSWER, MEASURES, compute_measure
+from stepblocks.study.analysis.accuracy import (
+    ANSWER,
+    MEASURES,
+    compute_measure,
+    correct_conditions,
+)
 from stepblocks.study.analysis.anova import run_f_test
 from stepblocks.study.analysis.mixed import fit_mixed_model
 from stepblocks.study.analysis.ordinal import fit_ordinal_model
@@ -226,9 +231,8 @@ def compute_p_value(plan: SimulatedStudy, analysis: str, seed: int) -> float:
     frame, block = compute_measure(simulated, plan.measure)
     if analysis == "f-test":
         return run_f_test(frame, "value", "condition", block, intervals=False).terms[0].p
-    term = fit_mixed_model(
-        frame, "value", "condition", "participant", block, intervals=False
-    ).condition
+    fit = fit_mixed_model(frame, "value", "condition", "participant", block, intervals=False)
+    term, _ = correct_conditions(frame, fit.condition)
     assert term is not None  # a plan has two conditions
     return term.p
 

@@ -44,11 +44,14 @@ for (pair in list(c("0", "4"), c("0", "8"), c("4", "8"))) {
 o <- afex::obk.long
 write.csv(o, "treatments.csv", row.names = FALSE, quote = FALSE)
 for (n in c("id", "treatment", "phase", "hour")) o[[n]] <- factor(o[[n]])
-a <- suppressMessages(anova(aov_ez("id", "value", o, between = "treatment", within = "phase",
-  fun_aggregate = mean, type = 2), correction = "HF"))
+f <- suppressMessages(aov_ez("id", "value", o, between = "treatment", within = "phase",
+  fun_aggregate = mean, type = 2))
+a <- anova(f, correction = "HF")
 for (n in c("treatment", "treatment:phase")) {
   line(paste("afex", n), a[n, "F"], a[n, "Pr(>F)"], a[n, "num Df"], a[n, "den Df"])
 }
+line("afex phase, epsilons of Geisser, and of Huynh and Feldt",
+  suppressWarnings(summary(f))$pval.adjustments["phase", c("GG eps", "HF eps")])
 level <- aggregate(value ~ id + treatment, o, mean)
 h <- TukeyHSD(aov(value ~ treatment, level))$treatment
 for (i in seq_len(nrow(h))) line(paste("TukeyHSD", rownames(h)[i]), h[i, "diff"], h[i, "lwr"], h[i, "upr"], h[i, "p adj"])

@@ -8,6 +8,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 from scipy import linalg, stats
 
 from stepblocks.quantities import format_column_label
@@ -124,30 +125,41 @@ def analyse_measure(frame: Table, name: str, margin: float = math.nan) -> Measur
     tested = run_f_test(data, "value", "condition", block)
     mixed = fit_mixed_model(data, "value", "condition", "participant", block)
     table = average_participants(data)
-    complete = table.dropna()
-    corrected = mixed.condition
-    sphericity = None
-    if len(complete) > 2 and corrected is not None and table.shape[1] > 1:
-        sphericity = assess_effect(
-            "condition", complete.to_numpy(), linalg.helmert(table.shape[1])
-        )[1]
-        df, df_error = (
-            sphericity.huynh_feldt * count for count in (corrected.df, corrected.df_error)
-        )
-        corrected = make_term("condition", df, df_error, math.nan, corrected.f)
     return Measure(
         name,
         data,
         tested,
         mixed,
-        corrected,
-        sphericity,
+        *correct_conditions(data, mixed.condition),
         compare_participants(table),
-        assess_declared_factors(data, complete),
+        assess_declared_factors(data, table.dropna()),
         margin if name != "spread" else math.nan,
         *(compare_groups(data) if "group" in data else ((), ())),
         left=tuple(sorted(set(frame["participant"]) - set(data["participant"]))),
     )
+
+
+def correct_conditions(data: Table, term: Term | None) -> tuple[Term | None, Sphericity | None]:
+    """Multiply the degrees of freedom of a test of conditions by Huynh and Feldt's epsilon.
+
+    It is that of the participants who judged in every condition, within their groups.
+    """
+    # as car and afex of R have it
+    table, group = _join_groups(data)
+    if term is None or table.shape[1] < 2 or len(table) < group.nunique() + 2:
+        return term, None
+    sphericity = assess_effect(
+        "condition", table.to_numpy(), linalg.helmert(table.shape[1]), group
+    )[1]
+    df, df_error = (sphericity.huynh_feldt * count for count in (term.df, term.df_error))
+    return make_term("condition", df, df_error, math.nan, term.f), sphericity
+
+
+def _join_groups(data: Table) -> tuple[Table, pd.Series]:
+    # Return the means of participants who judged in every condition, and the group of each
+    table = average_participants(data).dropna()
+    own = data.assign(group=data.get("group", "")).groupby("participant")["group"].first()
+    return table, own[table.index]
 
 
 def assess_declared_factors(data: Table, complete: Table) -> tuple[Term, ...]:
@@ -181,8 +193,7 @@ def compare_groups(data: Table) -> tuple[tuple[Term, ...], tuple[Interval, ...]]
     # Winer, B. J. (1971), Statistical Principles in Experimental Design, 2nd ed., 7.2. Groups may
     # differ in size.
     # a participant without a condition is named in the notes
-    table = average_participants(data).dropna()
-    group = data.groupby("participant")["group"].first().reindex(table.index)
+    table, group = _join_groups(data)
     sizes = group.value_counts().sort_index()
     require(
         len(sizes) >= 2 and sizes.min() >= 2,
@@ -190,10 +201,7 @@ def compare_groups(data: Table) -> tuple[tuple[Term, ...], tuple[Interval, ...]]
     )
     level = table.mean(axis=1)
     between = run_f_test(level.to_frame("value").assign(group=group), "value", "group")
-    if table.shape[1] == 1:
-        return between.terms, between.intervals
-    member = (group.to_numpy()[:, np.newaxis] == sizes.index.to_numpy()).astype(float)
     within, _ = assess_effect(
-        "condition:group", table.to_numpy(), linalg.helmert(table.shape[1]), member
+        "condition:group", table.to_numpy(), linalg.helmert(table.shape[1]), group
     )
     return (*between.terms, within), between.intervals

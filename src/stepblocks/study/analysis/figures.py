@@ -1,6 +1,6 @@
 """The figures of a study, each with the data that it draws."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any, TypeAlias
 
@@ -32,8 +32,7 @@ def draw_study_figures(result: Result) -> Iterator[tuple[str, str, Panels, Table
 
     for name, (draw, part, caption) in _FIGURES.items():
         if getattr(result, part):
-            style = {"font.size": 8, "axes.prop_cycle": cycler(color=_COLOURS)}
-            with mpl.rc_context(style):
+            with mpl.rc_context({"font.size": 8, "axes.prop_cycle": cycler(color=_COLOURS)}):
                 figure = Figure(figsize=_SIZE, layout="constrained")
                 FigureCanvasAgg(figure)
                 data = draw(figure, result)
@@ -50,16 +49,16 @@ def draw_main_figure(result: Result, ax: "Axes | None" = None) -> "Axes":
 
 def _draw_estimates(figure: Panels, result: Result) -> Table:
     axes, frame = figure.subplots(), result.frame
-    groups = list(frame.groupby("condition"))
     top = float(max(frame["height"].max(), frame["estimate"].max())) * 1e6
     axes.plot([0, top], [0, top], color=_LINE, lw=1, label="true height")
-    for index, (name, own) in enumerate(groups):
-        cells = own.groupby("height")["estimate"].agg(["mean", "std"]).fillna(0.0) * 1e6
-        x = cells.index * 1e6 + (index - 0.5 * (len(groups) - 1)) * 0.006 * top  # side by side
+    cells = (1e6 * frame["estimate"]).groupby([frame["condition"], _convert_heights(frame)])
+    means = cells.agg(mean_um="mean", sd_um="std").reset_index()
+    middle = 0.5 * (means["condition"].nunique() - 1)
+    for index, (name, own) in enumerate(means.groupby("condition")):
         axes.errorbar(
-            x,
-            cells["mean"],
-            cells["std"],
+            own["height_um"] + (index - middle) * 0.006 * top,  # side by side
+            own["mean_um"],
+            own["sd_um"].fillna(0.0),
             fmt=_STYLES[index % len(_STYLES)],
             ms=4,
             lw=1.2,
@@ -68,13 +67,11 @@ def _draw_estimates(figure: Panels, result: Result) -> Table:
         )
     axes.set(xlabel=format_column_label("height_um"), ylabel=format_column_label("estimate_um"))
     axes.legend(frameon=False)
-    means = frame.groupby(["condition", "height"])["estimate"].agg(["mean", "std"]).reset_index()
-    names = {"height": "height_um", "mean": "mean_um", "std": "sd_um"}
-    return _convert_to_um(means, tuple(names)).rename(columns=names)
+    return means
 
 
-def _convert_to_um(table: Table, names: Sequence[str]) -> Table:
-    return table.assign(**{name: table[name] * 1e6 for name in names})
+def _convert_heights(frame: Table) -> pd.Series:
+    return (1e6 * frame["height"]).rename("height_um")
 
 
 def _draw_participants(figure: Panels, result: Result) -> Table:
@@ -85,23 +82,30 @@ def _draw_participants(figure: Panels, result: Result) -> Table:
         table = average_participants(measure.frame) * factor + shift
         x = np.arange(table.shape[1])
         keys = measure.frame.groupby("participant").first()
-        places = pd.factorize(keys.get("group", keys.index == ""), sort=True)[0]
+        places, groups = pd.factorize(keys.get("group", keys.index == ""), sort=True)
         for place, (who, row) in zip(places, table.iterrows(), strict=True):
-            colour = _COLOURS[place % len(_COLOURS)]
-            style = _STYLES[place % len(_STYLES)]
-            axes.plot(x, row, style, color=colour, ms=3, lw=0.8, alpha=0.7)
+            colour, style = (kinds[place % len(kinds)] for kinds in (_COLOURS, _STYLES))
+            axes.plot(x, row, style, color=colour, ms=3, lw=0.8, alpha=0.7, label=groups[place])
             axes.text(x[-1] + 0.06, row.iloc[-1], str(who), fontsize=6, color=colour, va="center")
         axes.plot(x, table.mean(), "s-", color=_INK, ms=5, lw=2)
         axes.set_xticks(x, table.columns, rotation=20 if len(x) > 3 else 0)
         axes.set(ylabel=measure.label, xlim=(-0.4, len(x) - 0.4))
         rows.append(table.stack().rename("value").reset_index().assign(measure=measure.label))
+    if len(groups) > 1:
+        by_group = {line.get_label(): line for line in axes.lines}
+        figure.legend(
+            [by_group[group] for group in groups],
+            groups,
+            loc="outside upper center",
+            ncols=len(groups),
+            frameon=False,
+        )
     return pd.concat(rows)
 
 
 def _draw_ratings(figure: Panels, result: Result) -> Table:
     axes = figure.subplots()
-    counts = result.frame.groupby("condition")["rating"].value_counts(normalize=True)
-    shares = counts.unstack(0).fillna(0)
+    shares = pd.crosstab(result.frame["rating"], result.frame["condition"], normalize="columns")
     width = 0.8 / shares.shape[1]
     for index, name in enumerate(shares):
         axes.bar(
@@ -162,19 +166,19 @@ def _draw_curves(figure: Panels, result: Result) -> Table:
 
 def _draw_magnitudes(figure: Panels, result: Result) -> Table:
     axes = figure.subplots()
-    keys = [result.frame[key] for key in ("condition", "participant", "height")]
-    logs = np.log(result.frame["magnitude"]).groupby(keys).mean()
-    means = np.exp(logs).reset_index()
+    frame = result.frame
+    keys = [frame["condition"], frame["participant"], _convert_heights(frame)]
+    means = np.exp(np.log(frame["magnitude"]).groupby(keys).mean()).reset_index()
     for index, (condition, some) in enumerate(means.groupby("condition")):
         place = index % len(_COLOURS)
         look = {"color": _COLOURS[place], "ms": 3, "lw": 1}
         axes.plot([], [], _STYLES[place], label=condition, **look)
         for _, own in some.groupby("participant"):
-            axes.loglog(own["height"] * 1e6, own["magnitude"], _STYLES[place], **look)
+            axes.loglog(own["height_um"], own["magnitude"], _STYLES[place], **look)
     axes.set(xlabel=format_column_label("height_um"), ylabel="geometric mean of magnitudes")
     if means["condition"].nunique() > 1:
         axes.legend(frameon=False)
-    return _convert_to_um(means, ["height"]).rename(columns={"height": "height_um"})
+    return means
 
 
 # by the name of the file: what draws, the part of the result that it needs, and the caption

@@ -35,6 +35,13 @@ def describe_unlike_participants(frame: Table, answer: str) -> list[str]:
                     f"Participant {name} gave lower answers to higher blocks (rank correlation "
                     f"{trend.statistic:.2f}): are the answers or the blocks swapped?"
                 )
+        answers = own.filter(["condition", "height", answer]).to_numpy().tolist()
+        half = len(answers) // 2
+        if half > 2 and answers == answers[:half] * 2:
+            found.append(
+                f"Participant {name} gave {half} answers twice, in the same order: were they "
+                "copied?"
+            )
         if "reaction_s" in own and (haste := float(own["reaction_s"].median())) < HASTE:
             found.append(f"Participant {name} answered in haste: median {haste:.2f} s.")
     level = np.array(list(middles.values()))

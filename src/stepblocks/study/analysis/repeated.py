@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import integrate, linalg, stats
 
 from stepblocks.study import Array, Table
@@ -42,11 +43,11 @@ def average_participants(data: Table) -> Table:
 
 
 def assess_effect(
-    name: str, table: Array, contrasts: Array, member: Array | None = None
+    name: str, table: Array, contrasts: Array, group: ArrayLike = ""
 ) -> tuple[Term, Sphericity]:
     """Test orthonormal contrasts of participants' means, corrected for sphericity.
 
-    Of participants who are members (rows, 0 or 1) of groups (columns), whether the groups differ.
+    Of participants of several groups, test whether the groups differ.
     """
     # Geisser's epsilon alone is too small where variances are alike: of studies of ten participants
     # without an effect, 3 to 4 % then claim one. Huynh, H., Feldt, L. S. (1976), J. Educational
@@ -55,8 +56,9 @@ def assess_effect(
     # doi:10.1214/aoms/1177731915.
     own = table @ contrasts.T
     people, q = own.shape
-    member = np.ones((people, 1)) if member is None else member
-    groups = member.shape[1]
+    index = np.unique(np.broadcast_to(group, people), return_inverse=True)[1]
+    groups = int(index.max()) + 1
+    member = np.eye(groups)[index]
     rank = max(groups - 1, 1)
     freedom = people - groups
     means = member @ np.linalg.pinv(member) @ own

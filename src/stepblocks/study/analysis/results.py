@@ -192,8 +192,9 @@ class StudyResult:
         lengths = self.frame[[*self.frame.columns.intersection(_IN_UM)]].map(
             lambda value: f"{value * 1e6:.9g}"
         )
-        frame = self.frame.assign(**lengths)
-        return format_csv(frame.rename(columns={name: f"{name}_um" for name in _IN_UM}))
+        return format_csv(
+            self.frame.assign(**lengths).rename(columns={name: f"{name}_um" for name in _IN_UM})
+        )
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Draw the main figure of the study.
