@@ -138,6 +138,21 @@ def test_the_straightness_of_a_riser_is_the_width_of_the_zone_that_holds_its_mid
     assert outcome(result, "riser_straightness").value == pytest.approx(zone, rel=0.15)
     assert outcome(result, "riser_straightness").upper == pytest.approx(20 * UM)
     assert outcome(result, "riser_straightness").verdict is Outcome.CONFORMS
+    # one profile knows it as well as the noise allows: its interval holds the closed form
+    measured = result.evaluation.values["riser_straightness"]
+    assert abs(measured.value - zone) < measured.expanded() < 0.1 * UM
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_noise_of_a_straight_riser_is_no_form(seed):
+    # the zone of all points is some 0.2 um wide here, and was stated without an uncertainty
+    def sloped(x):
+        random = np.random.default_rng(seed)
+        z = flank_gauge(x, 80 * UM, math.radians(40.0), 2 * UM)
+        return z + correlated_noise(len(x), 0.5 * UM, 10e-9, 40e-9, 2 * UM, random)
+
+    found = inspected(profile_of(sloped, step=0.5 * UM, rough=0.0), OPTICAL).evaluation.values
+    assert 0.0 < found["riser_straightness"].value < found["riser_straightness"].expanded()
 
 
 # 3. Part for whole

@@ -24,6 +24,7 @@ from stepblocks.inspect.levelling import (
     TwoPlanes,
     find_edges,
     fit_two_planes,
+    fit_without_spikes,
     remove_spikes,
 )
 from stepblocks.inspect.noise import (
@@ -97,13 +98,23 @@ class Edge:
         sign = 1.0 if self.rising else -1.0
         return sign * (position - self.middle), height - self.offset - self.tilt * position
 
-    def measure_riser(self, position: Array, height: Array, angle: float) -> float:
-        """Return the zone that holds a sloping riser between a quarter and three quarters [m]."""
+    def measure_riser(self, position: Array, height: Array, angle: float) -> Estimate:
+        """Return the zone of the form of a sloping riser in the middle half of its height [m].
+
+        The form is a cubic, as that of a face: the zone of all points would grow with the noise.
+        """
         u, level = self.measure_across(position, height)
-        top = self.height.value
-        used = (np.abs(u) <= self.exclusion) & (level > 0.25 * top) & (level < 0.75 * top)
-        rest = level[used] - np.polyval(np.polyfit(u[used], level[used], 1), u[used])
-        return float(np.ptp(rest) * np.cos(angle))
+        share = level / self.height.value
+        used = (np.abs(u) <= self.exclusion) & (share > 0.25) & (share < 0.75)
+        t = 2.0 * (u - u[used].mean()) / np.ptp(u[used])
+        fit = fit_without_spikes(np.polynomial.legendre.legvander(t, 3).T, level, used)
+        # the polynomials rise by 1.5 and 2 over the riser, their zone by no more than the sum
+        bow, bend = fit.estimate(2, 1.5 * np.cos(angle)), fit.estimate(3, 2.0 * np.cos(angle))
+        return Estimate(
+            float(np.ptp(fit.solution[2:] @ fit.design[2:, used]) * np.cos(angle)),
+            bow.std + bend.std,
+            min(bow.dof, bend.dof),
+        )
 
 
 def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> Edge:

@@ -38,6 +38,9 @@ _STARTS = 4  # best points of the coarse grid, of which those in a valley of the
 _SUSPECTS = 4  # points of either kind that are named as suspects
 _LEAST_ANGLE = 0.02  # of a flank [rad]
 _CORNERS = (0.03, 0.1, 0.3)  # radii of a corner that a fit starts from, as a part of the height [1]
+# flanks that the styli of ISO 3274 show of a vertical riser: of a cone of 90 and of 60 deg [rad]
+_STEEPEST_SHOWN = np.radians(45.0), np.radians(60.0)
+_NEAR = np.radians(1.0)  # of the steepest flank that a stylus shows [rad]
 LEAST_ON_FLANK = 6  # points between a quarter and three quarters of the height
 _NORMAL_95 = 1.6448536269514722  # 95th percentile of the standard normal law [1]
 
@@ -301,6 +304,18 @@ class Flank:
     def radius_limit(self) -> float:
         """Upper limit of the radius at 95 % [m]."""
         return self.radius + 1.645 * self.radius_std
+
+
+def is_flank_of_surface(angle: float, off: float, cone: float | None) -> bool:
+    """Tell whether a flank is that of the surface, and not that of the stylus or perhaps so.
+
+    `off` is the standard uncertainty of its `angle`, and `cone` the full angle of the stylus [rad],
+    None where it is not stated.
+    """
+    slack = _NEAR + 2.0 * off
+    if cone is not None:
+        return bool(cone == 0.0 or angle < 0.5 * np.pi - 0.5 * cone - slack)
+    return not _STEEPEST_SHOWN[0] - slack < angle < _STEEPEST_SHOWN[1] + slack
 
 
 def fit_flank(

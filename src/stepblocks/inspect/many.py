@@ -85,14 +85,13 @@ class ManyScans:
 
     def as_record(self) -> dict[str, object]:
         """Return plain data; what is infinite or does not exist is null."""
-        tables = {
-            name: json.loads(one.to_json(orient="records", double_precision=15))
-            for name, one in self.tables.items()
-        }
         return {
             "verdict": self.verdict.value,
             "left_out": list(self.left_out),
-            **tables,
+            **{
+                name: json.loads(one.to_json(orient="records", double_precision=15))
+                for name, one in self.tables.items()
+            },
             "reports": {serial: one.as_record() for serial, one in self.reports.items()},
         }
 

@@ -64,7 +64,6 @@ def find_burr(across: Array, height: Array, step: float, exclusion: float) -> Bu
     noise = 0.5 * max(float(np.median(usual)), 0.0) if usual else 0.0
     std = float(np.std(usual, ddof=1)) / np.sqrt(len(usual)) if len(usual) > 1 else noise
     lone = zone & (leaning > max(peak + 6.0 * noise, 0.0))
-    highest = float(np.max(leaning[lone], initial=0.0))
     # a face that bows lies off its median there
     near = upper[quiet[0] & known]
     std = float(np.hypot(std, np.median(near) if near.size else 0.0))
@@ -75,7 +74,7 @@ def find_burr(across: Array, height: Array, step: float, exclusion: float) -> Bu
         rise / np.sqrt(3.0),
         noise,
         int(lone.sum()),
-        highest,
+        float(np.max(leaning[lone], initial=0.0)),
     )
 
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import astuple, replace
 
 import numpy as np
 
@@ -18,7 +18,13 @@ from stepblocks.inspect.budget import (
     average_profiles,
 )
 from stepblocks.inspect.edge import NO_RISER, Edge, find_position, fit_edge, fit_step
-from stepblocks.inspect.edge_arc import LEAST_ON_FLANK, RESOLVED, Flank, compute_edge_profile
+from stepblocks.inspect.edge_arc import (
+    LEAST_ON_FLANK,
+    RESOLVED,
+    Flank,
+    compute_edge_profile,
+    is_flank_of_surface,
+)
 from stepblocks.inspect.form import (
     FaceForm,
     compute_flatness,
@@ -55,9 +61,6 @@ _LEAST_ARC = 6.0
 # sampling intervals in a height with too few points on a flank of 60 deg to tell it from an arc
 _COARSE = 2.0 * (LEAST_ON_FLANK + 2.0) * math.tan(math.radians(60.0))
 _WORN = 0.25  # of the radius of a stylus, that it may be off: a rectangle [1]
-# flanks that the styli of ISO 3274 show of a vertical riser: of a cone of 90 and of 60 deg [rad]
-_STEEPEST_SHOWN = math.radians(45.0), math.radians(60.0)
-_NEAR = math.radians(1.0)  # of the steepest flank that a stylus shows [rad]
 _LEVEL = 0.5e-3  # length of the level faces on either side of an edge that was seen [m]
 _WORTH = 0.02  # of the step, from which another feature in its scan is named [1]
 _OF_THE_EDGE = {"step_height", "edge_radius", "riser_angle", "riser_straightness"}
@@ -109,7 +112,10 @@ def _measure_along_rows(
     flanks = flanks if 2 * len(flanks) > len(edges) else []
     values = {
         "step_height": average_profiles(
-            "step height", [one.height for one in edges], instrument, [form]
+            "step height",
+            [one.height for one in edges],
+            instrument,
+            [form],
         ),
         "edge_radius": _average_radius(
             results, isinstance(scan, HeightMap), instrument, options, notes
@@ -165,10 +171,8 @@ def _measure_along_rows(
         )
     convention = (
         f"two planes with a common slope, {edge.exclusion * 1e6:.4g} um excluded on either side "
-        "of the edge; radius by arc"
+        f"of the edge; radius by arc{' of the corner beside its flank' if flanks else ''}"
     )
-    if flanks:
-        convention = f"{convention} of the corner beside its flank"
     return Evaluation(
         values,
         convention,
@@ -298,14 +302,6 @@ def _estimate_arc_form(results: list[tuple[ScannedProfile, Edge]]) -> float:
     return compute_change([(edge.radius, crown) for (_, edge), crown in crowns], 2.0)
 
 
-def _is_flank_of_surface(angle: float, off: float, cone: float | None) -> bool:
-    # Tell whether a flank is that of the surface, and not that of the stylus or perhaps so.
-    slack = _NEAR + 2.0 * off
-    if cone is not None:
-        return cone == 0.0 or angle < 0.5 * math.pi - 0.5 * cone - slack
-    return not _STEEPEST_SHOWN[0] - slack < angle < _STEEPEST_SHOWN[1] + slack
-
-
 def _measure_riser(
     results: list[tuple[ScannedProfile, Edge]],
     flanks: list[Flank],
@@ -321,12 +317,9 @@ def _measure_riser(
     notes.append(
         f"the edge is no arc: its flank slopes by {slope}, its radius is that of the corner"
     )
-    if not _is_flank_of_surface(angle, off, options.stylus_cone):
-        cone = (
-            "cone of the stylus, which is not stated,"
-            if options.stylus_cone is None
-            else "cone of the stylus"
-        )
+    if not is_flank_of_surface(angle, off, options.stylus_cone):
+        unstated = ", which is not stated," if options.stylus_cone is None else ""
+        cone = f"cone of the stylus{unstated}"
         notes[-1] += f", and the flank may be steeper: the {cone} shows none steeper"
         return {}, f"the {cone} shows no riser steeper than {slope}; {_SECTION}"
     scales = [
@@ -343,14 +336,22 @@ def _measure_riser(
         Component("calibration", relative, how="of both scales"),
     ]
     values = {"riser_angle": Measured("angle of the riser", angle, tuple(parts))}
-    rest = [
-        edge.measure_riser(row.position, row.height, angle)
-        for row, edge in results
-        if edge.flank is not None
-    ]
-    noise = Component("noise", float(np.std(rest)), how="scatter over the profiles, noise included")
+    value, std, dof = np.array(
+        [
+            astuple(edge.measure_riser(row.position, row.height, angle))
+            for row, edge in results
+            if edge.flank is not None
+        ]
+    ).T
+    # neighbouring profiles may err together: their scatter is not divided
+    noise = Component(
+        "noise",
+        math.hypot(std.mean(), value.std()),
+        float(dof.min()),
+        "covariance of the form, and scatter over the profiles",
+    )
     values["riser_straightness"] = add_instrument_components(
-        "straightness of the riser", float(np.mean(rest)), [noise], instrument
+        "straightness of the riser", float(value.mean()), [noise], instrument
     )
     return values, ""
 
