@@ -41,7 +41,7 @@ from stepblocks.artefacts.scans.scan import HeightMap, ScannedProfile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Component, Instrument, Measured
 from stepblocks.inspect.edge import fit_edge
-from stepblocks.inspect.form import compute_flatness, estimate_zone, fit_face
+from stepblocks.inspect.form import compute_flatness, compute_parallelism, estimate_zone, fit_face
 from stepblocks.inspect.grooves import measure_groove
 from stepblocks.inspect.map_levels import measure_masked_step
 from stepblocks.inspect.measure import EvaluationOptions, measure_margin, measure_tip
@@ -287,6 +287,49 @@ def dome(height: float) -> Draw:
     return draw
 
 
+def riser(random: np.random.Generator) -> Iterator[tuple[str, float, Measured]]:
+    """Draw a flank of any slope that bulges by 30 nm to 3 um, seen by an optical instrument."""
+    height, angle = random.uniform(20, 100) * UM, math.radians(random.uniform(32.0, 58.0))
+    bulge = 10 ** random.uniform(-7.5, -5.5)
+    x = (np.arange(-500, 500) + random.uniform(-0.5, 0.5)) * 0.5 * UM
+    z = flank_gauge(x, height, angle, random.uniform(1, 4) * UM)
+    share = z / height
+    z = z + np.where((share > 0.02) & (share < 0.98), 4.0 * bulge * share * (1.0 - share), 0.0)
+    rough, length = random.uniform(5, 50) * NM, random.uniform(1, 5) * UM
+    z = z + correlated_noise(len(x), 0.5 * UM, 5 * NM, rough, length, random)
+    how = EvaluationOptions(stylus_radius=0.0, stylus_cone=0.0)
+    got = measure_edge(ScannedProfile(x, z), EXACT, how).values
+    # the middle half of a parabola has a quarter of its sagitta
+    yield "riser straightness", 0.25 * bulge * math.cos(angle), got["riser_straightness"]
+
+
+def parallel(lean: float, rough: float) -> Draw:
+    """Draw two faces of which the upper leans by so much over its width; a bow of a third of it."""
+    x, y = np.meshgrid(np.linspace(-1.0, 1.0, 60), np.linspace(-1.0, 1.0, 40))
+    flat, shape = np.zeros(x.shape), 0.5 * lean * y + lean / 3.0 * x**2
+    points = (np.stack([x.ravel(), y.ravel(), one.ravel() * 1e6], axis=1) for one in (shape, flat))
+    true = compute_parallelism(*points) * 1e-6
+    x, y = np.arange(60) * 10 * UM, np.arange(40) * 10 * UM
+
+    def draw(random: np.random.Generator) -> Iterator[tuple[str, float, Measured]]:
+        faces = [
+            fit_face(
+                x,
+                y,
+                one + correlated_map(shape.shape, 10 * UM, 10 * NM, rough, 20 * UM, random),
+                np.ones(shape.shape, dtype=bool),
+            )
+            for one in (shape, flat)
+        ]
+        yield (
+            "parallelism of the form",
+            true,
+            value("parallelism", estimate_zone(compute_parallelism, *faces)),
+        )
+
+    return draw
+
+
 def sheets(count: int, own: float) -> Draw:
     """Draw sheets of their own heights under debris, on shifted rows; true is their mean."""
 
@@ -348,20 +391,22 @@ CASES: list[tuple[str, Draw, float]] = [
     ("cap, form over 10 um", cap(10 * UM), 0.25),
     ("cap, form over 30 um", cap(30 * UM), 0.25),
     ("3 rows, wander 30 nm", step_map(3, 30 * NM), 0.25),
-    ("12 rows, no wander", step_map(12, 0.0), 0.15),
+    ("12 rows, no wander", step_map(12, 0.0), 0.5),
     ("12 rows, wander 30 nm", step_map(12, 30 * NM), 0.15),
     ("4 x 4 holes", grating(), 0.5),
     ("3 sheets, debris", sheets(3, 0.1 * NM), 0.25),
     ("8 sheets, debris", sheets(8, 0.1 * NM), 0.25),
     ("flank 45 deg, corner 4 um", stylus(45.0, 4 * UM), 0.25),
-    ("flank 75 deg, corner 3 um", stylus(75.0, 3 * UM), 0.25),
+    ("flank 75 deg, corner 3 um", stylus(75.0, 3 * UM), 0.5),
     ("20 um on a bow of 1 um", bowed(20 * UM, UM), 0.25),
     ("300 nm on a bow of 1 um", bowed(300 * NM, UM), 0.25),
-    ("dome of 10.6 um", dome(10.6 * UM), 0.25),
-    ("missing columns", gaps, 0.25),
+    ("dome of 10.6 um", dome(10.6 * UM), 1.0),
+    ("missing columns", gaps, 0.5),
     ("bow 200 nm, rough 30 nm", form(200 * NM, 30 * NM), 0.25),
     (SEVERAL_TERMS, form(60 * NM, 30 * NM, 20 * NM, -15 * NM, 25 * NM), 0.25),
     (ANY_FORM, formed(), 0.25),
+    ("flank of 32 to 58 deg", riser, 0.5),
+    ("lean 300 nm, rough 30 nm", parallel(300 * NM, 30 * NM), 0.25),
 ]
 
 
