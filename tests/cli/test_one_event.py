@@ -6,6 +6,7 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -15,10 +16,17 @@ from stepblocks.contact.counterface import Profile
 from stepblocks.contact.operating_point import PAPER
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
-# a gap of 50 um to a crown that stands 20 um higher, a lip, and the section of a scanned tooth
-# whose crown flares by 10 degrees
-SURFACES = ("gap-050-over-020", "gap-020-lip", "gap-050-bevelled", "molar-2")
-WAYS = ("tooth-to-crown", "crown-to-tooth")
+# of a file: a groove of 100 um between level shoulders, a gap of 50 um to a crown that stands 20 um
+# higher, a lip, a ramp, a crown that is turned, and the section of a scanned tooth whose crown
+# flares by 10 degrees; a sharp step and a round one
+MARGINS = (
+    *("gap-100", "gap-050-over-020", "gap-020-lip", "gap-050-bevelled"),
+    *("crown-chamfer-over", "molar-2"),
+)
+STEPS = ("apparatus-050", "round")
+SURFACES = dict.fromkeys(MARGINS, "crown-margins") | dict.fromkeys(STEPS, "paper-four")
+WAYS = {"crown-margins": ("tooth-to-crown", "crown-to-tooth"), "paper-four": ("up", "down")}
+CASES = [(name, back) for name in SURFACES for back in (False, True)]
 
 
 LAWS = """laws.friction = { law = "stribeck", sliding = 0.1, static = 0.15, speed = "2 mm/s" }
@@ -27,64 +35,104 @@ GUM = """[defaults.margin_block]
 gum = { indentation = "1 mm" }"""
 
 
+PLAIN = {"crown-margins": 100, "paper-four": 50}  # size of the series [um]
+ROUND = """
+[[step_block]]
+id = "round"
+height = { nominal = "50 um", tolerance = "1 um" }
+edge_radius = { nominal = "40 um", tolerance = "2 um" }
+"""
+
+
+def declare_set(name, laws, out):
+    """Write a set of the project under one tip, load and friction, and a design to sweep it."""
+    text = (STIMULI / f"{name}.toml").read_text()
+    for field, one in (
+        ("tip_radii", 'tip_radii = ["125 um"]'),
+        ("normal_loads", 'normal_loads = ["0.5 N"]'),
+        ("frictions", laws),
+    ):
+        text, found = re.subn(rf"^{field} = .*", lambda _, one=one: one, text, flags=re.MULTILINE)
+        assert found == 1
+    # the others would only cost time
+    text = text.replace('["25 um", "50 um", "75 um", "100 um"]', f'["{PLAIN[name]} um"]')
+    for other in ("gap-050-under-020", "crown-shoulder", "crown-feather"):
+        text = re.sub(rf'\[\[\w+\]\]\nid = "{other}"\n(\w.*\n)*', "", text)
+    if laws == LAWS:
+        text = text.replace("[defaults.margin_block]", GUM)
+    if name == "paper-four":
+        text += ROUND
+    else:
+        scanned = scanned_set(out).read_text()
+        text += scanned[scanned.index("[[scanned_margin]]") :]
+    (out / f"{name}.toml").write_text(text)
+    meant = [one for one, owner in SURFACES.items() if owner == name]
+    ways = f"direction = {json.dumps(WAYS[name])}" if name == "crown-margins" else ""
+    (out / f"{name}.sweep.toml").write_text(
+        f'[sweep]\nset = "{name}.toml"\nmode = "drag"\n[parameters]\n'
+        f"stimulus = {json.dumps(meant)}\n{ways}\n"
+    )
+
+
 @pytest.fixture(scope="module", params=["frictions = [0.15]", LAWS], ids=["coulomb", "laws"])
 def folder(tmp_path_factory, request):
-    """What the five commands write of a set under one tip, load and friction.
+    """What the five commands write of two sets.
 
     Under laws there is gum beside the margins, too.
     """
     out = tmp_path_factory.mktemp("event")
-    text = (STIMULI / "crown-margins.toml").read_text()
-    for given, one in (
-        ('tip_radii = ["60 um", "125 um"]', 'tip_radii = ["125 um"]'),
-        ('normal_loads = ["0.3 N", "0.5 N", "1 N"]', 'normal_loads = ["0.5 N"]'),
-        ("frictions = [0.15, 0.20]", request.param),
-        ("[defaults.margin_block]", GUM if request.param == LAWS else "[defaults.margin_block]"),
-    ):
-        assert given in text
-        text = text.replace(given, one)
-    scanned = scanned_set(out).read_text()
-    text += scanned[scanned.index("[[scanned_margin]]") :]
-    stimuli, plan = out / "crown-margins.toml", out / "sweep.toml"
-    stimuli.write_text(text)
-    plan.write_text(
-        '[sweep]\nset = "crown-margins.toml"\nmode = "drag"\n[parameters]\n'
-        f"stimulus = {json.dumps(SURFACES)}\ndirection = {json.dumps(WAYS)}\n"
-    )
-    commands = [
-        ["predict", str(stimuli), "-o", str(out / "predictions.csv")],
-        ["sweep", str(plan), "-o", str(out / "sweep")],
-        ["feel", str(stimuli), "-o", str(out / "feel.html"), "--no-open"],
-    ]
-    for one in SURFACES:
+    commands = []
+    for name in WAYS:
+        declare_set(name, request.param, out)
+        stimuli = str(out / f"{name}.toml")
         commands += [
-            ["drag", f"{stimuli}/{one}", "-o", str(out / one / WAYS[0])],
-            ["drag", f"{stimuli}/{one}", "--backward", "-o", str(out / one / WAYS[1])],
+            ["predict", stimuli, "-o", str(out / f"{name}.csv")],
+            ["sweep", str(out / f"{name}.sweep.toml"), "-o", str(out / f"{name}-sweep")],
+            ["feel", stimuli, "-o", str(out / f"{name}.html"), "--no-open"],
             [
-                *("export", str(stimuli), "--for", "forcelaw", "--ring", "drag"),
-                *("--only", one, "-o", str(out / "scenes")),
+                *("export", stimuli, "--for", "forcelaw", "--ring", "drag"),
+                *("--only", "[!p]*", "-o", str(out / "scenes")),
             ],
+        ]
+    for one, name in SURFACES.items():
+        drag = ["drag", f"{out / name}.toml/{one}", "-o"]
+        commands += [
+            [*drag, str(out / one / "False")],
+            [*drag, str(out / one / "True"), "--backward"],
         ]
     assert [main(one) for one in commands] == [0] * len(commands)
     return out
 
 
-@pytest.mark.parametrize("way", WAYS)
-@pytest.mark.parametrize("name", SURFACES)
-def test_predict_drag_sweep_export_and_feel_speak_of_the_same_event(folder, name, way):
-    table = pd.read_csv(folder / "predictions.csv")
-    predicted = table[(table.stimulus == name) & (table.drag == way)].iloc[0]
-    drag = json.loads((folder / name / way / "drag.json").read_text())
-    rows = pd.read_parquet(folder / "sweep")
-    row = rows[(rows.stimulus == name) & (rows.direction == way)].iloc[0]
-    path = folder / "scenes" / "crown-margins" / name / "forcelaw" / "event.json"
-    event = json.loads(path.read_text())["events"][WAYS.index(way)]
-    page = (folder / "feel.html").read_text()
+def read_outline(variant):
+    """The surface that the page drags over: its polygon, and the discs that round an edge."""
+    x, z = np.transpose(variant["profile"])
+    for middle, height, radius in variant["discs"]:
+        over = middle + radius * np.sin(np.linspace(-0.5 * np.pi, 0.5 * np.pi, 1001))
+        cap = height + np.sqrt(np.maximum(radius**2 - (over - middle) ** 2, 0.0))
+        z = np.append(z, np.maximum(cap, np.interp(over, x, z)))
+        x = np.append(x, over)
+        x, z = x[np.argsort(x, kind="stable")], z[np.argsort(x, kind="stable")]
+    return Profile(x, z)
+
+
+@pytest.mark.parametrize(("name", "back"), CASES)
+def test_predict_drag_sweep_export_and_feel_speak_of_the_same_event(folder, name, back):
+    owner = SURFACES[name]
+    way = WAYS[owner][back]
+    table = pd.read_csv(folder / f"{owner}.csv")
+    found = table[(table.stimulus == name) & (table.drag == way)]
+    drag = json.loads((folder / name / str(back) / "drag.json").read_text())
+    path = folder / "scenes" / owner / name / "forcelaw" / "event.json"
+    event = json.loads(path.read_text())["events"][back]
+    rows = pd.read_parquet(folder / f"{owner}-sweep")
+    rows = rows[rows.stimulus == name]
+    page = (folder / f"{owner}.html").read_text()
     data = re.search(
         r'<script id="stimuli" type="application/json">(.*?)</script>', page, re.DOTALL
     )
     felt = next(one for one in json.loads(data.group(1)) if one["name"] == name)
-    shape = Profile(*zip(*felt["variants"][0]["profile"], strict=True))
+    shape = read_outline(felt["variants"][0])
     point = replace(
         PAPER,
         ball_radius=felt["radius"],
@@ -92,7 +140,15 @@ def test_predict_drag_sweep_export_and_feel_speak_of_the_same_event(folder, name
         friction=felt["friction"],
         tool=replace(PAPER.tool, stiffness=felt["stiffness"], conversion=felt["conversion"]),
     )
-    page_says = shape.release(point, way == WAYS[1])
+    page_says = shape.release(point, back)
+    if back and owner == "paper-four":
+        # a table and a sweep of steps go up; down nothing catches
+        assert found.empty
+        assert "direction" not in rows
+        assert {drag["status"], event["status"], str(page_says.status)} == {"no-catch"}
+        return
+    predicted = found.iloc[0]
+    row = (rows if owner == "paper-four" else rows[rows.direction == way]).iloc[0]
     said = predicted.status, row.status, event["status"], str(page_says.status)
     assert said == (drag["status"],) * 4
     if drag["status"] == "no-catch":

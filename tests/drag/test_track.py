@@ -39,8 +39,7 @@ def test_a_track_is_as_steep_as_the_counterface_says(face, backward):
 def test_the_nodes_of_a_track_lie_on_the_closed_form():
     # Expected values: `oracles.tip_paths`.
     step, groove = build_track(Step(37e-6, 9e-6), R), build_track(Margin(60e-6, 60e-6, 5e-6), R)
-    # its x = 0 is where the arc ends
-    assert np.abs(step.z - step_path(step.x + 9e-6, 37e-6, R, 9e-6)).max() < 1e-12
+    assert np.abs(step.z - step_path(step.x, 37e-6, R, 9e-6)).max() < 1e-12
     assert np.abs(groove.z - groove_path(groove.x, 60e-6, R, 5e-6)).max() < 1e-12
 
 

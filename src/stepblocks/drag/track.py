@@ -268,7 +268,7 @@ def _find_notches(x: Array, z: Array, path: TipPath) -> tuple[Array, Array, Arra
 
 
 def build_step_track(height: float, ball_radius: float, edge_radius: float = 0.0) -> Track:
-    """Track over one step up at x = 0, in closed form."""
+    """Track over one step up, its wall at x = 0, in closed form."""
     radius = ball_radius + edge_radius
     require_positive("ball radius", ball_radius, "m")
     require_positive("height", height, "m")
@@ -282,9 +282,12 @@ def build_step_track(height: float, ball_radius: float, edge_radius: float = 0.0
     angle = 2.0 * math.asin(math.sqrt(0.5 * height / radius))
     angles = np.linspace(angle, 0.0, 400)
     before = np.linspace(-length, -radius * math.sin(angle), 50)[:-1]
-    x = np.concatenate([before, -radius * np.sin(angles), np.linspace(0.0, length, 50)[1:]])
+    # the arc of a round edge has its middle behind the wall
+    x = edge_radius + np.concatenate(
+        [before, -radius * np.sin(angles), np.linspace(0.0, length, 50)[1:]]
+    )
     arc = slice(49, 449)
-    z = np.where(x < 0.0, 0.0, height)
+    z = np.where(x < edge_radius, 0.0, height)
     z[arc] = height - 2.0 * radius * np.square(np.sin(0.5 * angles))
     z[49] = 0.0
     slope = np.zeros_like(x)
