@@ -36,6 +36,11 @@ def load_set(path: str | Path) -> StimulusSet:
         impossible.
     """
     path = Path(path)
+    StimulusError.require(
+        path.suffix.lower() != ".csv",
+        "a stimulus file must be TOML; 'stepblocks drag' takes a profile, and a table of heights "
+        f"'stepblocks predict' [{path}]",
+    )
     raw = read_document(path, "a stimulus file", StimulusError, MAX_FILE_BYTES)
     name = raw.pop("set", path.stem)
     mistakes: list[Mistake] = []

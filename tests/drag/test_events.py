@@ -327,6 +327,33 @@ def test_a_scanned_profile_is_dragged_over_as_it_was_read():
         drag_over({"x": 1})
 
 
+def test_a_file_of_an_instrument_is_dragged_over_as_the_profile_it_holds(tmp_path, capsys):
+    path = tmp_path / "ground.txt"
+    table = pd.DataFrame({"x_um": WAVY.x * 1e6, "z_um": WAVY.z * 1e6})
+    table.to_csv(path, sep="\t", index=False)
+    assert drag_over(path).trace.peak_force == pytest.approx(
+        drag_over(WAVY).trace.peak_force, rel=1e-3
+    )
+    path.write_text("not a profile\n")
+    assert main(["drag", str(path), "-o", str(tmp_path / "out")]) == 2
+    assert "ground.txt" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    "command",
+    [["feel", "--no-open"], ["export", "--for", "forcelaw", "--ring", "drag"], ["sweep"]],
+)
+def test_what_takes_declared_stimuli_says_which_command_takes_a_profile(tmp_path, capsys, command):
+    profile, design = tmp_path / "profile.csv", tmp_path / "sweep.toml"
+    pd.DataFrame({"x_um": WAVY.x * 1e6, "z_um": WAVY.z * 1e6}).to_csv(profile, index=False)
+    design.write_text('[sweep]\nset = "profile.csv"\n')
+    given = design if command == ["sweep"] else profile
+    assert main([command[0], str(given), *command[1:], "-o", str(tmp_path / "out")]) == 2
+    assert "'stepblocks drag' takes a profile" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_drag_plots_on_axes_is_short_to_print_and_can_be_pickled():
     done = drag_over("25 um", speed=20e-3)
     axes = done.plot()

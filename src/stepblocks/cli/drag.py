@@ -201,8 +201,8 @@ def drag(
 ) -> Outcome:
     """Drag a tip over a step or a profile in time: force traces, release, ring, energy ledger.
 
-    STIMULUS is a step height such as '25 um', a CSV with the columns x_um and z_um, or a declared
-    block, crown margin or tip: ID, SET/ID or FILE.toml/ID.
+    STIMULUS is a step height such as '25 um', a CSV with the columns x_um and z_um, a profile in
+    the file of an instrument, or a declared block, crown margin or tip: ID, SET/ID or FILE.toml/ID.
     """
     from stepblocks.drag.run import drag_over
 

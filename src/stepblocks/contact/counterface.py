@@ -493,6 +493,6 @@ def take_counterface(surface: object) -> Counterface:
     if hasattr(surface, "position") and hasattr(surface, "height"):
         return Profile.from_scan(surface)
     raise ContactError(
-        "must be a counterface such as Step(25e-6), a part or a scanned profile, got "
+        "must be a counterface such as Step(25e-6), a part or a profile (a row of a map), got "
         f"{type(surface).__name__}"
     )

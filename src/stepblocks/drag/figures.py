@@ -67,9 +67,10 @@ def draw_spectra(trace: DragTrace, path: Path, title: str) -> None:
                 color=_BLUE,
             )
             axis.axvspan(*band, color="#f0c040", alpha=0.25, lw=0)
-            share = compute_band_share(frequency, energy, band)
             axis.set_title(
-                f"{phase}, {label}: {share:.0%} in {band[0]:.0f}-{band[1]:.0f} Hz", fontsize=9
+                f"{phase}, {label}: {compute_band_share(frequency, energy, band):.0%} in "
+                f"{band[0]:.0f}-{band[1]:.0f} Hz",
+                fontsize=9,
             )
             axis.set_ylabel("relative energy")
     for axis in axes[1]:

@@ -216,8 +216,9 @@ class DragSettings:
 
     def find_sliding_force(self, slope: float = 0.0) -> float:
         """Find the pull that slides the tip up a slope [1], N tan(atan s + atan mu) [N]."""
-        climbing = (slope + self.friction) / (1.0 - slope * self.friction)
-        return climbing * self.normal_load + self.tissue_friction
+        return (slope + self.friction) / (
+            1.0 - slope * self.friction
+        ) * self.normal_load + self.tissue_friction
 
 
 def build_probe(

@@ -214,5 +214,4 @@ def compute_band_share(
     frequency: NDArray[np.float64], energy: NDArray[np.float64], band: tuple[float, float]
 ) -> float:
     """Share of a spectrum's energy between two frequencies [1]."""
-    inside = (frequency >= band[0]) & (frequency <= band[1])
-    return float(energy[inside].sum() / energy.sum())
+    return float(energy[(frequency >= band[0]) & (frequency <= band[1])].sum() / energy.sum())

@@ -306,8 +306,9 @@ def drag_over(
     ----------
     subject : str, Path, Counterface, Part, ScannedProfile, DataFrame or pair of arrays
         A step height such as ``"25 um"``; a CSV with the columns x and z, the unit in their names,
-        or its table; a declared stimulus by ``ID``, ``SET/ID`` or ``FILE.toml/ID``; a counterface,
-        or a part that has one; a profile that `read_scan` returned, or positions and heights [m].
+        or its table; a profile in a file that `read_scan` reads, or returned; a declared stimulus
+        by ``ID``, ``SET/ID`` or ``FILE.toml/ID``; a counterface, or a part that has one; positions
+        and heights [m].
     backward : bool
         Towards falling x: from the crown to the tooth, or down a step.
     stimuli : str, Path, StimulusSet or sequence of them, optional

@@ -54,6 +54,10 @@ def resolve_subject(
         except ContactError as error:
             raise PipelineError(f"{error} [{path}]") from error
         return _take_surface(escape_file_name(path.name), profile, values, f"[{path}]")
+    if path.suffix.lower() not in ("", ".toml") and path.is_file():  # of an instrument
+        return _take_surface(
+            escape_file_name(path.name), take_counterface(load_scan(path)), values, f"[{path}]"
+        )
     try:
         height = parse_quantity(str(subject), "length")
     except QuantityError:
