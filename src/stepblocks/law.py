@@ -79,6 +79,8 @@ class Law:
         value.
     steps : tuple[str, ...]
         Parameters at which it changes at once, in the order of the covariate.
+    evidence : float
+        What a measurement beside the trials says for it, as a fall of the criterion [1].
     """
 
     id: str
@@ -94,6 +96,7 @@ class Law:
     how_to_decide: str = ""
     given: bool = True
     steps: tuple[str, ...] = ()
+    evidence: float = 0.0
 
     @property
     def amplitudes(self) -> tuple[str, ...]:

@@ -81,7 +81,7 @@ def test_without_noise_the_corner_and_the_slope_come_back():
     assert found.onset == pytest.approx(COURSE.onset, abs=1e-9)
     assert found.slope == pytest.approx(COURSE.slope, rel=1e-7)
     assert found.level == pytest.approx(COURSE.level, rel=1e-7)
-    assert found.ramp(COURSE.release) == pytest.approx(COURSE.peak, rel=1e-6)
+    assert found.ramp(COURSE.release)[0] == pytest.approx(COURSE.peak, rel=1e-6)
     assert found.start_up is None
 
 
@@ -93,7 +93,7 @@ def test_the_mains_is_found_from_the_record_and_its_hum_taken_apart(mains):
     found = approached(force)
     assert found.mains == mains
     np.testing.assert_allclose(found.hum(TIME), disturbance, atol=1e-3)
-    assert found.slope == pytest.approx(COURSE.slope, abs=4.0 * found.mean_slope(COURSE.peak)[1])
+    assert found.slope == pytest.approx(COURSE.slope, abs=4.0 * found.mean_slope(COURSE.release)[1])
 
 
 def test_a_drift_tilts_the_line_and_leaves_the_slope_of_the_ramp():
@@ -127,8 +127,8 @@ def test_stated_uncertainties_cover_the_scatter_of_many_records():
         pulls.append(
             [
                 (found.level - COURSE.level) / found.level_std,
-                (found.slope - COURSE.slope) / found.mean_slope(COURSE.peak)[1],
-                (predicted - COURSE.peak) / found.line_std(COURSE.release),
+                (found.slope - COURSE.slope) / found.mean_slope(COURSE.release)[1],
+                (predicted - COURSE.peak) / found.ramp(COURSE.release)[1],
             ]
         )
     # origin: a standard normal number; the mean of 40 scatters by 0.16, its spread by 0.11; four

@@ -1,6 +1,7 @@
-"""A spring that hardens, after Duffing.
+"""A spring that hardens, after Duffing, and a gauge that bends.
 
-Its ramp bends, its pitch falls as it dies, and each figure is told as it is.
+The ramp bends, the pitch falls as the ring dies or its octave sounds, and each figure is told as it
+is.
 """
 
 import math
@@ -44,14 +45,29 @@ def test_peak_slope_amplitude_and_pitch_are_those_of_the_integrated_motion(heigh
     assert found["ring_frequency_hz"] == pytest.approx(
         300.0 * math.sqrt(1.0 + 3.0 * G * low**2), abs=0.4
     )
-    u = np.linspace(
-        low, stretched(truth["level_n"] + 0.9 * (truth["peak_n"] - truth["level_n"])), 2001
-    )
-    # origin: the least-squares line through the spring's law up to nine tenths of the rise
+    u = np.linspace(low, low + 0.9 * (stretched(truth["peak_n"]) - low), 2001)
+    # origin: the least-squares line through the spring's law up to nine tenths of its ramp
     line = np.polyfit(u, u + G * u**3, 1)[0]
     slope, std = found["spring_constant_n_per_m"] / K, found["spring_constant_std_n_per_m"] / K
     assert slope == pytest.approx(line, abs=4.0 * std)
     assert std < 0.02
+
+
+@pytest.mark.parametrize("square", [0.035, -0.035])
+def test_a_gauge_that_bends_is_read_at_its_peak_on_its_ramp_and_by_the_pitch_of_its_ring(square):
+    bench, speed = Bench(conversion=0.2, tangential_square=square), 5e-3
+    time, tangential, normal, truth = drag(bench, 80e-6, 0.8, speed, np.random.default_rng(3))
+    found = measure_trace(Trace(time, tangential, normal), K, speed).features
+    # origin: F (1 + q F) of the integrated motion
+    peak, level = truth["peak_n"], truth["level_n"]
+    assert found["peak_force_n"] == pytest.approx(peak * (1.0 + square * peak), rel=2e-3)
+    force = np.linspace(level, level + 0.9 * (peak - level), 2001)
+    line = np.polyfit(force, force * (1.0 + square * force), 1)[0]
+    assert found["spring_constant_n_per_m"] / K == pytest.approx(line, rel=2e-3)
+    # about its level a ring of amplitude A shows A (1 + 2 q L), and the octave of its square
+    amplitude = truth["amplitude_n"] * (1.0 + 2.0 * square * level)
+    assert found["ring_amplitude_n"] == pytest.approx(amplitude, rel=5e-3)
+    assert found["ring_frequency_hz"] == pytest.approx(300.0, abs=0.3)
 
 
 def test_the_pitch_of_a_duffing_ring_is_that_of_small_swings():
@@ -81,7 +97,7 @@ def test_a_straight_ramp_and_a_cosine_stay_what_they_are(seed):
     force = course.force(time) + 2e-3 * np.random.default_rng(seed).standard_normal(time.size)
     approach = fit_approach(time, force, find_landmarks(time, force), None)
     assert approach.hardening == 0.0
-    assert approach.mean_slope(1.0)[0] == approach.slope
+    assert approach.mean_slope(course.release)[0] == approach.slope
     after = np.searchsorted(time, course.release + 0.25e-3)
     ring = fit_ring(time[after:], force[after:], course.release, 50.0, 2e-3)
     assert ring.fit.shape.size == 3

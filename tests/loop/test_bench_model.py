@@ -104,6 +104,16 @@ def test_edge_and_tip_imitate_each_other_so_a_scan_decides_which_is_asked_for(tr
     assert named(with_imitated=True) >= {"edge_rounding", "tip_radius_error", "block_tilt"}
 
 
+def test_scans_speak_for_rounded_edges_and_for_nothing_else(trials):
+    def speak(radius):
+        return {
+            law.id for law in list_candidates(trials, (), scanned_radius=radius) if law.evidence
+        }
+
+    assert speak(14e-6) == {"edge_rounding"}
+    assert speak(0.5e-6) == speak(None) == set()
+
+
 def test_common_errors_run_along_the_settings_and_have_unit_spread(trials):
     found = _MODEL.systematics(trials)
     assert {term.channel for term in found} == set(CHANNELS)

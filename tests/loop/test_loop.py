@@ -73,6 +73,18 @@ def test_a_rounded_edge_is_found_with_and_without_scans_of_the_heights(scanned: 
     assert std < (0.3e-6 if scanned else 3e-6)
 
 
+@pytest.mark.parametrize("seed", [1, 2, 5])
+def test_24_trials_show_edges_of_5_um_that_the_scans_show_too(seed: int) -> None:
+    columns = design_columns(24, seed)
+    truth = ((_named(columns, "edge_rounding"), {"edge_radius_m": 5e-6}),)
+    trials = bench_trials(columns, seed, truth)
+    model = SessionModel(_TOOL, scanned=block_scans(columns, seed), scanned_radius=(5e-6, 0.06e-6))
+    found = explain(model, trials, model.candidates(trials), _RULES)
+    assert [(f.effect.id, f.verdict) for f in found.findings] == [("edge_rounding", Verdict.EFFECT)]
+    name = "edge_rounding.edge_radius_m"
+    assert abs(found.extended.values[name] - 5e-6) < 3.0 * found.extended.std[name] < 1.2e-6
+
+
 def test_the_effect_is_named_with_parameters_and_intervals(worn) -> None:
     _, _, _, folder = worn
     result = json.loads((folder / "result.json").read_text())

@@ -29,7 +29,7 @@ CHANNELS: tuple[str, ...] = (
 _STEEPEST = np.deg2rad(89.0)
 _LEAST_LOAD, _LEAST_FORCE = 1e-3, 1e-4  # N, where a fit strays
 _LEAST_ENERGY = 1e-30  # of what is left of a ring, below which a fit may stray but no logarithm [J]
-_LINE_SHARE = 0.9  # of the rise, to which the evaluation of a trace fits the line of a bent ramp
+_LINE_SHARE = 0.9  # of its time, to which the evaluation of a trace fits the line of a bent ramp
 
 
 @dataclass(frozen=True)
@@ -231,11 +231,10 @@ def _compute_spring(state: DragState, force: Floats, sliding: Floats) -> _Spring
         one = np.ones_like(force)
         return _Spring(kernels.compute_stored_energy(force, state.stiffness), one, one, one)
     cubic = state.hardening
-    # where a line is fitted to the ramp: sliding, the line's end, the peak
-    ends = sliding, sliding + _LINE_SHARE * np.maximum(force - sliding, 0.0), force
-    low, high, top = (kernels.compute_softened_force(one, cubic) for one in ends)
+    low, top = (kernels.compute_softened_force(one, cubic) for one in (sliding, force))
     # the least-squares line through u + g u^3 over a stretch of u, in closed form
-    middle, half = 0.5 * (low + high), 0.5 * (high - low)
+    half = 0.5 * _LINE_SHARE * np.maximum(top - low, 0.0)
+    middle = low + half
     slope = 1.0 + cubic * (3.0 * middle**2 + 0.6 * half**2)
     level = 1.0 + 3.0 * cubic * low**2
     stored = (

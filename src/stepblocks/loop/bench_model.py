@@ -37,6 +37,9 @@ _COMMON = {
 _SET = ("height_um", "load_n", "speed_mm_s", "run_order", PEAK_FORCE, SPEED_OVER_LOAD)
 _INTERACTING = 3  # readings of the surroundings that are asked for pair by pair
 _SHARP = 1.5e-6  # m, an edge that a scan shows to be no rounder
+# of the criterion: rounded edges in the scans decide among laws that explain the trials as well,
+# and no more, as a stylus rounds an edge too
+_SEEN = 8.0
 # constants that each session has its own of, where several are explained together
 OF_A_DAY = ("friction", "ln_conversion", "ln_ring_frequency", "ln_decay_time")
 # friction imitates a tilt exactly; a search would only find the rounding between the two
@@ -299,7 +302,10 @@ def list_candidates(
     sharp = scanned_radius is not None and scanned_radius < _SHARP
     ruled_out = _SAME_BY_DEFINITION | {"edge_rounding" if sharp else "tip_radius_error"}
     laws = [
-        law for law in list_named_laws(np.unique(trials.block).tolist()) if law.covariate in names
+        # where edges are sharp their rounding is ruled out
+        replace(law, evidence=_SEEN) if scanned_radius and law.id == "edge_rounding" else law
+        for law in list_named_laws(np.unique(trials.block).tolist())
+        if law.covariate in names
     ]
     return (
         *(law for law in laws if with_imitated or law.id not in ruled_out),

@@ -7,7 +7,6 @@ from scipy import stats
 
 from stepblocks.contact.effects.named import list_named_laws
 from stepblocks.contact.forward import format_height_name
-from stepblocks.loop.bench_model import SessionModel
 from stepblocks.loop.search.explain import Explanation, Finding, Verdict
 from stepblocks.loop.search.fit import fit
 from stepblocks.loop.session_table import SessionTable
@@ -40,8 +39,7 @@ def add_height_errors(explanation: Explanation, table: SessionTable) -> Explanat
         one: (1e-6 * float(table.trials.covariates["height_um"][table.trials.block == one][0]), 0.0)
         for one in off
     }
-    informed: SessionModel = replace(model, scanned=heights | owned)
-    problem = replace(explanation.problem, model=informed)
+    problem = replace(explanation.problem, model=replace(model, scanned=heights | owned))
     start = fitted.values | {
         f"{law.id}.height_error_m": fitted.values.get(f"{law.id}.height_error_m", 0.0)
         + fitted.values[format_height_name(block)]

@@ -20,9 +20,8 @@ from stepblocks.bench.signal.separable import (
 
 _MAINS = (50.0, 60.0)  # [Hz]
 _RAMP_SHARE = 0.85  # of the rise; the first pass stays clear of a rounded peak
-# of the rise, up to which the slope of a bent ramp is measured; `contact.state` predicts it so
+# of its time, up to which the slope of a bent ramp is measured; `contact.state` predicts it so
 _LINE_SHARE = 0.9
-_BENDS = 3  # times that a bent ramp is fitted
 _START_UP_GAIN = 0.02  # a start-up ring must explain this share of the variance, or it is left out
 _LINE_SIGMAS = 4.0
 _RISE_OVER_NOISE = 12.0  # a peak must stand out by this many standard deviations of the noise
@@ -153,16 +152,13 @@ class Clock:
         Mains frequency that is fitted along [Hz].
     center : float
         Instant at which the level holds [s].
-    step : float
-        Between two samples [s].
-    bend : tuple[float, float] | None
-        Level [N] and first slope [N/s] of a ramp that bends.
+    bent : bool
+        Whether the ramp bends, by the square and the cube of time.
     """
 
     mains: float
     center: float
-    step: float
-    bend: tuple[float, float] | None = None
+    bent: bool = False
 
 
 @dataclass
@@ -172,8 +168,8 @@ class Approach:
     Attributes
     ----------
     fit : SeparableFit
-        Shape: onset (and start-up ring); weights: level, drift, slope, hum, g of a bent ramp (and
-        start-up ring).
+        Shape: onset (and start-up ring); weights: level, drift, slope, hum (2), square and cube of
+        a bent ramp (and start-up ring).
     end : int
         First sample that no longer follows the line of the ramp.
     clock : Clock
@@ -191,37 +187,29 @@ class Approach:
         self.level_std = fit.std(fit.shape.size)
         self.slope = float(fit.weights[2])  # of the ramp where it begins [N/s]
         self.mains, self.center = self.clock.mains, self.clock.center
-        # g of ``F = u + g u^3`` [1/N^2]
-        self.hardening = 0.0 if self.clock.bend is None else float(fit.weights[5])
+        # slope and, of a ramp that bends, square and cube: what it climbs by powers of time
+        self.climb = np.append(self.slope, fit.weights[5:7] if self.clock.bent else np.zeros(2))
+        # g of ``F = u + g u^3`` [1/N^2]; a ramp that flattens shows none
+        self.hardening = max(float(self.climb[2] / self.slope**3), 0.0)
 
-    def mean_slope(self, rise: float) -> Estimate:
-        """Slope of the straight line through the ramp up to a share of its rise.
+    def mean_slope(self, release: float) -> Estimate:
+        """Slope of the straight line through the ramp up to a share of its time.
 
         Its standard uncertainty stands beside it [N/s].
         """
+        # the least-squares line through t^2 and t^3 over 0 to T climbs by T and by 0.9 T^2
+        end = _LINE_SHARE * (release - self.onset)
+        return self._combine(0.0, np.array([1.0, end, 0.9 * end**2]), 0.0)
+
+    def _combine(self, level: float, climb: Array, onset: float) -> Estimate:
+        # Sum of level and climb in these shares, which moves with the onset by so much
         first = self.fit.shape.size
         gradient = np.zeros(self.fit.covariance.shape[0])
-        gradient[first + 2] = 1.0
-        if self.clock.bend is not None:
-            grid = np.linspace(0.0, rise / self.slope, 801)
-            end = float(
-                np.interp(
-                    _LINE_SHARE * rise, self.slope * grid + self._compute_bend_force(grid), grid
-                )
-            )
-            # the least-squares line through t^2 and t^3 over 0 to T climbs by T and by 0.9 T^2
-            level, slope = self.clock.bend
-            gradient[first + 5] = 3.0 * level * slope**2 * end + 0.9 * slope**3 * end**2
-        return float(gradient[first:] @ self.fit.weights), propagate_std(
+        gradient[[0, first, first + 2]] = onset, level, climb[0]
+        if self.clock.bent:
+            gradient[first + 5 : first + 7] = climb[1:]
+        return level * self.level + float(climb @ self.climb), propagate_std(
             gradient, self.fit.covariance
-        )
-
-    def _compute_bend_force(self, since: Array) -> Array:
-        # Return what a bent ramp has over its line [N]
-        return (
-            np.zeros_like(since)
-            if self.clock.bend is None
-            else self.hardening * compute_ramp_bend(since, self.clock.bend)
         )
 
     @property
@@ -238,23 +226,8 @@ class Approach:
 
     def line(self, time: Array) -> Array:
         """Line of the ramp with drift and hum [N], continued past its end."""
-        columns = _build_approach_columns(time, self.onset, replace(self.clock, bend=None))
-        columns[:, 2] = time - self.onset
-        return np.asarray(
-            columns @ self.fit.weights[:5] + self._compute_bend_force(time - self.onset),
-            dtype=float,
-        )
-
-    def line_std(self, time: float) -> float:
-        """Return the standard uncertainty of `ramp` at one instant [N]."""
-        size = self.fit.shape.size
-        gradient = np.zeros(self.fit.covariance.shape[0])
-        gradient[[0, size, size + 2]] = -self.slope, 1.0, time - self.onset
-        if self.clock.bend is not None:
-            gradient[size + 5] = float(
-                compute_ramp_bend(np.array([time - self.onset]), self.clock.bend)[0]
-            )
-        return propagate_std(gradient, self.fit.covariance)
+        columns = _build_approach_columns(time, time - self.onset, self.clock)
+        return np.asarray(columns @ self.fit.weights[: columns.shape[1]], dtype=float)
 
     def hum(self, time: Array) -> Array:
         """Hum alone [N], continued over the whole record."""
@@ -274,13 +247,14 @@ class Approach:
             dtype=float,
         )
 
-    def ramp(self, time: float) -> float:
-        """Force on the line of the ramp without hum and drift [N]."""
-        return (
-            self.level
-            + self.slope * (time - self.onset)
-            + float(self._compute_bend_force(np.array([time - self.onset]))[0])
-        )
+    def ramp(self, time: float) -> Estimate:
+        """Force on the line of the ramp without hum and drift.
+
+        Its standard uncertainty stands beside it [N].
+        """
+        since = time - self.onset
+        steep = float(self.climb @ (1.0, 2.0 * since, 3.0 * since**2))
+        return self._combine(1.0, np.array([since, since**2, since**3]), -steep)
 
 
 def find_mains(time: Array, values: Array) -> float:
@@ -295,26 +269,15 @@ def find_mains(time: Array, values: Array) -> float:
     return min(_MAINS, key=sum_squares)
 
 
-def _build_approach_columns(time: Array, onset: float, clock: Clock) -> Array:
-    since = np.maximum(time - onset, 0.0)
+def _build_approach_columns(time: Array, since: Array, clock: Clock) -> Array:
+    # `since` is the time since the onset, of a fit zero before it
     columns = [
         np.ones_like(time),
         time - clock.center,
         since,
         build_wave_columns(time, clock.mains),
     ]
-    return np.column_stack(
-        columns if clock.bend is None else [*columns, compute_ramp_bend(since, clock.bend)]
-    )
-
-
-def compute_ramp_bend(since: Array, bend: tuple[float, float]) -> Array:
-    """Return what a hardening spring adds to a ramp, per g.
-
-    The ramp begins at a level with a slope.
-    """
-    level, slope = bend
-    return 3.0 * level * (slope * since) ** 2 + (slope * since) ** 3
+    return np.column_stack([*columns, np.vander(since, 4)[:, 1::-1]] if clock.bent else columns)
 
 
 def fit_approach(
@@ -328,17 +291,11 @@ def fit_approach(
     clock = Clock(
         find_mains(time[:slide_end], force[:slide_end]),
         float(time[: max(slide_end, 1)].mean()),
-        float(np.median(np.diff(time))),
     )
     found = _fit_ramp(time, force, marks, clock, start_up)
-    since = np.maximum(time[: found.end] - found.onset, 0.0)
-    if not straight and found.fit.would_gain_from(
-        compute_ramp_bend(since, (found.level, found.slope))
-    ):
-        for _ in range(_BENDS):  # the slope with which it begins tells how it bends
-            found = _fit_ramp(
-                time, force, marks, replace(clock, bend=(found.level, found.slope)), start_up
-            )
+    since = np.maximum(time[: found.fit.residuals.size] - found.onset, 0.0)
+    if not straight and found.fit.would_gain_from(np.vander(since, 4)[:, 1::-1]):
+        found = _fit_ramp(time, force, marks, replace(clock, bent=True), start_up)
     return found
 
 
@@ -350,25 +307,25 @@ def _fit_ramp(
         + 1
     )
     fit = _fit_until(time[:end], force[:end], marks.onset, clock, start_up)
-    onset = float(fit.shape[0])
+    found = Approach(fit, end, clock)
     # the filter of a converter rings a sample or two ahead of a corner
     rest = slice(end, max(marks.peak - 2, end))
-    columns = _build_approach_columns(time[rest], onset, clock)
-    left = _find_end_of_line(force[rest] - columns @ fit.weights[: columns.shape[1]], marks.noise)
+    unsure = found.ramp(float(time[marks.peak]))[1]
+    left = _find_end_of_line(force[rest] - found.line(time[rest]), marks.noise, unsure)
     extended = marks.peak if left is None else end + left
     if extended > end:
-        end = extended
-        fit = _fit_until(time[:end], force[:end], onset, clock, start_up)
-    return Approach(fit, end, clock)
+        fit = _fit_until(time[:extended], force[:extended], found.onset, clock, start_up)
+        return Approach(fit, extended, clock)
+    return found
 
 
 def _fit_until(
     t: Array, y: Array, onset: float, clock: Clock, start_up: Tool | None
 ) -> SeparableFit:
-    reach = max(0.25 * (float(t[-1]) - onset), 5.0 * clock.step)
+    reach = max(0.25 * (float(t[-1]) - onset), 5.0 * float(np.median(np.diff(t))))
 
     def build_columns(shape: Array) -> Array:
-        return _build_approach_columns(t, float(shape[0]), clock)
+        return _build_approach_columns(t, np.maximum(t - float(shape[0]), 0.0), clock)
 
     first = np.array([onset])
     fit = fit_separable(
@@ -404,15 +361,14 @@ def _fit_until(
     )
 
 
-def _find_end_of_line(miss: Array, noise: float) -> int | None:
-    # First sample from which on the force is off the line of the ramp for good. None where it stays
-    # on it.
+def _find_end_of_line(miss: Array, noise: float, unsure: float) -> int | None:
+    # First sample from which on the force is off the line of the ramp for good, beyond noise and
+    # what the line itself is unsure by. None where it stays on it.
     if not miss.size:
         return None
     window = min(4, miss.size)
-    off = np.abs(
-        np.convolve(miss, np.full(window, 1.0 / window), mode="valid")
-    ) > _LINE_SIGMAS * noise / np.sqrt(window)
+    mean = np.convolve(miss, np.full(window, 1.0 / window), mode="valid")
+    off = np.abs(mean) > _LINE_SIGMAS * math.hypot(noise / math.sqrt(window), unsure)
     if not off[-1]:
         return None
     # noise may cross the limit for a moment; only what stays off to the peak is the peak's own

@@ -122,10 +122,9 @@ def _find_corner(time: Array, marks: Landmarks, approach: Approach, ring: Ring) 
     # the force at the corner moves along the ramp by slope * dt, dt = (errors of both) /
     # (difference of slopes)
     share = approach.slope / -fall
-    spread = float(
-        np.hypot((1.0 - share) * approach.line_std(instant), share * ring.curve_std(instant))
-    )
-    return Peak(instant, approach.ramp(instant), spread, corner=True)
+    force, std = approach.ramp(instant)
+    spread = math.hypot((1.0 - share) * std, share * ring.curve_std(instant))
+    return Peak(instant, force, spread, corner=True)
 
 
 def _find_corner_of_fall(
@@ -165,8 +164,9 @@ def _find_corner_of_fall(
     instant = float(time[first]) + at * step
     # how a fall begins between two samples is not seen
     unseen = approach.slope * step / math.sqrt(12.0)
-    spread = math.hypot(approach.line_std(instant), approach.slope / -fall * noise, unseen)
-    return Peak(instant, approach.ramp(instant), spread, corner=True)
+    top, std = approach.ramp(instant)
+    spread = math.hypot(std, approach.slope / -fall * noise, unseen)
+    return Peak(instant, top, spread, corner=True)
 
 
 def _find_rounded_peak(time: Array, force: Array, marks: Landmarks, approach: Approach) -> Peak:
@@ -233,7 +233,7 @@ class Loading:
 
     def slope(self) -> Estimate:
         """Slope of the ramp, and its standard uncertainty [N/s]."""
-        return self.approach.mean_slope(self.peak.force - self.approach.level)
+        return self.approach.mean_slope(self.peak.time)
 
     def friction(self) -> Estimate:
         """Sliding over normal force, and its standard uncertainty [1]."""

@@ -15,7 +15,7 @@ again.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from typing import cast
 
 import numpy as np
@@ -45,19 +45,15 @@ _ALIKE = 1e-7
 _ROUNDING = 1e-12  # change of a force that is rounding [N]
 _SCALE = np.array([0.01, 0.05, 2.0, 5e-3, 0.05, 10.0, 0.1])  # in which the values of a fit move
 _MOST_PHASES = 5000
-_BEYOND = (
-    1.4  # twice the sliding force times this: a tip that stops farther below it clearly slips back
-)
+# twice the sliding force times this: a tip that stops farther below it clearly slips back
+_BEYOND = 1.4
 
 _BEGIN = 8e-3  # time after the slip in which a wrong fit of a ring shows [s]
 _LOWEST = 80.0  # [Hz] below lie hum and its first harmonic
 _RELEASE_DECAY = (0.05e-3, 0.4e-3, 1.5e-3)  # [s] least, first guess, most
 _LITTLE = 0.02  # g A^2 with which a tool that hardens is tried
 # misfit, and share of the misfit of a cosine, up to which it is taken for one
-_HARD, _CLOSER = (
-    7.0,
-    0.05,
-)
+_HARD, _CLOSER = 7.0, 0.05
 _FINE_STEP = 1e-5  # [s] of the motion of a tool that hardens
 _DECAYS = (5e-3, 12e-3, 25e-3, 60e-3)  # [s] first guesses of the decay time
 
@@ -76,25 +72,22 @@ class Ring:
         About which it rings at `origin` [N].
     origin : float
         Instant that the fit counts from [s].
-    mains : float
-        Mains frequency fitted along [Hz].
+    columns : callable
+        Of the fit, at times since `origin` [s] for a shape.
     fit : SeparableFit
         Shape: frequency, decay time, decay time of the release, of a tool that hardens g A^2 too;
-        weights: level, drift, hum (2), release, ring (2).
+        weights: level, drift, hum (2), release, of a gauge that bends its overtones (3), ring (2).
     misfit : float
         By how many standard errors the residuals miss the noise.
-    about : float
-        Level over amplitude, about which a tool that hardens rings [1].
     """
 
     frequency: Estimate
     decay_time: Estimate
     level: Estimate
     origin: float
-    mains: float
+    columns: Callable[[Array, Array], Array]
     fit: SeparableFit
     misfit: float
-    about: float = 0.0
 
     def curve(self, time: Array) -> Array:
         """Return the whole fit [N] at the instants `time`."""
@@ -109,12 +102,7 @@ class Ring:
             np.array([1e-3, 1e-6, 1e-6, 1e-4])[: self.fit.shape.size],
         )
         return propagate_std(
-            np.concatenate(
-                [
-                    slopes[0],
-                    _build_ring_columns(at, self.origin, self.mains, self.fit.shape, self.about)[0],
-                ]
-            ),
+            np.concatenate([slopes[0], self.columns(at, self.fit.shape)[0]]),
             self.fit.covariance,
         )
 
@@ -123,7 +111,7 @@ class Ring:
 
         Its standard uncertainty stands beside it [N].
         """
-        cosine, sine = self.fit.weights[5:7]
+        cosine, sine = self.fit.weights[-2:]
         reach = instant - self.origin
         decay = self.decay_time[0]
         growth = float(np.exp(-reach / decay))
@@ -136,11 +124,7 @@ class Ring:
         return carried, propagate_std(gradient, self.fit.covariance)
 
     def _model(self, since: Array, shape: Array) -> Array:
-        return np.asarray(
-            _build_ring_columns(since, self.origin, self.mains, shape, self.about)
-            @ self.fit.weights,
-            dtype=float,
-        )
+        return np.asarray(self.columns(since, shape) @ self.fit.weights, dtype=float)
 
 
 def guess_ring(time: Array, values: Array) -> Tool:
@@ -169,46 +153,45 @@ def guess_ring(time: Array, values: Array) -> Tool:
 def fit_ring(time: Array, force: Array, origin: float, mains: float, noise: float) -> Ring:
     """Fit a damped ring to the samples after a slip.
 
-    Where it is seen that the tool hardens, the ring is that of Duffing.
+    Where it is seen, the ring is that of a tool that hardens, after Duffing, or of a gauge that
+    bends.
     """
-    ring = _fit_damped(
-        time, force, origin, mains, noise, np.array([*guess_ring(time, force), _RELEASE_DECAY[1]])
-    )
-    # does what is left over look as that of a tool whose pitch falls as it dies?
+    fit_damped = partial(_fit_damped, time, force, origin, noise)
+    build = partial(_build_ring_columns, origin, mains)
+    ring = fit_damped(build, np.array([*guess_ring(time, force), _RELEASE_DECAY[1]]))
+    shape = ring.fit.shape
+    since = time - origin
+    found = [ring]
+    if ring.fit.would_gain_from(_build_overtones(since, shape)):
+        found.append(fit_damped(partial(build, bent=True), shape))
     about = ring.level[0] / ring.amplitude(origin)[0]
-    hard = np.append(ring.fit.shape, _LITTLE)
-    columns = [
-        _build_ring_columns(time - origin, origin, mains, shape, about)
-        for shape in (ring.fit.shape, hard)
-    ]
-    if not ring.fit.would_gain_from((columns[1] - columns[0]) @ ring.fit.weights):
-        return ring
-    harder = _fit_damped(time, force, origin, mains, noise, hard, about=about)
-    # about which level it rings is in units of an amplitude that a cosine misses
-    about = harder.level[0] / harder.amplitude(origin)[0]
-    harder = _fit_damped(time, force, origin, mains, noise, harder.fit.shape, about=about)
-    return harder if harder.misfit < max(_HARD, _CLOSER * ring.misfit) else ring
+    hard = np.append(shape, _LITTLE)
+    change = build(since, hard, about=about) - build(since, shape)
+    if ring.fit.would_gain_from((change @ ring.fit.weights)[:, None]):
+        harder = fit_damped(partial(build, about=about), hard)
+        # about which level it rings is in units of an amplitude that a cosine misses
+        about = harder.level[0] / harder.amplitude(origin)[0]
+        found.append(fit_damped(partial(build, about=about), harder.fit.shape))
+    best = min(found, key=lambda one: one.misfit)
+    return best if best.misfit < max(_HARD, _CLOSER * ring.misfit) else ring
 
 
 def _fit_damped(
     time: Array,
     force: Array,
     origin: float,
-    mains: float,
     noise: float,
+    columns: Callable[[Array, Array], Array],
     start: Array,
-    *,
-    about: float = 0.0,
 ) -> Ring:
-    frequency = start[0]
     count = start.size
     least = 0.85 if count == 3 else 0.7
     fit = fit_separable(
-        lambda shape: _build_ring_columns(time - origin, origin, mains, shape, about),
+        partial(columns, time - origin),
         force,
         start=start,
-        lower=np.array([least * frequency, 1e-3, _RELEASE_DECAY[0], 0.0])[:count],
-        upper=np.array([1.15 * frequency, 1.0, _RELEASE_DECAY[2], 3.0])[:count],
+        lower=np.array([least * start[0], 1e-3, _RELEASE_DECAY[0], 0.0])[:count],
+        upper=np.array([1.15 * start[0], 1.0, _RELEASE_DECAY[2], 3.0])[:count],
         scale=np.array([1.0, 5e-3, 1e-4, 0.05])[:count],
     )
     return Ring(
@@ -216,20 +199,28 @@ def _fit_damped(
         decay_time=(float(fit.shape[1]), fit.std(1)),
         level=(float(fit.weights[0]), fit.std(count)),
         origin=origin,
-        mains=mains,
+        columns=columns,
         fit=fit,
         misfit=compute_misfit(
-            fit.residuals, count + 7, int(np.searchsorted(time, origin + _BEGIN)), noise
+            fit.residuals,
+            count + fit.weights.size,
+            int(np.searchsorted(time, origin + _BEGIN)),
+            noise,
         ),
-        about=about,
     )
 
 
 def _build_ring_columns(
-    since: Array, origin: float, mains: float, shape: Array, about: float = 0.0
+    origin: float,
+    mains: float,
+    since: Array,
+    shape: Array,
+    *,
+    about: float = 0.0,
+    bent: bool = False,
 ) -> Array:
-    # Level and drift from the slip on, hum on the clock of the record, rest of the release, and
-    # ring.
+    # Level and drift from the slip on, hum on the clock of the record, rest of the release,
+    # overtones of a gauge that bends, and ring.
     frequency, decay, release, *cubic = shape.tolist()
     hum = build_wave_columns(since + origin, mains)
     ring = (
@@ -237,7 +228,19 @@ def _build_ring_columns(
         if cubic
         else build_damped_wave_columns(since, frequency, decay)
     )
-    return np.column_stack([np.ones_like(since), since, hum, np.exp(-since / release), ring])
+    columns = [np.ones_like(since), since, hum, np.exp(-since / release)]
+    return np.column_stack([*columns, *([_build_overtones(since, shape)] if bent else []), ring])
+
+
+def _build_overtones(since: Array, shape: Array) -> Array:
+    # What the square of a ring holds: its octave, and a level that dies with it
+    frequency, decay = shape[:2].tolist()
+    return np.column_stack(
+        [
+            np.exp(-2.0 * since / decay),
+            build_damped_wave_columns(since, 2.0 * frequency, 0.5 * decay),
+        ]
+    )
 
 
 def _build_hardening_columns(since: Array, tool: tuple[float, ...], about: float) -> Array:

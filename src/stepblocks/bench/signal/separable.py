@@ -14,7 +14,7 @@ import numpy as np
 
 from stepblocks.bench.signal import Array
 
-_CLEAR = 3.0  # standard uncertainties
+_CLEAR = 12.0  # chi squared of one to three columns that noise alone hardly gives
 # of the largest direction: what the data cannot tell apart, far above the rounding of the columns
 _UNSEEN = 1e-7
 
@@ -47,13 +47,16 @@ class SeparableFit:
         """Return the standard uncertainty of one of `shape` and `weights`, counted on."""
         return float(np.sqrt(max(self.covariance[index, index], 0.0)))
 
-    def would_gain_from(self, column: Array) -> bool:
-        """Whether one column more would clearly take a positive weight: one Gauss-Newton step."""
-        columns = np.column_stack([self.jacobian, column])
+    def would_gain_from(self, columns: Array) -> bool:
+        """Whether further columns would clearly explain more: one Gauss-Newton step."""
         weights, covariance = fit_with_covariance(
-            columns / np.linalg.norm(columns, axis=0), self.residuals
+            np.column_stack([self.jacobian, columns]), self.residuals
         )
-        return bool(weights[-1] > _CLEAR * math.sqrt(covariance[-1, -1]))
+        own = slice(-columns.shape[1], None)
+        return bool(
+            weights[own] @ np.linalg.pinv(covariance[own, own], hermitian=True) @ weights[own]
+            > _CLEAR
+        )
 
 
 def fit_separable(

@@ -52,7 +52,11 @@ class Problem:
         The regression is the flexible one.
         """
         trials = self.trials
-        dof = max(len(trials) - len(fitted.parameters), len(trials) // 2)
+        # what is known beforehand takes no freedom: heights from scans hardly follow their trials
+        left, _ = np.linalg.qr(fitted.jacobian)
+        leverage = left[: trials.values.size] ** 2
+        taken = float(leverage.reshape(*trials.values.shape, -1).sum(axis=(0, 2)).max())
+        dof = max(round(len(trials) - taken), len(trials) // 2)
         residual = np.where(trials.seen, trials.values - fitted.predicted, np.nan)
         responses = self.model.responses(trials, fitted.values, fitted.active)
         noise = build_noise(
@@ -137,12 +141,13 @@ class Fit:
 
     @property
     def criterion(self) -> float:
-        """Cost plus ``p ln n``, p the parameters of its effects.
+        """Cost plus ``p ln n``, p the parameters of its effects, less what is known of these.
 
         A place of a sudden change counts twice (Zhang and Siegmund 2007).
         """
         free = sum(len(e.parameters) + len(e.steps) for e in self.effects)
-        return self.cost + float(np.log(len(self.predicted))) * free
+        surprise = self.cost - sum(e.evidence for e in self.effects)
+        return surprise + float(np.log(len(self.predicted))) * free
 
 
 class _Objective:
