@@ -16,7 +16,6 @@ from stepblocks.loop.run import loop_session
 PLANTED = {
     "quiet": "nothing",
     "blunt": "edges rounded by 14 um",
-    "unexplained-b": "withdrawn: its bench let resting contacts creep",
     "cross-talk": "2.5 % of the normal force in the tangential gauge",
     "tangential-zero": "tangential gauge 18 mN too low",
     "normal-gain": "normal gauge reads 0.96",
@@ -33,6 +32,8 @@ PLANTED = {
     "two-days": "friction 1.2 times higher from trial 61 on",
     "warm-spring": "spring softens by 1.8 % per K",
 }
+# its bench let resting contacts creep
+WITHDRAWN = {"unexplained-b"}
 
 
 def main() -> None:
@@ -46,7 +47,10 @@ def main() -> None:
     parser.add_argument("--jobs", type=int)
     options = parser.parse_args()
     sessions = sorted(
-        path.parent for folder in options.folder for path in folder.glob("*/session.toml")
+        path.parent
+        for folder in options.folder
+        for path in folder.glob("*/session.toml")
+        if path.parent.name not in WITHDRAWN
     )
     print("| session | planted | verdict | effects and hints | finding | s |")
     print("|---|---|---|---|---|---|")

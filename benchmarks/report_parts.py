@@ -350,7 +350,7 @@ PARTS = [
     ),
     Part(
         "fuzz",
-        "python benchmarks/fuzz.py --count 640 --functions 20 --seed 2611",
+        "python benchmarks/fuzz.py --count 640 --functions 20 --seed 2626",
         {
             "fuzz-inputs": (r"\| all \| (\d+) \|", "{}"),
             "fuzz-faults": (r"\| all (?:\| \d+ ){3}\| (\d+) \|", "{}"),
