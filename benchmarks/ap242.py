@@ -18,6 +18,7 @@ from stepblocks.select import find_stimulus_files
 def main() -> int:
     """Print one line per part; 1 if a file does not pass."""
     wrong = 0
+    print("AP242 files of all shipped parts:\n")
     print(
         f"{'part':24} {'KiB':>6} {'write s':>8} {'check s':>8} {'dims':>5} {'tols':>5} "
         f"{'worst nm':>10}  findings"

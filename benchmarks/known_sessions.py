@@ -52,6 +52,7 @@ def main() -> None:
         for path in folder.glob("*/session.toml")
         if path.parent.name not in WITHDRAWN
     )
+    print("Sessions of about 94 to 240 trials:\n")
     print("| session | planted | verdict | effects and hints | finding | s |")
     print("|---|---|---|---|---|---|")
     with tempfile.TemporaryDirectory(prefix="stepblocks-sessions-") as scratch:
