@@ -177,7 +177,8 @@ def simulate_drag(
     x = max(track.features[0] - settings.lead, float(track.x[0]))
     places = track.catch_places
     needed = _compute_needed_pulls(places, settings)
-    rises = _RISE * (needed - settings.find_sliding_force())
+    level = settings.find_sliding_force()
+    rises = _RISE * (needed - level)
     limit = _find_force_limit(needed, settings)
     dt, bristle, blow = _find_time_step(probe, settings, limit)
     end = 20.0 * settings.ring_time
@@ -226,7 +227,7 @@ def simulate_drag(
             x,
             float(np.interp(x, track.x, track.z)) - depth,
             window,
-            probe.stretch(settings.find_sliding_force()),
+            probe.stretch(level),
             0.01 * track.ball_radius,
         ),
         (dt, steps, every),
@@ -241,7 +242,7 @@ def simulate_drag(
     )
     if own is not None:
         _check_law(own, rows[:count])
-    events = tuple(_list_events(passed[:passes], places, needed, rises))
+    events = tuple(_list_events(passed[:passes], places, needed, rises, level))
     trace = DragTrace(
         rows=rows[:count].copy(),
         status=Status.NO_CATCH,
@@ -289,6 +290,7 @@ def _list_events(
     places: CatchPlaces,
     needed: NDArray[np.float64],
     rises: NDArray[np.float64],
+    level: float,
 ) -> Iterator[DragEvent]:
     # Read the rows of the kernel: which place, whether it held the tip, and its own ledger
     before = np.zeros(10)
@@ -296,7 +298,8 @@ def _list_events(
     least = 0.02 * float(np.abs(passed[:, 7:]).max()) if len(passed) else 0.0
     for row in passed:
         n, pull, time, low, low_time, behind = int(row[0]), *map(float, row[[1, 2, 4, 5, 6]])
-        caught = pull - low > rises[n]
+        # a spring that pulls less than the force of sliding, `level`, has lifted nothing
+        caught = pull - low > rises[n] and pull > level
         yield DragEvent(
             place=n,
             status="locked" if math.isinf(needed[n]) else "releases" if caught else "run-over",
@@ -359,8 +362,11 @@ def _compute_needed_pulls(places: CatchPlaces, settings: DragSettings) -> NDArra
     # Pull that lifts a rigid tip over each place, equation (1) [N]; infinite where none does
     total = places.angle + math.atan(settings.friction_at_rest)
     locked = total >= 0.5 * math.pi - 1e-6
-    pull = settings.normal_load * np.tan(np.where(locked, 0.0, total)) + settings.tissue_friction
-    return np.where(locked, math.inf, pull)
+    return np.where(
+        locked,
+        math.inf,
+        settings.normal_load * np.tan(np.where(locked, 0.0, total)) + settings.tissue_friction,
+    )
 
 
 def _find_force_limit(needed: NDArray[np.float64], settings: DragSettings) -> float:
