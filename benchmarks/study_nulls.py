@@ -9,6 +9,7 @@ one bad participant, who gives the same answer in all trials. Each outcome is a 
 out/study-nulls/ANALYSIS.jsonl, so that the same command goes on where it was stopped; delete the
 file after a change of the analysis. What an interval should hold is a parameter of the simulation,
 or where that has no closed form, the mean of 4,000 participants without missing judgements.
+Intervals of all pairs of three or four conditions are one outcome: all of them must hold.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import argparse
 import gc
 import json
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -31,11 +32,17 @@ from statsmodels.stats.proportion import proportion_confint
 
 from stepblocks.study import experiments
 from stepblocks.study.analysis import accuracy, population
-from stepblocks.study.analysis.accuracy import MEASURES, analyse_measure, compute_measure
-from stepblocks.study.analysis.anova import run_f_test
+from stepblocks.study.analysis.accuracy import (
+    MEASURES,
+    analyse_measure,
+    assess_declared_factors,
+    compare_groups,
+    compute_measure,
+)
+from stepblocks.study.analysis.anova import Interval, run_f_test
 from stepblocks.study.analysis.ordinal import fit_ordinal_model
 from stepblocks.study.analysis.psychometric import compute_weber, find_crossing
-from stepblocks.study.analysis.repeated import average_participants
+from stepblocks.study.analysis.repeated import average_participants, compare_participants
 from stepblocks.study.analysis.results import StudyResult
 
 OUT = Path(__file__).parents[1] / "out" / "study-nulls"
@@ -134,29 +141,77 @@ def judge_estimates(random: Random, effect: float, bad: bool) -> Found:
 
 
 def judge_three(random: Random, effect: float, bad: bool) -> Found:
-    """Three conditions whose differences have unlike variances; nulls only."""
-    frame = estimates(random, 0.0, conditions=3, bad=bad)
-    found = {}
+    """Three conditions whose differences have unlike variances; the last has the effect."""
+    frame = estimates(random, effect, conditions=3, bad=bad)
+    found: Found = {"p": {}, "held": {}}
     for name in MEASURES:
         one = analyse_measure(frame, name)
         assert one.corrected is not None
-        found[name] = one.corrected.p
-        found[f"{name}, best of all pairs"] = min(gap.p for gap in one.paired)
-    return {"p": found, "held": {}}
+        found["p"][name] = one.corrected.p
+        found["p"][f"{name}, best of all pairs"] = min(gap.p for gap in one.paired)
+        if effect:
+            truths = {"a": true_changes()[name], "b": true_changes()[name], "c": 0.0}
+            for kind, family in (("differences", one.paired), ("model", one.mixed.intervals)):
+                found["held"][f"{name}, all pairs, {kind}"] = hold_together(family, truths)
+    return found
+
+
+def hold_together(family: Sequence[Interval], means: Mapping[str, float]) -> bool:
+    """Say whether every interval of a family holds the difference of its true means."""
+    return all(gap.low < means[gap.first] - means[gap.second] < gap.high for gap in family)
+
+
+def factors(
+    random: Random, effect: float, people: int = 12, bad: bool = False, whole: bool = False
+) -> pd.DataFrame:
+    """Absolute errors of two crossed factors within, and of two groups of participants.
+
+    The effects are on the last of the four conditions, and on the bias of the second group.
+    """
+    frame = estimates(random, effect, people, 4, bad, whole)
+    number = frame["condition"].map({"a": 0, "b": 1, "c": 2, "d": 3})
+    group = (frame["participant"].astype(int) % 2).map({0: "x", 1: "y"})
+    frame["error"] += effect * BIAS * (group == "y")
+    frame = frame.assign(factor_u=number // 2, factor_v=number % 2, group=group)
+    return compute_measure(frame, "absolute error")[0]
+
+
+@cache
+def true_factors() -> tuple[dict[str, float], dict[str, float], dict[str, float]]:
+    """Return the means of the conditions and of the groups, and noncentralities for one person."""
+    data = factors(np.random.default_rng(9), 1.0, people=4000, whole=True)
+    table = average_participants(data)
+    a, b, c, d = (table[name] for name in "abcd")
+    contrasts = {"u": a + b - c - d, "v": a - b + c - d, "u:v": a - b - c + d}
+    noncentral = {name: float(one.mean() ** 2 / one.var()) for name, one in contrasts.items()}
+    own = table.mean(axis=1).groupby(data.groupby("participant")["group"].first())
+    means = own.mean().to_dict()
+    # two groups of half of the people each
+    noncentral["group"] = 0.25 * (means["x"] - means["y"]) ** 2 / float(own.var().mean())
+    return table.mean().to_dict(), means, noncentral
 
 
 def judge_factors(random: Random, effect: float, bad: bool) -> Found:
-    """Two crossed factors within, and two groups of participants; nulls only."""
-    from stepblocks.study.analysis.accuracy import assess_declared_factors, compare_groups
-
-    frame = estimates(random, 0.0, people=12, conditions=4, bad=bad)
-    number = frame["condition"].map({"a": 0, "b": 1, "c": 2, "d": 3})
-    group = (frame["participant"].astype(int) % 2).map({0: "x", 1: "y"})
-    frame = frame.assign(factor_u=number // 2, factor_v=number % 2, group=group)
-    data = compute_measure(frame, "absolute error")[0]
-    complete = average_participants(data).dropna()
-    terms = [*assess_declared_factors(data, complete), *compare_groups(data)[0]]
-    return {"p": {f"factors, {one.name}": one.p for one in terms}, "held": {}}
+    """Two crossed factors within, and two groups of participants."""
+    data = factors(random, effect, bad=bad)
+    table = average_participants(data)
+    groups, apart = compare_groups(data)
+    terms = [*assess_declared_factors(data, table.dropna()), *groups]
+    found: Found = {"p": {f"factors, {one.name}": one.p for one in terms}, "held": {}}
+    if effect:
+        conditions, means, noncentral = true_factors()
+        found["held"]["all pairs of conditions"] = hold_together(
+            compare_participants(table), conditions
+        )
+        found["held"]["groups"] = hold_together(apart, means)
+        for one in terms:
+            if one.name in noncentral:  # the groups respond alike: its interval begins at zero
+                size = noncentral[one.name] * table.shape[0]
+                truth = size / (size + one.df + one.df_error + 1.0)
+                found["held"][f"partial eta squared, {one.name}"] = (
+                    one.eta_low < truth < one.eta_high
+                )
+    return found
 
 
 def pairs(random: Random, effect: float, people: int, bad: bool) -> list[pd.DataFrame]:
@@ -259,14 +314,13 @@ def judge_magnitudes(random: Random, effect: float, bad: bool) -> Found:
     return found
 
 
-# what judges a study, and whether it is asked for effects as well
-ANALYSES: dict[str, tuple[Callable[[Random, float, bool], Found], bool]] = {
-    "estimates": (judge_estimates, True),
-    "comparisons": (judge_pairs, True),
-    "magnitudes": (judge_magnitudes, True),
-    "three": (judge_three, False),
-    "factors": (judge_factors, False),
-    "groups": (judge_pairs_of_groups, True),
+ANALYSES: dict[str, Callable[[Random, float, bool], Found]] = {
+    "estimates": judge_estimates,
+    "comparisons": judge_pairs,
+    "magnitudes": judge_magnitudes,
+    "three": judge_three,
+    "factors": judge_factors,
+    "groups": judge_pairs_of_groups,
 }
 
 
@@ -305,8 +359,7 @@ def work(names: list[str], sizes: dict[int, int]) -> Iterator[str]:
     done = {name: {(one["effect"], one["seed"]) for one in read(name)} for name in names}
     for first in range(0, max(sizes.values()), CHUNK):
         for name in names:
-            judge, effects = ANALYSES[name]
-            for effect, size in sizes.items() if effects else ((0, sizes[0]),):
+            for effect, size in sizes.items():
                 left = [
                     seed
                     for seed in range(first, min(first + CHUNK, size))
@@ -316,7 +369,7 @@ def work(names: list[str], sizes: dict[int, int]) -> Iterator[str]:
                     random = np.random.default_rng([seed, effect, sorted(ANALYSES).index(name)])
                     bad = bool(seed % 2)
                     line = {"effect": effect, "seed": seed, "bad": bad}
-                    line |= judge(random, float(effect), bad)
+                    line |= ANALYSES[name](random, float(effect), bad)
                     with (OUT / f"{name}.jsonl").open("a") as file:
                         file.write(json.dumps(line, default=bool) + "\n")
                 if left:

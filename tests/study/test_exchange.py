@@ -10,6 +10,7 @@ import subprocess
 import numpy as np
 import pandas as pd
 import pytest
+from scipy import stats
 
 from stepblocks.cli import main
 from stepblocks.errors import StudyError
@@ -167,6 +168,32 @@ def test_groups_of_participants_are_compared(study, tmp_path):
         StudyError, match="every participant must have a group, got none for 2, 3, 4, 5, 6"
     ):
         analyse_study(study, [study / "sheets"], groups=people)
+
+
+def test_groups_are_compared_where_all_participants_meet_one_condition(tmp_path):
+    # expected: Student's t of SciPy over the participants' mean errors
+    design_study(HEIGHTS, tmp_path, seed=1, participants=8, probes=("bare",))
+    simulate_study(tmp_path, None, tmp_path / "answers.csv", seed=2)
+    people = {f"{n}": "dentist" if n < 4 else "student" for n in range(1, 9)}
+    (tmp_path / "people.csv").write_text(
+        "participant,group\n" + "".join(f"{who},{group}\n" for who, group in people.items())
+    )
+    command = ["study", "analyse", str(tmp_path), str(tmp_path / "answers.csv")]
+    assert main(command) == 2  # nothing differs without groups
+    assert main([*command, "--groups", str(tmp_path / "people.csv")]) == 0
+    table = pd.read_csv(tmp_path / "report" / "results.csv")
+    (row,) = table[
+        (table["measure"] == "bias")
+        & (table["quantity"] == "dentist minus student")
+        & (table["analysis"] == "mixed model")
+    ].to_dict("records")
+    judged = pd.read_csv(tmp_path / "report" / "judgements.csv", dtype={"participant": str})
+    means = judged.groupby("participant")["error_um"].mean()
+    dentists = means.index.map(people) == "dentist"
+    found = stats.ttest_ind(means[dentists], means[~dentists])
+    ends = found.confidence_interval()
+    assert row["p"] == pytest.approx(found.pvalue, rel=1e-4)
+    assert [row["low_95"], row["high_95"]] == pytest.approx([ends.low, ends.high], rel=1e-4)
 
 
 def test_power_of_pairs_is_that_of_the_binomial():
