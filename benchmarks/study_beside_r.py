@@ -2,7 +2,8 @@
 
     python benchmarks/study_beside_r.py [--every]
 
-R's figures are data, by tests/study/data/beside.R with the versions that beside.json names. A row
+R's figures are data, by tests/study/data/beside.R with the versions that beside.json names; those
+of psignifit, a program in Python, by beside_psignifit.py there. A row
 holds a statistic, an estimate or an end of an interval; it is apart by a share of R's figure or,
 where that may be near zero, of half an interval. `TOLERANCES` says what is allowed for each
 analysis and why; tests/study/test_beside_r.py holds it. With --every all figures are printed.
@@ -34,6 +35,8 @@ from stepblocks.study.analysis.repeated import (
 
 DATA = Path(__file__).resolve().parents[1] / "tests" / "study" / "data"
 R = json.loads((DATA / "beside.json").read_text())
+PSIGNIFIT = json.loads((DATA / "psignifit.json").read_text())
+R |= PSIGNIFIT | {"origin": f"{R['origin']}; {PSIGNIFIT['origin']}"}
 LAPSED = [25, 32, 40, 45, 55, 62, 75, 90], [3, 2, 9, 14, 24, 33, 37, 37], [40] * 8
 
 # what is compared, R's figure, ours, and the scale on which they may be apart
@@ -48,6 +51,8 @@ TOLERANCES = {
     # adaptive quadrature there, 31 fixed points here
     "levels of participants": 2e-5,
     "psychometric function": 1e-4,
+    # its search ends earlier, where the likelihood is flat
+    "psychometric function beside psignifit": 5e-3,
     # likelihoods on a grid, of which a step is a tenth of the interval; shares of that
     "population": 0.03,
     # slopes normal over participants, with a correlation and no lapses: another model
@@ -159,7 +164,7 @@ def compare_ratings() -> Iterator[Row]:
 
 
 def compare_curves() -> Iterator[Row]:
-    """Psychometric functions of one participant: psyphy, and profiles by optim."""
+    """Psychometric functions of one participant: psyphy, psignifit, and profiles by optim."""
     rows = pd.read_csv(DATA / "comparisons.csv")
     tables = {
         str(who): (own["height_um"], own["hits"], own["totals"])
@@ -171,6 +176,14 @@ def compare_curves() -> Iterator[Row]:
         for row, scale in zip(
             compare("psychometric function", f"psyphy participant {who}", ours),
             (fit.spread, fit.spread, 0.1, fit.deviance),
+            strict=True,
+        ):
+            yield *row[:4], scale
+        for row, scale in zip(
+            compare(
+                "psychometric function beside psignifit", f"psignifit participant {who}", ours[:3]
+            ),
+            (fit.spread, fit.spread, 0.1),
             strict=True,
         ):
             yield *row[:4], scale
