@@ -23,12 +23,13 @@ from stepblocks.inspect.edge_arc import (
     compute_edge_profile,
     fit_arc,
     fit_flank,
+    is_flank_of_surface,
 )
 from stepblocks.inspect.form import _DRAWS, fit_face
 from stepblocks.inspect.grooves import measure_groove
 from stepblocks.inspect.map_levels import _estimate_by_bands, measure_masked_step
 from stepblocks.inspect.measure import measure_margin, measure_tip
-from stepblocks.inspect.working_edge.measure import _is_flank_of_surface, measure_edge
+from stepblocks.inspect.working_edge.measure import measure_edge
 
 X = np.arange(-200, 200) * 1e-6
 EXACT = Instrument(0.0, 0.0, 0.0)
@@ -315,14 +316,14 @@ def test_bands_of_rows_of_one_size_scatter_as_their_mean_depths_do():
 def test_a_flank_is_hidden_by_the_stylus_only_about_the_steepest_that_styli_show():
     # without a stated cone: cones of 60 to 90 degrees show flanks up to 60 and 45 degrees
     seen = [
-        _is_flank_of_surface(np.radians(angle), 0.0, None)
+        is_flank_of_surface(np.radians(angle), 0.0, None)
         for angle in (20.0, 40.0, 52.0, 70.0, 89.0)
     ]
     assert seen == [True, True, False, True, True]
     # a cone of 60 degrees shows flanks up to 60 degrees; one of none shows all
-    assert _is_flank_of_surface(np.radians(55.0), 0.0, np.radians(60.0))
-    assert not _is_flank_of_surface(np.radians(65.0), 0.0, np.radians(60.0))
-    assert _is_flank_of_surface(np.radians(89.9), 0.0, 0.0)
+    assert is_flank_of_surface(np.radians(55.0), 0.0, np.radians(60.0))
+    assert not is_flank_of_surface(np.radians(65.0), 0.0, np.radians(60.0))
+    assert is_flank_of_surface(np.radians(89.9), 0.0, 0.0)
 
 
 @pytest.mark.parametrize("kind", ["circle", "sphere"])
