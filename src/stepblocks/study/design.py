@@ -378,13 +378,13 @@ class Blocks:
         """Predict the energy of vibration [J] of each block; each must release the probe."""
         found = dict(zip(self.faces, _predict_felt(self.faces.values(), self.point), strict=True))
         for name, face in self.faces.items():
-            status = face.release(self.point).status
-            reason = "walked over in time" if status is Status.RELEASES else status.value
-            PipelineError.require(
-                found[name] > 0.0,
-                f"every block must release the probe to be felt by its vibration; {name} is "
-                f"{reason} at friction {self.point.friction:g}",
-            )
+            if not found[name] > 0.0:
+                status = face.release(self.point).status
+                reason = "walked over in time" if status is Status.RELEASES else status.value
+                raise PipelineError(
+                    f"every block must release the probe to be felt by its vibration; {name} "
+                    f"is {reason} at friction {self.point.friction:g}"
+                )
         return found
 
 

@@ -284,12 +284,12 @@ def simulate_study(
     design, output = sheet.read_design(Path(folder) / "design.csv"), Path(output)
     known = sorted({level for row in design for level in list_levels(row)} - {""})
     for option, given in (("damping", damping), ("noise", noise)):
-        unknown = sorted(set(given or {}) - set(known))[:1]
-        PipelineError.require(
-            not unknown,
-            f"{option} must name conditions of the design ({', '.join(known)}), got "
-            f"{''.join(unknown)!r}",
-        )
+        unknown = sorted(set(given or {}) - set(known))
+        if unknown:
+            raise PipelineError(
+                f"{option} must name conditions of the design ({', '.join(known)}), got "
+                f"{unknown[0]!r}"
+            )
     refuse_unused_options(design[0]["experiment"], {"noise": noise} if noise else {})
     answers = sheet.simulate_answers(
         design,
