@@ -311,7 +311,7 @@ def test_a_release_in_motion_takes_the_mass_that_the_ring_tells(design):
     state = build_nominal_state(design, _VALUES)
     moved = _law("real_release").apply(state, None, {"weight": 1.0})
     mass = state.stiffness / (2.0 * math.pi * state.frequency) ** 2
-    excess, _ = compute_release(
+    excess, share = compute_release(
         state.height / state.radius,
         state.friction,
         state.stiffness * state.radius / state.load,
@@ -320,3 +320,26 @@ def test_a_release_in_motion_takes_the_mass_that_the_ring_tells(design):
         np.zeros(4),
     )
     assert moved.climb_load == pytest.approx(state.climb_load + state.load * np.expm1(excess))
+    # where the motion rings with the paper's share, the conversion stays what it is
+    assert moved.conversion == pytest.approx(
+        state.conversion * np.exp(share) / PAPER.tool.conversion
+    )
+
+
+def test_a_gauge_with_loops_shows_a_ring_that_is_late_by_its_own_amplitude(design):
+    # origin: loops after Rayleigh lag by 4 b A / 3 pi at a swing of A, which decays; a line through
+    # the phase, each swing weighed by its energy, rises by what the lag falls meanwhile
+    loops = 0.03
+    state = build_nominal_state(design, _VALUES)
+    plain = compute_channels(state)
+    shown = compute_channels(state.changed(gauge_hysteresis=np.full(4, loops)))
+    swing = np.sqrt(2.0 * state.nominal_stiffness * np.exp(plain[:, CHANNELS.index("ln_energy")]))
+    decay = state.decay_time[0]
+    time = np.linspace(0.0, 20.0 * decay, 200_001)
+    fall = np.exp(-time / decay)
+    lag = -4.0 / (3.0 * math.pi) * loops * fall
+    slope = np.polyfit(time, lag, 1, w=fall)[0]  # the weights of polyfit count twice
+    faster = slope * swing / (2.0 * math.pi * state.frequency)
+    place = CHANNELS.index("ln_ring_frequency")
+    assert faster.min() > 1e-5
+    assert shown[:, place] - plain[:, place] == pytest.approx(faster, rel=1e-4)
