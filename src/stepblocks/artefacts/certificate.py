@@ -118,19 +118,16 @@ def _format_line(number: int, entry: Document) -> Document:
     )
     inside = (lower is None or value >= lower) and (upper is None or value <= upper)
     status = {"conforms": "pass", "does not conform": "fail"}.get(entry["verdict"])
-    sizes = {
-        "value": value,
-        "expanded": 0.5 * (high - low),
-        "nominal": entry[f"nominal_{unit}"],
-        "guard": entry[f"guard_band_{unit}"],
-    }
     budget = [(part["name"], part[f"std_{unit}"], part["how"]) for part in entry["budget"]]
     return {
         "number": number,
         "label": entry["label"],
         "verdict": entry["verdict"],
         "unit": {"m": "\\metre", "rad": "\\radian"}[unit],
-        **{name: _format_decimal(size) for name, size in sizes.items()},
+        "value": _format_decimal(value),
+        "expanded": _format_decimal(0.5 * (high - low)),
+        "nominal": _format_decimal(entry[f"nominal_{unit}"]),
+        "guard": _format_decimal(entry[f"guard_band_{unit}"]),
         "factor": f"{entry['coverage_factor']:.3f}",
         "limits": [
             (side, _format_decimal(end))

@@ -233,12 +233,10 @@ def _check_pieces(part: Part, path: Path) -> Iterator[Verdict]:
         max(piece.measure_concavity() for piece in pieces),
         NANOMETRE,
     )
-    whole = math.fsum(part.volumes()) + part.removed_volume
-    total = math.fsum(piece.volume for piece in pieces)
     yield Finding(
         "volume of the pieces",
-        whole,
-        total,
+        math.fsum(part.volumes()) + part.removed_volume,
+        math.fsum(piece.volume for piece in pieces),
         _PIECES_LIMIT if part.is_turned else VOLUME_LIMIT,
         "volume",
         relative=True,
@@ -313,8 +311,12 @@ def _check_field(
         f"{list(heights.shape)} [{path}]",
     )
     x = side["origin_x_m"] + side["spacing_x_m"] * np.arange(heights.shape[1])
-    worst = np.abs(heights - [part.top(position) for position in x.tolist()]).max()
-    yield Finding("largest error of a height", 0.0, float(worst), NANOMETRE)
+    yield Finding(
+        "largest error of a height",
+        0.0,
+        float(np.abs(heights - [part.top(position) for position in x.tolist()]).max()),
+        NANOMETRE,
+    )
     third = heights.shape[1] // 3
     step = (
         math.fsum(heights[:, -third:].mean(axis=0)) / third

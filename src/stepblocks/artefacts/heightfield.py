@@ -31,8 +31,9 @@ def sample_height_field(part: Part) -> NDArray[np.float64]:
         Heights [m]; rows ascend in y, columns in x, the samples lie between the edges rather than
         on them.
     """
-    profile: NDArray[np.float64] = part.counterface().heights(_choose_positions(part))
-    return np.tile(profile, (len(_list_positions(_HALF_Y)), 1))
+    return np.tile(
+        part.counterface().heights(_choose_positions(part)), (len(_list_positions(_HALF_Y)), 1)
+    )
 
 
 def _choose_positions(part: Part) -> NDArray[np.float64]:

@@ -57,31 +57,25 @@ def write_qif(
     numbered = {one.key: (one, index) for index, one in enumerate(listed)}
     taken = [(*numbered[key], *value) for key, value in values.items() if key in numbered]
     statuses = {_STATUS[verdict] for *_, verdict in values.values()}
+    unless_failed = "UNKNOWN" if not is_complete or "UNDEFINED" in statuses else "PASS"
     text = render_page(
         "stepblocks.artefacts",
         "qif.xml.j2",
-        **{
-            "part": part,
-            "author": order.author,
-            "date": order.date or _PINNED,
-            "listed": listed,
-            "status": _STATUS,
-        },
-        **{
-            "form": FORM,
-            "framed": any(one.kind == "parallelism" for one in listed),
-            "kind": _name_qif_kind,
-            "scaled": _format_scaled,
-        },
-        **{"has_results": measured is not None, "taken": taken},
+        part=part,
+        author=order.author,
+        date=order.date or _PINNED,
+        listed=listed,
+        status=_STATUS,
+        form=FORM,
+        framed=any(one.kind == "parallelism" for one in listed),
+        kind=_name_qif_kind,
+        scaled=_format_scaled,
+        has_results=measured is not None,
+        taken=taken,
         name=uuid.uuid5(
             _SPACE, f"stepblocks/{part.id}/{'plan' if measured is None else 'results'}/{content}"
         ),
-        whole="FAIL"
-        if "FAIL" in statuses
-        else "UNKNOWN"
-        if not is_complete or "UNDEFINED" in statuses
-        else "PASS",
+        whole="FAIL" if "FAIL" in statuses else unless_failed,
     )
     document = etree.fromstring(text, etree.XMLParser(remove_blank_text=True))
     replace_bytes(

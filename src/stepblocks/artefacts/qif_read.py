@@ -87,10 +87,12 @@ def _parse_root(path: Path) -> etree._Element:
             path.stat().st_size <= _MOST_BYTES,
             f"QIF results must not exceed {_MOST_BYTES} bytes [{path}]",
         )
-        parser = etree.XMLParser(
-            resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False
-        )
-        root = etree.parse(path, parser).getroot()
+        root = etree.parse(
+            path,
+            etree.XMLParser(
+                resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False
+            ),
+        ).getroot()
     except (OSError, etree.XMLSyntaxError) as error:
         raise MetrologyError(
             f"QIF results must be a readable XML file: {error} [{path}]"

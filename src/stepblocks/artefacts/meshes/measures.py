@@ -84,10 +84,9 @@ class MeshMeasures:
         """Find the deepest upright wall across x near the edge [m]; its normal is +x or -x."""
         normals, areas = self._normals_and_areas
         x = self.vertices[self.triangles, 0].mean(axis=1)
-        # the walls of engraved letters are short
-        along = np.ptp(self.vertices[self.triangles, 1], axis=1) > _ALONG_EDGE
         chosen = (
-            along
+            # the walls of engraved letters are short
+            (np.ptp(self.vertices[self.triangles, 1], axis=1) > _ALONG_EDGE)
             & (facing * normals[:, 0] > 1.0 - 1e-6)
             & (np.abs(x) < reach)
             & (self.vertices[self.triangles, 2].min(axis=1) < -50e-6)

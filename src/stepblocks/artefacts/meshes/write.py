@@ -59,10 +59,8 @@ def write_3mf(path: Path, mesh: Mesh) -> None:
 
 
 def _number_identifiers(text: bytes) -> bytes:
-    found = dict.fromkeys(
-        re.findall(rb"[0-9a-f]{8}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{12}", text)
-    )
-    for number, identifier in enumerate(found, start=1):
+    identifiers = re.findall(rb"[0-9a-f]{8}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{12}", text)
+    for number, identifier in enumerate(dict.fromkeys(identifiers), start=1):
         text = text.replace(identifier, b"00000000-0000-4000-8000-%012d" % number)
     return text
 

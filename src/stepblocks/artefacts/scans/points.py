@@ -86,10 +86,9 @@ def _find_axes(x: Array, y: Array) -> list[Array]:
         )
         counts[fast] = round(extents[fast] / float(even)) + 1
     counts = [count or max(round(len(x) / max(counts)), 1) for count in counts]
-    pairs = zip(exact, counts, (x, y), strict=True)
     return [
         np.linspace(one.min(), one.max(), count) if axis is None else axis
-        for axis, count, one in pairs
+        for axis, count, one in zip(exact, counts, (x, y), strict=True)
     ]
 
 
@@ -151,10 +150,8 @@ def _read_json_image(path: Path, per: Array) -> HeightMap:
         "uint16": "u2",
         "float32": "f4",
     }[data["ImageType"]]
-    raw = np.frombuffer(base64.b64decode(data["Pixels"]["data"]), kind).reshape(
-        data["Height"], data["Width"]
-    )
-    counts = raw.astype(np.float64)
+    raw = np.frombuffer(base64.b64decode(data["Pixels"]["data"]), kind)
+    counts = raw.reshape(data["Height"], data["Width"]).astype(np.float64)
     if image.get("HandleZeroPixels") == "MissingData":
         counts[counts == 0.0] = np.nan
     z = (counts * size["z"] + origin["z"]) * per[2]

@@ -314,9 +314,10 @@ def _read_x3p(path: Path) -> ScannedProfile | HeightMap:
     scale = "ISO 25178-72: heights in metres, checksums verified"
     count = abs(header.z.increment or 1.0)
     if layer.z.ndim == 1 and isinstance(layer, x3pio.ProfileLayer):
-        even = np.arange(len(layer.z), dtype=np.float64)
         return ScannedProfile(
-            even * header.x.increment if layer.x is None else layer.x,
+            np.arange(len(layer.z), dtype=np.float64) * header.x.increment
+            if layer.x is None
+            else layer.x,
             layer.z,
             path.name,
             scale,

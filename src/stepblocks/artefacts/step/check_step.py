@@ -265,25 +265,21 @@ def _read_limits(file: Exchange, ref: str) -> tuple[Measure | None, float, float
                 found[side] = measure if side else found.get(side, measure)
     if (nominal := found.pop("", None)) is None:
         return None, math.nan, math.nan, "no value"
-    lower, upper = math.nan, math.nan
+    lower, upper = (
+        found[side].si - nominal.si if side in found else math.nan for side in ("lower", "upper")
+    )
     problem = ""
-    if found:
-        lower, upper = (
-            found[side].si - nominal.si if side in found else math.nan
-            for side in ("lower", "upper")
-        )
-    for stated in (
-        _list_related_instances(file, ref, "PLUS_MINUS_TOLERANCE", 1) if not found else ()
-    ):
-        if bounds := file.parameters(stated, "TOLERANCE_VALUE"):
-            sides = [one for bound in bounds if (one := read_measure(file, bound)) is not None]
-            if len(sides) != 2:
-                problem = "limits without a value"
-            elif {one.unit.dimension for one in sides} != {nominal.unit.dimension}:
-                problem = "limits in another kind of unit than the value"
-            else:
-                lower, upper = (one.si for one in sides)
-            break
+    if not found:
+        for stated in _list_related_instances(file, ref, "PLUS_MINUS_TOLERANCE", 1):
+            if bounds := file.parameters(stated, "TOLERANCE_VALUE"):
+                sides = [one for bound in bounds if (one := read_measure(file, bound)) is not None]
+                if len(sides) != 2:
+                    problem = "limits without a value"
+                elif {one.unit.dimension for one in sides} != {nominal.unit.dimension}:
+                    problem = "limits in another kind of unit than the value"
+                else:
+                    lower, upper = (one.si for one in sides)
+                break
     return nominal, lower, upper, "limits are not in order" if lower >= upper else problem
 
 
@@ -357,21 +353,18 @@ def _check_dimension(dimension: Characteristic) -> Iterator[str]:
 def _list_textures(file: Exchange) -> Iterator[tuple[str, float]]:
     for _, (described, shown, *_) in file.named("PROPERTY_DEFINITION_REPRESENTATION"):
         kind, _, owner = file.parameters(described, "PROPERTY_DEFINITION") or ("", "", "")
-        for item in (
-            (file.parameters(shown, "REPRESENTATION") or ("", ()))[1]
-            if kind == "surface texture"
-            else ()
-        ):
+        if kind != "surface texture":
+            continue
+        for item in (file.parameters(shown, "REPRESENTATION") or ("", ()))[1]:
             if (measure := read_measure(file, item)) is not None:
                 yield from ((face.ref, measure.si) for face in find_faces(file, owner))
 
 
 def _list_material_names(file: Exchange) -> Iterator[str]:
     for _, values in file.named("REPRESENTATION"):
-        for item in (
-            values[1] if len(values) == 3 and "material name" in str(values[0]).lower() else ()
-        ):
-            yield from map(str, file.parameters(item, "DESCRIPTIVE_REPRESENTATION_ITEM")[:1])
+        if len(values) == 3 and "material name" in str(values[0]).lower():
+            for item in values[1]:
+                yield from map(str, file.parameters(item, "DESCRIPTIVE_REPRESENTATION_ITEM")[:1])
 
 
 def format_step_table(report: StepReport) -> str:

@@ -40,7 +40,9 @@ class Exchange:
     """
 
     def __init__(self, name: str, schema: tuple[str, ...], raw: dict[str, str]) -> None:
-        self.name, self.schema, self._raw = name, schema, raw
+        self.name = name
+        self.schema = schema
+        self._raw = raw
         self._parsed: dict[str, dict[str, tuple[Any, ...]]] = {}
         self._holding: dict[
             str, list[str]
@@ -176,7 +178,8 @@ def _parse_instance(body: str) -> dict[str, tuple[Any, ...]]:
     several = body.startswith("(")
 
     def as_json(found: re.Match[str]) -> str:
-        kind, token = found.lastgroup, found[found.lastgroup or 0]
+        kind = found.lastgroup
+        token = found[kind or 0]
         if kind == "word":
             between = (
                 "," if several and len(closing) == 1 and body[1 : found.start()].strip() else ""
@@ -192,11 +195,9 @@ def _parse_instance(body: str) -> dict[str, tuple[Any, ...]]:
             return "["
         if kind == "other":
             raise ValueError(f"no parameter: {body[found.start() :][:20]!r}")
-        return (
-            json.dumps(_decode(token) if kind == "text" else token)
-            if kind in ("text", "name")
-            else token
-        )
+        if kind == "text":
+            return json.dumps(_decode(token))
+        return json.dumps(token) if kind == "name" else token
 
     found = json.loads(_TOKEN.sub(as_json, body), object_pairs_hook=lambda pairs: Typed(*pairs[0]))
     entities = found if several else [found]

@@ -86,8 +86,13 @@ def _read_surface(file: Exchange, item: str, representation: str) -> Surface:
         return Surface(item, kind, representation=representation)
     if kind == "LINE":
         along = (*file.parameters(parameters[-1], "VECTOR"), None, None)[1]
-        line = length.si(_read_coordinates(file, parameters[1])), _read_direction(file, along)
-        return Surface(item, kind, *line, representation=representation)
+        return Surface(
+            item,
+            kind,
+            length.si(_read_coordinates(file, parameters[1])),
+            _read_direction(file, along),
+            representation=representation,
+        )
     point, axis, _ = _read_placement(file, parameters[1])
     numbers = [
         math.nan if (size := read_number(value)) is None else size for value in parameters[2:]

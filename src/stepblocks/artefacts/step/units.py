@@ -80,7 +80,8 @@ def read_measure(file: Exchange, ref: object) -> Measure | None:
     for name, at in _MEASURES.items():
         values = file.parameters(ref, name)[at:]
         if len(values) >= 2:
-            value, unit = read_number(values[0]), read_unit(file, values[1])
+            value = read_number(values[0])
+            unit = read_unit(file, values[1])
             return None if value is None else Measure(unit.si(value), unit)
     return None
 
@@ -138,7 +139,8 @@ def _read_derived_unit(file: Exchange, ref: object) -> tuple[float, dict[str, fl
     for element in (file.parameters(ref, "DERIVED_UNIT") or ((),))[0]:
         values = file.parameters(element, "DERIVED_UNIT_ELEMENT")
         if len(values) == 2:
-            unit, power = read_unit(file, values[0]), read_number(values[1]) or 0.0
+            unit = read_unit(file, values[0])
+            power = read_number(values[1]) or 0.0
             powers[unit.dimension] = powers.get(unit.dimension, 0.0) + power
             factor *= unit.factor**power
     return factor, powers

@@ -123,12 +123,11 @@ def write_conforming(
     order: OrderSpec = NO_ORDER,
 ) -> None:
     """Write bodies with their dimensions, each with its name, which the kernel does not write."""
-    plain = [one for _, one in dimensions]
     with write_atomically(path) as draft:
         write_step_with_tolerances(
             draft,
             bodies,
-            plain,
+            [one for _, one in dimensions],
             tolerances,
             (material.order_text, None if material.density is None else material.density.value),
             identity,
