@@ -21,6 +21,8 @@ STEEPEST = 1e9  # slope that stands for a vertical wall
 _ANGLE_STEP = 2e-3
 _MOST_KNOTS = 20_000  # of all circles together; a scan has hundreds of them
 _CATCH = 1e-6  # a change of slope that counts as a notch
+_CLOSE = 1e-15  # by which a place may lie beside the end of a shape [m]
+_AT_ONCE = 100_000  # heights of all shapes, beyond which a path is looked at in parts
 
 
 class FeatureRange(NamedTuple):
@@ -108,80 +110,76 @@ def build_envelope_path(discs: list[Disc], lines: list[Line], ball_radius: float
         middle = 0.5 * (knots[1:] + knots[:-1])
         top = shapes.top(middle)
         changes = np.flatnonzero(top[1:] != top[:-1])
-        found = [shapes.crossing(top[i], top[i + 1], middle[i], middle[i + 1]) for i in changes]
+        found = [shapes.crossing(top[i : i + 2], middle[i], middle[i + 1]) for i in changes]
         merged = np.unique(np.concatenate([knots, found])) if found else knots
-        merged = merged[np.concatenate([[True], np.diff(merged) > 1e-15])]
+        merged = merged[np.concatenate([[True], np.diff(merged) > _CLOSE])]
         if len(merged) == len(knots):
             break
         knots = merged
     top = shapes.top(0.5 * (knots[1:] + knots[:-1]))
     return CentrePath(
         knots,
-        shapes.heights(knots).max(axis=0),
+        shapes.heights(shapes.top(knots), knots),
         shapes.slopes(top, knots[:-1]),
         shapes.slopes(top, knots[1:]),
     )
 
 
 class _Shapes:
-    # Circles and lines as arrays; one row per shape
+    # Circles, then lines: middle or first point, radius and slope, and from where to where
     def __init__(self, discs: list[Disc], lines: list[Line], ball_radius: float) -> None:
-        grown = np.array([(x, z, r + ball_radius) for x, z, r in discs]).reshape(-1, 3)
-        self.cx, self.cz, self.r = grown.T
-        rows = []
+        self.circles = len(discs)
+        rows = [
+            (x, z, r + ball_radius, 0.0, x - r - ball_radius, x + r + ball_radius)
+            for x, z, r in discs
+        ]
         for (x0, z0), (x1, z1) in lines:
             slope = (z1 - z0) / (x1 - x0)
             length = math.hypot(1.0, slope)
             shift = -ball_radius * slope / length
-            rows.append((x0 + shift, x1 + shift, z0 + ball_radius / length, slope))
-        self.x0, self.x1, self.z0, self.slope = np.array(rows).T
+            rows.append((x0 + shift, z0 + ball_radius / length, 0.0, slope, x0 + shift, x1 + shift))
+        self.x, self.z, self.r, self.slope, self.begin, self.end = np.array(rows).T
 
     def knots(self) -> Array:
-        count = max(16, min(math.ceil(math.pi / _ANGLE_STEP), _MOST_KNOTS // max(len(self.r), 1)))
+        count = max(16, min(math.ceil(math.pi / _ANGLE_STEP), _MOST_KNOTS // max(self.circles, 1)))
         circles: Array = (
-            self.cx[:, None]
-            + self.r[:, None] * np.sin(np.linspace(-0.5 * math.pi, 0.5 * math.pi, count))
+            self.x[: self.circles, None]
+            + self.r[: self.circles, None]
+            * np.sin(np.linspace(-0.5 * math.pi, 0.5 * math.pi, count))
         ).ravel()
-        return np.concatenate([circles, self.x0, self.x1])
+        return np.concatenate([circles, self.begin[self.circles :], self.end[self.circles :]])
 
-    def heights(self, x: Array) -> Array:
-        across = self.r[:, None] ** 2 - (x - self.cx[:, None]) ** 2
-        circles = np.where(
-            across >= 0.0, self.cz[:, None] + np.sqrt(np.maximum(across, 0.0)), -np.inf
-        )
-        straight = np.where(
-            (x >= self.x0[:, None] - 1e-15) & (x <= self.x1[:, None] + 1e-15),
-            self.z0[:, None] + self.slope[:, None] * (x - self.x0[:, None]),
-            -np.inf,
-        )
-        return np.concatenate([circles, straight])
+    def heights(self, index: NDArray[np.int64], x: Array | float) -> Array:
+        # Heights of shapes, by number, at their places
+        run = x - self.x[index]
+        across = self.r[index] ** 2 - run**2
+        height = self.z[index] + self.slope[index] * run + np.sqrt(np.maximum(across, 0.0))
+        is_there = (x >= self.begin[index] - _CLOSE) & (x <= self.end[index] + _CLOSE)
+        is_there &= (across >= 0.0) | (index >= self.circles)
+        return np.where(is_there, height, -np.inf)
 
     def top(self, x: Array) -> NDArray[np.int64]:
-        blocks = np.array_split(x, max(1, len(x) * (len(self.r) + len(self.slope)) // 5_000_000))
-        return np.concatenate([self.heights(block).argmax(axis=0) for block in blocks])
+        # Highest shape at each place: in a short part of the path few shapes lie
+        found = []
+        for part in np.array_split(x, max(1, len(x) * len(self.x) // _AT_ONCE)):
+            is_near = (self.begin <= part[-1] + _CLOSE) & (self.end >= part[0] - _CLOSE)
+            near = np.union1d(0, np.flatnonzero(is_near))  # where none is, the first
+            found.append(near[self.heights(near[:, None], part).argmax(axis=0)])
+        return np.concatenate(found)
 
-    def crossing(self, first: int, second: int, low: float, high: float) -> float:
+    def crossing(self, pair: NDArray[np.int64], low: float, high: float) -> float:
         from scipy.optimize import brentq
 
         def difference(x: float) -> float:
-            height = self.heights(np.array([x]))[:, 0]
-            a, b = float(height[first]), float(height[second])
+            a, b = self.heights(pair, x).tolist()
             return math.copysign(1.0, a) if math.isinf(a) or math.isinf(b) else a - b
 
         if difference(low) * difference(high) >= 0.0:
             return low
         return float(brentq(difference, low, high, xtol=1e-16, rtol=8.9e-16))
 
-    def slopes(self, top: NDArray[np.int64], x: Array) -> Array:
-        discs = len(self.r)
-        slope = np.empty(len(x))
-        circle = top < discs
-        index = top[circle]
-        across = np.sqrt(np.maximum(self.r[index] ** 2 - (x[circle] - self.cx[index]) ** 2, 0.0))
-        run = -(x[circle] - self.cx[index])
-        with np.errstate(divide="ignore", invalid="ignore"):
-            slope[circle] = np.clip(
-                np.where(across > 0.0, run / across, np.sign(run) * STEEPEST), -STEEPEST, STEEPEST
-            )
-        slope[~circle] = self.slope[top[~circle] - discs]
-        return slope
+    def slopes(self, index: NDArray[np.int64], x: Array) -> Array:
+        run = self.x[index] - x
+        across = np.sqrt(np.maximum(self.r[index] ** 2 - run**2, _CLOSE**2))
+        steep = np.clip(run / across, -STEEPEST, STEEPEST)
+        return np.asarray(np.where(index < self.circles, steep, self.slope[index]))
