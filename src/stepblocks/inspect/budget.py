@@ -213,11 +213,10 @@ def add_instrument_components(
     """Add to a value [m] what the instrument leaves open: calibration and resolution."""
     # `axes` says with which power the value goes with the vertical scale, and with the lateral one.
     parts = list(own)
-    scales = (
-        ("calibration", instrument.calibration_std),
-        ("lateral calibration", instrument.lateral_std),
-    )
-    for (label, stated), power in zip(scales, axes, strict=True):
+    for label, stated, power in (
+        ("calibration", instrument.calibration_std, axes[0]),
+        ("lateral calibration", instrument.lateral_std, axes[1]),
+    ):
         if power != 0.0:
             relative = power * (UNSTATED_SCALE if stated is None else stated)
             origin = f"{relative:g} of the value"
@@ -226,13 +225,9 @@ def add_instrument_components(
                     f"{UNSTATED}: {origin}, as makers specify stylus instruments (Haitjema 1998)"
                 )
             parts.append(Component(label, relative * abs(value), how=origin))
-    resolution = Component(
-        "resolution",
-        instrument.resolution / math.sqrt(12.0),
-        how="one count, rectangular",
-        bounded=True,
-    )
-    return Measured(name, value, (*parts, *others, resolution))
+    std = instrument.resolution / math.sqrt(12.0)
+    parts += [*others, Component("resolution", std, how="one count, rectangular", bounded=True)]
+    return Measured(name, value, tuple(parts))
 
 
 def average_profiles(
@@ -245,10 +240,10 @@ def average_profiles(
     """Mean over profiles with its budget; one profile shows no repeatability."""
     values = np.array([one.value for one in found])
     within = np.array([one.std**2 for one in found])
-    if len(values) == 0 or not (np.isfinite(values).all() and np.isfinite(within).all()):
-        raise MetrologyError(
-            f"{name} must come from at least one profile with a finite value, got {len(values)}"
-        )
+    MetrologyError.require(
+        len(values) and np.isfinite(values).all() and np.isfinite(within).all(),
+        f"{name} must come from at least one profile with a finite value, got {len(values)}",
+    )
     mean = float(values.mean())
     if len(values) == 1:
         parts = [
@@ -275,10 +270,7 @@ def _split_scatter(deviations: Array, noise: float) -> list[Component]:
 
     count = len(deviations)
     cosines = min(max(_LEAST_COSINES, round(0.4 * count ** (2.0 / 3.0))), count - 1)
-    variance, dof = (
-        float(np.mean(dct(deviations, norm="ortho")[1 : cosines + 1] ** 2)) / count,
-        float(cosines),
-    )
+    variance = float(np.mean(dct(deviations, norm="ortho")[1 : cosines + 1] ** 2)) / count
     origin = (
         f"slow part of the scatter of {count} profiles"
         if cosines < count - 1
@@ -286,14 +278,16 @@ def _split_scatter(deviations: Array, noise: float) -> list[Component]:
     )
     beyond = variance - noise
     if beyond <= 0.0:
-        none = Component("repeatability", 0.0, how="none beyond noise")
-        return [Component("noise", math.sqrt(variance), dof, origin), none]
+        return [
+            Component("noise", math.sqrt(variance), float(cosines), origin),
+            Component("repeatability", 0.0, how="none beyond noise"),
+        ]
     return [
         Component("noise", math.sqrt(noise), how="autocovariance of the residuals"),
         Component(
             "repeatability",
             math.sqrt(beyond),
-            dof * (beyond / variance) ** 2,
+            cosines * (beyond / variance) ** 2,
             f"{origin}, beyond their noise",
         ),
     ]
@@ -395,7 +389,5 @@ def judge(measured: Measured, nominal: float, lower: float, upper: float) -> Dec
 def combine_verdicts(verdicts: Iterable[Outcome | None]) -> Outcome:
     """Return the verdict over all: one failure fails, one unproven leaves the whole unproven."""
     found = set(verdicts)
-    for worst in (Outcome.DOES_NOT_CONFORM, Outcome.NOT_PROVEN):
-        if worst in found:
-            return worst
-    return Outcome.CONFORMS
+    worst_first = (Outcome.DOES_NOT_CONFORM, Outcome.NOT_PROVEN)
+    return next((worst for worst in worst_first if worst in found), Outcome.CONFORMS)

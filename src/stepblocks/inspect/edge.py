@@ -134,15 +134,17 @@ def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> 
         exclusion is None
         and (wider := 1.5 * _find_rounding_width(x, z, spacing, faces)) > half_width
     ):
-        half_width, faces = wider, _fit_faces(x, z, middle, wider)
+        half_width = wider
+        faces = _fit_faces(x, z, middle, wider)
     planes, roughness, step = faces.planes, faces.roughness, faces.planes.height
-    if not step.value > 5.0 * max(step.std, roughness / np.sqrt(len(x))):
-        raise MetrologyError(
-            f"profile must show a step above its noise, got {step.value * 1e6:.4g} um with "
-            f"roughness {roughness * 1e6:.3g} um"
-        )
+    MetrologyError.require(
+        step.value > 5.0 * max(step.std, roughness / np.sqrt(len(x))),
+        f"profile must show a step above its noise, got {step.value * 1e6:.4g} um with "
+        f"roughness {roughness * 1e6:.3g} um",
+    )
     known = np.isfinite(z)
-    near, spikes = known & (np.abs(x - middle) < half_width), np.zeros_like(known)
+    near = known & (np.abs(x - middle) < half_width)
+    spikes = np.zeros_like(known)
     # over the whole profile, so that the points at the ends of the window have their neighbours too
     spikes[known] = _find_edge_spikes(
         z[known] - planes.tilt * x[known], 6.0 * max(roughness, LEAST_SCATTER)
@@ -303,17 +305,18 @@ def _fit_arc_or_flank(
             )
         )
 
-    arc, dropped = fit_points(kept), 0
+    given = len(kept)
+    arc = fit_points(kept)
     flank = _find_better_flank(x[kept], levelled[kept], spacing, faces, arc)
-    while flank is None and arc.excess > _SUSPECT and dropped < _MOST_ON_ARC and len(kept) > 8:
+    while flank is None and arc.excess > _SUSPECT and len(kept) > max(given - _MOST_ON_ARC, 8):
         trials = [np.delete(kept, index) for index in arc.suspects]
         best, points = min(
             ((fit_points(points), points) for points in trials), key=lambda trial: trial[0].misfit
         )
         if best.excess > arc.excess / _BY_FAR:
             break
-        arc, kept, dropped = best, points, dropped + 1
-    return arc, flank, dropped
+        arc, kept = best, points
+    return arc, flank, given - len(kept)
 
 
 def _find_rounding_width(x: Array, z: Array, spacing: float, faces: _Faces) -> float:

@@ -116,7 +116,8 @@ class Window:
         from_riser = self.x - risers[:, np.newaxis]
         # of the end of the arc, squared
         short = np.minimum(np.maximum(radius - from_riser, 0.0), radius) ** 2
-        root, above = np.sqrt(radius * radius - short), self.z - self.height + radius
+        root = np.sqrt(radius * radius - short)
+        above = self.z - self.height + radius
         vertical = np.where(from_riser < 0.0, self.z, np.minimum(above - root, self.z))
         # on the arc the distance is radial, which stays finite where the slope does not
         on_arc = (from_riser >= 0.0) & (from_riser < radius) & (vertical < self.z)
@@ -211,11 +212,8 @@ def _search_coarsely(window: Window) -> list[tuple[float, float, float]]:
     costs = window.compute_costs(risers.ravel(), np.repeat(radii, risers.shape[1])).reshape(
         risers.shape
     )
-    best = np.argmin(costs, axis=1)
-    rows = np.arange(len(radii))
-    return list(
-        zip(costs[rows, best].tolist(), radii.tolist(), risers[rows, best].tolist(), strict=True)
-    )
+    best = risers[np.arange(len(radii)), np.argmin(costs, axis=1)]
+    return list(zip(costs.min(axis=1).tolist(), radii.tolist(), best.tolist(), strict=True))
 
 
 def _find_lowest_minimum(
@@ -229,10 +227,11 @@ def _find_lowest_minimum(
         radius, riser = scaled[:, np.newaxis] * spacing
         return float(window.compute_costs(riser, radius)[0]) if radius[0] >= 0.0 else np.inf
 
-    best, ends = min(starts), (np.inf, 0.0, 0.0)
+    best = min(starts)
     # what lies on a slope leads to where its neighbour does; of flat ground the first counts
-    each = zip([ends, *starts], starts, [*starts[1:], ends], strict=False)
-    valleys = {one for before, one, behind in each if one < min(before, behind)}
+    walled = [(np.inf, 0.0, 0.0), *starts, (np.inf, 0.0, 0.0)]
+    neighbours = zip(walled, starts, walled[2:], strict=False)
+    valleys = {one for before, one, behind in neighbours if one < min(before, behind)}
     for _, radius, riser in sorted(valleys.intersection(sorted(starts)[:_STARTS])):
         simplex = np.array(
             [[radius, riser], [radius + spacing, riser], [radius, riser + 0.3 * spacing]]

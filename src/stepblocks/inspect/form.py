@@ -64,22 +64,23 @@ def _find_minimum_zone(cloud: Array) -> tuple[float, Array]:
     from scipy.optimize import linprog
     from scipy.spatial import ConvexHull, QhullError
 
-    centre, scale = cloud.mean(axis=0), float(np.ptp(cloud[:, :2], axis=0).max())
-    design = np.column_stack([(cloud[:, :2] - centre[:2]) / scale, np.ones(len(cloud))])
-    solution = np.linalg.lstsq(design, cloud[:, 2] - centre[2], rcond=None)[0]
-    residual = cloud[:, 2] - centre[2] - design @ solution
-    unit, zone = float(np.ptp(residual)), 0.0
+    centred = cloud - cloud.mean(axis=0)
+    scale = float(np.ptp(cloud[:, :2], axis=0).max())
+    design = np.column_stack([centred[:, :2] / scale, np.ones(len(cloud))])
+    solution = np.linalg.lstsq(design, centred[:, 2], rcond=None)[0]
+    residual = centred[:, 2] - design @ solution
+    zone = 0.0
+    unit = float(np.ptp(residual))
     if unit > 1e-15:
         try:
             corners = ConvexHull(np.column_stack([design[:, :2], residual / unit])).vertices
         except QhullError:
             corners = np.arange(len(cloud))
-        d, r = design[corners], residual[corners] / unit
-        ones = np.ones((len(d), 1))
-        bounds = np.vstack([np.hstack([-d, -ones]), np.hstack([d, -ones])])
+        d = design[corners]
+        r = residual[corners] / unit
         result = linprog(
             [0, 0, 0, 1],
-            A_ub=bounds,
+            A_ub=np.hstack([np.vstack([-d, d]), -np.ones((2 * len(d), 1))]),
             b_ub=np.concatenate([-r, r]),
             bounds=[(None, None)] * 3 + [(0, None)],
         )
@@ -198,11 +199,12 @@ def estimate_zone(width: Callable[..., float], *faces: FaceForm) -> Estimate:
     draws = list(zip(*(face.draws(random) for face in faces), strict=True))
 
     def compute_widths(scale: float) -> Array:
-        shapes = (
-            [face.shape(scale * one) for face, one in zip(faces, draw, strict=True)]
-            for draw in draws
+        return np.array(
+            [
+                width(*[face.shape(scale * one) for face, one in zip(faces, draw, strict=True)])
+                for draw in draws
+            ]
         )
-        return np.array([width(*points) for points in shapes])
 
     once, twice = (compute_widths(scale) for scale in _SCALES)
     zone = width(*(face.shape() for face in faces))

@@ -36,6 +36,7 @@ from stepblocks.inspect.measure import (
     Window,
     evaluate_each,
     keep_profiles_that_agree,
+    list_directions,
     sample_profiles,
 )
 from stepblocks.inspect.noise import Array
@@ -66,23 +67,16 @@ def measure_groove(
 
     It is by type A1 or A2 where their windows fit, and otherwise on a masked polynomial.
     """
-    # A map whose rows do not agree on what they cross is evaluated across its columns, then by two
-    # levels.
+    # A map whose rows do not agree is evaluated across its columns, then by two levels.
     ways: list[Callable[[], Evaluation]] = [
-        lambda: _measure_by_rows(scan, instrument, options, key, sign)
+        partial(_measure_by_rows, one, instrument, options, key, sign)
+        for one in list_directions(scan, options.along)
     ]
-    if isinstance(scan, HeightMap) and options.along != "x":
-        turned = replace(scan, height=np.ascontiguousarray(scan.height.T), dx=scan.dy, dy=scan.dx)
-        ways.append(lambda: _measure_by_rows(turned, instrument, options, key, sign))
-        ways = (
-            ways[1:]
-            if options.along == "y"
-            else [*ways, lambda: _measure_masked(scan, instrument, options, key)]
-        )
-    refused = []
     # a part, a level or an edge is followed profile by profile alone
-    if any(one is not None for one in (options.begin, options.end, options.degree, options.edges)):
-        ways = ways[: 1 if isinstance(scan, ScannedProfile) or options.along else 2]
+    by_rows = (options.along, options.begin, options.end, options.degree, options.edges)
+    if isinstance(scan, HeightMap) and all(one is None for one in by_rows):
+        ways.append(partial(_measure_masked, scan, instrument, options, key))
+    refused = []
     for way in ways:
         try:
             return way()
@@ -148,23 +142,25 @@ def _evaluate_row(row: ScannedProfile, edges: list[FoundEdge], options: Evaluati
     MetrologyError.require(
         chosen, f"edges must name features of the {len(levels.features)} found, got {options.edges}"
     )
-    others, seen = _evaluate_otherwise(x, z, levels, options), []
+    others = _evaluate_otherwise(x, z, levels, options)
     known = np.isfinite(z)
     line = np.polynomial.Polynomial.fit(x[known], z[known], 1)
     extent = float(np.ptp(z[known] - line(x[known])))
+    seen = []
     for index in chosen:
-        feature, windows = levels.features[index], list[Window]()
-        height, name = feature.height, f"masked {_DEGREE_NAMES[levels.degree]}"
+        feature = levels.features[index]
+        height = feature.height
+        name = f"masked {_DEGREE_NAMES[levels.degree]}"
+        windows: list[Window] = []
         change = tuple(float(one[index]) - height.value for one in others)
         best = (
             None
             if options.degree is not None or options.exclusion is not None
             else _evaluate_by_windows(x, z, levels, feature)
         )
-        span, rest = (feature.begin, feature.end), z - levels.level
         apex, again = (
-            find_apex(x, rest, height.value, span, part)
-            if best is None and span[1] < np.inf
+            find_apex(x, z - levels.level, height.value, (feature.begin, feature.end), part)
+            if best is None and feature.end < np.inf
             else None
             for part in (1.0 / 3.0, 0.5)
         )
@@ -175,14 +171,15 @@ def _evaluate_row(row: ScannedProfile, edges: list[FoundEdge], options: Evaluati
         elif best is None:
             _check_level(x, z, levels, feature)
         else:
-            height, name = replace(best.depth, value=-best.depth.value), f"type {best.kind}"
+            height = replace(best.depth, value=-best.depth.value)
+            name = f"type {best.kind}"
             windows = [(*span, one) for span, one in zip(best.windows, "ACB", strict=True)]
             change = (np.sqrt(3.0) * (best.depth.value - best.near),)
-        if abs(height.value) > (1.0 + _LEVEL) * extent:
-            raise MetrologyError(
-                f"step must not exceed the range of the profile, {extent * 1e9:.4g} nm, got "
-                f"{abs(height.value) * 1e9:.4g} nm: its features are too near for a reference"
-            )
+        MetrologyError.require(
+            not abs(height.value) > (1.0 + _LEVEL) * extent,
+            f"step must not exceed the range of the profile, {extent * 1e9:.4g} nm, got "
+            f"{abs(height.value) * 1e9:.4g} nm: its features are too near for a reference",
+        )
         seen.append(_Seen(replace(feature, height=height), change, name, tuple(windows)))
     return _Row(
         tuple(seen), levels.level, levels.rejected, int(levels.used.sum()) + levels.rejected
@@ -210,14 +207,14 @@ def _find_hidden_edges(x: Array, z: Array, levels: Levels) -> list[FoundEdge]:
 
 
 def _check_level(x: Array, z: Array, levels: Levels, feature: Feature) -> None:
-    # Refuse a step beside which the surface is not level: in a sawtooth its height is where one
-    # chooses to take it.
-    height, points = feature.height.value, int(levels.used.sum()) + levels.rejected
-    if levels.rejected > _MOST_DROPPED * points:
-        raise MetrologyError(
-            f"at most {_MOST_DROPPED:.0%} of the points of a profile may be spikes, got "
-            f"{levels.rejected / points:.0%}"
-        )
+    # Refuse a step beside faces that are not level: the height of a sawtooth is what one chooses.
+    height = feature.height.value
+    points = int(levels.used.sum()) + levels.rejected
+    MetrologyError.require(
+        levels.rejected <= _MOST_DROPPED * points,
+        f"at most {_MOST_DROPPED:.0%} of the points of a profile may be spikes, got "
+        f"{levels.rejected / points:.0%}",
+    )
     # flanks that overlap may cross half of their heights in another order
     ends = sorted([float(x[0]), *(edge.position for edge in levels.edges), float(x[-1])])
     at = ends.index(feature.begin)
@@ -234,23 +231,23 @@ def _check_level(x: Array, z: Array, levels: Levels, feature: Feature) -> None:
         )
     rest = float(np.sqrt(np.mean((z - levels.level)[levels.used] ** 2)))
     face = float(levels.used.sum()) / (len(levels.edges) + 1)
-    if rest > _LEVEL * abs(height) and levels.together > _LEVEL * face:
-        raise MetrologyError(
-            f"faces beside a step of {abs(height) * 1e9:.4g} nm must be level, got residuals "
-            f"of {rest * 1e9:.3g} nm that wander together over {levels.together / face:.0%} of "
-            "a face"
-        )
+    MetrologyError.require(
+        rest <= _LEVEL * abs(height) or levels.together <= _LEVEL * face,
+        f"faces beside a step of {abs(height) * 1e9:.4g} nm must be level, got residuals of "
+        f"{rest * 1e9:.3g} nm that wander together over {levels.together / face:.0%} of a face",
+    )
     single = np.array([one.height.value for one in levels.features if not np.isfinite(one.end)])
     back = (
         1.0 - float(levels.level[-1] - levels.level[0]) / float(single.sum())
         if len(single) > 1
         else 0.0
     )
-    if abs(back - 1.0) < _TAKEN_BACK and abs(single.sum()) > _TAKEN_BACK * np.abs(single).sum():
-        raise MetrologyError(
-            f"steps must not be those of a sawtooth, got {len(single)} in one direction, of "
-            f"which the slope takes back {back:.0%}"
-        )
+    in_one_direction = abs(single.sum()) > _TAKEN_BACK * np.abs(single).sum()
+    MetrologyError.require(
+        not (abs(back - 1.0) < _TAKEN_BACK and in_one_direction),
+        f"steps must not be those of a sawtooth, got {len(single)} in one direction, of "
+        f"which the slope takes back {back:.0%}",
+    )
 
 
 def _evaluate_by_windows(x: Array, z: Array, levels: Levels, feature: Feature) -> TypeA1 | None:
@@ -271,9 +268,9 @@ def _evaluate_otherwise(
     x: Array, z: Array, levels: Levels, options: EvaluationOptions
 ) -> list[Array]:
     # Heights by the next polynomial, and with more kept out at the edges.
-    step, wider = float(x[1] - x[0]), []
+    wider = []
     for one in levels.edges:
-        more = 0.5 * (one.end - one.begin) + 2 * step
+        more = 0.5 * (one.end - one.begin) + 2 * float(x[1] - x[0])
         wider.append(replace(one, begin=one.begin - more, end=one.end + more))
     degrees = [levels.degree + 1 if levels.degree < 3 else 2, levels.degree]
     asked = zip(
@@ -299,11 +296,11 @@ def _measure_by_rows(
             f"{rule}, got {len(crossing)} of {len(rows)} that cross any, others since {refused[0]}"
         )
     some = crossing[:: max(len(crossing) // _TRIED, 1)]
-    if (
-        len(some) >= _TRIED
-        and len(evaluate_each(lambda one: _evaluate_row(*one, options), some)[0]) < 2
-    ):
-        raise MetrologyError(f"{rule}, got less than 2 of {len(some)}")
+    MetrologyError.require(
+        len(some) < _TRIED
+        or len(evaluate_each(lambda one: _evaluate_row(*one, options), some)[0]) >= 2,
+        f"{rule}, got less than 2 of {len(some)}",
+    )
     results, others = evaluate_each(lambda one: _evaluate_row(*one, options), crossing)
     kinds = [one.kind for _, one in results]
     kind = max(sorted(set(kinds)), key=kinds.count, default=(0, ""))
@@ -319,7 +316,8 @@ def _measure_by_rows(
             "evaluated"
         )
     spans = np.array([one.spans for _, one in same]).reshape(len(same), kind[0], 2)
-    begins, widths = spans[..., 0], spans[..., 1] - spans[..., 0]
+    begins = spans[..., 0]
+    widths = spans[..., 1] - begins
     slack = np.where(
         np.isfinite(widths), 0.25 * widths, 0.02 * np.ptp(begins) if begins.size else 0.0
     )
@@ -329,7 +327,9 @@ def _measure_by_rows(
     kept = keep_profiles_that_agree(
         same, np.stack([sizes, begins, slack]), rows, refused + others, notes
     )
-    (first, best), found, count = kept[0], [one for _, one in kept], kind[0]
+    first, best = kept[0]
+    found = [one for _, one in kept]
+    count, way = kind
     spans = np.array([one.spans for one in found])
     single = not np.isfinite(spans).all()  # steps, which have neither width nor pitch
     MetrologyError.require(
@@ -337,10 +337,11 @@ def _measure_by_rows(
         "single steps must not repeat over a map, as the teeth of a grating do; a part of "
         "it without repetition can be evaluated",
     )
-    label, each = key.replace("_", " "), []
+    label = key.replace("_", " ")
+    each = []
     for index in range(count):
-        each_row = [one.seen[index].feature.height for one in found]
-        heights = [replace(one, value=abs(one.value)) for one in each_row]
+        signed = [one.seen[index].feature.height for one in found]
+        heights = [replace(one, value=abs(one.value)) for one in signed]
         form = Component(
             "form",
             _estimate_form(found, index),
@@ -353,27 +354,31 @@ def _measure_by_rows(
         asked, got = ("groove", "ridge") if sign < 0.0 else ("ridge", "groove")
         raise UnlikeError(f"scan must show a {asked}, got a {got}: it is upside down, or beside it")
     values = {f"{key}_{n}": one for n, one in enumerate(each, 1)}
-    least, most = (pick(one.value for one in each) for pick in (min, max))
+    depths = [one.value for one in each]
     if count == 1:
         values = {key: each[0]}
-    elif most > _UNLIKE * least:
-        listed = ", ".join(f"{one.value * 1e6:.4g}" for one in each)
+    elif max(depths) > _UNLIKE * min(depths):
+        listed = ", ".join(f"{one * 1e6:.4g}" for one in depths)
         notes.append(f"{count} unlike features of {listed} um, in this order; no mean is taken")
     else:
         values = {key: _average_features(label, each, instrument), **values}
     if not single and count == 1:
-        hidden = float(np.mean([each.feature.unseen for one in found for each in one.seen]))
-        flanks = float(np.mean([each.feature.flanks for one in found for each in one.seen]))
+        features = [each.feature for one in found for each in one.seen]
+        hidden = float(np.mean([one.unseen for one in features]))
+        flanks = float(np.mean([one.flanks for one in features]))
         name = f"{key.split('_')[0]}_width" if sign else "feature_width"
         width = _measure_width(label, spans, first.spacing, instrument, hidden)
         inwards, wall = _place_walls(flanks, each[0].value, options)
-        width = replace(width, components=(*width.components, wall))
-        values[name] = replace(width, value=width.value - float(np.median(signs)) * inwards)
+        values[name] = replace(
+            width,
+            value=width.value - float(np.median(signs)) * inwards,
+            components=(*width.components, wall),
+        )
     if outliers := sum(one.rejected for one in found):
         notes.append(f"{outliers} of {sum(one.points for one in found)} points left out as spikes")
-    convention = f"ISO 5436-1 {kind[1]}, profile by profile, unfiltered"
-    if kind[1].startswith("masked"):
-        convention = f"{kind[1]} beside the flanks, profile by profile"
+    convention = f"ISO 5436-1 {way}, profile by profile, unfiltered"
+    if way.startswith("masked"):
+        convention = f"{way} beside the flanks, profile by profile"
     windows = sum((one.windows for one in best.seen), ()) or tuple(
         (begin, min(end, float(first.position[-1])), "") for begin, end in best.spans
     )
@@ -385,8 +390,7 @@ def _measure_by_rows(
 
 
 def _keep_nearest_features(row: _Row, places: Array) -> _Row:
-    # Keep those features that begin nearest to the usual places [m], where a profile crosses others
-    # too.
+    # Keep the features nearest to the usual places [m], where a profile crosses others, too.
     if len(row.seen) <= len(places):
         return row
     begins = np.array([begin for begin, _ in row.spans])
@@ -407,13 +411,11 @@ def _average_features(label: str, each: list[Measured], instrument: Instrument) 
     # Mean over features: their scatter holds the noise of each; what the instrument owes is shared
     # by all.
     heights = np.array([one.value for one in each])
-    own = float(heights.std(ddof=1) / np.sqrt(len(each)))
-    form = float(
-        np.mean([part.std for one in each for part in one.components if part.name == "form"])
-    )
+    scatter = float(heights.std(ddof=1) / np.sqrt(len(each)))
+    forms = [part.std for one in each for part in one.components if part.name == "form"]
     parts = [
-        Component("scatter", own, len(each) - 1.0, f"over {len(each)} features"),
-        Component("form", form, how="mean of theirs"),
+        Component("scatter", scatter, len(each) - 1.0, f"over {len(each)} features"),
+        Component("form", float(np.mean(forms)), how="mean of theirs"),
     ]
     return add_instrument_components(f"{label}, mean", float(heights.mean()), parts, instrument)
 
@@ -439,8 +441,13 @@ def _measure_width(
                 how="half of what was not measured there, rectangular",
             )
         )
-    name = f"width W of the {label.split()[0]}, at half its height"
-    return add_instrument_components(name, float(widths.mean()), parts, instrument, axes=(0.0, 1.0))
+    return add_instrument_components(
+        f"width W of the {label.split()[0]}, at half its height",
+        float(widths.mean()),
+        parts,
+        instrument,
+        axes=(0.0, 1.0),
+    )
 
 
 def _place_walls(
@@ -470,21 +477,15 @@ def _measure_masked(
         evaluate_each(again, [1.5 * step.exclusion])[0]
         or evaluate_each(again, [step.exclusion / 1.5])[0]
     )
-    form = max(
-        (abs(one.depth.value - step.depth.value) / np.sqrt(3.0) for _, one in others),
-        default=np.nan,
-    )
-    noise = Component(
-        "noise",
-        step.depth.std,
-        step.depth.dof,
-        "scatter over rows, with the correlation of neighbours",
-    )
-    change = Component(
-        "form", form, how="change with one and a half times the exclusion or its part, rectangular"
-    )
+    changes = [abs(one.depth.value - step.depth.value) / np.sqrt(3.0) for _, one in others]
+    origin = "scatter over rows, with the correlation of neighbours"
+    changed = "change with one and a half times the exclusion or its part, rectangular"
     value = add_instrument_components(
-        key.replace("_", " "), abs(step.depth.value), [noise], instrument, [change]
+        key.replace("_", " "),
+        abs(step.depth.value),
+        [Component("noise", step.depth.std, step.depth.dof, origin)],
+        instrument,
+        [Component("form", max(changes, default=np.nan), how=changed)],
     )
     convention = (
         f"masked step over {step.features} features and {step.rows} rows: each row levelled on "

@@ -37,9 +37,8 @@ _PLATEAU = 0.8  # of the lesser of two edges, below which the difference must fa
 _MOST_EDGES = 400
 _STARTS = 5  # of a fit, each nearer to the least sum of distances
 _DEGREES = (1, 2, 3)
-_SIGNIFICANT = (
-    4.0  # of the last coefficient of a polynomial over its uncertainty, from which it is kept [1]
-)
+# of the last coefficient of a polynomial over its uncertainty, from which it is kept [1]
+_SIGNIFICANT = 4.0
 LEVELS = {"line": 1, "parabola": 2, "cubic": 3}
 
 
@@ -56,7 +55,8 @@ def check_profile(x: Array, z: Array, least: int) -> None:
 
 def remove_spikes(heights: Array) -> Array:
     """Return the known heights as their running median over five points, which keeps edges."""
-    calm, known = np.array(heights, dtype=np.float64), np.isfinite(heights)
+    calm = np.array(heights, dtype=np.float64)
+    known = np.isfinite(heights)
     calm[known] = median_filter(calm[known], size=5, mode="nearest")
     return calm
 
@@ -97,7 +97,7 @@ class Fit:
 
 def fit_without_spikes(design: Array, z: Array, used: Mask) -> Fit:
     """Fit the rows of `design` to the heights [m] of those points that are no spikes."""
-    whole, root = int(used.sum()), np.ones(len(z))
+    root = np.ones(len(z))
     # first by distances instead of squares, so that neither spikes nor stray points pull
     for _ in range(_STARTS):
         residuals = z - solve_least_squares(design * root, z * root, used)[1] @ design
@@ -107,15 +107,15 @@ def fit_without_spikes(design: Array, z: Array, used: Mask) -> Fit:
             )
             ** -0.5
         )
-    used = used & ~find_outliers(residuals, used)
+    kept = used & ~find_outliers(residuals, used)
     for _ in range(5):
-        weights, solution = solve_least_squares(design, z, used)
+        weights, solution = solve_least_squares(design, z, kept)
         residuals = z - solution @ design
-        spikes = find_outliers(residuals, used)
+        spikes = find_outliers(residuals, kept)
         if not spikes.any():
             break
-        used = used & ~spikes
-    return Fit(design, weights, solution, residuals, used, whole - int(used.sum()))
+        kept = kept & ~spikes
+    return Fit(design, weights, solution, residuals, kept, int(used.sum()) - int(kept.sum()))
 
 
 @dataclass(frozen=True)
@@ -202,15 +202,16 @@ def find_edges(x: Array, z: Array) -> list[FoundEdge]:
         f"profile must show a step above its noise, one that stands out {_STAND_OUT:g} times "
         "over what is usual, got none"
     )
-    if (at := best[1]) < 0:
-        raise MetrologyError(nothing)
+    at = best[1]
+    MetrologyError.require(at >= 0, nothing)
     reach, gap = reaches[at], gaps[at]
     # what is too narrow for the best windows, or too near to where nothing was measured
     for other in gaps[:at]:
         gap = np.where(np.abs(other) > np.nan_to_num(np.abs(gap)), other, gap)
     for other in gaps[at + 1 :]:  # what missing points hide from them
         gap = np.where(np.isfinite(gap), gap, other)
-    seen, places = np.nan_to_num(gap), set[int]()
+    seen = np.nan_to_num(gap)
+    places: set[int] = set()
     around = maximum_filter1d(np.abs(seen), 2 * reach + 1)
     # so that the other edge of a groove is no lesser one
     least = np.maximum(_ALIKE * around.max(), _PLATEAU * around)
@@ -220,20 +221,17 @@ def find_edges(x: Array, z: Array) -> list[FoundEdge]:
             _find_plateau_middle(size, one, reach)
             for one in peaks[np.diff(peaks, prepend=-reach) > reach]
         }
-    if not (
-        found := _find_flanks(
-            x, calm, known, *_join_edges(x, calm, known, sorted(places)[:_MOST_EDGES], gap)
-        )
-    ):
-        raise MetrologyError(nothing)
+    edges = _join_edges(x, calm, known, sorted(places)[:_MOST_EDGES], gap)
+    found = _find_flanks(x, calm, known, *edges)
+    MetrologyError.require(found, nothing)
     return found
 
 
 def _find_plateau_middle(size: Array, peak: int, reach: int) -> int:
-    # Return the middle of what is about as high as a peak: windows with a gap between them see an
-    # edge, no flank, all over it.
+    # Return the middle of what is as high as a peak: windows with a gap see an edge all over it.
     ends = np.flatnonzero(np.concatenate([[True], size < _PLATEAU * size[peak], [True]])) - 1
-    first, last = ends[(behind := int(np.searchsorted(ends, peak))) - 1 : behind + 1]
+    behind = int(np.searchsorted(ends, peak))
+    first, last = ends[behind - 1 : behind + 1]
     return int(first + last) // 2 if last - first <= 2 * reach else peak
 
 
@@ -244,19 +242,20 @@ def _compute_window_differences(z: Array, known: Mask, reach: int) -> Array:
     count, total = (
         np.concatenate([[0.0], np.cumsum(one)]) for one in (known.astype(float), filled)
     )
-    at, gap = np.arange(1, len(z)), reach // 2
+    at = np.arange(1, len(z))
 
     def mean(begin: NDArray[np.intp]) -> tuple[Array, Array]:
         low, high = (np.clip(one, 0, len(z)).astype(int) for one in (begin, begin + reach))
         number = count[high] - count[low]
         return number, (total[high] - total[low]) / np.maximum(number, 1.0)
 
-    (before, low), (behind, high) = mean(at - gap - reach), mean(at + gap)
+    (before, low), (behind, high) = mean(at - reach // 2 - reach), mean(at + reach // 2)
     whole = np.minimum(before, behind) >= 0.6 * reach
     gaps = np.where(whole, high - low, np.nan)
     if not whole.any():
         return gaps
-    filled, lag = np.interp(at, at[whole], gaps[whole]), len(gaps) // 2
+    filled = np.interp(at, at[whole], gaps[whole])
+    lag = len(gaps) // 2
     # a bow makes them lean, of which the median would lose hold at either end
     slope = float(np.median(filled[lag:] - filled[:-lag])) / lag
     lean = min((0.0 * at, slope * at), key=lambda one: estimate_robust_scale(filled - one))
@@ -275,7 +274,8 @@ def _join_edges(
     for index, (first, second) in enumerate(itertools.pairwise(places)):
         if gap[first] * gap[second] < 0.0:
             continue
-        far, lesser = second - first, min(abs(gap[first]), abs(gap[second]))
+        far = second - first
+        lesser = min(abs(gap[first]), abs(gap[second]))
         # where the difference does not fall between them, they are the ends of one that points are
         # missing of
         joined = bool(np.nanmin(np.abs(gap[first:second])) > _PLATEAU * lesser)
@@ -308,21 +308,22 @@ def _join_edges(
 
 
 def _find_flanks(x: Array, z: Array, known: Mask, places: list[int], gap: Array) -> list[FoundEdge]:
-    # Where the flank of each edge begins and ends: off the line through the middle of the faces on
-    # either side.
+    # Where the flank of each edge begins and ends: off the lines through the faces beside it.
     found = []
     ends = [0, *places, len(x) - 1]
     for before, at, behind in zip(ends, places, ends[2:], strict=False):
-        faces = [_fit_face_line(x, z, known, *span) for span in ((before, at), (at, behind))]
-        if None in faces:
+        lower = _fit_face_line(x, z, known, before, at)
+        upper = _fit_face_line(x, z, known, at, behind)
+        if lower is None or upper is None:
             continue
-        (low, rough_low), (high, rough_high) = (face for face in faces if face is not None)
-        rise, between = float(gap[at]), float(high(x[at]) - low(x[at]))
+        low, high = lower[0], upper[0]
+        rise = float(gap[at])
+        between = float(high(x[at]) - low(x[at]))
         if np.sign(between) == np.sign(rise):
             rise = between
-        sides = (low, rough_low), (high, rough_high)
         on_low, on_high = (
-            np.abs(z - line(x)) <= max(6.0 * rough, 0.02 * abs(rise)) for line, rough in sides
+            np.abs(z - line(x)) <= max(6.0 * rough, 0.02 * abs(rise))
+            for line, rough in (lower, upper)
         )
         begin, end = at, at
         while begin > before and not (on_low[begin] and on_low[max(begin - 2, before)]):
@@ -338,7 +339,8 @@ def _find_flanks(x: Array, z: Array, known: Mask, places: list[int], gap: Array)
         unseen = 0.0
         measured = np.flatnonzero(known[begin : begin + first])
         if len(measured) and above[first] > 0.0:
-            last, step = int(measured[-1]), float(x[1] - x[0])
+            last = int(measured[-1])
+            step = float(x[1] - x[0])
             position -= (
                 (first - last) * step * float(above[first] / max(above[first] - above[last], 1e-30))
             )
@@ -481,7 +483,8 @@ def _compute_likelihood_gain(t: Array, z: Array, fit: Fit, terms: int) -> tuple[
 def _pair_edges(edges: Sequence[FoundEdge]) -> list[tuple[float, float, float, float]]:
     # Join two edges of opposite sign and like size to a ridge or groove; others are single steps.
     # With each what was not seen of both edges, and half of the widths of their flanks together.
-    spans, waiting = list[tuple[float, float, float, float]](), list(edges)
+    spans: list[tuple[float, float, float, float]] = []
+    waiting = list(edges)
     while waiting:
         one = waiting.pop(0)
         if waiting and abs(one.rise + waiting[0].rise) < PAIR * max(

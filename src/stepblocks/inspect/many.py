@@ -161,20 +161,20 @@ def inspect_many(
             continue
         results.append((str(own["block"]), result))
         limits = {one.key: decision for one, decision in result.judged}
-        for key, measured in result.evaluation.values.items():
-            if key in limits:
-                rows.append(
-                    {
-                        **own,
-                        "scan": name,
-                        "characteristic": key,
-                        "measured": measured,
-                        "bound": measured.bound,
-                        "value": measured.value,
-                        "u": measured.std,
-                        "verdict": limits[key].verdict.value,
-                    }
-                )
+        rows += [
+            {
+                **own,
+                "scan": name,
+                "characteristic": key,
+                "measured": measured,
+                "bound": measured.bound,
+                "value": measured.value,
+                "u": measured.std,
+                "verdict": limits[key].verdict.value,
+            }
+            for key, measured in result.evaluation.values.items()
+            if key in limits
+        ]
     if not rows:
         raise MetrologyError(f"no scan can be evaluated: {left_out[0]}")
     table = pd.DataFrame(rows)
@@ -398,9 +398,8 @@ def write_many(
     write_table(result.tables["scans"], table)
     paths = [table, page]
     for serial, report in result.reports.items():
-        own = base / re.sub(r"[^\w.-]+", "_", serial).strip(".")
         lab = None if laboratory is None else laboratory.model_copy(update={"serial": serial})
-        paths += write_inspection(report, own, lab)
+        paths += write_inspection(report, base / re.sub(r"[^\w.-]+", "_", serial).strip("."), lab)
     links = [path.relative_to(base).as_posix() for path in paths if path.suffix == ".html"]
     replace_text(
         page,

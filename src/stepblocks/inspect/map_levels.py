@@ -62,7 +62,8 @@ def measure_masked_step(
     """Depth of holes, or height of bumps, over a map; missing points take no part."""
     # `exclusion` is the distance to keep to every edge [m]; by default that at which both sides
     # have settled. `inside` is the mask of the features; by default they are sought.
-    z, measured = scan.height, np.isfinite(scan.height)
+    z = scan.height
+    measured = np.isfinite(z)
     pitch = min(scan.dx, scan.dy)
     if inside is None:
         # a missing point lies where its nearest neighbour does
@@ -78,7 +79,8 @@ def measure_masked_step(
         level = _level_map(z, (outside > 3.0 * pitch) & measured, 1)
         exclusion = _find_settling_distance(level, within, outside, pitch)
     floor, reference = (within > exclusion) & measured, (outside > exclusion) & measured
-    asked, level = int(reference.sum()), _level_rows(z, reference)
+    asked = int(reference.sum())
+    level = _level_rows(z, reference)
     for _ in range(_TURNS if asked else 0):
         if not (spikes := find_outliers(level, reference)).any():
             break
@@ -96,12 +98,12 @@ def measure_masked_step(
         "map must keep at least 3 rows with floor and reference beyond "
         f"{exclusion * 1e6:.3g} um, got {int(known.sum())} [{scan.source}]",
     )
-    if floor.sum() < _LEAST_SEEN * (inside & measured).sum():
-        raise MetrologyError(
-            f"at least {_LEAST_SEEN:.0%} of the features must lie {exclusion * 1e6:.3g} um "
-            "from their edges, where they are level, got "
-            f"{floor.sum() / (inside & measured).sum():.1%} [{scan.source}]"
-        )
+    MetrologyError.require(
+        floor.sum() >= _LEAST_SEEN * (inside & measured).sum(),
+        f"at least {_LEAST_SEEN:.0%} of the features must lie {exclusion * 1e6:.3g} um "
+        "from their edges, where they are level, got "
+        f"{floor.sum() / (inside & measured).sum():.1%} [{scan.source}]",
+    )
     share = weights / weights.sum()
     value = float(np.sum(share[known] * depths[known]))
     depth = _estimate_by_bands(depths, share, value, known)
@@ -161,8 +163,7 @@ def is_periodic(z: Array) -> bool:
     periods = np.hypot(*np.meshgrid(*(np.fft.fftfreq(n) * n for n in z.shape), indexing="ij"))
     at = np.unravel_index(int(np.argmax(power)), z.shape)
     near = np.roll(power, [3 - one for one in at], axis=(0, 1))[:7, :7]
-    repeats = 2.0 * near.sum() > _REPEATS * power.sum()
-    return bool(periods[at] >= _LEAST_PERIODS and repeats)
+    return bool(periods[at] >= _LEAST_PERIODS and 2.0 * near.sum() > _REPEATS * power.sum())
 
 
 def _level_map(z: Array, reference: Mask, degree: int) -> Array:
@@ -176,7 +177,8 @@ def _level_map(z: Array, reference: Mask, degree: int) -> Array:
 def _find_features(scan: HeightMap) -> Mask:
     # Mask of the level that covers less of the map; the rows are levelled without it until it
     # stays.
-    z, known = scan.height, np.isfinite(scan.height)
+    z = scan.height
+    known = np.isfinite(z)
     level = _level_map(z, known, 1)
     for _ in range(_TURNS):
         off = np.abs(level - np.median(level[known]))
@@ -192,8 +194,7 @@ def _find_features(scan: HeightMap) -> Mask:
         if (following == inside).all():
             break
         inside = following
-        near = ~ndimage.binary_dilation(inside, iterations=3)
-        level = _level_rows(z, near & (upper | lower))
+        level = _level_rows(z, ~ndimage.binary_dilation(inside, iterations=3) & (upper | lower))
     return inside
 
 
@@ -210,17 +211,16 @@ def _find_two_modes(heights: Array, source: str) -> tuple[float, float]:
     tops = (density[1:-1] > density[:-2]) & (density[1:-1] >= density[2:])
     peaks = 1 + np.flatnonzero(tops & (density[1:-1] >= _LEAST_LEVEL * density.max()))
     main = int(np.argmax(density))
-    others = peaks[peaks != main]
     between = {
         one: float(density[min(one, main) : max(one, main) + 1].min() / density[one])
-        for one in others
+        for one in peaks[peaks != main]
     }
     apart = [one for one, part in between.items() if part < _GAP]
-    if not apart:
-        raise MetrologyError(
-            f"heights of a map must gather at two levels, with less than {_GAP:.0%} as many "
-            f"between as at the lesser, got {min(between.values(), default=1.0):.0%} [{source}]"
-        )
+    MetrologyError.require(
+        apart,
+        f"heights of a map must gather at two levels, with less than {_GAP:.0%} as many "
+        f"between as at the lesser, got {min(between.values(), default=1.0):.0%} [{source}]",
+    )
     best = max(apart, key=lambda one: density[one])
     centres = np.concatenate([[bins[0]], 0.5 * (bins[1:] + bins[:-1]), [bins[-1]]])
     low, high = sorted((float(centres[main]), float(centres[best])))
@@ -233,7 +233,8 @@ def _level_rows(z: Array, reference: Mask) -> Array:
     level = z - float(np.median(z[reference])) if reference.any() else z.copy()
     rows = reference.sum(axis=1) >= _LEAST_REFERENCE
     share = reference[rows] / reference[rows].sum(axis=1, keepdims=True)
-    heights, t = np.where(reference[rows], z[rows], 0.0), np.linspace(-1.0, 1.0, z.shape[1])
+    heights = np.where(reference[rows], z[rows], 0.0)
+    t = np.linspace(-1.0, 1.0, z.shape[1])
     mean, middle = ((share * one).sum(axis=1, keepdims=True) for one in (heights, t))
     lever = share * (t - middle)
     slope = (lever * (heights - mean)).sum(axis=1, keepdims=True) / (lever * (t - middle)).sum(

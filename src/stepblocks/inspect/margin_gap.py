@@ -75,7 +75,8 @@ def _find_gap(x: Array, z: Array) -> tuple[int, int]:
     # Return the indices of the longest stretch that is missing or far below both shoulders.
     # Only to find it the profile is levelled by the median of its slopes, which does not see a gap
     # of less than half of it.
-    known, quarter = np.isfinite(z), len(z) // 4
+    known = np.isfinite(z)
+    quarter = len(z) // 4
     u, w = x[known], z[known]
     lag = max(len(w) // 50, 1)
     level = remove_spikes(z - float(np.median((w[lag:] - w[:-lag]) / (u[lag:] - u[:-lag]))) * x)

@@ -3,7 +3,7 @@
 Each characteristic has its uncertainty budget.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, TypeVar
 
@@ -140,7 +140,8 @@ def sample_profiles(
 
     Notes say what was left out or resampled.
     """
-    rows, notes = list_profiles(scan), []
+    rows = list_profiles(scan)
+    notes = []
     if len(rows) > _MOST_PROFILES:
         chosen = np.unique(np.linspace(0, len(rows) - 1, _MOST_PROFILES).round().astype(int))
         notes = [f"{len(chosen)} of {len(rows)} profiles evaluated"]
@@ -189,7 +190,8 @@ def keep_profiles_that_agree(
     heights, places, slack = crossed
     alike = np.ones(len(found), dtype=bool)
     if len(found) > 2:
-        lag, middle = len(found) // 2, np.median(heights, axis=0)
+        lag = len(found) // 2
+        middle = np.median(heights, axis=0)
         slant = np.median((places[lag:] - places[:-lag]) / lag, axis=0)
         off = places - slant * np.arange(len(found))[:, np.newaxis]
         off -= np.median(off, axis=0)
@@ -197,7 +199,8 @@ def keep_profiles_that_agree(
         alike = np.all(np.abs(off) <= np.maximum(slack, 8.0 * scatter + LEAST_SCATTER), axis=1)
         alike &= np.all(np.abs(heights - middle) <= 0.5 * np.abs(middle), axis=1)
     kept = [one for one, same in zip(found, alike, strict=True) if same]
-    asked, reason = len(rows), f"since {refused[0]}" if refused else "since it crosses others"
+    asked = len(rows)
+    reason = f"since {refused[0]}" if refused else "since it crosses others"
     if not kept or len(kept) < _LEAST_SHARE * asked:
         if asked == 1:
             raise MetrologyError(refused[0])
@@ -215,6 +218,16 @@ def keep_profiles_that_agree(
             f"{reason}"
         )
     return kept
+
+
+def list_directions(
+    scan: ScannedProfile | HeightMap, along: Literal["x", "y"] | None
+) -> Sequence[ScannedProfile | HeightMap]:
+    """Return a scan so that its profiles run along x, along y, or either where none is asked."""
+    if isinstance(scan, ScannedProfile):
+        return [scan]
+    turned = replace(scan, height=np.ascontiguousarray(scan.height.T), dx=scan.dy, dy=scan.dx)
+    return {"x": [scan], "y": [turned], None: [scan, turned]}[along]
 
 
 def evaluate_each(
@@ -249,17 +262,16 @@ def measure_margin(
         "absolute_discrepancy": ([one.absolute for one in ones], share, (1.0 - share**2, share**2)),
     }
     values = {}
+    origin = "one interval at either edge, rectangular; the same in every profile"
     for key, (each, part, axes) in sizes.items():
-        origin = "one interval at either edge, rectangular; the same in every profile"
         others = [Component("sampling", part * sampling, how=origin)] if part > 0.0 else []
         values[key] = average_profiles(key.replace("_", " "), each, instrument, others, axes)
     first = results[0][0]
-    left = np.nanmedian(first.height[: len(first.height) // 4])
     return Evaluation(
         values,
         "shoulders by two planes with a common slope; edges at half the depth of the gap",
         tuple(notes),
-        Shown(first.position, first.height - left),
+        Shown(first.position, first.height - np.nanmedian(first.height[: len(first.height) // 4])),
     )
 
 
@@ -277,17 +289,16 @@ def measure_tip(
     if isinstance(scan, ScannedProfile):
         (scan,), notes = sample_profiles(scan, options)
     cap = fit_cap(scan, nominal)
+    radius = cap.radius
     # of what the points cover, as a part of the radius
-    radius, reach = (
-        cap.radius,
-        float(np.sin(cap.cap_angle)),
-    )
+    reach = float(np.sin(cap.cap_angle))
     narrower = evaluate_each(lambda part: fit_cap(scan, nominal, part), [_NARROWER * reach])[0]
     change = max((abs(one.radius.value - radius.value) for _, one in narrower), default=0.0)
-    # a cap of 0.7 of the angle knows its radius by a quarter as well
-    beyond = float(np.sqrt(max(change**2 - (3.0 * radius.std) ** 2, 0.0) / 3.0))
     form = Component(
-        "form", beyond, how="change over a cap of seven tenths of it, less its noise, rectangular"
+        "form",
+        # a cap of 0.7 of the angle knows its radius by a quarter as well
+        float(np.sqrt(max(change**2 - (3.0 * radius.std) ** 2, 0.0) / 3.0)),
+        how="change over a cap of seven tenths of it, less its noise, rectangular",
     )
     if options.stylus_radius:
         radius = replace(radius, value=radius.value - options.stylus_radius)

@@ -150,38 +150,31 @@ class InspectionResult:
                 else "not stated",
                 "unit": unit,
             }
-            for name in ("lower", "upper", "guard"):
-                size = (
-                    None if decision is None else _drop_infinite(getattr(decision, name) * factor)
-                )
-                row[name] = (
-                    None
-                    if size is None
-                    else f"{round(size, 9):{'.3g' if name == 'guard' else '.7g'}}"
-                )
+            for name, form in (("lower", ".7g"), ("upper", ".7g"), ("guard", ".3g")):
+                size = math.inf if decision is None else getattr(decision, name) * factor
+                row[name] = f"{round(size, 9):{form}}" if math.isfinite(size) else None
             rows.append(
                 {**row, "verdict": "no limits" if decision is None else decision.verdict.value}
             )
-            for part in measured.components:
-                budget.append(
-                    {
-                        "characteristic": label,
-                        "component": part.name,
-                        "standard_uncertainty": "not stated"
-                        if math.isnan(part.std)
-                        else f"{part.std * factor:.3g}",
-                        "unit": unit,
-                        "how": part.how,
-                    }
-                )
-        absent: list[dict[str, object]] = [
-            {"number": numbers.get(one.key), "characteristic": one.label, "needs": why}
-            for one, why in self.missing
-        ]
+            budget += [
+                {
+                    "characteristic": label,
+                    "component": part.name,
+                    "standard_uncertainty": "not stated"
+                    if math.isnan(part.std)
+                    else f"{part.std * factor:.3g}",
+                    "unit": unit,
+                    "how": part.how,
+                }
+                for part in measured.components
+            ]
         found: dict[str, list[dict[str, object]]] = {
             "characteristics": rows,
             "uncertainty budget": budget,
-            "not measured": absent,
+            "not measured": [
+                {"number": numbers.get(one.key), "characteristic": one.label, "needs": why}
+                for one, why in self.missing
+            ],
         }
         return {name: lines for name, lines in found.items() if lines}
 
@@ -407,8 +400,8 @@ def write_inspection(
 
 def _draw(path: Path, result: InspectionResult) -> None:
     # Draw scan, windows and limits into an SVG file; what others measured comes without a scan.
-    figure, _ = make_figure(1, width=9.0, height=4.6)
-    axis, shown = figure.axes[0], result.evaluation.shown
+    figure, axis = make_figure(1, width=9.0, height=4.6)
+    shown = result.evaluation.shown
     if shown is not None:
         _draw_scan(axis, result, shown)
     axis.set_title(

@@ -160,7 +160,8 @@ def inspect_scan(
         for number, one in enumerate(listed, start=1)
         for name in (str(number), one.label, one.key)
     }
-    wanted, scale = _find_asked_keys(called, characteristics), ""
+    wanted = _find_asked_keys(called, characteristics)
+    scale = ""
     path = Path(scan) if isinstance(scan, str | Path) else None
     if path is not None and (path.suffix.lower() == ".qif" or is_filled_sheet(path)):
         evaluation = _read_results(path, called)

@@ -89,11 +89,11 @@ def fit_cap(scan: ScannedProfile | HeightMap, nominal: float, reach: float = _CA
         if not left or (np.abs(step).max() < 1e-9 * state[3] and not spikes.any()):
             break
         used &= ~spikes
-    if used.sum() < 2 * len(design) or not 0.2 < state[3] / nominal < 5.0:
-        raise MetrologyError(
-            f"tip must show {asked}, got {int(used.sum())} points on one of "
-            f"{state[3] * 1e6:.4g} um [{scan.source}]"
-        )
+    MetrologyError.require(
+        used.sum() >= 2 * len(design) and 0.2 < state[3] / nominal < 5.0,
+        f"tip must show {asked}, got {int(used.sum())} points on one of "
+        f"{state[3] * 1e6:.4g} um [{scan.source}]",
+    )
     spread = np.zeros(z.shape)
     spread[used] = weights[2]
     radius = estimate_linear(float(state[3]), spread, residuals, used, design)

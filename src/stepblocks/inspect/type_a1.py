@@ -69,31 +69,27 @@ def evaluate_a1(x: Array, z: Array, edges: Span) -> TypeA1:
             mask.sum() >= _LEAST_POINTS,
             f"window {name} must keep {_LEAST_POINTS} points, got {mask.sum()} for {feature}",
         )
-    return _evaluate_domed(x, z, masks) or _evaluate_flat(x, z, masks, feature)
-
-
-def _build_design(x: Array, masks: list[Mask]) -> Array:
     used = masks[0] | masks[1] | masks[2]
-    return np.stack(
+    design = np.stack(
         [(x - x[used].mean()) / np.ptp(x[used]), np.ones_like(x), np.where(masks[1], -1.0, 1.0)]
     )
+    return _evaluate_domed(x, z, masks, design) or _evaluate_flat(x, z, masks, design, feature)
 
 
-def _evaluate_flat(x: Array, z: Array, masks: list[Mask], feature: str) -> TypeA1:
+def _evaluate_flat(x: Array, z: Array, masks: list[Mask], design: Array, feature: str) -> TypeA1:
     used = masks[0] | masks[1] | masks[2]
-    fit = fit_without_spikes(_build_design(x, masks), z, used)
+    fit = fit_without_spikes(design, z, used)
     if name := _find_flank_window(fit, dict(zip("ACB", masks, strict=True))):
         raise MetrologyError(
             f"window {name} of type A1 must lie on a face, but a flank or a defect reaches "
             f"into it for {feature}"
         )
-    if fit.rejected > _MOST_OUTLIERS * used.sum() or any(
-        (mask & fit.used).sum() < _LEAST_POINTS for mask in masks
-    ):
-        raise MetrologyError(
-            f"windows of type A1 must hold at most {_MOST_OUTLIERS:.0%} spikes, got "
-            f"{fit.rejected} of {used.sum()} points for {feature}"
-        )
+    MetrologyError.require(
+        fit.rejected <= _MOST_OUTLIERS * used.sum()
+        and all((mask & fit.used).sum() >= _LEAST_POINTS for mask in masks),
+        f"windows of type A1 must hold at most {_MOST_OUTLIERS:.0%} spikes, got "
+        f"{fit.rejected} of {used.sum()} points for {feature}",
+    )
     kept = [x[mask & fit.used] for mask in masks]
     inner = (x >= np.mean(kept[0][[0, -1]])) & (x <= np.mean(kept[2][[0, -1]]))
     return TypeA1(
@@ -109,7 +105,8 @@ def _evaluate_flat(x: Array, z: Array, masks: list[Mask], feature: str) -> TypeA
 def _find_flank_window(fit: Fit, windows: dict[str, Mask]) -> str:
     # Name the first window whose end lies off the fit, as a flank or a defect does; empty where
     # none does.
-    noise, depth = estimate_robust_scale(fit.residuals[fit.used]), abs(2.0 * float(fit.solution[2]))
+    noise = estimate_robust_scale(fit.residuals[fit.used])
+    depth = abs(2.0 * float(fit.solution[2]))
     off = np.abs(fit.residuals) > max(SPIKE * noise, _TOLERATED * depth, LEAST_SCATTER)
     ends = {name: np.flatnonzero(mask) for name, mask in windows.items()}
     return next(
@@ -117,14 +114,14 @@ def _find_flank_window(fit: Fit, windows: dict[str, Mask]) -> str:
     )
 
 
-def _evaluate_domed(x: Array, z: Array, masks: list[Mask]) -> TypeA1 | None:
+def _evaluate_domed(x: Array, z: Array, masks: list[Mask], flat: Array) -> TypeA1 | None:
     # Type A2, to the apex of the parabola through the middle third; None where that is not domed.
     if min(int(mask.sum()) for mask in masks) < 2 * _LEAST_POINTS:
         return None
     begin, end = x[masks[1]][[0, -1]]
     t = np.where(masks[1], 2.0 * (x - begin) / (end - begin) - 1.0, 0.0)
     used = masks[0] | masks[1] | masks[2]
-    design = np.stack([*_build_design(x, masks), t, np.where(masks[1], t**2 - 1.0 / 3.0, 0.0)])
+    design = np.stack([*flat, t, np.where(masks[1], t**2 - 1.0 / 3.0, 0.0)])
     fit = fit_without_spikes(design, z, used)
     if fit.rejected > _MOST_OUTLIERS * used.sum() or _find_flank_window(
         fit, {"A": masks[0], "B": masks[2]}

@@ -21,7 +21,8 @@ def describe_energy(result: InspectionResult, grid: PredictionGrid) -> str:
     nominal = {one.key: one.nominal for one, _ in result.judged}
     if not {"step_height", "edge_radius"} <= set(values) & set(nominal):
         return ""
-    point, surface = grid.first_point(), result.evaluation.surface
+    point = grid.first_point()
+    surface = result.evaluation.surface
     failed = {one.key for one, found in result.judged if found.verdict is Outcome.DOES_NOT_CONFORM}
     asked = Step(nominal["step_height"], nominal["edge_radius"])
     radius = max(values["edge_radius"].value, 0.0)
@@ -46,17 +47,18 @@ def describe_energy(result: InspectionResult, grid: PredictionGrid) -> str:
             f"{verdict}; nominal {releases[0].status.value}, as built {releases[1].status.value} "
             f"{where}"
         )
-    angle = None
-    if surface is not None:
-        angle = find_scanned_angle(surface.position, surface.height, point.ball_radius)
+    angle = (
+        None
+        if surface is None
+        else find_scanned_angle(surface.position, surface.height, point.ball_radius)
+    )
     if angle is not None:
         scanned = find_release(angle, point.normal_load, point.friction, point.tool)
         if scanned.status is Status.RELEASES:
             change = find_energy_change(asked, scanned, point) * 100.0
-            energy = float(scanned.vibration_energy) * 1e6
             return (
                 f"{verdict}; the edge is no arc; by the scanned surface itself {change:+.1f} "
-                f"%, to {energy:.3g} uJ {where}"
+                f"%, to {float(scanned.vibration_energy) * 1e6:.3g} uJ {where}"
             )
     causes = {cause: find_energy_change(asked, step, point) for cause, step in steps.items()}
     named = " and ".join(
@@ -67,5 +69,6 @@ def describe_energy(result: InspectionResult, grid: PredictionGrid) -> str:
     clause = f", and E_v is within {100.0 * _WORTH_SAYING:g} % of the nominal block's"
     if named:
         clause = f"{', but ' if result.verdict is Outcome.CONFORMS else ': '}{named}"
-    change, energy = find_energy_change(asked, as_built, point), float(releases[1].vibration_energy)
+    change = find_energy_change(asked, as_built, point)
+    energy = float(releases[1].vibration_energy)
     return f"{verdict}{clause}; together {change * 100:+.1f} %, to {energy * 1e6:.3g} uJ {where}"

@@ -46,6 +46,7 @@ from stepblocks.inspect.measure import (
     Shown,
     evaluate_each,
     keep_profiles_that_agree,
+    list_directions,
     sample_profiles,
 )
 from stepblocks.inspect.noise import Array, Estimate, compute_change
@@ -71,15 +72,11 @@ _SECTION = "a section or replica across the edge would show it"
 def measure_edge(
     scan: ScannedProfile | HeightMap, instrument: Instrument, options: EvaluationOptions = AS_FOUND
 ) -> Evaluation:
-    """Measure a step across its edge.
-
-    Along the rows of a map, or its columns where these show it.
-    """
-    if isinstance(scan, ScannedProfile):
-        return _measure_along_rows(scan, instrument, options)
-    columns = replace(scan, height=np.ascontiguousarray(scan.height.T), dx=scan.dy, dy=scan.dx)
-    ways = {"x": [scan], "y": [columns], None: [scan, columns]}[options.along]
-    found, refused = evaluate_each(lambda one: _measure_along_rows(one, instrument, options), ways)
+    """Measure a step across its edge, along the rows of a map, or its columns if these show it."""
+    found, refused = evaluate_each(
+        lambda one: _measure_along_rows(one, instrument, options),
+        list_directions(scan, options.along),
+    )
     if not found:
         raise MetrologyError(refused[0])
     return found[0][1]
@@ -105,18 +102,13 @@ def _measure_along_rows(
     ).reshape(-1, 3, 1)
     results = keep_profiles_that_agree(found, crossed.swapaxes(0, 1), rows, refused, notes)
     edges = [edge for _, edge in results]
-    form = Component(
-        "form", _estimate_form(results), how="change with twice the exclusion, rectangular"
-    )
     flanks = [one.flank for one in edges if one.flank is not None]
     flanks = flanks if 2 * len(flanks) > len(edges) else []
+    origin = "change with twice the exclusion, rectangular"
+    form = Component("form", _estimate_form(results), how=origin)
+    heights = [one.height for one in edges]
     values = {
-        "step_height": average_profiles(
-            "step height",
-            [one.height for one in edges],
-            instrument,
-            [form],
-        ),
+        "step_height": average_profiles("step height", heights, instrument, [form]),
         "edge_radius": _average_radius(
             results, isinstance(scan, HeightMap), instrument, options, notes
         ),
@@ -169,13 +161,10 @@ def _measure_along_rows(
             "edge sharper than the sampling resolves; radius below "
             f"{max(one.radius_limit for one in edges) * 1e6:.2g} um at 95 %"
         )
-    convention = (
-        f"two planes with a common slope, {edge.exclusion * 1e6:.4g} um excluded on either side "
-        f"of the edge; radius by arc{' of the corner beside its flank' if flanks else ''}"
-    )
     return Evaluation(
         values,
-        convention,
+        f"two planes with a common slope, {edge.exclusion * 1e6:.4g} um excluded on either side "
+        f"of the edge; radius by arc{' of the corner beside its flank' if flanks else ''}",
         tuple(notes),
         _build_shown(first, edge, bool(flanks)),
         arc=surface is None,
@@ -232,7 +221,8 @@ def _average_radius(
     notes: list[str],
 ) -> Measured:
     # Average the edge radius over profiles, with what sampling, pixels and stylus leave open of it.
-    edges, spacing = [edge for _, edge in results], results[0][0].spacing
+    edges = [edge for _, edge in results]
+    spacing = results[0][0].spacing
     sloped = 2 * sum(one.flank is not None for one in edges) > len(edges)
     corners = [one.radius for one in edges if (one.flank is not None) == sloped]
     others = [Component("form", _estimate_arc_form(results), how="change without its steep half")]
@@ -327,15 +317,15 @@ def _measure_riser(
         for one in (instrument.calibration_std, instrument.lateral_std)
     ]
     relative = 0.5 * math.sin(2.0 * angle) * math.hypot(*scales)
-    parts = [
+    parts = (
         Component(
             "noise",
             math.hypot(off, np.std([one.angle for one in flanks])),
             how="covariance of the fit of the flank",
         ),
         Component("calibration", relative, how="of both scales"),
-    ]
-    values = {"riser_angle": Measured("angle of the riser", angle, tuple(parts))}
+    )
+    values = {"riser_angle": Measured("angle of the riser", angle, parts)}
     value, std, dof = np.array(
         [
             astuple(edge.measure_riser(row.position, row.height, angle))
@@ -362,9 +352,8 @@ def _extend_by_level_faces(row: ScannedProfile, edge: Edge) -> ScannedProfile:
     u, level = edge.measure_across(row.position, row.height)
     used = (np.abs(u) < edge.exclusion) & np.isfinite(level) & ~edge.dropped
     order = np.argsort(u[used])
-    ends, top = (-edge.exclusion, edge.exclusion), edge.height.value
-    known = np.concatenate([ends[:1], u[used][order], ends[1:]])
-    heights = np.concatenate([[0.0], level[used][order], [top]])
+    known = np.concatenate([[-edge.exclusion], u[used][order], [edge.exclusion]])
+    heights = np.concatenate([[0.0], level[used][order], [edge.height.value]])
     count = round(_LEVEL / row.spacing)
     position = np.arange(-count, count, dtype=np.float64) * row.spacing
     return ScannedProfile(position, np.interp(position, known, heights), row.source)
@@ -434,12 +423,13 @@ def _extract_faces(results: list[tuple[ScannedProfile, Edge]]) -> Iterator[Scann
 
 
 def _build_shown(first: ScannedProfile, edge: Edge, sloped: bool) -> Shown:
-    x, before = first.position, edge.middle - edge.exclusion
-    behind = edge.middle + edge.exclusion
+    x = first.position
+    before, behind = edge.middle - edge.exclusion, edge.middle + edge.exclusion
     windows = (float(x[0]), before, "face"), (behind, float(x[-1]), "face")
     level = first.height - edge.tilt * x
     lower = (x < before) if edge.rising else (x > behind)
-    sign, corner = (1.0 if edge.rising else -1.0), 0.0 if sloped else max(edge.radius.value, 0.0)
+    sign = 1.0 if edge.rising else -1.0
+    corner = 0.0 if sloped else max(edge.radius.value, 0.0)
     return Shown(
         x,
         level - np.nanmedian(level[lower]),

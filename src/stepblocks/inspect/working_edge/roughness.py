@@ -37,12 +37,12 @@ def measure_ra(face: ScannedProfile, limit: float) -> Estimate:
         f"Ra: sampling interval must not exceed {largest * 1e6:g} um (ISO 21920-3), got "
         f"{spacing * 1e6:.3g} um",
     )
-    if face.position[-1] - face.position[0] < length - 2.0 * spacing:
-        got = (face.position[-1] - face.position[0]) * 1e3
-        raise MetrologyError(
-            f"Ra: profile of a face must be {length * 1e3:g} mm long "
-            f"(five cut-offs and the ends), got {got:.3g} mm"
-        )
+    extent = face.position[-1] - face.position[0]
+    MetrologyError.require(
+        extent >= length - 2.0 * spacing,
+        f"Ra: profile of a face must be {length * 1e3:g} mm long "
+        f"(five cut-offs and the ends), got {extent * 1e3:.3g} mm",
+    )
     known = np.isfinite(face.height)
     line = np.polynomial.Polynomial.fit(face.position[known], face.height[known], 1)
     rest = face.height - line(face.position)
@@ -64,6 +64,6 @@ def _compute_mean_line(height: Array, known: Array, spacing: float, cutoff: floa
     reach = max(int(np.ceil(cutoff / spacing)), 1)
     lag = np.arange(-reach, reach + 1) * spacing / (_ALPHA * cutoff)
     kernel = np.exp(-np.pi * lag**2)
-    weight = known.astype(np.float64)
     total = convolve1d(np.where(known, height, 0.0), kernel, mode="constant")
-    return np.asarray(total / np.maximum(convolve1d(weight, kernel, mode="constant"), 1e-12))
+    weight = convolve1d(known.astype(np.float64), kernel, mode="constant")
+    return np.asarray(total / np.maximum(weight, 1e-12))
