@@ -80,7 +80,6 @@ def read_si_columns(
     """
     # one without a default must be there; where one has a default, a column that is nearly one of
     # them is refused: else the default would be taken without a word
-    mistakes: list[Mistake] = []
     found: dict[str, NDArray[np.float64]] = {}
     units = {
         key: {
@@ -93,7 +92,7 @@ def read_si_columns(
     known = sorted(column for columns in units.values() for column in columns)
     guessed = set(known) if any(default is not None for *_, default in wanted.values()) else set()
     near = find_misspelt_columns(frame, guessed)
-    mistakes += [
+    mistakes: list[Mistake] = [
         ("", f"column {column!r} is not known, is it {likely!r}?")
         for column, likely in near.items()
     ]

@@ -7,6 +7,7 @@ import hashlib
 import json
 import platform
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -86,12 +87,10 @@ def compute_code_fingerprint() -> str:
 
 
 def _list_libraries() -> dict[str, str]:
-    found = {}
+    found = dict.fromkeys(_SHAPING, "")
     for name in _SHAPING:
-        try:
+        with suppress(PackageNotFoundError):
             found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = ""
     return found
 
 

@@ -96,19 +96,21 @@ def write_page(sections: Sequence[Section], output: Path) -> list[Path]:
         for section in sorted(sections, key=lambda one: one.stimuli.name != "paper-ten")
     ]
     rows = [row for section in sets for row in section["rows"]]
-    text = render_page(
-        "stepblocks.build",
-        "index.html",
-        sections=sets,
-        rows=rows,
-        total=len(rows),
-        failed=sum(bool(row["failed"]) for row in rows),
-        checks=sum(len(row["verdicts"]) for row in rows),
-        kinds=sorted({row["kind"] for row in rows}),
-        links=links[""],
-        shown=_SHOWN,
+    replace_text(
+        page,
+        render_page(
+            "stepblocks.build",
+            "index.html",
+            sections=sets,
+            rows=rows,
+            total=len(rows),
+            failed=sum(bool(row["failed"]) for row in rows),
+            checks=sum(len(row["verdicts"]) for row in rows),
+            kinds=sorted({row["kind"] for row in rows}),
+            links=links[""],
+            shown=_SHOWN,
+        ),
     )
-    replace_text(page, text)
     return [script, page]
 
 
@@ -120,20 +122,20 @@ def _describe_section(section: Section, links: Mapping[str, Sequence[Sequence[st
         predictions = [one for one in section.predictions if one.stimulus == identity]
         folder = f"{stimuli.name}/{identity}"
         material = materials.get(identity)
-        row = {
-            "id": identity,
-            "set": stimuli.name,
-            "folder": folder,
-            "links": links.get(folder, []),
-            "files": [name for name in record["outputs"] if Path(name).suffix in _LINKED],
-            "failed": [verdict for verdict in record["verdicts"] if not verdict["passed"]],
-            "predictions": list(map(tabulate_prediction, predictions)),
-            "summary": list(_summarise(predictions)),
-            "material": material.designation if material else "",
-            "colour": _MATERIALS.get(material.name if material else "", "#b9c4ce"),
-        }
         rows.append(
-            row | {name: record[name] for name in ("kind", "dimensions", "derived", "verdicts")}
+            {
+                "id": identity,
+                "set": stimuli.name,
+                "folder": folder,
+                "links": links.get(folder, []),
+                "files": [name for name in record["outputs"] if Path(name).suffix in _LINKED],
+                "failed": [verdict for verdict in record["verdicts"] if not verdict["passed"]],
+                "predictions": list(map(tabulate_prediction, predictions)),
+                "summary": list(_summarise(predictions)),
+                "material": material.designation if material else "",
+                "colour": _MATERIALS.get(material.name if material else "", "#b9c4ce"),
+                **{name: record[name] for name in ("kind", "dimensions", "derived", "verdicts")},
+            }
         )
     return {
         "name": stimuli.name,
@@ -211,13 +213,10 @@ def _compute_curves(stimuli: StimulusSet) -> str | None:
         least = float(kernels.compute_height_at_angle(steepest, radius))
         add(f"E<sub>v</sub>, µ {friction:g}", least, partial(energy, friction=friction))
     locking = [float(kernels.compute_locking_height(radius, mu)) for mu in frictions]
-    title = (
-        f"Tip {radius * 1e6:g} µm, load {load:g} N; dotted: above it the tip locks; no energy "
-        f"beyond {most:g} N ({limit})"
-    )
     return json.dumps(
         {
-            "title": title,
+            "title": f"Tip {radius * 1e6:g} µm, load {load:g} N; dotted: above it the tip locks; "
+            f"no energy beyond {most:g} N ({limit})",
             "names": [block.id for block in blocks],
             "curves": curves,
             "locking": [height * 1e6 if height < 1.02 * top else None for height in locking],

@@ -101,8 +101,10 @@ def export(
     Writes one self-contained folder per block, crown or tip: scene, event, rings, and a README on
     how to run it.
     """
-    asked = {"for": simulator, "list_devices": list_devices or None}
-    require_one("begin with: stepblocks export --for mujoco", **asked)
+    require_one(
+        "begin with: stepblocks export --for mujoco",
+        **{"for": simulator, "list_devices": list_devices or None},
+    )
     if list_devices:
         return _list_devices(devices)
     from stepblocks.simulators.export import export_scenes

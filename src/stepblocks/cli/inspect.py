@@ -317,11 +317,13 @@ def _list_channels(scan: Path) -> Outcome:
 
 
 def _summarise_many(together: "ManyScans", written: list[Path]) -> Outcome:
-    findings = [f"{serial}: {one.conclusion}" for serial, one in together.reports.items()]
     return Outcome(
         "",
         together.table_rows,
-        [*findings, *together.left_out],
+        [
+            *(f"{serial}: {one.conclusion}" for serial, one in together.reports.items()),
+            *together.left_out,
+        ],
         next((path for path in written if path.suffix == ".html"), None),
         together.verdict.exit_code,
         together.as_record(),
