@@ -3,6 +3,7 @@
 import fcntl
 import gc
 import os
+import pickle
 from pathlib import Path
 
 import pytest
@@ -59,17 +60,37 @@ def shared():
 
 
 @pytest.fixture(scope="session")
-def shipped_output(tmp_path_factory):
-    """Output folder with every shipped stimulus built; processes that share the tests share it, the
-    first one builds.
+def make_once(tmp_path_factory):
+    """Function that makes something by name: once for all processes that share the tests.
+
+    The first one calls ``make(folder)``; the others wait, and read the result from a file.
     """
-    from stepblocks.build.run import build_sets
-    from stepblocks.select import find_stimulus_files
+    from joblib.externals.loky.backend.reduction import dumps  # of functions, too
 
     several = "PYTEST_XDIST_WORKER" in os.environ
     base = tmp_path_factory.getbasetemp().parent if several else tmp_path_factory.getbasetemp()
-    with (base / "shipped.lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        report = build_sets(find_stimulus_files([ROOT / "stimuli"]), base / "shipped")
-    assert report.failures == []
-    return base / "shipped"
+
+    def make_or_read(name, make):
+        folder, kept = base / name, base / f"{name}.pickle"
+        with (base / f"{name}.lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not kept.exists():
+                folder.mkdir()
+                kept.write_bytes(dumps((folder, make(folder))))
+            return pickle.loads(kept.read_bytes())
+
+    return make_or_read
+
+
+@pytest.fixture(scope="session")
+def shipped_output(make_once):
+    """Output folder with every shipped stimulus built."""
+    from stepblocks.build.run import build_sets
+    from stepblocks.select import find_stimulus_files
+
+    def build(folder):
+        return build_sets(find_stimulus_files([ROOT / "stimuli"]), folder).failures
+
+    folder, failures = make_once("shipped", build)
+    assert failures == []
+    return folder

@@ -5,6 +5,6 @@ import pytest
 from oracles.written_steps import written
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def block(tmp_path_factory):
     return written("step-010", tmp_path_factory.mktemp("ap242"))

@@ -16,9 +16,7 @@ def _running_in(columns):
     )
 
 
-@pytest.fixture(scope="session")
-def worn(tmp_path_factory):  # type: ignore[no-untyped-def]
-    """A session of 120 drags whose friction runs in, analysed and written."""
+def _analyse(folder):
     columns = design_columns(120, 3)
     effect = _running_in(columns)
     truth = ((effect, {"excess": 0.6, "settling_trials": 30.0}),)
@@ -26,6 +24,12 @@ def worn(tmp_path_factory):  # type: ignore[no-untyped-def]
     features.loc[5, ["status", "reason"]] = ["excluded", "truncated"]
     scans = {b: {"height_m": v, "height_std_m": s} for b, (v, s) in block_scans(columns, 3).items()}
     result = analyse_features(features, 9810.0, 125e-6, scans, rules=Rules(draws=200))
-    folder = tmp_path_factory.mktemp("worn")
     write_loop(result, folder)
-    return columns, truth, result, folder
+    return columns, truth, result
+
+
+@pytest.fixture(scope="session")
+def worn(make_once):
+    """A session of 120 drags whose friction runs in, analysed and written."""
+    folder, made = make_once("worn", _analyse)
+    return *made, folder
