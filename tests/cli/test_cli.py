@@ -301,14 +301,11 @@ def test_what_is_not_there_is_said_in_one_line(arguments, message, capsys, tmp_p
     assert error.count("\n") == 1
 
 
-def test_a_reader_that_has_seen_enough_gets_no_traceback():
-    command = [
-        sys.executable,
-        "-m",
-        "stepblocks",
-        "predict",
-        str(ROOT / "stimuli" / "paper-ten.toml"),
-    ]
+@pytest.mark.parametrize(
+    "words", [["predict", str(ROOT / "stimuli" / "paper-ten.toml")], ["help", "predict"], ["-h"]]
+)
+def test_a_reader_that_has_seen_enough_gets_no_traceback(words):
+    command = [sys.executable, "-m", "stepblocks", *words]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         process.stdout.close()
         assert process.stderr.read() == b""

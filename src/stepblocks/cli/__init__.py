@@ -104,8 +104,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         return code
     except typer.Exit as done:  # --help, --version
         return done.exit_code
-    except BrokenPipeError:
-        # who reads our output has seen enough; what is left is flushed into nothing
+    except (BrokenPipeError, SystemExit) as ended:
+        # who reads our output has seen enough, which rich says of a help by an exit; what is left
+        # is flushed into nothing
+        if isinstance(ended, SystemExit) and not isinstance(ended.__context__, BrokenPipeError):
+            raise
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 128 + signal.SIGPIPE
     except KeyboardInterrupt:
@@ -153,12 +156,14 @@ def _describe_error(error: Exception) -> tuple[str, int]:
 def _keep_details(error: Exception) -> str:
     # Keep the traceback in a file; say in one line what happened and where the file is
     message = " ".join(f"{type(error).__name__}: {error}".split())[:200]
-    details = f"{sys.version}\n{sys.argv}\n{traceback.format_exc()}"
     try:
         with tempfile.NamedTemporaryFile(
             "w", prefix="stepblocks-fault-", suffix=".txt", delete=False
         ) as file:
-            file.write(f"stepblocks {__version__}, Python {details}")
+            file.write(
+                f"stepblocks {__version__}, Python {sys.version}\n{sys.argv}\n"
+                f"{traceback.format_exc()}"
+            )
     except OSError:
         return message
     return f"{message} (please send {file.name})"

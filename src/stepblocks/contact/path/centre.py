@@ -181,5 +181,8 @@ class _Shapes:
     def slopes(self, index: NDArray[np.int64], x: Array) -> Array:
         run = self.x[index] - x
         across = np.sqrt(np.maximum(self.r[index] ** 2 - run**2, _CLOSE**2))
-        steep = np.clip(run / across, -STEEPEST, STEEPEST)
-        return np.asarray(np.where(index < self.circles, steep, self.slope[index]))
+        return np.asarray(
+            np.where(
+                index < self.circles, np.clip(run / across, -STEEPEST, STEEPEST), self.slope[index]
+            )
+        )
