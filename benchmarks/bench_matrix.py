@@ -3,7 +3,9 @@
 Run ``python benchmarks/bench_matrix.py [FAMILY ...] [--sessions N] [--first SEED] [--trials 96]
 [--record FILE] [--folds]``. Every session is drawn by ``tests/oracles/virtual_bench.py`` (its own
 contact, its own integrator, nothing of the program), written to a folder, measured from its traces
-and explained. Without ``--folds`` the folds are left out: they can only take a claim back, so what
+and explained. Radii of edges that count as sharp and errors of the scans are drawn too, of the
+sizes that the loop allows for: beside a bench without errors every interval would seem too wide.
+Without ``--folds`` the folds are left out: they can only take a claim back, so what
 is counted here as falsely claimed is no less than what the command claims. A law that is claimed
 although the error does not fall is counted at the end: seed 707 of wandering friction is one, and
 ``stepblocks loop`` takes it back, as some folds miss it. With ``--folds`` every session ends as the
@@ -40,7 +42,8 @@ from stepblocks.loop.run import analyse_features
 from stepblocks.loop.search.explain import Explanation, Rules, Verdict, explain
 from stepblocks.loop.session_table import build_session_table, scan_blocks
 
-_FREE = Bench(conversion=0.2)
+_SHARP = (0.05e-6, 1.2e-6)  # radii of edges that a scan cannot tell from sharp ones [m]
+_SCAN_ERROR = 0.1e-6  # the least that the loop takes for the uncertainty of a scanned height [m]
 # scans that were measured last
 _LAST: dict[tuple[object, ...], dict[str, dict[str, float]]] = {}
 # places that count as right, and parameters with their values
@@ -296,7 +299,11 @@ def _measure_scans(folder: Path, blocks: list[str]) -> dict[str, dict[str, float
 def run_one(name: str, trials: int, seed: int, *, folds: bool = False) -> dict[str, Any]:
     """One session: what was drawn, what was found."""
     random = np.random.default_rng([seed, list(FAMILIES).index(name)])
-    plan, (places, values) = FAMILIES[name](random, Plan(bench=_FREE, trials=trials))
+    bench = Bench(
+        conversion=0.2, edge_radius=float(np.random.default_rng([seed, 6]).uniform(*_SHARP))
+    )
+    plan = Plan(bench=bench, trials=trials, scan_error=_SCAN_ERROR)
+    plan, (places, values) = FAMILIES[name](random, plan)
     with tempfile.TemporaryDirectory(prefix="stepblocks-matrix-") as scratch:
         folder = Path(scratch) / "session"
         write_session(folder, plan, seed)

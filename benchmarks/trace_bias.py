@@ -1,20 +1,34 @@
 """Bias, spread and calibration of every feature on records of known truth.
 
     python benchmarks/trace_bias.py [records per case [word in the name of the case]]
+    python benchmarks/trace_bias.py slopes [records per case [sessions]]
 
 Prints, for each disturbance and feature, the mean error, its spread and the pull: (measured - true)
 / stated standard uncertainty, whose mean should be 0 and whose standard deviation should be 1.
+With ``slopes``: how errors follow the settings, in thousandths per standard deviation of ln height,
+ln load and ln speed and of their products, root mean squares beyond chance over those seven; from
+the same cases, and from sessions of the virtual bench of the tests. ``loop.bench_model`` allows for
+the largest.
 """
 
 import math
 import sys
+import tempfile
+from pathlib import Path
 
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+from oracles.virtual_bench import Bench
+from oracles.virtual_session import Plan, write_session
+from stepblocks.bench.measure import measure_session
 from stepblocks.bench.rehearse import Rig, Truth, record_drag, record_trial
 from stepblocks.bench.signal.features import measure_trace
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.operating_point import OperatingPoint, Tool
+from stepblocks.contact.state import CHANNELS
+from stepblocks.loop.session_table import build_session_table
 
 K = 9810.0
 CASES = {
@@ -157,6 +171,94 @@ def dragged(count: int, seed: int = 7) -> dict[str, tuple[float, float, float, f
     }
 
 
+# features behind the channels of the loop
+SHOWN = (
+    "vibration_energy_j",
+    "peak_force_n",
+    "sliding_friction",
+    "loading_slope_n_per_s",
+    "ring_frequency_hz",
+    "decay_time_s",
+    "normal_load_n",
+)
+
+
+def find_slopes(settings: np.ndarray, error: np.ndarray, std: np.ndarray) -> list[float]:
+    """Return the root mean square slope of each channel over the settings, beyond chance."""
+    height, load, speed = ((column - column.mean()) / column.std() for column in np.log(settings).T)
+    products = (height**2, height * load, load * speed, height * speed)
+    columns = np.column_stack([np.ones_like(height), height, load, speed, *products])
+    found = []
+    for wrong, spread in zip(error.T, std.T, strict=True):
+        known = np.isfinite(wrong) & np.isfinite(spread)
+        # a floor for the weights: no trial counts for all
+        scatter = 1.4826 * np.median(np.abs(wrong[known] - np.median(wrong[known])))
+        weight = 1.0 / np.hypot(spread[known], 0.3 * scatter)
+        left, right = columns[known] * weight[:, None], wrong[known] * weight
+        for _ in range(3):  # few records fail, and say nothing of the rest
+            slopes = np.linalg.lstsq(left, right, rcond=None)[0]
+            rest = right - left @ slopes
+            kept = np.abs(rest) < 6.0 * 1.4826 * np.median(np.abs(rest))
+            left, right = left[kept], right[kept]
+        chance = np.diag(np.linalg.inv(left.T @ left)) * np.var(rest[kept])
+        found.append(math.sqrt(max(float(np.mean(slopes[1:] ** 2 - chance[1:])), 0.0)))
+    return found
+
+
+def follow_cases(rig: Rig, count: int, rubbing: bool) -> list[float]:
+    """Slopes of the errors in records of one case."""
+    random = np.random.default_rng(11)
+    settings, errors, stds = [], [], []
+    for _ in range(count):
+        truth = draw(random, rubbing)
+        trace, onset, release = record_trial(truth, rig, random)
+        features = measure_trace(
+            trace, K, truth.slope / K, (truth.frequency, truth.decay_time)
+        ).features
+        wanted = expected(truth, rig.drift, onset, release)
+        angle = math.atan(truth.peak_force / truth.load) - math.atan(0.16)
+        settings.append((1.0 - math.cos(angle), truth.load, truth.slope))
+        # friction is no logarithm
+        unit = [1.0 if name == "sliding_friction" else wanted[name] for name in SHOWN]
+        errors.append([features[name] - wanted[name] for name in SHOWN] / np.array(unit))
+        stds.append([features[FEATURES[name]] for name in SHOWN] / np.array(unit))
+    return find_slopes(np.array(settings), np.array(errors), np.array(stds))
+
+
+def follow_bench(bench: Bench, first: int, sessions: int) -> list[float]:
+    """Slopes of the errors in sessions of the virtual bench."""
+    settings, errors, stds = [], [], []
+    for seed in range(first, first + sessions):
+        with tempfile.TemporaryDirectory() as scratch:
+            folder = Path(scratch) / "session"
+            told = {str(one["trial"]): one for one in write_session(folder, Plan(bench), seed)}
+            table = build_session_table(measure_session(folder), K, bench.tip_radius)
+        settings += np.column_stack(
+            [table.trials.numeric(name) for name in ("height_um", "load_n", "speed_mm_s")]
+        ).tolist()
+        decay_time = 1.0 / (2.0 * math.pi * bench.frequency * bench.damping_ratio)
+        for name, values in zip(table.names, table.trials.values, strict=True):
+            true = told[str(name)]
+            energy, peak = (math.log(true[of]) for of in ("vibration_energy_j", "peak_n"))
+            ring = (math.log(bench.frequency), math.log(decay_time))
+            errors.append(values - [energy, peak, true["friction"], 1.0, *ring, 1.0])
+        stds += table.trials.std.tolist()
+    return find_slopes(np.array(settings), np.array(errors), np.array(stds))
+
+
+def print_slopes(count: int = 250, sessions: int = 12) -> None:
+    """Print a line for each set of records."""
+    print("thousandths per standard deviation:", ", ".join(CHANNELS))
+    for name, bench in (("free ring", Bench(conversion=0.2)), ("integrated", Bench())):
+        slopes = follow_bench(bench, 20101, sessions)
+        print(f"{f'virtual bench, {name}':40s}", *(f"{1e3 * one:6.2f}" for one in slopes))
+    for rubbing in (False, True):
+        for case, rig in CASES.items():
+            slopes = follow_cases(rig, count, rubbing)
+            name = f"{'rubbing' if rubbing else 'damped'} ring, {case}"
+            print(f"{name:40s}", *(f"{1e3 * one:6.2f}" for one in slopes), flush=True)
+
+
 def main(count: int, word: str = "") -> None:
     print(f"\ndrag in time, as the shared sessions, {count} records")
     for name, (bias, spread, mean, width, tail) in dragged(count).items():
@@ -178,5 +280,7 @@ def main(count: int, word: str = "") -> None:
                 )
 
 
-if __name__ == "__main__":
+if __name__ == "__main__" and sys.argv[1:2] == ["slopes"]:
+    print_slopes(*map(int, sys.argv[2:4]))
+elif __name__ == "__main__":
     main(int(sys.argv[1]) if len(sys.argv) > 1 else 400, *sys.argv[2:3])

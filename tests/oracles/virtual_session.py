@@ -36,6 +36,7 @@ class Plan:
     conversion_scatter: float = 0.05  # of ln C_v, where there is a conversion
     height_scatter: float = 0.3e-6  # of the blocks about their label [m]
     scans: bool = True
+    scan_error: float = 0.0  # of the height that the scan of a block shows [m]
     spring_std: float = (
         0.0  # relative uncertainty of the certificate of the spring, where there is one
     )
@@ -120,8 +121,10 @@ def write_session(folder: Path, plan: Plan, seed: int) -> list[dict[str, Any]]:
     }
     if plan.scans:
         (folder / "scans").mkdir()
+        profilometer = np.random.default_rng([seed, 5])
         for height, true in true_heights.items():
-            table = np.column_stack(scan(true, plan.bench.edge_radius, random))
+            seen = true + plan.scan_error * profilometer.standard_normal()
+            table = np.column_stack(scan(seen, plan.bench.edge_radius, random))
             path = folder / "scans" / f"step-{round(height * 1e6):03d}.csv"
             np.savetxt(path, table, fmt="%.3f", delimiter=",", header="x_um,z_um", comments="")
     full = [(h, n, v) for h in plan.heights for n in plan.loads for v in plan.speeds]

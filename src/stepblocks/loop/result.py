@@ -332,10 +332,12 @@ def _describe_errors(
 def _estimate_noise_floor(table: SessionTable, fitted: Fit, adequacy: Document) -> list[float]:
     # The least scatter about a regression that trusts no model, about a model, among replicates
     left = np.where(table.trials.seen, table.trials.values - fitted.predicted, np.nan)
-    free = max(len(left) - len(fitted.parameters), len(left) // 2)
     floors = [
         np.sqrt(np.nansum(residual[:, :2] ** 2, axis=0) / max(dof, 1))
-        for residual, dof in (compute_flexible_residual(table.trials), (left, free))
+        for residual, dof in (
+            compute_flexible_residual(table.trials),
+            (left, fitted.count_freedom()),
+        )
     ]
     replicates = [
         t["replicate_std"] if t["replicate_dof"] >= _REPLICATES else np.inf

@@ -51,19 +51,13 @@ class Problem:
 
         The regression is the flexible one.
         """
-        trials = self.trials
-        # what is known beforehand takes no freedom: heights from scans hardly follow their trials
-        left, _ = np.linalg.qr(fitted.jacobian)
-        leverage = left[: trials.values.size] ** 2
-        taken = float(leverage.reshape(*trials.values.shape, -1).sum(axis=(0, 2)).max())
-        dof = max(round(len(trials) - taken), len(trials) // 2)
-        residual = np.where(trials.seen, trials.values - fitted.predicted, np.nan)
-        responses = self.model.responses(trials, fitted.values, fitted.active)
+        residual = np.where(self.trials.seen, self.trials.values - fitted.predicted, np.nan)
+        responses = self.model.responses(self.trials, fitted.values, fitted.active)
         noise = build_noise(
-            trials,
-            [*self.model.systematics(trials), *self.common],
+            self.trials,
+            [*self.model.systematics(self.trials), *self.common],
             responses,
-            estimate_scatter(residual, trials.std, responses, dof),
+            estimate_scatter(residual, self.trials.std, responses, fitted.count_freedom()),
         )
         return replace(self, noise=noise) if noise.precision > self.noise.precision else self
 
@@ -138,6 +132,16 @@ class Fit:
     def active(self) -> Active:
         """Effects with their fitted values."""
         return [(e, e.pick_own_values(self.values)) for e in self.effects]
+
+    def count_freedom(self) -> int:
+        """Count the trials less what the fit took of the channel that gave most, by leverage.
+
+        What is known beforehand takes none: heights from scans hardly follow their trials.
+        """
+        left, _ = np.linalg.qr(self.jacobian)
+        leverage = left[: self.residual.size].reshape(*self.predicted.shape, -1) ** 2
+        free = len(self.predicted) - float(leverage.sum(axis=(0, 2)).max())
+        return max(round(free), len(self.predicted) // 2)
 
     @property
     def criterion(self) -> float:
