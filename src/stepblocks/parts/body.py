@@ -117,8 +117,10 @@ class Body(Table):
     @make_rules_validator
     def _check_fit(self) -> Iterator[str]:
         length, width, thickness = self.length.nominal, self.width.nominal, self.thickness.nominal
-        holes, chamfer = self.mounting, self.edge_break.nominal
-        half, room = 0.5 * min(length, width, thickness), length - 2.0 * chamfer
+        holes = self.mounting
+        chamfer = self.edge_break.nominal
+        half = 0.5 * min(length, width, thickness)
+        room = length - 2.0 * chamfer
         yield check_below("edge_break", "be smaller than half the smallest side", chamfer, half)
         if self.engraving is not None:
             yield check_below(
@@ -180,8 +182,11 @@ class Block(Part):
     def sides(self) -> Point3:
         """Sizes along x, y and z [m]."""
         body = self.body
-        tall = body.thickness.nominal + max(self.rise, 0.0)
-        return body.length.nominal, body.width.nominal, tall
+        return (
+            body.length.nominal,
+            body.width.nominal,
+            body.thickness.nominal + max(self.rise, 0.0),
+        )
 
     @abstractmethod
     def top(self, x: float) -> float:
@@ -226,7 +231,8 @@ class Block(Part):
 
     def extrude_section(self, crest: cad.door.Outline) -> cad.door.Body:
         """Extrude the section; `crest` is its outline from the right face to the left one."""
-        body, rise = self.body, self.rise
+        body = self.body
+        rise = self.rise
         half, base, c = body.half_length, body.base, body.edge_break.nominal
         right = dict.fromkeys(
             [(half - c, base), (half, base + c), (half, rise - c), (half - c, rise)]
@@ -269,9 +275,13 @@ class Block(Part):
             body.edge_break, describe_plane(0, half), EdgeRule(slope, describe_plane(2, base))
         )
         if engraving is not None:
-            floor = describe_plane(1, -side), describe_plane(1, -side + engraving.depth.nominal)
             yield make_characteristic(
-                "engraving_depth", "distance", engraving.depth, *floor, method="microscope, focus"
+                "engraving_depth",
+                "distance",
+                engraving.depth,
+                describe_plane(1, -side),
+                describe_plane(1, -side + engraving.depth.nominal),
+                method="microscope, focus",
             )
             yield make_characteristic(
                 "engraving_height",
@@ -456,8 +466,7 @@ def compute_half_volume(body: Body, extent: float, top: float) -> float:
 
     # two corner triangles, leg^2 / 2 each; the leg vanishes at s = c / 2
     corners_at_chamfer = c**3 / 6.0
-    straight = height - 2.0 * c
-    return straight * (extent * width - c * c) + 2.0 * (rectangle(c) - corners_at_chamfer)
+    return (height - 2.0 * c) * (extent * width - c * c) + 2.0 * (rectangle(c) - corners_at_chamfer)
 
 
 def compute_strip_volume(body: Body, top: float, polygon: list[Point]) -> float:

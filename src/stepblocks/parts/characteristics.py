@@ -124,8 +124,7 @@ def _is_face_of(face: cad.door.Face, rule: FaceRule) -> bool:
         middle = [0.5 * (low + high) for low, high in zip(face.low, face.high, strict=True)]
         return not flat and all(abs(middle[k] - v) < 2.0 * _REACH for k, v in rule.holds.items())
     if rule.kind == "PLANE":
-        ends = face.low[rule.axis], face.high[rule.axis]
-        if max(abs(end - rule.at) for end in ends) > _REACH + 1e-9:
+        if any(abs(end[rule.axis] - rule.at) > _REACH + 1e-9 for end in (face.low, face.high)):
             return False
     elif rule.kind in ("CYLINDER", "SPHERE") and abs(face.radius - rule.radius) > 1e-12:
         return False
@@ -165,13 +164,11 @@ def make_edge_break(edge_break: Dimension, *faces: Rule) -> Characteristic:
 
     Sharp edges have no face that carries it.
     """
-    kind: Kind = "distance" if edge_break.nominal else "note"
-    carried = faces if edge_break.nominal else ()
     return make_characteristic(
         "edge_break",
-        kind,
+        "distance" if edge_break.nominal else "note",
         edge_break,
-        *carried,
+        *(faces if edge_break.nominal else ()),
         label="edge break, 45 deg, all edges",
         method=MICROSCOPE,
     )

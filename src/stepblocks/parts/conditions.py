@@ -130,9 +130,8 @@ class PredictionGrid(Table):
 
     def first_point(self, **other: Any) -> OperatingPoint:
         """Return the first of the conditions; keywords replace fields of it."""
-        ball = next(iter(self.tip_radii), PAPER.ball_radius)
         point = {
-            "ball_radius": ball,
+            "ball_radius": next(iter(self.tip_radii), PAPER.ball_radius),
             "normal_load": self.normal_loads[0],
             "friction": self.coefficients[0],
             "tool": self.as_tool(),

@@ -91,7 +91,8 @@ class Table(BaseModel):
             return raw
         given = dict(raw)
         for name, field in cls.model_fields.items():
-            more, one = field.json_schema_extra, given.get(name)
+            more = field.json_schema_extra
+            one = given.get(name)
             if isinstance(more, dict) and more and one is not None:
                 given[name] = {**more, **one} if isinstance(one, dict) else {"nominal": one, **more}
         return given
@@ -102,10 +103,10 @@ class Table(BaseModel):
 
     def record(self) -> dict[str, object]:
         """Write it out in full for JSON, with the unit in the name of every field."""
-        stated = {name: value for name, value in self if value is not None}
         return {
             name: value.record() if hasattr(value, "record") else value
-            for name, value in stated.items()
+            for name, value in self
+            if value is not None
         }
 
     def dimensions(self, prefix: str = "") -> Iterator[tuple[str, Dimension]]:

@@ -86,8 +86,9 @@ class Part(Table, ABC):
         A part without sizes meets a known step.
         """
         yield self.counterface(step_height)
-        for values in product(*(one.limits for one in self.sizes.values())) if self.sizes else ():
-            yield self.make_counterface(**dict(zip(self.sizes, values, strict=True)))
+        if self.sizes:
+            for values in product(*(one.limits for one in self.sizes.values())):
+                yield self.make_counterface(**dict(zip(self.sizes, values, strict=True)))
 
     @property
     def ball(self) -> Dimension | None:

@@ -120,9 +120,11 @@ def _load_tooth(path: Path, scale: float, margin: list[list[float]]) -> tuple[An
     around = line(np.linspace(0.0, line.x[-1], 500))
     # debris and loose islands are no side of a margin: tooth and crown go along most of its line
     shares = [float((cKDTree(one).query(around)[0] < _FITTED + longest).mean()) for one in points]
-    kept = zip(pieces, shares, strict=True)
+    least = min(_COVERED, max(shares))
     mesh.update_faces(
-        np.concatenate([piece for piece, share in kept if share >= min(_COVERED, max(shares))])
+        np.concatenate(
+            [piece for piece, share in zip(pieces, shares, strict=True) if share >= least]
+        )
     )
     mesh.remove_unreferenced_vertices()
     return mesh, line, around

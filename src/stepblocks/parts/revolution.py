@@ -56,8 +56,12 @@ def compute_revolution_volume(outline: Outline) -> float:
 
 def _integrate_arc(start: Point, middle: Point, end: Point) -> float:
     # Integrate r^2 dz along an arc, with r = c + rho cos t and dz = rho cos t dt
-    squares = [p[0] ** 2 + p[1] ** 2 - start[0] ** 2 - start[1] ** 2 for p in (middle, end)]
-    (c, _), rho, first, last = _find_circle(start, middle, end, squares)
+    (c, _), rho, first, last = _find_circle(
+        start,
+        middle,
+        end,
+        [p[0] ** 2 + p[1] ** 2 - start[0] ** 2 - start[1] ** 2 for p in (middle, end)],
+    )
 
     def antiderivative(t: float) -> float:
         # rho cos t (c + rho cos t)^2, integrated

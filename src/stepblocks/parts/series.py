@@ -47,8 +47,9 @@ def expand_series(stanza: Mapping[str, object]) -> Iterator[dict[str, object]]:
             table: dict[str, Any] = one
             for key in path[:-1]:
                 table = table[key]
-            kept = {key: value for key, value in table[path[-1]].items() if key in _BESIDE}
-            table[path[-1]] = {"nominal": nominal, **kept}
+            table[path[-1]] = {"nominal": nominal} | {
+                key: value for key, value in table[path[-1]].items() if key in _BESIDE
+            }
         one["id"] = _fill_identity(one)
         yield one
 

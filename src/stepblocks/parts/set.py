@@ -188,13 +188,15 @@ class StimulusSet(Table):
     __str__ = __repr__
 
     def _repr_html_(self) -> str:
-        rows = [
+        rows = "".join(
             f"<tr><td>{escape(part.id)}<td>{escape(part.kind_name)}<td>{escape(part.summary)}"
             f"<td>{escape(part.material.order_text)}"
             for part in self.stimuli
-        ]
-        rows.insert(0, "<tr><th>stimulus<th>kind<th>size<th>material")
-        return f"<b>{escape(self.title)}</b><table>{''.join(rows)}</table>"
+        )
+        return (
+            f"<b>{escape(self.title)}</b>"
+            f"<table><tr><th>stimulus<th>kind<th>size<th>material{rows}</table>"
+        )
 
     def with_parts(self, parts: Iterable[Part]) -> Self:
         """Return the set with other parts under the same conditions."""

@@ -96,18 +96,18 @@ class Dimension:
     def record(self) -> dict[str, object]:
         """Return plain values for JSON, the unit in the names."""
         unit = "rad" if self.quantity == "angle" else "m"
-        values = {
-            "nominal": self.nominal,
-            "upper_deviation": self.upper,
-            "lower_deviation": self.lower,
-        }
+
         origins = {
             "ISO 2768-m": self.general,
             "default": self.usual,
             "stated": True,
         }
-        fields: dict[str, object] = {f"{name}_{unit}": value for name, value in values.items()}
-        fields["tolerance"] = next(origin for origin, holds in origins.items() if holds)
+        fields: dict[str, object] = {
+            f"nominal_{unit}": self.nominal,
+            f"upper_deviation_{unit}": self.upper,
+            f"lower_deviation_{unit}": self.lower,
+            "tolerance": next(origin for origin, holds in origins.items() if holds),
+        }
         return {**fields, "source": self.source} if self.source else fields
 
     def __str__(self) -> str:
@@ -170,9 +170,9 @@ def _read_dimension(raw: object, quantity: str) -> Dimension:
         return Dimension(
             nominal, *_read_deviations(table["otherwise"], quantity), quantity, source, usual=True
         )
-    length = format_quantity(nominal, quantity)
     raise ValueError(
-        f"a tolerance must be stated: general tolerances (ISO 2768-m) do not cover {length}"
+        "a tolerance must be stated: general tolerances (ISO 2768-m) do not cover "
+        f"{format_quantity(nominal, quantity)}"
     )
 
 
@@ -190,10 +190,9 @@ def _make_validator(quantity: str, rule: str = "", *, above: bool = False) -> Be
             f"must {rule}, got {format_quantity(value, quantity)}",
         )
         if quantity == "length" and least == 0.0 < value < -dimension.lower:
-            below = format_quantity(-dimension.lower, "length")
             raise ValueError(
                 f"tolerance must not exceed the nominal {format_quantity(value, 'length')}, got "
-                f"-{below}"
+                f"-{format_quantity(-dimension.lower, 'length')}"
             )
         return dimension
 

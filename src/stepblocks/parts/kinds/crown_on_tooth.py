@@ -214,7 +214,8 @@ class CrownOnTooth(CrownMargin, Turned):
             if a[1] > b[1] and max(a[0], b[0]) <= outer
         )
         cells = [[a, b, (outer, b[1]), (outer, a[1])] for a, b in walls]
-        low, gap = min(z for _, z in fitting), self.marginal_gap.nominal
+        low = min(z for _, z in fitting)
+        gap = self.marginal_gap.nominal
         lip = [r for r, z in fitting if z < gap] if low < 0.0 else []
         if lip:
             cells.append([(min(lip), low), (outer, low), (outer, gap), (min(lip), gap)])
@@ -276,15 +277,12 @@ class CrownOnTooth(CrownMargin, Turned):
         width = self.finish_line.width
         key = "finish_line_width"
         if kind == "shoulder":
-            edges = (
-                EdgeRule(side, describe_plane(2, 0.0)),
-                EdgeRule(describe_plane(2, 0.0), self._state_walls()[0]),
-            )
             yield make_characteristic(
                 key,
                 "distance",
                 width,
-                *edges,
+                EdgeRule(side, describe_plane(2, 0.0)),
+                EdgeRule(describe_plane(2, 0.0), self._state_walls()[0]),
                 label="finish line, width of the shoulder",
                 method="microscope",
             )
@@ -297,7 +295,8 @@ class CrownOnTooth(CrownMargin, Turned):
 
     def _list_seated_characteristics(self, ceiling: float) -> Iterator[Characteristic]:
         # Gaps between the two bodies, the crown seated on its tooth
-        g, inner, finish = self.marginal_gap, self.internal_gap, self.finish_line.kind
+        finish = self.finish_line.kind
+        g, inner = self.marginal_gap, self.internal_gap
         outside = FaceRule("CYLINDER", radius=self.margin_radius.nominal, body=0)
         ledge = FaceRule("TORUS" if finish == "chamfer" else "CONE", body=0)
         if finish == "shoulder":
@@ -338,7 +337,8 @@ class CrownOnTooth(CrownMargin, Turned):
 
     def _state_opening(self, cavosurface: EdgeRule, end: FaceRule) -> Characteristic:
         # From the cavosurface angle along the path of draw to the margin of the crown
-        v, g, finish = self.opening, self.marginal_gap.nominal, self.finish_line.kind
+        finish = self.finish_line.kind
+        v, g = self.opening, self.marginal_gap.nominal
         key = "vertical_discrepancy"
         if v.nominal < 0.0:
             return make_characteristic(
@@ -405,18 +405,22 @@ class CrownOnTooth(CrownMargin, Turned):
             self.marginal_gap.nominal,
             self.opening.nominal,
         )
-        R, finish, height = (
-            self.margin_radius.nominal,
-            self.finish_line,
-            self.preparation_height.nominal,
-        )
+        finish = self.finish_line
+        R, height = self.margin_radius.nominal, self.preparation_height.nominal
         if not 0.0 < self.taper.nominal < math.radians(45.0):
-            got = format_quantity(self.taper.nominal, "angle")
-            yield f"taper must lie between 0 and 45 deg, got {got}"
+            yield (
+                "taper must lie between 0 and 45 deg, got "
+                f"{format_quantity(self.taper.nominal, 'angle')}"
+            )
             return
         top = R - finish.width.nominal - height * math.tan(self.taper.nominal)
-        rule = "leave the preparation a top of a tenth of margin_radius"
-        yield check_rule(top > 0.1 * R, "preparation_height", rule, 0.1 * R, top)
+        yield check_rule(
+            top > 0.1 * R,
+            "preparation_height",
+            "leave the preparation a top of a tenth of margin_radius",
+            0.1 * R,
+            top,
+        )
         yield check_below(
             "internal_gap", "be below half of margin_radius", self.internal_gap.nominal, 0.5 * R
         )
@@ -455,8 +459,10 @@ class CrownOnTooth(CrownMargin, Turned):
             v,
         )
         if v < 0.0 and finish.kind == "feather-edge":
-            got = format_quantity(v, "length")
-            yield f"vertical_discrepancy must not be negative for a feather-edge, got {got}"
+            yield (
+                "vertical_discrepancy must not be negative for a feather-edge, got "
+                f"{format_quantity(v, 'length')}"
+            )
             return
         least = max(g, v) + finish.width.nominal
         yield check_rule(

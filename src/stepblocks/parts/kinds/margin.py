@@ -122,10 +122,9 @@ class CrownMargin(Part):
             self.horizontal_discrepancy.nominal,
         )
         if v < 0.0 and h <= g:
-            gap, got = format_quantity(g, "length"), format_quantity(h, "length")
             yield (
-                f"horizontal_discrepancy must exceed marginal_gap ({gap}) where "
-                f"vertical_discrepancy is negative, got {got}"
+                f"horizontal_discrepancy must exceed marginal_gap ({format_quantity(g, 'length')}) "
+                f"where vertical_discrepancy is negative, got {format_quantity(h, 'length')}"
             )
 
     def measure_gap(self, mesh: MeasuredMesh, length: Dimension) -> Verdict:
@@ -227,7 +226,8 @@ class MarginBlock(CrownMargin, Block):
 
     def volumes(self) -> tuple[float, ...]:
         # Add the halves on either side of x = 0, less the gap, corrected at the corner
-        body, half, depth = self.body, self.body.half_length, self.gap_depth.nominal
+        body = self.body
+        half, depth = body.half_length, self.gap_depth.nominal
         g, v, h = self.marginal_gap.nominal, self.opening.nominal, self.rise
         volume = compute_half_volume(body, half, 0.0) + compute_half_volume(body, half, h)
         above = [*self.corner, (0.0, h)] if v >= 0.0 else [(g, g), (0.0, g)]
@@ -243,12 +243,8 @@ class MarginBlock(CrownMargin, Block):
         return (volume - self.removed_volume,)
 
     def hulls(self) -> list[Manifold]:
-        body, gap, rise, opening = (
-            self.body,
-            self.marginal_gap.nominal,
-            self.rise,
-            self.opening.nominal,
-        )
+        body = self.body
+        gap, rise, opening = self.marginal_gap.nominal, self.rise, self.opening.nominal
         left = make_hull(list_half_corners(body, -1.0, 0.0, [(0.0, 0.0)]))
         right = make_hull(list_half_corners(body, 1.0, rise, [(0.0, rise)]))
         under, crown = split_solid(right, "x", gap)
@@ -321,15 +317,25 @@ class MarginBlock(CrownMargin, Block):
                 key, "distance", v, wall, EdgeRule(bevel, crown), method=ACROSS
             )
             angle = Dimension(math.radians(45.0), ANGULAR_DEVIATION, -ANGULAR_DEVIATION, "angle")
-            label = "bevel of the margin"
             yield make_characteristic(
-                "bevel_angle", "angle", angle, bevel, crown, label=label, method=ACROSS
+                "bevel_angle",
+                "angle",
+                angle,
+                bevel,
+                crown,
+                label="bevel of the margin",
+                method=ACROSS,
             )
         elif v.nominal < 0.0:
             end = describe_plane(0, v.nominal, z=0.5 * (g + h))
-            label = "vertical discrepancy, lip over the tooth"
             yield make_characteristic(
-                key, "distance", v, wall, end, label=label, method=ACROSS
+                key,
+                "distance",
+                v,
+                wall,
+                end,
+                label="vertical discrepancy, lip over the tooth",
+                method=ACROSS,
             ).unsigned
         elif self.vertical_discrepancy is not None:
             yield make_characteristic(key, "note", v, method=ACROSS)
@@ -345,7 +351,8 @@ class MarginBlock(CrownMargin, Block):
 
     @make_rules_validator
     def _check_fit_in_body(self) -> Iterator[str]:
-        body, g, v = self.body, self.marginal_gap.nominal, self.opening.nominal
+        body = self.body
+        g, v = self.marginal_gap.nominal, self.opening.nominal
         h, depth, chamfer = (
             self.horizontal_discrepancy.nominal,
             self.gap_depth.nominal,

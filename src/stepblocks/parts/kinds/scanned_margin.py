@@ -218,7 +218,8 @@ class ScannedMargin(CrownMargin):
         ]
 
     def characteristics(self) -> Iterator[Characteristic]:
-        g, low = self.marginal_gap, -0.5 * self.gap_depth.nominal
+        g = self.marginal_gap
+        low = -0.5 * self.gap_depth.nominal
         yield make_characteristic(
             "marginal_gap",
             "distance",
@@ -230,8 +231,7 @@ class ScannedMargin(CrownMargin):
         for name in ("horizontal_discrepancy", "vertical_discrepancy", "gap_depth", "thickness"):
             if (one := getattr(self, name)) is not None:
                 yield make_characteristic(name, "note", one, method=ACROSS)
-        for axis, one in enumerate((self.length, self.width)):
-            name = ("length", "width")[axis]
+        for axis, (name, one) in enumerate((("length", self.length), ("width", self.width))):
             half = 0.5 * one.nominal
             yield make_characteristic(
                 name, "distance", one, describe_plane(axis, -half), describe_plane(axis, half)
@@ -253,8 +253,14 @@ class ScannedMargin(CrownMargin):
             f"crown {math.degrees(scan.crown_slope_rad):+.1f} deg against the tooth, scatter "
             f"{scan.scatter_m * 1e6:.2g} um"
         )
-        gap = "injected; scans err by more than a gap, so there is no verdict on the scanned one"
-        return [*super().derived(), [f"station {scan.number}", shape], ["marginal gap", gap]]
+        return [
+            *super().derived(),
+            [f"station {scan.number}", shape],
+            [
+                "marginal gap",
+                "injected; scans err by more than a gap, so there is no verdict on the scanned one",
+            ],
+        ]
 
     @make_rules_validator
     def _check_section_can_be_made(self) -> Iterator[str]:

@@ -99,8 +99,12 @@ class Sheath(Turned, HeldPart):
 
     @property
     def mass(self) -> float:  # nominal [kg]
-        sizes = self.bore, self.outer_diameter, self.length, self.edge_break
-        return self.material.density.value * _compute_volume(*(one.nominal for one in sizes))
+        return self.material.density.value * _compute_volume(
+            self.bore.nominal,
+            self.outer_diameter.nominal,
+            self.length.nominal,
+            self.edge_break.nominal,
+        )
 
     @property
     def mass_limits(self) -> tuple[float, float]:
@@ -196,11 +200,14 @@ class Sheath(Turned, HeldPart):
 
     def derived(self) -> list[list[str]]:
         low, high = self.mass_limits
-        text = (
-            f"{format_mass(self.mass)} ({format_mass(low)} to {format_mass(high)} within "
-            "tolerances)"
-        )
-        return [["mass", text], ["material", self.material.designation]]
+        return [
+            [
+                "mass",
+                f"{format_mass(self.mass)} ({format_mass(low)} to {format_mass(high)} within "
+                "tolerances)",
+            ],
+            ["material", self.material.designation],
+        ]
 
     def list_missing_conditions(self, conditions: Mapping[str, Any]) -> Iterator[str]:
         missing = [name for name in ("probe", "damping_rig") if conditions[name] is None]

@@ -147,12 +147,9 @@ class StepBlock(Block):
 
     def volumes(self) -> tuple[float, ...]:
         # Add two halves, less the rounding, with or without the feature, less holes
-        body, H, r, feature = (
-            self.body,
-            self.height.nominal,
-            self.edge_radius.nominal,
-            self.metrology,
-        )
+        body = self.body
+        feature = self.metrology
+        H, r = self.height.nominal, self.edge_radius.nominal
         half, c = body.half_length, body.edge_break.nominal
         volume = compute_half_volume(body, half, 0.0) + compute_half_volume(body, half, H)
         # the rounding takes u(z) = r - sqrt(r^2 - zeta^2) off a face that is W - 2 (c - r) - 2 zeta
@@ -172,7 +169,9 @@ class StepBlock(Block):
         return (volume - self.removed_volume,)
 
     def hulls(self) -> list[Manifold]:
-        body, height, feature = self.body, self.height.nominal, self.metrology
+        body = self.body
+        height = self.height.nominal
+        feature = self.metrology
         left = make_hull(list_half_corners(body, -1.0, 0.0, [(0.0, 0.0)]))
         rounding = [(0.0, height)]
         radius = self.edge_radius.nominal
@@ -231,18 +230,23 @@ class StepBlock(Block):
     def _list_feature_characteristics(
         self, feature: MetrologyFeature, lower: FaceRule, upper: FaceRule
     ) -> Iterator[Characteristic]:
-        H, back = self.height.nominal, self.body.half_width
+        H = self.height.nominal
+        back = self.body.half_width
         lane = back - 0.5 * feature.lane.nominal
         kind = feature.kind
-        method = "profilometer, ISO 5436-1 A1"
         side = 1.0 if kind == "groove" else -1.0
         near, width = side * feature.distance.nominal, side * feature.width.nominal
         middle = near + 0.5 * width
         ends = (lower, describe_plane(2, H, x=middle, y=lane))
         if kind == "groove":
             ends = (describe_plane(2, 0.0, x=middle, y=lane), upper)
-        of = "groove_depth" if kind == "groove" else "ridge_height"
-        yield make_characteristic(of, "distance", self.height, *ends, method=method)
+        yield make_characteristic(
+            "groove_depth" if kind == "groove" else "ridge_height",
+            "distance",
+            self.height,
+            *ends,
+            method="profilometer, ISO 5436-1 A1",
+        )
         walls = describe_plane(0, near, y=lane), describe_plane(0, near + width, y=lane)
         yield make_characteristic(
             f"{kind}_width", "distance", feature.width, *walls, method="profilometer"
@@ -276,7 +280,8 @@ class StepBlock(Block):
 
     @make_rules_validator
     def _check_sizes(self) -> Iterator[str]:
-        height, radius, body = self.height.nominal, self.edge_radius.nominal, self.body
+        body = self.body
+        height, radius = self.height.nominal, self.edge_radius.nominal
         yield check_rule(radius <= height, "edge_radius", "not exceed height", height, radius)
         chamfer = body.edge_break.nominal
         yield check_rule(
@@ -294,7 +299,8 @@ class StepBlock(Block):
             yield from self._check_feature(self.metrology)
 
     def _check_feature(self, feature: MetrologyFeature) -> Iterator[str]:
-        radius, body = self.edge_radius.nominal, self.body
+        body = self.body
+        radius = self.edge_radius.nominal
         width, distance, lane = (
             feature.width.nominal,
             feature.distance.nominal,

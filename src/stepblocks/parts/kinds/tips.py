@@ -236,9 +236,8 @@ class HookTip(Tip):
             self.bend_angle.nominal,
             self.straight_length.nominal,
         )
-        foot, axis = (bend, 0.0, top), (0.0, 1e-3, 0.0)
         section = cad.kernel.outline_circle((0.0, 0.0, top), (wire, 0.0, 0.0), (0.0, wire, 0.0))
-        arc = cad.kernel.revolve(section, foot, axis, math.degrees(angle))
+        arc = cad.kernel.revolve(section, (bend, 0.0, top), (0.0, 1e-3, 0.0), math.degrees(angle))
         end = (bend * (1.0 - math.cos(angle)), 0.0, top + bend * math.sin(angle))
         along = (math.sin(angle), 0.0, math.cos(angle))
         section = cad.kernel.outline_circle(
