@@ -99,12 +99,20 @@ def write_as_built(path: Path, record: AsBuilt) -> list[Path]:
     written = [path]
     if record.surface is not None:
         table = io.StringIO()
-        columns = np.column_stack([record.surface.position, record.surface.height]) * 1e6
-        np.savetxt(table, columns, "%.6f", ",", header="x_um,z_um", comments="")
+        np.savetxt(
+            table,
+            np.column_stack([record.surface.position, record.surface.height]) * 1e6,
+            "%.6f",
+            ",",
+            header="x_um,z_um",
+            comments="",
+        )
         written.append(path.with_name(f"{path.stem}.profile.csv"))
         replace_text(written[-1], table.getvalue())
-        digest = hashlib.sha256(table.getvalue().encode()).hexdigest()
-        document |= {"profile": written[-1].name, "profile_sha256": digest}
+        document |= {
+            "profile": written[-1].name,
+            "profile_sha256": hashlib.sha256(table.getvalue().encode()).hexdigest(),
+        }
     document["values"] = {
         key: {
             "value": format_quantity(one.value, "length", 9),

@@ -58,8 +58,10 @@ def check_artefact(part: Part, path: str | Path) -> list[Verdict]:
     kind = "".join(path.suffixes[-2:]) if path.name.endswith(".convex.obj") else path.suffix
     checker = _CHECKERS.get(kind)
     if checker is None:
-        known = ", ".join(sorted(_CHECKERS))
-        raise MetrologyError(f"must be one of {known}, got {path.suffix or 'no suffix'} [{path}]")
+        raise MetrologyError(
+            f"must be one of {', '.join(sorted(_CHECKERS))}, got {path.suffix or 'no suffix'} "
+            f"[{path}]"
+        )
     try:
         found = list(checker(part, path))
     except MetrologyError as error:

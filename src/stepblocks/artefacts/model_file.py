@@ -167,8 +167,9 @@ def read_model(path: str | Path) -> LearnedModel:
     try:
         return _parse_model(document)
     except (KeyError, TypeError, ValueError, AttributeError, ContactError) as error:
-        reason = " ".join(str(error).split())
-        raise PipelineError(f"model is incomplete or damaged: {reason:.80} [{path}]") from error
+        raise PipelineError(
+            f"model is incomplete or damaged: {' '.join(str(error).split()):.80} [{path}]"
+        ) from error
 
 
 def _parse_model(document: Document) -> LearnedModel:

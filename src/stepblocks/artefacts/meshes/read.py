@@ -101,8 +101,12 @@ def read_mesh_confined(path: Path) -> dict[str, object]:
 
 def is_complete_mesh(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> bool:
     """Tell whether there are triangles, all between finite vertices."""
-    within = len(triangles) and triangles.min() >= 0 and triangles.max() < len(vertices)
-    return bool(within and np.isfinite(vertices).all())
+    return bool(
+        len(triangles)
+        and triangles.min() >= 0
+        and triangles.max() < len(vertices)
+        and np.isfinite(vertices).all()
+    )
 
 
 def read_pieces(path: Path) -> list[Arrays]:

@@ -123,8 +123,10 @@ class HeightMap:
             or min(self.height.shape) < 2
             or max(self.height.shape) < _LEAST_POINTS
         ):
-            shape = " x ".join(map(str, self.height.shape))
-            raise MetrologyError(f"height map must have at least 2 x 3 points, got {shape}{place}")
+            raise MetrologyError(
+                "height map must have at least 2 x 3 points, got "
+                f"{' x '.join(map(str, self.height.shape))}{place}"
+            )
         for name, value in (("dx", self.dx), ("dy", self.dy)):
             MetrologyError.require(
                 np.isfinite(value) and value > 0.0,

@@ -193,8 +193,16 @@ def list_dimensions(file: Exchange) -> list[Characteristic]:
             kind = _read_optional_text(values[0]) or (
                 "angular location" if file.parameters(ref, "ANGULAR_LOCATION") else "location"
             )
-            sides = find_faces(file, values[2]), find_faces(file, values[3])
-            found.append(_read_dimension(file, ref, kind, _read_optional_text(values[1]), *sides))
+            found.append(
+                _read_dimension(
+                    file,
+                    ref,
+                    kind,
+                    _read_optional_text(values[1]),
+                    find_faces(file, values[2]),
+                    find_faces(file, values[3]),
+                )
+            )
     return sorted(found, key=lambda one: int(one.ref[1:]))
 
 

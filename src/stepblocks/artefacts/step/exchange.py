@@ -123,8 +123,9 @@ def read_exchange(path: Path) -> Exchange:
 
 
 def _make_error(error: Exception, name: str) -> MetrologyError:
-    reason = " ".join(str(error).split())[:120]
-    return MetrologyError(f"STEP file must be sound Part 21 text, got: {reason} [{name}]")
+    return MetrologyError(
+        f"STEP file must be sound Part 21 text, got: {' '.join(str(error).split()):.120} [{name}]"
+    )
 
 
 # every repetition is possessive: a quote that is lost costs one pass, not one for each character

@@ -64,8 +64,10 @@ def write_step_ap242(
     notes: list[tuple[str, str]] = []
     for number, one in enumerate(stimulus.characteristics(), start=1):
         if one.kind == "note":
-            ends = (one.nominal, one.nominal + one.lower, one.nominal + one.upper)
-            size, low, high = (format_quantity(end, one.quantity, 9) for end in ends)
+            size, low, high = (
+                format_quantity(end, one.quantity, 9)
+                for end in (one.nominal, one.nominal + one.lower, one.nominal + one.upper)
+            )
             notes.append((one.label, f"{size}, limits {low} to {high}"))
         if one.kind in ("note", "roughness"):  # the texture of the faces is written apart
             continue
@@ -263,8 +265,10 @@ def make_conforming(
     if texture is not None:
         rule = f"surface texture must have faces with a flatness tolerance, got none [{identity}]"
         # of the working faces, not the base
-        flats = _find_instances_holding(data, "FLATNESS_TOLERANCE(")[:2]
-        flat = [_REFERENCE.findall(data[ref])[-1] for ref in flats]
+        flat = [
+            _REFERENCE.findall(data[ref])[-1]
+            for ref in _find_instances_holding(data, "FLATNESS_TOLERANCE(")[:2]
+        ]
         millimetre = next(iter(_find_instances_holding(data, "SI_UNIT(.MILLI.,.METRE.)")), "")
         roughness = np.format_float_positional(texture * 1e3, 12, fractional=False, trim=".")
         measure = f"MEASURE_REPRESENTATION_ITEM('Ra',LENGTH_MEASURE({roughness}),{millimetre})"
