@@ -217,8 +217,10 @@ def _read_triangulation(face: cq.Face) -> tuple[NDArray[np.float64], NDArray[np.
         triangulation.Node(i + 1).Transformed(transform) for i in range(triangulation.NbNodes())
     )
     nodes = np.array([(point.X(), point.Y(), point.Z()) for point in points])
-    indices = range(1, triangulation.NbTriangles() + 1)
-    corners = np.array([triangulation.Triangle(i).Get() for i in indices], dtype=np.int64)
+    corners = np.array(
+        [triangulation.Triangle(i + 1).Get() for i in range(triangulation.NbTriangles())],
+        dtype=np.int64,
+    )
     if face.wrapped.Orientation() == TopAbs_Orientation.TopAbs_REVERSED:
         corners = corners[:, [0, 2, 1]]
     return nodes / _MM, corners - 1
