@@ -39,7 +39,8 @@ def draw_trials(
 
     Return what was drawn.
     """
-    output, declared = Path(output), open_session(session)
+    output = Path(output)
+    declared = open_session(session)
     table = open_trials(declared)
     chosen = (
         list(islice(table, _FIRST))
@@ -88,10 +89,9 @@ def _draw(
         )
     for axes in (whole, near):
         axes.plot(time, trace.tangential, ".", color=_LINE, markersize=1.8, label="measured")
-        for name, instants, force in (
-            _compute_curves(trace, measured) if measured is not None else ()
-        ):
-            axes.plot(1e3 * instants, force, color=_FIT, linewidth=1.1, label=name)
+        if measured is not None:
+            for name, instants, force in _compute_curves(trace, measured):
+                axes.plot(1e3 * instants, force, color=_FIT, linewidth=1.1, label=name)
         axes.set_ylabel("tangential force / N")
     near.set_xlim(1e3 * (release - 12e-3), 1e3 * (release + 40e-3))
     near.text(0.99, 0.97, caption, transform=near.transAxes, ha="right", va="top", fontsize=8)

@@ -91,7 +91,9 @@ class TrialResult:
     @property
     def status(self) -> str:
         """What the table says of it."""
-        return _OK if not self.reason else _CENSORED if self.features else _EXCLUDED
+        if not self.reason:
+            return _OK
+        return _CENSORED if self.features else _EXCLUDED
 
 
 def measure_session(
@@ -179,14 +181,18 @@ def write_features(
                             for name in table.covariates
                         ),
                         *(
-                            v if isinstance(v, str) else f"{v:.9g}" if math.isfinite(v) else ""
-                            for v in seen
+                            value if isinstance(value, str) else _format_number(value)
+                            for value in seen
                         ),
                     ]
                 )
                 if progress is not None:
                     progress(done, table.count)
         return _apply_label_faults(draft, output, table, check.faults())
+
+
+def _format_number(value: float) -> str:
+    return f"{value:.9g}" if math.isfinite(value) else ""
 
 
 def measure_trial(traces: Traces, trial: Trial, tool: Tool | None = None) -> TrialResult:

@@ -246,8 +246,14 @@ def find_column(column: str | int, header: tuple[str, ...], part: str) -> str:
 
 def _read_rows(session: Session) -> Iterator[tuple[int, list[str]]]:
     # Rows below the header, from 1; empty lines are none
-    lines = islice(_read_lines(session), 1, None)
-    yield from enumerate((cells for cells in lines if any(cell.strip() for cell in cells)), start=1)
+    yield from enumerate(
+        (
+            cells
+            for cells in islice(_read_lines(session), 1, None)
+            if any(cell.strip() for cell in cells)
+        ),
+        start=1,
+    )
 
 
 def _read_lines(session: Session) -> Iterator[list[str]]:
@@ -351,8 +357,7 @@ def find_heights(
         1e6 * channel.offset_in_si("length", place),
     )
     texts = [row.cells.get(name, "").strip().replace(session.trials.decimal, ".") for row in rows]
-    values = pd.to_numeric(pd.Series(texts), errors="coerce") * scale - off
-    return name, values.tolist()
+    return name, (pd.to_numeric(pd.Series(texts), errors="coerce") * scale - off).tolist()
 
 
 def _read_declared_heights(session: Session) -> dict[str, float]:

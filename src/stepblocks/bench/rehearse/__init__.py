@@ -241,7 +241,6 @@ def record_drag(
     )
     if done.status is not Status.RELEASES:
         return None
-    ring = measure_ring(done, spectra=False)
     count = done.rows.shape[0] // rig.oversampling * rig.oversampling
     time = done.column("time_s")[:count]
     force = (
@@ -250,7 +249,9 @@ def record_drag(
         + _start_up_ring(rig, time, (tool.frequency, tool.decay_time), slide, random)
     )
     trace = rig.disturb(gain * force, done.column("fy_n")[:count], random)
-    amplitude = ring.amplitude * math.exp(math.pi / (math.tau * tool.frequency * tool.decay_time))
+    amplitude = measure_ring(done, spectra=False).amplitude * math.exp(
+        math.pi / (math.tau * tool.frequency * tool.decay_time)
+    )
     return RecordedTrial(trace, done.peak_force + pull, amplitude, done.release_time)
 
 

@@ -238,11 +238,9 @@ class SessionPlan(Strict):
         design = self.design
         full = list(itertools.product(design.heights, design.loads, design.speeds))
         count = design.trials or len(full) * design.repeats
-        # every combination comes before any comes again
-        order = np.concatenate(
-            [random.permutation(len(full)) for _ in range(math.ceil(count / len(full)))]
-        )[:count]
-        order = random.permutation(order)
+        # every combination is drawn before any is drawn again
+        rounds = [random.permutation(len(full)) for _ in range(math.ceil(count / len(full)))]
+        order = random.permutation(np.concatenate(rounds)[:count])
         warmth = np.cumsum(random.normal(0.0, 0.35, count)) / math.sqrt(count) * 4.0 + 22.0
         wet = np.cumsum(random.normal(0.0, 1.5, count)) / math.sqrt(count) * 4.0 + 50.0
         conditions = zip((full[i] for i in order.tolist()), warmth, wet, strict=True)

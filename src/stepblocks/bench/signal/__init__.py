@@ -193,5 +193,6 @@ def _find_motion(force: Array, zero: float, calm: int, pulled_up: bool) -> int:
 def _compute_std_of_mean(values: Array) -> float:
     # Return the standard uncertainty of a mean whose samples are correlated, by the means of
     # eighths.
-    parts = np.array([part.mean() for part in np.array_split(values, 8)])
-    return float(np.std(parts, ddof=1) / math.sqrt(8.0))
+    return float(
+        np.std([part.mean() for part in np.array_split(values, 8)], ddof=1) / math.sqrt(8.0)
+    )

@@ -172,18 +172,19 @@ def fit_aftermath(
     clean = force - approach.hum(time)
     reach = top - approach.center
     drift = float(approach.fit.weights[1]) * reach
-    slid = Motion(
-        time,
-        clean,
-        clean,
-        marks.peak,
-        approach.level + drift,
-        0.0,
-        approach.slope,
-        marks.noise,
-        frequency,
+    depth, std, instant = find_first_swing(
+        Motion(
+            time,
+            clean,
+            clean,
+            marks.peak,
+            approach.level + drift,
+            0.0,
+            approach.slope,
+            marks.noise,
+            frequency,
+        )
     )
-    depth, std, instant = find_first_swing(slid)
     # a tool that hardens swings less far below its level than above it, where it was let go
     swung = compute_softened_force(max(depth, 0.0), approach.hardening)
     depth += 3.0 * approach.hardening * approach.level * swung * (swung - approach.level)
@@ -233,8 +234,9 @@ def _measure_aftermath_of_rubbing(
         (decay, float(np.hypot(fit.std(3), far[1]))),
     )
     loss = (2.0 * gap * frequency, 2.0 * frequency * fit.std(1)) if known else _NOT_KNOWN
-    found = Aftermath(fit, -math.inf, _NOT_KNOWN, *seen, (level, fit.std(0)), loss, swing, sample)
-    return found.carry_to(-math.inf)
+    return Aftermath(
+        fit, -math.inf, _NOT_KNOWN, *seen, (level, fit.std(0)), loss, swing, sample
+    ).carry_to(-math.inf)
 
 
 def _fit_best_rubbing(

@@ -25,7 +25,8 @@ _LINE_SHARE = 0.9
 _START_UP_GAIN = 0.02  # a start-up ring must explain this share of the variance, or it is left out
 _LINE_SIGMAS = 4.0
 _RISE_OVER_NOISE = 12.0  # a peak must stand out by this many standard deviations of the noise
-_TOP_SAMPLES, _TOP_NOISE = 12, 4.0  # samples after the highest that noise alone can put below it
+_TOP_SAMPLES = 12  # samples after the highest that noise alone can put below it
+_TOP_NOISE = 4.0  # by this many standard deviations of the noise
 _RISE_OVER_LEAD = 1.5  # and be this many times what happens in the first part of the record
 _FALL_SHARE = 0.5  # a tip that slipped has given back at least this share of the rise
 _LEAST_RING = 15e-3  # [s] some four periods of a ring
@@ -306,16 +307,18 @@ def _fit_ramp(
         int(np.flatnonzero(force[: marks.peak + 1] - marks.level < _RAMP_SHARE * marks.rise)[-1])
         + 1
     )
-    fit = _fit_until(time[:end], force[:end], marks.onset, clock, start_up)
-    found = Approach(fit, end, clock)
+    found = Approach(_fit_until(time[:end], force[:end], marks.onset, clock, start_up), end, clock)
     # the filter of a converter rings a sample or two ahead of a corner
     rest = slice(end, max(marks.peak - 2, end))
     unsure = found.ramp(float(time[marks.peak]))[1]
     left = _find_end_of_line(force[rest] - found.line(time[rest]), marks.noise, unsure)
     extended = marks.peak if left is None else end + left
     if extended > end:
-        fit = _fit_until(time[:extended], force[:extended], found.onset, clock, start_up)
-        return Approach(fit, extended, clock)
+        return Approach(
+            _fit_until(time[:extended], force[:extended], found.onset, clock, start_up),
+            extended,
+            clock,
+        )
     return found
 
 

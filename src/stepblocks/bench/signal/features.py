@@ -106,7 +106,8 @@ def find_peak(
 def _find_corner(time: Array, marks: Landmarks, approach: Approach, ring: Ring) -> Peak | None:
     from scipy.optimize import brentq
 
-    top, step = float(time[marks.peak]), float(np.median(np.diff(time)))
+    top = float(time[marks.peak])
+    step = float(np.median(np.diff(time)))
 
     def excess(instant: float) -> float:
         at = np.array([instant])

@@ -239,7 +239,8 @@ def find_first_swing(motion: Motion) -> tuple[float, float, float]:
         _SWING_SHARE * period,
         motion.noise,
     )
-    depth, before = motion.level - bottom, instant - period
+    depth = motion.level - bottom
+    before = instant - period
     if before < time[motion.peak] + 0.5 * period:
         return depth, std, instant
     # a tip that came down slowly rang meanwhile: which dip was the first below sliding is a matter

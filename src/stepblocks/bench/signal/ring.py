@@ -34,9 +34,9 @@ from stepblocks.bench.signal.separable import (
 )
 from stepblocks.contact.kernels import compute_softened_force
 
-# relative spread of frequency and decay time about a guess from the trial itself, and about what
-# other trials give
-GUESSED_SPREAD, KNOWN_SPREAD = (0.05, 0.4), (0.02, 0.12)
+# relative spread of frequency and decay time
+GUESSED_SPREAD = (0.05, 0.4)  # about a guess from the trial itself
+KNOWN_SPREAD = (0.02, 0.12)  # about what other trials give
 
 _GOOD = 4.0  # misfit at which no other start is tried
 # relative difference of costs that the optimiser's own tolerance makes; then the likelier start
@@ -47,13 +47,12 @@ _SCALE = np.array([0.01, 0.05, 2.0, 5e-3, 0.05, 10.0, 0.1])  # in which the valu
 _MOST_PHASES = 5000
 # twice the sliding force times this: a tip that stops farther below it clearly slips back
 _BEYOND = 1.4
-
 _BEGIN = 8e-3  # time after the slip in which a wrong fit of a ring shows [s]
 _LOWEST = 80.0  # [Hz] below lie hum and its first harmonic
 _RELEASE_DECAY = (0.05e-3, 0.4e-3, 1.5e-3)  # [s] least, first guess, most
 _LITTLE = 0.02  # g A^2 with which a tool that hardens is tried
-# misfit, and share of the misfit of a cosine, up to which it is taken for one
-_HARD, _CLOSER = 7.0, 0.05
+_HARD = 7.0  # misfit up to which another kind of ring than a cosine is taken
+_CLOSER = 0.05  # share of the misfit of the cosine, likewise
 _FINE_STEP = 1e-5  # [s] of the motion of a tool that hardens
 _DECAYS = (5e-3, 12e-3, 25e-3, 60e-3)  # [s] first guesses of the decay time
 
@@ -264,11 +263,12 @@ def _integrate_swing(
     # Force over its level and its rate, step by step; written for a compiler, nothing checked
     omega, decay, cubic = tool
     result = np.empty((count, 2))
-    kick, shrink = 0.5 * _FINE_STEP * omega**2, math.exp(-_FINE_STEP / decay)
+    kick = 0.5 * _FINE_STEP * omega**2
+    shrink = math.exp(-_FINE_STEP / decay)
     u, v = rest + begin, -begin / decay
     for n in range(count):
         over = u + cubic * u**3 - about
-        result[n, 0], result[n, 1] = over, (1.0 + 3.0 * cubic * u**2) * v
+        result[n] = over, (1.0 + 3.0 * cubic * u**2) * v
         u += _FINE_STEP * (v * shrink - kick * over)
         v = (v * shrink - kick * over - kick * (u + cubic * u**3 - about)) * shrink
     return result
@@ -353,7 +353,8 @@ def _compute_rubbing(
     # at the speed of the ramp the damping alone pulls as much as this deflection; it shifts where
     # the tip sticks
     shift = 2.0 / decay * slope / (omega * omega + 1.0 / (decay * decay))
-    begin, done = 0.0, 0
+    begin = 0.0
+    done = 0
     forward = rate < slope
     for _ in range(_MOST_PHASES):
         rest = level if forward else level - gap
@@ -391,7 +392,8 @@ def _compute_rubbing(
             done += 1
         if done >= count:
             return result
-        shrink, c, s = math.exp(-turn / decay), math.cos(omega * turn), math.sin(omega * turn)
+        shrink = math.exp(-turn / decay)
+        c, s = math.cos(omega * turn), math.sin(omega * turn)
         force = rest + shrink * (a * c + b * s)
         rate = shrink * ((b * omega - a / decay) * c - (a * omega + b / decay) * s)
         begin += turn
@@ -481,14 +483,12 @@ def fit_rubbing_ring(
     jacobian = compute_numeric_jacobian(
         lambda p: _compute_rubbing_with_drift(p, t, slope), values, 1e-3 * _SCALE, lower, upper
     )
-    prior = np.zeros((2, 7))
-    prior[0, 2], prior[1, 3] = known
+    prior = np.pad(np.diag(known), ((0, 0), (2, 3)))  # of the third and fourth of seven values
     # a sample between two turns changes by the gap itself; a gap that moves less than one sample
     # was not seen
     knows_gap = bool(np.abs(jacobian[:, 1]).sum() > 1.0 and values[1] > 1e-5)
     # and of one that stops little beyond the other side of friction other gaps tell as much
     stopped = values[4] ** 2 - (slope / (2.0 * math.pi * values[2])) ** 2
-    knows_gap = knows_gap and bool(stopped > (_BEYOND * 2.0 * level) ** 2)
     return RubbingRing(
         values,
         estimate_covariance(jacobian, residuals, prior),
@@ -496,5 +496,5 @@ def fit_rubbing_ring(
         origin,
         compute_misfit(residuals, 7, begin, noise),
         residuals,
-        knows_gap,
+        knows_gap and bool(stopped > (_BEYOND * 2.0 * level) ** 2),
     )

@@ -78,7 +78,7 @@ def fit_separable(
 
     shape = np.clip(start, lower, upper)
     if shape.size:
-        found = least_squares(
+        shape = least_squares(
             lambda p: solve(p)[1],
             shape,
             bounds=(lower, upper),
@@ -86,8 +86,7 @@ def fit_separable(
             xtol=1e-9,
             ftol=1e-9,
             max_nfev=60,
-        )
-        shape = np.asarray(found.x, dtype=float)
+        ).x
     weights, residuals = solve(shape)
     slopes = compute_numeric_jacobian(
         lambda p: basis(p) @ weights, shape, scale * 1e-4, lower, upper

@@ -123,10 +123,9 @@ def _read_increments(group: Any, names: Sequence[str | int]) -> Array:
             holder = group if name is None else group[name]
             kept |= dict(getattr(holder, "attrs", {})) | dict(getattr(holder, "properties", {}))
     increments = [(kept[key], power) for key, power in _INCREMENTS.items() if key in kept]
-    numbers = [
-        float(v) ** power for v, power in increments if np.isreal(v) and np.size(v) == 1 and v > 0
-    ]
-    return np.array(numbers)
+    return np.array(
+        [float(v) ** power for v, power in increments if np.isreal(v) and np.size(v) == 1 and v > 0]
+    )
 
 
 class Traces(ExitStack):
