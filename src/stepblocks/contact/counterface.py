@@ -425,12 +425,11 @@ class ProfiledMargin(Margin):
         if all(np.ndim(one) == 0 for one in at.values()):
             return found
         level, drawn = super().angles(ball, **mean), super().angles(**at)
-        ways = zip(found, level, drawn, strict=True)
         forward, backward = (
             np.where(
                 (now > 0.0) & (now < 0.5 * np.pi), np.clip(own + now - once, 0.0, 0.5 * np.pi), now
             )
-            for own, once, now in ways
+            for own, once, now in zip(found, level, drawn, strict=True)
         )
         return forward, backward
 

@@ -192,5 +192,4 @@ def find_release(
     kind = select_where(beyond, len(_KINDS), kind)
     if np.ndim(force) == 0:
         return Release(kinds[kind], *map(float, figures))
-    together: Any = np.broadcast_arrays(np.array(kinds)[kind], *figures)
-    return Release(*together)
+    return Release(*np.broadcast_arrays(np.array(kinds)[kind], *figures))

@@ -16,11 +16,9 @@ from stepblocks.contact.laws import ContactLaw, FrictionLaw, Overtone
 from stepblocks.errors import ContactError
 from stepblocks.mistakes import shorten_value
 
-# figure 5: 86 % of the energy of the ring lies in 250 to 350 Hz [1], [Hz]
-_BAND_SHARE, _HALF_BAND = (
-    0.86,
-    50.0,
-)
+# figure 5: 86 % of the energy of the ring lies in 250 to 350 Hz
+_BAND_SHARE = 0.86  # [1]
+_HALF_BAND = 50.0  # [Hz]
 
 
 @dataclass(frozen=True)
@@ -101,8 +99,11 @@ class Tool:
             decay_time=("time", 1e6),
         )
         convert_fields(self, 0.0, frequency_deviation=("frequency", 1e7))
-        several = isinstance(self.overtones, (list, tuple))
-        listed = tuple(self.overtones) if several else (self.overtones,)
+        listed = (
+            tuple(self.overtones)
+            if isinstance(self.overtones, (list, tuple))
+            else (self.overtones,)
+        )
         for one in listed:
             ContactError.require(
                 isinstance(one, Overtone) and one.frequency > self.frequency,

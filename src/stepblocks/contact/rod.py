@@ -18,11 +18,9 @@ from stepblocks.errors import ContactError
 # Euler-Bernoulli beam in units of the rod: lengths in its free length, stiffness and mass in its
 # own; the loss is taken from the undamped shape, each part's loss factor weighted by its share of
 # the strain energy
-# cubic elements of the free length, and of a bedding: frequency to 1e-7 of the closed form
-_PER_LENGTH, _HELD = (
-    32,
-    48,
-)
+# cubic elements: frequency to 1e-7 of the closed form
+_PER_LENGTH = 32  # of the free length
+_HELD = 48  # of a bedding
 _BENDING = np.array(
     [
         [12.0, 6.0, -12.0, 6.0],
@@ -154,7 +152,8 @@ def compute_bush_stiffness(bore: float, outer: float, modulus: float, poisson: f
     """Stiffness per length of a bonded bush whose core moves sideways in a rigid shell."""
     # Adkins, Gent (1954), Br. J. Appl. Phys. 5, 354, for Poisson's ratio 0.5; else Muskhelishvili's
     # ring between rigid circles
-    shear, kappa = modulus / (2.0 * (1.0 + poisson)), 3.0 - 4.0 * poisson
+    shear = modulus / (2.0 * (1.0 + poisson))
+    kappa = 3.0 - 4.0 * poisson
     grown = (outer**2 - bore**2) / (outer**2 + bore**2)
     return (
         8.0

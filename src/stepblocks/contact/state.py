@@ -149,7 +149,8 @@ def compute_channels(state: DragState) -> Floats:
     energy = state.conversion * spring.stored
     # what is left never turns negative: below a tenth it fades out smoothly
     if state.lost_energy.any():
-        left, floor = energy - state.lost_energy, 0.1 * energy
+        left = energy - state.lost_energy
+        floor = 0.1 * energy
         energy = np.where(left > floor, left, floor * np.exp(np.minimum(left / floor - 1.0, 0.0)))
     # an amplitude of force counts as A^2 / 2k with the nominal k, whatever k it rings with: a
     # stiffer spring shows no more
@@ -193,10 +194,8 @@ def compute_channels(state: DragState) -> Floats:
     loop = state.gauge_hysteresis * np.sqrt(2.0 * state.nominal_stiffness * energy)
     if state.gauge_square.any() or loop.any():
         # the ring swings about the sliding force, and the line of the ramp ends below the peak
-        bend, end = (
-            state.gauge_square + state.gauge_hysteresis,
-            sliding + _LINE_SHARE * (force - sliding),
-        )
+        bend = state.gauge_square + state.gauge_hysteresis
+        end = sliding + _LINE_SHARE * (force - sliding)
         energy = energy * (1.0 + 2.0 * state.gauge_square * sliding + 8.0 / 9.0 * loop) ** 2
         ramp = ramp * (1.0 + bend * (sliding + end))
         peak, sliding = (one * (1.0 + bend * one) for one in (peak, sliding))

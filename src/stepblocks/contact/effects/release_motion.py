@@ -14,7 +14,8 @@ from stepblocks.contact.kernels import compute_softened_force
 
 _STEPS_PER_RADIAN = 30.0  # of the tool's swing: E_v within 3 % of that of ever smaller steps
 _MOST_RADIANS = 400.0  # a tip that is still on the edge climbs down with the handle
-_HIGHEST, _STEEPEST = 0.97, np.deg2rad(89.0)  # step over radius, and slope, that a fit may stray to
+_HIGHEST = 0.97  # step over radius to which a fit may stray
+_STEEPEST = np.deg2rad(89.0)  # slope to which a fit may stray
 _LEAST_SHARE = 0.01  # of the peak, below which no gauge tells a swing from noise
 
 
@@ -45,15 +46,12 @@ def _integrate_climb(
     for _ in range(int(_MOST_RADIANS * _STEPS_PER_RADIAN)):
         sine = min(max(reach - x, 0.0), 1.0)
         ground = np.sqrt(1.0 - sine * sine)
-        rise, pull = sine / ground, force + drag * (drive - velocity)
+        rise = sine / ground
+        pull = force + drag * (drive - velocity)
         # the share of the step in which the tip is on the edge still
-        on = (
-            min(max((reach - x) / (velocity * step), 0.0), 1.0)
-            if velocity > 0.0
-            else 1.0
-            if x < reach
-            else 0.0
-        )
+        on = 1.0 if x < reach else 0.0
+        if velocity > 0.0:
+            on = min(max((reach - x) / (velocity * step), 0.0), 1.0)
         if flies and y <= ground:  # it lands and does not bounce
             closing = max(velocity * sine - up * ground, 0.0)
             flies = False

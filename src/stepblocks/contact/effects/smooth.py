@@ -91,8 +91,9 @@ def _make_scaling(between: tuple[float, float] | None = None, **powers: float) -
     # Multiply each slot by a power of exp g
     def change(state: DragState, g: Floats) -> DragState:
         held = g if between is None else np.clip(g, *between)
-        scaled = {s: getattr(state, s) * np.exp(power * held) for s, power in powers.items()}
-        return state.changed(**scaled)
+        return state.changed(
+            **{slot: getattr(state, slot) * np.exp(power * held) for slot, power in powers.items()}
+        )
 
     return change
 

@@ -72,8 +72,13 @@ def build_profile_path(
     width = 2.0 * ball_radius
     elements = _list_elements(xs, zs, ball_radius)
     (first, last), (start, end) = xs[finite][[0, -1]], zs[finite][[0, -1]]
-    before = [first - 2.0 * width, start, first, start, 0.0]
-    elements = np.vstack([before, elements, [last, end, last + 2.0 * width, end, 0.0]])
+    elements = np.vstack(
+        [
+            [first - 2.0 * width, start, first, start, 0.0],
+            elements,
+            [last, end, last + 2.0 * width, end, 0.0],
+        ]
+    )
     where = _choose_positions(xs, width) if positions is None else positions
     height, contact, which = kernels.dilate_profile(where, elements, ball_radius)
     return TipPath(
