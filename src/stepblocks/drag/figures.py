@@ -20,9 +20,10 @@ def plot_force(trace: DragTrace, axes: "Axes", channel: str = "fx_n") -> "Axes":
 
     The release that was asked about in red, other events in grey.
     """
-    label = {"fx_n": "tangential $F_x$ [N]", "fy_n": "normal $F_y$ [N]"}.get(channel, channel)
     axes.plot(trace.column("time_s") * 1e3, trace.column(channel), lw=0.8, color=_BLUE)
-    axes.set_ylabel(label)
+    axes.set_ylabel(
+        {"fx_n": "tangential $F_x$ [N]", "fy_n": "normal $F_y$ [N]"}.get(channel, channel)
+    )
     for number, one in enumerate(trace.events):
         if one.status == "releases" and number != trace.asked:
             axes.axvline(one.released_s * 1e3, color=_GREY, lw=0.5, ls=":")

@@ -178,7 +178,8 @@ def integrate(
     ledger = np.zeros(10)
     peak = np.array([-np.inf, 0.0])
     passed = np.zeros((8 * passed_at.size + 16, 17))
-    passes, place, behind = 0, 0, False
+    passes = place = 0
+    behind = False
     # of the place ahead: the least pull since the approach began and the greatest one after it
     low, top = np.inf, -np.inf
     low_t = top_t = pass_t = 0.0
@@ -320,7 +321,7 @@ def integrate(
         while place > 0 and not behind and x < top_at[place - 1] - slipped:
             place -= 1  # the tip has fallen back: it must climb again
             low, top = np.inf, -np.inf
-        passing, over = False, False
+        passing = over = False
         if place < passed_at.size:
             ahead = x < approach[place]
             behind = behind and not ahead

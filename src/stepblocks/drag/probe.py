@@ -198,10 +198,12 @@ class DragSettings:
         wall = {f"tissue_{name}": value for name, value in vars(point.tissue).items()}
         known = {"normal_load": point.normal_load, "friction": point.friction, "speed": point.speed}
         settings = cls(**known | wall | changes)
-        law, load = point.friction_law, point.normal_load
+        law = point.friction_law
         if law is None or "friction" in changes:
             return settings
-        sliding, rest = (law.coefficient(v, load, 0.0, 0.0) for v in (settings.speed, 0.0))
+        sliding, rest = (
+            law.coefficient(speed, point.normal_load, 0.0, 0.0) for speed in (settings.speed, 0.0)
+        )
         return replace(
             settings,
             friction=sliding,
@@ -235,7 +237,8 @@ def build_probe(
     )
     overtones = []
     for one in tool.overtones:
-        own, omega = one.mass_ratio * mass, math.tau * one.frequency
+        own = one.mass_ratio * mass
+        omega = math.tau * one.frequency
         overtones.append((own * omega * omega, own, 2.0 * own / one.decay_time))
     values = {
         "stiffness": tool.stiffness,

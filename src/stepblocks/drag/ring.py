@@ -184,8 +184,8 @@ def _find_decay_time(cut: DragTrace) -> float:
     force = cut.column("fx_n")[cut.column("time_s") >= _find_fall_time(cut)]
     rate = cut.settings.sample_rate
     half = max(round(0.5 * rate / cut.probe.frequency), 2)
-    swings = np.abs(force[: force.size // half * half] - _measure_settled_force(cut))
-    swings = swings.reshape(-1, half).max(axis=1)
+    off = np.abs(force[: force.size // half * half] - _measure_settled_force(cut))
+    swings = off.reshape(-1, half).max(axis=1)
     below = np.flatnonzero(swings <= swings[:1] / math.e)
     if below.size == 0 or below[0] == 0:
         return math.nan

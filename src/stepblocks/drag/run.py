@@ -141,8 +141,10 @@ class Drag:
 
         The columns are the fields of `DragEvent`.
         """
-        found = [asdict(one) for one in list_events(self.trace, self.backward, self.within)]
-        return pd.DataFrame(found, columns=[field.name for field in fields(DragEvent)])
+        return pd.DataFrame(
+            [asdict(one) for one in list_events(self.trace, self.backward, self.within)],
+            columns=[field.name for field in fields(DragEvent)],
+        )
 
     @property
     def frame(self) -> pd.DataFrame:

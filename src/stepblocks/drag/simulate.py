@@ -149,8 +149,9 @@ class DragTrace:
         since = self.column("time_s") - one.released_s
         swing = self.rows[(since >= 0.0) & (since <= _SWING / self.probe.frequency)]
         force, x = (swing[:, kernels.COLUMNS.index(name)] for name in ("fx_n", "x_m"))
-        slope = self.track.find_landing_slope(one.place, float(x[np.argmin(force)]))
-        return self.settings.find_sliding_force(slope)
+        return self.settings.find_sliding_force(
+            self.track.find_landing_slope(one.place, float(x[np.argmin(force)]))
+        )
 
     def column(self, name: str) -> NDArray[np.float64]:
         """One column of the trace by its name, such as ``"fx_n"``."""
@@ -297,12 +298,14 @@ def _list_events(
     # between two ripples little energy flows: a fiftieth of that of the drag is the least scale
     least = 0.02 * float(np.abs(passed[:, 7:]).max()) if len(passed) else 0.0
     for row in passed:
-        n, pull, time, low, low_time, behind = int(row[0]), *map(float, row[[1, 2, 4, 5, 6]])
+        n = int(row[0])
+        pull, time, low, low_time, behind = row[[1, 2, 4, 5, 6]].tolist()
         # a spring that pulls less than the force of sliding, `level`, has lifted nothing
         caught = pull - low > rises[n] and pull > level
+        of_elastic_tip = "releases" if caught else "run-over"
         yield DragEvent(
             place=n,
-            status="locked" if math.isinf(needed[n]) else "releases" if caught else "run-over",
+            status="locked" if math.isinf(needed[n]) else of_elastic_tip,
             belongs_to="",
             x_m=float(places.x[n]),
             contact_x_m=float(places.contact[n]),
@@ -322,11 +325,12 @@ def _report_asked_place(
     # Give the trace the status and the figures of the place that was asked about
     met = [n for n, one in enumerate(trace.events) if one.place == wanted]
     if not met:
-        reason = (
-            f"the tip does not pass x = {places.x[wanted] * 1e3:.4g} mm, which takes "
-            f"{needed[wanted]:.4g} N; the pull grows to {trace.peak_force:.4g} N"
+        return replace(
+            trace,
+            status=Status.LOCKED,
+            reason=f"the tip does not pass x = {places.x[wanted] * 1e3:.4g} mm, which takes "
+            f"{needed[wanted]:.4g} N; the pull grows to {trace.peak_force:.4g} N",
         )
-        return replace(trace, status=Status.LOCKED, reason=reason)
     asked = next((n for n in met if trace.events[n].status != "run-over"), met[0])
     one = trace.events[asked]
     reasons = {

@@ -138,14 +138,14 @@ def change_point(point: OperatingPoint, values: Mapping[str, float]) -> Operatin
 
 def _find_declared_part(text: str, stimuli: Sets | None) -> tuple[StimulusSet, Part]:
     # Find a stimulus by ``ID``, ``SET/ID`` or ``FILE.toml/ID``
-    meant: Sets | None
     head, _, identity = text.rpartition("/")
+    meant = stimuli
+    wanted = text
     if head.endswith(".toml"):
-        meant, wanted = Path(head), identity
+        meant = Path(head)
+        wanted = identity
     elif stimuli is None and not Path("stimuli").is_dir():
         raise PipelineError(f"{_RULE}, or FILE.toml/ID (no folder stimuli here), got {text!r}")
-    else:
-        meant, wanted = stimuli, text
     sets = load_sets(meant)
     found = [
         (one, part)
