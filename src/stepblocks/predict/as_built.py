@@ -35,11 +35,12 @@ def _replace_nominal(part: Part, record: AsBuilt | None) -> Part:
         measured["height"] = record.height.value
     if "edge_radius" in record.values:
         measured["edge_radius"] = max(record.values["edge_radius"].value, 0.0)
-    sizes = {
-        name: replace(part.sizes[name], nominal=value, source=f"as built, {record.scan}")
-        for name, value in measured.items()
-    }
-    return part.model_copy(update=sizes)
+    return part.model_copy(
+        update={
+            name: replace(part.sizes[name], nominal=value, source=f"as built, {record.scan}")
+            for name, value in measured.items()
+        }
+    )
 
 
 def prepare_surface_releases(

@@ -90,8 +90,9 @@ def plot_predictions(
     """
     frame = _require_frame(table)
     if missing := [name for name in (x, y) if name not in frame]:
-        known = ", ".join(map(str, frame.columns))
-        raise PipelineError(f"{missing[0]!r} must be a column of the table: {known}")
+        raise PipelineError(
+            f"{missing[0]!r} must be a column of the table: {', '.join(map(str, frame.columns))}"
+        )
     axes = take_axes(ax)
     own = {x, y, "stimulus", "step_height_um"}
     by = [name for name in _find_varying(frame) if name not in own]

@@ -65,9 +65,12 @@ def write_plots(stimuli: StimulusSet, folder: Path) -> Iterator[Path]:
             path = folder / f"{stimuli.name}.margin-map.{name}.png"
             gap = 1.25 * max(margin.opening for margin in margins.values())
             rise = 1.25 * max(*(abs(margin.rise) for margin in margins.values()), 20e-6)
-            axes = np.linspace(0.0, max(gap, 100e-6), 76), np.linspace(-rise, rise, 81)
             draw_margin_map(
-                *axes, point, path, [(max(one.opening, 0.0), -one.rise) for one in margins.values()]
+                np.linspace(0.0, max(gap, 100e-6), 76),
+                np.linspace(-rise, rise, 81),
+                point,
+                path,
+                [(max(one.opening, 0.0), -one.rise) for one in margins.values()],
             )
             yield path
 
@@ -91,9 +94,17 @@ def draw_energy_of_height(
         1e6 * np.array([getattr(one, name) for one in intervals])
         for name in ("energy", "energy_low", "energy_high")
     )
-    top, shown = 10.0 * energy[released].max(), np.isfinite(low)
-    band = low[shown], np.minimum(high[shown], top)
-    axis.fill_between(heights[shown], *band, alpha=0.3, lw=0, color=_BLUE, label="95 % interval")
+    top = 10.0 * energy[released].max()
+    shown = np.isfinite(low)
+    axis.fill_between(
+        heights[shown],
+        low[shown],
+        np.minimum(high[shown], top),
+        alpha=0.3,
+        lw=0,
+        color=_BLUE,
+        label="95 % interval",
+    )
     axis.plot(
         heights[released], energy[released], color=_BLUE, label="$E_v$, equations (1) and (2)"
     )

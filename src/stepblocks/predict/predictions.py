@@ -67,10 +67,9 @@ class Prediction:
     @property
     def over_formula(self) -> float:
         """Energy of the drag over that of the formula [1]; NaN where one of them is not known."""
-        known = self.release.status is Status.RELEASES and self.in_time is not None
         return (
             self.in_time.energy / self.release.vibration_energy
-            if known and self.in_time
+            if self.in_time is not None and self.release.status is Status.RELEASES
             else math.nan
         )
 
@@ -90,7 +89,8 @@ class Prediction:
 def predict_by_formula(stimuli: StimulusSet) -> Iterator[Prediction]:
     """Predict a set over its grid, in the order stimulus, tip, step, direction, friction, load."""
     for part in stimuli.stimuli:
-        grid, ring = stimuli.find_conditions(part), stimuli.predict_ring(part)
+        grid = stimuli.find_conditions(part)
+        ring = stimuli.predict_ring(part)
         tool = grid.as_tool() if ring is None else ring.as_tool(grid.as_tool())
         worn = convert_half_widths({"stiffness": _compute_stiffness_tolerance(stimuli, part)})[
             "stiffness"
@@ -173,7 +173,7 @@ def collect_uncertainties(
     part: Part, grid: PredictionGrid, ball: Dimension, load: float
 ) -> dict[str, float]:
     """Take every tolerance as rectangular over its zone, in the names of `estimate_interval`."""
-    off, tool = grid.tolerances, grid.tool
+    off = grid.tolerances
     # a profile without a closed form is taken as known; its corners still stand beside the interval
     known = part.counterface().dimensions if part.crossed else {}
     return convert_half_widths(
@@ -182,8 +182,8 @@ def collect_uncertainties(
             "ball_radius": find_half_width(ball),
             "friction": off.friction,
             "normal_load": off.normal_load * load,
-            "stiffness": off.stiffness * tool.stiffness,
-            "conversion": off.conversion * tool.conversion,
+            "stiffness": off.stiffness * grid.tool.stiffness,
+            "conversion": off.conversion * grid.tool.conversion,
         }
     )
 
@@ -204,9 +204,16 @@ def tabulate_prediction(prediction: Prediction) -> dict[str, float | str]:
     # ends of the drawn 95 % interval, ``analytic_95`` the same by first-order sensitivities; beyond
     # a limit there is no energy. ``drag`` is what the drag in time says, ``felt`` the formula's or,
     # where they differ by more than `DIFFERS`, the drag's.
-    release, (low, high), interval = prediction.release, prediction.limits, prediction.interval
-    tool, dragged = prediction.point.tool, prediction.in_time
+    release = prediction.release
+    low, high = prediction.limits
+    interval = prediction.interval
+    tool = prediction.point.tool
+    dragged = prediction.in_time
     power = prediction.felt_energy / tool.ring_duration
+    felt_by = "drag" if prediction.differs else "formula"
+    agreement = ""
+    if interval is not None and not release.status.is_beyond_limit:
+        agreement = "yes" if interval.agrees else "no"
 
     def read_bound(name: str) -> float:
         unknown = interval is None or (release.status.is_beyond_limit and "force" not in name)
@@ -244,11 +251,7 @@ def tabulate_prediction(prediction: Prediction) -> dict[str, float | str]:
         "vibration_energy_analytic_95_low_uj": read_bound("analytic_energy_low") * 1e6,
         "vibration_energy_analytic_95_high_uj": read_bound("analytic_energy_high") * 1e6,
         "held_probability": interval.held_probability if interval else math.nan,
-        "intervals_agree": ""
-        if interval is None or release.status.is_beyond_limit
-        else "yes"
-        if interval.agrees
-        else "no",
+        "intervals_agree": agreement,
         "limit_n": tool.limits.first[1] if release.status.is_beyond_limit else math.nan,
         "frequency_hz": tool.frequency,
         "frequency_low_hz": tool.frequency - tool.frequency_deviation,
@@ -258,7 +261,7 @@ def tabulate_prediction(prediction: Prediction) -> dict[str, float | str]:
         "drag_vibration_energy_uj": dragged.energy * 1e6 if dragged else math.nan,
         "drag_conversion": dragged.share if dragged else math.nan,
         "drag_over_formula": prediction.over_formula,
-        "felt_by": "" if math.isnan(power) else "drag" if prediction.differs else "formula",
+        "felt_by": "" if math.isnan(power) else felt_by,
         "felt_energy_uj": prediction.felt_energy * 1e6,
         "felt_power_uw": power * 1e6,
     }

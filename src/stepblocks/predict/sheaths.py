@@ -58,7 +58,8 @@ def _predict_condition(probe: ProbeSpec, use: str, sheath: Sheath | None = None)
         )
         worn = Hold(sheath.length.nominal, bedding, material.loss_factor.value)
     rod = probe.rod()
-    ring, modes = compute_rod_ring(rod, worn), compute_modes(rod, worn)
+    ring = compute_rod_ring(rod, worn)
+    modes = compute_modes(rod, worn)
     what = (sheath.id, use, sheath.mass) if sheath else ("", use, 0.0)
     return Condition(
         *what, ring, compute_sensed_energy(modes), compute_finger_share(rod, ring.stiffness, modes)
@@ -76,12 +77,11 @@ def find_damping(source: str | Path) -> dict[str, float]:
     PipelineError.require(
         found, f"damping needs a set with a probe and sheaths, got none [{source}]"
     )
-    held = {
+    return {"bare": 1.0} | {
         one.sheath.removeprefix("sheath-"): one.sensed / found[0].sensed
         for one in found
         if one.use == HELD
     }
-    return {"bare": 1.0, **held}
 
 
 def predict_conditions(stimuli: StimulusSet) -> list[Condition]:
@@ -104,7 +104,8 @@ def tabulate_rings(stimuli: StimulusSet) -> list[dict[str, str]]:
     conditions = predict_conditions(stimuli)
     if not conditions:
         return []
-    bare, tool = conditions[0].ring, stimuli.prediction.as_tool()
+    bare = conditions[0].ring
+    tool = stimuli.prediction.as_tool()
     last = tool.ring_duration
     spread = tool.frequency_deviation / tool.frequency
     bare_work = bare.stiffness / bare.mean_energy(last)
@@ -187,7 +188,8 @@ def plan_decay_test(
     # the Cramer-Rao bound of a damped sine: least standard uncertainties of its angular frequency
     # and decay rate [1/s]
     time = np.arange(count) / rate
-    envelope, phase = np.exp(-time / decay_time), math.tau * frequency * time
+    envelope = np.exp(-time / decay_time)
+    phase = math.tau * frequency * time
     cosine, sine = envelope * np.cos(phase), envelope * np.sin(phase)
     scaled = time / decay_time  # so that all columns are of order one
     slopes = np.column_stack([cosine, -sine, -scaled * sine, -scaled * cosine]) * displacement

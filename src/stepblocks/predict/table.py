@@ -286,7 +286,8 @@ def _predict_channels(
         if place.name not in followed:
             continue
         # a day, a batch or an hour that the session had not is as uncertain as those it had differ
-        seen, column = np.array(place.labels), design.covariates[place.name]
+        seen = np.array(place.labels)
+        column = design.covariates[place.name]
         new = ~np.isin(column, seen)
         if not place.labels:
             seen = np.linspace(place.low, place.high, _HOURS)
@@ -357,7 +358,8 @@ def make_learned_drag(
 
 def apply_model(stimuli: StimulusSet, learned: LearnedModel) -> StimulusSet:
     """Put the constants of a session into a set: friction, spring and conversion."""
-    values, grid = learned.extended.values, stimuli.prediction
+    values = learned.extended.values
+    grid = stimuli.prediction
     spring = {
         "stiffness": learned.tool.stiffness * values["stiffness_ratio"],
         "conversion": float(np.exp(values["ln_conversion"])),

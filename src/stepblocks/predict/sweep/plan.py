@@ -106,8 +106,8 @@ class SweepPlan:
         """Hash of all that the rows and their files depend on, the program's version included."""
         from stepblocks import __version__
 
-        content = {**asdict(self), "stepblocks": __version__}
-        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+        content = json.dumps({**asdict(self), "stepblocks": __version__}, sort_keys=True)
+        return hashlib.sha256(content.encode()).hexdigest()
 
 
 # defaults first
@@ -394,7 +394,6 @@ def _read_axis_point(part: Part, columns: dict[str, str], tolerances: bool, tool
         if tolerances
         else {}
     )
-    face = part.counterface()
     wall = part.tissue(tool)
     # "face" is what no parameter of a sweep stands for: floor of the gap, sides that a scan shows.
     # "tissue" in N/m, N s/m at 1 Hz, N: the damping falls with the frequency of the ring
@@ -402,6 +401,8 @@ def _read_axis_point(part: Part, columns: dict[str, str], tolerances: bool, tool
         "id": part.id,
         "values": values,
         "spreads": spreads,
-        "face": {name: size for name, size in vars(face).items() if name not in columns},
+        "face": {
+            name: size for name, size in vars(part.counterface()).items() if name not in columns
+        },
         "tissue": [wall.stiffness, wall.damping * tool.frequency, wall.friction],
     }

@@ -110,11 +110,12 @@ def compute_table(plan: SweepPlan, rows: range) -> pa.Table:
     columns |= _predict_rows(plan, inputs, backward, laws)
     if plan.mode == "drag":
         columns |= _drag_rows(plan, inputs, backward, columns, laws)
-    arrays = {
-        name: _encode_texts(column) if column.dtype.kind in "UO" else pa.array(column)
-        for name, column in columns.items()
-    }
-    return pa.table(arrays)
+    return pa.table(
+        {
+            name: _encode_texts(column) if column.dtype.kind in "UO" else pa.array(column)
+            for name, column in columns.items()
+        }
+    )
 
 
 def _encode_texts(column: Column) -> pa.Array:
@@ -200,9 +201,8 @@ def _release_at_once(
         sizes["opening"] = np.where(np.isnan(opening), sizes["gap"], opening)
         ways = Margin(1e-5, 1e-5, 0.0).angles(ball, **sizes)
     angle = np.where(backward[inside], *(np.asarray(one, float) for one in reversed(ways)))
-    tool = Tool(limits=Limits(**plan.limits))
     load, friction = inputs["normal_load"][inside], inputs["friction"][inside]
-    return angle, find_release(angle, load, friction, tool)
+    return angle, find_release(angle, load, friction, Tool(limits=Limits(**plan.limits)))
 
 
 def _make_condition(
@@ -222,7 +222,6 @@ def _make_condition(
         limits=Limits(**plan.limits),
         overtones=laws.get("tool", ()),
     )
-    friction, contact = laws.get("friction", one["friction"]), laws.get("contact")
     tissue = Tissue()
     if plan.stimuli:
         stimulus = plan.stimuli[int(one["stimulus"])]
@@ -230,7 +229,12 @@ def _make_condition(
         wall, damping, rubbed = stimulus["tissue"]
         tissue = Tissue(wall, damping / tool.frequency, rubbed)
     point = OperatingPoint(
-        one["tip_radius"], one["normal_load"], friction, tool, tissue=tissue, contact=contact
+        one["tip_radius"],
+        one["normal_load"],
+        laws.get("friction", one["friction"]),
+        tool,
+        tissue=tissue,
+        contact=laws.get("contact"),
     )
     if plan.surface == "step":
         return Step(**sizes), point
@@ -258,9 +262,11 @@ def _drag_rows(
                 damping_ratio=float(inputs["damping_ratio"][row]),
             )
         except ContactError as error:
-            found[row], columns["problem"][row] = "invalid", str(error)
+            found[row] = "invalid"
+            columns["problem"][row] = str(error)
             continue
-        found[row], figures[-1, row] = str(trace.status), trace.ledger_error
+        found[row] = str(trace.status)
+        figures[-1, row] = trace.ledger_error
         if ring:
             figures[:-1, row] = trace.peak_force, ring.energy, ring.share, ring.duration
     return {"drag_status": found} | {

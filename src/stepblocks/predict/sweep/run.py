@@ -184,8 +184,9 @@ def _is_whole(plan: SweepPlan, number: int, folder: Path) -> bool:
         table = pq.ParquetFile(pa.BufferReader(content), page_checksum_verification=True).read()
     except (OSError, ValueError, pa.ArrowException):
         return False
-    whole = table.num_rows == len(_list_rows(plan, number))
-    return bool(whole and _format_parquet(table) == content)
+    return bool(
+        table.num_rows == len(_list_rows(plan, number)) and _format_parquet(table) == content
+    )
 
 
 def _format_parquet(table: pa.Table) -> bytes:
