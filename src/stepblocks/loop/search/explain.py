@@ -252,8 +252,7 @@ def _find_residual_structure(grown: _SearchResult) -> tuple[tuple[Hint, ...], se
     mistaken = find_random_walks(grown.problem, grown.extended)
     hints = find_hints(grown.problem, grown.extended)
     beside = {h.quantity for h in hints if h.kind == "neighbours"}
-    known = {h.quantity for h in hints}
-    hints += tuple(map(describe_wandering, sorted(mistaken - known)))
+    hints += tuple(map(describe_wandering, sorted(mistaken - {h.quantity for h in hints})))
     return hints, mistaken, beside | mistaken
 
 
@@ -287,7 +286,7 @@ def _search_effects(
     deployed: Deployed | None = None,
     announce: Callable[[str], None] | None = None,
 ) -> _SearchResult:
-    current, p_value = fit(problem), 1.0
+    current = fit(problem)
     gates: dict[str, float] = {}
     error = deployed(current) if deployed else 0.0
     for step in range(rules.most + 1):
@@ -302,8 +301,7 @@ def _search_effects(
             rules.seed + step,
             rules.alpha,
         )
-        p_value = opened.p_value
-        if p_value > rules.alpha or step == rules.most:
+        if opened.p_value > rules.alpha or step == rules.most:
             break
         choice = choose_candidate(problem, current, opened, rules.fits)
         grown = _add_or_replace_effect(problem, current, choice[0], candidates) if choice else None
@@ -321,12 +319,12 @@ def _search_effects(
             error = after
         problem = problem.reduce_noise(grown)
         current = fit(problem, grown.effects, grown.values)
-        gates = {e.id: gates.get(e.id, p_value) for e in current.effects}
+        gates = {e.id: gates.get(e.id, opened.p_value) for e in current.effects}
     return _SearchResult(
         problem=problem,
         extended=current,
         gates=gates,
-        last_gate_p=p_value,
+        last_gate_p=opened.p_value,
         needed=opened.least_gain,
     )
 
@@ -391,10 +389,12 @@ def _judge_search(grown: _SearchResult, candidates: Sequence[Law], rules: Rules)
     checks, adequate = check_residuals(problem, current)
     kinds = {f.verdict for f in findings}
     claims = (k for k in (Verdict.AMBIGUOUS, Verdict.UNEXPLAINED, Verdict.EFFECT) if k in kinds)
-    verdict, reason = next(claims, Verdict.NONE), ""
+    verdict = next(claims, Verdict.NONE)
+    reason = ""
     if verdict is Verdict.EFFECT and not (adequate and grown.last_gate_p > rules.alpha):
         # it improves the fit, not the explanation
-        verdict, reason = Verdict.UNEXPLAINED, LEFT
+        verdict = Verdict.UNEXPLAINED
+        reason = LEFT
     nominal = fit(problem)
     if grown.last_gate_p <= rules.alpha:
         # something is left: what explains little may only stand in for it, and gets no name
@@ -439,8 +439,10 @@ def _judge_effect(
     )
     rivals: list[Rival] = []
     seen = {_name_family(effect)}
-    for trial in choice[1] if choice and effect.id not in grown.walks else ():
-        law, family = trial.effects[-1], _name_family(trial.effects[-1])
+    tried = choice[1] if choice and effect.id not in grown.walks else []
+    for trial in tried:
+        law = trial.effects[-1]
+        family = _name_family(law)
         if (
             family in seen
             or (law.place == effect.place and not law.named)
@@ -452,14 +454,12 @@ def _judge_effect(
         seen.add(family)
         rivals.append((law, trial, trial.criterion - current.criterion))
     elsewhere = [r for r in rivals if r[0].place != effect.place or (r[0].named and effect.named)]
-    verdict = (
-        Verdict.AMBIGUOUS if elsewhere else Verdict.EFFECT if effect.named else Verdict.UNEXPLAINED
-    )
+    alone = Verdict.EFFECT if effect.named else Verdict.UNEXPLAINED
+    verdict = Verdict.AMBIGUOUS if elsewhere else alone
     shape = problem.trials.values.shape
     gains = (base.residual**2 - current.residual**2).reshape(shape)
     row, channel = int(np.argmax(gains.sum(axis=1))), int(np.argmax(gains.sum(axis=0)))
     whole = max(float(gains.sum()), 1e-12)
-    share = float(gains[row].sum()) / whole
     # without the trials that gain most the effect must still open the gate
     most = np.sort(gains.sum(axis=1))[-max(round(_INFLUENCE * shape[0]), 1) :]
     gain = base.cost - current.cost
@@ -474,7 +474,7 @@ def _judge_effect(
         grown.gates.get(effect.id, grown.last_gate_p),
         gain,
         select_likeliest(rivals, elsewhere[:1]),
-        (row, share),
+        (row, float(gains[row].sum()) / whole),
         (channel, float(gains[:, channel].sum()) / whole),
         reason or ("" if effect.named else "no law of the list fits it"),
     )

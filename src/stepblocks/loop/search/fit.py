@@ -150,21 +150,24 @@ class Fit:
         A place of a sudden change counts twice (Zhang and Siegmund 2007).
         """
         free = sum(len(e.parameters) + len(e.steps) for e in self.effects)
-        surprise = self.cost - sum(e.evidence for e in self.effects)
-        return surprise + float(np.log(len(self.predicted))) * free
+        return (
+            self.cost
+            - sum(e.evidence for e in self.effects)
+            + float(np.log(len(self.predicted))) * free
+        )
 
 
 class _Objective:
     # Residuals and Jacobian in units of each parameter's scale
     def __init__(self, problem: "Problem", effects: Sequence[Law]) -> None:
-        self.problem, self.effects = problem, tuple(effects)
+        self.problem = problem
+        self.effects = tuple(effects)
         self.parameters = problem.list_parameters(effects)
         self.scale = np.array([p.scale for p in self.parameters])
         self.start = np.array([p.start for p in self.parameters]) / self.scale
         self.prior = np.array([p.scale / p.prior_std for p in self.parameters])
         self.kept = np.flatnonzero(self.prior > 0.0)
-        low, high = np.array([(p.low, p.high) for p in self.parameters]).T / self.scale
-        self.bounds = low, high
+        self.bounds = tuple(np.array([(p.low, p.high) for p in self.parameters]).T / self.scale)
         blocks = np.asarray([p.block for p in self.parameters])
         common = blocks == ""
         self.moved = common | (problem.trials.block[:, None] == blocks)
@@ -179,7 +182,8 @@ class _Objective:
         trials, scatter = problem.trials, problem.noise.scatter
         floor = np.full(trials.values.shape, np.nan) if trials.floor is None else trials.floor
         self.censored = np.nonzero(np.isfinite(floor))
-        self.floor, self.spread = floor[self.censored], np.zeros(0)
+        self.floor = floor[self.censored]
+        self.spread = np.zeros(0)
         if self.floor.size:
             responses = problem.model.responses(trials, {p.name: p.start for p in self.parameters})
             measured = np.nansum(trials.std**2, axis=0) / np.maximum(

@@ -13,8 +13,8 @@ from stepblocks.law import Law
 from stepblocks.loop.search.fit import Fit, Problem, fit
 from stepblocks.loop.search.forward_model import Floats
 
-# share of a leader's gain, and gain beside it, that a fit may find over its first order
-_HOPELESS, _SURPRISE = 0.4, 30.0
+_HOPELESS = 0.4  # share of a leader's gain that a fit may find over its first order
+_SURPRISE = 30.0  # gain beside that share, likewise
 # a direction of which less is left beside the nominal model is its derivative, up to rounding
 _UNSEEN = 2e-3
 # chance, by Schwarz's criterion, with which an effect and the rivals named with it hold the truth
@@ -209,7 +209,8 @@ def score_candidates(
     ):
         if d.effect.id not in best or log_p < best[d.effect.id].log_p:
             best[d.effect.id] = Score(d.effect, d.shape, log_p, gain, d.root @ part[:, 0])
-    p_value, needed = 1.0, float("inf")
+    p_value = 1.0
+    needed = float("inf")
     if draws:
         null, _ = _compute_gains(directions, _draw_noise(problem, base, draws, seed))
         # among directions of equal freedom the least p of a draw is that of the largest gain

@@ -53,7 +53,8 @@ def check_claims(
             key=list(Verdict).index,
         )
         if lacking:
-            verdict, reason = Verdict.UNEXPLAINED, "trials of equal settings agree better than it"
+            verdict = Verdict.UNEXPLAINED
+            reason = "trials of equal settings agree better than it"
     return replace(
         explanation,
         findings=findings,
@@ -67,11 +68,13 @@ def withdraw_claims(explanation: Explanation, hints: tuple[Hint, ...]) -> Explan
     """Take back every name where something outside the model's reach is known to have gone on."""
     if not hints:
         return explanation
-    lost, why = Verdict.UNEXPLAINED, hints[0].sentence
     return replace(
         explanation,
-        findings=tuple(replace(f, verdict=lost, reason=why) for f in explanation.findings),
-        verdict=lost,
+        findings=tuple(
+            replace(f, verdict=Verdict.UNEXPLAINED, reason=hints[0].sentence)
+            for f in explanation.findings
+        ),
+        verdict=Verdict.UNEXPLAINED,
         hints=(*hints, *explanation.hints),
     )
 
@@ -268,7 +271,8 @@ def choose_delivered_effects(
             (f for f in findings if f.effect not in own),
             key=lambda f: (f.effect.id not in explanation.walks, f.gain),
         )
-        findings, errors = tuple(f for f in findings if f is not weakest), base
+        findings = tuple(f for f in findings if f is not weakest)
+        errors = base
     dropped = {f.effect.id for f in explanation.findings} - {f.effect.id for f in findings}
     if dropped:
         extended = fit(explanation.problem, [f.effect for f in findings], extended.values)

@@ -21,7 +21,8 @@ _GROUP_BIC = 12.0  # by which two groups must beat one: odds of 400 to 1
 _APART = (
     2.2  # of the middles of two groups, in their pooled spread times the root of two (Ashman's D)
 )
-_MOST_LEVELS, _SHORTEST_LEVEL = 5, 6  # along a run, and trials of each
+_MOST_LEVELS = 5  # along a run
+_SHORTEST_LEVEL = 6  # trials
 _LEAST_GROUP = 0.1  # share of the trials
 _DRIFTS = (
     0.5  # correlation of a reading with the one before, from which it counts as going with the hour
@@ -190,8 +191,7 @@ def _test_neighbours(name: str, values: Floats) -> Hint:
     from statsmodels.stats.diagnostic import acorr_ljungbox
 
     gain, _, _ = fit_random_walk(values)
-    lags = min(5, len(values) // 8)
-    together = float(acorr_ljungbox(values, lags=[lags])["lb_pvalue"].iloc[0])
+    together = float(acorr_ljungbox(values, lags=[min(5, len(values) // 8)])["lb_pvalue"].iloc[0])
     return describe_wandering(
         name, min(1.0, 2.0 * min(together, 0.5 * float(stats.chi2.sf(gain, 1))))
     )
@@ -217,7 +217,8 @@ def build_wandering_errors(
     trials = problem.trials
     responses = problem.model.responses(trials, fitted.values, fitted.active)
     place = np.argsort(np.argsort(problem.model.order(trials), kind="stable"), kind="stable")
-    n, found = len(trials), []
+    n = len(trials)
+    found = []
     for name, values in wanders.items():
         k = list(problem.model.quantities).index(name)
         step = fit_random_walk(values)[1]
@@ -237,7 +238,8 @@ def add_jump_places(
     problem: Problem, base: Fit, quantities: Iterable[str], candidates: Sequence[Law]
 ) -> list[Law]:
     """Let a search look for sudden changes of quantities where their errors fall apart best."""
-    places, order = dict[tuple[str, int], Floats](), problem.model.order(problem.trials)
+    places: dict[tuple[str, int], Floats] = {}
+    order = problem.model.order(problem.trials)
     for name in quantities:
         rows, errors = estimate_errors_in_order(problem, base, name)
         for first in split_into_levels(errors):
@@ -259,14 +261,14 @@ def bound_jump_place(
     The likelihood is the same wherever between two values of the `column` that the effect follows
     the place lies. The other parameters follow to first order.
     """
-    trials, own = problem.trials, f"{effect.id}.{name}"
+    own = f"{effect.id}.{name}"
     seen = np.unique(np.asarray(column, dtype=np.float64))
     moving = [i for i, p in enumerate(fitted.parameters) if p.name != own]
     basis, _ = np.linalg.qr(fitted.jacobian[:, moving])
     costs = np.empty(len(seen) - 1)
     for i, place in enumerate(0.5 * (seen[1:] + seen[:-1])):
         predicted = problem.predict(fitted.effects, fitted.values | {own: float(place)})
-        left = np.append(problem.noise.whiten(trials.values - predicted), fitted.departure)
+        left = np.append(problem.noise.whiten(problem.trials.values - predicted), fitted.departure)
         costs[i] = left @ left - np.sum((basis.T @ left) ** 2)
     kept = np.flatnonzero(costs <= costs.min() + _PLACE)
     return float(seen[kept[0]]), float(seen[kept[-1] + 1])
