@@ -145,8 +145,7 @@ class SessionModel:
             for session in self.own
             if one.name in OF_A_DAY
         ]
-        common = [one for one in (*found, *own) if not days or one.name not in OF_A_DAY]
-        return (*days, *common)
+        return (*days, *(one for one in (*found, *own) if not days or one.name not in OF_A_DAY))
 
     def systematics(self, trials: Trials) -> list[Systematic]:
         """Errors that the evaluation of traces may share among trials.

@@ -21,7 +21,8 @@ def add_height_errors(explanation: Explanation, table: SessionTable) -> Explanat
     Of those that a search has named the height error is known as well as that of the others.
     """
     model = table.model
-    fitted, heights = explanation.extended, dict(model.scanned or {})
+    fitted = explanation.extended
+    heights = dict(model.scanned or {})
     named = {e.id for e in fitted.effects}
     off: dict[str, float] = {}
     for block in np.unique(table.trials.block).tolist():

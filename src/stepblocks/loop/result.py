@@ -102,7 +102,8 @@ def build_learned_model(
     table: SessionTable, explanation: Explanation, ranges: tuple[CovariateRange, ...]
 ) -> LearnedModel:
     """Return what was learnt, as it can be predicted from without the session."""
-    model, scatter = table.model, explanation.problem.noise.scatter
+    model = table.model
+    scatter = explanation.problem.noise.scatter
     nominal, extended = (
         LearnedFit(f.values, tuple(p.unit for p in f.parameters), f.covariance, f.effects)
         for f in (explanation.nominal, explanation.extended)
@@ -192,7 +193,8 @@ def _list_censored(table: SessionTable, explanation: Explanation) -> dict[str, o
     floor = table.trials.floor
     bound = np.full(len(table.trials), np.nan) if floor is None else floor[:, 1]
     rows = np.isfinite(bound)
-    scatter, fitted = explanation.problem.noise.scatter, explanation.extended
+    scatter = explanation.problem.noise.scatter
+    fitted = explanation.extended
     shifted = table.model.responses(table.trials, fitted.values, fitted.active)[:, 1]
     spread = np.sqrt(scatter.channels[1] + shifted**2 @ scatter.quantities)
     below = rows & (explanation.extended.predicted[:, 1] < bound - 3.0 * spread)
@@ -298,7 +300,8 @@ def _describe_effect(
 def _describe_finding(
     finding: Finding, explanation: Explanation, table: SessionTable
 ) -> dict[str, object]:
-    effect, unexplained = finding.effect, finding.verdict is Verdict.UNEXPLAINED
+    effect = finding.effect
+    unexplained = finding.verdict is Verdict.UNEXPLAINED
     (row, share), (channel, part) = finding.leading_trial, finding.leading_channel
     evidence = {
         "claim": str(finding.verdict),
@@ -350,17 +353,16 @@ def _describe_adequacy(table: SessionTable, explanation: Explanation, rules: Rul
     trials = table.trials
     cells = table.model.cells(trials)
     residual = np.where(trials.seen, trials.values - explanation.extended.predicted, np.nan)
-    tests = {
-        channel: compare_with_replicates(
-            residual[:, j], cells, len(explanation.extended.parameters)
-        )
-        for j, channel in enumerate(("ln_energy", "ln_peak_force"))
-    }
     return {
         "adequate": explanation.adequate and explanation.last_gate_p > rules.alpha,
         "last_gate_p_value": explanation.last_gate_p,
         "gate_level": rules.alpha,
-        "pure_error": tests,
+        "pure_error": {
+            channel: compare_with_replicates(
+                residual[:, j], cells, len(explanation.extended.parameters)
+            )
+            for j, channel in enumerate(("ln_energy", "ln_peak_force"))
+        },
         "residual_against_covariates": [
             {"channel": c, "covariate": v, "holm_p_value": p}
             for c, v, p in sorted(explanation.checks, key=lambda check: check[2])[:8]

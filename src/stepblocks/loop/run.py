@@ -259,11 +259,10 @@ def _explain_and_hold_out(
     found, (within, between) = choose_delivered_effects(
         add_height_errors(found, table), (inside, outside), model.candidates
     )
-    holdouts = (
+    return withdraw_claims(found, find_regime_hints(table)), (
         Holdout(*within, tuple(selected[: len(inside)])),
         Holdout(*between, tuple(selected[len(inside) :])),
     )
-    return withdraw_claims(found, find_regime_hints(table)), holdouts
 
 
 def write_loop(result: LoopResult, output: Path, traces: Sequence[Path] = ()) -> None:

@@ -147,8 +147,6 @@ def build_session_table(
         (str(names[i]), f"{CHANNELS[j]} lies far from all other trials")
         for i, j in np.argwhere(single)
     ]
-    measured = values
-    values = np.where(single, np.nan, values)
     edges = [
         (scan["edge_radius_m"], scan.get("edge_radius_std_m", 0.0))
         for scan in (scans or {}).values()
@@ -160,7 +158,7 @@ def build_session_table(
     }
     regimes = table["regime"].dropna().astype(str).value_counts() if "regime" in table else {}
     return SessionTable(
-        trials=replace(trials, values=values),
+        trials=replace(trials, values=np.where(single, np.nan, values)),
         names=names,
         excluded=excluded,
         regimes={str(name): int(count) for name, count in dict(regimes).items()},
@@ -183,7 +181,7 @@ def build_session_table(
             laws=tuple((kind, tuple(one.items())) for kind, one in (laws or {}).items()),
         ),
         tip_radius_um=tip_radius * 1e6,
-        measured=measured,
+        measured=values,
     )
 
 
@@ -195,7 +193,8 @@ def find_regime_hints(table: SessionTable) -> tuple[Hint, ...]:
 
     No law of sliding follows from it.
     """
-    stuck, n = table.regimes.get("stick-slip", 0), len(table.trials)
+    n = len(table.trials)
+    stuck = table.regimes.get("stick-slip", 0)
     if stuck < _STICKING * n:
         return ()
     seen = f" of {table.static_friction:.2g}" if np.isfinite(table.static_friction) else ""

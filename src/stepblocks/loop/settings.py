@@ -19,7 +19,8 @@ def build_grid(trials: Trials, extra: list[str]) -> Trials:
     heights = sorted({*(h for h in _HEIGHTS_UM if seen.min() < h < seen.max()), *seen.tolist()})
 
     def list_settings(name: str) -> list[object]:
-        column, numbers = trials.covariates[name], trials.numeric(name)
+        column = trials.covariates[name]
+        numbers = trials.numeric(name)
         if name in COUNTED and numbers is not None:
             return [float(numbers.max()) + 1.0]
         if name in (*SHOWN, *extra):

@@ -93,7 +93,8 @@ def pool_parameter(unit: str, sessions: Mapping[str, float], covariance: Floats)
     """
     from statsmodels.regression.linear_model import GLS
 
-    values, n = np.array(list(sessions.values())), len(sessions)
+    n = len(sessions)
+    values = np.array(list(sessions.values()))
     # in units of their errors: the search has an absolute tolerance
     apart = np.eye(n) * max(float(np.mean(np.diag(covariance))), 1e-24)
 
@@ -112,7 +113,7 @@ def pool_parameter(unit: str, sessions: Mapping[str, float], covariance: Floats)
     reach = float(wide * np.sqrt(ratio * apart[0, 0] + variance))
     # a session's own value with the others known is drawn to the mean as far as its error asks
     shrunk = mean + ratio * apart @ np.linalg.solve(covariance + ratio * apart, values - mean)
-    own = zip(sessions.items(), np.sqrt(np.diag(covariance)).tolist(), shrunk.tolist(), strict=True)
+    errors = np.sqrt(np.diag(covariance))
     return {
         "unit": unit,
         "mean": mean,
@@ -120,7 +121,12 @@ def pool_parameter(unit: str, sessions: Mapping[str, float], covariance: Floats)
         "among_sessions_std": float(np.sqrt(ratio * apart[0, 0])),  # beyond their own errors
         # 95 % interval in a session that is yet to come
         "next": {"low": mean - reach, "high": mean + reach},
-        "sessions": {session: {"value": v, "std": e, "shrunk": s} for (session, v), e, s in own},
+        "sessions": {
+            session: {"value": value, "std": std, "shrunk": drawn}
+            for (session, value), std, drawn in zip(
+                sessions.items(), errors.tolist(), shrunk.tolist(), strict=True
+            )
+        },
     }
 
 
