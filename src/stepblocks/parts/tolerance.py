@@ -114,10 +114,10 @@ class Dimension:
         text = format_quantity(self.nominal, self.quantity)
         if self.upper == -self.lower:
             return f"{text} ±{format_quantity(self.upper, self.quantity)}"
-        signs = [
-            (one, "+" if one > 0.0 else "-" if one else "") for one in (self.upper, self.lower)
-        ]
-        signed = (sign + format_quantity(abs(one), self.quantity) for one, sign in signs)
+        signed = (  # no zero keeps a sign
+            ("+" if one > 0.0 else "") + format_quantity(one + 0.0, self.quantity)
+            for one in (self.upper, self.lower)
+        )
         return f"{text} {'/'.join(signed)}"
 
 

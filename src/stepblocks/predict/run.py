@@ -55,6 +55,9 @@ def predict_set(
     if not isinstance(stimuli, StimulusSet):
         stimuli = load_set(Path(stimuli))
     if as_built:
-        records = read_records([Path(path) for path in as_built])
-        return pd.DataFrame(predict_as_built(stimuli, records, dragged, speed)[1])
+        return pd.DataFrame(
+            predict_as_built(
+                stimuli, read_records([Path(path) for path in as_built]), dragged, speed
+            )[1]
+        )
     return pd.DataFrame([tabulate_prediction(one) for one in predict_all(stimuli, dragged, speed)])

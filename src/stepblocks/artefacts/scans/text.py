@@ -78,7 +78,7 @@ def parse_given_units(unit: str | None) -> dict[str, tuple[float, float]]:
     The result gives, for each axis, the length of a stored 1 as a number and its units per metre.
     """
     found: dict[str, tuple[float, float]] = {}
-    for one in (unit or "").split(",") if unit else ():
+    for one in unit.split(",") if unit else ():
         match = _GIVEN.fullmatch(one.strip().lower())
         if match is None or float(match[2] or 1.0) == 0.0:
             raise MetrologyError(

@@ -150,10 +150,11 @@ def _choose_pmi_kind(characteristic: Characteristic) -> PmiKind:
     # the far side of a ball have their own.
     surfaces = {rule.kind for rule in characteristic.faces if isinstance(rule, FaceRule)}
     ball, ring = "SPHERE" in surfaces, "TORUS" in surfaces
+    other_radius: PmiKind = "toroidal_radius" if ring else "radius"
     kinds: dict[str, PmiKind] = {
         "angle": "cone" if len(characteristic.faces) == 1 else "angle",
         "distance": "to_outer" if ball else "distance",
-        "radius": "spherical_radius" if ball else "toroidal_radius" if ring else "radius",
+        "radius": "spherical_radius" if ball else other_radius,
         "diameter": "diameter",
     }
     return kinds[characteristic.kind]
