@@ -103,7 +103,6 @@ def build_learned_model(
 ) -> LearnedModel:
     """Return what was learnt, as it can be predicted from without the session."""
     model = table.model
-    scatter = explanation.problem.noise.scatter
     nominal, extended = (
         LearnedFit(f.values, tuple(p.unit for p in f.parameters), f.covariance, f.effects)
         for f in (explanation.nominal, explanation.extended)
@@ -116,8 +115,8 @@ def build_learned_model(
         scanned=model.scanned or {},
         blocks=tuple(np.unique(table.trials.block).tolist()),
         ranges=ranges,
-        quantity_std=np.sqrt(scatter.quantities),
-        channel_std=np.sqrt(scatter.channels),
+        quantity_std=np.sqrt(explanation.problem.noise.scatter.quantities),
+        channel_std=np.sqrt(explanation.problem.noise.scatter.channels),
         nominal=nominal,
         extended=extended,
         known_laws={kind: dict(numbers) for kind, numbers in model.laws},
