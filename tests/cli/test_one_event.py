@@ -56,6 +56,7 @@ def declare_set(name, laws, out):
         assert found == 1
     # the others would only cost time
     text = text.replace('["25 um", "50 um", "75 um", "100 um"]', f'["{PLAIN[name]} um"]')
+    text = text.replace('["20 um", "50 um"]', '["20 um"]')
     for other in ("gap-050-under-020", "crown-shoulder", "crown-feather"):
         text = re.sub(rf'\[\[\w+\]\]\nid = "{other}"\n(\w.*\n)*', "", text)
     if laws == LAWS:
@@ -63,7 +64,7 @@ def declare_set(name, laws, out):
     if name == "paper-four":
         text += ROUND
     else:
-        scanned = scanned_set(out).read_text()
+        scanned = scanned_set(out, stations=2).read_text()
         text += scanned[scanned.index("[[scanned_margin]]") :]
     (out / f"{name}.toml").write_text(text)
     meant = [one for one, owner in SURFACES.items() if owner == name]
