@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from stepblocks.atomic import lock_folder, make_draft_folder, resolve_inside
-from stepblocks.build import manifest as manifests, run as building
+from stepblocks.build import manifest as manifests, page as pages, run as building
 from stepblocks.build.manifest import (
     MANIFEST,
     RECORD,
@@ -158,6 +158,28 @@ def test_a_second_run_into_the_same_folder_is_refused_and_writes_nothing(tmp_pat
     assert list(output.iterdir()) == []
     with lock_folder(output):  # the lock is gone with its holder
         pass
+
+
+def test_a_page_that_somebody_removes_meanwhile_is_said_and_is_in_no_manifest(
+    copy, monkeypatch, capsys
+):
+    # two users in one folder: a manifest listed the page with an empty hash
+    before = (copy / MANIFEST).read_bytes()
+    made_page = pages.write_page
+
+    def write_and_lose(*arguments):
+        written = made_page(*arguments)
+        (copy / "index.html").unlink()
+        return written
+
+    monkeypatch.setattr(pages, "write_page", write_and_lose)
+    (copy / "index.html").write_text("changed")  # so that the build is not up to date
+    assert main(["build", str(SHEATHS), "-o", str(copy), "--jobs", "1"]) == 2
+    said = capsys.readouterr().err
+    assert "No such file or directory" in said
+    assert str(copy / "index.html") in said
+    assert len(said.splitlines()) == 1
+    assert (copy / MANIFEST).read_bytes() == before
 
 
 def test_check_looks_at_tables_and_specifications_too(copy):

@@ -233,7 +233,10 @@ def _write_tables_and_page(
     from stepblocks.predict.table import apply_model, format_learned_columns
 
     def hash_files(paths: Iterable[Path]) -> dict[str, str]:
-        return {path.relative_to(output).as_posix(): hash_file(path) for path in paths}
+        # a file that somebody removed meanwhile is an error: its hash would stand for no file
+        return {
+            path.relative_to(output).as_posix(): hash_bytes(path.read_bytes()) for path in paths
+        }
 
     more = partial(format_learned_columns, learned=learned) if learned else None
     outputs: dict[str, str] = {}
