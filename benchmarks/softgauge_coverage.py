@@ -1,8 +1,10 @@
 """Measure mean error and coverage of every evaluation of scans over software gauges.
 
-    python benchmarks/softgauge_coverage.py [--draws 400] [--cases NOISE] [--jobs N] [--summary]
+    python benchmarks/softgauge_coverage.py [--draws 400] [--first SEED] [--cases NOISE]
+        [--jobs N] [--summary]
 
-NOISE is a part of the label of the cases to run. One line per value and kind of noise: mean error
+SEED is that of the first draw: another one gives fresh draws. NOISE is a part of the label of the
+cases to run. One line per value and kind of noise: mean error
 over the stated standard uncertainty u, and the share of stated 95 % intervals that hold the truth.
 The share itself scatters by sqrt(0.95 0.05 / draws); exit code 1 if a mean error exceeds 0.1 u (of
 one form of a face 0.33 u) or a share is off by more than three of that.
@@ -300,8 +302,13 @@ def riser(random: np.random.Generator) -> Iterator[tuple[str, float, Measured]]:
     how = EvaluationOptions(stylus_radius=0.0, stylus_cone=0.0)
     got = measure_edge(ScannedProfile(x, z), EXACT, how).values
     if "riser_straightness" in got:  # a bulge by far higher than the noise may be taken for an arc
-        # the middle half of a parabola has a quarter of its sagitta
-        yield "riser straightness", 0.25 * bulge * math.cos(angle), got["riser_straightness"]
+        # sagitta over the middle half of the height, which the bulge itself makes less wide
+        own = np.linspace(0.0, 1.0, 2001)
+        wide = float(
+            np.ptp(np.interp([0.25, 0.75], own + 4.0 * bulge / height * own * (1.0 - own), own))
+        )
+        slope = math.atan(0.5 / wide * math.tan(angle))
+        yield "riser straightness", bulge * wide**2 * math.cos(slope), got["riser_straightness"]
 
 
 def parallel(lean: float, rough: float) -> Draw:
@@ -472,6 +479,7 @@ def main() -> int:
     """Run what is missing, and print the table; 1 if a statement does not hold."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--draws", type=int, default=400, help="of the cases with the most")
+    parser.add_argument("--first", type=int, default=0, help="seed of the first draw")
     parser.add_argument("--cases", default="", help="a part of the label of the cases")
     parser.add_argument("--jobs", type=int, help="processes, else one for each core")
     parser.add_argument("--summary", action="store_true", help="only count what is there")
@@ -480,8 +488,8 @@ def main() -> int:
     done = read_draws()
     wanted = {case: max(int(asked.draws * CASES[case][2]), 2) for case in chosen}
     chunks = [
-        (case, range(first, min(first + CHUNK, wanted[case])))
-        for first in range(0, max(wanted.values()), CHUNK)
+        (case, range(asked.first + start, asked.first + min(start + CHUNK, wanted[case])))
+        for start in range(0, max(wanted.values()), CHUNK)
         for case in chosen
     ]
     missing = [
@@ -504,7 +512,11 @@ def main() -> int:
     print("|---|---|---|---|---|---|---|")
     failed = rows = 0
     for case in chosen:
-        own = [record for (one, _), record in sorted(done.items()) if one == case]
+        own = [
+            record
+            for (one, seed), record in sorted(done.items())
+            if one == case and seed >= asked.first
+        ]
         lines, bad = count_case(case, own)
         print("\n".join(lines), flush=True)
         failed += bad

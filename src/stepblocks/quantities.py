@@ -43,7 +43,7 @@ DIMENSIONS = {dimension: unit for dimension, (unit, _) in _KNOWN.items()}
 _MAX_TEXT = 64  # longer text is no quantity and must not reach the library
 _NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
 # a unit with a small power: no expression is ever evaluated
-_ATOM = r"[A-Za-zµμΩ°%]+(?:\s*(?:\^|\*\*)\s*-?[1-4])?"
+_ATOM = r"[A-Za-zµμΩ°%]+(?:\s*(?:\^|\*\*)\s*-?[1-4]|[23])?"
 _QUANTITY = re.compile(
     rf"\s*({_NUMBER})\s*((?:(?:1\s*/\s*)?{_ATOM}(?:\s*[*/ ]\s*{_ATOM}){{0,3}})?)\s*"
 )
@@ -54,7 +54,10 @@ def _build_registry() -> "pint.UnitRegistry[float]":
     import pint
 
     registry: pint.UnitRegistry[float] = pint.UnitRegistry(
-        autoconvert_offset_to_baseunit=True, cache_folder=None
+        autoconvert_offset_to_baseunit=True,
+        cache_folder=None,
+        # "kg/m3" for "kg/m^3", as sheets and standards print it
+        preprocessors=[partial(re.sub, r"([a-z])([23])\b", r"\1^\2")],
     )
     return registry
 

@@ -3,6 +3,7 @@
 import math
 
 import pytest
+from pydantic import ValidationError
 
 from stepblocks.artefacts.check import check_part_step
 from stepblocks.artefacts.step.write import write_step_ap242
@@ -24,6 +25,19 @@ def test_free_text_is_the_designation_and_its_density_is_that_of_the_standard():
     assert material.designation == FREE
     assert material.density.value == 7700.0  # EN 10088-1:2014, annex E, martensitic grades
     assert material.is_hardened
+
+
+def test_a_density_of_an_order_is_a_quantity_with_or_without_a_source():
+    stated = {"value": "7650 kg/m^3", "source": "data sheet"}
+    alone, sourced = (
+        StepBlock(id="a", height="50 um", material={"designation": "D", "density": density})
+        for density in ("7650 kg/m3", stated)
+    )
+    assert alone.material.density.value == sourced.material.density.value == 7650.0
+    assert alone.material.density.source == "as ordered"
+    for wrong in ("7650", "7.65 g"):
+        with pytest.raises(ValidationError, match="must be a density such as"):
+            StepBlock(id="a", height="50 um", material={"designation": "D", "density": wrong})
 
 
 @pytest.mark.parametrize("text", ["stainless", "Ti-6Al-4V", "WC-Co 6 %"])

@@ -162,8 +162,10 @@ def read_model(path: str | Path) -> LearnedModel:
     path = Path(path)
     document = read_document(path, "model", PipelineError, _LARGEST, "JSON")
     known = (_FORMAT, _FORMAT_BEFORE)
-    if not isinstance(document, dict) or document.get("format") not in known:
-        raise PipelineError(f"model must have the format {' or '.join(known)} [{path}]")
+    PipelineError.require(
+        isinstance(document, dict) and document.get("format") in known,
+        f"model must have the format {' or '.join(known)} [{path}]",
+    )
     try:
         return _parse_model(document)
     except (KeyError, TypeError, ValueError, AttributeError, ContactError) as error:

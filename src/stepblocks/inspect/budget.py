@@ -94,8 +94,10 @@ class Instrument:
             ("calibration", self.calibration_std),
             ("lateral calibration", self.lateral_std),
         ):
-            if value is not None and not 0.0 <= value < 1.0:
-                raise MetrologyError(f"{name} must be at least 0 and below 1, got {value:g}")
+            MetrologyError.require(
+                value is None or 0.0 <= value < 1.0,
+                f"{name} must be at least 0 and below 1, got {value}",
+            )
         MetrologyError.require(
             0.0 <= self.resolution < 1e-3,
             "resolution, or one count of a scan, must be at least 0 and below 1 mm, got "

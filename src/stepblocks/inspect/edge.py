@@ -5,7 +5,7 @@ are fitted to the faces beyond the exclusion; the height is the difference of th
 radius comes from the points inside the exclusion.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from stepblocks.inspect.edge_arc import (
     fit_arc,
     fit_flank,
 )
+from stepblocks.inspect.form import FaceForm, estimate_zone
 from stepblocks.inspect.levelling import (
     LEAST_FACE,
     TwoPlanes,
@@ -78,6 +79,8 @@ class Edge:
         Where the flank slopes and the edge is no arc.
     dropped : array of bool, shape (n,)
         Points left out as spikes, along the profile as given.
+    noise : array, shape (lags,)
+        Autocovariance of the noise of the faces [m^2].
     """
 
     height: Estimate
@@ -92,6 +95,7 @@ class Edge:
     rising: bool
     flank: Flank | None
     dropped: Mask
+    noise: Array
 
     def measure_across(self, position: Array, height: Array) -> tuple[Array, Array]:
         """Return distances from the edge to the upper face, and heights over the lower one [m]."""
@@ -104,17 +108,27 @@ class Edge:
         The form is a cubic, as that of a face: the zone of all points would grow with the noise.
         """
         u, level = self.measure_across(position, height)
-        share = level / self.height.value
-        used = (np.abs(u) <= self.exclusion) & (share > 0.25) & (share < 0.75)
+        used = (np.abs(u) <= self.exclusion) & (np.abs(level / self.height.value - 0.5) < 0.25)
         t = 2.0 * (u - u[used].mean()) / np.ptp(u[used])
         fit = fit_without_spikes(np.polynomial.legendre.legvander(t, 3).T, level, used)
-        # the polynomials rise by 1.5 and 2 over the riser, their zone by no more than the sum
-        bow, bend = fit.estimate(2, 1.5 * np.cos(angle)), fit.estimate(3, 2.0 * np.cos(angle))
-        return Estimate(
-            float(np.ptp(fit.solution[2:] @ fit.design[2:, used]) * np.cos(angle)),
-            bow.std + bend.std,
-            min(bow.dof, bend.dof),
+        # a short riser does not show its own correlation: it is that of the faces, and the noise
+        # what the cubic leaves where that is more
+        covariance = compute_estimator_covariance(fit.weights[2:], self.noise)
+        covariance *= max(
+            1.0, np.var(fit.residuals[fit.used], ddof=4) / max(self.noise[0], LEAST_SCATTER**2)
         )
+        form = FaceForm(
+            points=np.column_stack([u, level, level])[used],
+            grid=np.column_stack([u, u])[used],
+            columns=fit.design[2:, used],
+            solution=fit.solution[2:],
+            root=np.diag(np.sqrt(np.diag(covariance).clip(min=0.0))),
+            dof=np.inf,
+            degree=3,
+        )
+        zone = estimate_zone(lambda points: float(np.ptp(points[:, 2]) * np.cos(angle)), form)
+        # the polynomials span two: the zone moves by no more than twice what noise adds to either
+        return replace(zone, std=max(zone.std, 2.0 * float(form.root.max() * np.cos(angle))))
 
 
 def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> Edge:
@@ -181,6 +195,7 @@ def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> 
         rising=rising,
         flank=flank,
         dropped=dropped,
+        noise=faces.gamma,
     )
 
 

@@ -224,11 +224,11 @@ def _check_level(x: Array, z: Array, levels: Levels, feature: Feature) -> None:
     )
     # what a profile with whole features cuts at its ends has less
     is_edge = not any(np.isfinite(one.end) for one in levels.features)
-    if is_edge and (kept < np.maximum(LEAST_FACE // 2, seen // 2)).any():
-        raise MetrologyError(
-            f"faces beside a single step must keep half of their points, and {LEAST_FACE // 2}, "
-            f"got {kept[0]} of {seen[0]} and {kept[1]} of {seen[1]}"
-        )
+    MetrologyError.require(
+        not is_edge or (kept >= np.maximum(LEAST_FACE // 2, seen // 2)).all(),
+        f"faces beside a single step must keep half of their points, and {LEAST_FACE // 2}, "
+        f"got {kept[0]} of {seen[0]} and {kept[1]} of {seen[1]}",
+    )
     rest = float(np.sqrt(np.mean((z - levels.level)[levels.used] ** 2)))
     face = float(levels.used.sum()) / (len(levels.edges) + 1)
     MetrologyError.require(

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _OWN = ["scan", "stimulus", "block", "feature"]  # columns that are no condition
-_LENGTHS = ("value", "u", "u95", "lower", "upper", "std")
+_SIZES = ("value", "u", "u95", "lower", "upper", "std")
 _SCATTER = ("noise", "repeatability", "scatter")  # of one scan, which several show together
 _LEAD = (
     "ISO 14253-1. Of a block that was scanned several times the scatter of its scans stands in "
@@ -51,7 +51,8 @@ class ManyScans:
     Attributes
     ----------
     tables : dict of DataFrame
-        ``blocks``, ``variation`` and ``scans``; lengths in micrometres, as their columns say.
+        ``blocks``, ``variation`` and ``scans``; lengths in micrometres and angles in degrees, each
+        in columns that say so, such as ``value_um`` and ``value_deg``.
     left_out : tuple of str
         Files that could not be evaluated, and why.
     verdict : Outcome
@@ -73,7 +74,11 @@ class ManyScans:
         """
         return {
             name: [
-                {key.removesuffix("_um"): _show_cell(key, cell) for key, cell in row.items()}
+                {
+                    key.removesuffix(f"_{row['unit']}"): _show_cell(key, cell)
+                    for key, cell in row.items()
+                    if key.rpartition("_")[0] not in _SIZES or key.endswith(f"_{row['unit']}")
+                }
                 for row in rows
             ]
             for name, table in self.tables.items()
@@ -97,9 +102,10 @@ class ManyScans:
 
 
 def _show_cell(key: str, cell: object) -> object:
-    if not isinstance(cell, float) or not key.endswith("_um"):
+    name = key.rpartition("_")[0]
+    if name not in _SIZES or not isinstance(cell, float):
         return cell
-    digits = {"value_um": 5, "lower_um": 7, "upper_um": 7}.get(key, 3)
+    digits = {"value": 5, "lower": 7, "upper": 7}.get(name, 3)
     return f"{round(cell, 9):.{digits}g}" if math.isfinite(cell) else None
 
 
@@ -222,9 +228,9 @@ def inspect_many(
         for one, decision in report.judged
     ]
     tables = {
-        "blocks": _convert_to_um(pd.DataFrame(blocks)),
-        "variation": _convert_to_um(pd.DataFrame(variation)),
-        "scans": _convert_to_um(table).drop(columns="measured"),
+        "blocks": _state_units(pd.DataFrame(blocks)),
+        "variation": _state_units(pd.DataFrame(variation)),
+        "scans": _state_units(table).drop(columns="measured"),
     }
     return ManyScans(
         tables,
@@ -267,15 +273,17 @@ def _merge_reports(
     return judge_part(first.stimulus, evaluation, source, digest, first.order, first.asked)
 
 
-def _convert_to_um(table: "pd.DataFrame") -> "pd.DataFrame":
-    # Give columns of lengths their unit; angles stand in degrees beside them.
-    lengths = [name for name in table if name in _LENGTHS]
-    angles = table["characteristic"].str.endswith("_angle").to_numpy()
-    factors = np.where(angles, math.degrees(1.0), 1e6)
-    for name in lengths:
-        table[name] = table[name].astype(float) * factors
-    table.insert(table.columns.get_loc(lengths[0]), "unit", np.where(angles, "deg", "um"))
-    return table.rename(columns={name: f"{name}_um" for name in lengths})
+def _state_units(table: "pd.DataFrame") -> "pd.DataFrame":
+    # Give each size a column for lengths and one for angles; a row has it in that of its unit.
+    sizes = [name for name in table if name in _SIZES]
+    is_angle = table["characteristic"].str.endswith("_angle").to_numpy()
+    table.insert(table.columns.get_loc(sizes[0]), "unit", np.where(is_angle, "deg", "um"))
+    for name in sizes:
+        at = table.columns.get_loc(name)
+        own = table.pop(name).astype(float)
+        table.insert(at, f"{name}_deg", np.degrees(own).where(is_angle))
+        table.insert(at, f"{name}_um", 1e6 * own.mask(is_angle))
+    return table
 
 
 def _list_scans(paths: Sequence[Path], stimulus: str | None) -> "pd.DataFrame":

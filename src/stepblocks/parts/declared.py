@@ -154,6 +154,12 @@ def make_sourced_validator(quantity: str) -> BeforeValidator:
     return BeforeValidator(read)
 
 
+# a quantity alone is what the order states
+_ORDERED = BeforeValidator(
+    lambda raw: {"value": raw, "source": "as ordered"} if isinstance(raw, str) else raw
+)
+
+
 class Material(Table):
     """A material as a workshop orders it.
 
@@ -164,14 +170,15 @@ class Material(Table):
     designation : str
         What the drawing says, in printable ASCII.
     density : Sourced or None
-        Mass density [kg/m^3]; None where nobody stated it.
+        Mass density [kg/m^3], such as ``"7650 kg/m3"``, alone or in a table with its source; None
+        where nobody stated it.
     heat_treatment : str
         Such as ``"hardened and tempered, 58 HRC"``; may also stand in the designation.
     """
 
     name: Identity = "own"
     designation: Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[ -&(-~]+$")]
-    density: Annotated[Sourced, make_sourced_validator("density")] | None = None
+    density: Annotated[Sourced, make_sourced_validator("density"), _ORDERED] | None = None
     heat_treatment: Annotated[str, Field(max_length=80, pattern=r"^[ -&(-~]*$")] = ""
 
     @property

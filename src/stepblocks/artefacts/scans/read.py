@@ -355,11 +355,11 @@ def _find_channel(channels: "list[ChannelInfo]", wanted: str, place: str) -> "Ch
         if str(one.data_kind).endswith("HEIGHT") and one.unit in LENGTH_UNITS
     ]
     found = [one for one in heights if not _NO_HEIGHT.search(str(one.name))]
-    if not found:
-        raise MetrologyError(
-            "channel must hold heights in a unit of length, and "
-            f"{f'none of {listed} says so' if listed else 'the file has none'} [{place}]"
-        )
+    MetrologyError.require(
+        found,
+        "channel must hold heights in a unit of length, and "
+        f"{f'none of {listed} says so' if listed else 'the file has none'} [{place}]",
+    )
     return found[0]
 
 
@@ -376,10 +376,10 @@ def _read_by_surfacetopography(
         channel.unit in LENGTH_UNITS,
         f"channel {channel.name!r} must say its unit of length, got {channel.unit!r} [{place}]",
     )
-    if channel.physical_sizes is None:
-        raise MetrologyError(
-            f"channel {channel.name!r} must say its lateral size, got none [{place}]"
-        )
+    MetrologyError.require(
+        channel.physical_sizes is not None,
+        f"channel {channel.name!r} must say its lateral size, got none [{place}]",
+    )
     _check_size(channel.nb_grid_pts, place)
     surface = reader.topography(channel_index=channel.index)
     per_metre = LENGTH_UNITS[channel.unit]

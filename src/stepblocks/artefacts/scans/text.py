@@ -376,22 +376,22 @@ def _keep_forward(x: Array, z: Array, path: Path) -> tuple[Array, Array, list[st
     lost = int((~ahead).sum())
     if not np.isfinite(x).all() or lost == 0:
         return x, z, []
-    if lost > _MOST_BACK * len(x):
-        raise MetrologyError(
-            f"positions must increase along the profile at all but {_MOST_BACK:.0%} of its "
-            f"points, got {lost / len(x):.0%} that lie behind one before them [{path.name}]"
-        )
+    MetrologyError.require(
+        lost <= _MOST_BACK * len(x),
+        f"positions must increase along the profile at all but {_MOST_BACK:.0%} of its "
+        f"points, got {lost / len(x):.0%} that lie behind one before them [{path.name}]",
+    )
     return x[ahead], z[ahead], [f"{lost} points left out where the profile goes back"]
 
 
 def _read_matrix(values: Array, stated: dict[str, tuple[float, float]], path: Path) -> HeightMap:
     # Heights without a head: their unit and the step along x (and y) must be given, as
     # ``x=0.5um,z=nm``.
-    if not {"x", "z"} <= set(stated):
-        raise MetrologyError(
-            "table must have 2 columns (x, z) or 3 (x, y, z); a matrix of heights needs a "
-            f"step and a unit, as x=0.5um,z=nm, got {values.shape[1]} columns [{path.name}]"
-        )
+    MetrologyError.require(
+        {"x", "z"} <= set(stated),
+        "table must have 2 columns (x, z) or 3 (x, y, z); a matrix of heights needs a "
+        f"step and a unit, as x=0.5um,z=nm, got {values.shape[1]} columns [{path.name}]",
+    )
     dx, dy, one = (
         size / per for size, per in (stated["x"], stated.get("y", stated["x"]), stated["z"])
     )

@@ -326,19 +326,18 @@ def _measure_riser(
         Component("calibration", relative, how="of both scales"),
     )
     values = {"riser_angle": Measured("angle of the riser", angle, parts)}
-    value, std, dof = np.array(
+    value, std, _ = np.array(
         [
             astuple(edge.measure_riser(row.position, row.height, angle))
             for row, edge in results
             if edge.flank is not None
         ]
     ).T
-    # neighbouring profiles may err together: their scatter is not divided
     noise = Component(
         "noise",
+        # neighbouring profiles may err together: their scatter is not divided
         math.hypot(std.mean(), value.std()),
-        float(dof.min()),
-        "covariance of the form, and scatter over the profiles",
+        how="covariance of the form, and scatter over the profiles",
     )
     values["riser_straightness"] = add_instrument_components(
         "straightness of the riser", float(value.mean()), [noise], instrument
