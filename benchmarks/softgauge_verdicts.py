@@ -11,7 +11,9 @@ the interval of the value holds the truth.
 A run that is broken off goes on where it was, as long as the code is the same: one line of JSON for
 each gauge.
 
-    python benchmarks/softgauge_verdicts.py [COUNT] [FILE]
+    python benchmarks/softgauge_verdicts.py [COUNT] [FILE] [FIRST]
+
+FIRST is the number of the first gauge: another one gives fresh gauges.
 """
 
 import json
@@ -176,6 +178,8 @@ def judge_gauge(number, part):
 def main():
     """Run what is missing of COUNT gauges, and print the counts."""
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 300
+    first = int(sys.argv[3]) if len(sys.argv) > 3 else 0
+    numbers = range(first, first + count)
     path = Path(sys.argv[2] if len(sys.argv) > 2 else "out/softgauge-verdicts.jsonl")
     path.parent.mkdir(parents=True, exist_ok=True)
     lines = path.read_text().splitlines() if path.exists() else []
@@ -184,13 +188,13 @@ def main():
     done = {record["number"]: record for record in kept}
     part, *_ = find_declared_part("step-050", STIMULI)
     with path.open("a") as file:
-        for number in range(count):
+        for number in numbers:
             if number not in done:
                 done[number] = judge_gauge(number, part) | {"code": code}
                 file.write(json.dumps(done[number]) + "\n")
                 file.flush()
-    rows = [row for number in range(count) for row in done[number]["judged"]]
-    print(f"{count} gauges, {sum('refused' in one for one in done.values())} refused\n")
+    rows = [row for number in numbers for row in done[number]["judged"]]
+    print(f"{count} gauges, {sum('refused' in done[number] for number in numbers)} refused\n")
     print("| characteristic | judged | interval holds | false conforms | false does not conform |")
     print("|---|---|---|---|---|")
     total = [0, 0, 0]
