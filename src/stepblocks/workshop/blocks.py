@@ -14,10 +14,15 @@ _SECOND: Point = (352.0, 214.0)
 def draw_step_block_views(sheet: Sheet, block: StepBlock) -> list[str]:
     """Draw all views of a step block; return the lines of its notes."""
     scale = draw_body(sheet, block.body, block.id)
-    k, (tx, ty) = 1e3 * scale, TOP_VIEW
-    hy, right = 0.5e3 * scale * block.body.width.nominal, tx + 0.5 * k * block.body.length.nominal
+    k = 1e3 * scale
+    tx, ty = TOP_VIEW
+    hy = 0.5e3 * scale * block.body.width.nominal
     sheet.draw_line((tx, ty - hy), (tx, ty + hy))
-    sheet.draw_leader((tx, ty - 0.75 * hy), (right + 10.0, ty - 17.0), "working edge, detail A")
+    sheet.draw_leader(
+        (tx, ty - 0.75 * hy),
+        (tx + 0.5 * k * block.body.length.nominal + 10.0, ty - 17.0),
+        "working edge, detail A",
+    )
     _draw_step_detail(sheet, block)
     lines = [
         "Step (1): distance of two parallel planes fitted to both faces, flanks excluded;",
@@ -30,17 +35,18 @@ def draw_step_block_views(sheet: Sheet, block: StepBlock) -> list[str]:
             f"{block.metrology.kind.capitalize()} "
             f"({sheet.listed[_depth_key(block.metrology)][0]}): ISO 5436-1 type A1."
         )
-    lines += [
+    return [
+        *lines,
         "Root of the riser: fillet or undercut up to the height of the step is allowed.",
         "Every part is accepted by ISO 14253-1, Ra by its largest value (ISO 21920-3).",
     ]
-    return lines
 
 
 def draw_margin_block_views(sheet: Sheet, margin: MarginBlock) -> list[str]:
     """Draw all views of a margin block; return the lines of its notes."""
     scale = draw_body(sheet, margin.body, margin.id)
-    k, (tx, ty) = 1e3 * scale, TOP_VIEW
+    k = 1e3 * scale
+    tx, ty = TOP_VIEW
     hy = 0.5 * margin.body.width.nominal * k
     for x in (0.0, margin.marginal_gap.nominal * k):
         sheet.draw_line((tx + x, ty - hy), (tx + x, ty + hy))
@@ -59,8 +65,10 @@ def _depth_key(feature: MetrologyFeature) -> str:
 
 def _draw_feature(sheet: Sheet, block: StepBlock, feature: MetrologyFeature, scale: float) -> None:
     # Draw groove or ridge in the view from above
-    k, (tx, ty) = 1e3 * scale, TOP_VIEW
-    hy, sign = 0.5 * block.body.width.nominal * k, 1.0 if feature.kind == "groove" else -1.0
+    k = 1e3 * scale
+    tx, ty = TOP_VIEW
+    hy = 0.5 * block.body.width.nominal * k
+    sign = 1.0 if feature.kind == "groove" else -1.0
     near = sign * feature.distance.nominal * k
     far = near + sign * feature.width.nominal * k
     low = hy - feature.lane.nominal * k
@@ -70,8 +78,14 @@ def _draw_feature(sheet: Sheet, block: StepBlock, feature: MetrologyFeature, sca
         sheet.draw_dimension(key, ends[0], ends[1], (tx, ty + hy + 8.0), scale)
     # beyond the text of the distance, which stands beside its arrows
     right = tx + max(0.5 * block.body.length.nominal * k + 14.0, near + 38.0, 38.0)
-    ends, long = [(tx + far, ty + low), (tx + far, ty + hy)], f"{feature.kind}_length"
-    sheet.draw_dimension(long, ends[0], ends[1], (right, ty), scale, upright=True)
+    sheet.draw_dimension(
+        f"{feature.kind}_length",
+        (tx + far, ty + low),
+        (tx + far, ty + hy),
+        (right, ty),
+        scale,
+        upright=True,
+    )
     sheet.draw_leader(
         (tx + far, ty + low + 2.0), (right + 6.0, ty + low + 6.0), f"{feature.kind}, detail B"
     )
@@ -79,13 +93,11 @@ def _draw_feature(sheet: Sheet, block: StepBlock, feature: MetrologyFeature, sca
 
 def _draw_step_detail(sheet: Sheet, block: StepBlock) -> None:
     H, r = block.height.nominal, block.edge_radius.nominal
-    xs, zs, (cx, cz) = (
-        choose_scale(10.0 / max(r * 1e3, 0.1)),
-        choose_scale(44.0 / (H * 1e3)),
-        _DETAIL,
-    )
+    xs, zs = choose_scale(10.0 / max(r * 1e3, 0.1)), choose_scale(44.0 / (H * 1e3))
     view = View(_DETAIL, xs, zs)
-    top, left, right = view.at(0.0, H)[1], cx - 42.0, cx + 62.0
+    cx, cz = _DETAIL
+    left, right = cx - 42.0, cx + 62.0
+    top = view.at(0.0, H)[1]
     turns = [index * math.pi / 40.0 for index in range(21)] if r > 0.0 else [0.5 * math.pi]
     edge = [view.at(r - r * math.cos(turn), H - r + r * math.sin(turn)) for turn in turns]
     sheet.draw_polyline([(left, cz), (cx, cz), *edge, (right, top)])
@@ -126,15 +138,18 @@ def _draw_step_detail(sheet: Sheet, block: StepBlock) -> None:
     )
     sheet.draw_tolerance_frame("parallelism", (cx + 8.0, top + 13.0), "A")
     sheet.draw_texture((cx + 46.0, top), "roughness", " (2 x)")
-    caption = (
+    sheet.write_text(
+        (cx, cz - 33.0),
         f"A   lengths {format_scale(xs)}, heights {format_scale(zs)} "
-        f"(heights exaggerated {zs / xs:g} times)"
+        f"(heights exaggerated {zs / xs:g} times)",
+        2.5,
+        "BOTTOM_CENTER",
     )
-    sheet.write_text((cx, cz - 33.0), caption, 2.5, "BOTTOM_CENTER")
 
 
 def _draw_groove_detail(sheet: Sheet, block: StepBlock, feature: MetrologyFeature) -> None:
-    (cx, cz), kind = _SECOND, feature.kind
+    cx, cz = _SECOND
+    kind = feature.kind
     H, W = block.height.nominal, feature.width.nominal
     zs, xs = choose_scale(44.0 / (H * 1e3)), choose_scale(30.0 / (W * 1e3))
     top, half = cz + H * 1e3 * zs, 0.5 * W * 1e3 * xs
@@ -152,9 +167,14 @@ def _draw_groove_detail(sheet: Sheet, block: StepBlock, feature: MetrologyFeatur
     for x in (cx - 40.0, cx + 40.0):
         sheet.draw_break_line(x, cz - 8.0, outside)
     # the text of a narrow width stands on the right, so the depth stands on the left
-    key, start = _depth_key(feature), cx if kind == "groove" else cx - 30.0
+    start = cx if kind == "groove" else cx - 30.0
     sheet.draw_dimension(
-        key, (start, cz), (cx - half, top), (cx - half - 9.0, cz), zs, upright=True
+        _depth_key(feature),
+        (start, cz),
+        (cx - half, top),
+        (cx - half - 9.0, cz),
+        zs,
+        upright=True,
     )
     sheet.draw_dimension(f"{kind}_width", (cx - half, top), (cx + half, top), (cx, top + 8.0), xs)
     sheet.write_text(

@@ -19,10 +19,8 @@ _HOLE_VIEW: Point = (360.0, 131.0)  # middle of the base in the section through 
 
 def draw_body(sheet: Sheet, body: Body, identity: str) -> float:
     """Draw the body from the front and from above; return the scale of both views."""
-    largest = 1e3 * max(
-        body.length.nominal, body.width.nominal, 80.0 / 40.0 * body.thickness.nominal
-    )
-    scale = choose_scale(80.0 / largest)
+    sides = (body.length.nominal, body.width.nominal, 80.0 / 40.0 * body.thickness.nominal)
+    scale = choose_scale(80.0 / (1e3 * max(sides)))
     _draw_front(sheet, body, identity, scale)
     _draw_top(sheet, body, scale)
     if body.mounting is not None:
@@ -39,8 +37,9 @@ def _draw_front(sheet: Sheet, body: Body, identity: str, scale: float) -> None:
     )
     fx, middle = FRONT_VIEW
     fz = middle + 0.5 * t
-    corners = _list_octagon((-half, -t), (half, 0.0), c)
-    sheet.draw_polyline([(fx + x, fz + z) for x, z in corners], closed=True)
+    sheet.draw_polyline(
+        [(fx + x, fz + z) for x, z in _list_octagon((-half, -t), (half, 0.0), c)], closed=True
+    )
     left = fx - half
     sheet.draw_dimension(
         "thickness", (left + c, fz - t), (left + c, fz), (left - 12.0, fz), scale, upright=True

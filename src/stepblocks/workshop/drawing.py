@@ -71,8 +71,8 @@ def write_series_drawing(
     count = math.ceil(len(blocks) / _TABLE_ROWS)
     for number in range(count):
         some = blocks[number * _TABLE_ROWS : (number + 1) * _TABLE_ROWS]
-        draw = partial(draw_part_sheet, some[0], order, (name, f"{number + 1} of {count}", some))
         stem = f"{name}.series-{number + 1}" if number else f"{name}.series"
+        draw = partial(draw_part_sheet, some[0], order, (name, f"{number + 1} of {count}", some))
         written += _write_all(folder, stem, FORMATS, draw)
     return written
 
@@ -88,13 +88,13 @@ def draw_part_sheet(
     for its height, and the heights of all stand in a table.
     """
     sheet = Sheet(list(stimulus.characteristics()))
-    density, volume = stimulus.material.density, math.fsum(stimulus.volumes())
+    density = stimulus.material.density
     fields = {
         "identity": stimulus.id.upper(),
         "material": stimulus.material.order_text,
         "mass": "-"
         if density is None
-        else use_decimal_comma(f"{density.value * volume * 1e3:.4g} g"),
+        else use_decimal_comma(f"{density.value * math.fsum(stimulus.volumes()) * 1e3:.4g} g"),
         "drawn by": order.author or "-",
         "approved by": order.approved_by or "-",
         "owner": order.owner or "-",
@@ -123,10 +123,8 @@ def draw_part_sheet(
         ]
         sheet.write_table((150.0, 84.0), [("identity, engraved", "H"), *heights], (42.0, 34.0))
     draw = next((VIEWS[kind] for kind in type(stimulus).__mro__ if kind in VIEWS), None)
-    notes, governing = (
-        draw(sheet, stimulus) if draw else [],
-        stimulus.governing_field.replace("_", " "),
-    )
+    notes = draw(sheet, stimulus) if draw else []
+    governing = stimulus.governing_field.replace("_", " ")
     # what no view shows is said in words, with its number
     lines = [
         (f"{n}  {one.label.replace('.', ',')}: {sheet.format_limits(key)}", key)
@@ -178,20 +176,20 @@ def _pin_ezdxf() -> Iterator[None]:
     import ezdxf
     from ezdxf.fonts import fonts
 
-    options, state = ezdxf.options, random.getstate()
+    state = random.getstate()
     before = (
-        options.write_fixed_meta_data_for_testing,
+        ezdxf.options.write_fixed_meta_data_for_testing,
         fonts.font_manager,
         fonts.TrueTypeFont._glyph_caches,
     )
-    options.write_fixed_meta_data_for_testing = True
+    ezdxf.options.write_fixed_meta_data_for_testing = True
     fonts.font_manager, fonts.TrueTypeFont._glyph_caches = _load_fonts()
     try:
         yield
     finally:
         random.setstate(state)
         (
-            options.write_fixed_meta_data_for_testing,
+            ezdxf.options.write_fixed_meta_data_for_testing,
             fonts.font_manager,
             fonts.TrueTypeFont._glyph_caches,
         ) = before
@@ -224,13 +222,6 @@ def _render(sheet: Sheet, path: Path) -> None:
         figure = Figure(figsize=(WIDTH / 25.4, HEIGHT / 25.4))
         FigureCanvasAgg(figure)
         axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-        configuration = Configuration(
-            background_policy=BackgroundPolicy.WHITE,
-            color_policy=ColorPolicy.BLACK,
-            lineweight_policy=LineweightPolicy.ABSOLUTE,
-            lineweight_scaling=72.0 / 25.4,  # the backend takes millimetres for points
-            min_lineweight=0.2,
-        )
         font = FontProperties(fname=Path(mpl.get_data_path()) / "fonts" / "ttf" / FONT)
 
         def draw_letters(
@@ -240,7 +231,6 @@ def _render(sheet: Sheet, path: Path) -> None:
                 transform.transform((0.0, 0.0, 0.0)),
                 transform.transform((1.0, 0.0, 0.0)),
             )
-            turned = math.degrees(math.atan2(ahead.y - origin.y, ahead.x - origin.x))
             axes.text(
                 origin.x,
                 origin.y,
@@ -248,13 +238,22 @@ def _render(sheet: Sheet, path: Path) -> None:
                 fontsize=cap_height * (ahead - origin).magnitude * 72.0 / 25.4 / _CAPITAL,
                 fontproperties=font.copy(),
                 va="baseline",
-                rotation=turned,
+                rotation=math.degrees(math.atan2(ahead.y - origin.y, ahead.x - origin.x)),
                 rotation_mode="anchor",
                 parse_math=False,
             )
 
-        backend = MatplotlibBackend(axes, adjust_figure=False)
-        frontend = Frontend(RenderContext(sheet.document), backend, config=configuration)
+        frontend = Frontend(
+            RenderContext(sheet.document),
+            MatplotlibBackend(axes, adjust_figure=False),
+            config=Configuration(
+                background_policy=BackgroundPolicy.WHITE,
+                color_policy=ColorPolicy.BLACK,
+                lineweight_policy=LineweightPolicy.ABSOLUTE,
+                lineweight_scaling=72.0 / 25.4,  # the backend takes millimetres for points
+                min_lineweight=0.2,
+            ),
+        )
         frontend.pipeline.draw_text = draw_letters
         frontend.draw_layout(sheet.space, finalize=True)
         # the figure has the sheet's own proportions
@@ -262,5 +261,10 @@ def _render(sheet: Sheet, path: Path) -> None:
             xlim=(0.0, WIDTH), ylim=(0.0, HEIGHT), aspect="auto", position=(0.0, 0.0, 1.0, 1.0)
         )
         axes.set_axis_off()
-        dated = ("Date",) if path.suffix == ".svg" else ("CreationDate", "ModDate")
-        figure.savefig(path, metadata=dict.fromkeys(dated), dpi=150)
+        figure.savefig(
+            path,
+            metadata=dict.fromkeys(
+                ("Date",) if path.suffix == ".svg" else ("CreationDate", "ModDate")
+            ),
+            dpi=150,
+        )

@@ -76,10 +76,12 @@ def choose_base(block: StepBlock, pair: GaugePair) -> Body:
     """
     body = block.body
     long, wide = SECTION
-    least = {"length": 2.0 * (wide + RIM), "width": long + 2.0 * RIM}
     sizes: dict[str, object] = {
-        name: replace(size, nominal=max(size.nominal, least[name]))
-        for name, size in (("length", body.length), ("width", body.width))
+        name: replace(size, nominal=max(size.nominal, least))
+        for name, size, least in (
+            ("length", body.length, 2.0 * (wide + RIM)),
+            ("width", body.width, long + 2.0 * RIM),
+        )
     }
     thick = body.thickness.nominal - pair.lower
     deep = 3e-3 if body.mounting is None else max(3e-3, 1.4 * body.mounting.depth.nominal)
@@ -101,13 +103,11 @@ def write_gauge_assembly(path: Path, block: StepBlock, pair: GaugePair) -> None:
     plain = cad.kernel.make_box((-sides[0], -sides[1], body.base), (*sides, 0.0))
     cuts = make_body_cuts(body, block.id, 0.0)
     base = cad.kernel.move(cad.kernel.cut(plain, cuts) if cuts else plain, (0.0, 0.0, floor))
-    lower = (-wide, -half, floor), (0.0, half, 0.0)
-    upper = (0.0, -half, floor), (wide, half, pair.upper - pair.lower)
+    lower = cad.kernel.make_box((-wide, -half, floor), (0.0, half, 0.0))
+    upper = cad.kernel.make_box((0.0, -half, floor), (wide, half, pair.upper - pair.lower))
     pieces = [f"{length * 1e3:.4f}".replace(".", "p") + "mm" for length in (pair.lower, pair.upper)]
     names = f"{block.id}-base", *(f"gauge-block-{piece}" for piece in pieces)
-    bodies = list(
-        zip(names, (base, cad.kernel.make_box(*lower), cad.kernel.make_box(*upper)), strict=True)
-    )
+    bodies = list(zip(names, (base, lower, upper), strict=True))
     deviation, _ = GRADES[pair.grade]
     dimensions, tops = [], []
     for index, length in ((1, pair.lower), (2, pair.upper)):

@@ -71,12 +71,14 @@ def load_processes() -> tuple[Process, ...]:
 def find_routes(block: StepBlock, capability: float, point: OperatingPoint) -> list[Route]:
     """List the routes of a block, cheapest class first where one is known."""
     MachiningError.require(capability > 0.0, f"capability must be positive, got {capability:g} m")
-    found = (
-        _make_route(block, one, *way, point)
-        for one in load_processes()
-        for way in _list_ways(block, one, capability)
+    return sorted(
+        (
+            _make_route(block, one, *way, point)
+            for one in load_processes()
+            for way in _list_ways(block, one, capability)
+        ),
+        key=lambda one: one.process.cost.value if one.process.cost else math.inf,
     )
-    return sorted(found, key=lambda one: one.process.cost.value if one.process.cost else math.inf)
 
 
 def _list_ways(
@@ -117,9 +119,13 @@ def _make_route(
     point: OperatingPoint,
 ) -> Route:
     # Predict one route. A burr adds to the height; it may stand as high as the upper deviation.
-    edge, burr = process.edge_spread.value, process.burr_spread.value
-    spread = convert_half_widths({"height": deviation, "edge_radius": edge, "burr": burr})
-    face = Step(block.height.nominal + process.burr.value, process.edge_radius.value)
+    spread = convert_half_widths(
+        {
+            "height": deviation,
+            "edge_radius": process.edge_spread.value,
+            "burr": process.burr_spread.value,
+        }
+    )
     # of both faces where the ball touches; Rq is 1.25 Ra of normal heights
     rough = math.sqrt(2.0) * 1.25 * process.roughness.value
     felt = {
@@ -138,7 +144,9 @@ def _make_route(
         deviation,
         min(block.height.upper, -block.height.lower),
         note,
-        estimate_interval(face, point, felt),
+        estimate_interval(
+            Step(block.height.nominal + process.burr.value, process.edge_radius.value), point, felt
+        ),
         within,
     )
 
@@ -154,7 +162,6 @@ def _compute_share(middle: float, std: float, low: float, high: float) -> float:
 def make_route_row(name: str, route: Route) -> dict[str, object]:
     """Put a route into the columns of ``routes.csv``."""
     process, felt = route.process, route.felt
-    lengths = ("edge_radius", "edge_spread", "burr", "burr_spread")
     sources = [
         f"{key}: {one.source}" for key, one in process if isinstance(one, Sourced) and one.source
     ]
@@ -164,7 +171,10 @@ def make_route_row(name: str, route: Route) -> dict[str, object]:
         "cost_class": "" if process.cost is None else f"{process.cost.value:g}",
         "height_deviation_um": route.deviation * 1e6,
         "permitted_um": route.tolerance * 1e6,
-        **{f"{key}_um": getattr(process, key).value * 1e6 for key in lengths},
+        "edge_radius_um": process.edge_radius.value * 1e6,
+        "edge_spread_um": process.edge_spread.value * 1e6,
+        "burr_um": process.burr.value * 1e6,
+        "burr_spread_um": process.burr_spread.value * 1e6,
         "roughness_ra_um": process.roughness.value * 1e6,
         "status": str(felt.status),
         "energy_uj": felt.energy * 1e6,

@@ -118,14 +118,13 @@ def order_parts(
                 == blocks[0]
             ]
             if len(alike) > 1:
-                folder = _make_folder(Path(output), declared.name)
-                orders.append(
-                    PartOrder(
-                        f"{declared.name}/series",
-                        tuple(write_series_drawing(folder, declared.name, alike, declared.order)),
-                        (),
-                    )
+                drawn = write_series_drawing(
+                    _make_folder(Path(output), declared.name),
+                    declared.name,
+                    alike,
+                    declared.order,
                 )
+                orders.append(PartOrder(f"{declared.name}/series", tuple(drawn), ()))
     return orders
 
 
@@ -140,7 +139,8 @@ def _make_folder(output: Path, name: str) -> Path:
 
 
 def _order_part(part: Part, output: Path, capability: float, declared: StimulusSet) -> PartOrder:
-    name, order = f"{declared.name}/{part.id}", declared.order
+    name = f"{declared.name}/{part.id}"
+    order = declared.order
     folder = _make_folder(output, name)
     written = [*write_drawing(folder, part, order=order), folder / f"{part.id}.plan.qif"]
     write_qif(written[-1], part, order)

@@ -75,8 +75,8 @@ class View:
 
     def at(self, x: float, z: float) -> Point:
         """Return the place on the paper of a point of the part [m]."""
-        (cx, cz), up = self.origin, self.heights or self.scale
-        return cx + x * 1e3 * self.scale, cz + z * 1e3 * up
+        cx, cz = self.origin
+        return cx + x * 1e3 * self.scale, cz + z * 1e3 * (self.heights or self.scale)
 
 
 class Sheet:
@@ -245,7 +245,8 @@ class Sheet:
 
     def draw_edge_state(self, tip: Point, corner: Point, limits: str) -> None:
         """Draw the symbol of the state of an edge (ISO 13715) with its limits in millimetres."""
-        (x, y), wide = corner, 3.0 + compute_text_width(limits, _TEXT)
+        x, y = corner
+        wide = 3.0 + compute_text_width(limits, _TEXT)
         self.draw_polyline([tip, corner], "DIMENSION")
         self.draw_arrow(tip, corner)
         self.draw_polyline([(x, y + 4.5), corner, (x + wide, y)], "FRAME")
@@ -333,7 +334,8 @@ class Sheet:
 
         Without a key it is that of all other surfaces.
         """
-        (x, y), largest = foot, self.listed[key][1].upper if key else ELSEWHERE
+        x, y = foot
+        largest = self.listed[key][1].upper if key else ELSEWHERE
         text = use_decimal_comma(f"Ra {largest * 1e6:g}{suffix}")
         self.draw_polyline(
             [(x - 2.0, y + 3.5), (x, y), (x + 2.0, y + 3.5)], "DIMENSION", closed=True

@@ -1,7 +1,7 @@
 """Views of what is turned: probe tips, tooth and crown, sheaths."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
 from stepblocks.parts.kinds.sheath import MASS_MATCH, Sheath, format_mass
@@ -13,12 +13,11 @@ _CHORD = 0.05e-6  # off its arc by less than a sheet at the scale of an enlarged
 
 
 def _draw_mirrored(
-    sheet: Sheet, view: View, outline: Iterable[Point], closed: bool = False
+    sheet: Sheet, view: View, outline: Sequence[Point], closed: bool = False
 ) -> None:
     # Draw a half section on either side of its axis, which lies along the sheet
-    half = list(outline)
     for side in (1.0, -1.0):
-        sheet.draw_polyline([view.at(z, side * r) for r, z in half], closed=closed)
+        sheet.draw_polyline([view.at(z, side * r) for r, z in outline], closed=closed)
 
 
 def draw_straight_tip_views(sheet: Sheet, tip: StraightTip) -> list[str]:
@@ -48,12 +47,10 @@ def draw_hook_tip_views(sheet: Sheet, tip: HookTip) -> list[str]:
         tip.shank_radius.nominal,
         tip.bend_angle.nominal,
     )
-    run, bent = tip.straight_length.nominal, []
+    run = tip.straight_length.nominal
+    bent = []
     # outer and inner line of the bent wire with the straight shank, then its end
-    for offset in (
-        -r,
-        r,
-    ):
+    for offset in (-r, r):
         arc = [
             (top + (R + offset) * math.sin(t), R - (R + offset) * math.cos(t))
             for t in (total * index / 60.0 for index in range(61))
@@ -104,8 +101,10 @@ def _draw_ball(sheet: Sheet, tip: Tip, side: View, lowest: float) -> list[str]:
     sheet.write_text(
         (side.origin[0], side.at(0.0, lowest)[1] - 26.0), f"side {format_scale(side.scale)}", 2.5
     )
-    (cx, cy), R = (320.0, 215.0), tip.ball_radius.nominal
-    view, height = View((cx - 40.0, cy), choose_scale(22.0 / (R * 1e3))), 3.2 * R
+    cx, cy = 320.0, 215.0
+    R = tip.ball_radius.nominal
+    view = View((cx - 40.0, cy), choose_scale(22.0 / (R * 1e3)))
+    height = 3.2 * R
     outline = [(r, z) for r, z in list_outline_points(tip.outline(), _CHORD) if z <= height]
     start = tip.cone_start
     outline.append((start[0] + (height - start[1]) * math.tan(tip.cone_angle.nominal), height))
@@ -113,8 +112,12 @@ def _draw_ball(sheet: Sheet, tip: Tip, side: View, lowest: float) -> list[str]:
     on_paper = R * 1e3 * view.scale
     sheet.draw_circle(view.at(R, 0.0), on_paper, "HIDDEN")
     sheet.draw_line((cx - 45.0, cy), (cx + 45.0, cy), "CENTRE")
-    tipped = (cx - 40.0 + on_paper * (1.0 - math.cos(1.0)), cy + on_paper * math.sin(1.0))
-    sheet.draw_leader(tipped, (cx - 34.0, cy + 40.0), "SR {}", "ball_radius")
+    sheet.draw_leader(
+        (cx - 40.0 + on_paper * (1.0 - math.cos(1.0)), cy + on_paper * math.sin(1.0)),
+        (cx - 34.0, cy + 40.0),
+        "SR {}",
+        "ball_radius",
+    )
     flank = view.at(2.6 * R, start[0] + (2.6 * R - start[1]) * math.tan(tip.cone_angle.nominal))
     sheet.draw_leader(flank, (flank[0] + 6.0, cy - 34.0), "{} included", "cone_angle")
     sheet.write_text(
@@ -140,11 +143,9 @@ def draw_crown_views(sheet: Sheet, margin: CrownOnTooth) -> list[str]:
             points = [at(side * r, z) for r, z in outline]
             sheet.draw_polyline(points)
             sheet.draw_hatch(points, angle)
-    base, roof, outer = (
-        at(0.0, -root)[1],
-        max(z for _, z in crown),
-        R + margin.horizontal_discrepancy.nominal,
-    )
+    base = at(0.0, -root)[1]
+    roof = max(z for _, z in crown)
+    outer = R + margin.horizontal_discrepancy.nominal
     sheet.draw_line((cx, base - 5.0), (cx, at(0.0, top)[1] + 18.0), "CENTRE")
     left, ceiling = at(-1.05 * outer, 0.0)[0] - 10.0, top + margin.internal_gap.nominal
     right = at(1.05 * outer, 0.0)[0] + 54.0  # beyond the text of the diameter above
@@ -167,7 +168,9 @@ def draw_crown_views(sheet: Sheet, margin: CrownOnTooth) -> list[str]:
 def _draw_crown_margin(sheet: Sheet, margin: CrownOnTooth, outlines: Iterable[list[Point]]) -> None:
     import shapely
 
-    (cx, cy), half, R = (300.0, 205.0), 45.0, margin.margin_radius.nominal
+    cx, cy = 300.0, 205.0
+    half = 45.0
+    R = margin.margin_radius.nominal
     reach = 4.0 * max(
         margin.marginal_gap.nominal, abs(margin.horizontal_discrepancy.nominal), 50e-6
     )
@@ -186,8 +189,14 @@ def _draw_crown_margin(sheet: Sheet, margin: CrownOnTooth, outlines: Iterable[li
     outer = margin.horizontal_discrepancy.nominal * 1e3 * s
     if one.kind == "distance":
         # from the cavosurface angle of the tooth to the margin of the crown
-        end = (cx + outer, cy + one.nominal * 1e3 * s)
-        sheet.draw_dimension(key, (cx, cy), end, (cx + max(outer, 0.0) + 14.0, cy), s, upright=True)
+        sheet.draw_dimension(
+            key,
+            (cx, cy),
+            (cx + outer, cy + one.nominal * 1e3 * s),
+            (cx + max(outer, 0.0) + 14.0, cy),
+            s,
+            upright=True,
+        )
     sheet.write_text((cx - half + 3.0, cy - half + 4.0), "tooth", 2.5)
     sheet.write_text((cx - half + 3.0, cy + half - 7.0), "crown", 2.5)
     sheet.draw_rectangle((cx - half, cy - half), (cx + half, cy + half), "DIMENSION")
@@ -216,7 +225,8 @@ def draw_sheath_views(sheet: Sheet, part: Sheath) -> list[str]:
         sheet.draw_line(at(z, -0.5 * outer), at(z, -0.5 * bore))
         sheet.draw_line(at(z, 0.5 * bore), at(z, 0.5 * outer))
     sheet.draw_line(at(-0.1 * length, 0.0), at(1.1 * length, 0.0), "CENTRE")
-    low, right = -0.5 * outer, at(length, 0.0)[0]
+    low = -0.5 * outer
+    right = at(length, 0.0)[0]
     sheet.draw_dimension(
         "length", at(0.0, low), at(length, low), at(0.0, low - 14.0 / (1e3 * s)), s
     )
@@ -232,7 +242,8 @@ def draw_sheath_views(sheet: Sheet, part: Sheath) -> list[str]:
         2.5,
         "BOTTOM_CENTER",
     )
-    end, reach = (right + 80.0, cy), 0.6e3 * outer * s
+    end = (right + 80.0, cy)
+    reach = 0.6e3 * outer * s
     for diameter in (bore, outer - 2.0 * c, outer):
         sheet.draw_circle(end, 0.5e3 * diameter * s)
     sheet.draw_line((end[0] - reach, cy), (end[0] + reach, cy), "CENTRE")
