@@ -207,29 +207,28 @@ def drag(
     from stepblocks.drag.run import drag_over
 
     refuse_both(speed=speed, pull=pull)
-    options = keep_given_options(
-        static_friction=static_friction,
-        handle_mass=handle_mass,
-        ring_time=ring_time,
-        sample_rate=sample_rate,
-        tip_radius=tip_radius,
-        edge_radius=edge_radius,
-        step_height=step_height,
-        load=load,
-        friction=friction,
-        stiffness=stiffness,
-        frequency=frequency,
-        damping_ratio=damping_ratio,
-        speed=speed,
-        pull=pull,
-    )
     done = drag_over(
         stimulus,
         backward=backward,
         stimuli=stimuli,
         setting=setting,
         x_range=None if x_range is None else _read_range(x_range),
-        **options,
+        **keep_given_options(
+            static_friction=static_friction,
+            handle_mass=handle_mass,
+            ring_time=ring_time,
+            sample_rate=sample_rate,
+            tip_radius=tip_radius,
+            edge_radius=edge_radius,
+            step_height=step_height,
+            load=load,
+            friction=friction,
+            stiffness=stiffness,
+            frequency=frequency,
+            damping_ratio=damping_ratio,
+            speed=speed,
+            pull=pull,
+        ),
     )
     done.write(output)
     return Outcome(

@@ -109,23 +109,26 @@ def export(
         return _list_devices(devices)
     from stepblocks.simulators.export import export_scenes
 
-    options = keep_given_options(
-        device=device,
-        devices=devices,
-        only=only,
-        scale=scale,
-        ring=ring,
-        model=model,
-        speed=speed,
-        step_height=step_height,
-        ball_radius=tip_radius,
-        normal_load=load,
-        friction=friction,
-    )
     progress = make_progress("written", quiet=quiet, lines=1000)
     assert simulator is not None
     written = export_scenes(
-        files or [], simulator, output, progress=lambda one: progress(name=one.name), **options
+        files or [],
+        simulator,
+        output,
+        progress=lambda one: progress(name=one.name),
+        **keep_given_options(
+            device=device,
+            devices=devices,
+            only=only,
+            scale=scale,
+            ring=ring,
+            model=model,
+            speed=speed,
+            step_height=step_height,
+            ball_radius=tip_radius,
+            normal_load=load,
+            friction=friction,
+        ),
     )
     return Outcome(
         f"{len(written)} folder{'s' if len(written) != 1 else ''} for {simulator}",

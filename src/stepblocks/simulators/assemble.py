@@ -93,14 +93,14 @@ def build_scene(
     plan = None if device is None else plan_rendering(device, contact.events[0], point, scale)
     size = plan.scale if plan else scale or 1.0
     frame = _choose_frame(surface)
-    solids = [mesh_solid(surface, *solid) for solid in build_solids(surface)]
+    solids = [frame.place(mesh_solid(surface, *solid), size) for solid in build_solids(surface)]
     return Scene(
         stimulus=surface if contact.stimulus.ball is None else contact.stimulus,
         surface=surface,
         point=point,
         scale=size,
         frame=frame,
-        whole=_join_meshes(surface.id, [frame.place(solid, size) for solid in solids]),
+        whole=_join_meshes(surface.id, solids),
         pieces=tuple(frame.place(piece, size) for piece in build_convex_pieces(surface)),
         path=surface.counterface().centre_path(point.ball_radius).scaled(size),
         events=contact.events,
@@ -209,8 +209,8 @@ def apply_learned_model(
     )
     edge = surface.sizes.get("edge_radius")
     if edge is not None and known.edge_radius > 0.0:
-        radius = min(known.edge_radius, surface.counterface().far_side)
-        surface = surface.model_copy(update={"edge_radius": replace(edge, nominal=radius)})
+        edge = replace(edge, nominal=min(known.edge_radius, surface.counterface().far_side))
+        surface = surface.model_copy(update={"edge_radius": edge})
     up, down = list_vibration_events(surface.counterface(), learned_point, surface.id)
     return (
         surface,
@@ -273,7 +273,8 @@ def simulate_ring_of(
         trace.status is Status.RELEASES,
         f"the time-domain drag must release to give a ring, got {trace.status.value} {name}",
     )
-    time, pull, level = trace.column("time_s"), trace.column("fx_n"), trace.sliding_force
+    time, pull = trace.column("time_s"), trace.column("fx_n")
+    level = trace.sliding_force
     after = np.flatnonzero((time >= trace.release_time) & (pull <= level))
     HapticsError.require(
         len(after) >= 2,
@@ -283,7 +284,14 @@ def simulate_ring_of(
     force = level - pull[after[0] :]
     delay = float(time[after[0]] - trace.release_time)
     factor = math.sqrt(event.energy / compute_ring_energy(force, _RATE, event.tool))
-    own = measure_ring(trace, spectra=False)
     return replace(
-        event, waveform=Waveform(force * factor, _RATE, delay, trace.peak_force, own.energy, factor)
+        event,
+        waveform=Waveform(
+            force * factor,
+            _RATE,
+            delay,
+            trace.peak_force,
+            measure_ring(trace, spectra=False).energy,
+            factor,
+        ),
     )

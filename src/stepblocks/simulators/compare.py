@@ -108,7 +108,8 @@ def compare_record(
     ideal, _ = _measure_ring(compute_ring_force(event, rate)[: len(tail)], rate, event)
     if has_pull:
         before = np.abs(force[max(0, start - math.ceil(_BEFORE * rate)) : start])
-        found["peak force"], ideal["peak force"] = before.max(initial=0.0), event.critical_force
+        found["peak force"] = before.max(initial=0.0)
+        ideal["peak force"] = event.critical_force
     table = pd.DataFrame(
         [
             {
@@ -206,7 +207,8 @@ def _find_release(force: Array, rate: float, event: VibrationEvent) -> int:
     ideal = compute_ring_force(event, rate)[: max(len(force) - 1, 2)]
     changes = np.diff(force)
     likeness = np.abs(correlate(changes, np.diff(ideal), "full"))[len(ideal) - 2 :]
-    start, cycle = int(np.argmax(likeness)), math.ceil(rate / event.tool.frequency)
+    start = int(np.argmax(likeness))
+    cycle = math.ceil(rate / event.tool.frequency)
     near = slice(max(start - cycle, 0), start + cycle)
     sharpest = near.start + int(np.argmax(np.abs(changes[near])))
     after = np.abs(changes[sharpest + 1 : sharpest + 1 + cycle])
@@ -224,12 +226,15 @@ def _measure_ring(
     # left out, for there the pull falls; the energy is carried back to where the sine begins.
     from scipy.optimize import least_squares
 
-    tool, first = event.tool, math.ceil(rate / event.tool.frequency)
-    time, force = np.arange(first, len(force)) / rate, force[first:]
+    tool = event.tool
+    first = math.ceil(rate / tool.frequency)
+    time = np.arange(first, len(force)) / rate
+    force = force[first:]
     slow = np.vander(time / time[-1], _TREND)
 
     def shape(p: Array) -> Array:
-        wave, decay = math.tau * p[0] * time, np.exp(-time / np.exp(p[1]))
+        wave = math.tau * p[0] * time
+        decay = np.exp(-time / np.exp(p[1]))
         return np.column_stack([slow, decay * np.sin(wave), decay * np.cos(wave)])
 
     def solve(p: Array) -> Array:
@@ -259,10 +264,9 @@ def _measure_ring(
     # the paper's 250 to 350 Hz
     low, high = (edge / 300.0 * tool.frequency for edge in (250.0, 350.0))
     inside = (band >= low) & (band <= high)
-    figures = {
+    return {
         "ring energy": compute_ring_energy(ring, rate, tool) * carried,
         "ring frequency": float(best.x[0]),
         "ring decay": decay,
         "energy in the ring's band": float(power[inside].sum() / max(power.sum(), 1e-300)),
-    }
-    return figures, explained
+    }, explained

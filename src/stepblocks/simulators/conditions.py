@@ -28,7 +28,8 @@ def choose_operating_point(
     stimuli: StimulusSet, part: Part, overrides: Mapping[str, float]
 ) -> OperatingPoint:
     """Choose the first condition of a part's set, changed by the part itself and by `overrides`."""
-    grid, worn = stimuli.find_conditions(part), stimuli.predict_ring(part)
+    grid = stimuli.find_conditions(part)
+    worn = stimuli.predict_ring(part)
     # how the probe rings with this part on its shank
     tool = grid.as_tool() if worn is None else worn.as_tool(grid.as_tool())
     given = {

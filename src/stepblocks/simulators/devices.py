@@ -110,12 +110,14 @@ class _DeviceFile(BaseModel, extra="forbid"):
 def load_devices(path: str | Path | None = None) -> tuple[Device, ...]:
     """Read device profiles: the shipped ones, and those of a file of the user's."""
     sources = [Path(__file__).with_name("devices.toml"), *([] if path is None else [Path(path)])]
-    raw = {
-        source: read_document(source, "a device file", HapticsError, _MAX_FILE_BYTES)
-        for source in sources
-    }
     files = [
-        validate_data(_DeviceFile, content, source, HapticsError) for source, content in raw.items()
+        validate_data(
+            _DeviceFile,
+            read_document(source, "a device file", HapticsError, _MAX_FILE_BYTES),
+            source,
+            HapticsError,
+        )
+        for source in sources
     ]
     return tuple({device.id: device for file in files for device in file.device}.values())
 
@@ -201,7 +203,8 @@ def plan_rendering(
     Without a scale the plan takes the smallest at which the device follows the formula.
     """
     chosen = _choose_scale(device, event, point) if scale is None else scale
-    k, q = point.tool.stiffness / chosen, device.position_resolution.value
+    k = point.tool.stiffness / chosen
+    q = device.position_resolution.value
     samples = device.update_rate.value / point.tool.frequency
     route = "motors" if samples >= _SAMPLES_PER_CYCLE else "voice coil"
     plan = RenderingPlan(
@@ -303,7 +306,8 @@ def _list_deviations(
     resolution, peak = device.position_resolution.value, device.peak_force.value
     held = max(load, _replace_if_not_finite(event.critical_force, 0.0))
     lasting = _take_value_or_infinity(device.continuous_force)
-    travel, most = plan.hand_travel, _take_value_or_infinity(device.travel)
+    travel = plan.hand_travel
+    most = _take_value_or_infinity(device.travel)
     locks = event.status in (Status.LOCKED, Status.TOO_HIGH)
     rules = {
         f"positions rounded to {resolution * 1e6:g} um err by {100.0 * plan.force_error:.2g} % of "

@@ -53,23 +53,26 @@ def write_feel_page(files: Sets, page: str | Path) -> int:
         for declared, place in load_sets(files)
         for part in declared.stimuli
     ]
-    templates = package_files("stepblocks.simulators").joinpath("templates")
     script = "\n" + "".join(
-        templates.joinpath(name).read_text("utf-8")
+        package_files("stepblocks.simulators").joinpath("templates", name).read_text("utf-8")
         for name in ("feel_law.js", "feel_pictures.js", "feel.js")
     )
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    text = render_page(
-        "stepblocks.simulators",
-        "feel.html",
-        stimuli=stimuli,
-        first=next((i for i, one in enumerate(stimuli) if one["name"] == "step-050"), 0),
-        script=script,
-        script_hash=f"'sha256-{digest}'",
-        # "<" ends no script, whatever a set is called
-        data=json.dumps(stimuli, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"),
+    replace_text(
+        Path(page),
+        render_page(
+            "stepblocks.simulators",
+            "feel.html",
+            stimuli=stimuli,
+            first=next((i for i, one in enumerate(stimuli) if one["name"] == "step-050"), 0),
+            script=script,
+            script_hash=f"'sha256-{digest}'",
+            # "<" ends no script, whatever a set is called
+            data=json.dumps(stimuli, allow_nan=False, separators=(",", ":")).replace(
+                "<", "\\u003c"
+            ),
+        ),
     )
-    replace_text(Path(page), text)
     return len(stimuli)
 
 
@@ -99,8 +102,16 @@ def _describe_outline(face: Counterface, step: float | None) -> dict[str, object
     # Describe discs and lines of a counterface [m], and the profile that is drawn
     discs, lines = face.outline()
     edges = np.array(face.breakpoints)
-    across = np.linspace(edges[0], edges[-1], 30)
-    x = np.unique(np.concatenate([[-_WIDE, _WIDE], edges - 1e-12, edges + 1e-12, across]))
+    x = np.unique(
+        np.concatenate(
+            [
+                [-_WIDE, _WIDE],
+                edges - 1e-12,
+                edges + 1e-12,
+                np.linspace(edges[0], edges[-1], 30),
+            ]
+        )
+    )
     return {
         "label": "" if step is None else f"{step * 1e6:g} µm",
         "discs": discs,

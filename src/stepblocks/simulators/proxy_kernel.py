@@ -90,9 +90,11 @@ def _slide(
     ahead = direction > 0.0
     while _is_sliding(direction, x, piece, hand, setting, path):
         knot = piece + 1 if ahead else piece
-        far, slope = path.x[knot], path.last[piece] if ahead else path.first[piece]
+        far = path.x[knot]
+        slope = path.last[piece] if ahead else path.first[piece]
         if _compute_drive(direction, far, path.z[knot], slope, hand, setting) > 0.0:
-            x, after = far, piece + 1 if ahead else piece - 1
+            x = far
+            after = piece + 1 if ahead else piece - 1
             if after < 0 or after > len(path.x) - 2:
                 break
             piece = after

@@ -105,10 +105,17 @@ class Renderer:
         self.force: Array = np.zeros(3)
         self._good: Array = np.zeros(3)  # last force that was meant [N]
         ring = math.sqrt(point.tool.conversion) if event else 0.0
-        held = (self.stiffness, self.wall, point.friction, damping, self.period)
-        self._settings = np.array(
-            [(*held, ring, math.tau * point.tool.frequency, point.tool.decay_time)], kernel.SETTING
+        setting = (
+            self.stiffness,
+            self.wall,
+            point.friction,
+            damping,
+            self.period,
+            ring,
+            math.tau * point.tool.frequency,
+            point.tool.decay_time,
         )
+        self._settings = np.array([setting], kernel.SETTING)
         first, last = self.path.slope_start, self.path.slope_end
         before, after = np.concatenate([first[:1], last]), np.concatenate([first, last[-1:]])
         notch = after - before > _KINK
@@ -183,8 +190,16 @@ class Renderer:
         record = np.zeros((3, math.ceil(ticks)))
         self.reset(np.array([start, 0.0, float(self.path.z.max()) + height]))
         hand = np.array([start, 0.0, float(np.interp(start, self.path.x, self.path.z))])
-        given = float(load), float(resolution)
-        kernel.drag(record, hand, step, *given, self._states, self._settings, self.knots)
+        kernel.drag(
+            record,
+            hand,
+            step,
+            float(load),
+            float(resolution),
+            self._states,
+            self._settings,
+            self.knots,
+        )
         place, pull, force = direction * record
         return Drag(
             time=np.asarray(np.arange(record.shape[1]) * self.period, dtype=np.float64),

@@ -110,9 +110,12 @@ class Scene:
     @property
     def ring_ratio(self) -> float:
         """Amplitude of the ring over the force at the release [1]: sqrt(C_v), or of a model."""
-        ringing = (event for event in self.events if event.status is Status.RELEASES)
         return next(
-            (event.amplitude / event.critical_force for event in ringing),
+            (
+                event.amplitude / event.critical_force
+                for event in self.events
+                if event.status is Status.RELEASES
+            ),
             math.sqrt(self.point.tool.conversion),
         )
 
@@ -200,8 +203,10 @@ class SceneFormat:
 
 def find_full_scale_force(events: Events) -> float:
     """Return the largest force of the rings of both drags [N]; 0 where nothing rings."""
-    ringing = [event for event in events if event.status is Status.RELEASES]
-    return max((find_largest_force(event) for event in ringing), default=0.0)
+    return max(
+        (find_largest_force(event) for event in events if event.status is Status.RELEASES),
+        default=0.0,
+    )
 
 
 def write_scene(folder: Path, scene: Scene, form: SceneFormat) -> None:
@@ -219,16 +224,15 @@ def write_scene(folder: Path, scene: Scene, form: SceneFormat) -> None:
         waves = {f"{stem}-{rate // 1000}khz-{end}": rate for rate in WAV_RATES for end in ends}
         for name, rate in waves.items():
             write_wav(folder / name, event, rate, full)
-        energies = {
-            name: compute_ring_energy(compute_ring_force(event, rate), rate, event.tool)
-            for name, rate in waves.items()
-        }
         write_json(
             folder / f"{stem}.json",
             {
                 "full_scale_n": dict.fromkeys(waves, full),
                 "energy_j": event.energy,
-                "energy_in_file_j": energies,
+                "energy_in_file_j": {
+                    name: compute_ring_energy(compute_ring_force(event, rate), rate, event.tool)
+                    for name, rate in waves.items()
+                },
             },
         )
     write_from_template(

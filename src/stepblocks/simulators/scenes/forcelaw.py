@@ -37,8 +37,10 @@ def _write(folder: Path, scene: Scene) -> None:
         )
         keep = np.unique(np.linspace(0, len(record.hand) - 1, _ROWS).astype(int))
         columns = {"hand_along_drag_m": record.hand[keep], "pulling_force_n": record.pull[keep]}
-        name = f"force-{'up' if event.direction > 0 else 'down'}.csv"
-        _write_columns(folder / name, columns | {"normal_load_n": np.full(len(keep), load)})
+        _write_columns(
+            folder / f"force-{'up' if event.direction > 0 else 'down'}.csv",
+            columns | {"normal_load_n": np.full(len(keep), load)},
+        )
     knots = renderer.knots
     _write_columns(folder / "path.csv", {column: knots[name] for column, name in _PATH.items()})
     for name in ("force_law.py", "force_law.h", "force_law_path.h", "force_law_demo.c"):

@@ -24,15 +24,18 @@ def _write(folder: Path, scene: Scene) -> None:
     pieces = {f"{piece.name}.glb": piece for piece in scene.pieces}
     for name, mesh in {"block.glb": scene.whole, **pieces}.items():
         write_glb(folder / name, mesh)
-    content = scene.parameters() | {
-        "whole": "block.glb",
-        "convex_pieces": list(pieces),
-        "contact_gap_m": 1e-6 * scene.scale,
-        "engines": {
-            name: _describe_engine(scene, *engine) for name, engine in ENGINE_FROM_PART.items()
+    write_json(
+        folder / "scene.json",
+        {
+            **scene.parameters(),
+            "whole": "block.glb",
+            "convex_pieces": list(pieces),
+            "contact_gap_m": 1e-6 * scene.scale,
+            "engines": {
+                name: _describe_engine(scene, *engine) for name, engine in ENGINE_FROM_PART.items()
+            },
         },
-    }
-    write_json(folder / "scene.json", content)
+    )
 
 
 def _write_tooth(folder: Path, scan: Mesh, stations: Sequence[Scene]) -> None:
