@@ -16,8 +16,9 @@ class Heights(tuple[float, ...]):
 def _read_heights(text: str) -> Heights:
     # Read heights in micrometres, or in the unit that each names
     read = make_quantity_reader("length")
-    parts = text.split(",")
-    return Heights(read(part if part.strip(" 0123456789.") else f"{part} um") for part in parts)
+    return Heights(
+        read(part if part.strip(" 0123456789.") else f"{part} um") for part in text.split(",")
+    )
 
 
 class Names(tuple[str, ...]):

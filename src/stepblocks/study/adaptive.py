@@ -110,7 +110,8 @@ def order_trials(
         The answered trials; then, unless there are as many as wanted or the answers are precise
         enough, the one that is next, and others for practice.
     """
-    left, trials = {row["trial"]: row for row in planned}, int(prior["trials"])
+    left = {row["trial"]: row for row in planned}
+    trials = int(prior["trials"])
     done = [left.pop(row["trial"]) for row in answers if row["trial"] in left]
     names = sorted({row["height_um"] for row in planned}, key=float)
     standard = float(planned[0]["standard_height_um"])
@@ -120,7 +121,8 @@ def order_trials(
     beliefs = {name_setting(row): before for row in planned}
     counts = dict.fromkeys(beliefs, 0)
     for row, answer in zip(done, answers, strict=False):
-        setting, given = name_setting(row), EXPERIMENTS["adaptive"].read(row, answer, RATINGS)
+        setting = name_setting(row)
+        given = EXPERIMENTS["adaptive"].read(row, answer, RATINGS)
         own = higher[names.index(row["height_um"])]
         beliefs[setting] = beliefs[setting] * (own if given["higher"] else 1.0 - own)
         counts[setting] += 1

@@ -96,7 +96,8 @@ class Run:
             f"{self.participant!r}",
         )
         self.experiment = self.planned[0]["experiment"]
-        self.kind, self.virtual = EXPERIMENTS[self.experiment], self.blocks is not None
+        self.kind = EXPERIMENTS[self.experiment]
+        self.virtual = self.blocks is not None
         self.columns = (*list_answer_columns(self.experiment), *_TIMES)
         require(
             0 <= self.practice <= len(self.planned),
@@ -112,7 +113,8 @@ class Run:
         path = resolve_inside(self.folder / "runs", f"participant-{self.participant}.csv")
         if path is None:
             raise StudyError(f"participant must be a plain name, got {self.participant!r}")
-        self.path, self._guard = path, threading.RLock()
+        self.path = path
+        self._guard = threading.RLock()
         self._running: Servo | None = None
         # a clock that is set anew during a run changes no stamp and no reaction time
         self._shown = time.time()
@@ -158,8 +160,12 @@ class Run:
             self.planned = order_trials(self._all, rows, read_plan(self.folder)[1])
 
     def _write(self, rows: Sequence[Row]) -> None:
-        cells = [{name: row.get(name, "") for name in self.columns} for row in rows]
-        replace_text(self.path, format_csv(cells, self.columns))
+        replace_text(
+            self.path,
+            format_csv(
+                [{name: row.get(name, "") for name in self.columns} for row in rows], self.columns
+            ),
+        )
 
     @property
     def answered(self) -> int:
@@ -183,7 +189,8 @@ class Run:
 
     def state(self) -> dict[str, object]:
         """Say what a page may show: no identity or height, and of a virtual block no condition."""
-        row, virtual = self.now, self._is_virtual(self.now)
+        row = self.now
+        virtual = self._is_virtual(row)
         found: dict[str, object] = {
             "participant": self.participant,
             "of": len(self.planned),
@@ -243,9 +250,13 @@ class Run:
             renderer.tick(np.array([0.0, 0.0, 1.0]), np.zeros(3))  # compiled before it is felt
             if self.hand is None or isinstance(self.hand, Mouse):
                 self.hand = Mouse(point.normal_load, renderer.wall, float(renderer.path.z.max()))
-            # without motors a machine that is slow for a moment needs no new start
-            limits = Limits() if self.hand.motors else Limits(dead=_SLOW)
-            self._running, self._point = Servo(renderer, self.hand, limits=limits), point
+            self._running = Servo(
+                renderer,
+                self.hand,
+                # without motors a machine that is slow for a moment needs no new start
+                limits=Limits() if self.hand.motors else Limits(dead=_SLOW),
+            )
+            self._point = point
             self._running.start()
             self._shown = self._wall + time.monotonic()
 
@@ -309,7 +320,8 @@ class Run:
             Note of the participant.
         """
         with self._guard:
-            row, now = self.now, self._wall + time.monotonic()
+            row = self.now
+            now = self._wall + time.monotonic()
             if row is None or trial != row["trial"]:
                 raise StudyError(f"trial must be the one that is next, got {trial!r}")
             require(
@@ -324,11 +336,13 @@ class Run:
                     raise StudyError(f"trial {trial} must be touched before it is answered")
                 servo.stop()
                 if not self.practice:
-                    asked = {name: row[name] for name in (*WHEN, "stimulus", "height_um")}
                     write_motion(
                         self.path.with_suffix("") / f"trial-{int(trial):04}.h5",
                         servo,
-                        asked | {"scale": self.scale},
+                        {
+                            **{name: row[name] for name in (*WHEN, "stimulus", "height_um")},
+                            "scale": self.scale,
+                        },
                     )
                 self._running = None
             if self.practice:
@@ -348,7 +362,8 @@ class Run:
             self._write([*self._rows, line])
             self._rows.append(line)
             self._place(self._rows)
-            self.feedback, self._shown = "", now
+            self.feedback = ""
+            self._shown = now
 
     def undo(self) -> None:
         """Take the last answer back; its trial is asked again."""

@@ -326,7 +326,8 @@ def _check_size(
     standard: str,
 ) -> tuple[list[tuple[str, ...]], list[tuple[str, ...]], np.random.Generator]:
     # Refuse what is impossible; return settings, groups and the source of all chance
-    (participants, repetitions, seed), known = size, [item.identity for item in items]
+    participants, repetitions, seed = size
+    known = [item.identity for item in items]
     for name, values in {**factors, "blocks": known}.items():
         label = "conditions" if name == "probe" else name
         require(values, f"{label} must be at least one, got none")
@@ -400,9 +401,8 @@ def choose_blocks(
     """Choose the blocks of a study: those of a stimulus set, or sharp steps of some heights [m]."""
     if not isinstance(source, str | Path | StimulusSet):
         named = {f"step-{height * 1e6:03.6g}": height for height in source}
-        items = tuple(Item(name, name.upper(), height) for name, height in named.items())
         return Blocks(
-            items,
+            tuple(Item(name, name.upper(), height) for name, height in named.items()),
             {name: Step(height) for name, height in named.items()},
             replace(PAPER, **dict[str, Any](felt)),
         )
@@ -431,8 +431,11 @@ def choose_blocks(
         ),
         points[-1],
     )
-    items = tuple(Item(block.id, block.id.upper(), block.height.nominal) for block in blocks)
-    return Blocks(items, {block.id: block.counterface() for block in blocks}, point)
+    return Blocks(
+        tuple(Item(block.id, block.id.upper(), block.height.nominal) for block in blocks),
+        {block.id: block.counterface() for block in blocks},
+        point,
+    )
 
 
 def check_virtual_factor(name: str, levels: Sequence[str]) -> None:

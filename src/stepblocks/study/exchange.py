@@ -58,7 +58,8 @@ def read_foreign_judgements(
         experiment in EXPERIMENTS,
         f"experiment must be one of {', '.join(EXPERIMENTS)}, got {experiment!r}",
     )
-    kind, named = EXPERIMENTS[experiment], dict(columns)
+    kind = EXPERIMENTS[experiment]
+    named = dict(columns)
     for mine in named:
         require(
             re.sub("_(mm|m)$", "_um", mine) in _DESCRIPTIONS,
@@ -83,9 +84,12 @@ def read_foreign_judgements(
             for name in needed
             if not one.get(name) and (name not in one or name not in kind.answers)
         ]
-        wanted, at = f"{', '.join(needed)} (name yours by --columns)", f"[{row['line']}]"
-        require(not lacking, f"a table must have {wanted}, got no {', '.join(lacking)} {at}")
-        height = read_number(one["height_um"])
+        at = f"[{row['line']}]"
+        require(
+            not lacking,
+            f"a table must have {', '.join(needed)} (name yours by --columns), got no "
+            f"{', '.join(lacking)} {at}",
+        )
         low, high = HEIGHTS
         for name in ("height_um", "standard_height_um"):
             require(
@@ -93,11 +97,17 @@ def read_foreign_judgements(
                 f"{name} must be a number from {low:g} to {high:g} um, got {one.get(name)!r}; is "
                 f"the unit of its column right? {at}",
             )
-        one.setdefault("stimulus", f"step-{height:03.6g}")
+        one.setdefault("stimulus", f"step-{read_number(one['height_um']):03.6g}")
         own, cell = (one["participant"],), (one["participant"], one["condition"], one["stimulus"])
         keys.update([own, cell])
-        known = {"standard_height_um": one["height_um"], "trial": str(keys[own])}
-        planned.append(known | {"repetition": str(keys[cell])} | one)
+        planned.append(
+            {
+                "standard_height_um": one["height_um"],
+                "trial": str(keys[own]),
+                "repetition": str(keys[cell]),
+                **one,
+            }
+        )
     return sheet.join_rows(experiment, [(row, row) for row in planned], ratings)
 
 
@@ -203,7 +213,8 @@ def _write_bids(
     labels: Mapping[str, str],
     credit: Mapping[str, str],
 ) -> dict[str, str]:
-    columns, title = list(next(iter(people.values()))[0]), EXPERIMENTS[experiment].title
+    columns = list(next(iter(people.values()))[0])
+    title = EXPERIMENTS[experiment].title
     description = {
         name: {
             "Description": _DESCRIPTIONS.get(name, "level of a declared factor"),

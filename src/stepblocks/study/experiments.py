@@ -87,9 +87,9 @@ class Experiment:
     adaptive: bool = False
 
 
-def refuse_unused_options(experiment: str, options: Mapping[str, object]) -> None:
-    """Refuse options that a kind of experiment does not follow, with the kinds that do."""
-    for name in options:
+def refuse_unused_options(experiment: str, **options: object) -> None:
+    """Refuse options that were given and that a kind of experiment does not follow."""
+    for name in (name for name, value in options.items() if value):
         follow = [kind for kind, one in EXPERIMENTS.items() if name in one.takes]
         require(
             experiment in follow,
@@ -121,7 +121,8 @@ def _read_estimate(planned: Row, answer: Row, ratings: tuple[int, int]) -> dict[
 
 def _read_virtual(planned: Row, answer: Row, ratings: tuple[int, int]) -> dict[str, float]:
     values = _read_estimate(planned, answer, ratings)
-    (low, high), rating = ratings, read_number(answer["realism_rating"])
+    low, high = ratings
+    rating = read_number(answer["realism_rating"])
     require(
         low <= rating <= high and rating == int(rating),
         f"realism_rating must be a whole number from {low:g} to {high:g}, got "
@@ -185,7 +186,8 @@ def _name_tests_of_ratings(frame: Table) -> dict[str, str]:
 
 
 def _analyse_virtual(frame: Table, margin: float) -> Fields:
-    found, tests = _analyse_estimates(frame, margin), _name_tests_of_ratings(frame)
+    found = _analyse_estimates(frame, margin)
+    tests = _name_tests_of_ratings(frame)
     try:
         fits = {
             outcome: fit_ordinal_model(
@@ -250,8 +252,7 @@ def _analyse_comparisons(frame: Table, margin: float) -> Fields:
 
 def name_settings(frame: Table) -> pd.Series:
     """Name the setting of each comparison: group, and levels of declared factors."""
-    names = [name for name in frame if name == "group" or FACTOR in str(name)]
-    parts = [frame[name].astype(str) for name in names]
+    parts = [frame[name].astype(str) for name in frame if name == "group" or FACTOR in str(name)]
     return parts[0].str.cat(parts[1:], sep="/") if parts else pd.Series("", frame.index)
 
 

@@ -116,16 +116,18 @@ class ForceDimension(Hand):
         self._lib = lib = _load_device_library(library, "dhd", "drd")
         real, byte, whole = ctypes.c_double, ctypes.c_char, ctypes.c_int
         axes = [ctypes.POINTER(real)] * 3
-        signatures = {
-            "dhdGetPosition": (whole, [*axes, byte]),
-            "dhdGetLinearVelocity": (whole, [*axes, byte]),
-            "dhdSetForce": (whole, [real, real, real, byte]),
-            "dhdGetButton": (whole, [whole, byte]),
-            "dhdEnableForce": (whole, [ctypes.c_ubyte, byte]),
-            "dhdClose": (whole, [byte]),
-            "dhdErrorGetLastStr": (ctypes.c_char_p, []),
-        }
-        _declare_functions(lib, signatures)
+        _declare_functions(
+            lib,
+            {
+                "dhdGetPosition": (whole, [*axes, byte]),
+                "dhdGetLinearVelocity": (whole, [*axes, byte]),
+                "dhdSetForce": (whole, [real, real, real, byte]),
+                "dhdGetButton": (whole, [whole, byte]),
+                "dhdEnableForce": (whole, [ctypes.c_ubyte, byte]),
+                "dhdClose": (whole, [byte]),
+                "dhdErrorGetLastStr": (ctypes.c_char_p, []),
+            },
+        )
         self._one = ctypes.c_char(b"\xff")  # -1: the device that was opened last
         self._values = [ctypes.c_double() for _ in range(6)]
         self._require(lib.dhdOpen() >= 0, "be opened")
@@ -181,18 +183,22 @@ class OpenHaptics(Hand):
         self._lib = lib = _load_device_library(library, "HD")
         self._callback = ctypes.CFUNCTYPE(ctypes.c_uint, ctypes.c_void_p)(self._frame)
         number, doubles = ctypes.c_uint, ctypes.POINTER(ctypes.c_double)
-        scheduled = [type(self._callback), ctypes.c_void_p, ctypes.c_ushort]
-        signatures = {
-            "hdInitDevice": (number, [ctypes.c_char_p]),
-            "hdGetError": (_HDError, []),
-            "hdGetErrorString": (ctypes.c_char_p, [number]),
-            "hdGetDoublev": (None, [number, doubles]),
-            "hdSetDoublev": (None, [number, doubles]),
-            "hdGetIntegerv": (None, [number, ctypes.POINTER(ctypes.c_int)]),
-            "hdScheduleAsynchronous": (ctypes.c_ulong, scheduled),
-            "hdUnschedule": (None, [ctypes.c_ulong]),
-        }
-        _declare_functions(lib, signatures)
+        _declare_functions(
+            lib,
+            {
+                "hdInitDevice": (number, [ctypes.c_char_p]),
+                "hdGetError": (_HDError, []),
+                "hdGetErrorString": (ctypes.c_char_p, [number]),
+                "hdGetDoublev": (None, [number, doubles]),
+                "hdSetDoublev": (None, [number, doubles]),
+                "hdGetIntegerv": (None, [number, ctypes.POINTER(ctypes.c_int)]),
+                "hdScheduleAsynchronous": (
+                    ctypes.c_ulong,
+                    [type(self._callback), ctypes.c_void_p, ctypes.c_ushort],
+                ),
+                "hdUnschedule": (None, [ctypes.c_ulong]),
+            },
+        )
         self._device = lib.hdInitDevice(None)
         self._check("be opened")
         self._state, self._given = np.zeros(7), np.zeros(3)

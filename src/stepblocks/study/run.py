@@ -120,17 +120,17 @@ def design_study(
         f"experiment must be one of {', '.join(EXPERIMENTS)}, got {experiment!r}",
     )
     kind = EXPERIMENTS[experiment]
-    given: dict[str, object] = {
-        "probes": probes,
-        "factors": factors,
-        "interleaved": interleaved,
-        "standard": standard,
-        "trials": trials,
-        "prior": prior,
-        "reference": reference,
-        "repetitions": repetitions != REPETITIONS,
-    }
-    refuse_unused_options(experiment, {name: one for name, one in given.items() if one})
+    refuse_unused_options(
+        experiment,
+        probes=probes,
+        factors=factors,
+        interleaved=interleaved,
+        standard=standard,
+        trials=trials,
+        prior=prior,
+        reference=reference,
+        repetitions=repetitions != REPETITIONS,
+    )
     blocks = choose_blocks(source, only=only)
     require(
         standard or not kind.paired,
@@ -224,10 +224,8 @@ def write_sheets(folder: str | Path) -> int:
     for person in sheets:  # it becomes the name of a file
         require(
             re.fullmatch(r"[\w.-]{1,40}", person),
-            (
-                f"participant must be one word of at most 40 characters, got {person!r:.60} "
-                f"[{folder / 'design.csv'}]"
-            ),
+            f"participant must be one word of at most 40 characters, got {person!r:.60} "
+            f"[{folder / 'design.csv'}]",
         )
     digits = len(str(len(sheets)))
     texts = {
@@ -281,16 +279,16 @@ def simulate_study(
     StepblocksError
         If a block has no energy there, a name is unknown, or the answers have no response noise.
     """
-    design, output = sheet.read_design(Path(folder) / "design.csv"), Path(output)
+    design = sheet.read_design(Path(folder) / "design.csv")
     known = sorted({level for row in design for level in list_levels(row)} - {""})
     for option, given in (("damping", damping), ("noise", noise)):
         unknown = sorted(set(given or {}) - set(known))
-        if unknown:
-            raise PipelineError(
-                f"{option} must name conditions of the design ({', '.join(known)}), got "
-                f"{unknown[0]!r}"
-            )
-    refuse_unused_options(design[0]["experiment"], {"noise": noise} if noise else {})
+        PipelineError.require(
+            not unknown,
+            f"{option} must name conditions of the design ({', '.join(known)}), got "
+            f"{next(iter(unknown), '')!r}",
+        )
+    refuse_unused_options(design[0]["experiment"], noise=noise)
     answers = sheet.simulate_answers(
         design,
         find_designed_blocks(design, source, felt).energies(),
@@ -301,7 +299,7 @@ def simulate_study(
     )
     if EXPERIMENTS[design[0]["experiment"]].adaptive:
         answers = [*sheet.choose_answers(design, answers, sheet.read_plan(Path(folder))[1])]
-    sheet.write_new_files(output.parent, {output.name: format_csv(answers)})
+    sheet.write_new_files(Path(output).parent, {Path(output).name: format_csv(answers)})
     return len(answers)
 
 
@@ -368,18 +366,20 @@ def analyse_study(
             for path in sheet.find_sheets(answers)
             for row in sheet.read_answers(path, design[0]["experiment"])
         ]
-        found, plan = sheet.join_answers(design, rows, ratings), sheet.read_plan(Path(folder))[0]
-    options: dict[str, object] = {
-        "equivalent": not math.isnan(equivalent),
-        "ratings": ratings != RATINGS,
-        "reference": reference,
-    }
-    refuse_unused_options(found.experiment, {name: one for name, one in options.items() if one})
-    named = {"primary": primary, "reference": reference}
-    plan |= {name: text for name, text in named.items() if text}
+        found = sheet.join_answers(design, rows, ratings)
+        plan, _ = sheet.read_plan(Path(folder))
+    refuse_unused_options(
+        found.experiment,
+        equivalent=not math.isnan(equivalent),
+        ratings=ratings != RATINGS,
+        reference=reference,
+    )
+    stated = (("primary", primary), ("reference", reference))
+    plan |= {name: text for name, text in stated if text}
     result = found.assign_groups(groups).analyse(equivalent, **plan)
     if output is not None:
-        page, output = render_study(result), Path(output)
+        output = Path(output)
+        page = render_study(result)
         write_figures(result, output / "figures")
         replace_text(output / "judgements.csv", result.judgements_csv())
         replace_text(output / "results.csv", result.results_csv())

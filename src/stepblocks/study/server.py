@@ -31,7 +31,8 @@ class RunServer(ThreadingHTTPServer):
 
     def __init__(self, run: Run, port: int = 0) -> None:
         super().__init__(("127.0.0.1", port), _Handler)
-        self.experiment, self.token = run, secrets.token_urlsafe(16)
+        self.experiment = run
+        self.token = secrets.token_urlsafe(16)
         self.nonce = secrets.token_urlsafe(16)
         self.url = f"http://127.0.0.1:{self.server_port}/"
         self._second, self._asked = 0, 0

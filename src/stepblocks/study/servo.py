@@ -87,7 +87,8 @@ class Servo(threading.Thread):
         self._over = threading.Event()
         self._applied = np.zeros(3)
         self._held = False
-        self.trusted, self.doubts = not hand.motors, list[str]()
+        self.trusted = not hand.motors
+        self.doubts: list[str] = []
         self.ticks, self.ended = 0, ""  # why it ended: "", "stopped" or "time is up"
 
     def run(self) -> None:
@@ -132,24 +133,24 @@ class Servo(threading.Thread):
 
     def _tick(self, row: Array) -> str:
         # Feel once; return what is in doubt
-        asked, renderer = time.perf_counter(), self.renderer
+        asked = time.perf_counter()
         position, velocity, held = self.hand.read()
         if self._waits and time.perf_counter() - asked > self.limits.dead:
             return "watchdog: the hand did not answer"
         self.trusted = self.trusted or not held
         held = held and self.trusted
         if held and not self._held:
-            renderer.reset(position)
+            self.renderer.reset(position)
         self._held = held
-        force = renderer.tick(position, velocity) if held else np.zeros(3)
+        force = self.renderer.tick(position, velocity) if held else np.zeros(3)
         self._applied = self._limit_force(force, self._applied) if held else force
         row[1:-1] = (
             *position,
             *force,
             *self._applied,
-            renderer.pull if held else 0.0,
+            self.renderer.pull if held else 0.0,
             held,
-            renderer.events,
+            self.renderer.events,
         )
         # after the log: a virtual hand moves its own position here, and keeps its load by what is
         # rendered, not by what is left of it
@@ -157,7 +158,8 @@ class Servo(threading.Thread):
         return ""
 
     def _let_go(self) -> None:
-        self._applied, self._held = np.zeros(3), False
+        self._applied = np.zeros(3)
+        self._held = False
         with suppress(Exception):  # it failed before, and is asked again at the next tick
             self.hand.apply(self._applied)
 

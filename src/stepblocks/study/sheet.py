@@ -324,8 +324,13 @@ def join_answers(
                 )
             pairs.append((planned[key], answer))
     experiment = design[0]["experiment"]
-    asked = {} if EXPERIMENTS[experiment].adaptive else planned  # not all trials are run
-    return join_rows(experiment, pairs, ratings, asked, mistakes)
+    return join_rows(
+        experiment,
+        pairs,
+        ratings,
+        {} if EXPERIMENTS[experiment].adaptive else planned,  # not all trials are run
+        mistakes,
+    )
 
 
 def join_rows(
@@ -339,7 +344,8 @@ def join_rows(
 
     A judgement that was `asked` and not answered is missing.
     """
-    kind, planned = EXPERIMENTS[experiment], asked or _index_by_trial([row for row, _ in pairs])
+    kind = EXPERIMENTS[experiment]
+    planned = asked or _index_by_trial([row for row, _ in pairs])
     answered: dict[Key, dict[str, float | str]] = {}
     found = list(mistakes)
     for row, answer in pairs:

@@ -114,8 +114,8 @@ def compute_measure(frame: Table, name: str) -> tuple[Table, str]:
         for column in frame
         if column == "group" or str(column).startswith("factor_")
     }
-    values = 0.5 * np.log(variance[others])
-    return values.rename("value").to_frame().assign(**kept).reset_index(), ""
+    values = (0.5 * np.log(variance[others])).rename("value")
+    return values.to_frame().assign(**kept).reset_index(), ""
 
 
 def analyse_measure(frame: Table, name: str, margin: float = math.nan) -> Measure:
@@ -199,8 +199,8 @@ def compare_groups(data: Table) -> tuple[tuple[Term, ...], tuple[Interval, ...]]
         len(sizes) >= 2 and sizes.min() >= 2,
         f"groups must be at least two of at least two participants each, got {dict(sizes)}",
     )
-    level = table.mean(axis=1)
-    between = run_f_test(level.to_frame("value").assign(group=group), "value", "group")
+    level = table.mean(axis=1).to_frame("value").assign(group=group)
+    between = run_f_test(level, "value", "group")
     within, _ = assess_effect(
         "condition:group", table.to_numpy(), linalg.helmert(table.shape[1]), group
     )

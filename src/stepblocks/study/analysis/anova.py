@@ -190,13 +190,13 @@ def make_interval(
     """Complete a comparison, one of all pairs of some levels, from difference and error."""
     # Tukey's family; with unequal numbers: Kramer, C. Y. (1956), Biometrics 12, 307-310.
     difference, error = (value * scale for value in found)
-    size, root = abs(difference) / error, math.sqrt(2.0)
+    size = abs(difference) / error
     limit, p = (
         (stats.t.ppf(0.975, df), 2.0 * stats.t.sf(size, df))  # two levels: no integral is needed
         if levels == 2
         else (
-            _find_range_limit(levels, df) / root,
-            stats.studentized_range.sf(size * root, levels, df),
+            _find_range_limit(levels, df) / math.sqrt(2.0),
+            stats.studentized_range.sf(size * math.sqrt(2.0), levels, df),
         )
     )
     ends = (difference, difference - float(limit) * error, difference + float(limit) * error)

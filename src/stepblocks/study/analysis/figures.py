@@ -48,7 +48,8 @@ def draw_main_figure(result: Result, ax: "Axes | None" = None) -> "Axes":
 
 
 def _draw_estimates(figure: Panels, result: Result) -> Table:
-    axes, frame = figure.subplots(), result.frame
+    axes = figure.subplots()
+    frame = result.frame
     top = float(max(frame["height"].max(), frame["estimate"].max())) * 1e6
     axes.plot([0, top], [0, top], color=_LINE, lw=1, label="true height")
     cells = (1e6 * frame["estimate"]).groupby([frame["condition"], _convert_heights(frame)])
@@ -125,7 +126,8 @@ def _draw_ratings(figure: Panels, result: Result) -> Table:
 def _draw_curves(figure: Panels, result: Result) -> Table:
     from scipy.special import ndtr
 
-    axes, rows = figure.subplots(), []
+    axes = figure.subplots()
+    rows = []
     for index, found in enumerate(result.comparisons):
         colour, style = (kinds[index % len(kinds)] for kinds in (_COLOURS, _STYLES))
         levels = np.array(sorted({level for one in found.curves for level in one.levels}))
@@ -167,8 +169,11 @@ def _draw_curves(figure: Panels, result: Result) -> Table:
 def _draw_magnitudes(figure: Panels, result: Result) -> Table:
     axes = figure.subplots()
     frame = result.frame
-    keys = [frame["condition"], frame["participant"], _convert_heights(frame)]
-    means = np.exp(np.log(frame["magnitude"]).groupby(keys).mean()).reset_index()
+    means = np.exp(
+        np.log(frame["magnitude"])
+        .groupby([frame["condition"], frame["participant"], _convert_heights(frame)])
+        .mean()
+    ).reset_index()
     for index, (condition, some) in enumerate(means.groupby("condition")):
         place = index % len(_COLOURS)
         look = {"color": _COLOURS[place], "ms": 3, "lw": 1}

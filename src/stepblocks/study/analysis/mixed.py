@@ -69,7 +69,8 @@ class _Likelihood:
     def __init__(self, y: Array, x: Array, cell: Indices, owner: Indices) -> None:
         both = np.column_stack([x, y])
         self.free, self.squares = len(y) - x.shape[1], both.T @ both
-        self.sizes, self.persons = np.bincount(cell).astype(float), np.eye(owner.max() + 1)[owner]
+        self.sizes = np.bincount(cell).astype(float)
+        self.persons = np.eye(owner.max() + 1)[owner]
         self.sums = np.zeros((len(owner), both.shape[1]))
         np.add.at(self.sums, cell, both)
 
@@ -105,13 +106,12 @@ class _Likelihood:
     def fit(self, repeated: bool) -> tuple[Array, Array]:
         # Return the optimum and the covariance of its parameters
         with warnings.catch_warnings(action="ignore", category=linalg.LinAlgWarning):
-            found = optimize.minimize(
+            point = optimize.minimize(
                 lambda at: float(self.loss(at)),
                 [1.0, 0.3, -0.5] if repeated else [1.0, -0.5],
                 jac=lambda at: approx_fprime_cs(at, self.loss).ravel(),
                 method="BFGS",
-            )
-        point = found.x
+            ).x
         for _ in range(3):  # Newton's steps: a line search ends at half the digits
             slope = approx_fprime_cs(point, self.loss).ravel()
             # where the likelihood is no number, zeros: some solvers stop at what is no number
@@ -154,7 +154,8 @@ def fit_mixed_model(
     import statsmodels.formula.api as smf
 
     data, scale, shift = standardise_response(frame, response, a=condition, b=block, g=participant)
-    people, conditions = data["g"].nunique(), sorted(data["a"].unique())
+    people = data["g"].nunique()
+    conditions = sorted(data["a"].unique())
     require(
         people >= 2, f"{participant}: a mixed model needs at least two participants, got {people}"
     )
@@ -174,7 +175,8 @@ def fit_mixed_model(
     # from the participant where one meets several conditions
     repeated = compared and likelihood.sizes.max() > 1 and len(likelihood.sizes) > people
     point, spread = likelihood.fit(repeated)
-    products, covariance = likelihood.products(point)[0], likelihood.covariance(point)
+    products, _ = likelihood.products(point)
+    covariance = likelihood.covariance(point)
     beta: Array = np.asarray(np.linalg.solve(products[:-1, :-1], products[:-1, -1]), dtype=float)
     person, response_, _, _ = likelihood.variances(point)
     residual = math.exp(0.5 * point[-1])

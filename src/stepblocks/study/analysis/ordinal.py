@@ -85,24 +85,23 @@ def fit_ordinal_model(
     single = [
         2.0 * float(stats.t.sf(abs(a) / b, people - 1)) for a, b in zip(logs, errors, strict=True)
     ]
-    effects = [
-        Interval(
-            conditions[two],
-            conditions[one],
-            value,
-            value - reach * error,
-            value + reach * error,
-            p,
-            math.nan,
-            error,
-            people - 1.0,
-        )
-        for (one, two), value, error, p in zip(
-            pairs, logs, errors, correct_by_holm(single).tolist(), strict=True
-        )
-    ]
     return OrdinalFit(
-        tuple(effects),
+        tuple(
+            Interval(
+                conditions[two],
+                conditions[one],
+                value,
+                value - reach * error,
+                value + reach * error,
+                p,
+                math.nan,
+                error,
+                people - 1.0,
+            )
+            for (one, two), value, error, p in zip(
+                pairs, logs, errors, correct_by_holm(single).tolist(), strict=True
+            )
+        ),
         {
             "statistic": statistic,
             "df": float(number),
@@ -122,8 +121,10 @@ def fit_proportional_odds(
     933-944, doi:10.2307/2533433), and only they are independent: Liang, K.-Y., Zeger, S. L. (1986),
     Biometrika 73, 13-22, doi:10.1093/biomet/73.1.13.
     """
-    steps, x = np.unique(rating, return_inverse=True)[1], np.asarray(exog, dtype=np.float64)
-    size, alone = x.shape[1], clusters is None
+    steps = np.unique(rating, return_inverse=True)[1]
+    x = np.asarray(exog, dtype=np.float64)
+    size = x.shape[1]
+    alone = clusters is None
     levels = np.zeros(1) if alone else _LEVELS
     weights = np.exp(-0.5 * levels**2) / np.exp(-0.5 * levels**2).sum()
     own = np.eye(len(x)) if clusters is None else np.eye(clusters.max() + 1)[clusters]

@@ -161,9 +161,9 @@ class Population:
         self._rows = np.ascontiguousarray(np.moveaxis(likelihood, 0, -1))
         start, bounds = list[float](), list[tuple[float, float]]()
         for index, axis in enumerate(axes):
-            others = tuple(n for n in range(1, likelihood.ndim) if n != index + 1)
-            own = likelihood.sum(axis=others)
-            means, step = own @ axis / own.sum(axis=1), float(axis[1] - axis[0])
+            own = likelihood.sum(axis=tuple(n for n in range(1, likelihood.ndim) if n != index + 1))
+            means = own @ axis / own.sum(axis=1)
+            step = float(axis[1] - axis[0])
             start += [float(means.mean()), math.log(max(means.std(), 2.0 * step))]
             # a narrower normal would fall between the points of the grid
             bounds += [(axis[0], axis[-1]), (math.log(0.6 * step), math.log(np.ptp(axis)))]
@@ -215,9 +215,10 @@ class Population:
 
     def _estimate_mean(self, index: int) -> Estimate:
         # Return the mean over participants along an axis
-        place, best = 2 * index, self.best
-        middle, spread = float(best.x[place]), math.exp(best.x[place + 1])
-        climbed = {middle: best.x}
+        place = 2 * index
+        point = self.best.x
+        middle, spread = float(point[place]), math.exp(point[place + 1])
+        climbed = {middle: point}
 
         @cache
         def assess(value: float) -> float:
@@ -231,9 +232,9 @@ class Population:
                 found = min(found, self.maximise(apart, place, value), key=lambda one: one.fun)
             climbed[value] = found.x
             people, share = self._count_participants(found.x, index)
-            return find_tail(2.0 * (float(found.fun) - float(best.fun)), people, share)
+            return find_tail(2.0 * (float(found.fun) - float(self.best.fun)), people, share)
 
-        people, share = self._count_participants(best.x, index)
+        people, share = self._count_participants(point, index)
         error = spread / math.sqrt(people * share)
         low, high = (
             find_crossing(
@@ -241,9 +242,13 @@ class Population:
             )
             for end, step in zip(self._bounds[place], (-2.5 * error, 2.5 * error), strict=True)
         )
-        within = self._bounds[place, 0] < 0.0 < self._bounds[place, 1]
         return Estimate(
-            middle, low, high, spread, assess(0.0) if within else math.nan, people - 1.0
+            middle,
+            low,
+            high,
+            spread,
+            assess(0.0) if self._bounds[place, 0] < 0.0 < self._bounds[place, 1] else math.nan,
+            people - 1.0,
         )
 
     def _count_participants(self, point: Array, index: int) -> tuple[float, float]:
@@ -315,7 +320,8 @@ def compare_between(one: Estimate, other: Estimate) -> Estimate:
     # 1693-1702, doi:10.1002/sim.3095, taken as errors with the degrees of freedom of Welch, B. L.
     # (1947), Biometrika 34, 28-35, doi:10.1093/biomet/34.1-2.28: of means this is his test. They go
     # by participants; more, for the share of the error that is known, claim too few differences.
-    apart, freedom = one.value - other.value, np.array([one.df, other.df])
+    apart = one.value - other.value
+    freedom = np.array([one.df, other.df])
     widths = [
         (one.value - one.low, other.high - other.value),
         (one.high - one.value, other.value - other.low),
@@ -323,7 +329,8 @@ def compare_between(one: Estimate, other: Estimate) -> Estimate:
     squares = (np.array(widths) / t.ppf(0.975, freedom)) ** 2
     with np.errstate(invalid="ignore"):  # an end that the answers leave open has all of the error
         shares = np.nan_to_num(squares / squares.sum(axis=1, keepdims=True), nan=1.0)
-    errors, df = np.sqrt(squares.sum(axis=1)), 1.0 / (shares**2 @ (1.0 / freedom))
+    errors = np.sqrt(squares.sum(axis=1))
+    df = 1.0 / (shares**2 @ (1.0 / freedom))
     below, above = (errors * t.ppf(0.975, df)).tolist()
     facing = 0 if apart > 0.0 else 1  # the end on the side of zero
     return Estimate(
@@ -362,7 +369,8 @@ def fit_setting(setting: str, own: Table, standard: float) -> Comparisons:
 
 def compare_settings(quantity: str, one: Comparisons, other: Comparisons) -> Interval:
     """Compare the logarithm of a quantity, within participants where they met both settings."""
-    index, model, same = QUANTITIES[quantity], one.model, other.model
+    index = QUANTITIES[quantity]
+    model, same = one.model, other.model
     assert model is not None
     assert same is not None
     own, facing = ([who for who, _, _ in found.people] for found in (one, other))

@@ -73,7 +73,8 @@ def fit_psychometric(
         # Return the probability of a hit at each level, and its slopes
         spread = math.exp(point[1])
         away = (log_x - point[0]) / spread
-        rising, density = ndtr(away), (1.0 - 2.0 * point[2]) * np.exp(-0.5 * away**2) / _ROOT
+        rising = ndtr(away)
+        density = (1.0 - 2.0 * point[2]) * np.exp(-0.5 * away**2) / _ROOT
         p = np.clip(point[2] + (1.0 - 2.0 * point[2]) * rising, 1e-15, 1.0 - 1e-15)
         return p, np.array([-density / spread, -density * away, 1.0 - 2.0 * rising])
 
@@ -174,9 +175,8 @@ def assess_fit(p: Array, slopes: Array, k: Array, n: Array) -> tuple[float, floa
     drawn = np.random.default_rng(1).binomial(n.astype(int), p, (2000, len(p))) / n
     left = weight * (np.vstack([k / n, drawn]) - p)
     squares = np.sum((left - left @ taken @ taken.T) ** 2, axis=1)
-    df = max(len(p) - 3, 1)
     share = float((squares[1:] >= squares[0] * (1.0 - 1e-9)).mean())
-    return float(squares[0]) / df, share
+    return float(squares[0]) / max(len(p) - 3, 1), share
 
 
 def _fit_step_functions(x: Array, k: Array, n: Array) -> Array:

@@ -214,12 +214,11 @@ class StudyResult:
         return draw_main_figure(self, ax)
 
     def __repr__(self) -> str:
-        people = self.frame["participant"].nunique()
         first = self.findings()[:1]
         outcome = f", {first[0].name}: p = {first[0].p:.3g}" if first else ""
         return (
-            f"<StudyResult {self.experiment}: {people} participants, {len(self.frame)} "
-            f"judgements{outcome}>"
+            f"<StudyResult {self.experiment}: {self.frame['participant'].nunique()} participants, "
+            f"{len(self.frame)} judgements{outcome}>"
         )
 
     def _repr_html_(self) -> str:
@@ -269,7 +268,8 @@ def _format_interval(
     # Lay out a difference, named before and after; of logarithms it is a ratio
     ends: Ends = (one.difference, one.low, one.high)
     if logarithmic:
-        ends, unit = tuple(map(math.exp, ends)), "1"
+        ends = tuple(map(math.exp, ends))
+        unit = "1"
     pair = f"{one.first} {'over' if logarithmic else 'minus'} {one.second}"
     return _make_interval_row(analysis, names[0] + pair + names[1], ends, unit, p=one.p, **more)
 
@@ -493,7 +493,8 @@ def _compare_without(
     }
     measure = result.measure(name)
     table = average_participants(measure.frame) if measure else pd.DataFrame(laws)
-    pairs = compare_participants(table.drop(who, errors="ignore"))
     return [
-        one for one in pairs if measure or name == name_contrast(EXPONENT, one.first, one.second)
+        one
+        for one in compare_participants(table.drop(who, errors="ignore"))
+        if measure or name == name_contrast(EXPONENT, one.first, one.second)
     ]
