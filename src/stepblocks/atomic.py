@@ -136,9 +136,7 @@ def resolve_inside(folder: Path, name: str) -> Path | None:
     if not parts or Path(name).anchor or ".." in parts or "\0" in name:
         return None
     steps = [folder.joinpath(*parts[:end]) for end in range(1, len(parts) + 1)]
-    if any(step.is_symlink() for step in steps):
-        return None
-    return steps[-1]
+    return None if any(step.is_symlink() for step in steps) else steps[-1]
 
 
 def _remove_stale_drafts(folder: Path) -> None:

@@ -124,8 +124,7 @@ def _format_finding(finding: ErrorDetails, name: str) -> list[str]:
         return [f"{name} is not a known field, got {shorten_value(value)}"]
     if kind in ("value_error", "quantity"):
         text = str(finding["ctx"]["error"]) if "ctx" in finding else finding["msg"]
-        last = name.rsplit(".", 1)[-1]
-        stated = (last, f"`{name}")
+        stated = (name.rsplit(".", 1)[-1], f"`{name}")
         return [
             f"{name}: {line}" if name and not line.startswith(stated) else line
             for line in text.splitlines()

@@ -44,8 +44,9 @@ def find_stimulus_files(meant: str | Path | Sequence[str | Path] | None = None) 
 def matches_pattern(only: str, set_name: str, identity: str) -> bool:
     """Tell whether a pattern, ``step-02?`` or ``paper-*/step-02?``, means a stimulus."""
     of_set, slash, of_part = only.lower().rpartition("/")  # engraved identities are in capitals
-    named = not slash or fnmatch.fnmatchcase(set_name, of_set)
-    return named and fnmatch.fnmatchcase(identity, of_part)
+    return fnmatch.fnmatchcase(identity, of_part) and (
+        not slash or fnmatch.fnmatchcase(set_name, of_set)
+    )
 
 
 def select_stimuli(

@@ -130,8 +130,12 @@ def _convert_column(
     texts = cells.astype(str) if cells.dtype == object else cells
     numbers = pd.to_numeric(texts, errors="coerce").to_numpy(dtype=np.float64)
     for row, given in cells.reset_index(drop=True)[~np.isfinite(numbers)].items():
-        rule = f"{cells.name} must be a finite number, got {shorten_value(given)}"
-        mistakes.append((f"row {row + 1}", rule))
+        mistakes.append(
+            (
+                f"row {row + 1}",
+                f"{cells.name} must be a finite number, got {shorten_value(given)}",
+            )
+        )
     return np.asarray(
         multiply_by_unit(numbers, parse_quantity(f"1 {unit}", dimension) if unit else 1.0)
     )

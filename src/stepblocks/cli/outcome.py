@@ -265,8 +265,11 @@ def _find_folder(place: Path) -> Path:
 
 
 def _list_files(place: Path) -> list[Path]:
-    found = place.rglob("*") if place.is_dir() else [place]
-    return [path for path in found if path.is_file() and path.name != _MEMORY]
+    return [
+        path
+        for path in (place.rglob("*") if place.is_dir() else [place])
+        if path.is_file() and path.name != _MEMORY
+    ]
 
 
 def _read_stamp(path: Path) -> tuple[int, int]:
@@ -287,10 +290,15 @@ def _record_hashes(folder: Path, written: Sequence[Path]) -> None:
     built = _read_hashes(folder / "manifest.json", "outputs") | {"manifest.json": ""}
     known = _read_hashes(folder / _MEMORY, "written")
     fresh = {path.relative_to(folder).as_posix(): hash_file(path) for path in written}
-    every = {**known, **fresh}.items()
-    total = {name: one for name, one in every if name not in built and (folder / name).is_file()}
+    total = {
+        name: one
+        for name, one in {**known, **fresh}.items()
+        if name not in built and (folder / name).is_file()
+    }
     if known and not total:
         (folder / _MEMORY).unlink()
     elif total != known:
-        text = json.dumps({"written": dict(sorted(total.items()))}, indent=1) + "\n"
-        replace_text(folder / _MEMORY, text)
+        replace_text(
+            folder / _MEMORY,
+            json.dumps({"written": dict(sorted(total.items()))}, indent=1) + "\n",
+        )

@@ -391,5 +391,7 @@ def judge(measured: Measured, nominal: float, lower: float, upper: float) -> Dec
 def combine_verdicts(verdicts: Iterable[Outcome | None]) -> Outcome:
     """Return the verdict over all: one failure fails, one unproven leaves the whole unproven."""
     found = set(verdicts)
-    worst_first = (Outcome.DOES_NOT_CONFORM, Outcome.NOT_PROVEN)
-    return next((worst for worst in worst_first if worst in found), Outcome.CONFORMS)
+    return next(
+        (worst for worst in (Outcome.DOES_NOT_CONFORM, Outcome.NOT_PROVEN) if worst in found),
+        Outcome.CONFORMS,
+    )

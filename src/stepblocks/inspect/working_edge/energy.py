@@ -70,5 +70,7 @@ def describe_energy(result: InspectionResult, grid: PredictionGrid) -> str:
     if named:
         clause = f"{', but ' if result.verdict is Outcome.CONFORMS else ': '}{named}"
     change = find_energy_change(asked, as_built, point)
-    energy = float(releases[1].vibration_energy)
-    return f"{verdict}{clause}; together {change * 100:+.1f} %, to {energy * 1e6:.3g} uJ {where}"
+    return (
+        f"{verdict}{clause}; together {change * 100:+.1f} %, to "
+        f"{float(releases[1].vibration_energy) * 1e6:.3g} uJ {where}"
+    )
