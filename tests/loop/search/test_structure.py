@@ -17,6 +17,7 @@ from stepblocks.loop.search.explain import (
 )
 from stepblocks.loop.search.fit import build_problem, fit
 from stepblocks.loop.search.structure import (
+    _find_clusters,
     _follows_time,
     _test_neighbours,
     bound_jump_place,
@@ -53,6 +54,17 @@ def test_two_groups_are_reported_with_the_trials_of_each():
     assert sorted((*low, *high)) == list(range(90))
     assert np.mean(second[list(high)]) > 0.97
     assert np.mean(second[list(low)]) < 0.03
+
+
+def test_groups_nearer_than_the_uncertainty_of_an_error_are_none():
+    # what shrinks errors to a tenth of their uncertainty shrinks chance with them: a load that does
+    # not scatter fell into groups a millionth apart
+    values = np.concatenate([np.linspace(-1.0, 1.0, 40), np.linspace(9.0, 11.0, 20)]) * 1e-7
+    rows = np.arange(60)
+    hint = _find_clusters("load", values, 1e-7, rows)
+    assert hint is not None
+    assert [len(group) for group in hint.clusters] == [40, 20]
+    assert _find_clusters("load", values, 1e-6, rows) is None
 
 
 def test_neighbours_that_err_together_are_reported_and_no_law_is_read_off_them():

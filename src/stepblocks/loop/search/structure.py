@@ -97,13 +97,16 @@ def estimate_quantity_errors(problem: Problem, fitted: Fit) -> tuple[Floats, Flo
 
 def estimate_errors_in_order(
     problem: Problem, fitted: Fit, name: str
-) -> tuple[NDArray[np.intp], Floats]:
-    """Return the trials that show a quantity, in the order of the run, and their errors of it."""
+) -> tuple[NDArray[np.intp], Floats, Floats]:
+    """Return the trials that show a quantity, in the order of the run, and their errors of it.
+
+    The uncertainty of each error stands behind them.
+    """
     k = list(problem.model.quantities).index(name)
-    errors = estimate_quantity_errors(problem, fitted)[0][:, k]
+    errors, std = (one[:, k] for one in estimate_quantity_errors(problem, fitted))
     rows = np.argsort(problem.model.order(problem.trials), kind="stable")
     rows = rows[np.isfinite(errors[rows])]
-    return rows, errors[rows]
+    return rows, errors[rows], std[rows]
 
 
 def find_hints(problem: Problem, fitted: Fit) -> tuple[Hint, ...]:
@@ -111,10 +114,10 @@ def find_hints(problem: Problem, fitted: Fit) -> tuple[Hint, ...]:
     found: list[Hint] = []
     tests: list[Hint] = []
     for name in problem.model.quantities:
-        rows, values = estimate_errors_in_order(problem, fitted, name)
+        rows, values, std = estimate_errors_in_order(problem, fitted, name)
         if len(rows) < _FEWEST or np.ptp(values) < 1e-9:
             continue
-        found += filter(None, [_find_clusters(name, values, rows)])
+        found += filter(None, [_find_clusters(name, values, float(np.median(std)), rows)])
         tests.append(_test_neighbours(name, values))
     if tests:
         corrected = correct_by_holm([t.p_value for t in tests])
@@ -134,14 +137,15 @@ def _select_plainest(found: Sequence[Hint]) -> tuple[Hint, ...]:
     return tuple(sorted(kept, key=lambda hint: names.index(hint.quantity)))
 
 
-def _find_clusters(name: str, values: Floats, rows: NDArray[np.intp]) -> Hint | None:
+def _find_clusters(name: str, values: Floats, std: float, rows: NDArray[np.intp]) -> Hint | None:
     # Two groups instead of one, by the criterion of Schwarz, and well apart
     from sklearn.mixture import GaussianMixture
 
     scaled = ((values - np.median(values)) / np.std(values))[:, None]
     one, two = (GaussianMixture(n, n_init=4, random_state=0).fit(scaled) for n in (1, 2))
     gain = float(one.bic(scaled) - two.bic(scaled))
-    spread = np.sqrt(two.covariances_[:, 0, 0])
+    # errors below their own uncertainty are shrunk, and no groups of any size
+    spread = np.maximum(np.sqrt(two.covariances_[:, 0, 0]), std / np.std(values))
     apart = abs(float(two.means_[0, 0] - two.means_[1, 0])) * np.sqrt(
         2.0 / float(np.sum(spread**2))
     )
@@ -241,7 +245,7 @@ def add_jump_places(
     places: dict[tuple[str, int], Floats] = {}
     order = problem.model.order(problem.trials)
     for name in quantities:
-        rows, errors = estimate_errors_in_order(problem, base, name)
+        rows, errors, _ = estimate_errors_in_order(problem, base, name)
         for first in split_into_levels(errors):
             places[name, len(first)] = 0.5 * (order[rows][first - 1] + order[rows][first])
     return [
