@@ -145,8 +145,9 @@ def test_few_statements_assign_values_of_different_kinds():
         and isinstance(node.value, ast.Tuple)
         and len({find_form(value) for value in node.value.elts}) > 1
     ]
-    # 428 when they were first counted; pairs such as ``low, high = min(x), max(x)`` are among them
-    assert len(mixed) <= 207, [ast.unparse(node) for node in mixed]
+    # 428 when they were first counted; what is left is alike: ``low, high = min(x), max(x)``, two
+    # empty lists, or the first and the last cell of a row
+    assert len(mixed) <= 60, [ast.unparse(node) for node in mixed]
     assert max(len(node.value.elts) for node in mixed) <= 3
 
 
