@@ -291,8 +291,10 @@ class Groove(Counterface):
 
     def section(self, run: float) -> tuple[Array, Array]:
         half = 0.5 * self.width
-        x = np.array([-run, 0.0, half, self.width, self.width + run])
-        return x, np.array([0.0, 0.0, -half * math.tan(self.flank), 0.0, 0.0])
+        return (
+            np.array([-run, 0.0, half, self.width, self.width + run]),
+            np.array([0.0, 0.0, -half * math.tan(self.flank), 0.0, 0.0]),
+        )
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -67,7 +67,7 @@ def format_value(value: float, unit: str) -> str:
     """Write a figure of a parameter with three digits in the unit that people read."""
     factor, shown = _READ.get(unit, (1.0, "" if unit == "1" else unit))
     if unit in _READ and abs(value * factor) >= _MANY:
-        factor, shown = 1.0, unit
+        return f"{value:.3g} {unit}"
     return f"{value * factor:.3g} {shown}".rstrip()
 
 

@@ -52,11 +52,13 @@ class Condition:
 def _predict_condition(probe: ProbeSpec, use: str, sheath: Sheath | None = None) -> Condition:
     worn: Sleeve | Hold | None = sheath.sleeve if sheath else None
     if sheath and use == HELD:
-        material, bore, outer = sheath.material, sheath.bore.nominal, sheath.outer_diameter.nominal
-        bedding = compute_bush_stiffness(
-            bore, outer, material.modulus.value, material.poisson.value
+        material = sheath.material
+        bore, outer = sheath.bore.nominal, sheath.outer_diameter.nominal
+        worn = Hold(
+            sheath.length.nominal,
+            compute_bush_stiffness(bore, outer, material.modulus.value, material.poisson.value),
+            material.loss_factor.value,
         )
-        worn = Hold(sheath.length.nominal, bedding, material.loss_factor.value)
     rod = probe.rod()
     ring = compute_rod_ring(rod, worn)
     modes = compute_modes(rod, worn)
