@@ -351,3 +351,17 @@ def test_every_form_of_the_drawing_of_a_series_is_linked_from_the_page(tmp_path)
         (tmp_path / "own" / f"own.series.{form}").write_text("a drawing")
     linked = {name for _, name in find_linked_files(tmp_path, [])[""]}
     assert linked == {f"own/own.series.{form}" for form in ("dxf", "pdf", "svg")}
+
+
+def test_a_folder_whose_stimulus_goes_while_it_is_built_gets_no_manifest(copy, monkeypatch):
+    # such a build ended with code 0, and its manifest named fewer stimuli than were built
+    whole = (copy / MANIFEST).read_bytes()
+    (copy / MANIFEST).unlink()
+    (copy / "sheaths" / "sheath-hard" / RECORD).unlink()
+    monkeypatch.setattr(building, "_find_outdated", lambda *_: [])  # it stood there a moment ago
+    with pytest.raises(PipelineError, match="no other program may remove files while they are"):
+        build_sets(SHEATHS, copy, jobs=1)
+    assert not (copy / MANIFEST).exists()
+    monkeypatch.undo()
+    build_sets(SHEATHS, copy, jobs=1)
+    assert (copy / MANIFEST).read_bytes() == whole

@@ -161,6 +161,10 @@ def build_sets(
                 if announce:
                     announce(built, number, len(wanted))
         outputs, total = _write_tables_and_page(sets, folder, report, learned)
+        PipelineError.require(
+            total >= len(selected),
+            f"no other program may remove files while they are built: run it again [{folder}]",
+        )
         manifest = {
             "schema": 1,
             "stepblocks": __version__,
@@ -214,8 +218,13 @@ def _find_outdated(
     wanted: list[OutdatedStimulus] = []
     for stimuli, stimulus in selected:
         folder = output / stimuli.name / stimulus.id
-        described = json.dumps(stimulus.record(), sort_keys=True)
-        key = hash_bytes((described + stimuli.order.model_dump_json() + code).encode())
+        key = hash_bytes(
+            (
+                json.dumps(stimulus.record(), sort_keys=True)
+                + stimuli.order.model_dump_json()
+                + code
+            ).encode()
+        )
         record = load_record(folder)
         if record.get("key") != key or not are_intact(folder, list_outputs(record)):
             wanted.append((stimuli.name, stimulus, key, stimuli.order))
