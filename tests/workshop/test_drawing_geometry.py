@@ -124,6 +124,9 @@ def overlaps_on(sheet):
     for balloon in balloons:
         if not frame.contains(balloon):
             yield f"balloon over the frame at {balloon.centroid}"
+        # the end of an extension line reached to the digits of a number
+        if len(tree.query(balloon.buffer(-0.3), predicate="intersects")):
+            yield f"struck: balloon at {balloon.centroid}"
 
 
 @pytest.mark.parametrize(("height", "body"), CASES)

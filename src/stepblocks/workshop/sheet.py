@@ -223,7 +223,7 @@ class Sheet:
                 dimension.set_location(Vec2(middle[0] - 2.2, middle[1]), leader=False)
         dimension.render()
         self._mark_characteristic(dimension.dimension, key)
-        after, beside = (reach, 0.0) if narrow else (0.5 * needed + 2.6, 3.4)
+        after, beside = (reach, 0.8) if narrow else (0.5 * needed + 2.2, 4.6)
         middle[axis] += after
         middle[1 - axis] += side * beside
         self.draw_balloon(key, (middle[0], middle[1]))
