@@ -390,7 +390,7 @@ def test_thirty_trials_at_one_load_that_saturate_end_in_none_or_an_interval_that
 @pytest.mark.parametrize(
     ("session", "named", "before", "after"),
     [
-        ("unexplained-c", ["running_in", "real_release", "elastic_indentation"], 1.05, 0.15),
+        ("unexplained-c", ["running_in", "real_release", "elastic_indentation"], 1.1, 0.15),
         ("unexplained-d", ["tip_wear", "normal_zero"], 0.16, 0.07),
     ],
 )
