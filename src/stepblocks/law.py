@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import cloudpickle
 import numpy as np
 from numpy.typing import NDArray
 
@@ -97,6 +98,13 @@ class Law:
     given: bool = True
     steps: tuple[str, ...] = ()
     evidence: float = 0.0
+
+    # its functions have no name of their own by which a pickle could find them again
+    def __getstate__(self) -> bytes:
+        return bytes(cloudpickle.dumps(vars(self)))
+
+    def __setstate__(self, state: bytes) -> None:
+        vars(self).update(cloudpickle.loads(state))
 
     @property
     def amplitudes(self) -> tuple[str, ...]:

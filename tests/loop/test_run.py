@@ -4,6 +4,7 @@ And no guard asked of a script.
 """
 
 import json
+import pickle
 import subprocess
 import sys
 from dataclasses import replace
@@ -16,6 +17,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 from oracles.feature_bench import bench_trials, design_columns
 from oracles.features_file import features_of
 from oracles.virtual_session import Plan, write_session
+from stepblocks.artefacts.model_file import build_model_document
 from stepblocks.bench.measure import measure_session
 from stepblocks.contact.operating_point import PAPER, OperatingPoint, Tool
 from stepblocks.errors import PipelineError
@@ -127,6 +129,17 @@ def test_linear_algebra_of_an_analysis_takes_one_thread_whatever_its_caller_take
     with threadpool_limits(2, "blas"), pytest.raises(ReachedError) as found:
         analyse_features(features, 9810.0, 125e-6)
     assert found.value.args == ({1},)
+
+
+def test_what_a_session_came_to_is_the_same_after_a_pickle(worn):
+    # laws hold functions without a name: a plain pickle of a result with one was refused
+    _, _, result, _ = worn
+    again = pickle.loads(pickle.dumps(result))
+    assert repr(again.document) == repr(result.document)  # NaN is among it
+    assert build_model_document(again.model) == build_model_document(result.model)
+    table, fitted = again.table, again.found.extended
+    predicted = table.model.predict(table.trials, fitted.values, fitted.active)
+    np.testing.assert_array_equal(predicted, result.found.extended.predicted)
 
 
 def test_a_result_is_shown_in_a_line(quiet):

@@ -3,7 +3,7 @@
 Predictions from it do not need the session that it came from.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cache
 from pathlib import Path
@@ -96,9 +96,6 @@ class LearnedModel:
     nominal: LearnedFit = field(repr=False)
     extended: LearnedFit = field(repr=False)
     known_laws: Mapping[str, Mapping[str, Any]] = field(default_factory=dict, repr=False)
-
-    def __reduce__(self) -> "tuple[Callable[[Document], LearnedModel], tuple[Document]]":
-        return _parse_model, (build_model_document(self),)  # laws hold functions without a name
 
 
 def build_model_document(learned: LearnedModel) -> dict[str, object]:

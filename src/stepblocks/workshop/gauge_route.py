@@ -97,17 +97,25 @@ def write_gauge_assembly(path: Path, block: StepBlock, pair: GaugePair) -> None:
     Edge and lower face lie as in the one-piece block.
     """
     long, wide = SECTION
-    floor, half = -pair.lower, 0.5 * long
+    floor = -pair.lower
+    half = 0.5 * long
     body = choose_base(block, pair)
     sides = body.half_length, body.half_width
     plain = cad.kernel.make_box((-sides[0], -sides[1], body.base), (*sides, 0.0))
     cuts = make_body_cuts(body, block.id, 0.0)
-    base = cad.kernel.move(cad.kernel.cut(plain, cuts) if cuts else plain, (0.0, 0.0, floor))
-    lower = cad.kernel.make_box((-wide, -half, floor), (0.0, half, 0.0))
-    upper = cad.kernel.make_box((0.0, -half, floor), (wide, half, pair.upper - pair.lower))
+    base = cad.kernel.cut(plain, cuts) if cuts else plain
     pieces = [f"{length * 1e3:.4f}".replace(".", "p") + "mm" for length in (pair.lower, pair.upper)]
-    names = f"{block.id}-base", *(f"gauge-block-{piece}" for piece in pieces)
-    bodies = list(zip(names, (base, lower, upper), strict=True))
+    bodies = [
+        (f"{block.id}-base", cad.kernel.move(base, (0.0, 0.0, floor))),
+        (
+            f"gauge-block-{pieces[0]}",
+            cad.kernel.make_box((-wide, -half, floor), (0.0, half, 0.0)),
+        ),
+        (
+            f"gauge-block-{pieces[1]}",
+            cad.kernel.make_box((0.0, -half, floor), (wide, half, pair.upper - pair.lower)),
+        ),
+    ]
     deviation, _ = GRADES[pair.grade]
     dimensions, tops = [], []
     for index, length in ((1, pair.lower), (2, pair.upper)):
