@@ -8,12 +8,13 @@ Prints, for each disturbance and feature, the mean error, its spread and the pul
 With ``slopes``: how errors follow the settings, in thousandths per standard deviation of ln height,
 ln load and ln speed and of their products, root mean squares beyond chance over those seven; from
 the same cases, and from sessions of the virtual bench of the tests. ``loop.bench_model`` allows for
-the largest.
+more.
 """
 
 import math
 import sys
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -98,13 +99,11 @@ def expected(truth: Truth, drift: float, onset: float, release: float) -> dict[s
     }
 
 
-def study(
-    rig: Rig, count: int, rubbing: bool, seed: int = 7
-) -> dict[str, tuple[float, float, float, float, float]]:
-    """Relative bias and spread, mean, width and tail of the pull, for each feature."""
+def measure_records(
+    rig: Rig, count: int, rubbing: bool, seed: int
+) -> Iterator[tuple[Truth, dict[str, float], dict[str, float]]]:
+    """Draw and measure records of one case: the truth, the features, and what these should be."""
     random = np.random.default_rng(seed)
-    errors: dict[str, list[float]] = {name: [] for name in FEATURES}
-    pulls: dict[str, list[float]] = {name: [] for name in FEATURES}
     for _ in range(count):
         truth = draw(random, rubbing)
         trace, onset, release = record_trial(truth, rig, random)
@@ -112,10 +111,20 @@ def study(
         features = measure_trace(
             trace, K, truth.slope / K, (truth.frequency, truth.decay_time)
         ).features
-        for name, value in expected(truth, rig.drift, onset, release).items():
-            error = features[name] - value
-            errors[name].append(error / value if value else error)
-            pulls[name].append(error / features[FEATURES[name]])
+        yield truth, features, expected(truth, rig.drift, onset, release)
+
+
+def study(
+    rig: Rig, count: int, rubbing: bool, seed: int = 7
+) -> dict[str, tuple[float, float, float, float, float]]:
+    """Relative bias and spread, mean, width and tail of the pull, for each feature."""
+    errors: dict[str, list[float]] = {name: [] for name in FEATURES}
+    pulls: dict[str, list[float]] = {name: [] for name in FEATURES}
+    for _, features, wanted in measure_records(rig, count, rubbing, seed):
+        for name, value in wanted.items():
+            wrong = features[name] - value
+            errors[name].append(wrong / value if value else wrong)
+            pulls[name].append(wrong / features[FEATURES[name]])
     result = {}
     for name in FEATURES:
         error, pull = np.array(errors[name]), np.array(pulls[name])
@@ -207,15 +216,8 @@ def find_slopes(settings: np.ndarray, error: np.ndarray, std: np.ndarray) -> lis
 
 def follow_cases(rig: Rig, count: int, rubbing: bool) -> list[float]:
     """Slopes of the errors in records of one case."""
-    random = np.random.default_rng(11)
     settings, errors, stds = [], [], []
-    for _ in range(count):
-        truth = draw(random, rubbing)
-        trace, onset, release = record_trial(truth, rig, random)
-        features = measure_trace(
-            trace, K, truth.slope / K, (truth.frequency, truth.decay_time)
-        ).features
-        wanted = expected(truth, rig.drift, onset, release)
+    for truth, features, wanted in measure_records(rig, count, rubbing, seed=11):
         angle = math.atan(truth.peak_force / truth.load) - math.atan(0.16)
         settings.append((1.0 - math.cos(angle), truth.load, truth.slope))
         # friction is no logarithm
@@ -280,7 +282,8 @@ def main(count: int, word: str = "") -> None:
                 )
 
 
-if __name__ == "__main__" and sys.argv[1:2] == ["slopes"]:
-    print_slopes(*map(int, sys.argv[2:4]))
-elif __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 400, *sys.argv[2:3])
+if __name__ == "__main__":
+    if sys.argv[1:2] == ["slopes"]:
+        print_slopes(*map(int, sys.argv[2:4]))
+    else:
+        main(int(sys.argv[1]) if len(sys.argv) > 1 else 400, *sys.argv[2:3])

@@ -24,7 +24,7 @@ from stepblocks.loop.search.forward_model import Floats, Systematic, Trials
 
 # what the evaluation of traces may leave as an error common to many trials, one deviation per unit
 # of covariate; records of known truth show a tenth of most (`benchmarks/trace_bias.py slopes`), but
-# less was tried on no bench of another origin than theirs, and there a ramp passed for a law
+# with so little for ramps the speed passed for a law of them in a session of another bench
 _COMMON = {
     "ln_energy": 0.008,
     "ln_peak_force": 0.003,
