@@ -3,8 +3,9 @@
 Run ``python benchmarks/bench_matrix.py [FAMILY ...] [--sessions N] [--first SEED] [--trials 96]
 [--record FILE] [--folds]``. Every session is drawn by ``tests/oracles/virtual_bench.py`` (its own
 contact, its own integrator, nothing of the program), written to a folder, measured from its traces
-and explained. Radii of edges that count as sharp and errors of the scans are drawn too, of the
-sizes that the loop allows for: beside a bench without errors every interval would seem too wide.
+and explained. Radii of edges that count as sharp, errors of the scans, and errors of the evaluation
+that all trials share are drawn too, of the sizes that the loop allows for: beside a bench without
+errors every interval would seem too wide.
 Without ``--folds`` the folds are left out: they can only take a claim back, so what
 is counted here as falsely claimed is no less than what the command claims. A law that is claimed
 although the error does not fall is counted at the end: seed 707 of wandering friction is one, and
@@ -29,7 +30,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import binomtest
+import pandas as pd
+from scipy.stats import binomtest, zscore
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
@@ -37,6 +39,7 @@ from oracles.virtual_bench import Bench
 from oracles.virtual_session import Plan, write_session
 from stepblocks.bench.measure import measure_session
 from stepblocks.bench.session import open_session
+from stepblocks.loop import bench_model
 from stepblocks.loop.heights import add_height_errors
 from stepblocks.loop.run import analyse_features
 from stepblocks.loop.search.explain import Explanation, Rules, Verdict, explain
@@ -44,6 +47,16 @@ from stepblocks.loop.session_table import build_session_table, scan_blocks
 
 _SHARP = (0.05e-6, 1.2e-6)  # radii of edges that a scan cannot tell from sharp ones [m]
 _SCAN_ERROR = 0.1e-6  # the least that the loop takes for the uncertainty of a scanned height [m]
+# features and the channels that are made of them
+_MEASURED = {
+    "vibration_energy_j": "ln_energy",
+    "peak_force_n": "ln_peak_force",
+    "sliding_friction": "sliding_friction",
+    "spring_constant_n_per_m": "spring_constant",
+    "ring_frequency_hz": "ln_ring_frequency",
+    "decay_time_s": "ln_decay_time",
+    "normal_load_n": "normal_load_ratio",
+}
 # scans that were measured last
 _LAST: dict[tuple[object, ...], dict[str, dict[str, float]]] = {}
 # places that count as right, and parameters with their values
@@ -296,9 +309,25 @@ def _measure_scans(folder: Path, blocks: list[str]) -> dict[str, dict[str, float
     return _LAST[shown]
 
 
+def _err_together(features: pd.DataFrame, random: np.random.Generator) -> pd.DataFrame:
+    """Add to the features what their evaluation may leave in all trials along what was set."""
+    height, load, speed = (
+        zscore(np.log(features[name].to_numpy(dtype=np.float64)), nan_policy="omit")
+        for name in ("height_um", "load_n", "speed_mm_s")
+    )
+    columns = (height, load, speed, height**2, height * load, load * speed, height * speed)
+    changed = features.copy()
+    for name, channel in _MEASURED.items():
+        error = random.normal(0.0, bench_model._COMMON[channel], len(columns)) @ np.stack(columns)
+        # friction errs by itself, all others by a share of theirs
+        changed[name] += error if channel == name else features[name] * np.expm1(error)
+    return changed
+
+
 def run_one(name: str, trials: int, seed: int, *, folds: bool = False) -> dict[str, Any]:
     """One session: what was drawn, what was found."""
-    random = np.random.default_rng([seed, list(FAMILIES).index(name)])
+    number = list(FAMILIES).index(name)
+    random = np.random.default_rng([seed, number])
     bench = Bench(
         conversion=0.2, edge_radius=float(np.random.default_rng([seed, 6]).uniform(*_SHARP))
     )
@@ -311,6 +340,7 @@ def run_one(name: str, trials: int, seed: int, *, folds: bool = False) -> dict[s
         if "lost" in name:
             kept = random.permutation(len(features))[len(features) // 10 :]
             features = features.iloc[np.sort(kept)].reset_index(drop=True)
+        features = _err_together(features, np.random.default_rng([seed, number, 7]))
         blocks = sorted(set(features["block"].dropna()))
         scans = _measure_scans(folder, blocks)
         declared = open_session(folder)

@@ -79,3 +79,15 @@ def test_the_finding_names_the_block_and_its_height_error_and_the_energies_are_r
     unseen = result.between.extended[rows, 0]
     np.testing.assert_allclose(unseen, result.between.nominal[rows, 0], rtol=0.1)
     assert np.sqrt(np.nanmean(unseen**2)) > 3.0 * 0.07
+
+
+def test_the_interval_of_a_height_knows_that_nobody_has_scanned_the_edges():
+    # edges of a radius that passes for sharp [m]; as if sharp, heights came out 0.5 um too small
+    true = 6e-6 + block_errors(_COLUMNS, 3)["step-040"]
+    (rounding,) = (law for law in list_named_laws([]) if law.id == "edge_rounding")
+    planted = ((_LAW, {"height_error_m": 6e-6}), (rounding, {"edge_radius_m": 1.4e-6}))
+    table = build_session_table(features_of(bench_trials(_COLUMNS, 3, planted)), 9810.0, 125e-6)
+    found = add_height_errors(explain(table.model, table.trials, [_LAW], _RULES), table).extended
+    name = "block_height_error~step-040.height_error_m"
+    assert found.values[name] == pytest.approx(true, abs=1.96 * found.std[name])
+    assert found.std[name] < 0.4e-6

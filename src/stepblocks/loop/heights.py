@@ -13,6 +13,7 @@ from stepblocks.loop.session_table import SessionTable
 
 _TOLERANCE = 2.0  # standard deviations of what a height that nobody measured may be off by
 _WIDE = 1.96
+_UNSEEN = (0.5e-6, 0.5e-6)  # m, edges that nobody scanned: their radius and its uncertainty
 
 
 def add_height_errors(explanation: Explanation, table: SessionTable) -> Explanation:
@@ -40,7 +41,14 @@ def add_height_errors(explanation: Explanation, table: SessionTable) -> Explanat
         one: (1e-6 * float(table.trials.covariates["height_um"][table.trials.block == one][0]), 0.0)
         for one in off
     }
-    problem = replace(explanation.problem, model=replace(model, scanned=heights | owned))
+    problem = replace(
+        explanation.problem,
+        model=replace(
+            model,
+            scanned=heights | owned,
+            scanned_radius=None if "edge_rounding" in named else model.scanned_radius or _UNSEEN,
+        ),
+    )
     start = fitted.values | {
         f"{law.id}.height_error_m": fitted.values.get(f"{law.id}.height_error_m", 0.0)
         + fitted.values[format_height_name(block)]
@@ -48,14 +56,16 @@ def add_height_errors(explanation: Explanation, table: SessionTable) -> Explanat
     }
     added = [(law, p) for law, p in zip(laws, off.values(), strict=True) if law.id not in named]
     extended = fit(problem, (*fitted.effects, *(law for law, _ in added)), start)
-    findings = [
-        Finding(law, Verdict.EFFECT, p_value, fit(problem).cost - extended.cost)
-        for law, p_value in added
-    ]
     return replace(
         explanation,
         problem=problem,
         extended=extended,
-        findings=(*explanation.findings, *findings),
+        findings=(
+            *explanation.findings,
+            *(
+                Finding(law, Verdict.EFFECT, p_value, fit(problem).cost - extended.cost)
+                for law, p_value in added
+            ),
+        ),
         verdict=Verdict.EFFECT if explanation.verdict is Verdict.NONE else explanation.verdict,
     )
