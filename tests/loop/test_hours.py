@@ -88,6 +88,36 @@ def test_a_jump_and_a_drift_of_friction_are_taken_out():
     assert left < 0.02
 
 
+_SINCE = np.concatenate([np.arange(float(count)) for count in (24, 24, 20, 16, 12)])
+_RESTS = {
+    "pause_s": np.where(_SINCE == 0.0, 700.0 + _RUN, 60.0 + 7.0 * _RUN % 31.0),
+    "trials_since_rest": _SINCE,
+}
+
+
+def test_friction_that_falls_by_a_quarter_after_a_rest_and_comes_back_is_no_wandering():
+    found, left = _explain(1.0 - 0.25 * np.exp(-_SINCE / 5.0), 2, **_RESTS)
+    assert found.hints == ()
+    (finding,) = found.findings
+    assert (found.verdict, finding.effect.id, finding.rivals) == (Verdict.EFFECT, "rest", ())
+    values, std = (
+        finding.effect.pick_own_values(of) for of in (found.extended.values, found.extended.std)
+    )
+    assert abs(values["excess"] + 0.25) < 3.0 * std["excess"] < 0.05
+    assert abs(values["settling_trials"] - 5.0) < 3.0 * std["settling_trials"] < 3.0
+    assert left < 0.02  # of ln F_px; 0.035 with the rests in it
+
+
+def test_friction_of_the_first_trial_after_a_rest_alone_changes_with_the_pause():
+    found, left = _explain(np.where(_SINCE == 0.0, 0.75, 1.0), 2, **_RESTS)
+    (finding,) = found.findings
+    assert (found.verdict, finding.effect.id) == (Verdict.EFFECT, "step_friction_pause_s")
+    own = finding.effect.pick_own_values(found.extended.values)
+    assert own["step"] == pytest.approx(math.log(0.75), abs=0.06)
+    assert 90.0 < own["at"] < 700.0  # the longest usual pause, the shortest rest [s]
+    assert left < 0.02
+
+
 def test_friction_that_wanders_is_taken_out_along_the_run_and_no_law_is_claimed():
     steps = np.random.default_rng([3, 9]).standard_normal(96)
     found, left = _explain(np.exp(0.12 * np.cumsum(steps) / math.sqrt(96.0)), 3)

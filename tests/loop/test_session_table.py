@@ -266,6 +266,17 @@ def test_a_night_between_two_trials_begins_a_day_and_a_numbered_day_is_a_label(f
     assert set(trials.covariates["day"]) == {"3", "4"}
 
 
+def test_trials_are_counted_from_each_pause_over_three_times_the_usual(features):
+    gaps = np.where(np.isin(np.arange(40), [10, 28]), 400.0, 60.0 + np.arange(40) % 7)
+    clocked = features.copy()
+    clocked.insert(5, "clock_elapsed_s", np.cumsum(gaps))
+    since = _table(clocked).trials.covariates["trials_since_rest"]
+    assert since.tolist() == [*range(10), *range(18), *range(12)]
+    # one rest alone says no more than the order of the run
+    clocked["clock_elapsed_s"] = np.cumsum(np.where(np.arange(40) == 28, 60.0, gaps))
+    assert "trials_since_rest" not in _table(clocked).trials.covariates
+
+
 @pytest.fixture
 def log(tmp_path):
     """The folder of a session whose log has names, units and decimals of its own."""

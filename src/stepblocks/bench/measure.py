@@ -172,7 +172,6 @@ def write_features(
             for done, result in enumerate(_iterate_results(table, jobs), start=1):
                 if not result.reason:
                     check.add(result.trial, result.features, result.digest)
-                seen = [result.features.get(name, math.nan) for name in FEATURE_COLUMNS]
                 writer.writerow(
                     [
                         *map(escape_formula, (result.trial.name, result.status, result.reason)),
@@ -182,7 +181,7 @@ def write_features(
                         ),
                         *(
                             value if isinstance(value, str) else _format_number(value)
-                            for value in seen
+                            for value in (result.features.get(n, math.nan) for n in FEATURE_COLUMNS)
                         ),
                     ]
                 )

@@ -212,8 +212,11 @@ class Channels(Strict):
 
     def pair_with_dimensions(self) -> dict[str, tuple[Channel, str]]:
         """Return the declared channels, each with its dimension."""
-        forces = {"tangential": (self.tangential, "force"), "normal": (self.normal, "force")}
-        return forces | ({} if self.time is None else {"time": (self.time, "time")})
+        return {
+            "tangential": (self.tangential, "force"),
+            "normal": (self.normal, "force"),
+            **({} if self.time is None else {"time": (self.time, "time")}),
+        }
 
 
 class Acquisition(Strict):

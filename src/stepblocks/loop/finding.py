@@ -41,6 +41,7 @@ _COVARIATES = {
     "previous_height_um": "the height of the step before",
     "passes_of_block": "the passes over a block",
     "pause_s": "the pause before a trial",
+    "trials_since_rest": "the trials since a rest",
     PEAK_FORCE: "the peak force",
     SPEED_OVER_LOAD: "speed over load",
     "none": "nothing that is set",

@@ -36,6 +36,7 @@ _FEWEST = 12  # trials
 _FEWEST_UNLOADED = 5  # traces with unloaded samples
 _LEAST_STD = 1e-4  # N, of a zero: a gauge creeps by more between two tares
 _NIGHT = 4.0 * 3600.0  # s, a pause after which another day begins
+_REST = 3.0  # times the median pause, over which one counts as a rest
 _LABELS = ("day", "batch")
 _CENSORED = "censored"
 _KEPT = ("ok", _CENSORED)
@@ -286,6 +287,10 @@ def _derive_covariates(features: pd.DataFrame) -> dict[str, NDArray[np.generic]]
         gaps = pd.Series(_read_numbers(run, name)).diff()
         if gaps.min() >= 0.0:
             found["pause_s"] = gaps.fillna(gaps.max())
+            rests = (gaps > _REST * gaps[gaps > 0.0].median()).cumsum()
+            # what follows one rest alone cannot be told from a change along the run
+            if rests.iloc[-1] > 1:
+                found["trials_since_rest"] = run.groupby(rests).cumcount().astype(np.float64)
             days = 1 + (gaps > _NIGHT).cumsum()
             if "day" not in features and days.iloc[-1] > 1:
                 found["day"] = days.astype(str)

@@ -196,8 +196,9 @@ class PlantedEffect(Strict):
                 self.span == 0.0 or (self.form == "power" and self.reference == 0.0)
             ),
         }
-        rules = of_law if self.law else of_form
-        return next((fault for fault, broken in rules.items() if broken), "")
+        return next(
+            (fault for fault, broken in (of_law if self.law else of_form).items() if broken), ""
+        )
 
 
 class SessionPlan(Strict):

@@ -204,21 +204,43 @@ _FRICTION = (
         description="friction follows the load of the trial before: exponent",
         how_to_decide="repeat one trial after a light and after a heavy one",
     ),
-    _friction(
-        "running_in",
-        "mu (1 + s exp(-n / n0))",
-        (
-            Parameter("excess", "1", 0.0, -0.95, 20.0, 0.05),
-            Parameter("settling_trials", "1", 50.0, 3.0, 1000.0, 10.0),
-        ),
-        lambda state, order, v: state.changed(
-            friction=state.friction
-            * np.maximum(1.0 + v["excess"] * np.exp(-order / v["settling_trials"]), 0.02)
-        ),
-        covariate="run_order",
-        shapes=tuple({"settling_trials": n} for n in (15.0, 40.0, 100.0, 400.0)),
-        description="friction runs in: excess at first and trials to settle",
-        how_to_decide="drag a fresh or cleaned block: friction begins high again",
+    *(  # of a fresh contact, and of one that a rest has changed
+        _friction(
+            name,
+            f"mu (1 + s exp(-n / n0)){count}",
+            (
+                Parameter("excess", "1", 0.0, -0.95, 20.0, 0.05),
+                Parameter("settling_trials", "1", start, least, 1000.0, 0.2 * start),
+            ),
+            lambda state, order, v: state.changed(
+                friction=state.friction
+                * np.maximum(1.0 + v["excess"] * np.exp(-order / v["settling_trials"]), 0.02)
+            ),
+            covariate=covariate,
+            shapes=tuple({"settling_trials": start * n} for n in (0.3, 0.8, 2.0, 8.0)),
+            description=f"friction {verb}: excess at first and trials to settle",
+            how_to_decide=how,
+        )
+        for name, count, start, least, covariate, verb, how in (
+            (
+                "running_in",
+                "",
+                50.0,
+                3.0,
+                "run_order",
+                "runs in",
+                "drag a fresh or cleaned block: friction begins high again",
+            ),
+            (
+                "rest",
+                ", n trials since a rest",
+                5.0,
+                0.5,
+                "trials_since_rest",
+                "is another after a rest",
+                "repeat one trial before and after a rest",
+            ),
+        )
     ),
 )
 

@@ -132,6 +132,9 @@ def compute_release(
 
     They depend on V k / (omega N), the damping ratio and g N^2.
     """
-    asked = np.stack([np.clip(height, 1e-6, _HIGHEST), friction, stiffness, speed, damping, cubic])
-    excess, share = _compute_climbs(asked.tobytes()).T
+    excess, share = _compute_climbs(
+        np.stack(
+            [np.clip(height, 1e-6, _HIGHEST), friction, stiffness, speed, damping, cubic]
+        ).tobytes()
+    ).T
     return np.log(excess), np.log(np.maximum(share, _LEAST_SHARE**2))

@@ -151,6 +151,7 @@ _JUMPING = ("friction", "conversion")
 _MOVED_BY: dict[str, tuple[str, ...]] = {
     "block": ("radius", "friction", "conversion"),
     "pause_s": _JUMPING,
+    "trials_since_rest": _JUMPING,
     "passes_of_block": ("radius",),
     "previous_load_n": _JUMPING,
     "previous_height_um": _JUMPING,
@@ -169,7 +170,8 @@ def list_smooth_laws(covariates: Sequence[CovariateRange]) -> tuple[Law, ...]:
     laws: list[Law] = []
     for where in covariates:
         for name in _MOVED_BY.get(where.name, SLOT_MOVES):
-            if where.pair or (not where.labels and where.distinct > 2):
+            # pauses are short or long, and a line through two heaps says no more than a jump
+            if where.pair or (not where.labels and where.distinct > 2 and where.name != "pause_s"):
                 laws.append(_make_covariate_law("trend", name, where))
             if not where.pair:
                 laws.append(_make_covariate_law("smooth", name, where))
