@@ -52,6 +52,7 @@ def _covariate(law: Law, state: DragState) -> object:
         "operator": np.array(["A", "B"] * (n // 2)),
         "block": _design().block,
         "passes_of_block": np.arange(n) // 3 + 1.0,
+        "trials_since_rest": np.arange(n) % 5 + 0.0,
         "previous_load_n": np.roll(state.set_load, 1),
         "speed_mm_s / load_n": state.speed * 1e3 / state.set_load,
         "peak_force_n": state.peak_force(),

@@ -13,6 +13,7 @@ from stepblocks.contact.effects.named import list_named_laws
 from stepblocks.loop.finding import describe_covariate, format_value, write_sentence
 from stepblocks.loop.run import analyse_features, loop_session
 from stepblocks.loop.search.explain import Rules, Verdict, explain
+from stepblocks.loop.search.holdout import check_claims
 from stepblocks.loop.session_table import build_session_table
 
 
@@ -46,6 +47,23 @@ def test_what_is_held_unexplained_says_why(worn):
     doubted = replace(finding, verdict=Verdict.UNEXPLAINED, reason="few trials carry it")
     said = write_sentence(replace(whole, findings=(doubted,)), result.document)
     assert "riction follows the order of the run, no law claimed: few trials carry it" in said
+
+
+def test_the_channel_in_which_equal_trials_agree_better_than_a_law_is_named(worn):
+    result = worn[2]
+    cells = [number // 2 for number in range(len(result.table.trials))]
+    left = np.random.default_rng(1).standard_normal(result.table.trials.values.shape)
+
+    def judge():
+        extended = replace(result.found.extended, residual=left.ravel())
+        return check_claims(replace(result.found, extended=extended), [], cells)
+
+    assert judge().verdict is result.verdict is Verdict.EFFECT
+    # the decay differs from pair to pair as before, and a tenth as much between trials of a pair
+    left[:, 5] = left[np.array(cells) * 2, 5] + 0.1 * left[:, 5]
+    assert judge().verdict is Verdict.UNEXPLAINED
+    said = write_sentence(judge(), result.document)
+    assert "as trials of equal settings agree better than it in decay of the ring" in said
 
 
 def test_what_an_effect_follows_is_said_in_words():

@@ -117,7 +117,10 @@ def write_sentence(explanation: Explanation, document: Document) -> str:
         "",
         *(f.reason for f in explanation.findings),
     ):
-        parts.append(f"unexplained as a whole, as {explanation.reason}")
+        words, _, channel = explanation.reason.rpartition(" ")
+        parts.append(
+            f"unexplained as a whole, as {words} {CHANNELS_IN_WORDS.get(channel, channel)}"
+        )
     if any(hint.kind != "stick-slip" for hint in explanation.hints):
         parts.append("write down what differs between these trials")
     text = (

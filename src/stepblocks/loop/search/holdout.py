@@ -34,10 +34,12 @@ def check_claims(
 ) -> Explanation:
     """Keep the claim of an effect only where replicates and every fold support it."""
     seen = explanation.problem.trials.seen
-    free = len(explanation.extended.parameters)
     residual = np.where(seen, explanation.extended.residual.reshape(seen.shape), np.nan)
     misfit = [
-        compare_with_replicates(column, cells, free)["lack_of_fit_p_value"] for column in residual.T
+        compare_with_replicates(column, cells, len(explanation.extended.parameters))[
+            "lack_of_fit_p_value"
+        ]
+        for column in residual.T
     ]
     known = [p for p in misfit if np.isfinite(p)]
     lacking = bool(known) and min(known) * len(known) < _LACKING
@@ -54,7 +56,10 @@ def check_claims(
         )
         if lacking:
             verdict = Verdict.UNEXPLAINED
-            reason = "trials of equal settings agree better than it"
+            reason = (
+                "trials of equal settings agree better than it in "
+                f"{explanation.problem.trials.channels[misfit.index(min(known))]}"
+            )
     return replace(
         explanation,
         findings=findings,
