@@ -1,10 +1,11 @@
-"""Containers of traces as other programs write them: the HDF5 file of a session turned into TDMS or
-MATLAB's format.
+"""Containers of traces as other programs write them: the HDF5 file of a session turned into TDMS,
+MATLAB's format or one CSV per trial, with every digit of the numbers.
 """
 
 from pathlib import Path
 
 import h5py
+import numpy as np
 from nptdms import ChannelObject, TdmsWriter
 from scipy.io import savemat
 
@@ -21,6 +22,22 @@ def turned(session: Path, kind: str) -> Path:
             for name, group in file.items()
         }
     (session / "traces.h5").unlink()
+    declared = session / "session.toml"
+    if kind == "csv":
+        (session / "traces").mkdir()
+        for name, one in trials.items():
+            table = np.column_stack([*one.values()]).astype(np.float64)
+            np.savetxt(
+                session / "traces" / f"{int(name)}.csv",
+                table,
+                fmt="%.17g",
+                delimiter=",",
+                header=",".join(one),
+                comments="",
+            )
+        text = declared.read_text()
+        declared.write_text(text.replace('"traces.h5"', '"traces/{trial}.csv"'))
+        return session
     if kind == "mat":
         savemat(
             session / "traces.mat",
@@ -33,7 +50,6 @@ def turned(session: Path, kind: str) -> Path:
                 file.write_segment(
                     [ChannelObject(name, channel, values) for channel, values in one.items()]
                 )
-    declared = session / "session.toml"
     if declared.exists():
         declared.write_text(declared.read_text().replace("traces.h5", f"traces.{kind}"))
     return session
