@@ -118,9 +118,8 @@ class InspectionResult:
         """
         if self.verdict is None:
             return "measured"
-        if self.verdict is Outcome.NOT_PROVEN and not self.is_complete:
-            return self.statement
-        return self.verdict.value
+        is_open = self.verdict is Outcome.NOT_PROVEN and not self.is_complete
+        return self.statement if is_open else self.verdict.value
 
     @property
     def tables(self) -> dict[str, list[dict[str, object]]]:
@@ -430,11 +429,12 @@ def _draw_scan(axis: "Axes", result: InspectionResult, shown: Shown) -> None:
     if shown.fitted is not None:
         fitted = shown.fitted[::thin] * 1e6
         axis.plot(x, fitted, color="#f0a020", linewidth=0.7, label="fitted")
-        rest = axis.inset_axes((0.0, -0.42, 1.0, 0.2), sharex=axis)
+        rest = axis.inset_axes((0.0, -0.37, 1.0, 0.16), sharex=axis)
         rest.plot(x, z - fitted, color="#5a6b7a", linewidth=0.6)
         reach = max(2.0 * float(np.nanpercentile(np.abs(z - fitted), 90)), 1e-9)
         rest.set(ylim=(-reach, reach))
-        rest.set_ylabel("residual / um", fontsize=8)
+        # above, where it is whole however long the numbers at the left are
+        rest.set_title("residual / um", loc="left", fontsize=8)
         rest.tick_params(labelsize=7, labelbottom=False)
     if (off := shown.dropped) is not None and off.any():
         axis.plot(
