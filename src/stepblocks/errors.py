@@ -5,7 +5,17 @@ The message of each is a single line that says name, rule, value and place, for 
 """
 
 
-class StepblocksError(Exception):
+class RuleError(Exception):
+    """What breaks a rule; the message says which."""
+
+    @classmethod
+    def require(cls, holds: object, rule: str) -> None:
+        """Refuse what breaks a rule; the rule says what was got instead."""
+        if not holds:
+            raise cls(rule)
+
+
+class StepblocksError(RuleError):
     """Anything that the user can correct; a command prints it in one line and exits with 2.
 
     Attributes
@@ -15,12 +25,6 @@ class StepblocksError(Exception):
     """
 
     exit_code = 2
-
-    @classmethod
-    def require(cls, holds: object, rule: str) -> None:
-        """Refuse what breaks a rule; the rule says what was got instead."""
-        if not holds:
-            raise cls(rule)
 
 
 class QuantityError(StepblocksError, ValueError):

@@ -3,7 +3,7 @@
 import difflib
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,8 @@ from stepblocks.text_file import measure_file_size
 
 if TYPE_CHECKING:
     import pandas as pd
+
+Table: TypeAlias = "pd.DataFrame"  # by its name: pandas is loaded when a table is read
 
 # For each dimension, the ending of a column's name and its unit
 SUFFIXES: dict[str, dict[str, str]] = {

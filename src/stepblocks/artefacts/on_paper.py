@@ -2,13 +2,10 @@
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 from stepblocks.parts.characteristics import FORM
 from stepblocks.parts.kind import Part
-
-if TYPE_CHECKING:
-    import pandas as pd
+from stepblocks.tables import Table
 
 _MOST_DECIMALS = 6
 COLUMNS = (
@@ -69,7 +66,7 @@ def describe_default_demands(stimulus: Part) -> str:
     return named and f"Defaults, not stated in the order: {named}."
 
 
-def make_sheet_table(stimulus: Part, measured: Values | None = None) -> "pd.DataFrame":
+def make_sheet_table(stimulus: Part, measured: Values | None = None) -> Table:
     """Return the lines of the sheet, as texts."""
     import pandas as pd  # a scan is inspected without it
 

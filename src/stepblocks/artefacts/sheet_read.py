@@ -32,10 +32,11 @@ def read_cells_confined(path: Path) -> dict[str, object]:
         path.stat().st_size <= _MOST_BYTES,
         f"sheet must be at most {_MOST_BYTES >> 20} MiB [{path.name}]",
     )
-    if path.suffix.lower() == ".xlsx":
-        table = pd.read_excel(path, dtype=str, engine="openpyxl")
-    else:
-        table = pd.read_csv(path, dtype=str, sep=None, engine="python", encoding="utf-8-sig")
+    table = (
+        pd.read_excel(path, dtype=str, engine="openpyxl")
+        if path.suffix.lower() == ".xlsx"
+        else pd.read_csv(path, dtype=str, sep=None, engine="python", encoding="utf-8-sig")
+    )
     return dict(table.rename(columns=str).fillna("").to_dict("split"))
 
 

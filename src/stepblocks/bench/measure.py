@@ -91,9 +91,7 @@ class TrialResult:
     @property
     def status(self) -> str:
         """What the table says of it."""
-        if not self.reason:
-            return _OK
-        return _CENSORED if self.features else _EXCLUDED
+        return (_CENSORED if self.features else _EXCLUDED) if self.reason else _OK
 
 
 def measure_session(

@@ -114,14 +114,14 @@ class TrialTable:
         for number, cells in _read_rows(self.session):
             named = dict(zip(self.header, cells + [""] * len(self.header), strict=False))
             name = named[self.key].strip()
-            fault = self.repeated.get(
-                number, "" if name else f"row {number} of the table names no trial"
-            )
-            if len(cells) != len(self.header):
-                fault = (
-                    f"row {number} of the table has {len(cells)} cells, the header has "
-                    f"{len(self.header)}"
+            fault = (
+                self.repeated.get(
+                    number, "" if name else f"row {number} of the table names no trial"
                 )
+                if len(cells) == len(self.header)
+                else f"row {number} of the table has {len(cells)} cells, the header has "
+                f"{len(self.header)}"
+            )
             if name in self.excluded:
                 fault = "left out by `trials.exclude` of session.toml"
             trial = Trial(

@@ -322,10 +322,10 @@ def check_output(
     sets = [declared for declared, _ in load_sets(files)]
     selected = select_stimuli(sets, only)
     names = dict.fromkeys(stimuli.name for stimuli, _ in selected)
-    if missing := [name for name in names if not (folder / name).is_dir()]:
-        raise PipelineError(
-            f"not built: {', '.join(missing)}; run stepblocks build first [{folder}]"
-        )
+    PipelineError.require(
+        not (missing := [name for name in names if not (folder / name).is_dir()]),
+        f"not built: {', '.join(missing)}; run stepblocks build first [{folder}]",
+    )
 
     def check() -> "Iterator[tuple[str, list[Verdict]]]":
         for stimuli, stimulus in selected:

@@ -134,8 +134,10 @@ def _plan_session(
 
 
 def _refuse_present(places: Iterable[Path], *, force: bool) -> None:
-    if there := [str(place) for place in places if place.exists() and not force]:
-        raise PipelineError(f"there is one already; --force replaces it [{', '.join(there)}]")
+    PipelineError.require(
+        not (there := [str(place) for place in places if place.exists() and not force]),
+        f"there is one already; --force replaces it [{', '.join(there)}]",
+    )
 
 
 def _write_new(texts: Mapping[Path, str], *, force: bool) -> None:

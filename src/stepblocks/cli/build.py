@@ -55,11 +55,10 @@ def build(
         ),
         model=model,
     )
-    summary = f"{report.output}: {report.current} stimuli, all up to date; nothing to do"
-    if report.built:
-        summary = f"{report.output}: {len(report.built)} built, {report.current} up to date"
     return Outcome(
-        summary,
+        f"{report.output}: {len(report.built)} built, {report.current} up to date"
+        if report.built
+        else f"{report.output}: {report.current} stimuli, all up to date; nothing to do",
         notes=report.notes + ([f"{len(report.failures)} checks failed"] if report.failures else []),
         page=Path(report.output) / "index.html",
         record=vars(report),
@@ -109,11 +108,10 @@ def check(
         )
         rows += [f"       {verdict}" for verdict in (verdicts if verbose else bad)]
     count = sum(not row.startswith(" ") for row in rows)
-    summary = f"{count} artefacts, all within tolerance"
-    if failed:
-        summary = f"{len(failed)} of {count} artefacts out of tolerance: {', '.join(failed)}"
     return Outcome(
-        summary,
+        f"{len(failed)} of {count} artefacts out of tolerance: {', '.join(failed)}"
+        if failed
+        else f"{count} artefacts, all within tolerance",
         notes=rows,
         record={"artefacts": count, "failed": failed, "measurements": records},
         code=1 if failed else 0,

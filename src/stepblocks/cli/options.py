@@ -80,8 +80,10 @@ def keep_given_options(**options: object) -> dict[str, Any]:
 def require_one(next_step: str, **options: object) -> None:
     """Refuse options that exclude each other, and the lack of all of them."""
     names = " or ".join(map(_name_option, options))
-    if (count := len(keep_given_options(**options))) != 1:
-        raise PipelineError(f"one of {names} must be given, got {count or 'none'}; {next_step}")
+    PipelineError.require(
+        (count := len(keep_given_options(**options))) == 1,
+        f"one of {names} must be given, got {count or 'none'}; {next_step}",
+    )
 
 
 def refuse_both(**options: object) -> None:

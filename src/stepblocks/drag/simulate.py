@@ -182,11 +182,11 @@ def simulate_drag(
     rises = _RISE * (needed - level)
     limit = _find_force_limit(needed, settings)
     dt, bristle, blow = _find_time_step(probe, settings, limit)
-    end = 20.0 * settings.ring_time
-    if settings.speed > 0.0:
-        end = (
-            track.features[1] - x + limit / probe.stiffness
-        ) / settings.speed + settings.ring_time
+    end = (
+        (track.features[1] - x + limit / probe.stiffness) / settings.speed + settings.ring_time
+        if settings.speed > 0.0
+        else 20.0 * settings.ring_time
+    )
     steps = math.ceil(end / dt)
     ContactError.require(
         steps <= _MOST_STEPS,

@@ -34,6 +34,5 @@ def describe_trial(explanation: Explanation, measured: Floats, row: int) -> str:
         return f"the block {other.split()[-1]} instead of {trials.block[row]}"
     if energy < -_CAUGHT and abs(force) < _SMALL:
         return f"caught again: {100.0 * math.exp(energy):.0f} % of the energy of its peak force"
-    if abs(friction) > _SMALL:
-        return f"friction is other by {friction:+.2g}"
-    return "unlike all other trials"
+    unlike = abs(friction) > _SMALL
+    return f"friction is other by {friction:+.2g}" if unlike else "unlike all other trials"

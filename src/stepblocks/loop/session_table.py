@@ -317,12 +317,13 @@ def _read_covariates(table: pd.DataFrame) -> dict[str, NDArray[np.generic]]:
             continue
         numbers = _read_numbers(table, name)
         seen = np.isfinite(numbers)
-        # the number of a day or of a batch is a label
-        if seen.mean() > 0.9 and name not in _LABELS:
-            # a reading missed now and then takes the middle of the others
-            found[name] = numbers if seen.all() else np.where(seen, numbers, np.nanmedian(numbers))
-        else:
-            found[name] = table[name].fillna("unknown").astype(str).to_numpy()
+        # the number of a day or of a batch is a label; of numbers, a reading missed now and then
+        # takes the middle of the others
+        found[name] = (
+            np.where(seen, numbers, np.nanmedian(numbers))
+            if seen.mean() > 0.9 and name not in _LABELS
+            else table[name].fillna("unknown").astype(str).to_numpy()
+        )
     return found
 
 

@@ -179,8 +179,10 @@ def require_manifold(mesh: Mesh) -> None:
     solid = manifold3d.Manifold(
         manifold3d.Mesh64(mesh.vertices * 1e3, mesh.triangles.astype(np.uint64))
     )
-    if solid.status() != manifold3d.Error.NoError:
-        raise HapticsError(f"the mesh of {mesh.name} must be a manifold, got {solid.status()}")
+    HapticsError.require(
+        solid.status() == manifold3d.Error.NoError,
+        f"the mesh of {mesh.name} must be a manifold, got {solid.status()}",
+    )
     HapticsError.require(
         compute_enclosed_volume(mesh.vertices, mesh.triangles) > 0.0,
         f"the mesh of {mesh.name} must be wound outwards, got an inward winding",

@@ -242,11 +242,12 @@ def _predict_with_model(
     from stepblocks.predict.table import make_learned_drag
 
     face = surface.counterface()
-    height = face.far_side
-    if direction < 0 or face.ways[0] != "up":
-        height = point.ball_radius * (
-            1.0 - math.cos(face.centre_path(point.ball_radius).find_notch(float(direction))[2])
-        )
+    height = (
+        face.far_side
+        if direction >= 0 and face.ways[0] == "up"
+        else point.ball_radius
+        * (1.0 - math.cos(face.centre_path(point.ball_radius).find_notch(float(direction))[2]))
+    )
     return make_learned_drag(learned, surface.id, height, point)
 
 

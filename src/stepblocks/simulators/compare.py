@@ -189,10 +189,11 @@ def _read_record(
         f"a ring of {event.tool.frequency:g} Hz, got steps of {1e3 * step:.3g} ms; a column in "
         f"milliseconds is called time_ms [{place}]",
     )
-    if accelerates:
-        force = frame["acceleration_m_s2"].to_numpy(dtype=np.float64) * event.tool.effective_mass
-    else:
-        force = columns["force"]
+    force = (
+        frame["acceleration_m_s2"].to_numpy(dtype=np.float64) * event.tool.effective_mass
+        if accelerates
+        else columns["force"]
+    )
     HapticsError.require(
         np.isfinite(force).all(), f"the record must have finite samples, got others [{place}]"
     )
@@ -212,9 +213,7 @@ def _find_release(force: Array, rate: float, event: VibrationEvent) -> int:
     near = slice(max(start - cycle, 0), start + cycle)
     sharpest = near.start + int(np.argmax(np.abs(changes[near])))
     after = np.abs(changes[sharpest + 1 : sharpest + 1 + cycle])
-    if abs(changes[sharpest]) > 2.0 * after.max(initial=0.0):
-        return sharpest + 1
-    return start
+    return sharpest + 1 if abs(changes[sharpest]) > 2.0 * after.max(initial=0.0) else start
 
 
 def _measure_ring(

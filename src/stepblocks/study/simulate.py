@@ -143,9 +143,7 @@ def simulate_comparison(
         generator.standard_normal() - generator.standard_normal()
     )
     higher = math.log(energy / standard) + noise > 0.0
-    if generator.random() < observer.lapse:
-        return bool(generator.random() < 0.5)
-    return higher
+    return bool(generator.random() < 0.5) if generator.random() < observer.lapse else higher
 
 
 def _estimate_power(hits: int, runs: int) -> dict[str, float]:

@@ -89,10 +89,10 @@ def read_mesh(path: Path) -> Arrays:
 
 def read_mesh_confined(path: Path) -> dict[str, object]:
     """Read a mesh file; called in the confined process, as `read_pieces_confined` is."""
-    if (size := path.stat().st_size) > _MAX_BYTES:
-        raise MetrologyError(
-            f"a mesh file must be at most {_MAX_BYTES} bytes, got {size} [{path.name}]"
-        )
+    MetrologyError.require(
+        (size := path.stat().st_size) <= _MAX_BYTES,
+        f"a mesh file must be at most {_MAX_BYTES} bytes, got {size} [{path.name}]",
+    )
     vertices, triangles = MESH_READERS[path.suffix](path)
     if not is_complete_mesh(vertices, triangles):
         raise ValueError("no triangles between finite vertices")

@@ -118,15 +118,13 @@ class HeightMap:
 
     def __post_init__(self) -> None:
         place = f" [{self.source}]" if self.source else ""
-        if (
-            self.height.ndim != 2
-            or min(self.height.shape) < 2
-            or max(self.height.shape) < _LEAST_POINTS
-        ):
-            raise MetrologyError(
-                "height map must have at least 2 x 3 points, got "
-                f"{' x '.join(map(str, self.height.shape))}{place}"
-            )
+        MetrologyError.require(
+            self.height.ndim == 2
+            and min(self.height.shape) >= 2
+            and max(self.height.shape) >= _LEAST_POINTS,
+            "height map must have at least 2 x 3 points, got "
+            f"{' x '.join(map(str, self.height.shape))}{place}",
+        )
         for name, value in (("dx", self.dx), ("dy", self.dy)):
             MetrologyError.require(
                 np.isfinite(value) and value > 0.0,

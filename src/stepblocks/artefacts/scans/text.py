@@ -8,16 +8,13 @@ import re
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from stepblocks.artefacts.scans.points import grid_points
 from stepblocks.artefacts.scans.scan import Array, HeightMap, ScannedProfile
 from stepblocks.errors import MetrologyError
-
-if TYPE_CHECKING:
-    import pandas as pd
+from stepblocks.tables import Table
 
 # units per metre
 LENGTH_UNITS = {
@@ -106,10 +103,10 @@ def read_text_scan(
     A profile has two columns, a grid of points three or columns by their names; a matrix holds
     heights.
     """
-    if (length := path.stat().st_size) > _MOST_BYTES:
-        raise MetrologyError(
-            f"text must not exceed {_MOST_BYTES >> 20} MiB, got {length} bytes [{path.name}]"
-        )
+    MetrologyError.require(
+        (length := path.stat().st_size) <= _MOST_BYTES,
+        f"text must not exceed {_MOST_BYTES >> 20} MiB, got {length} bytes [{path.name}]",
+    )
     text = _decode(path.read_bytes())
     MetrologyError.require(
         "\0" not in text[:4096],
@@ -148,7 +145,7 @@ def read_text_scan(
 
 
 def read_table_scan(
-    table: "pd.DataFrame", unit: str | None = None, channel: str | None = None
+    table: Table, unit: str | None = None, channel: str | None = None
 ) -> ScannedProfile | HeightMap:
     """Read a table in memory as the CSV of the same columns."""
     with TemporaryDirectory() as folder:

@@ -196,9 +196,8 @@ def _parse_instance(body: str) -> dict[str, tuple[Any, ...]]:
             return "["
         if kind == "other":
             raise ValueError(f"no parameter: {body[found.start() :][:20]!r}")
-        if kind == "text":
-            return json.dumps(_decode(token))
-        return json.dumps(token) if kind == "name" else token
+        named = json.dumps(token) if kind == "name" else token
+        return json.dumps(_decode(token)) if kind == "text" else named
 
     found = json.loads(_TOKEN.sub(as_json, body), object_pairs_hook=lambda pairs: Typed(*pairs[0]))
     entities = found if several else [found]

@@ -140,9 +140,7 @@ def is_placed_where_drawn(file: Exchange) -> bool:
 
 def _scale_by_name(radius: float, name: str) -> float | None:
     # Give what a dimension is named after: a diameter, a radius, or neither
-    if "diameter" in name:
-        return 2.0 * radius
-    return radius if "radius" in name else None
+    return 2.0 * radius if "diameter" in name else radius if "radius" in name else None
 
 
 def measure_size(surfaces: list[Surface], name: str) -> float | None:
@@ -151,9 +149,7 @@ def measure_size(surfaces: list[Surface], name: str) -> float | None:
         return 0.0 if "radius" in name else None  # an edge that is a curve of two faces is sharp
     if surfaces and all(one.kind in _ROUND and one.sizes for one in surfaces):
         radii = {one.sizes[0] for one in surfaces}
-        if max(radii) - min(radii) > 1e-12:
-            return None
-        return _scale_by_name(max(radii), name)
+        return _scale_by_name(max(radii), name) if max(radii) - min(radii) <= 1e-12 else None
     if (
         len(surfaces) == 1
         and surfaces[0].kind == "TOROIDAL_SURFACE"

@@ -178,8 +178,8 @@ def record_trial(
     since = time[after] - release
     phase = 2.0 * math.pi * truth.frequency * since
     rest = truth.peak_force - truth.sliding_force - truth.amplitude
-    if truth.gap > 0.0:
-        ring = compute_rubbing_force(
+    ring = (
+        compute_rubbing_force(
             since,
             truth.sliding_force,
             truth.gap,
@@ -187,10 +187,10 @@ def record_trial(
             (truth.sliding_force + truth.amplitude, -truth.amplitude / truth.decay_time),
             truth.slope,
         )
-    else:
-        ring = truth.sliding_force + truth.amplitude * np.exp(-since / truth.decay_time) * np.cos(
-            phase
-        )
+        if truth.gap > 0.0
+        else truth.sliding_force
+        + truth.amplitude * np.exp(-since / truth.decay_time) * np.cos(phase)
+    )
     force[after] = ring + rest * np.exp(-since / truth.release_decay)
     normal = np.full(count, truth.load)
     fading = np.exp(-since / truth.decay_time) * np.cos(phase + 0.25 * np.pi)

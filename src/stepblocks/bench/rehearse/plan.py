@@ -163,9 +163,8 @@ class PlantedEffect(Strict):
             "exponential": lambda: self.size * math.exp(-(float(at) - self.reference) / self.span),
         }
         change = changes[self.form]()
-        if self.change == "add":
-            return value + change
-        return value * (change if self.form == "power" else 1.0 + change)
+        factor = change if self.form == "power" else 1.0 + change
+        return value + change if self.change == "add" else value * factor
 
     def fault(self, plan: "SessionPlan", number: int) -> str:
         """Say which field breaks which rule; empty where all is well."""

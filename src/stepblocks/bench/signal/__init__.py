@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
+from stepblocks.errors import RuleError
+
 Array = NDArray[np.float64]
 Estimate = tuple[float, float]  # a value and its standard uncertainty
 Tool = tuple[float, float]  # frequency [Hz] and decay time [s] of its ring
@@ -29,14 +31,16 @@ _LOADED = 10.0  # the load is at least this many times the scatter without one
 _LOWEST_RATE = 1500.0  # [Hz] five samples per cycle of a ring at 300 Hz
 
 
-class TraceError(Exception):
+class TraceError(RuleError):
     """A trace that cannot be used; the message is the reason for its exclusion."""
 
 
 def check_size(count: int, channel: str | int) -> None:
     """Refuse a channel before it is read into memory."""
-    if count > MOST_SAMPLES:
-        raise TraceError(f"channel {channel!r} has {count} samples, more than {MOST_SAMPLES}")
+    TraceError.require(
+        count <= MOST_SAMPLES,
+        f"channel {channel!r} has {count} samples, more than {MOST_SAMPLES}",
+    )
 
 
 def join_first(names: Iterable[str]) -> str:

@@ -222,12 +222,13 @@ def _measure_aftermath_of_rubbing(
     fit: RubbingRing, swing: Swing, sample: float, tool: Tool | None
 ) -> Aftermath:
     level, gap, frequency, decay = (float(v) for v in fit.values[:4])
-    far = (0.0, 0.0)
-    if tool is not None and any(
-        abs(fit.values[2 + i] - tool[i]) > _FAR * KNOWN_SPREAD[i] * tool[i] for i in (0, 1)
-    ):
-        # a fit of few swings may find another tool: then it knows no better than that
-        far = (abs(frequency - tool[0]), abs(decay - tool[1]))
+    # a fit of few swings may find another tool: then it knows no better than that
+    far = (
+        (abs(frequency - tool[0]), abs(decay - tool[1]))
+        if tool is not None
+        and any(abs(fit.values[2 + i] - tool[i]) > _FAR * KNOWN_SPREAD[i] * tool[i] for i in (0, 1))
+        else (0.0, 0.0)
+    )
     known = fit.knows_gap and not any(far)
     seen = (
         (frequency, float(np.hypot(fit.std(2), far[0]))),

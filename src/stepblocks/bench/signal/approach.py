@@ -17,6 +17,7 @@ from stepblocks.bench.signal.separable import (
     fit_separable,
     propagate_std,
 )
+from stepblocks.errors import RuleError
 
 _MAINS = (50.0, 60.0)  # [Hz]
 _RAMP_SHARE = 0.85  # of the rise; the first pass stays clear of a rounded peak
@@ -33,7 +34,7 @@ _LEAST_RING = 15e-3  # [s] some four periods of a ring
 _SLIDE_SAMPLES = 40  # fewer samples before the edge say nothing of the sliding force
 
 
-class LandmarkError(Exception):
+class LandmarkError(RuleError):
     """The trace lacks a part of the course of a trial.
 
     The message is the reason for its exclusion.
@@ -113,8 +114,10 @@ def find_bounded_landmarks(time: Array, force: Array) -> Landmarks:
     peak = int(np.argmax(force))
     level = float(np.median(force[: max(peak // 4, 1)]))
     rise = float(force[peak]) - level
-    if rise < _RISE_OVER_NOISE * noise or peak < 4 * _SLIDE_SAMPLES:
-        raise LandmarkError("no ramp")
+    LandmarkError.require(
+        not rise < _RISE_OVER_NOISE * noise and peak >= 4 * _SLIDE_SAMPLES,
+        "no ramp",
+    )
     return _add_onset(time, force, Landmarks(math.nan, peak, level, rise, noise))
 
 
@@ -133,8 +136,10 @@ def _add_onset(time: Array, smooth: Array, marks: Landmarks) -> Landmarks:
     low = int(np.flatnonzero(climb < 0.25 * marks.rise)[-1])
     high = max(int(np.flatnonzero(climb < 0.75 * marks.rise)[-1]) + 1, low + 2)
     slope = (smooth[high] - smooth[low]) / (time[high] - time[low])
-    if slope <= 0.0:
-        raise LandmarkError("no loading: the tangential force does not climb steadily to its peak")
+    LandmarkError.require(
+        not slope <= 0.0,
+        "no loading: the tangential force does not climb steadily to its peak",
+    )
     onset = float(time[low] - climb[low] / slope)
     if np.searchsorted(time, onset) < _SLIDE_SAMPLES:
         raise LandmarkError(

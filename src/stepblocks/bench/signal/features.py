@@ -96,10 +96,11 @@ def find_peak(
     # samples
     corner = None
     if approach.end >= marks.peak - 1:
-        if isinstance(after.ring, Ring):
-            corner = _find_corner(time, marks, approach, after.ring)
-        else:
-            corner = _find_corner_of_fall(time, force, marks, approach)
+        corner = (
+            _find_corner(time, marks, approach, after.ring)
+            if isinstance(after.ring, Ring)
+            else _find_corner_of_fall(time, force, marks, approach)
+        )
     return corner or _find_rounded_peak(time, force, marks, approach)
 
 

@@ -166,8 +166,10 @@ class Traces(ExitStack):
 
     def _cut_trial(self, trial: str) -> Trace:
         whole, cuts = self.drags
-        if trial not in cuts:
-            raise TraceError(f"missing: trial {trial!r} is not in the table of trials")
+        TraceError.require(
+            trial in cuts,
+            f"missing: trial {trial!r} is not in the table of trials",
+        )
         return Trace(
             whole.time[cuts[trial]], whole.tangential[cuts[trial]], whole.normal[cuts[trial]]
         )
@@ -234,34 +236,44 @@ class Traces(ExitStack):
             values = raw[str(number)] * channel.scale(dimension, part)
             values = values - off if (off := channel.offset_in_si(dimension, part)) else values
             still = round(channel.read_tare_duration(part) * self.session.acquisition.sample_rate)
-            if still >= max(values.size, 1):
-                raise TraceError(
-                    f"truncated: the tare of {part} takes {still} samples, the record has "
-                    f"{values.size}"
-                )
+            TraceError.require(
+                still < max(values.size, 1),
+                f"truncated: the tare of {part} takes {still} samples, the record has "
+                f"{values.size}",
+            )
             found[part] = values - values[:still].mean() if still else values
         return found
 
 
 def _convert_samples(values: object, name: str | int) -> Array:
     array = np.asarray(values)
-    if array.dtype.kind not in "fiub":
-        raise TraceError(f"channel {name!r} holds no numbers but {array.dtype}")
+    TraceError.require(
+        array.dtype.kind in "fiub",
+        f"channel {name!r} holds no numbers but {array.dtype}",
+    )
     check_size(array.size, name)
-    if array.ndim > 1 and max(array.shape) != array.size:
-        raise TraceError(f"channel {name!r} is a table of shape {array.shape}, no column")
+    TraceError.require(
+        array.ndim <= 1 or max(array.shape) == array.size,
+        f"channel {name!r} is a table of shape {array.shape}, no column",
+    )
     return np.asarray(array, dtype=float).ravel()
 
 
 def _find_trial_file(session: Session, trial: str) -> Path:
     relative = fill_pattern(session.acquisition.traces, trial=trial)
-    if "/" in trial or "\\" in trial or ".." in trial:
-        raise TraceError(f"trial {trial!r} is no part of a file name")
+    TraceError.require(
+        "/" not in trial and "\\" not in trial and ".." not in trial,
+        f"trial {trial!r} is no part of a file name",
+    )
     path = resolve_inside(session.folder, relative, "acquisition.traces")
-    if not is_file(path):
-        raise TraceError(f"missing: there is no {relative}")
-    if path.stat().st_size > _MOST_BYTES:
-        raise TraceError(f"{relative} has more than {_MOST_BYTES} bytes")
+    TraceError.require(
+        is_file(path),
+        f"missing: there is no {relative}",
+    )
+    TraceError.require(
+        path.stat().st_size <= _MOST_BYTES,
+        f"{relative} has more than {_MOST_BYTES} bytes",
+    )
     return path
 
 

@@ -59,11 +59,15 @@ def _require_own(item: "h5py.HLObject", container: "h5py.HLObject") -> None:
 
 
 def _read_table_column(table: "h5py.Dataset", name: str | int) -> "h5py.Dataset":
-    if table.size > 64 * MOST_SAMPLES:
-        raise TraceError(f"table of shape {table.shape} is too large")
+    TraceError.require(
+        table.size <= 64 * MOST_SAMPLES,
+        f"table of shape {table.shape} is too large",
+    )
     if isinstance(name, int):
-        if table.ndim != 2 or not 0 <= name < min(table.shape):
-            raise TraceError(f"unknown channel: no column {name} in a table of shape {table.shape}")
+        TraceError.require(
+            table.ndim == 2 and 0 <= name < min(table.shape),
+            f"unknown channel: no column {name} in a table of shape {table.shape}",
+        )
         # MATLAB's columns are HDF5's rows
         return table[:, name] if table.shape[1] <= table.shape[0] else table[name, :]
     if table.dtype.names is None or name not in table.dtype.names:

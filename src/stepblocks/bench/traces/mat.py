@@ -42,8 +42,10 @@ class Variables:
         if name is None:
             raise TraceError(f"missing: no variable {names[0]!r} among the traces")
         place, length = self.places[name]
-        if length > _MOST_BYTES:
-            raise TraceError(f"variable {name!r} has more than {_MOST_BYTES} bytes")
+        TraceError.require(
+            length <= _MOST_BYTES,
+            f"variable {name!r} has more than {_MOST_BYTES} bytes",
+        )
         try:
             return loadmat(_extract_variable(self.path, place, length), simplify_cells=True)[name]
         except MemoryError:
@@ -84,10 +86,10 @@ def read_mat_column(group: object, name: str | int) -> object:
     if isinstance(group, Variables):
         return group.load((str(name),))
     if isinstance(group, dict):
-        if name not in group:
-            raise TraceError(
-                f"unknown channel: no {name!r} in the struct, it has {join_first(group)}"
-            )
+        TraceError.require(
+            name in group,
+            f"unknown channel: no {name!r} in the struct, it has {join_first(group)}",
+        )
         return group[name]
     if not isinstance(group, np.ndarray):
         return read_hdf5_column(group, name)
@@ -106,8 +108,10 @@ def find_mat_variables(path: Path) -> Variables:
     place = _HEADER
     with path.open("rb") as file:
         mark = file.read(_HEADER)[126:]
-        if mark not in (b"IM", b"MI"):
-            raise TraceError(f"{path.name} is no MATLAB file of version 5 to 7.3")
+        TraceError.require(
+            mark in (b"IM", b"MI"),
+            f"{path.name} is no MATLAB file of version 5 to 7.3",
+        )
         while place + 8 <= size:
             file.seek(place)
             _, length = struct.unpack("<II" if mark == b"IM" else ">II", file.read(8))
@@ -117,8 +121,10 @@ def find_mat_variables(path: Path) -> Variables:
                 raise TraceError(
                     f"{path.name} is damaged at byte {place}: {str(error)[:80]}"
                 ) from error
-            if place + 8 + length > size:
-                raise TraceError(f"{path.name} is damaged or truncated at byte {place}")
+            TraceError.require(
+                place + 8 + length <= size,
+                f"{path.name} is damaged or truncated at byte {place}",
+            )
             places[name] = place, 8 + length
             place += 8 + length
     return Variables(path, places)

@@ -254,11 +254,11 @@ def _make_step_law(name: str, covariate: CovariateRange, levels: int = 2) -> Law
         if several
         else np.arange(0.5, _STEP_SHAPES)[:, None] / _STEP_SHAPES
     )
-    description = f"{name} changes at once, by ln and from {'trial' if run else covariate.name} on"
-    if several:
-        description = (
-            f"{name} goes from level to level along the run, by ln above the first and from:"
-        )
+    description = (
+        f"{name} goes from level to level along the run, by ln above the first and from:"
+        if several
+        else f"{name} changes at once, by ln and from {'trial' if run else covariate.name} on"
+    )
     return Law(
         "tip_chip" if chip else f"step_{name}_{covariate.name}{f'~{levels}' if several else ''}",
         f"{'R + w' if chip else f'{move.form}, g'} from one value of {covariate.name} on",

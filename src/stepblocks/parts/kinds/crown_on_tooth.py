@@ -298,9 +298,11 @@ class CrownOnTooth(CrownMargin, Turned):
         finish = self.finish_line.kind
         g, inner = self.marginal_gap, self.internal_gap
         outside = FaceRule("CYLINDER", radius=self.margin_radius.nominal, body=0)
-        ledge = FaceRule("TORUS" if finish == "chamfer" else "CONE", body=0)
-        if finish == "shoulder":
-            ledge = describe_plane(2, 0.0, 0)
+        ledge = (
+            describe_plane(2, 0.0, 0)
+            if finish == "shoulder"
+            else FaceRule("TORUS" if finish == "chamfer" else "CONE", body=0)
+        )
         cavosurface = EdgeRule(outside, ledge)
         end = describe_plane(2, self.opening.nominal, 1)
         walls = self._state_walls()

@@ -39,9 +39,8 @@ def draw_inputs(plan: SweepPlan, rows: range) -> dict[str, Array]:
     names = list(PARAMETERS[plan.surface])
     points = np.arange(rows.start, rows.stop) // plan.draws
     first = rows.start // plan.draws
-    share = _draw_uniform(plan.seed, 0, range(first, int(points[-1]) + 1), len(names) + 1)
-    if plan.draws > 1:
-        share = share[points - first]
+    drawn = _draw_uniform(plan.seed, 0, range(first, int(points[-1]) + 1), len(names) + 1)
+    share = drawn[points - first] if plan.draws > 1 else drawn
     inputs: dict[str, Array] = {}
     left = points
     for place, name in enumerate(names):
