@@ -31,6 +31,7 @@ from oracles.softgauge import (
     ball_gauge,
     correlated_map,
     correlated_noise,
+    dots_gauge,
     edge_gauge,
     flank_gauge,
     groove_gauge,
@@ -45,7 +46,7 @@ from stepblocks.inspect.budget import Component, Instrument, Measured
 from stepblocks.inspect.edge import fit_edge
 from stepblocks.inspect.form import compute_flatness, compute_parallelism, estimate_zone, fit_face
 from stepblocks.inspect.grooves import measure_groove
-from stepblocks.inspect.map_levels import measure_masked_step
+from stepblocks.inspect.map_levels import measure_dots, measure_masked_step
 from stepblocks.inspect.measure import EvaluationOptions, measure_margin, measure_tip
 from stepblocks.inspect.noise import Estimate
 from stepblocks.inspect.type_a1 import evaluate_a1
@@ -355,6 +356,39 @@ def sheets(count: int, own: float) -> Draw:
     return draw
 
 
+def dots(depth: float, wall: float, own: float) -> Draw:
+    """Draw 4 x 4 craters on a bow, seen by an instrument of 0.1 %, in pixels of 0.4 to 0.7 um."""
+
+    def draw(random: np.random.Generator) -> Iterator[tuple[str, float, Measured]]:
+        pixel = random.uniform(0.4, 0.7) * UM
+        at = np.arange(round(100 * UM / pixel)) * pixel
+        corner = random.uniform(10.0, 14.0, 2) * UM
+        places = [
+            (corner[0] + i * 24 * UM, corner[1] + j * 24 * UM) for j in range(4) for i in range(4)
+        ]
+        each = random.normal(depth, own, 16).tolist()
+        z = dots_gauge(
+            at, at, places, each, random.uniform(6.0, 8.0) * UM, wall * random.uniform(0.5, 1)
+        )
+        u = 2.0 * at / at[-1] - 1.0
+        for axis in (u, u[:, np.newaxis]):
+            z = (
+                z
+                + random.uniform(-0.2, 0.2) * depth * axis**2
+                + random.uniform(-1, 1) * depth * axis
+            )
+        rough = 1e-3 * abs(depth)
+        z = z + correlated_map(
+            z.shape, pixel, rough, 3.0 * rough, random.uniform(0.7, 2.0) * UM, random
+        )
+        scan = HeightMap(z * random.normal(1.0, 1e-3), pixel, pixel)
+        found = measure_dots(scan, Instrument(1e-3, 0.0, 0.0)).values
+        yield "depth, mean of dots", abs(depth), found["dot_depth"]
+        yield "depth of one dot", abs(each[5]), found["dot_depth_6"]
+
+    return draw
+
+
 def gaps(random: np.random.Generator) -> Iterator[tuple[str, float, Measured]]:
     """Columns of a map that are missing at a wall, where light is shaded, and anywhere."""
     x = np.arange(-150, 150) * 2 * UM
@@ -404,6 +438,8 @@ CASES: list[tuple[str, Draw, float]] = [
     ("4 x 4 holes", grating(), 0.5),
     ("3 sheets, debris", sheets(3, 0.1 * NM), 0.25),
     ("8 sheets, debris", sheets(8, 0.1 * NM), 0.25),
+    ("16 craters of 20 um", dots(20 * UM, 6 * UM, 0.0), 0.5),
+    ("16 dots of 500 nm that differ by 2 nm", dots(-500 * NM, 0.0, 2 * NM), 0.5),
     ("flank 45 deg, corner 4 um", stylus(45.0, 4 * UM), 0.25),
     ("flank 75 deg, corner 3 um", stylus(75.0, 3 * UM), 0.5),
     ("20 um on a bow of 1 um", bowed(20 * UM, UM), 0.25),

@@ -95,13 +95,11 @@ def test_profiles_that_cannot_be_evaluated_are_counted_with_the_reason_and_none_
         measure_edge(ScannedProfile(X, rows[2]), EXACT)
 
 
-@pytest.mark.parametrize(("stepped", "share"), [(range(0, 20, 3), 7), (range(9), 9)])
-def test_a_step_in_less_than_half_of_the_rows_of_a_map_is_no_edge(stepped, share):
+@pytest.mark.parametrize("stepped", [range(0, 20, 3), range(9)])
+def test_a_step_in_less_than_half_of_the_rows_of_a_map_is_no_edge(stepped):
     rows = 20e-9 * np.random.default_rng(2).normal(size=(20, len(X)))
     rows[list(stepped)] += 40e-6 * (X > 0.0)
-    with pytest.raises(
-        MetrologyError, match=f"must agree on the features that they cross, got {share} of 20 "
-    ):
+    with pytest.raises(MetrologyError, match="that they cross, got 11 of 20 that do not"):
         measure_edge(HeightMap(rows, 1e-6, 50e-6), EXACT)
 
 

@@ -97,6 +97,31 @@ def ball_gauge(
     return np.sqrt(np.maximum(radius * radius - across, 0.0))
 
 
+def dots_gauge(
+    x: Array,
+    y: Array,
+    centres: list[tuple[float, float]],
+    depths: list[float],
+    half_width: float,
+    wall: float = 0.0,
+    square: bool = False,
+) -> Array:
+    """Map of holes, or of dots where a depth is negative, shape (ny, nx); without noise.
+
+    Round, or square, each `half_width` wide to either side at half of its depth, its wall sloping
+    over `wall`.
+    """
+    z = np.zeros((len(y), len(x)))
+    for (u, v), depth in zip(centres, depths, strict=True):
+        along, across = np.abs(x - u)[np.newaxis, :], np.abs(y - v)[:, np.newaxis]
+        far = np.maximum(along, across) if square else np.hypot(along, across)
+        inside = (
+            np.clip(0.5 + (half_width - far) / wall, 0.0, 1.0) if wall > 0.0 else far < half_width
+        )
+        z -= depth * inside
+    return z
+
+
 def sheets_gauge(
     side: int, count: int, height: float, own: float, random: np.random.Generator
 ) -> Array:

@@ -94,10 +94,11 @@ def inspect(
         ),
     ] = None,
     feature: Annotated[
-        Literal["edge", "groove", "ball"] | None,
+        Literal["edge", "groove", "ball", "dots"] | None,
         typer.Option(
             "--feature",
-            help="of a block: edge (default), groove; of a standard: groove (default), edge, ball",
+            help="of a block: edge (default), groove; of a standard: groove (default), edge, ball, "
+            "dots",
             rich_help_panel=_EVALUATION,
         ),
     ] = None,

@@ -238,8 +238,9 @@ def average_profiles(
     instrument: Instrument,
     others: Sequence[Component] = (),
     axes: tuple[float, float] = (1.0, 0.0),
+    of: str = "profiles",
 ) -> Measured:
-    """Mean over profiles with its budget; one profile shows no repeatability."""
+    """Mean over profiles, or what else `of` says, with its budget; one shows no repeatability."""
     values = np.array([one.value for one in found])
     within = np.array([one.std**2 for one in found])
     MetrologyError.require(
@@ -255,11 +256,11 @@ def average_profiles(
             Component("repeatability", math.nan, how="one profile: not observed"),
         ]
     else:
-        parts = _split_scatter(values - mean, float(within.mean()) / len(values))
+        parts = _split_scatter(values - mean, float(within.mean()) / len(values), of)
     return add_instrument_components(name, mean, parts, instrument, others, axes)
 
 
-def _split_scatter(deviations: Array, noise: float) -> list[Component]:
+def _split_scatter(deviations: Array, noise: float, of: str) -> list[Component]:
     # Split the variance of a mean over profiles into their noise, itself a variance, and
     # repeatability.
     # Neighbouring profiles may err together, so of the scatter only its slow part counts: the
@@ -274,9 +275,9 @@ def _split_scatter(deviations: Array, noise: float) -> list[Component]:
     cosines = min(max(_LEAST_COSINES, round(0.4 * count ** (2.0 / 3.0))), count - 1)
     variance = float(np.mean(dct(deviations, norm="ortho")[1 : cosines + 1] ** 2)) / count
     origin = (
-        f"slow part of the scatter of {count} profiles"
+        f"slow part of the scatter of {count} {of}"
         if cosines < count - 1
-        else f"scatter of {count} profiles"
+        else f"scatter of {count} {of}"
     )
     beyond = variance - noise
     if beyond <= 0.0:
@@ -352,12 +353,13 @@ def decide(
 
     if guard is None:
         guard = max(GUARD_FACTOR, compute_student_quantile(0.95, dof)) * std
-    if lower + guard <= value <= upper - guard:
-        verdict = Outcome.CONFORMS
-    elif value < lower - guard or value > upper + guard:
-        verdict = Outcome.DOES_NOT_CONFORM
-    else:
-        verdict = Outcome.NOT_PROVEN
+    verdict = (
+        Outcome.CONFORMS
+        if lower + guard <= value <= upper - guard
+        else Outcome.DOES_NOT_CONFORM
+        if value < lower - guard or value > upper + guard
+        else Outcome.NOT_PROVEN
+    )
     if std == 0.0:
         probability = 1.0 if lower <= value <= upper else 0.0
     else:  # JCGM 106:2012, 7.2

@@ -167,15 +167,15 @@ def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> 
     arc, flank, on_arc = _fit_arc_or_flank(
         x, z - planes.offset - planes.tilt * x, spacing, faces, np.flatnonzero(near & ~spikes)
     )
-    if (share := float(spikes.sum()) / max(int(near.sum()), 1)) > _MOST_DROPPED:
-        raise MetrologyError(
-            f"at most {_MOST_DROPPED:.0%} of the points at an edge may be spikes, got "
-            f"{share:.0%} of those within {half_width * 1e6:.3g} um of it"
-        )
-    if (lost := planes.fit.rejected / int(faces.asked.sum())) > _MOST_DROPPED:
-        raise MetrologyError(
-            f"at most {_MOST_DROPPED:.0%} of the points of the faces may be spikes, got {lost:.0%}"
-        )
+    MetrologyError.require(
+        not (share := float(spikes.sum()) / max(int(near.sum()), 1)) > _MOST_DROPPED,
+        f"at most {_MOST_DROPPED:.0%} of the points at an edge may be spikes, got "
+        f"{share:.0%} of those within {half_width * 1e6:.3g} um of it",
+    )
+    MetrologyError.require(
+        not (lost := planes.fit.rejected / int(faces.asked.sum())) > _MOST_DROPPED,
+        f"at most {_MOST_DROPPED:.0%} of the points of the faces may be spikes, got {lost:.0%}",
+    )
     off = faces.asked & ~planes.fit.used | spikes
     dropped = np.zeros(len(position), dtype=bool)
     dropped[np.flatnonzero(own)] = off if rising else off[::-1]
@@ -247,11 +247,11 @@ def _fit_faces(x: Array, z: Array, middle: float, exclusion: float) -> _Faces:
     lower, upper = x < middle - exclusion, x > middle + exclusion
     finite = np.isfinite(z)
     for name, side in (("left", lower), ("right", upper)):
-        if (count := int((side & finite).sum())) < LEAST_FACE:
-            raise MetrologyError(
-                f"face {name} of the edge must keep {LEAST_FACE} points outside the exclusion "
-                f"of {exclusion * 1e6:.4g} um, got {count}"
-            )
+        MetrologyError.require(
+            (count := int((side & finite).sum())) >= LEAST_FACE,
+            f"face {name} of the edge must keep {LEAST_FACE} points outside the exclusion "
+            f"of {exclusion * 1e6:.4g} um, got {count}",
+        )
     asked = (lower | upper) & finite
     planes = fit_two_planes(x, z, middle, asked)
     kept = np.where(planes.fit.used, planes.fit.residuals, np.nan)

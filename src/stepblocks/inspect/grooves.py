@@ -27,9 +27,10 @@ from stepblocks.inspect.levelling import (
     fit_heights,
     measure_features,
 )
-from stepblocks.inspect.map_levels import is_periodic, measure_masked_step
+from stepblocks.inspect.map_levels import is_periodic, measure_dots, measure_masked
 from stepblocks.inspect.measure import (
     AS_FOUND,
+    LEAST_SHARE,
     Evaluation,
     EvaluationOptions,
     Shown,
@@ -37,6 +38,7 @@ from stepblocks.inspect.measure import (
     evaluate_each,
     keep_profiles_that_agree,
     list_directions,
+    list_features,
     sample_profiles,
 )
 from stepblocks.inspect.noise import Array
@@ -49,7 +51,6 @@ _LEVEL = 0.1  # of a step that its faces may be off, and of a face over which th
 # of steps in one direction, by the slope between them, from which they may be a sawtooth [1]
 _TAKEN_BACK = 0.5
 _MOST_DROPPED = 0.2  # part of the points of a profile that may be spikes [1]
-_UNLIKE = 1.25  # ratio of the largest to the smallest feature from which no mean is taken [1]
 # of the radius of a stylus, by which a wall stands farther out at most [1]: 1/cos - tan of 30 deg
 _CONTACT = 0.58
 _MOST_HIDDEN = 3  # times that features are sought beside those that were found
@@ -67,7 +68,7 @@ def measure_groove(
 
     It is by type A1 or A2 where their windows fit, and otherwise on a masked polynomial.
     """
-    # A map whose rows do not agree is evaluated across its columns, then by two levels.
+    # A map whose rows do not agree is evaluated across its columns, then by two levels or by dots.
     ways: list[Callable[[], Evaluation]] = [
         partial(_measure_by_rows, one, instrument, options, key, sign)
         for one in list_directions(scan, options.along)
@@ -75,7 +76,9 @@ def measure_groove(
     # a part, a level or an edge is followed profile by profile alone
     by_rows = (options.along, options.begin, options.end, options.degree, options.edges)
     if isinstance(scan, HeightMap) and all(one is None for one in by_rows):
-        ways.append(partial(_measure_masked, scan, instrument, options, key))
+        ways.append(partial(measure_masked, scan, instrument, options, key))
+        if key == "depth":  # of a standard: a hole is no groove of a block
+            ways.append(partial(measure_dots, scan, instrument, options, key))
     refused = []
     for way in ways:
         try:
@@ -119,9 +122,12 @@ class _Row:
         return [(one.feature.begin, one.feature.end) for one in self.seen]
 
 
-def _evaluate_row(row: ScannedProfile, edges: list[FoundEdge], options: EvaluationOptions) -> _Row:
+def _evaluate_row(
+    options: EvaluationOptions, crossing: tuple[ScannedProfile, list[FoundEdge]]
+) -> _Row:
     # Evaluate all features of a profile, each by what its windows allow; and again with other
     # windows, for the form.
+    row, edges = crossing
     x, z = row.position, row.height
     levels = measure_features(x, z, edges, options.degree, options.exclusion)
     for _ in range(_MOST_HIDDEN):
@@ -296,12 +302,14 @@ def _measure_by_rows(
             f"{rule}, got {len(crossing)} of {len(rows)} that cross any, others since {refused[0]}"
         )
     some = crossing[:: max(len(crossing) // _TRIED, 1)]
+    tried = [one.kind for _, one in evaluate_each(partial(_evaluate_row, options), some)[0]]
     MetrologyError.require(
-        len(some) < _TRIED
-        or len(evaluate_each(lambda one: _evaluate_row(*one, options), some)[0]) >= 2,
-        f"{rule}, got less than 2 of {len(some)}",
+        len(some) < _TRIED or max(map(tried.count, tried), default=0) >= 2,
+        f"{rule}, got less than 2 of {len(some)} alike",
     )
-    results, others = evaluate_each(lambda one: _evaluate_row(*one, options), crossing)
+    results, others = evaluate_each(
+        partial(_evaluate_row, options), crossing, LEAST_SHARE * len(rows) - len(refused)
+    )
     kinds = [one.kind for _, one in results]
     kind = max(sorted(set(kinds)), key=kinds.count, default=(0, ""))
     usual = np.array([one.spans for _, one in results if one.kind == kind])
@@ -353,15 +361,7 @@ def _measure_by_rows(
     if not single and sign and np.median(signs) != sign:
         asked, got = ("groove", "ridge") if sign < 0.0 else ("ridge", "groove")
         raise UnlikeError(f"scan must show a {asked}, got a {got}: it is upside down, or beside it")
-    values = {f"{key}_{n}": one for n, one in enumerate(each, 1)}
-    depths = [one.value for one in each]
-    if count == 1:
-        values = {key: each[0]}
-    elif max(depths) > _UNLIKE * min(depths):
-        listed = ", ".join(f"{one * 1e6:.4g}" for one in depths)
-        notes.append(f"{count} unlike features of {listed} um, in this order; no mean is taken")
-    else:
-        values = {key: _average_features(label, each, instrument), **values}
+    values = list_features(key, each, partial(_average_features, label, each, instrument), notes)
     if not single and count == 1:
         features = [each.feature for one in found for each in one.seen]
         hidden = float(np.mean([one.unseen for one in features]))
@@ -376,9 +376,11 @@ def _measure_by_rows(
         )
     if outliers := sum(one.rejected for one in found):
         notes.append(f"{outliers} of {sum(one.points for one in found)} points left out as spikes")
-    convention = f"ISO 5436-1 {way}, profile by profile, unfiltered"
-    if way.startswith("masked"):
-        convention = f"{way} beside the flanks, profile by profile"
+    convention = (
+        f"{way} beside the flanks, profile by profile"
+        if way.startswith("masked")
+        else f"ISO 5436-1 {way}, profile by profile, unfiltered"
+    )
     windows = sum((one.windows for one in best.seen), ()) or tuple(
         (begin, min(end, float(first.position[-1])), "") for begin, end in best.spans
     )
@@ -465,36 +467,3 @@ def _place_walls(
     # an upright wall, the usual one, lies at the very end of the rectangle, which 95 % of it leave
     # out: the interval is that of a normal law
     return half, Component("flanks", half / np.sqrt(3.0), how=origin)
-
-
-def _measure_masked(
-    scan: HeightMap, instrument: Instrument, options: EvaluationOptions, key: str
-) -> Evaluation:
-    step = measure_masked_step(scan, options.exclusion)
-    # a floor too narrow for more to be kept out is compared with more of its flanks
-    again = partial(measure_masked_step, scan, inside=step.inside)
-    others = (
-        evaluate_each(again, [1.5 * step.exclusion])[0]
-        or evaluate_each(again, [step.exclusion / 1.5])[0]
-    )
-    changes = [abs(one.depth.value - step.depth.value) / np.sqrt(3.0) for _, one in others]
-    origin = "scatter over rows, with the correlation of neighbours"
-    changed = "change with one and a half times the exclusion or its part, rectangular"
-    value = add_instrument_components(
-        key.replace("_", " "),
-        abs(step.depth.value),
-        [Component("noise", step.depth.std, step.depth.dof, origin)],
-        instrument,
-        [Component("form", max(changes, default=np.nan), how=changed)],
-    )
-    convention = (
-        f"masked step over {step.features} features and {step.rows} rows: each row levelled on "
-        f"the reference between the features, {step.exclusion * 1e6:.3g} um kept from every edge"
-    )
-    note = (
-        f"the features differ by {step.differ * 1e9:.3g} nm, so may another (standard deviation, "
-        "by area)"
-        if step.features > 1
-        else "one feature alone: another may be of another height"
-    )
-    return Evaluation({key: value}, convention, (note,), Shown(scan.x, step.level[step.shown]))

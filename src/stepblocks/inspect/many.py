@@ -15,7 +15,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -28,11 +28,8 @@ from stepblocks.inspect.measure import evaluate_each
 from stepblocks.inspect.report import InspectionResult, write_inspection
 from stepblocks.inspect.run import inspect_scan, inspect_standard, judge_part
 from stepblocks.page_file import render_page
-from stepblocks.tables import find_misspelt_columns, read_table, write_table
+from stepblocks.tables import Table, find_misspelt_columns, read_table, write_table
 from stepblocks.text_file import escape_file_name
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 _OWN = ["scan", "stimulus", "block", "feature"]  # columns that are no condition
 _SIZES = ("value", "u", "u95", "lower", "upper", "std")
@@ -61,7 +58,7 @@ class ManyScans:
         One for each block, by its serial number; none of a standard.
     """
 
-    tables: "Mapping[str, pd.DataFrame]"
+    tables: Mapping[str, Table]
     left_out: tuple[str, ...]
     verdict: Outcome
     reports: Mapping[str, InspectionResult]
@@ -158,10 +155,11 @@ def inspect_many(
         name = escape_file_name(own["scan"].name)
         given = options | ({"feature": own["feature"]} if own.get("feature") else {})
         try:
-            if standard is not None:
-                result = inspect_standard(own["scan"], standard, **given)
-            else:
-                result = inspect_scan(own["scan"], own["stimulus"], **given)
+            result = (
+                inspect_scan(own["scan"], own["stimulus"], **given)
+                if standard is None
+                else inspect_standard(own["scan"], standard, **given)
+            )
         except MetrologyError as error:
             left_out.append(f"{name}: {error}")
             continue
@@ -273,7 +271,7 @@ def _merge_reports(
     return judge_part(first.stimulus, evaluation, source, digest, first.order, first.asked)
 
 
-def _state_units(table: "pd.DataFrame") -> "pd.DataFrame":
+def _state_units(table: Table) -> Table:
     # Give each size a column for lengths and one for angles; a row has it in that of its unit.
     sizes = [name for name in table if name in _SIZES]
     is_angle = table["characteristic"].str.endswith("_angle").to_numpy()
@@ -286,7 +284,7 @@ def _state_units(table: "pd.DataFrame") -> "pd.DataFrame":
     return table
 
 
-def _list_scans(paths: Sequence[Path], stimulus: str | None) -> "pd.DataFrame":
+def _list_scans(paths: Sequence[Path], stimulus: str | None) -> Table:
     # Name the scans with their parts, blocks and conditions.
     import pandas as pd
 
@@ -341,7 +339,7 @@ def is_table(paths: Sequence[Path]) -> bool:
         return "scan" in [name.strip() for name in file.readline(10_000).split(",")]
 
 
-def estimate_repeatability(table: "pd.DataFrame") -> tuple[float, float]:
+def estimate_repeatability(table: Table) -> tuple[float, float]:
     """Return the standard deviation of a reading of a block and its degrees of freedom.
 
     Both are pooled over blocks.
@@ -360,7 +358,7 @@ def estimate_repeatability(table: "pd.DataFrame") -> tuple[float, float]:
     return math.sqrt(float((within**2).sum()) / dof) if dof else 0.0, float(dof)
 
 
-def _average_block(its: "pd.DataFrame", readings: int, std: float, dof: float) -> Measured:
+def _average_block(its: Table, readings: int, std: float, dof: float) -> Measured:
     # Mean over the scans of a block: the scatter over all scans in place of their own, and what
     # does not average.
     budgets: list[Measured] = list(its["measured"])

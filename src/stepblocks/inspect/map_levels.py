@@ -1,18 +1,36 @@
-"""Depth of many small features in one map, by two levels of height.
+"""Depth of many small features in one map, by two levels of height or one by one.
 
 Holes of a grating are too short for the windows of type A1. Here each row gets its own slope and
 offset, the drift of a scanning instrument, from points away from every edge. A map has levels only
-where its heights gather at two with a gap between.
+where its heights gather at two with a gap between. Dots, holes and craters whose walls slope, or
+whose depths differ, are measured one by one, each at half of its own depth.
 """
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import ndimage
 
-from stepblocks.artefacts.scans.scan import HeightMap
+from stepblocks.artefacts.scans.scan import HeightMap, ScannedProfile
 from stepblocks.errors import MetrologyError
+from stepblocks.inspect.budget import (
+    Component,
+    Instrument,
+    add_instrument_components,
+    average_profiles,
+)
+from stepblocks.inspect.measure import (
+    AS_FOUND,
+    Evaluation,
+    EvaluationOptions,
+    Shown,
+    evaluate_each,
+    list_features,
+)
 from stepblocks.inspect.noise import (
+    LEAST_SCATTER,
     Array,
     Estimate,
     Mask,
@@ -39,6 +57,10 @@ _LEAST_KEPT = 0.8
 # depth, where it is a step [1]
 _SUDDEN = 0.1, 0.5
 _LEAST_BANDS = 4  # of rows, over which a scatter is taken
+# of the scatter of the surface beside them, by which dots stand out [1]
+_STAND_OUT = 6.0
+# of its depth, by which the floor of a dot may fall to its middle: a dome's falls by 0.047 [1]
+_LEVEL_FLOOR = 0.04
 
 
 @dataclass(frozen=True)
@@ -67,10 +89,7 @@ def measure_masked_step(
     pitch = min(scan.dx, scan.dy)
     if inside is None:
         # a missing point lies where its nearest neighbour does
-        nearest = ndimage.distance_transform_edt(
-            ~measured, return_distances=False, return_indices=True
-        )
-        inside = _find_features(scan)[tuple(nearest)]
+        inside = _find_features(scan)[_find_nearest(measured)]
     within, outside = (
         ndimage.distance_transform_edt(one, sampling=(scan.dy, scan.dx))
         for one in (inside, ~inside)
@@ -91,7 +110,7 @@ def measure_masked_step(
             f"at least {_LEAST_KEPT:.0%} of what lies beside the features must be level, got "
             f"{reference.sum() / asked:.0%} [{scan.source}]"
         )
-    depths, weights = _fit_row_depths(scan.x, z, floor, reference)
+    depths, weights = _fit_row_depths(scan.x, level, floor, reference)
     known = np.isfinite(depths)
     MetrologyError.require(
         known.sum() >= 3,
@@ -179,10 +198,7 @@ def _find_features(scan: HeightMap) -> Mask:
     # stays.
     z = scan.height
     known = np.isfinite(z)
-    level = _level_map(z, known, 1)
-    for _ in range(_TURNS):
-        off = np.abs(level - np.median(level[known]))
-        level = _level_rows(z, known & (off < 3.0 * np.median(off[known])))
+    level = _level_rows(z, _find_bulk(z, known))
     inside = np.zeros(z.shape, dtype=bool)
     for _ in range(2 * _TURNS):
         low, high = _find_two_modes(level[known], scan.source)
@@ -196,6 +212,16 @@ def _find_features(scan: HeightMap) -> Mask:
         inside = following
         level = _level_rows(z, ~ndimage.binary_dilation(inside, iterations=3) & (upper | lower))
     return inside
+
+
+def _find_bulk(z: Array, known: Mask) -> Mask:
+    # Points at the height at which most of a map lies, once it is level.
+    bulk = known
+    for _ in range(_TURNS + 1):
+        level = _level_map(z, bulk, 1 if bulk is known else 2)
+        off = np.abs(level - np.median(level[known]))
+        bulk = known & (off < 3.0 * np.median(off[known]))
+    return bulk
 
 
 def _find_two_modes(heights: Array, source: str) -> tuple[float, float]:
@@ -229,7 +255,8 @@ def _find_two_modes(heights: Array, source: str) -> tuple[float, float]:
 
 def _level_rows(z: Array, reference: Mask) -> Array:
     # Level each row by a line through its reference; a row with too little of it keeps its heights
-    # less the median.
+    # less the median. A bow of the map is none of its features.
+    z = _level_map(z, reference, 2)
     level = z - float(np.median(z[reference])) if reference.any() else z.copy()
     rows = reference.sum(axis=1) >= _LEAST_REFERENCE
     share = reference[rows] / reference[rows].sum(axis=1, keepdims=True)
@@ -280,3 +307,170 @@ def _fit_row_depths(x: Array, z: Array, floor: Mask, reference: Mask) -> tuple[A
         depths[row] = np.linalg.lstsq(design, z[row, used], rcond=None)[0][2]
         weights[row] = low.sum()
     return depths, weights
+
+
+def _find_nearest(known: Mask) -> tuple[NDArray[np.intp], ...]:
+    # Indices of the nearest point of a mask to each point of a map.
+    return tuple(
+        ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
+    )
+
+
+def measure_masked(
+    scan: HeightMap, instrument: Instrument, options: EvaluationOptions, key: str
+) -> Evaluation:
+    """Depth of the features of a map by two levels, with how they differ."""
+    step = measure_masked_step(scan, options.exclusion)
+    # a floor too narrow for more to be kept out is compared with more of its flanks
+    again = partial(measure_masked_step, scan, inside=step.inside)
+    others = (
+        evaluate_each(again, [1.5 * step.exclusion])[0]
+        or evaluate_each(again, [step.exclusion / 1.5])[0]
+    )
+    changes = [abs(one.depth.value - step.depth.value) / np.sqrt(3.0) for _, one in others]
+    origin = "scatter over rows, with the correlation of neighbours"
+    changed = "change with one and a half times the exclusion or its part, rectangular"
+    value = add_instrument_components(
+        key.replace("_", " "),
+        abs(step.depth.value),
+        [Component("noise", step.depth.std, step.depth.dof, origin)],
+        instrument,
+        [Component("form", max(changes, default=np.nan), how=changed)],
+    )
+    convention = (
+        f"masked step over {step.features} features and {step.rows} rows: each row levelled on "
+        f"the reference between the features, {step.exclusion * 1e6:.3g} um kept from every edge"
+    )
+    note = (
+        f"the features differ by {step.differ * 1e9:.3g} nm, so may another (standard deviation, "
+        "by area)"
+        if step.features > 1
+        else "one feature alone: another may be of another height"
+    )
+    return Evaluation({key: value}, convention, (note,), Shown(scan.x, step.level[step.shown]))
+
+
+def measure_dots(
+    scan: ScannedProfile | HeightMap,
+    instrument: Instrument,
+    options: EvaluationOptions = AS_FOUND,
+    key: str = "dot_depth",
+) -> Evaluation:
+    """Depth of every dot, hole or crater that lies wholly in a map, over the surface beside it.
+
+    Its floor is the inner half of its width at half depth, and must be level.
+    """
+    if isinstance(scan, ScannedProfile):
+        raise MetrologyError("dots and craters must be seen in a map, got a profile")
+    known = np.isfinite(scan.height)
+    z = scan.height[_find_nearest(known)]
+    reference = _find_bulk(z, known)
+    for _ in range(_TURNS // 2):
+        labels, odd = _find_dots(_level_map(z, reference, 2), reference, scan.source)
+        within, outside = (
+            ndimage.distance_transform_edt(one, sampling=(scan.dy, scan.dx))
+            for one in (labels > 0, labels == 0)
+        )
+        exclusion = options.exclusion or 0.5 * min(float(within.max()), float(outside.max()))
+        reference = known & ~odd & (outside > exclusion)
+    numbers = np.arange(1, labels.max() + 1)
+    part = within / np.append(1.0, ndimage.maximum(within, labels, numbers))[labels]
+    floor = np.where(known & (part > 0.5), labels, 0)
+    # the surface beside a dot is nearer to it than to another, and as wide as the widest
+    near = reference & (outside < exclusion + within.max())
+    beside = np.where(near, labels[_find_nearest(labels > 0)], 0)
+    rows = _level_rows(z, reference)
+    with np.errstate(invalid="ignore"):  # of what has no points the mean is none
+        depths, others, cores = (
+            np.abs(ndimage.mean(heights, inner, numbers) - ndimage.mean(heights, beside, numbers))
+            for heights, inner in (
+                (rows, floor),
+                (_level_map(z, reference, 2), floor),
+                (rows, np.where(part > 0.75, floor, 0)),
+            )
+        )
+    points = np.stack([ndimage.sum(one > 0, one, numbers) for one in (floor, beside)])
+    stds, dof = _estimate_means(rows, reference, points)
+    cut = np.isin(numbers, [*labels[[0, -1]].ravel(), *labels[:, [0, -1]].ravel()])
+    kept = np.flatnonzero((np.abs(cores - depths) + stds < _LEVEL_FLOOR * depths) & ~cut)
+    said = (
+        f"{len(kept)} of {len(numbers)} dots or craters have a level floor and lie wholly in the "
+        f"map, {cut.sum()} are cut by its border"
+    )
+    MetrologyError.require(
+        2 * len(kept) > np.sum(~cut), f"most dots and craters must have a level floor, got: {said}"
+    )
+    asked = options.edges or range(1, len(kept) + 1)
+    MetrologyError.require(
+        max(asked) <= len(kept), f"edges must name some of the {len(kept)} dots, got {asked}"
+    )
+    kept = kept[np.array(asked) - 1]
+    changes = np.stack([others, cores])[:, kept] - depths[kept]
+    found = [Estimate(float(depths[at]), float(stds[at]), dof) for at in kept]
+    places = ndimage.center_of_mass(labels > 0, labels, kept + 1)
+    label = key.replace("_", " ")
+    each = [
+        add_instrument_components(
+            f"{label} at {x * scan.dx * 1e6:.4g}, {y * scan.dy * 1e6:.4g} um",
+            one.value,
+            [Component("noise", one.std, dof, "means of the surface beside it, as many points")],
+            instrument,
+            [_bound_form(own, one.std)],
+        )
+        for one, (y, x), own in zip(found, places, changes.T, strict=True)
+    ]
+    form = _bound_form(changes.mean(axis=1), float(np.sqrt(np.mean(stds[kept] ** 2) / len(kept))))
+    average = partial(average_profiles, f"{label}, mean", found, instrument, [form], of="dots")
+    notes = [said]
+    values = list_features(key, each, average, notes)
+    shown = int(np.argmax(np.isin(floor, kept + 1).sum(axis=1)))
+    return Evaluation(
+        values,
+        "each dot or crater by the mean of the inner half of its width at half depth, over the "
+        f"surface beside it, levelled row by row, {exclusion * 1e6:.3g} um kept from every edge",
+        tuple(notes),
+        Shown(scan.x, rows[shown]),
+    )
+
+
+def _find_dots(level: Array, reference: Mask, source: str) -> tuple[NDArray[np.intp], Mask]:
+    # Number what stands out to the side where most does, as far as half of its own height; and
+    # mask what stands out to either side.
+    rest = level[reference]
+    # a single point is none
+    calm = ndimage.median_filter(level - np.median(rest), 3)
+    least = _STAND_OUT * max(estimate_robust_scale(rest), LEAST_SCATTER)
+    odd = np.abs(calm) > least
+    tall = calm * np.sign(calm[odd].sum())
+    islands, count = ndimage.label(tall > least)
+    MetrologyError.require(
+        count,
+        f"dots and craters must stand out {_STAND_OUT:g} times over the scatter of the surface "
+        f"beside them, got none [{source}]",
+    )
+    tallest = ndimage.maximum(tall, islands, np.arange(count + 1))
+    return ndimage.label((islands > 0) & (tall > 0.5 * tallest[islands]))[0], odd
+
+
+def _estimate_means(rest: Array, reference: Mask, points: Array) -> tuple[Array, float]:
+    # Standard uncertainties of means over the points of floors and of what lies beside them, from
+    # those of the reference over as many; with degrees of freedom.
+    side = max(round(float(np.median(points[0])) ** 0.5), 1)
+    share, local = (
+        ndimage.uniform_filter(one, side) for one in (reference.astype(float), rest * reference)
+    )
+    room = share > 0.5 * share.max()
+    scatter = float(np.std(local[room] / share[room]))
+    stds = scatter * side * np.sqrt((1.0 / np.maximum(points, 1.0)).sum(axis=0))
+    return stds, max(float(reference.sum()) / side**2 - 6.0, 1.0)
+
+
+def _bound_form(changes: Array, noise: float) -> Component:
+    # Largest change by another levelling or part of a floor, a quarter of it, less what noise
+    # alone changes.
+    most = max(float(np.max(changes**2)) - 3.0 * noise**2, 0.0)
+    return Component(
+        "form",
+        float(np.sqrt(most / 3.0)),
+        how="change without levelling by rows, or by the middle of the floors, rectangular",
+    )

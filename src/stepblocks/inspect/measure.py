@@ -3,6 +3,7 @@
 Each characteristic has its uncertainty budget.
 """
 
+import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, TypeVar
@@ -26,7 +27,8 @@ S = TypeVar("S")
 T = TypeVar("T")
 
 _NARROWER = 0.7  # of the cap of a tip, over which its radius is fitted again [1]
-_LEAST_SHARE = 0.5  # of the profiles of a map that must agree on what they cross [1]
+LEAST_SHARE = 0.5  # of the profiles of a map that must agree on what they cross [1]
+_UNLIKE = 1.25  # ratio of the largest to the smallest feature from which no mean is taken [1]
 _MOST_PROFILES = 60  # of a map that are evaluated; of more, as many are taken evenly over the map
 
 
@@ -201,12 +203,13 @@ def keep_profiles_that_agree(
     kept = [one for one, same in zip(found, alike, strict=True) if same]
     asked = len(rows)
     reason = f"since {refused[0]}" if refused else "since it crosses others"
-    if not kept or len(kept) < _LEAST_SHARE * asked:
+    if not kept or len(kept) < LEAST_SHARE * asked:
         if asked == 1:
             raise MetrologyError(refused[0])
         raise MetrologyError(
-            f"profiles must agree on the features that they cross, got {len(kept)} of {asked} "
-            f"({_LEAST_SHARE:.0%} needed), the first other {reason}"
+            "profiles must agree on the features that they cross, got "
+            f"{len(found) - len(kept) + len(refused)} of {asked} that do not "
+            f"({1.0 - LEAST_SHARE:.0%} allowed), the first {reason}"
         )
     showing = {id(row) for row, _ in kept}
     places = [number for number, row in enumerate(rows) if id(row) in showing]
@@ -231,16 +234,34 @@ def list_directions(
 
 
 def evaluate_each(
-    evaluate: Callable[[S], T], items: Iterable[S]
+    evaluate: Callable[[S], T], items: Iterable[S], most_refused: float = np.inf
 ) -> tuple[list[tuple[S, T]], list[str]]:
-    """Return what can be evaluated with its result, and why the others were refused."""
-    results, refused = [], []
-    for one in items:
+    """Return what can be evaluated with its result, and why the others were refused.
+
+    Once more than `most_refused` were, the rest is left alone.
+    """
+    results, refused = list[tuple[S, T]](), list[str]()
+    for one in itertools.takewhile(lambda _: len(refused) <= most_refused, items):
         try:
             results.append((one, evaluate(one)))
         except MetrologyError as error:
             refused.append(str(error))
     return results, refused
+
+
+def list_features(
+    key: str, each: Sequence[Measured], average: Callable[[], Measured], notes: list[str]
+) -> dict[str, Measured]:
+    """Return features by their numbers, with their mean where they are alike; one by its key."""
+    if len(each) == 1:
+        return {key: each[0]}
+    values = {f"{key}_{number}": one for number, one in enumerate(each, 1)}
+    depths = [one.value for one in each]
+    if max(depths) <= _UNLIKE * min(depths):
+        return {key: average(), **values}
+    listed = ", ".join(f"{one * 1e6:.4g}" for one in depths)
+    notes.append(f"{len(each)} unlike features of {listed} um, in this order; no mean is taken")
+    return values
 
 
 def measure_margin(

@@ -26,12 +26,11 @@ from stepblocks.inspect.budget import (
     Instrument,
     Measured,
     Outcome,
-    add_instrument_components,
     combine_verdicts,
     judge,
 )
 from stepblocks.inspect.grooves import UnlikeError, measure_groove
-from stepblocks.inspect.map_levels import is_periodic
+from stepblocks.inspect.map_levels import is_periodic, measure_dots
 from stepblocks.inspect.measure import (
     AS_FOUND,
     Evaluation,
@@ -43,7 +42,7 @@ from stepblocks.inspect.measure import (
 from stepblocks.inspect.report import InspectionResult
 from stepblocks.inspect.working_edge.energy import describe_energy
 from stepblocks.inspect.working_edge.measure import measure_edge
-from stepblocks.inspect.working_edge.roughness import measure_ra
+from stepblocks.inspect.working_edge.roughness import add_roughness
 from stepblocks.parts.characteristics import Characteristic
 from stepblocks.parts.conditions import NO_ORDER, OrderSpec, PredictionGrid
 from stepblocks.parts.kind import Part
@@ -70,6 +69,7 @@ EVALUATIONS: dict[str, Evaluator] = {
     "ball_radius": lambda scan, instrument, asked, options: measure_tip(
         scan, instrument, options, asked.nominal
     ),
+    "dot_depth": lambda scan, instrument, asked, options: measure_dots(scan, instrument, options),
 }
 # what a scan of a feature does not show, and which evaluation a standard of a feature needs
 _BESIDE = {"edge": ("groove_depth", "ridge_height"), "groove": ("step_height",)}
@@ -82,8 +82,15 @@ _UNFOLLOWED: dict[str, dict[str, str]] = {
     "ridge_height": {},
     "horizontal_discrepancy": {"exclusion": "--exclusion"} | _ALONG,
     "ball_radius": {"exclusion": "--exclusion"} | _ALONG,
+    "dot_depth": {"degree": "--level", "begin": "--from", "end": "--to", "along": "--along"},
 }
-_STANDARDS = {"groove": "groove_depth", "edge": "step_height", "ball": "ball_radius"}
+_STANDARDS = {
+    "groove": "groove_depth",
+    "edge": "step_height",
+    "ball": "ball_radius",
+    "dots": "dot_depth",
+}
+_FEATURES = ("dots", "groove", "edge")  # in the order of what else may be asked for
 _NOTHING_KNOWN = Instrument()
 _LEAST_COVERED = 0.8  # of either side of a face that a scan must show to judge its form [1]
 _UNITS = ("pm", "nm", "um", "mm", "m")  # each 1000 of the one before
@@ -175,10 +182,12 @@ def inspect_scan(
         _refuse_unused_options(shown[0].key, options)
         loaded = load_scan(scan, unit, channel)
         scale = loaded.scale
-        evaluation = _evaluate(EVALUATIONS[shown[0].key], loaded, instrument, shown[0], options)
+        evaluation = _evaluate(
+            EVALUATIONS[shown[0].key], loaded, instrument, shown[0], options, tuple(_BESIDE)
+        )
         rough = next((one for one in listed if one.key == "roughness"), None)
         if rough is not None and evaluation.faces:
-            evaluation = _add_roughness(evaluation, rough.upper, instrument)
+            evaluation = add_roughness(evaluation, rough.upper, instrument)
     main = [one for one in listed if one.key in EVALUATIONS and one.key in evaluation.values]
     doubts = [
         doubt for one in main for doubt in _describe_size_doubts(one, evaluation, scale, others)
@@ -269,8 +278,9 @@ def inspect_standard(
     depth, tolerance : float
         Certified depth or radius and its tolerance [m]; with a tolerance of 0 nothing can be proven
         but a deviation. Without a depth the scan is measured and nothing is judged.
-    feature : {"groove", "edge", "ball"}
-        What was scanned; grooves stand also for ridges, single steps and gratings.
+    feature : {"groove", "edge", "ball", "dots"}
+        What was scanned; grooves stand also for ridges, single steps and gratings, dots for holes
+        and craters.
 
     Returns
     -------
@@ -386,8 +396,10 @@ def _evaluate(
     instrument: Instrument,
     characteristic: Characteristic,
     options: EvaluationOptions,
+    features: Iterable[str] = _FEATURES,
 ) -> Evaluation:
-    # Evaluate a scan by an instrument that resolves no less than one count of it.
+    # Evaluate a scan by an instrument that resolves no less than one count of it; `features` are
+    # what else may be asked for.
     if options.area is not None:
         scan = crop_map(scan, options.area)
     place = f" [{scan.source}]" if scan.source else ""
@@ -402,7 +414,9 @@ def _evaluate(
         raise UnlikeError(f"{error}{place}") from error
     except MetrologyError as error:
         message = str(error).removesuffix(place)
-        message += _suggest_other_evaluation(evaluate, scan, instrument, characteristic, options)
+        message += _suggest_other_evaluation(
+            evaluate, scan, instrument, characteristic, options, features
+        )
         raise MetrologyError(f"{message}{place}") from error
 
 
@@ -412,39 +426,22 @@ def _suggest_other_evaluation(
     instrument: Instrument,
     characteristic: Characteristic,
     options: EvaluationOptions,
+    features: Iterable[str] = _FEATURES,
 ) -> str:
-    # Say what may be tried with a scan of an edge or groove that was refused.
-    features = {EVALUATIONS[_STANDARDS[name]]: name for name in ("groove", "edge")}
-    if features.pop(evaluate, None) is None:
+    # Say what may be tried with a scan of an edge, a groove or dots that was refused.
+    ways = {EVALUATIONS[_STANDARDS[name]]: name for name in features}
+    if ways.pop(evaluate, None) is None:
         return ""
-    ((other, name),) = features.items()
-    if evaluate_each(lambda one: other(one, instrument, characteristic, options), [scan])[0]:
-        return f"; --feature {name} measures it"
-    part = "; a part that shows one kind of feature may do: --from, --to, --along"
-    if isinstance(scan, HeightMap) and is_periodic(scan.height):
-        part = "; the map repeats itself: of a grating only level ridges and grooves have a depth"
-    return part if isinstance(scan, HeightMap) else ""
-
-
-def _add_roughness(evaluation: Evaluation, limit: float, instrument: Instrument) -> Evaluation:
-    # Add Ra of the rougher of the two working faces, or why it was not measured.
-    half = len(evaluation.faces) // 2
-    faces = []
-    for part in (evaluation.faces[:half], evaluation.faces[half:]):
-        found, refused = evaluate_each(lambda face: measure_ra(face, limit), part)
-        if not found:
-            return replace(evaluation, missing={**evaluation.missing, "roughness": refused[0]})
-        faces.append([one for _, one in found])
-    worst = max(faces, key=lambda own: np.mean([one.value for one in own]))
-    # sections of neighbouring profiles are not independent: their scatter is not divided again
-    std = float(np.mean([one.std for one in worst]))
-    measured = add_instrument_components(
-        "Ra",
-        float(np.mean([one.value for one in worst])),
-        [Component("scatter", std, worst[0].dof, "over five sections of a profile")],
-        instrument,
+    others = evaluate_each(lambda one: one(scan, instrument, characteristic, options), ways)[0]
+    if others:
+        return f"; --feature {ways[others[0][0]]} measures it"
+    if isinstance(scan, ScannedProfile):
+        return ""
+    return (
+        "; the map repeats itself: of a grating only level ridges and grooves have a depth"
+        if is_periodic(scan.height)
+        else "; a part that shows one kind of feature may do: --from, --to, --along, --area"
     )
-    return replace(evaluation, values={**evaluation.values, "roughness": measured})
 
 
 def judge_part(

@@ -79,11 +79,11 @@ def evaluate_a1(x: Array, z: Array, edges: Span) -> TypeA1:
 def _evaluate_flat(x: Array, z: Array, masks: list[Mask], design: Array, feature: str) -> TypeA1:
     used = masks[0] | masks[1] | masks[2]
     fit = fit_without_spikes(design, z, used)
-    if name := _find_flank_window(fit, dict(zip("ACB", masks, strict=True))):
-        raise MetrologyError(
-            f"window {name} of type A1 must lie on a face, but a flank or a defect reaches "
-            f"into it for {feature}"
-        )
+    MetrologyError.require(
+        not (name := _find_flank_window(fit, dict(zip("ACB", masks, strict=True)))),
+        f"window {name} of type A1 must lie on a face, but a flank or a defect reaches "
+        f"into it for {feature}",
+    )
     MetrologyError.require(
         fit.rejected <= _MOST_OUTLIERS * used.sum()
         and all((mask & fit.used).sum() >= _LEAST_POINTS for mask in masks),

@@ -66,9 +66,11 @@ def describe_energy(result: InspectionResult, grid: PredictionGrid) -> str:
         for cause, change in causes.items()
         if abs(change) >= _WORTH_SAYING
     )
-    clause = f", and E_v is within {100.0 * _WORTH_SAYING:g} % of the nominal block's"
-    if named:
-        clause = f"{', but ' if result.verdict is Outcome.CONFORMS else ': '}{named}"
+    clause = (
+        f"{', but ' if result.verdict is Outcome.CONFORMS else ': '}{named}"
+        if named
+        else f", and E_v is within {100.0 * _WORTH_SAYING:g} % of the nominal block's"
+    )
     change = find_energy_change(asked, as_built, point)
     return (
         f"{verdict}{clause}; together {change * 100:+.1f} %, to "

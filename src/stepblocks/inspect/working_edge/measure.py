@@ -41,6 +41,7 @@ from stepblocks.inspect.levelling import (
 )
 from stepblocks.inspect.measure import (
     AS_FOUND,
+    LEAST_SHARE,
     Evaluation,
     EvaluationOptions,
     Shown,
@@ -95,7 +96,9 @@ def _measure_along_rows(
         rows = [replace(row, position=row.position * turn) for row in rows]
         notes.append(f"edge turned by {math.degrees(math.atan(slant)):.3g} deg; measured across it")
     found, refused = evaluate_each(
-        lambda row: fit_edge(row.position, row.height, options.exclusion), rows
+        lambda row: fit_edge(row.position, row.height, options.exclusion),
+        rows,
+        LEAST_SHARE * len(rows),
     )
     crossed = np.array(
         [(one.height.value, one.position, one.exclusion) for _, one in found]
@@ -235,9 +238,8 @@ def _average_radius(
         pixel = spacing / math.sqrt(12.0) if is_map else 0.0
         wanders = is_map and float(np.std([one.middle for one in edges])) > pixel
         between = max(single, pixel) if wanders else math.hypot(single, pixel)
-        origin = "what lies between two samples, rectangular"
-        if is_map:
-            origin = f"noise of one row, and one interval, which a pixel averages; {origin}"
+        averaged = "noise of one row, and one interval, which a pixel averages; " if is_map else ""
+        origin = f"{averaged}what lies between two samples, rectangular"
         others.append(Component("sampling", between, how=origin, bounded=True))
         single = 0.0
     corners = [Estimate(one.value - tip, single, one.dof) for one in corners]

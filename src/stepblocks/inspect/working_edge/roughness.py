@@ -3,10 +3,14 @@
 ISO 21920-3 takes the settings from its limit.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from stepblocks.artefacts.scans.scan import ScannedProfile
 from stepblocks.errors import MetrologyError
+from stepblocks.inspect.budget import Component, Instrument, add_instrument_components
+from stepblocks.inspect.measure import Evaluation, evaluate_each
 from stepblocks.inspect.noise import Array, Estimate, find_outliers
 
 # ISO 21920-3, defaults by the upper limit of Ra: limit up to, cut-off, nesting index of the S
@@ -67,3 +71,24 @@ def _compute_mean_line(height: Array, known: Array, spacing: float, cutoff: floa
     total = convolve1d(np.where(known, height, 0.0), kernel, mode="constant")
     weight = convolve1d(known.astype(np.float64), kernel, mode="constant")
     return np.asarray(total / np.maximum(weight, 1e-12))
+
+
+def add_roughness(evaluation: Evaluation, limit: float, instrument: Instrument) -> Evaluation:
+    """Add Ra of the rougher of the two working faces, or why it was not measured."""
+    half = len(evaluation.faces) // 2
+    faces = []
+    for part in (evaluation.faces[:half], evaluation.faces[half:]):
+        found, refused = evaluate_each(lambda face: measure_ra(face, limit), part)
+        if not found:
+            return replace(evaluation, missing={**evaluation.missing, "roughness": refused[0]})
+        faces.append([one for _, one in found])
+    worst = max(faces, key=lambda own: np.mean([one.value for one in own]))
+    # sections of neighbouring profiles are not independent: their scatter is not divided again
+    std = float(np.mean([one.std for one in worst]))
+    measured = add_instrument_components(
+        "Ra",
+        float(np.mean([one.value for one in worst])),
+        [Component("scatter", std, worst[0].dof, "over five sections of a profile")],
+        instrument,
+    )
+    return replace(evaluation, values={**evaluation.values, "roughness": measured})
