@@ -252,3 +252,18 @@ def test_the_walls_of_a_feature_stand_within_the_flanks_that_a_cone_shows(sign, 
     assert width.expanded() < (20 * UM if wall < 29 * UM else 3 * UM)
     unstated = measure_groove(scan, EXACT).values["feature_width"]
     assert unstated.expanded() > 1.5 * width.expanded()
+
+
+def test_unlike_grooves_beside_each_other_have_each_its_own_depth_and_no_mean():
+    # the land between two of them had been the feature, 46 +- 52 um, and a row dropped the third
+    x, true = np.arange(3000) * 2 * UM, [25.5 * UM, 195 * UM, 387 * UM]
+    z = sum(
+        groove_gauge(x, depth, at, at + 600 * UM)
+        for depth, at in zip(true, [900 * UM, 2700 * UM, 4500 * UM], strict=True)
+    )
+    rows = np.stack([z + noise(x, seed, 50 * NM) for seed in range(6)])
+    found = measure_groove(HeightMap(rows, 2 * UM, 50 * UM), EXACT)
+    assert list(found.values) == [f"groove_depth_{number}" for number in (1, 2, 3)]
+    for measured, depth in zip(found.values.values(), true, strict=True):
+        assert abs(measured.value - depth) < max(measured.expanded(0.99), 20 * NM)
+    assert any("no mean is taken" in note for note in found.notes)
