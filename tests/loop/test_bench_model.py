@@ -16,8 +16,9 @@ from stepblocks.loop.bench_model import (
     list_candidates,
     list_covariate_ranges,
 )
-from stepblocks.loop.search.fit import build_problem
+from stepblocks.loop.search.fit import build_problem, fit
 from stepblocks.loop.search.forward_model import Trials
+from stepblocks.loop.search.structure import find_hints
 
 _TOOL = Tool(frequency=300.0, decay_time=0.02)
 _MODEL = SessionModel(_TOOL)
@@ -178,3 +179,18 @@ def test_few_trials_over_many_blocks_scatter_as_the_bench_does(seed):
     # of ln friction, ln load and ln C_v, as the bench draws them
     drawn = np.sqrt(shown**2 @ np.square([0.005 / 0.16, 0.004, 0.07]))
     assert 0.8 < np.median(found / drawn) < 1.8  # five times as much with heights in it
+
+
+@pytest.mark.parametrize("setting", ["load_n", "height_um"])
+def test_an_error_that_the_evaluation_leaves_in_all_trials_makes_no_groups_of_them(setting):
+    # settings are few, and so are the values of what errs along them, here by twice what the model
+    # allows for
+    off = bench_trials(design_columns(120, 3), 3)
+    along = np.log(off.numeric(setting))
+    off.values[:, CHANNELS.index("normal_load_ratio")] = (
+        1.0
+        + 0.004 * (along - along.mean()) / along.std()
+        + np.random.default_rng(3).normal(0.0, 3e-4, len(off))
+    )
+    problem = build_problem(_MODEL, off)
+    assert find_hints(problem, fit(problem)) == ()

@@ -38,7 +38,7 @@ def test_a_height_is_named_where_it_is_beyond_its_tolerance_and_not_within_it(er
     name = "block_height_error~step-040.height_error_m"
     true = error + block_errors(_COLUMNS, 3)["step-040"]
     assert found.extended.values[name] == pytest.approx(true, abs=4.0 * found.extended.std[name])
-    assert found.extended.std[name] < 0.2e-6
+    assert found.extended.std[name] < 0.3e-6  # of that 0.2 um for edges that nobody scanned
     assert found.extended.cost < nothing.extended.cost
 
 

@@ -43,8 +43,6 @@ _SHARP = 1.5e-6  # m, an edge that a scan shows to be no rounder
 _SEEN = 8.0
 # constants that each session has its own of, where several are explained together
 OF_A_DAY = ("friction", "ln_conversion", "ln_ring_frequency", "ln_decay_time")
-# friction imitates a tilt exactly; a search would only find the rounding between the two
-_SAME_BY_DEFINITION = frozenset({"block_tilt"})
 
 
 @lru_cache(maxsize=4)
@@ -136,9 +134,8 @@ class SessionModel:
                     self.scanned_radius[1],
                 )
             )
-        if "load_bias_n" in self.known:
-            known = self.known["load_bias_n"]
-            own.append(Parameter("load_error", "N", known[0], -0.25, 0.6, 1e-3, known[1]))
+        if load := self.known.get("load_bias_n"):
+            own.append(Parameter("load_error", "N", load[0], -0.25, 0.6, 1e-3, load[1]))
         days = [
             replace(one, name=f"{one.name}[{session}]")
             for one in found
@@ -188,11 +185,6 @@ class SessionModel:
 
         Knowing what the scans have ruled out.
         """
-        laws = list_candidates(
-            trials,
-            list_covariate_ranges(trials),
-            scanned_radius=self.scanned_radius and self.scanned_radius[0],
-        )
         # constants of gauges and load are what is added to the known ones: a calibration says how
         # much that may be
         open_to = {name: std for name, (_, std) in self.known.items()}
@@ -206,7 +198,12 @@ class SessionModel:
             )
 
         return tuple(
-            add_prior(law) if law.slot in ("sensor", "normal_load") else law for law in laws
+            add_prior(law) if law.slot in ("sensor", "normal_load") else law
+            for law in list_candidates(
+                trials,
+                list_covariate_ranges(trials),
+                scanned_radius=self.scanned_radius and self.scanned_radius[0],
+            )
         )
 
     def predict(self, trials: Trials, values: Mapping[str, float], effects: Active = ()) -> Floats:
@@ -300,7 +297,8 @@ def list_candidates(
     """
     names = {place.name for place in ranges} | {"none", "block"}
     sharp = scanned_radius is not None and scanned_radius < _SHARP
-    ruled_out = _SAME_BY_DEFINITION | {"edge_rounding" if sharp else "tip_radius_error"}
+    # friction imitates a tilt exactly; a search would only find the rounding between the two
+    ruled_out = {"block_tilt", "edge_rounding" if sharp else "tip_radius_error"}
     laws = [
         # where edges are sharp their rounding is ruled out
         replace(law, evidence=_SEEN) if scanned_radius and law.id == "edge_rounding" else law

@@ -41,14 +41,7 @@ def add_height_errors(explanation: Explanation, table: SessionTable) -> Explanat
         one: (1e-6 * float(table.trials.covariates["height_um"][table.trials.block == one][0]), 0.0)
         for one in off
     }
-    problem = replace(
-        explanation.problem,
-        model=replace(
-            model,
-            scanned=heights | owned,
-            scanned_radius=None if "edge_rounding" in named else model.scanned_radius or _UNSEEN,
-        ),
-    )
+    problem = replace(explanation.problem, model=replace(model, scanned=heights | owned))
     start = fitted.values | {
         f"{law.id}.height_error_m": fitted.values.get(f"{law.id}.height_error_m", 0.0)
         + fitted.values[format_height_name(block)]
@@ -56,10 +49,28 @@ def add_height_errors(explanation: Explanation, table: SessionTable) -> Explanat
     }
     added = [(law, p) for law, p in zip(laws, off.values(), strict=True) if law.id not in named]
     extended = fit(problem, (*fitted.effects, *(law for law, _ in added)), start)
+    # what is delivered has sharp edges where nobody scanned them; what their rounding would change
+    # is part of the uncertainty
+    rounder = fit(
+        replace(
+            problem,
+            model=replace(
+                model,
+                scanned=heights | owned,
+                scanned_radius=model.scanned_radius or _UNSEEN,
+            ),
+        ),
+        extended.effects,
+        extended.values,
+    )
+    doubt = {
+        name: float(np.hypot(rounder.std[name], rounder.values[name] - value))
+        for name, value in extended.values.items()
+    }
     return replace(
         explanation,
         problem=problem,
-        extended=extended,
+        extended=replace(extended, std=doubt),
         findings=(
             *explanation.findings,
             *(

@@ -129,8 +129,9 @@ def _find_plot_positions(column: NDArray[np.generic]) -> tuple[Floats, dict[int,
     labels, inverse = np.unique(column.astype(str), return_inverse=True)
     # under one of three figures side by side there is room for 32 letters
     every = -(-len(labels) * (max(map(len, labels)) + 2) // 32)
-    written = {place: str(labels[place]) for place in range(0, len(labels), every)}
-    return np.asarray(inverse, dtype=np.float64), written
+    return np.asarray(inverse, dtype=np.float64), {
+        place: str(labels[place]) for place in range(0, len(labels), every)
+    }
 
 
 def _draw_effect(result: LoopResult, effect: Law, name_shown: str) -> dict[str, str]:

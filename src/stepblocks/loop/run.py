@@ -253,8 +253,11 @@ def _explain_and_hold_out(
     for names in run_in_processes(one_fold, ((rows,) for rows in (*inside, *outside)), jobs):
         selected.append(names)
         if announce:
-            part = f"part {len(selected)} of {searches - 1} held out"
-            announce(1 + len(selected), searches, f"{part}: {', '.join(names) or 'nothing'}")
+            announce(
+                1 + len(selected),
+                searches,
+                f"part {len(selected)} of {searches - 1} held out: {', '.join(names) or 'nothing'}",
+            )
     found = check_claims(found, selected, model.cells(trials))
     found, (within, between) = choose_delivered_effects(
         add_height_errors(found, table), (inside, outside), model.candidates

@@ -84,6 +84,11 @@ def estimate_quantity_errors(problem: Problem, fitted: Fit) -> tuple[Floats, Flo
     seen = trials.seen
     weight = np.where(seen, 1.0 / (np.where(seen, trials.std, 1.0) ** 2 + scatter.channels), 0.0)
     residual = np.where(seen, trials.values - fitted.predicted, 0.0)
+    # less what errors that trials share make of it: the best linear prediction of random effects
+    # (Henderson 1975, doi:10.2307/2529430); discrete settings would make two groups of them
+    factors, basis = problem.noise.factors, problem.noise.basis
+    along = (1.0 - problem.noise.shrink**2) * (basis.T @ (factors @ residual[:, :, None]).ravel())
+    residual -= (np.linalg.pinv(factors) @ (basis @ along).reshape(*residual.shape, 1))[:, :, 0]
     filled = np.where(seen[:, :, None], responses, 0.0)
     # a quantity that no channel of a trial shows stays near zero with a deviation of its scatter
     prior = 1.0 / np.maximum(100.0 * scatter.quantities, 1e-10)
