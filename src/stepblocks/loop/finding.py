@@ -97,7 +97,7 @@ def write_summary(document: Document) -> str:
 
 def write_sentence(explanation: Explanation, document: Document) -> str:
     """Say what was found, how large, how far the error fell, and what noise leaves."""
-    errors = _format_errors(document)
+    errors = format_errors(document)
     if explanation.verdict is Verdict.NONE:
         could = [
             f"; {e['text']} of {format_value(e['value'], e['unit'])}"
@@ -137,7 +137,8 @@ def write_sentence(explanation: Explanation, document: Document) -> str:
     return text[0].upper() + text[1:]
 
 
-def _format_errors(document: Document) -> dict[str, str]:
+def format_errors(document: Document) -> dict[str, str]:
+    """Say the errors of E_v of both models, on trials and on blocks held out, as percentages."""
     extended = document["extended"]["error"]
     figures = {
         "before": document["nominal"]["error"]["ln_energy_rms"],
@@ -148,7 +149,7 @@ def _format_errors(document: Document) -> dict[str, str]:
     }
     # of a logarithm: 0.05 is 5 %
     return {
-        name: f"{100.0 * math.expm1(v):.0f} %" if math.isfinite(v) else "unknown"
+        name: "unknown" if v is None or math.isnan(v) else f"{100.0 * math.expm1(v):.0f} %"
         for name, v in figures.items()
     }
 

@@ -19,7 +19,12 @@ from stepblocks.figure_file import make_figure
 from stepblocks.law import Law
 from stepblocks.loop.bench_model import find_column
 from stepblocks.loop.figures import AFTER, BEFORE, CHANNELS, plot_agreement
-from stepblocks.loop.finding import CHANNELS_IN_WORDS, describe_covariate, format_value
+from stepblocks.loop.finding import (
+    CHANNELS_IN_WORDS,
+    describe_covariate,
+    format_errors,
+    format_value,
+)
 from stepblocks.loop.result import LoopResult
 from stepblocks.loop.search.explain import Explanation
 from stepblocks.loop.search.forward_model import Floats
@@ -50,6 +55,7 @@ def render_loop_page(result: LoopResult, traces: Sequence[Path] = ()) -> str:
         say=describe_covariate,
         value=format_value,
         r=result.document,
+        errors=format_errors(result.document),
         constants=[
             (n, p) for n, p in result.document["extended"]["parameters"].items() if "." not in n
         ],
@@ -168,8 +174,10 @@ def _compute_change(explanation: Explanation, effect: Law) -> tuple[int, Floats,
     others = [(e, own) for e, own in fitted.active if e is not effect]
 
     def change(values: Mapping[str, float]) -> Floats:
-        with_it = model.predict(trials, values, [*others, (effect, effect.pick_own_values(values))])
-        return np.asarray(with_it - model.predict(trials, values, others))
+        return np.asarray(
+            model.predict(trials, values, [*others, (effect, effect.pick_own_values(values))])
+            - model.predict(trials, values, others)
+        )
 
     base = change(fitted.values)
     j = int(np.argmax(np.nanmean(np.abs(base[:, :2]), axis=0)))
