@@ -394,8 +394,8 @@ PARTS = [
     ),
     Part(
         "loop-matrix",
-        "python benchmarks/bench_matrix.py --first 9301 --sessions 20 --record out/matrix.jsonl && "
-        "python benchmarks/bench_matrix.py nothing --first 9401 --sessions 300 "
+        "python benchmarks/bench_matrix.py --first 13001 --sessions 20 --record out/matrix.jsonl "
+        "&& python benchmarks/bench_matrix.py nothing --first 15001 --sessions 300 "
         "--record out/nulls.jsonl",
         {
             "loop-nulls": (r"nothing {30,}(\d+ of 300) ", "{}"),
