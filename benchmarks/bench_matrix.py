@@ -39,7 +39,8 @@ from oracles.virtual_bench import Bench
 from oracles.virtual_session import Plan, write_session
 from stepblocks.bench.measure import measure_session
 from stepblocks.bench.session import open_session
-from stepblocks.loop import bench_model
+from stepblocks.contact.state import CHANNELS
+from stepblocks.loop import bench_model, session_table
 from stepblocks.loop.heights import add_height_errors
 from stepblocks.loop.run import analyse_features
 from stepblocks.loop.search.explain import Explanation, Rules, Verdict, explain
@@ -47,16 +48,6 @@ from stepblocks.loop.session_table import build_session_table, scan_blocks
 
 _SHARP = (0.05e-6, 1.2e-6)  # radii of edges that a scan cannot tell from sharp ones [m]
 _SCAN_ERROR = 0.1e-6  # the least that the loop takes for the uncertainty of a scanned height [m]
-# features and the channels that are made of them
-_MEASURED = {
-    "vibration_energy_j": "ln_energy",
-    "peak_force_n": "ln_peak_force",
-    "sliding_friction": "sliding_friction",
-    "spring_constant_n_per_m": "spring_constant",
-    "ring_frequency_hz": "ln_ring_frequency",
-    "decay_time_s": "ln_decay_time",
-    "normal_load_n": "normal_load_ratio",
-}
 # scans that were measured last
 _LAST: dict[tuple[object, ...], dict[str, dict[str, float]]] = {}
 # places that count as right, and parameters with their values
@@ -317,10 +308,10 @@ def _err_together(features: pd.DataFrame, random: np.random.Generator) -> pd.Dat
     )
     columns = (height, load, speed, height**2, height * load, load * speed, height * speed)
     changed = features.copy()
-    for name, channel in _MEASURED.items():
+    for channel, (name, _, kind) in zip(CHANNELS, session_table._COLUMNS, strict=True):
         error = random.normal(0.0, bench_model._COMMON[channel], len(columns)) @ np.stack(columns)
         # friction errs by itself, all others by a share of theirs
-        changed[name] += error if channel == name else features[name] * np.expm1(error)
+        changed[name] += error if kind == "as is" else features[name] * np.expm1(error)
     return changed
 
 

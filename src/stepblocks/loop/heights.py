@@ -37,11 +37,18 @@ def add_height_errors(explanation: Explanation, table: SessionTable) -> Explanat
         return explanation
     laws = [law for law in list_named_laws(list(off)) if law.covariate == "block"]
     # the heights of these blocks belong to the laws now
-    owned = {
-        one: (1e-6 * float(table.trials.covariates["height_um"][table.trials.block == one][0]), 0.0)
-        for one in off
-    }
-    problem = replace(explanation.problem, model=replace(model, scanned=heights | owned))
+    model = replace(
+        model,
+        scanned=heights
+        | {
+            one: (
+                1e-6 * float(table.trials.covariates["height_um"][table.trials.block == one][0]),
+                0.0,
+            )
+            for one in off
+        },
+    )
+    problem = replace(explanation.problem, model=model)
     start = fitted.values | {
         f"{law.id}.height_error_m": fitted.values.get(f"{law.id}.height_error_m", 0.0)
         + fitted.values[format_height_name(block)]
@@ -52,14 +59,7 @@ def add_height_errors(explanation: Explanation, table: SessionTable) -> Explanat
     # what is delivered has sharp edges where nobody scanned them; what their rounding would change
     # is part of the uncertainty
     rounder = fit(
-        replace(
-            problem,
-            model=replace(
-                model,
-                scanned=heights | owned,
-                scanned_radius=model.scanned_radius or _UNSEEN,
-            ),
-        ),
+        replace(problem, model=replace(model, scanned_radius=model.scanned_radius or _UNSEEN)),
         extended.effects,
         extended.values,
     )

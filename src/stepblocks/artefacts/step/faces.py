@@ -140,7 +140,10 @@ def is_placed_where_drawn(file: Exchange) -> bool:
 
 def _scale_by_name(radius: float, name: str) -> float | None:
     # Give what a dimension is named after: a diameter, a radius, or neither
-    return 2.0 * radius if "diameter" in name else radius if "radius" in name else None
+    return next(
+        (factor * radius for word, factor in (("diameter", 2.0), ("radius", 1.0)) if word in name),
+        None,
+    )
 
 
 def measure_size(surfaces: list[Surface], name: str) -> float | None:
