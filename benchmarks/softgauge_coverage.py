@@ -16,6 +16,7 @@ on where it was, as long as the code is the same, and ``--summary`` counts what 
 import argparse
 import json
 import math
+import re
 import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
@@ -384,9 +385,18 @@ def dots(depth: float, wall: float, own: float) -> Draw:
         scan = HeightMap(z * random.normal(1.0, 1e-3), pixel, pixel)
         found = measure_dots(scan, Instrument(1e-3, 0.0, 0.0)).values
         yield "depth, mean of dots", abs(depth), found["dot_depth"]
-        yield "depth of one dot", abs(each[5]), found["dot_depth_6"]
+        # dots of one row are numbered by which begins first: their place says which is which
+        at = np.array(places[5]) / UM
+        one = min(found.values(), key=lambda dot: np.abs(at - find_place(dot.name)).sum())
+        yield "depth of one dot", abs(each[5]), one
 
     return draw
+
+
+def find_place(name: str) -> list[float]:
+    """Read the place of a dot [um] from its name; that of a mean is beyond all."""
+    numbers = re.findall(r"-?[0-9.]+(?:e[+-][0-9]+)?", name)
+    return [float(number) for number in numbers] or [math.inf, math.inf]
 
 
 def gaps(random: np.random.Generator) -> Iterator[tuple[str, float, Measured]]:

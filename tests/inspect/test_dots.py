@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from oracles.softgauge import ball_gauge, correlated_map, dots_gauge
 from stepblocks.artefacts.scans.read import read_scan
@@ -14,8 +15,14 @@ from stepblocks.errors import MetrologyError, PipelineError
 from stepblocks.inspect import grooves
 from stepblocks.inspect.budget import Instrument
 from stepblocks.inspect.grooves import measure_groove
-from stepblocks.inspect.map_levels import measure_dots, measure_masked_step
+from stepblocks.inspect.map_levels import (
+    _level_rows,
+    _list_weights,
+    measure_dots,
+    measure_masked_step,
+)
 from stepblocks.inspect.measure import EvaluationOptions, evaluate_each
+from stepblocks.inspect.noise import estimate_of_rows
 from stepblocks.inspect.run import inspect_standard
 
 UM, NM = 1e-6, 1e-9
@@ -188,3 +195,43 @@ def test_holes_of_real_gratings_hold_their_independently_known_depth(name, depth
         pytest.skip("shared real data is not here")
     found = measure_dots(read_scan(path), EXACT).values["dot_depth"]
     assert abs(found.value - depth) < found.expanded() < 6 * NM
+
+
+def test_the_noise_of_one_dot_holds_what_the_lines_of_its_rows_leave():
+    # rows that cross dots have little to be levelled on: their lines err, and together where the
+    # roughness is correlated. Exact is w C w, C the covariance that the gauge was drawn with.
+    y, x = np.mgrid[:72, :96]
+    labels = np.zeros(x.shape, dtype=int)
+    for number, (u, v) in enumerate(
+        [(16, 20), (48, 20), (80, 20), (16, 52), (48, 52), (80, 52)], 1
+    ):
+        labels[np.hypot(x - u, y - v) < 8] = number
+    reference = ~ndimage.binary_dilation(labels > 0, iterations=3)
+    nearest = ndimage.distance_transform_edt(
+        labels == 0, return_distances=False, return_indices=True
+    )
+    beside = np.where(reference, labels[tuple(nearest)], 0)
+    weights = list(_list_weights(reference, labels, labels, beside))
+    draws = [
+        correlated_map(x.shape, 1.0, 0.5 * NM, 1.5 * NM, 3.0, np.random.default_rng(seed))
+        for seed in range(12)
+    ]
+    drift = (
+        20
+        * NM
+        * np.random.default_rng(9).normal(size=(72, 2))
+        @ np.stack([1.0 + 0.0 * x[0], x[0] / 96])
+    )
+    stated = [estimate_of_rows(weights, _level_rows(z, reference), reference) for z in draws]
+    np.testing.assert_allclose(
+        estimate_of_rows(weights, _level_rows(draws[0] + drift, reference), reference),
+        stated[0],
+        rtol=1e-6,
+    )
+    exact = []
+    for own in weights:
+        v, u = (one[: len(own)].ravel() for one in (y, x))
+        far = np.subtract.outer(u, u) ** 2 + np.subtract.outer(v, v) ** 2
+        covariance = (1.5 * NM) ** 2 * np.exp(-far / 9.0) + (0.5 * NM) ** 2 * (far == 0)
+        exact.append(np.sqrt(own.ravel() @ covariance @ own.ravel()))
+    assert np.sqrt(np.mean(np.square(stated), axis=0)) == pytest.approx(exact, rel=0.08)

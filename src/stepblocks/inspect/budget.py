@@ -172,8 +172,9 @@ class Measured:
         # one more component brings must not narrow the interval
         own = [one for one in self.components if math.isfinite(one.std) and one.is_type_a]
         few = math.sqrt(sum(part.std**2 for part in own))
-        single = compute_student_quantile(share, _find_effective_dof(own, few)) * few
-        whole = compute_student_quantile(share, self.dof) * self.std
+        # `scipy.stats` says the same, and takes as long to load as all the rest
+        single = float(stdtrit(_find_effective_dof(own, few), share)) * few
+        whole = float(stdtrit(self.dof, share)) * self.std
         return max(single, min(whole, self._expand_rectangle(share)))
 
     def _expand_rectangle(self, share: float) -> float:
@@ -184,7 +185,7 @@ class Measured:
             return math.inf
         rest = math.sqrt(max((self.std / widest) ** 2 - 1.0, _LEAST_REST))
         inside = math.sqrt(3.0) * np.linspace(-1.0, 1.0, 2 * _NODES + 1)[1::2]
-        most = 2.0 * (math.sqrt(3.0) + compute_student_quantile(share, self.dof) * rest)
+        most = 2.0 * (math.sqrt(3.0) + float(stdtrit(self.dof, share)) * rest)
         return widest * float(
             brentq(lambda at: stdtr(self.dof, (at - inside) / rest).mean() - share, 0.0, most)
         )
@@ -195,13 +196,6 @@ def _find_effective_dof(components: Iterable[Component], std: float) -> float:
     known = [part for part in components if math.isfinite(part.std) and math.isfinite(part.dof)]
     weight = sum(part.std**4 / part.dof for part in known)
     return std**4 / weight if weight > 0.0 else math.inf
-
-
-def compute_student_quantile(share: float, dof: float) -> float:
-    """Return the point below which this share of Student's law lies [1]."""
-    # `scipy.stats` says the same, and takes as long to load as all the rest
-
-    return float(stdtrit(dof, share))
 
 
 def add_instrument_components(
@@ -352,7 +346,7 @@ def decide(
     MetrologyError.require(lower <= upper, f"limits must be in order, got {lower:g} to {upper:g}")
 
     if guard is None:
-        guard = max(GUARD_FACTOR, compute_student_quantile(0.95, dof)) * std
+        guard = max(GUARD_FACTOR, float(stdtrit(dof, 0.95))) * std
     verdict = (
         Outcome.CONFORMS
         if lower + guard <= value <= upper - guard

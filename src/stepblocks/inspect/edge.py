@@ -290,15 +290,12 @@ def _find_better_flank(
 
 def _find_edge_spikes(heights: Array, limit: float) -> Mask:
     # Return spikes in a window at the edge: an edge rises or falls, so a point stays within the
-    # range of its neighbours.
+    # range of its four neighbours.
     padded = np.pad(heights, 2, mode="reflect")
-    # the second of the four from either side, so that one spike does not excuse another
-    ordered = np.sort(
-        np.stack([padded[shift : shift + len(heights)] for shift in (0, 1, 3, 4)]), axis=0
+    beside = np.stack([padded[shift : shift + len(heights)] for shift in (0, 1, 3, 4)])
+    return np.asarray(
+        (heights > beside.max(axis=0) + limit) | (heights < beside.min(axis=0) - limit)
     )
-    beyond = (heights > ordered[2] + limit) & (heights > ordered[3] + limit)
-    below = (heights < ordered[1] - limit) & (heights < ordered[0] - limit)
-    return np.asarray(beyond | below)
 
 
 def _fit_arc_or_flank(

@@ -44,8 +44,10 @@ LEVELS = {"line": 1, "parabola": 2, "cubic": 3}
 
 def check_profile(x: Array, z: Array, least: int) -> None:
     """Refuse what is no profile with `least` measured points, in equal steps."""
-    if (count := int(np.isfinite(z).sum())) < least:
-        raise MetrologyError(f"profile must have at least {least} measured points, got {count}")
+    MetrologyError.require(
+        (count := int(np.isfinite(z).sum())) >= least,
+        f"profile must have at least {least} measured points, got {count}",
+    )
     steps = np.diff(x)
     MetrologyError.require(
         (steps > 0.0).all() and np.ptp(steps) < 0.01 * np.mean(steps),
@@ -404,12 +406,9 @@ def fit_features(
     # `exclusion` is the half width [m] kept out at every edge; where its flank is, and half as much
     # again, by default.
     fits = _fit_polynomials(x, z, edges, _DEGREES if degree is None else (degree,), exclusion)
-
-    def significant(power: int) -> bool:
-        last = fits[power].estimate(power)
-        return abs(last.value) > _SIGNIFICANT * last.std
-
-    power = max(one for one in fits if one == min(fits) or significant(one))
+    lasts = {one: fit.estimate(one) for one, fit in fits.items() if one > min(fits)}
+    carried = [one for one, last in lasts.items() if abs(last.value) > _SIGNIFICANT * last.std]
+    power = max([min(fits), *carried])
     fit = fits[power]
     features = tuple(
         Feature(*span, fit.estimate(power + index))

@@ -259,16 +259,18 @@ def _merge_reports(
         missing=missing,
         covered=covered,
     )
+    if len(results) > 1:
+        digests = hashlib.sha256("".join(one.digest for one in results).encode())
+        first = replace(first, source=Path(f"{len(results)} files"), digest=digests.hexdigest())
     if first.stimulus is None:
         asked = first.judged[0][0]
         decision = judge(evaluation.values[asked.key], asked.nominal, asked.lower, asked.upper)
         return replace(
             first, evaluation=evaluation, judged=((asked, decision),), verdict=decision.verdict
         )
-    source = first.source if len(results) == 1 else Path(f"{len(results)} files")
-    digest = hashlib.sha256("".join(one.digest for one in results).encode()).hexdigest()
-    digest = first.digest if len(results) == 1 else digest
-    return judge_part(first.stimulus, evaluation, source, digest, first.order, first.asked)
+    return judge_part(
+        first.stimulus, evaluation, first.source, first.digest, first.order, first.asked
+    )
 
 
 def _state_units(table: Table) -> Table:
@@ -309,10 +311,9 @@ def _list_scans(paths: Sequence[Path], stimulus: str | None) -> Table:
     else:
         frame = pd.DataFrame({"scan": list(paths)})
     if "stimulus" not in frame:
-        if stimulus is None:
-            raise PipelineError(
-                "stimulus must be said, by --stimulus or by a column of the table, got none"
-            )
+        PipelineError.require(
+            stimulus, "stimulus must be said, by --stimulus or by a column of the table, got none"
+        )
         frame = frame.assign(stimulus=stimulus)
     # a sheet names its part by serial number; the only one named is that of the scans beside it
     named = {

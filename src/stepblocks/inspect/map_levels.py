@@ -6,6 +6,7 @@ where its heights gather at two with a gap between. Dots, holes and craters whos
 whose depths differ, are measured one by one, each at half of its own depth.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 
@@ -35,6 +36,7 @@ from stepblocks.inspect.noise import (
     Estimate,
     Mask,
     estimate_linear,
+    estimate_of_rows,
     estimate_robust_scale,
     find_outliers,
 )
@@ -99,18 +101,18 @@ def measure_masked_step(
         exclusion = _find_settling_distance(level, within, outside, pitch)
     floor, reference = (within > exclusion) & measured, (outside > exclusion) & measured
     asked = int(reference.sum())
-    level = _level_rows(z, reference)
+    level = _level_rows(_level_map(z, reference, 2), reference)
     for _ in range(_TURNS if asked else 0):
         if not (spikes := find_outliers(level, reference)).any():
             break
         reference &= ~spikes
-        level = _level_rows(z, reference)
-    if reference.sum() < _LEAST_KEPT * asked:
-        raise MetrologyError(
-            f"at least {_LEAST_KEPT:.0%} of what lies beside the features must be level, got "
-            f"{reference.sum() / asked:.0%} [{scan.source}]"
-        )
-    depths, weights = _fit_row_depths(scan.x, level, floor, reference)
+        level = _level_rows(_level_map(z, reference, 2), reference)
+    MetrologyError.require(
+        reference.sum() >= _LEAST_KEPT * asked,
+        f"at least {_LEAST_KEPT:.0%} of what lies beside the features must be level, got "
+        f"{reference.sum() / max(asked, 1):.0%} [{scan.source}]",
+    )
+    depths, weights = _fit_row_depths(level, floor, reference)
     known = np.isfinite(depths)
     MetrologyError.require(
         known.sum() >= 3,
@@ -133,11 +135,11 @@ def measure_masked_step(
         f"heights must be measured {near * 1e6:.3g} um beside an edge, got none [{scan.source}]",
     )
     inner, outer = map(np.median, sides)
-    if not (jump := float(outer - inner) / value) > _SUDDEN[1]:
-        raise MetrologyError(
-            f"heights must change by {_SUDDEN[1]:.0%} of a depth at its edges, got {jump:.0%} "
-            f"within {near * 1e6:.3g} um of an edge [{scan.source}]"
-        )
+    MetrologyError.require(
+        (jump := float(outer - inner) / value) > _SUDDEN[1],
+        f"heights must change by {_SUDDEN[1]:.0%} of a depth at its edges, got {jump:.0%} "
+        f"within {near * 1e6:.3g} um of an edge [{scan.source}]",
+    )
     own = ndimage.label(inside)[0][floor]
     means = np.bincount(own, level[floor]) / np.maximum(np.bincount(own), 1)
     return MaskedStep(
@@ -198,9 +200,11 @@ def _find_features(scan: HeightMap) -> Mask:
     # stays.
     z = scan.height
     known = np.isfinite(z)
-    level = _level_rows(z, _find_bulk(z, known))
+    rest = _find_bulk(z, known)
     inside = np.zeros(z.shape, dtype=bool)
     for _ in range(2 * _TURNS):
+        # a bow of the map is none of its features
+        level = _level_rows(_level_map(z, rest, 2), rest)
         low, high = _find_two_modes(level[known], scan.source)
         middle, reach = 0.5 * (low + high), high - low
         # what towers over a level by as much as it is away from the other is a third
@@ -210,7 +214,7 @@ def _find_features(scan: HeightMap) -> Mask:
         if (following == inside).all():
             break
         inside = following
-        level = _level_rows(z, ~ndimage.binary_dilation(inside, iterations=3) & (upper | lower))
+        rest = ~ndimage.binary_dilation(inside, iterations=3) & (upper | lower)
     return inside
 
 
@@ -254,21 +258,27 @@ def _find_two_modes(heights: Array, source: str) -> tuple[float, float]:
 
 
 def _level_rows(z: Array, reference: Mask) -> Array:
-    # Level each row by a line through its reference; a row with too little of it keeps its heights
-    # less the median. A bow of the map is none of its features.
-    z = _level_map(z, reference, 2)
-    level = z - float(np.median(z[reference])) if reference.any() else z.copy()
-    rows = reference.sum(axis=1) >= _LEAST_REFERENCE
-    share = reference[rows] / reference[rows].sum(axis=1, keepdims=True)
-    heights = np.where(reference[rows], z[rows], 0.0)
-    t = np.linspace(-1.0, 1.0, z.shape[1])
-    mean, middle = ((share * one).sum(axis=1, keepdims=True) for one in (heights, t))
-    lever = share * (t - middle)
-    slope = (lever * (heights - mean)).sum(axis=1, keepdims=True) / (lever * (t - middle)).sum(
-        axis=1, keepdims=True
-    )
-    level[rows] = z[rows] - mean - slope * (t - middle)
-    return np.asarray(level)
+    # Level each row of a map without a bow by a line through its reference; a row with too little
+    # of it keeps its heights less the median.
+    level = z - float(np.median(z[reference])) if reference.any() else z
+    lines = _find_lines(reference)
+    return np.asarray(level - _sum_lines(lines, reference * lines, np.where(reference, level, 0.0)))
+
+
+def _find_lines(reference: Mask) -> Array:
+    # A constant and a slope of each row, shape (2, ny, nx), orthonormal over its reference; zero
+    # where a row has too little of it.
+    count = reference.sum(axis=1, keepdims=True)
+    t = np.linspace(-1.0, 1.0, reference.shape[1])
+    middle = (reference * t).sum(axis=1, keepdims=True) / np.maximum(count, 1)
+    lines = np.stack([np.ones(reference.shape), t - middle])
+    size = np.sqrt((reference * lines**2).sum(axis=2, keepdims=True))
+    return np.asarray(np.where(count >= _LEAST_REFERENCE, lines / np.maximum(size, 1e-9), 0.0))
+
+
+def _sum_lines(lines: Array, by: Array, heights: Array) -> Array:
+    # Sum of lines, each times the product of the heights of its row with what goes by it.
+    return np.asarray((lines * (by * heights).sum(axis=2, keepdims=True)).sum(axis=0))
 
 
 def _find_settling_distance(level: Array, within: Array, outside: Array, pitch: float) -> float:
@@ -294,19 +304,18 @@ def _find_settling_distance(level: Array, within: Array, outside: Array, pitch: 
     return (settled + 1.5) * pitch
 
 
-def _fit_row_depths(x: Array, z: Array, floor: Mask, reference: Mask) -> tuple[Array, Array]:
-    depths, weights = np.full(len(z), np.nan), np.zeros(len(z))
-    for row in range(len(z)):
-        low, high = floor[row], reference[row]
-        if low.sum() < _LEAST_FLOOR or high.sum() < _LEAST_REFERENCE:
-            continue
-        used = low | high
-        design = np.stack(
-            [x[used] / x[-1], np.ones(int(used.sum())), -low[used].astype(float)], axis=1
-        )
-        depths[row] = np.linalg.lstsq(design, z[row, used], rcond=None)[0][2]
-        weights[row] = low.sum()
-    return depths, weights
+def _fit_row_depths(z: Array, floor: Mask, reference: Mask) -> tuple[Array, Array]:
+    # Depth of each row, by one fit of a line and the depth; nan where it has too little of either.
+    # With it how many points of a floor it has.
+    enough = (floor.sum(axis=1) >= _LEAST_FLOOR) & (reference.sum(axis=1) >= _LEAST_REFERENCE)
+    used = (floor | reference) & enough[:, np.newaxis]
+    lines = _find_lines(used)
+    # what a line does not explain of the floor, by which the depth alone goes
+    rest = used * (floor - _sum_lines(lines, used * lines, floor.astype(float)))
+    share = np.where(enough, (rest * floor).sum(axis=1), np.nan)
+    return -(rest * np.where(used, z, 0.0)).sum(axis=1) / share, np.where(
+        enough, floor.sum(axis=1), 0.0
+    )
 
 
 def _find_nearest(known: Mask) -> tuple[NDArray[np.intp], ...]:
@@ -377,20 +386,22 @@ def measure_dots(
     part = within / np.append(1.0, ndimage.maximum(within, labels, numbers))[labels]
     floor = np.where(known & (part > 0.5), labels, 0)
     # the surface beside a dot is nearer to it than to another, and as wide as the widest
-    near = reference & (outside < exclusion + within.max())
-    beside = np.where(near, labels[_find_nearest(labels > 0)], 0)
-    rows = _level_rows(z, reference)
+    near = outside < exclusion + within.max()
+    beside = np.where(reference & near, labels[_find_nearest(labels > 0)], 0)
+    level = _level_map(z, reference, 2)
+    rows = _level_rows(level, reference)
     with np.errstate(invalid="ignore"):  # of what has no points the mean is none
         depths, others, cores = (
             np.abs(ndimage.mean(heights, inner, numbers) - ndimage.mean(heights, beside, numbers))
             for heights, inner in (
                 (rows, floor),
-                (_level_map(z, reference, 2), floor),
+                (level, floor),
                 (rows, np.where(part > 0.75, floor, 0)),
             )
         )
-    points = np.stack([ndimage.sum(one > 0, one, numbers) for one in (floor, beside)])
-    stds, dof = _estimate_means(rows, reference, points)
+    stds = estimate_of_rows(_list_weights(reference, labels, floor, beside), rows, reference)
+    # as many as would fit into what lies beside them, less the form of the map
+    dof = max(float(reference.sum()) / max(np.median(np.bincount(floor[floor > 0])), 1) - 6.0, 1.0)
     cut = np.isin(numbers, [*labels[[0, -1]].ravel(), *labels[:, [0, -1]].ravel()])
     kept = np.flatnonzero((np.abs(cores - depths) + stds < _LEVEL_FLOOR * depths) & ~cut)
     said = (
@@ -413,23 +424,33 @@ def measure_dots(
         add_instrument_components(
             f"{label} at {x * scan.dx * 1e6:.4g}, {y * scan.dy * 1e6:.4g} um",
             one.value,
-            [Component("noise", one.std, dof, "means of the surface beside it, as many points")],
+            [
+                Component(
+                    "noise",
+                    one.std,
+                    dof,
+                    "autocovariance of the surface beside it, and what the lines of its rows leave",
+                )
+            ],
             instrument,
             [_bound_form(own, one.std)],
         )
         for one, (y, x), own in zip(found, places, changes.T, strict=True)
     ]
     form = _bound_form(changes.mean(axis=1), float(np.sqrt(np.mean(stds[kept] ** 2) / len(kept))))
-    average = partial(average_profiles, f"{label}, mean", found, instrument, [form], of="dots")
     notes = [said]
-    values = list_features(key, each, average, notes)
-    shown = int(np.argmax(np.isin(floor, kept + 1).sum(axis=1)))
+    values = list_features(
+        key,
+        each,
+        partial(average_profiles, f"{label}, mean", found, instrument, [form], of="dots"),
+        notes,
+    )
     return Evaluation(
         values,
         "each dot or crater by the mean of the inner half of its width at half depth, over the "
         f"surface beside it, levelled row by row, {exclusion * 1e6:.3g} um kept from every edge",
         tuple(notes),
-        Shown(scan.x, rows[shown]),
+        Shown(scan.x, rows[np.argmax(np.isin(floor, kept + 1).sum(axis=1))]),
     )
 
 
@@ -452,17 +473,17 @@ def _find_dots(level: Array, reference: Mask, source: str) -> tuple[NDArray[np.i
     return ndimage.label((islands > 0) & (tall > 0.5 * tallest[islands]))[0], odd
 
 
-def _estimate_means(rest: Array, reference: Mask, points: Array) -> tuple[Array, float]:
-    # Standard uncertainties of means over the points of floors and of what lies beside them, from
-    # those of the reference over as many; with degrees of freedom.
-    side = max(round(float(np.median(points[0])) ** 0.5), 1)
-    share, local = (
-        ndimage.uniform_filter(one, side) for one in (reference.astype(float), rest * reference)
-    )
-    room = share > 0.5 * share.max()
-    scatter = float(np.std(local[room] / share[room]))
-    stds = scatter * side * np.sqrt((1.0 / np.maximum(points, 1.0)).sum(axis=0))
-    return stds, max(float(reference.sum()) / side**2 - 6.0, 1.0)
+def _list_weights(
+    reference: Mask, labels: NDArray[np.intp], floor: NDArray[np.intp], beside: NDArray[np.intp]
+) -> Iterator[Array]:
+    # Yield the weights of the points of its rows in the height of each floor over what lies beside
+    # it: the lines of the rows go through other points, too.
+    lines = _find_lines(reference)
+    for number, (own, _) in enumerate(ndimage.find_objects(np.maximum(labels, beside)), 1):
+        inner, outer = (one[own] == number for one in (floor, beside))
+        direct = inner / max(inner.sum(), 1) - outer / max(outer.sum(), 1)
+        part = lines[:, own]
+        yield direct - _sum_lines(reference[own] * part, part, direct)
 
 
 def _bound_form(changes: Array, noise: float) -> Component:

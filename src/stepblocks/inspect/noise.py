@@ -12,7 +12,7 @@ has swallowed of the noise is put back by its expectation.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -151,15 +151,11 @@ def estimate_linear(
     # doi:10.1080/1048525031000157990.
     lags = _Lags(residuals.shape)
     inside = used.astype(np.float64)
-    r, w = np.where(used, residuals, 0.0), np.where(used, weights, 0.0)
-    pairs = np.rint(lags.autocorrelation(inside))
-    known = pairs > 0.0
-    gamma = np.where(known, lags.autocorrelation(r) / np.maximum(pairs, 1.0), 0.0)
+    pairs, gamma, taper = _estimate_lags(lags, residuals, used)
     if gamma.flat[0] <= LEAST_SCATTER**2:
         return Estimate(value, 0.0)
     count = float(inside.sum())
-    taper = _compute_lag_taper(gamma, residuals.shape, count)
-    c = lags.autocorrelation(w)
+    c = lags.autocorrelation(np.where(used, weights, 0.0))
     white = float(c.flat[0] * gamma.flat[0])
     variance = max(float(np.sum(c * gamma * taper)), _LEAST_OF_WHITE * white)
     # each column of the fit takes the mean power of one frequency: every lag lies too low by the
@@ -169,7 +165,7 @@ def estimate_linear(
         1.0 - share * float(taper.sum()), _LEAST_LEFT
     )
     spectrum = np.maximum(lags.transform(lifted * taper).real, 0.0)
-    form = lags.transform(np.where(known, c * taper / np.maximum(pairs, 1.0), 0.0)).real
+    form = lags.transform(np.where(pairs > 0.0, c * taper / np.maximum(pairs, 1.0), 0.0)).real
     trace, seen = _compute_expectations(lags, spectrum, form, pairs, inside, design)
     true = float(np.sum(c * lags.back(spectrum)))
     restored = min(max(true / seen, 1.0), _MOST_RESTORED) if seen > 0.0 else _MOST_RESTORED
@@ -178,6 +174,33 @@ def estimate_linear(
     dof = count * lags.mean(both) ** 2 / squares if squares > 0.0 else float("inf")
     lost = max(seen / trace, 0.1) if trace > 0.0 else 0.1
     return Estimate(value, float(np.sqrt(variance * restored)), max(dof * lost, 1.0))
+
+
+def estimate_of_rows(weights: Iterable[Array], residuals: Array, used: Mask) -> Array:
+    """State the standard uncertainties of sums ``w . z`` over a map levelled row by row.
+
+    Each of `weights` covers as many whole rows as it has, and holds what their lines take away.
+    """
+    lags = _Lags(residuals.shape)
+    gamma, taper = _estimate_lags(lags, residuals, used)[1:]
+    # the two columns of its line take from each row the mean power of two frequencies along it
+    share = 2.0 * len(residuals) / float(used.sum())
+    power, width = (
+        (one * taper).sum(axis=1, keepdims=True) for one in (gamma, np.ones_like(taper))
+    )
+    lifted = gamma + share * power / np.maximum(1.0 - share * width, _LEAST_LEFT)
+    sums = []
+    for own in weights:
+        c = _Lags(own.shape).autocorrelation(own)
+        at = np.ix_(*(np.rint(np.fft.fftfreq(size) * size).astype(int) for size in c.shape))
+        white = _LEAST_OF_WHITE * c.flat[0] * gamma.flat[0]
+        sums.append([max(np.sum(c * (one * taper)[at]), white) for one in (gamma, lifted)])
+    seen, true = np.transpose(sums)
+    # over all together: that of one sum scatters as much as it is
+    restored = min(
+        max(float(true.sum()) / max(float(seen.sum()), LEAST_SCATTER**2), 1.0), _MOST_RESTORED
+    )
+    return np.asarray(np.sqrt(seen * restored))
 
 
 class _Lags:
@@ -204,6 +227,14 @@ class _Lags:
     def convolve_columns(self, spectrum: Array, columns: Array) -> Array:
         # Convolve columns with what has this spectrum.
         return self.back(spectrum * self.transform(columns))[(slice(None), *self._cut)]
+
+
+def _estimate_lags(lags: _Lags, residuals: Array, used: Mask) -> tuple[Array, Array, Array]:
+    # Pairs of used points at each lag, the autocovariance of their residuals, and its taper.
+    pairs = np.rint(lags.autocorrelation(used.astype(np.float64)))
+    products = lags.autocorrelation(np.where(used, residuals, 0.0))
+    gamma = np.where(pairs > 0.0, products / np.maximum(pairs, 1.0), 0.0)
+    return pairs, gamma, _compute_lag_taper(gamma, residuals.shape, float(used.sum()))
 
 
 def _compute_expectations(
@@ -236,7 +267,7 @@ def _compute_lag_taper(gamma: Array, shape: tuple[int, ...], count: float) -> Ar
     for axis, size in enumerate(shape):
         line: list[int | slice] = [0] * gamma.ndim
         line[axis] = slice(1, max(size // 3, 2))
-        correlation = np.abs(gamma[tuple(line)]) / gamma.flat[0]
+        correlation = np.abs(gamma[tuple(line)]) / max(gamma.flat[0], LEAST_SCATTER**2)
         # five in a row that are indistinguishable from none
         quiet = np.flatnonzero(
             np.convolve(correlation < limit, np.ones(5))[4:] >= min(5, len(correlation))

@@ -320,28 +320,26 @@ def inspect_standard(
     )
     if depth is None:
         return result
-    if key not in evaluation.values:
-        sizes = ", ".join(f"{one.value * 1e6:.4g} um" for one in evaluation.values.values())
-        raise MetrologyError(
-            "features are unlike, so name the one that the certificate is of by --edges, "
-            f"got {sizes} [{source.name}]"
-        )
+    sizes = ", ".join(f"{one.value * 1e6:.4g} um" for one in evaluation.values.values())
+    MetrologyError.require(
+        key in evaluation.values,
+        "features are unlike, so name the one that the certificate is of by --edges, "
+        f"got {sizes} [{source.name}]",
+    )
     decision = judge(evaluation.values[key], asked.nominal, asked.lower, asked.upper)
     return replace(result, judged=((asked, decision),), verdict=decision.verdict)
 
 
 def find_declared_part(identity: str, stimuli: Sets) -> tuple[Part, StimulusSet]:
     """Find a stimulus by its identity, also as engraved, and the set that declares it."""
-    known = []
-    for declared, _ in load_sets(stimuli):
-        for stimulus in declared.stimuli:
-            if stimulus.id.lower() == identity.strip().lower():
-                return stimulus, declared
-            known.append(stimulus.id)
-    raise PipelineError(
+    known = [(part, declared) for declared, _ in load_sets(stimuli) for part in declared.stimuli]
+    found = [pair for pair in known if pair[0].id.lower() == identity.strip().lower()]
+    PipelineError.require(
+        found,
         f"stimulus must be declared in {stimuli}, got {identity!r}; declared are "
-        f"{', '.join(known):.400}"
+        f"{', '.join(part.id for part, _ in known):.400}",
     )
+    return found[0]
 
 
 def _describe_size_doubts(

@@ -73,11 +73,13 @@ def evaluate_a1(x: Array, z: Array, edges: Span) -> TypeA1:
     design = np.stack(
         [(x - x[used].mean()) / np.ptp(x[used]), np.ones_like(x), np.where(masks[1], -1.0, 1.0)]
     )
-    return _evaluate_domed(x, z, masks, design) or _evaluate_flat(x, z, masks, design, feature)
+    domed = _evaluate_domed(x, z, masks, used, design)
+    return domed or _evaluate_flat(x, z, masks, used, design, feature)
 
 
-def _evaluate_flat(x: Array, z: Array, masks: list[Mask], design: Array, feature: str) -> TypeA1:
-    used = masks[0] | masks[1] | masks[2]
+def _evaluate_flat(
+    x: Array, z: Array, masks: list[Mask], used: Mask, design: Array, feature: str
+) -> TypeA1:
     fit = fit_without_spikes(design, z, used)
     MetrologyError.require(
         not (name := _find_flank_window(fit, dict(zip("ACB", masks, strict=True)))),
@@ -114,13 +116,14 @@ def _find_flank_window(fit: Fit, windows: dict[str, Mask]) -> str:
     )
 
 
-def _evaluate_domed(x: Array, z: Array, masks: list[Mask], flat: Array) -> TypeA1 | None:
+def _evaluate_domed(
+    x: Array, z: Array, masks: list[Mask], used: Mask, flat: Array
+) -> TypeA1 | None:
     # Type A2, to the apex of the parabola through the middle third; None where that is not domed.
     if min(int(mask.sum()) for mask in masks) < 2 * _LEAST_POINTS:
         return None
     begin, end = x[masks[1]][[0, -1]]
     t = np.where(masks[1], 2.0 * (x - begin) / (end - begin) - 1.0, 0.0)
-    used = masks[0] | masks[1] | masks[2]
     design = np.stack([*flat, t, np.where(masks[1], t**2 - 1.0 / 3.0, 0.0)])
     fit = fit_without_spikes(design, z, used)
     if fit.rejected > _MOST_OUTLIERS * used.sum() or _find_flank_window(
