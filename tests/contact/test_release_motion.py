@@ -20,6 +20,18 @@ def test_a_fast_release_rings_with_more_than_a_slow_one_and_peaks_higher() -> No
     assert np.all(np.diff(share) > 0.0)
 
 
+def test_a_tip_moves_alone_as_it_does_among_others() -> None:
+    # they are moved side by side, a few at a time, and each takes its own number of steps
+    draw = np.random.default_rng(5)
+    cases = (
+        *(draw.uniform(0.02, 0.9, 21), draw.uniform(0.02, 0.4, 21), draw.uniform(0.3, 30.0, 21)),
+        *(np.exp(draw.uniform(-6.0, 0.0, 21)), draw.uniform(0.01, 0.1, 21), np.zeros(21)),
+    )
+    together = np.array(compute_release(*cases))
+    alone = [compute_release(*(column[[n]] for column in cases)) for n in range(21)]
+    assert np.allclose(together, np.squeeze(alone, axis=2).T, rtol=0.0, atol=1e-12)
+
+
 def test_a_stiff_release_of_a_slow_handle_keeps_energy() -> None:
     # stored energy less the work of lifting and rubbing, quasi-static limit, soft spring (F R k / N
     # small): with k R / N = 0.4 and H / R = 0.4 the drop of the force over the climb is small

@@ -65,22 +65,25 @@ class Probe(Strict):
     tool: Annotated[None, BeforeValidator(_refuse_tool)] = None
 
 
-def _convert_to_logarithm(pair: tuple[float, float]) -> tuple[float, float]:
-    value, std = pair
-    return float(np.log(value)), std / value
-
-
-def _convert_to_time_constant(pair: tuple[float, float]) -> tuple[float, float]:
-    corner, std = pair
-    return 1.0 / (2.0 * np.pi * corner), std / (2.0 * np.pi * corner**2)
-
-
 _KnownZero = tuple[_Force, Annotated[_Force, Field(gt=0.0)]] | None
 _KnownShare = tuple[_Ratio, _Gain] | None
 # of gains the law has the logarithm
-_KnownGain = Annotated[tuple[_Gain, _Gain], AfterValidator(_convert_to_logarithm)] | None
+_KnownGain = (
+    Annotated[
+        tuple[_Gain, _Gain],
+        AfterValidator(lambda known: (float(np.log(known[0])), known[1] / known[0])),
+    ]
+    | None
+)
+# and of a corner frequency the time constant
 _KnownBandwidth = (
-    Annotated[tuple[Frequency, Frequency], AfterValidator(_convert_to_time_constant)] | None
+    Annotated[
+        tuple[Frequency, Frequency],
+        AfterValidator(
+            lambda known: (0.5 / np.pi / known[0], 0.5 / np.pi * known[1] / known[0] ** 2)
+        ),
+    ]
+    | None
 )
 
 

@@ -260,24 +260,18 @@ def open_writer(folder: Path, kind: str) -> Iterator[Write]:
     """Begin the traces of a session in an empty folder."""
     if kind == "csv":
         (folder / TRACE_FILES[kind]).parent.mkdir()
-        yield lambda trial, trace: _write_text(
-            folder / TRACE_FILES["csv"].format(trial=trial), trace
+        yield lambda trial, trace: np.savetxt(
+            folder / TRACE_FILES["csv"].format(trial=trial),
+            np.column_stack([trace.time, trace.tangential, trace.normal]),
+            fmt=("%.6f", "%.6g", "%.6g"),
+            delimiter=",",
+            header=",".join(_NAMES),
+            comments="",
         )
         return
     # the first layout of HDF5, since an older library writes the time into later ones
     with h5py.File(folder / TRACE_FILES[kind], "w") as file:
         yield lambda trial, trace: _write_group(file.create_group(f"{trial:04d}"), trace)
-
-
-def _write_text(path: Path, trace: Trace) -> None:
-    np.savetxt(
-        path,
-        np.column_stack([trace.time, trace.tangential, trace.normal]),
-        fmt=("%.6f", "%.6g", "%.6g"),
-        delimiter=",",
-        header=",".join(_NAMES),
-        comments="",
-    )
 
 
 def _write_group(group: "h5py.Group", trace: Trace) -> None:

@@ -105,14 +105,13 @@ _GEOMETRY = (
 def _make_height_error_law(block: str) -> Law:
     # Return the effect of a block far from its nominal height. Small errors are priors of the
     # nominal model.
-    def apply(state: DragState, blocks: object, values: Mapping[str, float]) -> DragState:
-        return state.changed(height=state.height + values["height_error_m"] * (blocks == block))
-
     return _geometry(
         f"block_height_error~{block}",
         f"H -> H + h on {block}",
         (Parameter("height_error_m", "m", 0.0, -4e-5, 4e-5, 1e-6),),
-        apply,
+        lambda state, blocks, v: state.changed(
+            height=state.height + v["height_error_m"] * (blocks == block)
+        ),
         covariate="block",
         description=f"block {block} is higher than stated by",
         how_to_decide=f"scan or gauge the block {block}",
@@ -346,11 +345,6 @@ _BIAS = (Parameter("load_bias_n", "N", 0.0, -0.25, 0.6, 0.01),)
 _COEFFICIENT = (Parameter("coefficient_n_s_per_m", "N s/m", 0.0, -20.0, 100.0, 0.5),)
 
 
-def _apply_seen_bias(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
-    bias = values["load_bias_n"]
-    return state.changed(load=state.load + bias, sensed_offset=state.sensed_offset + bias)
-
-
 _SOFTENING = Parameter("softening_per_k", "1/K", 0.0, -0.05, 0.05, 1e-3)
 _softening = partial(
     _stiffness,
@@ -416,7 +410,14 @@ _TOOL = (
         rank=1,
         description="the spring softens as it warms, though its pitch does not: per K by",
     ),
-    _bias("load_bias", "F_py -> F_py + b, as the gauge sees it", _BIAS, _apply_seen_bias),
+    _bias(
+        "load_bias",
+        "F_py -> F_py + b, as the gauge sees it",
+        _BIAS,
+        lambda state, _, v: state.changed(
+            load=state.load + v["load_bias_n"], sensed_offset=state.sensed_offset + v["load_bias_n"]
+        ),
+    ),
     _bias(
         "load_bias~unseen",
         "F_py -> F_py + b at the contact, unseen by the gauge",

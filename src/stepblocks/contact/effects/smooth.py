@@ -102,11 +102,6 @@ def _make_shift(*slots: str, by: float = 0.1) -> Change:
     return lambda state, g: state.changed(**{slot: getattr(state, slot) + by * g for slot in slots})
 
 
-def _scale_seen_load(state: DragState, g: Floats) -> DragState:
-    seen = (state.set_load + state.sensed_offset) * np.expm1(g)
-    return state.changed(load=state.load * np.exp(g), sensed_offset=state.sensed_offset + seen)
-
-
 class Move(NamedTuple):
     """How a smooth g enters a slot."""
 
@@ -121,7 +116,14 @@ SLOT_MOVES = {
     "height": Move("contact_geometry", "H + 10 um g", _make_shift("height", by=1e-5)),
     "friction": Move("friction", "mu exp g", _make_scaling((-4.0, 2.0), friction=1)),
     "load": Move("normal_load", "F_py exp g, unseen by the gauge", _make_scaling(load=1)),
-    "seen_load": Move("normal_load", "F_py exp g, seen by the gauge", _scale_seen_load),
+    "seen_load": Move(
+        "normal_load",
+        "F_py exp g, seen by the gauge",
+        lambda s, g: s.changed(
+            load=s.load * np.exp(g),
+            sensed_offset=s.sensed_offset + (s.set_load + s.sensed_offset) * np.expm1(g),
+        ),
+    ),
     "load_offset": Move("normal_load", "F_py + 0.1 N g", _make_shift("load", "sensed_offset")),
     "climb_load": Move(
         "normal_load",

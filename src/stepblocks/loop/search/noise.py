@@ -96,10 +96,12 @@ def build_flexible_columns(trials: Trials, limit: float = 1.0 / 3.0) -> Floats:
                 else numbers
             )
             unit.append((ranked - ranked.mean()) / np.std(ranked))
-    columns = first + unit + [u**2 for u in unit]
-    columns += [a * b for i, a in enumerate(unit) for b in unit[i + 1 :]]
-    columns += [u**3 for u in unit] + [u**4 for u in unit]
-    columns += [a**2 * b for a in unit[:_INTERACTING] for b in unit if a is not b]
+    columns = [
+        *(*first, *unit, *(u**2 for u in unit)),
+        *(a * b for i, a in enumerate(unit) for b in unit[i + 1 :]),
+        *(*(u**3 for u in unit), *(u**4 for u in unit)),
+        *(a**2 * b for a in unit[:_INTERACTING] for b in unit if a is not b),
+    ]
     return _orthonormalise(columns, max(2, int(limit * n)))
 
 

@@ -1,10 +1,8 @@
 """USD: a stage in metres with convex pieces and UsdPhysics; for Isaac, Newton and others."""
 
 import json
-from collections.abc import Sequence
 from pathlib import Path
 
-from stepblocks.parts.shapes import Mesh
 from stepblocks.simulators.scene import Scene, SceneFormat, write_from_template
 
 
@@ -22,18 +20,14 @@ def _write(folder: Path, scene: Scene) -> None:
     )
 
 
-def _write_tooth(folder: Path, scan: Mesh, stations: Sequence[Scene]) -> None:
-    write_from_template(
-        folder / "scene.usda", "tooth.usda", scan=scan, stations=stations, dumps=json.dumps
-    )
-
-
 USD = SceneFormat(
     name="usd",
     title="USD (UsdPhysics; Isaac Sim, Newton)",
     unit="metres",
     write=_write,
-    write_tooth=_write_tooth,
+    write_tooth=lambda folder, scan, stations: write_from_template(
+        folder / "scene.usda", "tooth.usda", scan=scan, stations=stations, dumps=json.dumps
+    ),
     run="Open `scene.usda` in any USD program, for example `usdview scene.usda`, or add it as a "
     "reference in Isaac Sim.",
     settings=(
