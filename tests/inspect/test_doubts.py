@@ -7,6 +7,7 @@ import pytest
 from softgauge_verdicts import draw as draw_gauge
 
 from oracles.softgauge import correlated_noise, edge_gauge, flank_gauge, groove_gauge
+from stepblocks.artefacts.laboratory import InstrumentRecord, Laboratory
 from stepblocks.artefacts.on_paper import make_sheet_table
 from stepblocks.artefacts.scans.scan import HeightMap, ScannedProfile
 from stepblocks.cli import main
@@ -14,7 +15,7 @@ from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Instrument
 from stepblocks.inspect.edge import fit_edge
 from stepblocks.inspect.grooves import measure_groove
-from stepblocks.inspect.many import inspect_many
+from stepblocks.inspect.many import inspect_many, write_many
 from stepblocks.inspect.measure import EvaluationOptions
 from stepblocks.inspect.run import inspect_scan
 from stepblocks.inspect.working_edge.measure import measure_edge
@@ -157,6 +158,7 @@ def test_domes_too_near_for_windows_of_their_own_are_measured_to_their_apex(dept
     found = measure_groove(ScannedProfile(x, z), Instrument(0.0, 0.0, 0.0))
     value = found.values["groove_depth"]
     assert "A2" in found.convention
+    assert not [note for note in found.notes if "spikes" in note]
     assert abs(value.value - abs(depth)) < max(value.expanded(), 0.002 * abs(depth))
 
 
@@ -243,6 +245,29 @@ def test_the_serial_number_of_a_sheet_is_that_of_the_scans_beside_it(tmp_path):
     assert "serial number SN-7, as the sheet states it" in alone.evaluation.notes
     together = inspect_many([scan, tmp_path / "sheet.csv"], "step-050", instrument=KNOWN)
     assert list(together.reports) == ["SN-7"]
+    # of files that name no block the laboratory says it: its number had been the name of the part
+    record = {"name": "P", "serial": "P-42", "certificate": "K-1", "calibrated": "2026-05-01"}
+    room = Laboratory(
+        name="Room",
+        address="Street 1",
+        country="DE",
+        signer="A. Signer",
+        temperature="20 degC",
+        temperature_spread="0.3 K",
+        measured_from="2026-11-20",
+        measured_to="2026-11-21",
+        certificate="C-1",
+        serial="SN-8",
+        instrument=InstrumentRecord(**record),
+    )
+    for files, serial in (([scan, scan], "SN-8"), ([scan, tmp_path / "sheet.csv"], "SN-7")):
+        many = inspect_many(files, "step-050", instrument=KNOWN)
+        (written,) = (
+            path
+            for path in write_many(many, tmp_path / serial, room)
+            if path.name.endswith("dcc.xml")
+        )
+        assert f">{serial}<" in written.read_text()
 
 
 @pytest.mark.parametrize(

@@ -85,6 +85,10 @@ def test_a_domed_ridge_is_type_a2_to_its_apex():
     found = measure_groove(ScannedProfile(x, z), EXACT)
     assert "A2" in found.convention
     assert found.values["groove_depth"].value == pytest.approx(10.6 * UM, abs=0.03 * UM)
+    assert not [note for note in found.notes if "spikes" in note]  # 170 points of a clean dome were
+    z[[1000, 300]] += 5 * UM  # in the middle third, and beside the outer windows
+    spiked = measure_groove(ScannedProfile(x, z), EXACT)
+    assert "1 of" in next(note for note in spiked.notes if "spikes" in note)
 
 
 def test_teeth_that_run_almost_along_the_columns_are_no_single_step():

@@ -3,17 +3,20 @@
 import itertools
 import math
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 import shapely
 from ezdxf import bbox
 
+from stepblocks.declare import load_sets
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.kinds.margin import MarginBlock
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.workshop.drawing import draw_part_sheet
 
+STIMULI = Path(__file__).parents[2] / "stimuli"
 ORDER = OrderSpec(
     author="A. Maker",
     date="2026-11-23",
@@ -242,6 +245,20 @@ def test_nothing_on_the_drawing_of_a_margin_block_strikes_anything(opening):
     rise = "100 um" if opening == "-60 um" else "30 um"
     margin = MarginBlock(id="gap-050", marginal_gap="50 um", horizontal_discrepancy=rise, **sizes)
     assert list(overlaps_on(draw_part_sheet(margin, ORDER))) == []
+
+
+TURNED = [
+    part
+    for declared, _ in load_sets(STIMULI)
+    for part in declared.stimuli
+    if part.kind_name not in ("step block", "margin block")
+]
+
+
+@pytest.mark.parametrize("part", TURNED, ids=lambda part: part.id)
+def test_nothing_on_the_drawing_of_a_tip_a_sheath_or_a_crown_strikes_anything(part):
+    # a diameter with unequal deviations had stood on its dimension line
+    assert list(overlaps_on(draw_part_sheet(part, ORDER))) == []
 
 
 def test_nothing_on_the_sheet_of_a_series_strikes_anything_and_every_height_is_in_its_table():

@@ -173,13 +173,17 @@ def _write_pdf(path: Path, content: Document) -> None:
                 )
                 figure.text(0.06, 0.94, "\n".join(lines), fontsize=7, va="top")
                 if own:
-                    height = 0.018 * (len(own) + 1)
+                    height = 0.021 * (len(own) + 1)  # a label may take two lines
                     axes = figure.add_axes(
                         (0.06, max(0.93 - 0.0118 * len(lines) - height, 0.02), 0.88, height)
                     )
                     axes.set_axis_off()
                     table = axes.table(
-                        cellText=own, colLabels=_HEADINGS, colWidths=_WIDTHS, bbox=Bbox.unit()
+                        cellText=own,
+                        cellLoc="left",
+                        colLabels=_HEADINGS,
+                        colWidths=_WIDTHS,
+                        bbox=Bbox.unit(),
                     )
                     table.auto_set_font_size(False)
                     table.set_fontsize(6.5)

@@ -101,6 +101,7 @@ class _Seen:
     changes: tuple[float, ...]  # of the height by other windows or levellings [m]
     name: str  # of the evaluation
     windows: tuple[Window, ...]
+    outliers: int  # of the windows
 
 
 @dataclass(frozen=True)
@@ -150,8 +151,8 @@ def _evaluate_row(
     )
     others = _evaluate_otherwise(x, z, levels, options)
     known = np.isfinite(z)
-    line = np.polynomial.Polynomial.fit(x[known], z[known], 1)
-    extent = float(np.ptp(z[known] - line(x[known])))
+    level = np.polynomial.Polynomial.fit(x[known], z[known], 1)(x[known])
+    extent = float(np.ptp(z[known] - level))
     seen = []
     for index in chosen:
         feature = levels.features[index]
@@ -186,9 +187,22 @@ def _evaluate_row(
             f"step must not exceed the range of the profile, {extent * 1e9:.4g} nm, got "
             f"{abs(height.value) * 1e9:.4g} nm: its features are too near for a reference",
         )
-        seen.append(_Seen(replace(feature, height=height), change, name, tuple(windows)))
+        seen.append(
+            _Seen(
+                replace(feature, height=height),
+                change,
+                name,
+                tuple(windows),
+                0 if best is None else best.outliers,
+            )
+        )
+    # a dome is off a level top, and no spike
+    domed = any("A2" in one.name for one in seen)
     return _Row(
-        tuple(seen), levels.level, levels.rejected, int(levels.used.sum()) + levels.rejected
+        tuple(seen),
+        levels.level,
+        sum(one.outliers for one in seen) if domed else levels.rejected,
+        int(levels.used.sum()) + levels.rejected,
     )
 
 
@@ -206,10 +220,8 @@ def _find_hidden_edges(x: Array, z: Array, levels: Levels) -> list[FoundEdge]:
     lost = np.flatnonzero(np.diff(np.concatenate([[0], beside & ~levels.used, [0]]).astype(int)))
     if not (lost[1::2] - lost[::2] >= LEAST_FACE).any():
         return []
-    try:
-        return find_edges(x, np.where(beside, z - levels.level, np.nan))
-    except MetrologyError:
-        return []
+    rest = np.where(beside, z - levels.level, np.nan)
+    return [edge for _, found in evaluate_each(partial(find_edges, x), [rest])[0] for edge in found]
 
 
 def _check_level(x: Array, z: Array, levels: Levels, feature: Feature) -> None:
@@ -363,9 +375,10 @@ def _measure_by_rows(
         raise UnlikeError(f"scan must show a {asked}, got a {got}: it is upside down, or beside it")
     values = list_features(key, each, partial(_average_features, label, each, instrument), notes)
     if not single and count == 1:
-        features = [each.feature for one in found for each in one.seen]
-        hidden = float(np.mean([one.unseen for one in features]))
-        flanks = float(np.mean([one.flanks for one in features]))
+        hidden, flanks = np.mean(
+            [(each.feature.unseen, each.feature.flanks) for one in found for each in one.seen],
+            axis=0,
+        )
         name = f"{key.split('_')[0]}_width" if sign else "feature_width"
         width = _measure_width(label, spans, first.spacing, instrument, hidden)
         inwards, wall = _place_walls(flanks, each[0].value, options)

@@ -405,7 +405,9 @@ def write_many(
     write_table(result.tables["scans"], table)
     paths = [table, page]
     for serial, report in result.reports.items():
-        lab = None if laboratory is None else laboratory.model_copy(update={"serial": serial})
+        # of a block that nothing names but its part, the laboratory may know the number
+        own = laboratory.serial if laboratory and serial == report.identity else ""
+        lab = laboratory and laboratory.model_copy(update={"serial": own or serial})
         paths += write_inspection(report, base / re.sub(r"[^\w.-]+", "_", serial).strip("."), lab)
     links = [path.relative_to(base).as_posix() for path in paths if path.suffix == ".html"]
     replace_text(

@@ -126,8 +126,7 @@ def _draw_step_detail(sheet: Sheet, block: StepBlock) -> None:
         # its arrow stands on the riser, drawn on over the faces (ISO 1101)
         sheet.draw_line((cx, top + 1.0), (cx, top + 25.0), "DIMENSION")
         start = sheet.draw_tolerance_frame("riser_straightness", (cx + 8.0, top + 21.0))
-        sheet.draw_polyline([start, (cx, start[1])], "DIMENSION")
-        sheet.draw_arrow((cx, start[1]), start)
+        sheet.draw_pointer(start, (cx, start[1]))
     sheet.draw_datum((cx - 32.0, cz), "A")
     sheet.point_to(
         (cx - 21.0, cz), sheet.draw_tolerance_frame("flatness_lower", (cx - 16.0, cz - 20.0))

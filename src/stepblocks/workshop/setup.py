@@ -50,7 +50,7 @@ def write_setup(
             "setup.html",
             block=block,
             stock=" x ".join(format_millimetres(size, 1) for size in sizes),
-            reached=", ".join(dict.fromkeys(route.name for route in routes if route.reaches)),
+            reached="; ".join(dict.fromkeys(route.name for route in routes if route.reaches)),
             tight=[
                 axis
                 for axis, size, side in zip("xyz", sizes, block.sides, strict=True)

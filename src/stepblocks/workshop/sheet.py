@@ -215,7 +215,8 @@ class Sheet:
             far = middle[axis] - 0.5 * needed if before else middle[axis] + 0.5 * needed
             under = (along[0], far) if upright else (far, along[1])
             self.draw_line((along[0], end) if upright else (end, along[1]), under, "DIMENSION")
-            middle[1 - axis] += side * 2.2
+            # unequal deviations stand one over the other
+            middle[1 - axis] += side * (2.2 if one.upper == -one.lower else 4.4)
             dimension.set_location(Vec2(middle), leader=False)
         else:
             middle[axis] = start + text_at * (end - start)
@@ -239,16 +240,14 @@ class Sheet:
         self.draw_line(left, right, "CENTRE")
         for (x, y), inwards in ((left, 1.0), (right, -1.0)):
             self.draw_line((x, y), (x + 3.0 * inwards, y))
-            self.draw_line((x, y - 6.0), (x, y), "DIMENSION")
-            self.draw_arrow((x, y), (x, y - 6.0))
+            self.draw_pointer((x, y - 6.0), (x, y))
             self.write_text((x - 2.6 * inwards, y - 3.0), letter, 3.0, "MIDDLE_CENTER")
 
     def draw_edge_state(self, tip: Point, corner: Point, limits: str) -> None:
         """Draw the symbol of the state of an edge (ISO 13715) with its limits in millimetres."""
         x, y = corner
         wide = 3.0 + compute_text_width(limits, _TEXT)
-        self.draw_polyline([tip, corner], "DIMENSION")
-        self.draw_arrow(tip, corner)
+        self.draw_pointer(corner, tip)
         self.draw_polyline([(x, y + 4.5), corner, (x + wide, y)], "FRAME")
         self.write_text((x + 1.5, y + 2.4), use_decimal_comma(limits), _TEXT, "MIDDLE_LEFT")
 
@@ -263,8 +262,7 @@ class Sheet:
             text = text.format(self.format_limits(key))
         side = 1.0 if elbow[0] >= tip[0] else -1.0
         shelf = elbow[0] + side * 3.0
-        self.draw_polyline([tip, elbow, (shelf, elbow[1])], "DIMENSION")
-        self.draw_arrow(tip, elbow)
+        self.draw_pointer((shelf, elbow[1]), elbow, tip)
         self.write_text(
             (shelf + side, elbow[1]),
             text,
@@ -285,6 +283,11 @@ class Sheet:
             for side in (angle - 0.165, angle + 0.165)
         )
         self.space.add_solid([tip, left, right, right], dxfattribs={"layer": "DIMENSION"})
+
+    def draw_pointer(self, *points: Point) -> None:
+        """Draw a line through points, with an arrow head at the last."""
+        self.draw_polyline(points, "DIMENSION")
+        self.draw_arrow(points[-1], points[-2])
 
     def draw_tolerance_frame(self, key: str, at: Point, datum: str = "") -> Point:
         """Draw a tolerance frame as lines; return its left end.
@@ -315,8 +318,7 @@ class Sheet:
 
     def point_to(self, face: Point, start: Point) -> None:
         """Lead from the left end of a frame straight to a face."""
-        self.draw_polyline([start, (face[0], start[1]), face], "DIMENSION")
-        self.draw_arrow(face, (face[0], start[1]))
+        self.draw_pointer(start, (face[0], start[1]), face)
 
     def draw_datum(self, at: Point, letter: str) -> None:
         """Draw a datum triangle under a face, with its letter in a box below."""
@@ -373,10 +375,10 @@ class Sheet:
             column, row = divmod(index, half)
             x, y = left + 90.0 * column, TOP_OF_TITLE - 8.0 - high * row
             self.draw_rectangle((x, y - high), (x + 90.0, y), "FRAME")
-            self.write_text((x + 2.0, y - 2.1), name, _TEXT, "MIDDLE_LEFT")
+            self.write_text((x + 2.0, y - 2.0), name, _TEXT, "MIDDLE_LEFT")
             # a long text is written smaller rather than over the line of its field
             size = min(2.5, 2.5 * 84.0 / compute_text_width(value, 2.5)) if value else 2.5
-            self.write_text((x + 2.0, y - 5.9), value, size, "MIDDLE_LEFT")
+            self.write_text((x + 2.0, y - 5.6), value, size, "MIDDLE_LEFT")
         # the truncated cone from its side and, on the right of it, from its narrow end (ISO 5456-2)
         x, y = WIDTH - 26.0, 10.0 + 0.5 * high
         side = [(x - 4.0, y - 1.2), (x + 2.0, y - 2.4), (x + 2.0, y + 2.4), (x - 4.0, y + 1.2)]

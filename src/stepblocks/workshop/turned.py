@@ -7,7 +7,14 @@ from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
 from stepblocks.parts.kinds.sheath import MASS_MATCH, Sheath, format_mass
 from stepblocks.parts.kinds.tips import HookTip, StraightTip, Tip
 from stepblocks.parts.revolution import list_outline_points
-from stepblocks.workshop.sheet import Point, Sheet, View, choose_scale, format_scale
+from stepblocks.workshop.sheet import (
+    Point,
+    Sheet,
+    View,
+    choose_scale,
+    format_scale,
+    use_decimal_comma,
+)
 
 _CHORD = 0.05e-6  # off its arc by less than a sheet at the scale of an enlarged ball shows [m]
 
@@ -251,6 +258,8 @@ def draw_sheath_views(sheet: Sheet, part: Sheath) -> list[str]:
     sheet.write_text((end[0], cy - reach - 6.0), f"end {format_scale(s)}", 2.5, "BOTTOM_CENTER")
     lightest, heaviest = map(format_mass, part.mass_limits)
     return [
-        f"Mass {format_mass(part.mass)}, {lightest} to {heaviest} within the limits.",
+        use_decimal_comma(
+            f"Mass {format_mass(part.mass)}, {lightest} to {heaviest} within the limits."
+        ),
         f"Weigh the made parts; a pair must agree within {MASS_MATCH:.0%}.",
     ]
