@@ -266,8 +266,9 @@ def test_unlike_grooves_beside_each_other_have_each_its_own_depth_and_no_mean():
         for depth, at in zip(true, [900 * UM, 2700 * UM, 4500 * UM], strict=True)
     )
     rows = np.stack([z + noise(x, seed, 50 * NM) for seed in range(6)])
-    found = measure_groove(HeightMap(rows, 2 * UM, 50 * UM), EXACT)
-    assert list(found.values) == [f"groove_depth_{number}" for number in (1, 2, 3)]
-    for measured, depth in zip(found.values.values(), true, strict=True):
-        assert abs(measured.value - depth) < max(measured.expanded(0.99), 20 * NM)
-    assert any("no mean is taken" in note for note in found.notes)
+    for scan in (HeightMap(rows, 2 * UM, 50 * UM), ScannedProfile(x, rows[0])):
+        found = measure_groove(scan, EXACT)
+        assert list(found.values) == [f"groove_depth_{number}" for number in (1, 2, 3)]
+        for measured, depth in zip(found.values.values(), true, strict=True):
+            assert abs(measured.value - depth) < max(measured.expanded(0.99), 20 * NM)
+        assert any("no mean is taken" in note for note in found.notes)

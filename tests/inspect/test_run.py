@@ -229,7 +229,10 @@ def test_what_is_written_agrees_with_the_result_and_is_named_in_order(result, tm
     record = read_as_built(str(paths[0]))
     for one, decision in result.judged:
         assert record.values[one.key].value == pytest.approx(decision.value, rel=1e-8)
-    assert f"{result.judged[0][1].value * 1e6:.2f}" in paths[3].read_text()  # the page
+    page = paths[3].read_text()
+    assert f"{result.judged[0][1].value * 1e6:.2f}" in page
+    for path in (*paths[:3], *paths[4:]):  # every file written for a part is linked or shown
+        assert f'="{path.name}"' in page
     with paths[4].open() as file:
         filled = {row["characteristic"]: row["measured_mm_or_deg"] for row in csv.DictReader(file)}
     assert float(filled["step height"]) == pytest.approx(result.judged[0][1].value * 1e3, abs=1e-6)

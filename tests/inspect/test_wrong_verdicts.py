@@ -197,6 +197,26 @@ def test_a_part_conforms_only_when_all_is_measured_or_the_order_names_what_it_as
         inspected(scan, characteristics=(1, 99))
 
 
+def test_no_paper_of_a_part_that_was_measured_in_part_says_that_it_passed(tmp_path):
+    scan = profile_of(block)
+    for instrument, asked, status in (
+        (Instrument(), None, "UNKNOWN"),
+        (KNOWN, (1, "edge_radius"), "PASS"),
+    ):
+        result = inspected(scan, instrument=instrument, characteristics=asked)
+        papers = {
+            path.name.partition(".")[2]: path
+            for path in write_inspection(result, tmp_path / status)
+        }
+        whole = papers["qif"].read_text().split("<InspectionStatusEnum>")[1:]
+        assert {one.split("<")[0] for one in whole} == {status}
+        for paper in ("dcc.xml", "inspection.html", "inspection.json"):
+            said = papers[paper].read_text()
+            assert (f"{len(result.missing)} not measured" in said) is (asked is None), paper
+        if not asked:  # and what stands for a calibration that nobody stated is no zero
+            assert "0.02 of the value, as makers specify" in papers["dcc.xml"].read_text()
+
+
 # 5. Groove width, sign, Ra
 
 
