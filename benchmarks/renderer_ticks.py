@@ -22,8 +22,8 @@ from stepblocks.contact.event import VibrationEvent, compute_ring_energy, list_v
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.declare import load_set
 from stepblocks.parts.kind import Part
+from stepblocks.parts.set import choose_operating_point
 from stepblocks.simulators.assemble import build_scene, lay_out_teeth, resolve_contact
-from stepblocks.simulators.conditions import choose_operating_point
 from stepblocks.simulators.export import export_scenes
 from stepblocks.simulators.renderer import Renderer
 from stepblocks.simulators.scene import write_tooth

@@ -12,8 +12,8 @@ from stepblocks.cli import main
 from stepblocks.contact.event import list_vibration_events
 from stepblocks.declare import load_set
 from stepblocks.errors import HapticsError, StepblocksError
+from stepblocks.parts.set import choose_operating_point
 from stepblocks.simulators.compare import JND, compare_record
-from stepblocks.simulators.conditions import choose_operating_point
 from stepblocks.simulators.renderer import Renderer
 
 SET = Path(__file__).resolve().parents[2] / "stimuli" / "paper-ten.toml"

@@ -17,7 +17,7 @@ from stepblocks.cli import main
 from stepblocks.contact.energy import Status
 from stepblocks.contact.event import list_vibration_events
 from stepblocks.declare import load_set
-from stepblocks.simulators.conditions import choose_operating_point
+from stepblocks.parts.set import choose_operating_point
 from stepblocks.simulators.feel import write_feel_page
 
 ROOT = Path(__file__).resolve().parents[2]

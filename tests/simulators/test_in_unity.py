@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from stepblocks.declare import load_set
-from stepblocks.simulators.conditions import choose_operating_point
+from stepblocks.parts.set import choose_operating_point
 from stepblocks.simulators.export import export_scenes
 from stepblocks.simulators.renderer import Renderer
 

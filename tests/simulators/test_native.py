@@ -14,7 +14,7 @@ from hypothesis import given, settings, strategies as st
 from stepblocks.contact.energy import Status
 from stepblocks.contact.event import list_vibration_events
 from stepblocks.declare import load_set
-from stepblocks.simulators.conditions import choose_operating_point
+from stepblocks.parts.set import choose_operating_point
 from stepblocks.simulators.export import export_scenes
 from stepblocks.simulators.renderer import Renderer
 

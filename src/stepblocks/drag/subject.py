@@ -10,7 +10,7 @@ from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.declare import Sets, load_sets
 from stepblocks.errors import ContactError, PipelineError, QuantityError
 from stepblocks.parts.kind import Part
-from stepblocks.parts.set import StimulusSet
+from stepblocks.parts.set import StimulusSet, choose_operating_point
 from stepblocks.quantities import format_quantity, parse_quantity
 from stepblocks.select import matches_pattern
 from stepblocks.tables import read_si_columns, read_table
@@ -90,7 +90,6 @@ def _resolve_declared_part(
 ) -> Subject:
     # Drag over a part, or with it, under the first tip, load, friction and step of its set unless
     # `values` differ
-    grid = stimuli.find_conditions(part)
     own = {
         "edge_radius": "--edge-radius is for a plain step; a stimulus declares its own",
         "tip_radius": "--tip-radius must not be given for a tip, it declares its own"
@@ -102,19 +101,8 @@ def _resolve_declared_part(
     }
     for name, rule in own.items():
         PipelineError.require(not rule or name not in values, f"{rule} [{stimuli.name}/{part.id}]")
-    ball = grid.tip_radii[0] if part.ball is None else part.ball.nominal
-    height = None if part.crossed else values.get("step_height", grid.step_heights[0])
-    tool = grid.as_tool()
-    if ring := stimuli.predict_ring(part):
-        tool = ring.as_tool(tool)
-    point = OperatingPoint(
-        ball,
-        grid.normal_loads[0],
-        grid.coefficients[0],
-        tool,
-        tissue=part.tissue(tool),
-        contact=grid.built_laws.get("contact"),
-    )
+    point = choose_operating_point(stimuli, part, {})
+    height = None if part.crossed else values.get("step_height", stimuli.prediction.step_heights[0])
     face = part.counterface(height)
     name = part.id
     if height is not None:

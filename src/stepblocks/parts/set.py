@@ -11,7 +11,7 @@ from typing import Annotated, Any, Self
 from pydantic import FailFast, Field, ValidationError, create_model
 
 from stepblocks.atomic import replace_text
-from stepblocks.contact.operating_point import PAPER
+from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.contact.rod import RodRing
 from stepblocks.errors import StepblocksError, StimulusError
 from stepblocks.mistakes import Location, Mistake, format_mistakes, list_mistakes, shorten_value
@@ -252,6 +252,18 @@ class StimulusSet(Table):
         )
         if not self.stimuli:
             yield "a set must declare at least one stimulus, got none"
+
+
+def choose_operating_point(
+    stimuli: StimulusSet, part: Part, overrides: Mapping[str, float]
+) -> OperatingPoint:
+    """Choose the first condition of a part's set, changed by `overrides` and by the part itself."""
+    grid = stimuli.find_conditions(part)
+    ring = stimuli.predict_ring(part)
+    # how the probe rings with this part on its shank
+    tool = grid.as_tool() if ring is None else ring.as_tool(grid.as_tool())
+    own = {} if part.ball is None else {"ball_radius": part.ball.nominal}
+    return grid.first_point(**{"tool": tool, "tissue": part.tissue(tool), **overrides, **own})
 
 
 def make_file_model() -> type[Table]:

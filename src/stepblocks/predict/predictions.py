@@ -15,7 +15,7 @@ from stepblocks.contact.uncertainty import Interval, convert_half_widths, estima
 from stepblocks.errors import ContactError, PipelineError
 from stepblocks.parts.conditions import PredictionGrid
 from stepblocks.parts.kind import Part
-from stepblocks.parts.set import StimulusSet
+from stepblocks.parts.set import StimulusSet, choose_operating_point
 from stepblocks.parts.tolerance import Dimension
 from stepblocks.tables import format_csv
 
@@ -90,8 +90,7 @@ def predict_by_formula(stimuli: StimulusSet) -> Iterator[Prediction]:
     """Predict a set over its grid, in the order stimulus, tip, step, direction, friction, load."""
     for part in stimuli.stimuli:
         grid = stimuli.find_conditions(part)
-        ring = stimuli.predict_ring(part)
-        tool = grid.as_tool() if ring is None else ring.as_tool(grid.as_tool())
+        first = choose_operating_point(stimuli, part, {})
         worn = convert_half_widths({"stiffness": _compute_stiffness_tolerance(stimuli, part)})[
             "stiffness"
         ]
@@ -115,16 +114,11 @@ def predict_by_formula(stimuli: StimulusSet) -> Iterator[Prediction]:
                 reached = [angles[backward] for angles in corners]
                 angles = nominal[backward], min(reached), max(reached)
                 for friction, load in product(grid.coefficients, grid.normal_loads):
-                    point = OperatingPoint(
-                        ball.nominal,
-                        load,
-                        friction,
-                        tool,
-                        tissue=part.tissue(tool),
-                        contact=grid.built_laws.get("contact"),
+                    point = replace(
+                        first, ball_radius=ball.nominal, normal_load=load, friction=friction
                     )
                     release, low, high = (
-                        find_release(angle, load, point.friction, tool) for angle in angles
+                        find_release(angle, load, point.friction, point.tool) for angle in angles
                     )
                     spread = collect_uncertainties(part, grid, ball, load)
                     spread["stiffness"] = math.hypot(spread["stiffness"], worn)

@@ -16,8 +16,9 @@ from stepblocks.contact.event import (
 )
 from stepblocks.declare import load_set
 from stepblocks.errors import HapticsError
+from stepblocks.parts.set import choose_operating_point
 from stepblocks.predict.perception import LEVEL_DIFFERENCE
-from stepblocks.simulators.conditions import check_overrides, choose_operating_point
+from stepblocks.simulators.conditions import check_overrides
 from stepblocks.tables import read_si_columns, read_table, write_table
 
 _LENGTH = 5.0  # of the ring that is compared, in time constants

@@ -11,10 +11,10 @@ from stepblocks.artefacts.model_file import LearnedModel, read_model
 from stepblocks.atomic import make_draft_folder, sync_folder
 from stepblocks.declare import Sets, load_sets
 from stepblocks.errors import PipelineError
-from stepblocks.parts.set import StimulusSet
+from stepblocks.parts.set import StimulusSet, choose_operating_point
 from stepblocks.select import matches_pattern
 from stepblocks.simulators.assemble import Contact, build_scene, lay_out_teeth, resolve_contact
-from stepblocks.simulators.conditions import check_overrides, choose_operating_point
+from stepblocks.simulators.conditions import check_overrides
 from stepblocks.simulators.devices import (
     RenderingPlan,
     choose_common_scale,

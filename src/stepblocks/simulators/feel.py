@@ -13,8 +13,7 @@ from stepblocks.contact.counterface import Counterface
 from stepblocks.declare import Sets, load_sets
 from stepblocks.page_file import render_page
 from stepblocks.parts.kind import Part
-from stepblocks.parts.set import StimulusSet
-from stepblocks.simulators.conditions import choose_operating_point
+from stepblocks.parts.set import StimulusSet, choose_operating_point
 
 _WIDE = 1e-3  # of the drawn profile on either side of the edge [m]
 _LIMITERS = {
