@@ -91,7 +91,9 @@ class TrialResult:
     @property
     def status(self) -> str:
         """What the table says of it."""
-        return (_CENSORED if self.features else _EXCLUDED) if self.reason else _OK
+        if not self.reason:
+            return _OK
+        return _CENSORED if self.features else _EXCLUDED
 
 
 def measure_session(

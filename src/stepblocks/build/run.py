@@ -184,7 +184,9 @@ def build_sets(
 
 def _list_sources(files: "Source | Sequence[Source] | None") -> "dict[str, Path | StimulusSet]":
     # Find stimulus files and declared sets by the names of their sets
-    several = files if isinstance(files, list | tuple) else () if files is None else (files,)
+    if files is None:
+        files = ()
+    several = files if isinstance(files, list | tuple) else (files,)
     paths = [one for one in several if isinstance(one, str | Path)]
     found: list[Path | StimulusSet] = [one for one in several if not isinstance(one, str | Path)]
     if paths or not found:
@@ -276,8 +278,7 @@ def _write_tables_and_page(
 def _remove_stale_files(output: Path, before: Mapping[str, str], now: Mapping[str, str]) -> None:
     # Remove unchanged files of the last build that this one does not write
     for name in sorted(set(before) - set(now), reverse=True):
-        path = find_unchanged(output, name, before[name])
-        if path is None:
+        if (path := find_unchanged(output, name, before[name])) is None:
             continue
         path.unlink()
         for parent in path.parents:

@@ -225,13 +225,9 @@ def plan_rendering(
     )
     refused = _list_refusals(device, plan, point.normal_load)
     lost = _list_deviations(device, plan, event, point.normal_load)
-    verdict = (
-        Faithfulness.IMPOSSIBLE
-        if refused
-        else Faithfulness.DEVIATES
-        if lost
-        else Faithfulness.FAITHFUL
-    )
+    verdict = Faithfulness.DEVIATES if lost else Faithfulness.FAITHFUL
+    if refused:
+        verdict = Faithfulness.IMPOSSIBLE
     return replace(plan, verdict=verdict, reasons=(*refused, *lost))
 
 

@@ -114,7 +114,9 @@ class StepBlock(Block):
         H, r = self.height.nominal, self.edge_radius.nominal
         if x < 0.0:
             return 0.0
-        return H if x >= r else H - r + math.sqrt(x * (2.0 * r - x))
+        if x >= r:
+            return H
+        return H - r + math.sqrt(x * (2.0 * r - x))
 
     def solids(self) -> list[cad.door.Body]:
         height, radius = self.height.nominal, self.edge_radius.nominal
