@@ -3,14 +3,13 @@
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, Field
 
 from stepblocks.errors import MetrologyError
 from stepblocks.mistakes import validate_data
 from stepblocks.quantities import make_quantity_parser
 from stepblocks.text_file import read_document
 
-_STRICT = ConfigDict(extra="forbid", frozen=True)
 _Text = Annotated[str, Field(min_length=1, max_length=200)]
 _Date = Annotated[str, Field(pattern=r"^\d{4}-[01]\d-[0-3]\d$")]
 _Ratio = Annotated[float, Field(ge=0.0, lt=1.0), BeforeValidator(make_quantity_parser("ratio"))]
@@ -21,10 +20,9 @@ _Temperature = Annotated[
 _Angle = Annotated[float, Field(ge=0.0, lt=3.14), BeforeValidator(make_quantity_parser("angle"))]
 
 
-class InstrumentRecord(BaseModel):
+class InstrumentRecord(BaseModel, frozen=True, extra="forbid"):
     """The instrument, its own certificate, and what that states [relative, m, rad]."""
 
-    model_config = _STRICT
     name: _Text
     serial: _Text
     certificate: _Text
@@ -36,7 +34,7 @@ class InstrumentRecord(BaseModel):
     stylus_cone: _Angle | None = None
 
 
-class Laboratory(BaseModel):
+class Laboratory(BaseModel, frozen=True, extra="forbid"):
     """Laboratory, instrument, conditions, dates and signer of a certificate.
 
     Attributes
@@ -57,7 +55,6 @@ class Laboratory(BaseModel):
         Of the customer and of the part, where they are known.
     """
 
-    model_config = _STRICT
     name: _Text
     address: _Text
     country: Annotated[str, Field(pattern="^[A-Z]{2}$")]

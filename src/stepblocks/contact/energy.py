@@ -4,10 +4,9 @@ The equation gives a locked probe an energy too; here such a probe has none.
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, Generic, Never, TypeAlias, overload
+from typing import Any, Generic, Never, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,7 +70,6 @@ _KINDS = (Status.NO_CATCH, Status.TOO_HIGH, Status.LOCKED, Status.RELEASES)
 
 Statuses = TypeVar("Statuses", Status, NDArray[np.str_], default=Status)
 Floats = TypeVar("Floats", float, Array, default=float)
-Many: TypeAlias = Array | Sequence[float]
 
 
 @dataclass(frozen=True)
@@ -110,15 +108,7 @@ def find_release(
 ) -> Release[Status, float]: ...
 @overload
 def find_release(
-    angle: Many, normal_load: Real, friction: Real, tool: Tool = ...
-) -> Release[NDArray[np.str_], Array]: ...
-@overload
-def find_release(
-    angle: float, normal_load: Many, friction: Real, tool: Tool = ...
-) -> Release[NDArray[np.str_], Array]: ...
-@overload
-def find_release(
-    angle: float, normal_load: float, friction: Many, tool: Tool = ...
+    angle: Real, normal_load: Real, friction: Real, tool: Tool = ...
 ) -> Release[NDArray[np.str_], Array]: ...
 def find_release(
     angle: Real, normal_load: Real, friction: Real, tool: Tool = PAPER.tool
