@@ -87,12 +87,12 @@ def predict_from_surfaces(
 
 def _shift_interval(interval: Interval, release: Release) -> Interval:
     # Move an interval with its value: the tolerances of setting and block move both alike
-    names = [(f"{kind}_{end}", kind) for kind in ("force", "energy") for end in ("low", "high")]
-    names += [(f"analytic_energy_{end}", "energy") for end in ("low", "high")]
     found = {"force": float(release.pull_force), "energy": float(release.vibration_energy)}
+    bounds = {"force": "force", "energy": "energy", "analytic_energy": "energy"}
     limits = {
-        name: getattr(interval, name) * found[kind] / getattr(interval, kind)
-        for name, kind in names
+        f"{name}_{end}": getattr(interval, f"{name}_{end}") * found[kind] / getattr(interval, kind)
+        for name, kind in bounds.items()
+        for end in ("low", "high")
     }
     return replace(interval, status=release.status, **(found | limits))
 
@@ -131,9 +131,7 @@ def describe_energy_changes(stimuli: StimulusSet, records: Mapping[str, AsBuilt]
         list(predict_from_surfaces(predict_by_formula(built), stimuli, records)),
     )
     scanned = prepare_surface_releases(stimuli, records)
-    for part in built.stimuli:
-        if part.id not in records or "height" not in part.sizes:
-            continue
+    for part in (one for one in built.stimuli if one.id in records and "height" in one.sizes):
         pairs = [
             (a, b.release) for a, b in zip(asked, predictions, strict=True) if a.stimulus == part.id
         ]

@@ -48,8 +48,10 @@ def to_dataset(table: pd.DataFrame) -> "xarray.Dataset":
     ('stimulus',)
     """
     frame = _require_frame(table)
-    names = _find_dimensions(frame)
-    indexed = frame.set_index(names) if names else frame.rename_axis("row")
+    # the conditions that tell all rows apart, or none
+    names = _find_varying(frame) or [name for name in ("stimulus",) if name in frame]
+    told_apart = names and not frame.duplicated(names).any()
+    indexed = frame.set_index(names) if told_apart else frame.rename_axis("row")
     try:
         found = indexed.to_xarray()
     except ImportError as error:
@@ -120,9 +122,3 @@ def _find_varying(frame: pd.DataFrame) -> list[str]:
         return names
     counts = frame.groupby("stimulus").nunique()
     return [name for name in names if name in ("set", "stimulus") or counts[name].max() > 1]
-
-
-def _find_dimensions(frame: pd.DataFrame) -> list[str]:
-    # Find the conditions that tell all rows apart; none where they do not
-    names = _find_varying(frame) or [name for name in ("stimulus",) if name in frame]
-    return names if names and not frame.duplicated(names).any() else []

@@ -275,16 +275,17 @@ def _predict_channels(
         step = 0.05 * sizes[i]
         if step > 0.0:
             jacobian[:, :, i] = (at({**fitted.values, name: value + step}) - mean) / step
-    variance = np.einsum("nci,ij,ncj->nc", jacobian, fitted.covariance, jacobian)
-    variance += np.einsum("nck,k->nc", compute_responses(state) ** 2, learned.quantity_std**2)
-    variance += learned.channel_std**2
+    variance = (
+        np.einsum("nci,ij,ncj->nc", jacobian, fitted.covariance, jacobian)
+        + np.einsum("nck,k->nc", compute_responses(state) ** 2, learned.quantity_std**2)
+        + learned.channel_std**2
+    )
     unknown = ~np.isin(
         design.block, [b for b in learned.blocks if format_height_name(b) in fitted.values]
     )
     followed = {law.covariate for law in fitted.laws} & set(design.covariates)
-    for place in (p for p in learned.ranges if p.labels or p.name == "run_order"):
-        if place.name not in followed:
-            continue
+    stepped = (one for one in learned.ranges if one.labels or one.name == "run_order")
+    for place in (one for one in stepped if one.name in followed):
         # a day, a batch or an hour that the session had not is as uncertain as those it had differ
         seen = np.array(place.labels)
         column = design.covariates[place.name]

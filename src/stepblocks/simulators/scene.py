@@ -215,9 +215,7 @@ def write_scene(folder: Path, scene: Scene, form: SceneFormat) -> None:
     write_json(folder / "event.json", scene.parameters())
     if scene.plan is not None:
         write_json(folder / "plan.json", scene.plan.as_record())
-    for event in scene.events:
-        if event.status is not Status.RELEASES:
-            continue
+    for event in (one for one in scene.events if one.status is Status.RELEASES):
         stem = f"ring-{'up' if event.direction > 0 else 'down'}"
         full = scene.full_scale or find_largest_force(event)
         ends = (f"full-scale-{full:.4g}n.wav", f"full-scale-{full:.4g}n-int16.wav")

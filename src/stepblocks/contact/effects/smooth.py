@@ -183,12 +183,9 @@ def list_smooth_laws(covariates: Sequence[CovariateRange]) -> tuple[Law, ...]:
             continue
         run = where.name == "run_order"
         laws += [_make_step_law(name, where) for name in (_STEPPING if run else _JUMPING)]
-        if run:
-            for name in _JUMPING:
-                laws += [
-                    _make_step_law(name, where, levels) for levels in range(3, len(_LEVELS) + 2)
-                ]
-                laws.append(_make_periodic_law(name, where))
+        for name in _JUMPING if run else ():
+            laws += [_make_step_law(name, where, levels) for levels in range(3, len(_LEVELS) + 2)]
+            laws.append(_make_periodic_law(name, where))
     return tuple(laws)
 
 
