@@ -53,13 +53,12 @@ _QUANTITY = re.compile(
 def _build_registry() -> "pint.UnitRegistry[float]":
     import pint
 
-    registry: pint.UnitRegistry[float] = pint.UnitRegistry(
+    return pint.UnitRegistry(
         autoconvert_offset_to_baseunit=True,
         cache_folder=None,
         # "kg/m3" for "kg/m^3", as sheets and standards print it
         preprocessors=[partial(re.sub, r"([a-z])([23])\b", r"\1^\2")],
     )
-    return registry
 
 
 def parse_quantity(text: object, dimension: str) -> float:

@@ -131,13 +131,10 @@ def _convert_column(
     # a whole number of hundreds of digits is an object that only as a text becomes infinite
     texts = cells.astype(str) if cells.dtype == object else cells
     numbers = pd.to_numeric(texts, errors="coerce").to_numpy(dtype=np.float64)
-    for row, given in cells.reset_index(drop=True)[~np.isfinite(numbers)].items():
-        mistakes.append(
-            (
-                f"row {row + 1}",
-                f"{cells.name} must be a finite number, got {shorten_value(given)}",
-            )
-        )
+    mistakes += [
+        (f"row {row + 1}", f"{cells.name} must be a finite number, got {shorten_value(given)}")
+        for row, given in cells.reset_index(drop=True)[~np.isfinite(numbers)].items()
+    ]
     return np.asarray(
         multiply_by_unit(numbers, parse_quantity(f"1 {unit}", dimension) if unit else 1.0)
     )

@@ -93,9 +93,11 @@ class _Record(BaseModel):
 
 def write_as_built(path: Path, record: AsBuilt) -> list[Path]:
     """Write a record as TOML with units, and its surface beside it as CSV; return both paths."""
-    document: dict[str, object] = {"schema": _SCHEMA}
-    document |= {name: escape_file_name(getattr(record, name)) for name in _TEXTS}
-    document |= {} if record.arc else {"edge_is_arc": False}
+    document: dict[str, object] = {
+        "schema": _SCHEMA,
+        **{name: escape_file_name(getattr(record, name)) for name in _TEXTS},
+        **({} if record.arc else {"edge_is_arc": False}),
+    }
     written = [path]
     if record.surface is not None:
         table = io.StringIO()

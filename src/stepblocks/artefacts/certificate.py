@@ -63,8 +63,10 @@ def _collect_content(
 
     numbers = {one.key: number for number, one in enumerate(part.characteristics(), start=1)}
     listed = [one for one in record["characteristics"] if one["key"] in numbers]
-    reasons = [(one, _find_obstacle(one)) for one in listed]
-    reasons += [(one, f"not measured: {one['needs']}") for one in record["not_measured"]]
+    reasons = [
+        *((one, _find_obstacle(one)) for one in listed),
+        *((one, f"not measured: {one['needs']}") for one in record["not_measured"]),
+    ]
     results = [_format_line(numbers[one["key"]], one) for one, reason in reasons if not reason]
     worst_first = ("fail", "conditionalFail", "conditionalPass", "pass")
     worst = min((one["conformity"] for one in results), key=worst_first.index, default="")

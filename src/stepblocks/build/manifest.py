@@ -157,14 +157,17 @@ def find_linked_files(output: Path, outputs: Iterable[str]) -> dict[str, list[li
 
     Those of the whole folder stand under the empty name, those of a part under ``set/id``.
     """
-    outputs = list(outputs)
     own = set(outputs)
-    parts = [name.removesuffix(f"/{RECORD}") for name in outputs if name.endswith(f"/{RECORD}")]
-    found = {"": [[title, name] for title, name in _BESIDE.items() if (output / name).is_file()]}
-    found[""] += [
-        [f"drawing of the series {path.name}", path.relative_to(output).as_posix()]
-        for path in sorted(output.glob("*/*.series*"))
-    ]
+    parts = [name.removesuffix(f"/{RECORD}") for name in own if name.endswith(f"/{RECORD}")]
+    found = {
+        "": [
+            *([title, name] for title, name in _BESIDE.items() if (output / name).is_file()),
+            *(
+                [f"drawing of the series {path.name}", path.relative_to(output).as_posix()]
+                for path in sorted(output.glob("*/*.series*"))
+            ),
+        ]
+    }
     for part in sorted(parts):
         for title, pattern in _OF_A_PART.items():
             for path in sorted(output.glob(pattern.format(part, id=Path(part).name))):

@@ -364,8 +364,11 @@ def compute_finger_share(
     mass[n, :n] = mass[:n, n] = momentum
     handle, arm = np.eye(n + 2)[n:]
     grasp = handle - arm
-    spring = np.diag([*(w**2), 0.0, 0.0]) + hand.grasp_stiffness * np.outer(grasp, grasp)
-    spring += hand.arm_stiffness * np.outer(arm, arm)
+    spring = (
+        np.diag([*(w**2), 0.0, 0.0])
+        + hand.grasp_stiffness * np.outer(grasp, grasp)
+        + hand.arm_stiffness * np.outer(arm, arm)
+    )
     damper = np.diag([*(w * [one.loss_factor for one in modes]), 0.0, 0.0])
     damper += hand.grasp_damping * np.outer(grasp, grasp) + hand.arm_damping * np.outer(arm, arm)
     system = np.block(

@@ -390,8 +390,10 @@ def drag_over(
         face = replace(face, feature=x_range)
     try:
         formula = face.release(point, backward)
-        changes = named.changes(point.tool, point.normal_load) if named else {}
-        changes |= {name: given[name] for name in _OF_PROBE if name in given}
+        changes = {
+            **(named.changes(point.tool, point.normal_load) if named else {}),
+            **{name: given[name] for name in _OF_PROBE if name in given},
+        }
         trace = drag_face(face, point, backward, settings=settings, probe=changes)
     except ContactError as error:
         raise (PipelineError(f"{error} {found.place}") if found.place else error) from error

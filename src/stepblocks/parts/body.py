@@ -443,11 +443,11 @@ def list_half_corners(body: Body, side: float, top: float, crest: Sequence[Point
             points += [(x - side * corner, y * w, z), (x, y * (w - corner), z)]
             if z < top:
                 points.append((0.0, y * w, z))
-        for x, z in crest:
-            points.append((x, y * (half - max(0.0, z - (top - c))), z))
+        points += [(x, y * (half - max(0.0, z - (top - c))), z) for x, z in crest]
         # where a chamfer's corner triangle closes, half way up
-        for z in (base + 0.5 * c, top - 0.5 * c):
-            points.append((out - side * 0.5 * c, y * (half - 0.5 * c), z))
+        points += [
+            (out - side * 0.5 * c, y * (half - 0.5 * c), z) for z in (base + 0.5 * c, top - 0.5 * c)
+        ]
     return points
 
 

@@ -301,9 +301,14 @@ def complete_face_demands(stated: WorkingFaces | None, governing: Dimension) -> 
     """Complete the demands on faces from the tolerance of the height."""
     band = governing.upper - governing.lower
     rough = max(round(band * 1e6 / 20.0, 2), 0.05) / 1e6
-    widths = {"flatness": 0.25 * band, "parallelism": 0.5 * band, "roughness": rough}
-    # a tilt of 10 um over the block turns the pull by less than its hundredth
-    widths |= {"base_flatness": 5e-6, "base_parallelism": 10e-6}
-    widths["burr"] = governing.upper if governing.upper > 0.0 else 0.5 * band
+    widths = {
+        "flatness": 0.25 * band,
+        "parallelism": 0.5 * band,
+        "roughness": rough,
+        "base_flatness": 5e-6,
+        # a tilt of 10 um over the block turns the pull by less than its hundredth
+        "base_parallelism": 10e-6,
+        "burr": governing.upper if governing.upper > 0.0 else 0.5 * band,
+    }
     zones = {name: Dimension(0.0, width, 0.0, usual=True) for name, width in widths.items()}
     return zones | {name: zone for name, zone in stated or () if zone is not None}

@@ -51,9 +51,9 @@ class Verdict:
     def __str__(self) -> str:
         if self.dimension == "length":
             text = (
-                f"{self.deviation * 1e9:+.3f} nm off {format_quantity(self.nominal, 'length', 6)}"
+                f"{self.deviation * 1e9:+.3f} nm off {format_quantity(self.nominal, 'length', 6)} "
+                f"(limit {format_quantity(self.limit, 'length')})"
             )
-            text += f" (limit {format_quantity(self.limit, 'length')})"
         elif self.dimension == "file":
             text = ""
         elif self.dimension == "count":

@@ -14,13 +14,11 @@ from stepblocks.quantities import format_exactly
 
 def format_set(stimuli: Table, name: str, parts: Iterable[Part]) -> str:
     """Write a set as TOML, every value in full."""
-    document: dict[str, object] = {"schema": 1, "set": name}
-    document |= _list_fields(stimuli, leave_out={"name", "stimuli"})
+    stanzas: dict[str, list[dict[str, object]]] = {}
     for part in parts:
-        stanzas = document.setdefault(part.stanza, [])
-        assert isinstance(stanzas, list)
-        stanzas.append(_list_fields(part))
-    return tomli_w.dumps(document)
+        stanzas.setdefault(part.stanza, []).append(_list_fields(part))
+    fields = _list_fields(stimuli, leave_out={"name", "stimuli"})
+    return tomli_w.dumps({"schema": 1, "set": name, **fields, **stanzas})
 
 
 def _list_fields(table: Table, leave_out: Iterable[str] = ()) -> dict[str, object]:

@@ -64,8 +64,11 @@ def build_plain_step(height: float, name: str = "step") -> StepBlock:
         return {field: {"nominal": size, "tolerance": "1 um"} for field, size in sizes.items()}
 
     mounting = {"kind": "tapped", "thread": "M2", **declare(spacing="6 mm", depth="2 mm")}
-    body = declare(length="12 mm", width="12 mm", thickness="4 mm", edge_break="0.3 mm")
-    body |= {"mounting": mounting, "engraving": declare(height="0.5 mm", depth="0.05 mm")}
+    body = {
+        **declare(length="12 mm", width="12 mm", thickness="4 mm", edge_break="0.3 mm"),
+        "mounting": mounting,
+        "engraving": declare(height="0.5 mm", depth="0.05 mm"),
+    }
     groove = {"kind": "groove", **declare(width="0.4 mm", lane="3 mm", distance="1 mm")}
     edge = declare(height=f"{height * 1e6:.9g} um", edge_radius="0 um")
     try:

@@ -71,13 +71,12 @@ def read_foreign_judgements(
     keys: Counter[tuple[str, ...]] = Counter()
     planned = []
     for row in rows:
+        known = {mine: _format_cell(row, mine, named) for mine in _DESCRIPTIONS}
         one = {
-            mine: text
-            for mine in _DESCRIPTIONS
-            if (text := _format_cell(row, mine, named)) is not None
+            "condition": _DEFAULTS[experiment],
+            **{mine: text for mine, text in known.items() if text is not None},
+            **{name: row[name] for name in row if name == "line" or name.startswith(FACTOR)},
         }
-        one |= {name: row[name] for name in row if name == "line" or name.startswith(FACTOR)}
-        one.setdefault("condition", _DEFAULTS[experiment])
         needed = ["participant", "condition", "height_um", *kind.answers]
         lacking = [
             name

@@ -243,9 +243,15 @@ def simulate_frame(plan: SimulatedStudy, seed: int) -> Table:
     person, setting, block, _ = (index.ravel() for index in np.indices(shape))
     heights, energies = np.asarray(plan.heights), np.asarray(plan.energies)
     names, shares = zip(*plan.factors, strict=True)
-    frame = pd.DataFrame({"person": person, "setting": setting, "height": heights[block]})
-    frame["energy"] = energies[block] * np.array(shares)[setting]
-    frame["noisier"] = np.array(plan.noise or [1.0] * len(shares))[setting]
+    frame = pd.DataFrame(
+        {
+            "person": person,
+            "setting": setting,
+            "height": heights[block],
+            "energy": energies[block] * np.array(shares)[setting],
+            "noisier": np.array(plan.noise or [1.0] * len(shares))[setting],
+        }
+    )
     generator = np.random.default_rng(seed)
     estimates = simulate_estimates(frame, (heights, energies), plan.observer, generator)
     return frame.assign(

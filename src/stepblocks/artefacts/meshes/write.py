@@ -87,8 +87,10 @@ def write_pieces(path: Path, pieces: Sequence[Mesh]) -> None:
     lines = ["# convex pieces, mm"]
     offset = 1
     for piece in pieces:
-        lines.append(f"o {piece.name}")
-        lines += [f"v {x:.12f} {y:.12f} {z:.12f}" for x, y, z in piece.vertices * _MM]
-        lines += [f"f {a} {b} {c}" for a, b, c in piece.triangles + offset]
+        lines += [
+            f"o {piece.name}",
+            *(f"v {x:.12f} {y:.12f} {z:.12f}" for x, y, z in piece.vertices * _MM),
+            *(f"f {a} {b} {c}" for a, b, c in piece.triangles + offset),
+        ]
         offset += len(piece.vertices)
     path.write_text("\n".join(lines) + "\n", encoding="ascii")

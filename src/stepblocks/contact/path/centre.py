@@ -154,8 +154,11 @@ class _Shapes:
         run = x - self.x[index]
         across = self.r[index] ** 2 - run**2
         height = self.z[index] + self.slope[index] * run + np.sqrt(np.maximum(across, 0.0))
-        is_there = (x >= self.begin[index] - _CLOSE) & (x <= self.end[index] + _CLOSE)
-        is_there &= (across >= 0.0) | (index >= self.circles)
+        is_there = (
+            (x >= self.begin[index] - _CLOSE)
+            & (x <= self.end[index] + _CLOSE)
+            & ((across >= 0.0) | (index >= self.circles))
+        )
         return np.where(is_there, height, -np.inf)
 
     def top(self, x: Array) -> NDArray[np.int64]:

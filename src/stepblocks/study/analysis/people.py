@@ -48,13 +48,12 @@ def describe_unlike_participants(frame: Table, answer: str) -> list[str]:
     apart = np.abs(level - np.median(level))
     # Iglewicz, B., Hoaglin, D. C. (1993): 3.5 robust standard deviations
     wide = 1.4826 * float(np.median(apart))
-    for name, far in zip(middles, apart, strict=True):
-        if len(level) > 4 and far > 3.5 * wide > 0.0:
-            found.append(
-                f"Participant {name}'s mean answer is {far / wide:.1f} robust standard deviations "
-                "from the median of all."
-            )
-    return found
+    return found + [
+        f"Participant {name}'s mean answer is {far / wide:.1f} robust standard deviations from "
+        "the median of all."
+        for name, far in zip(middles, apart, strict=True)
+        if len(level) > 4 and far > 3.5 * wide > 0.0
+    ]
 
 
 def find_swapped_conditions(table: Table, outcome: str) -> Iterator[str]:

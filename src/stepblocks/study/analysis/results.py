@@ -14,11 +14,7 @@ from stepblocks.errors import StudyError
 from stepblocks.figure_file import Axes
 from stepblocks.law import correct_by_holm
 from stepblocks.study import Table
-from stepblocks.study.analysis.accuracy import (
-    ANSWER,
-    Measure,
-    assess_equivalence,
-)
+from stepblocks.study.analysis.accuracy import ANSWER, Measure, assess_equivalence
 from stepblocks.study.analysis.anova import Interval, Term
 from stepblocks.study.analysis.ordinal import OrdinalFit, fit_ordinal_model
 from stepblocks.study.analysis.population import (
@@ -152,9 +148,11 @@ class StudyResult:
 
     def findings(self) -> tuple[Finding, ...]:
         """Return the planned tests, the primary one first."""
-        tests = {one.name: one.corrected.p for one in self.measures if one.corrected}
-        tests |= {name: fit.participants["p"] for name, fit in self.ordinal.items()}
-        tests |= {name: one.p for name, one in self.differences().items()}
+        tests = {
+            **{one.name: one.corrected.p for one in self.measures if one.corrected},
+            **{name: fit.participants["p"] for name, fit in self.ordinal.items()},
+            **{name: one.p for name, one in self.differences().items()},
+        }
         first = next((name for name in (self.primary, ANSWER, *tests) if name in tests), "")
         rest = {name: p for name, p in tests.items() if name != first and math.isfinite(p)}
         holm = correct_by_holm(list(rest.values())).tolist()
