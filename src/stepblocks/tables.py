@@ -117,8 +117,7 @@ def read_si_columns(
                     f"{' or '.join(list(units[key])[: len(SUFFIXES[dimension])])}",
                 )
             )
-    if mistakes:
-        raise PipelineError(format_mistakes(mistakes, place))
+    PipelineError.require(not mistakes, format_mistakes(mistakes, place))
     return found
 
 

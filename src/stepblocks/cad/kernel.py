@@ -210,8 +210,7 @@ def tessellate(body: Body, deflection: Callable[[Face], float]) -> Tessellation:
 def _read_triangulation(face: cq.Face) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     location = TopLoc_Location()
     triangulation = BRep_Tool.Triangulation_s(face.wrapped, location)
-    if triangulation is None:
-        raise SolidError("a face could not be tessellated")
+    SolidError.require(triangulation is not None, "a face could not be tessellated")
     transform = location.Transformation()
     points = (
         triangulation.Node(i + 1).Transformed(transform) for i in range(triangulation.NbNodes())

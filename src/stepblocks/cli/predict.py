@@ -156,8 +156,7 @@ def _predict_table(files: list[Path], output: Path | None, model: Path | None) -
     if len(files) != 1 or not (files[0].suffix.lower() == ".csv" or (model and files[0].is_dir())):
         wanted = "a trials.csv or the folder of one session" if model else "one CSV table"
         raise PipelineError(f"expected {wanted}, got {', '.join(map(str, files)) or 'none'}")
-    if output is None:
-        raise PipelineError(f"-o must name the CSV to write [{files[0]}]")
+    PipelineError.require(output is not None, f"-o must name the CSV to write [{files[0]}]")
     from stepblocks.predict.table import predict_table, predict_trials
 
     if model is None:

@@ -332,8 +332,7 @@ def make_set(
         # where stanzas could not be read, a set without any is no mistake of its own
         if total or not mistakes:
             mistakes += list_mistakes(error, make_file_model(), declared, locate, validate_set)
-    if mistakes:
-        raise StimulusError(format_mistakes(mistakes, place))
+    StimulusError.require(not mistakes, format_mistakes(mistakes, place))
     return found
 
 

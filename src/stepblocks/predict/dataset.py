@@ -47,11 +47,11 @@ def to_dataset(table: pd.DataFrame) -> "xarray.Dataset":
     >>> found.felt_energy_uj.sel(normal_load_n=1.0).dims  # doctest: +SKIP
     ('stimulus',)
     """
-    frame = _require_frame(table)
+    _require_frame(table)
     # the conditions that tell all rows apart, or none
-    names = _find_varying(frame) or [name for name in ("stimulus",) if name in frame]
-    told_apart = names and not frame.duplicated(names).any()
-    indexed = frame.set_index(names) if told_apart else frame.rename_axis("row")
+    names = _find_varying(table) or [name for name in ("stimulus",) if name in table]
+    told_apart = names and not table.duplicated(names).any()
+    indexed = table.set_index(names) if told_apart else table.rename_axis("row")
     try:
         found = indexed.to_xarray()
     except ImportError as error:
@@ -90,15 +90,15 @@ def plot_predictions(
     PipelineError
         If `table` is no DataFrame or lacks a column.
     """
-    frame = _require_frame(table)
-    if missing := [name for name in (x, y) if name not in frame]:
+    _require_frame(table)
+    if missing := [name for name in (x, y) if name not in table]:
         raise PipelineError(
-            f"{missing[0]!r} must be a column of the table: {', '.join(map(str, frame.columns))}"
+            f"{missing[0]!r} must be a column of the table: {', '.join(map(str, table.columns))}"
         )
     axes = take_axes(ax)
     own = {x, y, "stimulus", "step_height_um"}
-    by = [name for name in _find_varying(frame) if name not in own]
-    for condition, rows in frame.groupby(by, sort=False) if by else [((), frame)]:
+    by = [name for name in _find_varying(table) if name not in own]
+    for condition, rows in table.groupby(by, sort=False) if by else [((), table)]:
         ordered = rows.sort_values(x)
         axes.plot(ordered[x], ordered[y], marker="o", label=", ".join(map(str, condition)) or None)
     if by:
@@ -109,10 +109,11 @@ def plot_predictions(
     return axes
 
 
-def _require_frame(table: object) -> pd.DataFrame:
-    if not isinstance(table, pd.DataFrame):
-        raise PipelineError(f"table must be a pandas DataFrame, got {type(table).__name__}")
-    return table
+def _require_frame(table: object) -> None:
+    PipelineError.require(
+        isinstance(table, pd.DataFrame),
+        f"table must be a pandas DataFrame, got {type(table).__name__}",
+    )
 
 
 def _find_varying(frame: pd.DataFrame) -> list[str]:

@@ -125,8 +125,7 @@ def load_sweep(path: Path) -> SweepPlan:
     mistakes: list[Mistake] = []
     with collect_mistakes(mistakes):
         plan = _resolve_plan(data, path.parent, mistakes)
-    if mistakes:
-        raise PipelineError(format_mistakes(mistakes, path))
+    PipelineError.require(not mistakes, format_mistakes(mistakes, path))
     return plan
 
 
@@ -329,9 +328,8 @@ def _read_count(name: str, raw: object, place: str, most: int = _MOST_ROWS) -> i
 
 
 def _read_section(data: Document, name: str) -> Document:
-    table = data.get(name, {})
-    if not isinstance(table, dict):
-        raise PipelineError(f"{name} must be a table, got {table!r}")
+    table: Document = data.get(name, {})
+    PipelineError.require(isinstance(table, dict), f"{name} must be a table, got {table!r}")
     return table
 
 

@@ -143,9 +143,11 @@ def run_sweep(
         "jobs must be a whole number from 1 to 1024, got "
         f"{' '.join(repr(jobs).split()):.40}",  # the text of a table has lines
     )
+    PipelineError.require(
+        isinstance(plan, SweepPlan | str | Path),
+        f"plan must be a SweepPlan or a path, got {type(plan).__name__}",
+    )
     if not isinstance(plan, SweepPlan):
-        if not isinstance(plan, str | Path):
-            raise PipelineError(f"plan must be a SweepPlan or a path, got {type(plan).__name__}")
         plan = load_sweep(Path(plan))
     folder = Path(output)
     report = on_partition or (lambda _: None)
