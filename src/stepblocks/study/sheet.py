@@ -121,22 +121,22 @@ def simulate_answers(
 
     Answers follow each block's energy [J] and the share of it that a condition lets through.
     """
-    trials = pd.DataFrame(design)
-    trials["person"], trials["setting"] = (
-        pd.factorize(trials[name])[0] for name in ("participant", "condition")
-    )
-    trials["height"] = trials["height_um"].astype(float) * 1e-6
+    planned = pd.DataFrame(design)
     levels = [list_levels(row) for row in design]
     shares, noisier = (
         [math.prod(given.get(level, 1.0) for level in own) for own in levels]
         for given in (damping, noise)
     )
-    trials["undamped"] = trials["stimulus"].map(energies)
-    # both blocks of a pair are felt with the same probe
-    trials["energy"], trials["standard_energy"] = (
-        trials[name].map(energies) * shares for name in ("stimulus", "standard")
+    trials = planned.assign(
+        person=pd.factorize(planned["participant"])[0],
+        setting=pd.factorize(planned["condition"])[0],
+        height=planned["height_um"].astype(float) * 1e-6,
+        undamped=planned["stimulus"].map(energies),
+        # both blocks of a pair are felt with the same probe
+        energy=planned["stimulus"].map(energies) * shares,
+        standard_energy=planned["standard"].map(energies) * shares,
+        noisier=noisier,
     )
-    trials["noisier"] = noisier
     kind = EXPERIMENTS[design[0]["experiment"]]
     answers = kind.simulate(trials, observer, np.random.default_rng(seed))
     return [

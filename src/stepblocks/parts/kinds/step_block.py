@@ -160,14 +160,12 @@ class StepBlock(Block):
         volume -= (body.width.nominal - 2.0 * max(c - r, 0.0)) * r * r * (
             1.0 - 0.25 * math.pi
         ) - corners
-        if feature is None:
-            return (volume - self.removed_volume,)
-        lane, w = feature.lane.nominal, feature.width.nominal
-        if feature.kind == "groove":
-            # from the lane's boundary to the chamfered side, z from 0 to H
-            volume -= w * (lane * H - (c * H - 0.5 * H * H if c > 0.0 else 0.0))
-        else:  # the side's edge break runs on through the ridge, from c inside at z = 0
-            volume += w * (lane * H - (c * H + 0.5 * H * H if c > 0.0 else 0.0))
+        if feature is not None:
+            # from the lane's boundary to the chamfered side, z from 0 to H; the side's edge break
+            # runs on through a ridge, from c inside at z = 0
+            side = 1.0 if feature.kind == "ridge" else -1.0
+            lane, w = feature.lane.nominal, feature.width.nominal
+            volume += side * w * (lane * H - (c * H + side * 0.5 * H * H if c > 0.0 else 0.0))
         return (volume - self.removed_volume,)
 
     def hulls(self) -> list[Manifold]:
