@@ -95,10 +95,9 @@ def list_mistakes(
             found = unknown
     # that too few are left is no mistake of its own where those that fell out are listed
     deeper = {one["loc"][:end] for one in found for end in range(len(one["loc"]))}
+    own = [one for one in found if one["type"] != "too_short" or one["loc"] not in deeper]
     mistakes = []
-    for one in sorted(found, key=lambda one: one["type"] != "extra_forbidden"):
-        if one["type"] == "too_short" and one["loc"] in deeper:
-            continue
+    for one in sorted(own, key=lambda one: one["type"] != "extra_forbidden"):
         place, rest = locate(one["loc"])
         hint = ""
         if one["type"] == "extra_forbidden":

@@ -50,10 +50,8 @@ def read_filled_sheet(path: Path) -> list[QifResult]:
         not absent, f"sheet must keep its columns, missing {', '.join(absent)} [{path}]"
     )
     found, mistakes = [], []
-    for row in table["data"]:
-        text = dict(zip(table["columns"], map(str.strip, row), strict=True))
-        if not text[_VALUE]:
-            continue
+    rows = (dict(zip(table["columns"], map(str.strip, row), strict=True)) for row in table["data"])
+    for text in (row for row in rows if row[_VALUE]):
         factor = _FACTORS.get(text["unit"], math.nan)
         # the decimal mark is a point or a comma; nan of what is no number
         cells = (text.get(name, "").replace(",", ".") for name in (_VALUE, _STD))

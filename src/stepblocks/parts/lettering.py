@@ -1,7 +1,7 @@
 """Outlines of the engraved identity, from the typeface that matplotlib ships."""
 
 import math
-from functools import lru_cache
+from functools import lru_cache, reduce
 from pathlib import Path
 
 import numpy as np
@@ -29,10 +29,13 @@ def _outline_glyph(character: str) -> tuple[float, tuple[Letter, ...]]:
     advance -= float(TextPath((0.0, 0.0), "|", size=size, prop=font).vertices[:, 0].max())
     if character.isspace():
         return advance, ()  # matplotlib makes no path of nothing
-    shape = shapely.Polygon()
+    rings = TextPath((0.0, 0.0), character, size=size, prop=font).to_polygons()
     # even-odd: a ring inside another is its hole
-    for ring in TextPath((0.0, 0.0), character, size=size, prop=font).to_polygons():
-        shape = shape.symmetric_difference(shapely.Polygon(np.asarray(ring)[:-1]))
+    shape = reduce(
+        shapely.symmetric_difference,
+        (shapely.Polygon(np.asarray(ring)[:-1]) for ring in rings),
+        shapely.Polygon(),
+    )
     shape = shapely.simplify(shape, _FLATNESS, preserve_topology=True)
     return advance, tuple(
         tuple(np.asarray(line.coords)[:-1] for line in (part.exterior, *part.interiors))
