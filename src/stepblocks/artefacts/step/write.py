@@ -192,10 +192,9 @@ def _draw_callout(
     )
     middle = x0 + 0.5 * compute_text_width(text, size)
     lines: list[tuple[Point, Point]] = []  # of the letters, then the leader
-    for outer, *holes in outline_text(text, size):
-        for ring in (outer, *holes):
-            points = [(middle + float(u), y, z0 + float(v)) for u, v in ring]
-            lines += list(zip(points, [*points[1:], points[0]], strict=True))
+    for ring in itertools.chain.from_iterable(outline_text(text, size)):
+        points = [(middle + float(u), y, z0 + float(v)) for u, v in ring]
+        lines += list(zip(points, [*points[1:], points[0]], strict=True))
     end = tuple(0.5 * (a + b) for a, b in zip(face.low, face.high, strict=True))
     lines.append(((x0 - size, y, z0), (end[0], end[1], end[2])))
     return lines
