@@ -10,7 +10,13 @@ from scipy.stats import multivariate_normal, norm
 from oracles.toy_model import Toy, toy_effects, toy_trials
 from stepblocks.errors import PipelineError
 from stepblocks.law import Law, Parameter
-from stepblocks.loop.search.fit import Problem, _Objective, build_problem, fit
+from stepblocks.loop.search.fit import (
+    HopelessFitError,
+    Problem,
+    _Objective,
+    build_problem,
+    fit,
+)
 from stepblocks.loop.search.forward_model import Floats, Systematic, Trials
 from stepblocks.loop.search.noise import (
     Scatter,
@@ -38,6 +44,18 @@ def test_fit_is_generalised_least_squares() -> None:
     )
     stds = np.sqrt(np.diag(np.linalg.inv(normal)))
     assert [found.std["a"], found.std["b"]] == pytest.approx(stds.tolist(), rel=1e-4)
+
+
+def test_a_fit_that_a_rival_leads_by_far_is_given_up_after_some_steps_and_no_other() -> None:
+    problem = build_problem(Toy(), toy_trials(80, 1))
+    alone = fit(problem)
+    # of what is left to be gained at its end, nothing, a lead of 75 is 30 more by a factor of 0.4
+    ahead, far_ahead = (_Objective(problem, (), alone.cost - lead) for lead in (74.0, 76.0))
+    end = np.array([alone.values[p.name] for p in ahead.parameters]) / ahead.scale
+    slopes = [one.jacobian(end) for one in (*(3 * [far_ahead]), *(5 * [ahead]))]
+    assert np.array_equal(slopes[0], slopes[-1])
+    with pytest.raises(HopelessFitError):
+        far_ahead.jacobian(end)
 
 
 def test_scatter_is_split_between_the_common_quantity_and_the_channels() -> None:

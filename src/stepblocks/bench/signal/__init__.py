@@ -156,8 +156,13 @@ def find_set_down(trace: Trace) -> tuple[int, tuple[Estimate, Estimate]]:
         begin = int(np.flatnonzero(mean[: on + 1] <= zero + 0.05 * (high - zero))[-1])
         still = slice(0, begin - (on - begin) - _EDGE)  # the load comes on smoothly
         if still.stop >= _FEWEST_STILL:
+            # samples are correlated: the uncertainty of the mean comes from the means of eighths
             pulled, pressed = (
-                (float(np.mean(one[still])), _compute_std_of_mean(one[still]))
+                (
+                    float(np.mean(one[still])),
+                    float(np.std([part.mean() for part in np.array_split(one[still], 8)], ddof=1))
+                    / math.sqrt(8.0),
+                )
                 for one in (trace.tangential, trace.normal)
             )
             zeros = pulled, pressed
@@ -192,11 +197,3 @@ def _find_motion(force: Array, zero: float, calm: int, pulled_up: bool) -> int:
         return 0
     first = max(start - calm // 2, 0) if stands else 0
     return first + int(np.argmax(climb[first:] >= level))
-
-
-def _compute_std_of_mean(values: Array) -> float:
-    # Return the standard uncertainty of a mean whose samples are correlated, by the means of
-    # eighths.
-    return float(
-        np.std([part.mean() for part in np.array_split(values, 8)], ddof=1) / math.sqrt(8.0)
-    )

@@ -26,6 +26,9 @@ from stepblocks.loop.search.noise import (
 # of differences, in units of a parameter's scale: an integrated motion is smooth to some 1e-4 of ln
 # E_v and no better
 _STEP = 1e-3
+_HOPELESS = 0.4  # share of a leader's gain that a fit may find over its first order
+_SURPRISE = 30.0  # gain beside that share, likewise
+_PATIENCE = 3  # steps, after which a fit has shown how far it is from its first order
 
 
 @dataclass(frozen=True)
@@ -157,10 +160,18 @@ class Fit:
         )
 
 
+class HopelessFitError(Exception):
+    """A fit is given up: another one leads by more than it is likely to gain."""
+
+
 class _Objective:
     # Residuals and Jacobian in units of each parameter's scale
-    def __init__(self, problem: "Problem", effects: Sequence[Law]) -> None:
+    def __init__(
+        self, problem: "Problem", effects: Sequence[Law], rival: float = float("inf")
+    ) -> None:
         self.problem = problem
+        self.rival = rival
+        self.steps = 0
         self.effects = tuple(effects)
         self.parameters = problem.list_parameters(effects)
         self.scale = np.array([p.scale for p in self.parameters])
@@ -210,20 +221,36 @@ class _Objective:
         )
 
     def jacobian(self, x: Floats) -> Floats:
+        residual = self.residual(x)
         base = self.predict(x)
         step = np.where(x + _STEP > self.bounds[1], -_STEP, _STEP)
         shifted = np.tile(x, (self.layer.max() + 1, 1))
         shifted[self.layer, range(len(x))] += step
         change = np.stack([self.predict(row) - base for row in shifted], axis=2)
         stack = np.where(self.moved[:, None], change[:, :, self.layer] / step, 0.0)
-        prior = np.diag(self.prior)[self.kept]
         above = (base[self.censored] - self.floor) / self.spread
         logarithm = log_ndtr(above)
         density = np.exp(-0.5 * above**2 - logarithm) / np.sqrt(2.0 * np.pi)
         slope = density / np.sqrt(np.maximum(-2.0 * logarithm, 1e-24)) / self.spread
-        return -np.vstack(
-            [self.problem.noise.whiten(stack), prior, slope[:, None] * stack[self.censored]]
+        whole = np.vstack(
+            [
+                self.problem.noise.whiten(stack),
+                np.diag(self.prior)[self.kept],
+                slope[:, None] * stack[self.censored],
+            ]
         )
+        self.steps += 1
+        if self.steps > _PATIENCE and is_hopeless(
+            float(np.sum((np.linalg.qr(whole)[0].T @ residual) ** 2)),
+            float(residual @ residual) - self.rival,
+        ):
+            raise HopelessFitError
+        return -whole
+
+
+def is_hopeless(gain: float, lead: float) -> bool:
+    """Tell whether what gains so much to first order is unlikely to gain the lead of another."""
+    return gain + _SURPRISE < _HOPELESS * lead
 
 
 def fit(
@@ -231,9 +258,10 @@ def fit(
     effects: Sequence[Law] = (),
     start: Mapping[str, float] | None = None,
     evaluations: int = 40,
+    rival: float = float("inf"),
 ) -> Fit:
-    """Fit the model with some effects."""
-    objective = _Objective(problem, effects)
+    """Fit the model with some effects, unless it stays far behind the cost of a rival."""
+    objective = _Objective(problem, effects, rival)
     begin = (
         np.array([(start or {}).get(p.name, p.start) for p in objective.parameters])
         / objective.scale

@@ -10,11 +10,9 @@ import numpy as np
 from scipy import stats
 
 from stepblocks.law import Law
-from stepblocks.loop.search.fit import Fit, Problem, fit
+from stepblocks.loop.search.fit import Fit, HopelessFitError, Problem, fit, is_hopeless
 from stepblocks.loop.search.forward_model import Floats
 
-_HOPELESS = 0.4  # share of a leader's gain that a fit may find over its first order
-_SURPRISE = 30.0  # gain beside that share, likewise
 # a direction of which less is left beside the nominal model is its derivative, up to rounding
 _UNSEEN = 2e-3
 # chance, by Schwarz's criterion, with which an effect and the rivals named with it hold the truth
@@ -280,15 +278,16 @@ def choose_candidate(
     of its fit.
     """
     tried: list[Fit] = []
-    leading = 0.0
     for score in sorted(_select_candidates(opened.scores, most, keep), key=lambda s: -s.gain):
         # what gains far less to first order than another gained in full cannot lead
-        if score.gain + _SURPRISE < _HOPELESS * leading and score.effect.id not in keep:
+        rival = (
+            np.inf if score.effect.id in keep else min([base.cost, *(one.cost for one in tried)])
+        )
+        if is_hopeless(score.gain, base.cost - rival):
             continue
-        fitted = _fit_candidate(problem, base, score)
+        fitted = _fit_candidate(problem, base, score, rival)
         if fitted is not None and not _is_at_bound(score.effect, fitted):
             tried.append(fitted)
-            leading = max(leading, base.cost - fitted.cost)
     tried.sort(key=lambda t: (t.criterion, t.effects[-1].rank))
     if not tried or tried[0].criterion >= base.criterion:
         return None
@@ -328,7 +327,7 @@ def _is_at_bound(effect: Law, fitted: Fit) -> bool:
     return any(not low + 0.1 * slack < value < high - slack for low, high, slack, value in reach)
 
 
-def _fit_candidate(problem: Problem, base: Fit, score: Score) -> Fit | None:
+def _fit_candidate(problem: Problem, base: Fit, score: Score, rival: float) -> Fit | None:
     effect = score.effect
     held = np.clip(score.step, -8.0, 8.0)
     steps = dict(zip(effect.amplitudes, held.tolist(), strict=True))
@@ -348,8 +347,8 @@ def _fit_candidate(problem: Problem, base: Fit, score: Score) -> Fit | None:
             else score.shape.get(p.name, p.start)
         )
     try:
-        return fit(problem, (*base.effects, effect), start, evaluations=25)
-    except (np.linalg.LinAlgError, ValueError, FloatingPointError):
+        return fit(problem, (*base.effects, effect), start, 25, rival)
+    except (np.linalg.LinAlgError, ValueError, FloatingPointError, HopelessFitError):
         return None
 
 
