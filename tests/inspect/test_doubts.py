@@ -268,6 +268,12 @@ def test_the_serial_number_of_a_sheet_is_that_of_the_scans_beside_it(tmp_path):
             if path.name.endswith("dcc.xml")
         )
         assert f">{serial}<" in written.read_text()
+    # results in QIF are merged like a scan, and come with the scatter of both
+    (qif,) = (tmp_path / "SN-8").rglob("*.qif")
+    both = inspect_many([scan, qif], "step-050", instrument=KNOWN)
+    row = both.tables["blocks"].set_index("characteristic").loc["step_height"]
+    assert row["scans"] == 2
+    assert row["value_um"] == pytest.approx(50.0, abs=0.05)
 
 
 @pytest.mark.parametrize(

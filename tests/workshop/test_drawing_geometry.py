@@ -258,7 +258,12 @@ TURNED = [
 @pytest.mark.parametrize("part", TURNED, ids=lambda part: part.id)
 def test_nothing_on_the_drawing_of_a_tip_a_sheath_or_a_crown_strikes_anything(part):
     # a diameter with unequal deviations had stood on its dimension line
-    assert list(overlaps_on(draw_part_sheet(part, ORDER))) == []
+    sheet = draw_part_sheet(part, ORDER)
+    assert list(overlaps_on(sheet)) == []
+    # ISO 129-1: decimal commas, also in what is said in words
+    said = [one.dxf.text for one in sheet.space.query("TEXT")]
+    said.remove(part.material.order_text)  # 1.4301 is a name
+    assert not [text for text in said if re.search(r"[0-9]\.[0-9]", text)]
 
 
 def test_nothing_on_the_sheet_of_a_series_strikes_anything_and_every_height_is_in_its_table():

@@ -347,13 +347,12 @@ def decide(
 
     if guard is None:
         guard = max(GUARD_FACTOR, float(stdtrit(dof, 0.95))) * std
-    verdict = (
-        Outcome.CONFORMS
-        if lower + guard <= value <= upper - guard
-        else Outcome.DOES_NOT_CONFORM
-        if value < lower - guard or value > upper + guard
-        else Outcome.NOT_PROVEN
-    )
+    if lower + guard <= value <= upper - guard:
+        verdict = Outcome.CONFORMS
+    elif value < lower - guard or value > upper + guard:
+        verdict = Outcome.DOES_NOT_CONFORM
+    else:
+        verdict = Outcome.NOT_PROVEN
     if std == 0.0:
         probability = 1.0 if lower <= value <= upper else 0.0
     else:  # JCGM 106:2012, 7.2

@@ -115,8 +115,8 @@ def draw_part_sheet(
         heights = [
             (
                 one.id.upper(),
-                format_limits(one.height.nominal, one.height.lower, one.height.upper).replace(
-                    ".", ","
+                use_decimal_comma(
+                    format_limits(one.height.nominal, one.height.lower, one.height.upper)
                 ),
             )
             for one in blocks

@@ -89,13 +89,12 @@ def _list_probed(block: Block) -> Iterator[tuple[str, ...]]:
     # Yield number, name, limits, where it is measured, and what the machine accepts
     guard = GUARD_FACTOR * PROBE
     for number, one in enumerate(block.characteristics(), start=1):
-        text = (
-            f"Ra {one.upper * 1e6:g} um"
-            if one.kind == "roughness"
-            else format_zone(one.upper)
-            if one.kind in FORM
-            else format_limits(one.nominal, one.lower, one.upper, one.quantity)
-        )
+        if one.kind == "roughness":
+            text = f"Ra {one.upper * 1e6:g} um"
+        elif one.kind in FORM:
+            text = format_zone(one.upper)
+        else:
+            text = format_limits(one.nominal, one.lower, one.upper, one.quantity)
         setup = _SETUPS.get(one.key)
         # a guard band may take a quarter of the tolerance; else the machine can prove nothing
         if (

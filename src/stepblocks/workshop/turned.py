@@ -256,10 +256,10 @@ def draw_sheath_views(sheet: Sheet, part: Sheath) -> list[str]:
     sheet.draw_line((end[0] - reach, cy), (end[0] + reach, cy), "CENTRE")
     sheet.draw_line((end[0], cy - reach), (end[0], cy + reach), "CENTRE")
     sheet.write_text((end[0], cy - reach - 6.0), f"end {format_scale(s)}", 2.5, "BOTTOM_CENTER")
-    lightest, heaviest = map(format_mass, part.mass_limits)
+    own, lightest, heaviest = (
+        use_decimal_comma(format_mass(one)) for one in (part.mass, *part.mass_limits)
+    )
     return [
-        use_decimal_comma(
-            f"Mass {format_mass(part.mass)}, {lightest} to {heaviest} within the limits."
-        ),
+        f"Mass {own}, {lightest} to {heaviest} within the limits.",
         f"Weigh the made parts; a pair must agree within {MASS_MATCH:.0%}.",
     ]
