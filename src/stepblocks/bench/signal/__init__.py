@@ -142,8 +142,7 @@ def find_set_down(trace: Trace) -> tuple[int, tuple[Estimate, Estimate]]:
     What comes before is an unloaded part, of which the zeros are the means, the load coming on, and
     a handle that stands still; a record may lack any of them.
     """
-    unknown = (math.nan, math.nan)
-    zeros = (unknown, unknown)
+    zeros = ((math.nan, math.nan), (math.nan, math.nan))
     loaded = 0
     calm = max(round(_CALM * (trace.time.size - 1) / float(trace.time[-1] - trace.time[0])), 5)
     normal = np.convolve(trace.normal, np.full(5, 0.2), mode="same")

@@ -349,9 +349,11 @@ def measure_sympathetic_force(
 
     (frequency, frequency_std), (decay, decay_std) = after.frequency, after.decay_time
     amplitude, own = ringing(frequency, decay)
-    # what is uncertain of the tangential ring, whose course this one is taken to follow
-    shifted = ringing(frequency + frequency_std, decay)[0], ringing(frequency, decay + decay_std)[0]
-    late = amplitude * after.sample / decay if decay > 0.0 else 0.0
-    return amplitude, float(
-        np.linalg.norm([own, shifted[0] - amplitude, shifted[1] - amplitude, late])
-    )
+    errors = [
+        own,
+        # what is uncertain of the tangential ring, whose course this one is taken to follow
+        ringing(frequency + frequency_std, decay)[0] - amplitude,
+        ringing(frequency, decay + decay_std)[0] - amplitude,
+        amplitude * after.sample / decay if decay > 0.0 else 0.0,
+    ]
+    return amplitude, float(np.linalg.norm(errors))

@@ -13,7 +13,7 @@ from stepblocks.bench.signal.separable import (
     SeparableFit,
     build_damped_wave_columns,
     build_wave_columns,
-    fit_linear,
+    compute_rest,
     fit_separable,
     propagate_std,
 )
@@ -265,14 +265,12 @@ class Approach:
 
 def find_mains(time: Array, values: Array) -> float:
     """Mains frequency that explains more of `values` [Hz]."""
-
-    def sum_squares(mains: float) -> float:
-        rest = fit_linear(
+    return min(
+        _MAINS,
+        key=lambda mains: compute_rest(
             np.column_stack([np.ones_like(time), build_wave_columns(time, mains)]), values
-        )[1]
-        return float(rest @ rest)
-
-    return min(_MAINS, key=sum_squares)
+        ),
+    )
 
 
 def _build_approach_columns(time: Array, since: Array, clock: Clock) -> Array:
@@ -353,8 +351,8 @@ def _fit_until(
     before = t < fit.shape[0]
     since = t[before] - t[0]
     left = fit.residuals[before]
-    rest = fit_linear(build_damped_wave_columns(since, frequency, decay_time), left)[1]
-    had, has = float(left @ left), float(rest @ rest)
+    had = float(left @ left)
+    has = compute_rest(build_damped_wave_columns(since, frequency, decay_time), left)
     # two parameters more explain 2/n of white noise by chance
     if not had - has > max(_START_UP_GAIN, 20.0 / max(since.size, 1)) * had:
         return fit
@@ -381,5 +379,4 @@ def _find_end_of_line(miss: Array, noise: float, unsure: float) -> int | None:
         return None
     # noise may cross the limit for a moment; only what stays off to the peak is the peak's own
     # rounding
-    on = np.flatnonzero(~off)
-    return max(int(on[-1]) - 3, 0) if on.size else 0
+    return max(int(np.flatnonzero(~off).max(initial=0)) - 3, 0)

@@ -137,11 +137,12 @@ def _find_corner_of_fall(
     # line is left
     below = approach.line(time) - force
     deep = max(_CLEAR_FALL * marks.rise, 5.0 * marks.noise)
-    first = marks.peak - 1
-    while first < marks.peak + 4 and not (below[first] > deep and below[first + 1] > below[first]):
-        first += 1
+    end = marks.peak + 4
+    first = next(
+        (i for i in range(marks.peak - 1, end) if below[i] > deep and below[i + 1] > below[i]), end
+    )
     last = first + _FALL_SAMPLES
-    if last > time.size or first == marks.peak + 4 or abs(below[first - 1]) > deep:
+    if last > time.size or first == end or abs(below[first - 1]) > deep:
         return None
     step = float(np.median(np.diff(time)))
     t = (time[first:last] - time[first]) / step
@@ -228,11 +229,6 @@ class Loading:
     speed: float
     saw: Sawtooth | None = None
 
-    @property
-    def features(self) -> Features:
-        """What can be said of `FEATURE_COLUMNS`."""
-        return _compute_features(_OF_LOADING, self)
-
     def slope(self) -> Estimate:
         """Slope of the ramp, and its standard uncertainty [N/s]."""
         return self.approach.mean_slope(self.peak.time)
@@ -260,8 +256,6 @@ class Measurement(Loading):
         Snap, climb-down, flight, rubbing or stick-slip.
     spring_constant : float
         Of the explorer, as declared [N/m].
-    noise : float
-        White, of the tangential force [N].
     """
 
     aftermath: Aftermath
@@ -269,7 +263,6 @@ class Measurement(Loading):
     shares: tuple[float, float]
     regime: str
     spring_constant: float
-    noise: float
 
     @cached_property
     def features(self) -> Features:
@@ -413,7 +406,6 @@ def measure_trace(
         shares=_compute_band_shares(time, force, approach, after, peak),
         regime=classify_regime(motion, saw, after.damped),
         spring_constant=spring_constant,
-        noise=marks.noise,
     )
 
 
@@ -442,14 +434,17 @@ def measure_censored(trace: Trace, spring_constant: float, speed: float, reason:
         load = measure_normal_level(time, trace.normal[loaded:], approach)
     except (LandmarkError, ValueError, np.linalg.LinAlgError):
         return {}
-    return Loading(
-        float(trace.time[loaded]),
-        approach,
-        Peak(math.nan, float(force[marks.peak]), math.nan, corner=False),
-        load,
-        zeros,
-        speed,
-    ).features
+    return _compute_features(
+        _OF_LOADING,
+        Loading(
+            float(trace.time[loaded]),
+            approach,
+            Peak(math.nan, float(force[marks.peak]), math.nan, corner=False),
+            load,
+            zeros,
+            speed,
+        ),
+    )
 
 
 def _compute_band_shares(

@@ -27,8 +27,8 @@ from stepblocks.bench.signal.separable import (
     build_wave_columns,
     compute_misfit,
     compute_numeric_jacobian,
+    compute_rest,
     estimate_covariance,
-    fit_linear,
     fit_separable,
     propagate_std,
 )
@@ -136,17 +136,15 @@ def guess_ring(time: Array, values: Array) -> Tool:
     spectrum[frequencies < _LOWEST] = 0.0
     frequency = float(frequencies[int(np.argmax(spectrum))])
     since = time - time[0]
-
-    def sum_squares(decay: float) -> float:
-        rest = fit_linear(
+    return frequency, min(
+        _DECAYS,
+        key=lambda decay: compute_rest(
             np.column_stack(
                 [np.ones_like(since), build_damped_wave_columns(since, frequency, decay)]
             ),
             values,
-        )[1]
-        return float(rest @ rest)
-
-    return frequency, min(_DECAYS, key=sum_squares)
+        ),
+    )
 
 
 def fit_ring(time: Array, force: Array, origin: float, mains: float, noise: float) -> Ring:

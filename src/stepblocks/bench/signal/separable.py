@@ -76,17 +76,15 @@ def fit_separable(
     def solve(shape: Array) -> tuple[Array, Array]:
         return fit_linear(basis(shape), values, rcond=1e-12)
 
-    shape = np.clip(start, lower, upper)
-    if shape.size:
-        shape = least_squares(
-            lambda p: solve(p)[1],
-            shape,
-            bounds=(lower, upper),
-            x_scale=scale,
-            xtol=1e-9,
-            ftol=1e-9,
-            max_nfev=60,
-        ).x
+    shape = least_squares(
+        lambda p: solve(p)[1],
+        np.clip(start, lower, upper),
+        bounds=(lower, upper),
+        x_scale=scale,
+        xtol=1e-9,
+        ftol=1e-9,
+        max_nfev=60,
+    ).x
     weights, residuals = solve(shape)
     slopes = compute_numeric_jacobian(
         lambda p: basis(p) @ weights, shape, scale * 1e-4, lower, upper
@@ -101,6 +99,12 @@ def fit_linear(columns: Array, values: Array, rcond: float | None = None) -> tup
     """Return weights and residuals of ``values = columns @ weights``."""
     weights = np.linalg.lstsq(columns, values, rcond=rcond)[0]
     return np.asarray(weights, dtype=float), np.asarray(values - columns @ weights, dtype=float)
+
+
+def compute_rest(columns: Array, values: Array) -> float:
+    """Return the sum of squares that columns leave of values."""
+    residuals = fit_linear(columns, values)[1]
+    return float(residuals @ residuals)
 
 
 def fit_with_covariance(columns: Array, values: Array) -> tuple[Array, Array]:
@@ -136,7 +140,7 @@ def compute_numeric_jacobian(
         high, low = point.copy(), point.copy()
         high[index], low[index] = highest[index], lowest[index]
         columns.append((model(high) - model(low)) / (high[index] - low[index]))
-    return np.column_stack(columns) if columns else np.empty((model(point).size, 0))
+    return np.column_stack(columns)
 
 
 def estimate_covariance(jacobian: Array, residuals: Array, known: Array | None = None) -> Array:
