@@ -49,8 +49,7 @@ def draw_trials(
         else [trial for trial in table if {trial.name, escape_formula(trial.name)} & set(trials)]
     )
     known = {name for trial in chosen for name in (trial.name, escape_formula(trial.name))}
-    missing = sorted(set(trials or ()) - known)
-    if missing:
+    if missing := sorted(set(trials or ()) - known):
         raise PipelineError(
             f"trial {missing[0]!r} is not in the table of trials [{declared.table}]"
         )

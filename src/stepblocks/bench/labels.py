@@ -195,11 +195,8 @@ def find_shared_faults(
         apart = all(1 < len(levels[name]) <= _MOST_LEVELS for name, _ in labels)
         if apart and failing[labels] >= max(_RUN, _TOGETHER * counts[labels]):
             shared = ", ".join(f"{name} {value}" for name, value in labels)
-            for row in flagged & set(cells):
-                if row not in found and all(
-                    cells[row].get(name) == value for name, value in labels
-                ):
-                    found[row] = f"trials of {shared}"
+            like = {row for row, own in cells.items() if own.items() >= set(labels)}
+            found |= dict.fromkeys(like - found.keys(), f"trials of {shared}")
     return found
 
 

@@ -463,8 +463,10 @@ def fill_pattern(pattern: str, **values: str) -> str:
     def fill(match: re.Match[str]) -> str:
         name, zero, width = match.groups()
         value = values[name]
-        if width and not re.fullmatch(r"[+-]?\d{1,18}", value):
-            raise TraceError(f"{name} {value!r} is no whole number, as {match.group(0)} needs")
+        TraceError.require(
+            not width or re.fullmatch(r"[+-]?\d{1,18}", value),
+            f"{name} {value!r} is no whole number, as {match.group(0)} needs",
+        )
         return format(int(value), f"{zero}{width}d") if width else value
 
     return _FIELD.sub(fill, pattern)

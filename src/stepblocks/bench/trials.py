@@ -368,11 +368,12 @@ def _read_declared_heights(session: Session) -> dict[str, float]:
     stimuli = session.stimuli
     beside = Path("stimuli") / f"{stimuli.set}.toml"
     path = resolve_inside(session.folder, stimuli.file, "stimuli.file") if stimuli.file else beside
-    if not (stimuli.set or stimuli.file) or not is_file(path):
-        missing = f", and there is no {path}" if stimuli.set or stimuli.file else ""
-        raise BenchError(
-            "table of trials must have a column 'height_um' or another length that begins with "
-            f"height, or `stimuli.file` the stimulus set{missing} [{session.table}]"
-        )
+    named = stimuli.set or stimuli.file
+    BenchError.require(
+        named and is_file(path),
+        "table of trials must have a column 'height_um' or another length that begins with height, "
+        f"or `stimuli.file` the stimulus set{f', and there is no {path}' if named else ''} "
+        f"[{session.table}]",
+    )
     faces = {part.id: part.counterface() for part in load_set(path).stimuli if part.crossed}
     return {name: 1e6 * face.height for name, face in faces.items() if isinstance(face, Step)}

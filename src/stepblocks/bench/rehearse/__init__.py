@@ -145,8 +145,7 @@ class Rig:
             if self.oversampling > 1:
                 values = lfilter(
                     [1.0 - keep], [1.0, -keep], values, zi=np.array([keep * values[0]])
-                )[0]
-                values = values[:: self.oversampling]
+                )[0][:: self.oversampling]
             phase = random.uniform(0.0, 2.0 * math.pi)
             hum = self.hum * np.sin(2.0 * np.pi * self.mains * time + phase)
             noisy = values + hum + self.drift * time + self.noise * random.standard_normal(count)

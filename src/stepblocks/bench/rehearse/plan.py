@@ -274,11 +274,10 @@ def read_plan(path: Path) -> SessionPlan:
     plan = validate_data(
         SessionPlan, read_document(path, "plan", PipelineError), path, PipelineError
     )
-    faults = [
-        fault
+    if faults := [
+        ("", fault)
         for number, one in enumerate(plan.effects, start=1)
         if (fault := one.fault(plan, number))
-    ]
-    if faults:
-        raise PipelineError(format_mistakes([("", fault) for fault in faults], path))
+    ]:
+        raise PipelineError(format_mistakes(faults, path))
     return plan

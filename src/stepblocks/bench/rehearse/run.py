@@ -339,8 +339,7 @@ def record_true_drag(plan: SessionPlan, state: DragState) -> tuple[Step, Operati
 
     Beside the force of the tip it has the steady force along the drag [N].
     """
-    changed_slots = [name for name in _NOT_IN_TIME if bool(np.any(getattr(state, name) != 0.0))]
-    if changed_slots:
+    if changed_slots := [name for name in _NOT_IN_TIME if np.any(getattr(state, name) != 0.0)]:
         raise PipelineError(
             f"an effect changes {changed_slots[0]}, for which the drag in time has no place"
         )

@@ -54,11 +54,11 @@ def _open_text(path: Path, layout: Layout) -> nullcontext[Any]:
 
 
 def _read_text_column(table: Any, name: str | int) -> Any:
-    if name not in table.columns:
-        raise TraceError(
-            f"unknown channel: {table.attrs['file']} has no {name!r}, it has "
-            + join_first(map(str, table.columns))
-        )
+    TraceError.require(
+        name in table.columns,
+        f"unknown channel: {table.attrs['file']} has no {name!r}, it has "
+        + join_first(map(str, table.columns)),
+    )
     return table[name].to_numpy()
 
 
@@ -102,11 +102,13 @@ def read_columns(
         kept = None if where.own_file else _open_cached(kind, path, stamp, json.dumps(layout))[0]
         with opened(path, layout) if where.own_file else nullcontext(kept) as file:
             group = group_of(file, where) if names else None
-            samples: dict[str, object] = {
-                str(number): _convert_samples(column(group, name), name)
-                for number, name in enumerate(names)
+            return {
+                **{
+                    str(number): _convert_samples(column(group, name), name)
+                    for number, name in enumerate(names)
+                },
+                "increment": _read_increments(group, names),
             }
-            return samples | {"increment": _read_increments(group, names)}
     except (TraceError, MemoryError):
         raise
     except Exception as error:  # the readers of damaged files raise whatever they meet
@@ -212,9 +214,11 @@ class Traces(ExitStack):
             )
         found = self._in_si(raw)
         sizes = {part: values.size for part, values in found.items()}
-        if len(set(sizes.values())) > 1:
-            lengths = ", ".join(f"{part} {size}" for part, size in sizes.items())
-            raise TraceError(f"truncated: the channels have different lengths ({lengths} samples)")
+        lengths = ", ".join(f"{part} {size}" for part, size in sizes.items())
+        TraceError.require(
+            len(set(sizes.values())) == 1,
+            f"truncated: the channels have different lengths ({lengths} samples)",
+        )
         if "time" not in found:
             found["time"] = np.arange(sizes["tangential"]) / acquisition.sample_rate
         return Trace(**found)

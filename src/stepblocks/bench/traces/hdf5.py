@@ -42,8 +42,9 @@ def read_hdf5_column(group: "h5py.Group | h5py.Dataset", name: str | int) -> "h5
     if isinstance(name, int) or name not in group:
         raise TraceError(f"unknown channel: no {name!r} in the group, it has {join_first(group)}")
     dataset = group[name]
-    if not isinstance(dataset, h5py.Dataset):
-        raise TraceError(f"channel {name!r} is a group, no dataset")
+    TraceError.require(
+        isinstance(dataset, h5py.Dataset), f"channel {name!r} is a group, no dataset"
+    )
     _require_own(dataset, group)
     check_size(dataset.size, name)
     return dataset[()]
@@ -52,10 +53,11 @@ def read_hdf5_column(group: "h5py.Group | h5py.Dataset", name: str | int) -> "h5
 def _require_own(item: "h5py.HLObject", container: "h5py.HLObject") -> None:
     # Refuse what lies in another file, by a link or by storage outside. A session is what its
     # folder holds.
-    if item.file.filename != container.file.filename or (
-        isinstance(item, h5py.Dataset) and (item.external or item.is_virtual)
-    ):
-        raise TraceError(f"{item.name} lies in another file, which is not read")
+    TraceError.require(
+        item.file.filename == container.file.filename
+        and not (isinstance(item, h5py.Dataset) and (item.external or item.is_virtual)),
+        f"{item.name} lies in another file, which is not read",
+    )
 
 
 def _read_table_column(table: "h5py.Dataset", name: str | int) -> "h5py.Dataset":
@@ -70,6 +72,8 @@ def _read_table_column(table: "h5py.Dataset", name: str | int) -> "h5py.Dataset"
         )
         # MATLAB's columns are HDF5's rows
         return table[:, name] if table.shape[1] <= table.shape[0] else table[name, :]
-    if table.dtype.names is None or name not in table.dtype.names:
-        raise TraceError(f"unknown channel: the table has no {name!r}, it has {table.dtype.names}")
+    TraceError.require(
+        name in (table.dtype.names or ()),
+        f"unknown channel: the table has no {name!r}, it has {table.dtype.names}",
+    )
     return table[name]
