@@ -14,7 +14,7 @@ def describe_trial(explanation: Explanation, measured: Floats, row: int) -> str:
 
     Parameters
     ----------
-    found : Explanation
+    explanation : Explanation
         With the fit beside which the trial errs.
     measured : array of shape (n, 7)
         Channels as measured, what is held apart included.
@@ -34,5 +34,8 @@ def describe_trial(explanation: Explanation, measured: Floats, row: int) -> str:
         return f"the block {other.split()[-1]} instead of {trials.block[row]}"
     if energy < -_CAUGHT and abs(force) < _SMALL:
         return f"caught again: {100.0 * math.exp(energy):.0f} % of the energy of its peak force"
-    unlike = abs(friction) > _SMALL
-    return f"friction is other by {friction:+.2g}" if unlike else "unlike all other trials"
+    return (
+        f"friction is other by {friction:+.2g}"
+        if abs(friction) > _SMALL
+        else "unlike all other trials"
+    )

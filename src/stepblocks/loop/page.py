@@ -103,10 +103,7 @@ def _draw_residuals(explanation: Explanation, channel: str) -> dict[str, str]:
     )
     columns = {
         name: column for name, column in trials.covariates.items() if len(np.unique(column)) > 1
-    }
-    columns[PEAK_FORCE] = np.exp(
-        explanation.extended.predicted[:, trials.channels.index("ln_peak_force")]
-    )
+    } | {PEAK_FORCE: find_column(trials, explanation.extended.predicted, PEAK_FORCE)}
     rows = -(-len(columns) // 3)
     figure, grid = make_figure(rows, 3, width=11.0, height=2.6 * rows)
     axes = grid.ravel()

@@ -33,12 +33,15 @@ def rehearse_session(
         for one in found["could_have_shown"]:
             sizes.setdefault((one["text"], one["covariate"], one["unit"]), []).append(one["value"])
         progress(number + 1, count)
-    could_show = [
-        {
-            "effect": effect,
-            "follows": describe_covariate(covariate),
-            "size": format_value(statistics.median(some), unit),
-        }
-        for (effect, covariate, unit), some in sizes.items()
-    ]
-    return {"verdicts": verdicts, "locked": max(locked), "could_show": could_show}
+    return {
+        "verdicts": verdicts,
+        "locked": max(locked),
+        "could_show": [
+            {
+                "effect": effect,
+                "follows": describe_covariate(covariate),
+                "size": format_value(statistics.median(some), unit),
+            }
+            for (effect, covariate, unit), some in sizes.items()
+        ],
+    }
