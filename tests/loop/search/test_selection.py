@@ -185,6 +185,24 @@ def test_a_law_at_another_place_leaves_those_that_stand_and_one_that_is_not_need
     assert _exchange_or_drop_effect(problem, left, toy_effects()) is None
 
 
+def test_an_effect_that_was_chosen_just_now_is_looked_for_no_second_time(squared):
+    rise = 0.4 * squared.covariates["w"]
+    problem = build_problem(
+        Toy(), replace(squared, values=squared.values + np.stack([rise, 2.0 * rise], axis=1))
+    )
+    effects = {one.id: one for one in toy_effects()}
+    z = squared.covariates["z"]
+    bent = replace(
+        effects["square_of_z"],
+        id="bent",
+        apply=lambda level, trials, values: level + values["size"] * (z**2 + z),
+    )
+    both = fit(problem, (effects["line_of_w"], bent))
+    found = _exchange_or_drop_effect(problem, both, toy_effects())
+    assert {one.id for one in found.effects} == {"line_of_w", "square_of_z"}
+    assert _exchange_or_drop_effect(problem, both, toy_effects(), both.effects[-1]) is None
+
+
 def test_without_candidates_nothing_can_surprise(squared):
     problem = build_problem(Toy(), squared)
     gate = score_candidates(problem, fit(problem), [])

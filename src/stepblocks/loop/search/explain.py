@@ -305,10 +305,10 @@ def _search_effects(
             break
         choice = choose_candidate(problem, current, opened, rules.fits)
         grown = _add_or_replace_effect(problem, current, choice[0], candidates) if choice else None
-        if grown is None:
+        if choice is None or grown is None:
             break
-        for _ in range(2):
-            better = _exchange_or_drop_effect(problem, grown, candidates)
+        for chosen in (choice[0].effects[-1], None):
+            better = _exchange_or_drop_effect(problem, grown, candidates, chosen)
             if better is None:
                 break
             grown = better
@@ -360,15 +360,15 @@ def _add_or_replace_effect(
 
 
 def _exchange_or_drop_effect(
-    problem: Problem, current: Fit, candidates: Sequence[Law]
+    problem: Problem, current: Fit, candidates: Sequence[Law], chosen: Law | None = None
 ) -> Fit | None:
     # Look for one of several effects again in the presence of the others, or drop one that is no
-    # longer needed.
+    # longer needed. What was chosen just now was chosen in their presence.
     for effect in current.effects if len(current.effects) > 1 else ():
         base = fit_without(problem, current, effect)
         if base.criterion <= current.criterion + _WORTH:
             return base
-        choice = choose_candidate(
+        choice = effect is not chosen and choose_candidate(
             problem,
             base,
             score_candidates(problem, base, _list_untried(candidates, base), draws=0),
