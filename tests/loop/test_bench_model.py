@@ -3,6 +3,8 @@
 What may vary, what may be asked for, which errors are common.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -125,6 +127,21 @@ def test_common_errors_run_along_the_settings_and_have_unit_spread(trials):
         np.argsort(first.column, kind="stable").tolist()
         == np.argsort(trials.covariates["height_um"], kind="stable").tolist()
     )
+
+
+def test_an_error_of_the_slope_is_a_share_of_the_slope_that_was_measured(trials):
+    j = CHANNELS.index("spring_constant")
+    values = trials.values.copy()
+    values[:, j] = 2.0
+    values[3, j] = np.nan
+    for one, usual in zip(
+        _MODEL.systematics(replace(trials, values=values)),
+        _MODEL.systematics(replace(trials, values=np.ones_like(values))),
+        strict=True,
+    ):
+        share = np.full(len(trials), 2.0 if one.channel == "spring_constant" else 1.0)
+        share[3] = 1.0  # nothing was measured there
+        assert one.column == pytest.approx(share * usual.column)
 
 
 def test_a_sharp_edge_counts_with_the_radius_that_its_scans_leave_open(

@@ -48,7 +48,11 @@ def predict_channels(hysteresis, height, load, speed):
     return compute_channels(shown)[0][:6]
 
 
-@pytest.mark.parametrize(("height", "load", "speed"), [(30e-6, 0.5, 5e-3), (50e-6, 0.8, 10e-3)])
+@pytest.mark.parametrize(
+    ("height", "load", "speed"),
+    # of the last the loops are wide enough to be seen, and no friction of the tip
+    [(30e-6, 0.5, 5e-3), (50e-6, 0.8, 10e-3), (80e-6, 1.1, 5e-3)],
+)
 def test_energy_peak_ramp_pitch_and_decay_change_as_loops_after_rayleigh_make_them(
     height, load, speed
 ):
@@ -63,7 +67,7 @@ def test_energy_peak_ramp_pitch_and_decay_change_as_loops_after_rayleigh_make_th
     told = predict_channels(LOOPS, *setting) - predict_channels(0.0, *setting)
     # origin: 400 backlashes that the same motion drives; the pitch moves by its own error
     assert seen[:4] == pytest.approx(told[:4], rel=0.15)
-    assert seen[4] == pytest.approx(told[4], abs=2e-5)
+    assert seen[4] == pytest.approx(told[4], rel=0.15, abs=2e-5)
     assert seen[5] == pytest.approx(told[5], rel=0.15)
 
 

@@ -154,8 +154,15 @@ class SessionModel:
             _standardise(np.log(column)) for column in (design.height, design.load, design.speed)
         )
         columns = (height, load, speed, height**2, height * load, load * speed, height * speed)
+        # each is a share of what is evaluated, and the slope of the ramp alone is no logarithm
         return [
-            Systematic(channel, column, _COMMON[channel])
+            Systematic(
+                channel,
+                column * np.nan_to_num(trials.values[:, trials.channels.index(channel)], nan=1.0)
+                if channel == "spring_constant"
+                else column,
+                _COMMON[channel],
+            )
             for channel in CHANNELS
             for column in columns
             if channel in trials.channels and np.any(column)
@@ -189,16 +196,15 @@ class SessionModel:
         # much that may be
         open_to = {name: std for name, (_, std) in self.known.items()}
 
-        def add_prior(law: Law) -> Law:
-            return replace(
+        return tuple(
+            replace(
                 law,
                 parameters=tuple(
                     replace(p, prior_std=open_to.get(p.name, p.prior_std)) for p in law.parameters
                 ),
             )
-
-        return tuple(
-            add_prior(law) if law.slot in ("sensor", "normal_load") else law
+            if law.slot in ("sensor", "normal_load")
+            else law
             for law in list_candidates(
                 trials,
                 list_covariate_ranges(trials),

@@ -116,6 +116,25 @@ def test_a_systematic_error_costs_no_more_than_its_prior() -> None:
     assert float(np.sum(noise.whiten(residual) ** 2)) == pytest.approx(1.0, abs=0.05)
 
 
+def test_what_trials_share_is_no_scatter_of_each() -> None:
+    # an error along the run, which no covariate follows, of twenty times the scatter of a trial
+    shape = np.linspace(-1.0, 1.0, 120)
+
+    class Shared(Toy):
+        def systematics(self, trials: Trials) -> list[Systematic]:
+            return [Systematic("first", shape, 0.5)]
+
+    trials = toy_trials(120, 6, scatter=1e-3, noise=0.02)
+    shared = np.stack([0.4 * shape, np.zeros(120)], axis=1)
+    problem = build_problem(Shared(), replace(trials, values=trials.values + shared))
+    assert problem.noise.scatter.channels[0] > 0.15**2
+    for _ in range(3):
+        problem = problem.reduce_noise(fit(problem))
+    # origin: the trials were drawn with 0.02, which their own uncertainty covers
+    assert problem.noise.scatter.channels[0] < 0.01**2
+    assert problem.noise.subtract_shared(shared) == pytest.approx(np.zeros((120, 2)), abs=1e-3)
+
+
 def test_a_value_far_from_all_others_is_marked_and_no_other() -> None:
     trials = toy_trials(60, 5)
     values = trials.values.copy()

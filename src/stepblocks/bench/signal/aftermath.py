@@ -28,6 +28,9 @@ from stepblocks.contact.kernels import compute_softened_force
 # [s] first samples after the peak, in which the sensor itself follows; no tie with a sample
 _RELEASE_TIME = 0.25e-3
 _GOOD = 5.0  # misfit up to which a fit is taken at once
+# of a bell's amplitude, and of the sliding level: what misses a bell by less, of a tip that slips
+# back without a gap, are loops of the gauge and no friction
+_SLIGHT = 0.005
 _BETTER = 0.85  # a second kind of fit must leave this share of the squared residuals at most
 _TAIL_SHARE = (
     0.35  # last share of the record after the slip, in which only the tool's own ring is left
@@ -160,10 +163,15 @@ def fit_aftermath(
         return bell
     left = bell.ring.fit.residuals[time[time >= top + _RELEASE_TIME] >= rubbing.origin]
     # what misses a bell in its first swing alone hardly weighs in the sum
-    if (
-        saw is None
-        and rubbing.misfit > _GOOD
-        and float(np.sum(rubbing.residuals**2)) > _BETTER * float(np.sum(left**2))
+    if saw is None and (
+        (
+            rubbing.misfit > _GOOD
+            and float(np.sum(rubbing.residuals**2)) > _BETTER * float(np.sum(left**2))
+        )
+        or (
+            rubbing.values[1] < _SLIGHT * rubbing.values[0]
+            and float(np.std(bell.ring.fit.residuals)) < _SLIGHT * bell.amplitude[0]
+        )
     ):
         return bell
     frequency, decay = tool or (float(rubbing.values[2]), float(rubbing.values[3]))

@@ -240,7 +240,7 @@ def search_effects_and_structure(
     # with the hour
     base = fit_without_time_effects(grown.problem, grown.extended) if mistaken else grown.extended
     fits = {q: base if q in mistaken else grown.extended for q in model.quantities if q in wanders}
-    seen = {q: estimate_errors_in_order(grown.problem, one, q)[1] for q, one in fits.items()}
+    seen = {q: estimate_errors_in_order(grown.problem, one)[q][1] for q, one in fits.items()}
     noisy = problem.add_shared_errors(build_wandering_errors(problem, base, seen), base)
     again = _search_effects(noisy, candidates, rules, deployed, announce)
     return replace(_take_out_changes_along_run(again, problem, wanders, candidates), hints=hints)

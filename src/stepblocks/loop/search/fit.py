@@ -54,13 +54,17 @@ class Problem:
 
         The regression is the flexible one.
         """
-        residual = np.where(self.trials.seen, self.trials.values - fitted.predicted, np.nan)
+        # what trials share is no scatter of each, however large it is in a regression
+        residual = self.noise.subtract_shared(
+            np.where(self.trials.seen, self.trials.values - fitted.predicted, np.nan)
+        )
+        taken = self.noise.basis**2 @ (1.0 - self.noise.shrink**2)
         responses = self.model.responses(self.trials, fitted.values, fitted.active)
         noise = build_noise(
             self.trials,
             [*self.model.systematics(self.trials), *self.common],
             responses,
-            estimate_scatter(residual, self.trials.std, responses, fitted.count_freedom()),
+            estimate_scatter(residual, self.trials.std, responses, fitted.count_freedom(taken)),
         )
         return replace(self, noise=noise) if noise.precision > self.noise.precision else self
 
@@ -136,14 +140,14 @@ class Fit:
         """Effects with their fitted values."""
         return [(e, e.pick_own_values(self.values)) for e in self.effects]
 
-    def count_freedom(self) -> int:
+    def count_freedom(self, beside: float | Floats = 0.0) -> int:
         """Count the trials less what the fit took of the channel that gave most, by leverage.
 
-        What is known beforehand takes none: heights from scans hardly follow their trials.
+        `beside` is that of what was taken out beside the fit, shape (n c,). What is known beforehand takes none: heights from scans hardly follow their trials.
         """
         left, _ = np.linalg.qr(self.jacobian)
-        leverage = left[: self.residual.size].reshape(*self.predicted.shape, -1) ** 2
-        free = len(self.predicted) - float(leverage.sum(axis=(0, 2)).max())
+        leverage = np.sum(left[: self.residual.size] ** 2, axis=1) + beside
+        free = len(self.predicted) - float(leverage.reshape(self.predicted.shape).sum(axis=0).max())
         return max(round(free), len(self.predicted) // 2)
 
     @property

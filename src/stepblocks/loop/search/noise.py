@@ -75,6 +75,16 @@ class Noise:
             white - self.basis @ (weight * along if white.ndim == 1 else weight[:, None] * along)
         )
 
+    def subtract_shared(self, residual: Floats) -> Floats:
+        """Take out what errors that trials share make of residuals of shape (n, c).
+
+        It is the best linear prediction of random effects (Henderson 1975, doi:10.2307/2529430).
+        """
+        white = self.factors @ np.nan_to_num(residual)[:, :, None]
+        along = (1.0 - self.shrink**2) * (self.basis.T @ white.ravel())
+        shared = np.linalg.pinv(self.factors) @ (self.basis @ along).reshape(white.shape)
+        return np.asarray(residual - shared[:, :, 0])
+
 
 def build_flexible_columns(trials: Trials, limit: float = 1.0 / 3.0) -> Floats:
     """Regressors flexible enough to follow any smooth effect: their residual is scatter alone."""

@@ -3,7 +3,7 @@
 Its causes stand in no column of the table.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -83,12 +83,10 @@ def estimate_quantity_errors(problem: Problem, fitted: Fit) -> tuple[Floats, Flo
     responses = problem.model.responses(trials, fitted.values, fitted.active)
     seen = trials.seen
     weight = np.where(seen, 1.0 / (np.where(seen, trials.std, 1.0) ** 2 + scatter.channels), 0.0)
-    residual = np.where(seen, trials.values - fitted.predicted, 0.0)
-    # less what errors that trials share make of it: the best linear prediction of random effects
-    # (Henderson 1975, doi:10.2307/2529430); discrete settings would make two groups of them
-    factors, basis = problem.noise.factors, problem.noise.basis
-    along = (1.0 - problem.noise.shrink**2) * (basis.T @ (factors @ residual[:, :, None]).ravel())
-    residual -= (np.linalg.pinv(factors) @ (basis @ along).reshape(*residual.shape, 1))[:, :, 0]
+    # discrete settings would make two groups of errors that trials share
+    residual = np.nan_to_num(
+        problem.noise.subtract_shared(np.where(seen, trials.values - fitted.predicted, np.nan))
+    )
     filled = np.where(seen[:, :, None], responses, 0.0)
     # a quantity that no channel of a trial shows stays near zero with a deviation of its scatter
     prior = 1.0 / np.maximum(100.0 * scatter.quantities, 1e-10)
@@ -101,25 +99,26 @@ def estimate_quantity_errors(problem: Problem, fitted: Fit) -> tuple[Floats, Flo
 
 
 def estimate_errors_in_order(
-    problem: Problem, fitted: Fit, name: str
-) -> tuple[NDArray[np.intp], Floats, Floats]:
-    """Return the trials that show a quantity, in the order of the run, and their errors of it.
+    problem: Problem, fitted: Fit
+) -> dict[str, tuple[NDArray[np.intp], Floats, Floats]]:
+    """Return the trials that show each quantity, in the order of the run, and their errors of it.
 
     The uncertainty of each error stands behind them.
     """
-    k = list(problem.model.quantities).index(name)
-    errors, std = (one[:, k] for one in estimate_quantity_errors(problem, fitted))
-    rows = np.argsort(problem.model.order(problem.trials), kind="stable")
-    rows = rows[np.isfinite(errors[rows])]
-    return rows, errors[rows], std[rows]
+    errors, std = estimate_quantity_errors(problem, fitted)
+    order = np.argsort(problem.model.order(problem.trials), kind="stable")
+    shown = [order[known] for known in np.isfinite(errors[order]).T]
+    return {
+        name: (rows, errors[rows, k], std[rows, k])
+        for k, (name, rows) in enumerate(zip(problem.model.quantities, shown, strict=True))
+    }
 
 
 def find_hints(problem: Problem, fitted: Fit) -> tuple[Hint, ...]:
     """Look for causes that no column describes."""
     found: list[Hint] = []
     tests: list[Hint] = []
-    for name in problem.model.quantities:
-        rows, values, std = estimate_errors_in_order(problem, fitted, name)
+    for name, (rows, values, std) in estimate_errors_in_order(problem, fitted).items():
         if len(rows) < _FEWEST or np.ptp(values) < 1e-9:
             continue
         found += filter(None, [_find_clusters(name, values, float(np.median(std)), rows)])
@@ -244,14 +243,13 @@ def build_wandering_errors(
 
 
 def add_jump_places(
-    problem: Problem, base: Fit, quantities: Iterable[str], candidates: Sequence[Law]
+    problem: Problem, base: Fit, quantities: Container[str], candidates: Sequence[Law]
 ) -> list[Law]:
     """Let a search look for sudden changes of quantities where their errors fall apart best."""
     places: dict[tuple[str, int], Floats] = {}
     order = problem.model.order(problem.trials)
-    for name in quantities:
-        rows, errors, _ = estimate_errors_in_order(problem, base, name)
-        for first in split_into_levels(errors):
+    for name, (rows, errors, _) in estimate_errors_in_order(problem, base).items():
+        for first in split_into_levels(errors) if name in quantities else ():
             places[name, len(first)] = 0.5 * (order[rows][first - 1] + order[rows][first])
     return [
         replace(e, shapes=(*e.shapes, dict(zip(e.steps, found.tolist(), strict=True))))
@@ -308,7 +306,7 @@ def find_random_walks(problem: Problem, current: Fit) -> set[str]:
         if effect.slot not in problem.model.quantities or not _follows_time(problem, effect):
             continue
         own, bare = (
-            estimate_errors_in_order(problem, f, effect.slot)[1]
+            estimate_errors_in_order(problem, f)[effect.slot][1]
             for f in (current, fit_without(problem, current, effect))
         )
         law = len(own) * float(np.log(np.var(own) / np.var(bare))) + np.log(len(own)) * len(
