@@ -117,10 +117,8 @@ def write_sentence(explanation: Explanation, document: Document) -> str:
         "",
         *(f.reason for f in explanation.findings),
     ):
-        words, _, channel = explanation.reason.rpartition(" ")
-        parts.append(
-            f"unexplained as a whole, as {words} {CHANNELS_IN_WORDS.get(channel, channel)}"
-        )
+        where = CHANNELS_IN_WORDS.get(explanation.channel, explanation.channel)
+        parts.append(f"unexplained as a whole, as {explanation.reason}{where and f' in {where}'}")
     if any(hint.kind != "stick-slip" for hint in explanation.hints):
         parts.append("write down what differs between these trials")
     text = (

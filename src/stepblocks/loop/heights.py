@@ -58,15 +58,20 @@ def add_height_errors(explanation: Explanation, table: SessionTable) -> Explanat
     extended = fit(problem, (*fitted.effects, *(law for law, _ in added)), start)
     # what is delivered has sharp edges where nobody scanned them; what their rounding would change
     # is part of the uncertainty
-    rounder = fit(
-        replace(problem, model=replace(model, scanned_radius=model.scanned_radius or _UNSEEN)),
-        extended.effects,
-        extended.values,
+    rounder = (
+        extended
+        if model.scanned_radius
+        else fit(
+            replace(problem, model=replace(model, scanned_radius=_UNSEEN)),
+            extended.effects,
+            extended.values,
+        )
     )
     doubt = {
         name: float(np.hypot(rounder.std[name], rounder.values[name] - value))
         for name, value in extended.values.items()
     }
+    bare = fit(problem).cost if added else 0.0
     return replace(
         explanation,
         problem=problem,
@@ -74,7 +79,7 @@ def add_height_errors(explanation: Explanation, table: SessionTable) -> Explanat
         findings=(
             *explanation.findings,
             *(
-                Finding(law, Verdict.EFFECT, p_value, fit(problem).cost - extended.cost)
+                Finding(law, Verdict.EFFECT, p_value, bare - extended.cost)
                 for law, p_value in added
             ),
         ),

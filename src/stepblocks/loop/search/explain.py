@@ -144,8 +144,8 @@ class Explanation(_SearchResult):
         Whether the residual of the extended model follows no covariate.
     apart : tuple of pairs
         Row of each trial that went wrong and took no part, and the chance that it did.
-    reason : str
-        Why the whole is not claimed although every finding may be; empty elsewhere.
+    reason, channel : str
+        Why the whole is not claimed although every finding may be, and where that shows; or empty.
     """
 
     nominal: Fit = field(repr=False)
@@ -155,6 +155,7 @@ class Explanation(_SearchResult):
     adequate: bool
     apart: tuple[tuple[int, float], ...] = field(default=(), repr=False)
     reason: str = ""
+    channel: str = ""
 
 
 def explain(
@@ -362,8 +363,8 @@ def _add_or_replace_effect(
 def _exchange_or_drop_effect(
     problem: Problem, current: Fit, candidates: Sequence[Law], chosen: Law | None = None
 ) -> Fit | None:
-    # Look for one of several effects again in the presence of the others, or drop one that is no
-    # longer needed. What was chosen just now was chosen in their presence.
+    # Look for one of several effects again beside the others, or drop one that is not needed now;
+    # what was chosen just now was chosen in their presence
     for effect in current.effects if len(current.effects) > 1 else ():
         base = fit_without(problem, current, effect)
         if base.criterion <= current.criterion + _WORTH:

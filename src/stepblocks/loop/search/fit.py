@@ -54,18 +54,23 @@ class Problem:
 
         The regression is the flexible one.
         """
-        # what trials share is no scatter of each, however large it is in a regression
-        residual = self.noise.subtract_shared(
-            np.where(self.trials.seen, self.trials.values - fitted.predicted, np.nan)
-        )
-        taken = self.noise.basis**2 @ (1.0 - self.noise.shrink**2)
+        residual = np.where(self.trials.seen, self.trials.values - fitted.predicted, np.nan)
         responses = self.model.responses(self.trials, fitted.values, fitted.active)
-        noise = build_noise(
-            self.trials,
-            [*self.model.systematics(self.trials), *self.common],
-            responses,
-            estimate_scatter(residual, self.trials.std, responses, fitted.count_freedom(taken)),
+        # what trials share is no scatter of each; to take it out costs a freedom for each direction
+        taken = self.noise.basis**2 @ (1.0 - self.noise.shrink**2)
+        plain, alone = (
+            build_noise(
+                self.trials,
+                [*self.model.systematics(self.trials), *self.common],
+                responses,
+                estimate_scatter(left, self.trials.std, responses, fitted.count_freedom(beside)),
+            )
+            for left, beside in (
+                (residual, 0.0),
+                (self.noise.subtract_shared(residual), taken),
+            )
         )
+        noise = plain if alone.precision < plain.precision + taken.sum() else alone
         return replace(self, noise=noise) if noise.precision > self.noise.precision else self
 
     def add_shared_errors(self, common: Sequence[Systematic], fitted: "Fit") -> "Problem":
@@ -143,7 +148,8 @@ class Fit:
     def count_freedom(self, beside: float | Floats = 0.0) -> int:
         """Count the trials less what the fit took of the channel that gave most, by leverage.
 
-        `beside` is that of what was taken out beside the fit, shape (n c,). What is known beforehand takes none: heights from scans hardly follow their trials.
+        `beside` is that of what was taken out beside the fit, shape (n c,). What is known
+        beforehand takes none: heights from scans hardly follow their trials.
         """
         left, _ = np.linalg.qr(self.jacobian)
         leverage = np.sum(left[: self.residual.size] ** 2, axis=1) + beside

@@ -47,7 +47,7 @@ def check_claims(
         _judge_folds(f, selected) if f.verdict is Verdict.EFFECT else f
         for f in explanation.findings
     )
-    verdict, reason = explanation.verdict, explanation.reason
+    verdict, reason, channel = explanation.verdict, explanation.reason, explanation.channel
     if verdict is Verdict.EFFECT:
         verdict = min(
             {f.verdict for f in findings} - {Verdict.EFFECT},
@@ -56,16 +56,15 @@ def check_claims(
         )
         if lacking:
             verdict = Verdict.UNEXPLAINED
-            reason = (
-                "trials of equal settings agree better than it in "
-                f"{explanation.problem.trials.channels[misfit.index(min(known))]}"
-            )
+            reason = "trials of equal settings agree better than it"
+            channel = explanation.problem.trials.channels[misfit.index(min(known))]
     return replace(
         explanation,
         findings=findings,
         verdict=verdict,
         adequate=explanation.adequate and not lacking,
         reason=reason,
+        channel=channel,
     )
 
 
@@ -291,5 +290,6 @@ def choose_delivered_effects(
             verdict=Verdict.UNEXPLAINED,
             adequate=False,
             reason=worse,
+            channel="",
         )
     return explanation, list(zip(nominal[:-1], errors[:-1], strict=True))
