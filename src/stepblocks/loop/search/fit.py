@@ -26,6 +26,9 @@ from stepblocks.loop.search.noise import (
 # of differences, in units of a parameter's scale: an integrated motion is smooth to some 1e-4 of ln
 # E_v and no better
 _STEP = 1e-3
+# of the precision of each value: its scatter must fall by a fifth for errors to count as shared,
+# which elsewhere may be what a model of another contact misses
+_PLAINLY = 0.5
 _HOPELESS = 0.4  # share of a leader's gain that a fit may find over its first order
 _SURPRISE = 30.0  # gain beside that share, likewise
 _PATIENCE = 3  # steps, after which a fit has shown how far it is from its first order
@@ -56,7 +59,7 @@ class Problem:
         """
         residual = np.where(self.trials.seen, self.trials.values - fitted.predicted, np.nan)
         responses = self.model.responses(self.trials, fitted.values, fitted.active)
-        # what trials share is no scatter of each; to take it out costs a freedom for each direction
+        # what trials share is no scatter of each, but what a model misses may pass for it
         taken = self.noise.basis**2 @ (1.0 - self.noise.shrink**2)
         plain, alone = (
             build_noise(
@@ -70,8 +73,10 @@ class Problem:
                 (self.noise.subtract_shared(residual), taken),
             )
         )
-        noise = plain if alone.precision < plain.precision + taken.sum() else alone
-        return replace(self, noise=noise) if noise.precision > self.noise.precision else self
+        known = max(self.noise, plain, key=lambda one: one.precision)
+        plainly = _PLAINLY * self.trials.seen.sum()
+        noise = alone if alone.precision > known.precision + plainly else known
+        return replace(self, noise=noise) if noise is not self.noise else self
 
     def add_shared_errors(self, common: Sequence[Systematic], fitted: "Fit") -> "Problem":
         """Return the same with errors that trials share in the noise."""
