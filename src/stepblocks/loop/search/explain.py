@@ -363,8 +363,7 @@ def _add_or_replace_effect(
 def _exchange_or_drop_effect(
     problem: Problem, current: Fit, candidates: Sequence[Law], chosen: Law | None = None
 ) -> Fit | None:
-    # Look for one of several effects again beside the others, or drop one that is not needed now;
-    # what was chosen just now was chosen in their presence
+    # Look again beside the others for one that was not chosen beside them, or drop what is idle
     for effect in current.effects if len(current.effects) > 1 else ():
         base = fit_without(problem, current, effect)
         if base.criterion <= current.criterion + _WORTH:
