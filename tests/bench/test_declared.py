@@ -6,7 +6,7 @@ import pytest
 from oracles.virtual_bench import Bench
 from oracles.virtual_session import Plan, write_session
 from stepblocks.bench.measure import measure_session
-from stepblocks.errors import BenchError
+from stepblocks.errors import BenchError, PipelineError
 
 CHANNELS = 'tangential = "fx_n", normal = "fy_n"'
 
@@ -60,6 +60,16 @@ def test_each_slip_is_refused_before_the_session_is_measured(session, old, new, 
     path.write_text(declared.replace(old, new))
     with pytest.raises(BenchError, match=slip):
         measure_session(folder, jobs=1)
+
+
+def test_a_radius_that_the_labels_of_the_tips_contradict_is_refused_before_the_session(session):
+    folder, path, declared = session
+    assert 'tip_radius = "125 um"' in declared
+    path.write_text(declared.replace('tip_radius = "125 um"', 'tip_radius = "62 um"'))
+    told = []
+    with pytest.raises(PipelineError, match=r"62 um: their labels say 125 um; .*trials.csv"):
+        measure_session(folder, jobs=1, progress=lambda done, _: told.append(done))
+    assert not told
 
 
 def test_a_rate_that_contradicts_the_increment_of_the_file_is_refused(tmp_path):

@@ -11,6 +11,7 @@ from stepblocks.bench.signal.approach import LandmarkError
 from stepblocks.bench.signal.features import measure_trace
 from stepblocks.bench.traces import Traces
 from stepblocks.bench.trials import Trial, find_heights, open_trials
+from stepblocks.contact.forward import read_tip_radii
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.errors import BenchError, StepblocksError
 
@@ -46,6 +47,12 @@ def check_declarations(traces: Traces, pilots: Sequence[tuple[Trial, Mapping[str
         Trials spread over the session with their features, empty where none were measured.
     """
     session = traces.session
+    if session.probe.tip_radius:
+        read_tip_radii(
+            (trial.cells.get("tip", "") for trial, _ in pilots),
+            1e6 * session.probe.tip_radius,
+            f" [{session.table}]",
+        )
     measured = [(trial, features) for trial, features in pilots if features]
     enough = len(measured) * 2 >= len(pilots) and len(measured) >= _FEWEST
     if enough and _is_plausible(*_compare_with_declared(session, measured)):

@@ -4,7 +4,7 @@ It is evaluated for many trials at once.
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property, lru_cache
 from typing import Any
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from stepblocks.contact.laws import FrictionLaw, build_laws
 from stepblocks.contact.operating_point import PAPER, Tool
 from stepblocks.contact.state import DragState, Floats, compute_channels, press_edge
-from stepblocks.errors import ContactError
+from stepblocks.errors import ContactError, PipelineError
 from stepblocks.law import Active, Law, Parameter
 
 TOGETHER = " * "  # between the names of two covariates that act together
@@ -113,6 +113,17 @@ def parse_tip_radius_um(tip: str, default: float) -> float:
     """
     match = re.fullmatch(r"tip-(\d+(?:\.\d+)?)(?:um)?", str(tip).strip())
     return float(match.group(1)) if match else default
+
+
+def read_tip_radii(tips: Iterable[str], declared_um: float, place: str = "") -> NDArray[np.float64]:
+    """Read radii of tips from their labels [um]; refuse them where none is the declared radius."""
+    found = np.array([parse_tip_radius_um(tip, declared_um) for tip in tips])
+    PipelineError.require(
+        not found.size or bool(np.isclose(found, declared_um, rtol=0.01).any()),
+        f"tips of the table must agree with `probe.tip_radius`, {declared_um:g} um: their labels "
+        f"say {', '.join(f'{one:g} um' for one in np.unique(found))}; correct either{place}",
+    )
+    return found
 
 
 def format_height_name(block: str) -> str:

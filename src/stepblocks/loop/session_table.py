@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from stepblocks.contact.forward import parse_tip_radius_um
+from stepblocks.contact.forward import read_tip_radii
 from stepblocks.contact.operating_point import PAPER, Tool
 from stepblocks.contact.state import CHANNELS
 from stepblocks.errors import PipelineError, StepblocksError
@@ -107,16 +107,8 @@ def build_session_table(
         status=features["status"].astype(str) if "status" in features else "ok",
         reason=features["reason"].fillna("").astype(str) if "reason" in features else "",
     )
-    radius = np.array(
-        [
-            parse_tip_radius_um(tip, tip_radius * 1e6)
-            for tip in features.get("tip", pd.Series("", features.index)).astype(str)
-        ]
-    )
-    PipelineError.require(
-        np.isclose(radius, tip_radius * 1e6, rtol=0.01).any(),
-        f"tips of the table must agree with `probe.tip_radius`, {tip_radius * 1e6:g} um: their "
-        f"labels say {', '.join(f'{one:g} um' for one in np.unique(radius))}; correct either",
+    radius = read_tip_radii(
+        features.get("tip", pd.Series("", features.index)).astype(str), tip_radius * 1e6
     )
     good, excluded = _select_usable_trials(features, radius, spring_constant)
     PipelineError.require(
