@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stepblocks.contact.effects.named import list_named_laws
 from stepblocks.declare import load_set
 from stepblocks.loop.bench_model import list_candidates, list_covariate_ranges
 from stepblocks.loop.result import propose_experiment, write_block_stimulus
@@ -61,6 +62,18 @@ def test_rivals_are_asked_apart_from_each_other(found):
     asked = propose_experiment(replace(found, findings=(doubted,), verdict=Verdict.AMBIGUOUS))
     assert asked["separates"] == ["running_in", "trend_friction_run_order"]
     assert {"height_um", "load_n", "speed_mm_s", "run_order"} < set(asked["trials"][0])
+
+
+def test_the_height_of_a_block_is_asked_of_no_other_block(found):
+    trials = found.problem.trials
+    block = str(trials.block[0])
+    law = next(e for e in list_named_laws([block]) if e.covariate == "block")
+    claim = replace(found.findings[0], effect=law, rivals=())
+    extended = fit(found.problem, (law,), {f"{law.id}.height_error_m": 3e-6})
+    asked = propose_experiment(replace(found, findings=(claim,), extended=extended))
+    height = float(trials.covariates["height_um"][0])
+    assert {one["height_um"] for one in asked["trials"]} == {height}
+    assert 0.0 < asked["width_after"][f"{law.id}.height_error_m"] < 1.0
 
 
 def test_a_model_cannot_be_distinguished_from_itself(found):

@@ -67,6 +67,24 @@ def test_what_a_law_follows_is_said_in_words_where_its_name_holds_a_column(resul
     assert "pause s" not in page
 
 
+def test_the_box_says_the_interval_that_the_next_trials_are_expected_to_leave(result):
+    entry = result.document["effects"][0]
+    one = {"value": 0.5, "low": 0.3, "high": 0.7, "unit": "1"}
+    asked = result.document["next_experiment"] | {
+        "separates": [entry["variant"], "nothing"],
+        "trials": [{"height_um": 50.0, "load_n": 0.5, "speed_mm_s": 2.0, "expected_gain": 6.0}],
+        "repeats": 2,
+        "channel": "ln_peak_force",
+        "width_after": {f"{entry['variant']}.size": 0.25},
+    }
+    changes = {"effects": [entry | {"parameters": {"size": one}}], "next_experiment": asked}
+    page = render_loop_page(replace(result, document=result.document | changes))
+    box = " ".join(page.split('class="box"')[1].split("</section>")[0].split())
+    # origin: a quarter of 0.2 either side of 0.5
+    assert "2 such trials confirm" in box
+    assert "Its size is then expected between 0.45 and 0.55 (0.3 to 0.7 now)." in box
+
+
 def test_a_title_from_a_session_cannot_break_the_page(result):
     page = render_loop_page(replace(result, title="<script>alert(1)</script>"))
     assert "<script>" not in page

@@ -39,6 +39,7 @@ _UNASKED = {
     "trials": [],
     "channel": "",
     "repeats": 0,
+    "width_after": {},
     "block": None,
 }
 _SHOWN_CHANNELS = ("ln_energy", "ln_peak_force", "sliding_friction")

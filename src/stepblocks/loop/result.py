@@ -403,10 +403,7 @@ def _describe_scans(scans: Scans) -> dict[str, object]:
 
 
 def propose_experiment(explanation: Explanation) -> dict[str, object] | None:
-    """Return settings that separate the rivals best, with the expected gain.
-
-    The result is None where nothing is open.
-    """
+    """Return settings that separate the rivals best, and what they gain; None: nothing is open."""
     laws = [law for f in explanation.findings for law in (f.effect, *(r[0] for r in f.rivals))]
     # what to do on the bench would settle a group of laws, or show one again, each move once
     moves = list(dict.fromkeys(law.how_to_decide for law in laws if law.how_to_decide))
@@ -438,6 +435,8 @@ def propose_experiment(explanation: Explanation) -> dict[str, object] | None:
     pull = state.peak_force()
     # the tip must slip, at a force that the bench has shown
     feasible = ~state.locked() & (pull > 1.1 * state.sliding_force()) & (pull <= ahead.max())
+    if names[0] in {e.id for e in first.effects if e.covariate == "block"}:
+        feasible &= grid.block == names[0].partition("~")[2]  # no other block tells of it
     grid = grid.take(feasible)
     proposal = feasible.any() and rank_settings(
         explanation.problem, first, second, grid, (*SHOWN, *extra)

@@ -35,6 +35,7 @@ from stepblocks.loop.search.holdout import (
     split_by_block,
     split_within_blocks,
 )
+from stepblocks.loop.search.noise import build_noise
 
 _RULES = Rules(draws=200)
 
@@ -243,6 +244,33 @@ def test_the_next_trials_lie_where_the_rivals_differ_most() -> None:
     assert best**2 == pytest.approx(float(difference.max()))
     gains = [one["expected_gain"] for one in proposal["trials"]]
     assert gains == sorted(gains, reverse=True)
+
+
+def test_the_interval_promised_after_the_next_trials_is_that_of_a_fit_with_them() -> None:
+    trials, grid = toy_trials(24, 9, square=0.5), toy_trials(50, 10)
+    problem = build_problem(Toy(), trials)
+    law = toy_effects()[0]
+    nominal, extended = fit(problem), fit(problem, [law])
+    asked = rank_settings(problem, extended, nominal, grid, ("z",))
+    assert asked is not None
+    (best,) = np.flatnonzero(grid.covariates["z"] == asked["trials"][0]["z"])
+    # origin: the same least squares with these trials among the others
+    new = grid.take(np.full(asked["repeats"], best))
+    both = Trials(
+        {n: np.append(c, new.covariates[n]) for n, c in trials.covariates.items()},
+        trials.channels,
+        np.vstack([trials.values, new.values]),
+        np.vstack([trials.std, new.std]),
+        np.append(trials.block, new.block),
+    )
+    responses = Toy().responses(both, extended.values)
+    noise = build_noise(both, (), responses, problem.noise.scatter)
+    after = fit(replace(problem, trials=both, noise=noise), [law])
+    name = "square_of_z.size"
+    assert asked["width_after"] == {
+        name: pytest.approx(after.std[name] / extended.std[name], rel=1e-6)
+    }
+    assert 0.3 < asked["width_after"][name] < 0.9
 
 
 @pytest.mark.parametrize("square", [0.0, 0.5])

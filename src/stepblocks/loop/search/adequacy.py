@@ -11,11 +11,11 @@ from typing import Any
 import networkx as nx
 import numpy as np
 from scipy import stats
-from scipy.linalg import orth
+from scipy.linalg import block_diag, orth
 from statsmodels.regression.linear_model import OLS
 
 from stepblocks.law import Law, correct_by_holm
-from stepblocks.loop.search.fit import Fit, Problem
+from stepblocks.loop.search.fit import STEP, Fit, Problem
 from stepblocks.loop.search.forward_model import Floats, Trials
 from stepblocks.loop.search.gate import build_tangent_basis, compute_directions, compute_tangent
 
@@ -143,7 +143,10 @@ def compare_directions(problem: Problem, base: Fit, effects: Sequence[Law]) -> d
 def rank_settings(
     problem: Problem, first: Fit, second: Fit, grid: Trials, shown: Sequence[str], count: int = 4
 ) -> dict[str, Any] | None:
-    """Rank the settings of a grid by how well they separate two fitted models, best first."""
+    """Rank the settings of a grid by how well they separate two fitted models, best first.
+
+    Beside them stands how wide the intervals of the first model's effects will then be.
+    """
     starts = {p.name: p.start for p in problem.model.parameters(grid)}
     ahead = [
         problem.model.predict(grid, starts | rival.values, rival.active)
@@ -163,6 +166,8 @@ def rank_settings(
     gain = np.where(np.isfinite(gain), gain, 0.0)
     order = _order_by_gain(gain)[:count]
     own = difference**2 / covariance[:, range(c), range(c)]
+    # of the best, after which the difference is expected to reach 12 (odds of 400 to 1)
+    repeats = int(np.ceil(12.0 / float(gain[order[0]])))
     return {
         "criterion": "T-optimality: expected difference of twice the log likelihood per trial",
         "trials": [
@@ -170,12 +175,43 @@ def rank_settings(
             | {"expected_gain": float(gain[i])}
             for i in order
         ],
-        # of the best, after which the difference is expected to reach 12 (odds of 400 to 1)
-        "repeats": int(np.ceil(12.0 / float(gain[order[0]]))),
+        "repeats": repeats,
+        # of the intervals of its effects, as a share of now
+        "width_after": _compute_width_after(
+            problem, first, grid.take(np.array(order[:1])), covariance[order[0]] / repeats
+        ),
         "channel": problem.trials.channels[
             _order_by_gain(own[order[0]])[0]
         ],  # the one that contributes most
     }
+
+
+def _compute_width_after(
+    problem: Problem, fitted: Fit, setting: Trials, scatter: Floats
+) -> dict[str, float]:
+    # Standard uncertainty of each parameter when the mean of trials at one setting is known as
+    # well, over that of now: to first order, a step of a Kalman filter (1960,
+    # doi:10.1115/1.3662552). The height of a block that is yet to be made is known by its prior.
+    new = [p for p in problem.model.parameters(setting) if p.name not in fitted.values]
+    values = {p.name: p.start for p in new} | fitted.values
+    ahead = replace(problem, trials=setting)
+    base = ahead.predict(fitted.effects, values)[0]
+    slopes = np.array(
+        [
+            (ahead.predict(fitted.effects, values | {p.name: values[p.name] + step})[0] - base)
+            / step
+            for p, step in ((p, STEP * p.scale) for p in (*fitted.parameters, *new))
+        ]
+    )
+    before = block_diag(fitted.covariance, np.diag([p.prior_std**2 for p in new]))
+    moved = before @ slopes
+    left = before - moved @ np.linalg.solve(slopes.T @ moved + scatter, moved.T)
+    share = np.sqrt(np.diag(left) / np.maximum(np.diag(before), 1e-300))
+    widths = dict(zip((p.name for p in fitted.parameters), share.tolist(), strict=False))
+    own = (
+        f"{e.id}.{p.name}" for e in fitted.effects for p in e.parameters if p.name not in e.steps
+    )
+    return {name: widths[name] for name in own}
 
 
 def _order_by_gain(gain: Floats) -> list[int]:

@@ -25,7 +25,7 @@ from stepblocks.loop.search.noise import (
 
 # of differences, in units of a parameter's scale: an integrated motion is smooth to some 1e-4 of ln
 # E_v and no better
-_STEP = 1e-3
+STEP = 1e-3
 # of the precision of each value: its scatter must fall by a fifth for errors to count as shared,
 # which elsewhere may be what a model of another contact misses
 _PLAINLY = 0.5
@@ -238,7 +238,7 @@ class _Objective:
     def jacobian(self, x: Floats) -> Floats:
         residual = self.residual(x)
         base = self.predict(x)
-        step = np.where(x + _STEP > self.bounds[1], -_STEP, _STEP)
+        step = np.where(x + STEP > self.bounds[1], -STEP, STEP)
         shifted = np.tile(x, (self.layer.max() + 1, 1))
         shifted[self.layer, range(len(x))] += step
         change = np.stack([self.predict(row) - base for row in shifted], axis=2)
