@@ -19,8 +19,8 @@ Everything that a command does is also a function. The public names, in the orde
 - measure: `read_scan`, `ScannedProfile`, `HeightMap`, `list_channels`, `inspect_scan`,
   `inspect_standard`, `inspect_many`, `EvaluationOptions`, `Instrument`, `read_laboratory`,
   `write_inspection`, `write_many`, `read_as_built`, `measure_session`, `simulate_session`;
-- explain: `loop_session`, `loop_sessions`, `read_model`; a model of your own: `explain` with its
-  `Trials` and each `Law` with its `Parameter`;
+- explain: `loop_session`, `loop_sessions`, `read_model`, `offer_laws`; a model of your own:
+  `explain` with its `Trials` and each `Law` with its `Parameter`;
 - experiments: `design_study`, `write_sheets`, `open_run`, `simulate_study`, `analyse_study`,
   `share_study`, `study_power`;
 - errors: `StepblocksError`; units at the border: `parse_quantity`, `format_quantity`.

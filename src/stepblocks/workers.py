@@ -4,7 +4,7 @@ import os
 import signal
 import threading
 import warnings
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Iterable, Mapping
 from contextlib import suppress
 from typing import Any, TypeVar
 
@@ -12,6 +12,7 @@ from stepblocks.errors import PipelineError
 
 R = TypeVar("R")
 
+_OURS = "STEPBLOCKS_"  # how the environment variables begin that a worker needs
 _PARENT_DIED = 1  # PR_SET_PDEATHSIG of prctl(2)
 
 
@@ -35,7 +36,9 @@ def run_in_processes(
     parallel = Parallel(
         n_jobs=jobs,
         return_as="generator" if in_order else "generator_unordered",
-        initializer=die_with_parent,
+        initializer=_begin_worker,
+        # workers of other settings are not used again
+        initargs=({name: one for name, one in os.environ.items() if name.startswith(_OURS)},),
     )
     try:
         yield from parallel(delayed(function)(*call) for call in calls)
@@ -44,6 +47,11 @@ def run_in_processes(
             "a worker process died: it was ended from outside, ran out of memory, or found no "
             "OpenGL (libGL, libEGL); run it again, and it goes on"
         ) from error
+
+
+def _begin_worker(settings: Mapping[str, str]) -> None:
+    os.environ.update(settings)
+    die_with_parent()
 
 
 def die_with_parent() -> None:

@@ -164,19 +164,19 @@ def read_model(path: str | Path) -> LearnedModel:
         f"model must have the format {' or '.join(known)} [{path}]",
     )
     try:
-        return _parse_model(document)
+        return _parse_model(document, path)
     except (KeyError, TypeError, ValueError, AttributeError, ContactError) as error:
         raise PipelineError(
             f"model is incomplete or damaged: {' '.join(str(error).split()):.80} [{path}]"
         ) from error
 
 
-def _parse_model(document: Document) -> LearnedModel:
+def _parse_model(document: Document, path: Path) -> LearnedModel:
     probe, start, scatter = document["probe"], document["start"], document["scatter"]
     ranges = TypeAdapter(tuple[CovariateRange, ...]).validate_python(document["covariates"])
     blocks = tuple(str(block) for block in document["blocks"])
     laws = {law.id: law for law in (*list_named_laws(blocks), *list_smooth_laws(ranges))}
-    extended = _parse_fit("extended", document["extended"], laws)
+    extended = _parse_fit("extended", document["extended"], laws, path)
     quantity_std = _parse_numbers("quantity_std", scatter["quantity_std"], (3,))
     if document["format"] == _FORMAT_BEFORE:
         quantity_std[0] /= extended.values["friction"]
@@ -196,13 +196,13 @@ def _parse_model(document: Document) -> LearnedModel:
         ranges=ranges,
         quantity_std=quantity_std,
         channel_std=_parse_numbers("channel_std", scatter["channel_std"], (len(CHANNELS),)),
-        nominal=_parse_fit("nominal", document["nominal"], laws),
+        nominal=_parse_fit("nominal", document["nominal"], laws, path),
         extended=extended,
         known_laws={kind: probe[kind] for kind in ("friction", "contact") if kind in probe},
     )
 
 
-def _parse_fit(name: str, part: Document, laws: Mapping[str, Law]) -> LearnedFit:
+def _parse_fit(name: str, part: Document, laws: Mapping[str, Law], path: Path) -> LearnedFit:
     names = [str(n) for n in part["names"]]
     values = dict(
         zip(
@@ -213,6 +213,12 @@ def _parse_fit(name: str, part: Document, laws: Mapping[str, Law]) -> LearnedFit
     )
     covariance = _parse_numbers(
         f"covariance of {name}", part["covariance"], (len(names), len(names))
+    )
+    unknown = [str(e["id"]) for e in part["effects"] if str(e["id"]) not in laws]
+    PipelineError.require(
+        not unknown,
+        f"model has the law {', '.join(unknown)}, which is not known: give its file by --laws, or "
+        f"install the package that offers it [{path}]",
     )
     effects = tuple(laws[str(e["id"])] for e in part["effects"])
     own = [(f"{law.id}.{p.name}", p.low, p.high) for law in effects for p in law.parameters]

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from stepblocks.cli.command import command
-from stepblocks.cli.options import Files, Jobs, Only, Quiet, make_quantity_option
+from stepblocks.cli.options import Files, Jobs, Laws, Only, Quiet, make_quantity_option
 from stepblocks.cli.outcome import Outcome, make_progress
 
 app = typer.Typer()
@@ -36,6 +36,7 @@ def build(
             help="model.json of stepblocks loop: predict with the constants of a session",
         ),
     ] = None,
+    laws: Laws = None,
     quiet: Quiet = False,
 ) -> Outcome:
     """Build, write, read back, measure and predict the stimuli of one or more files.

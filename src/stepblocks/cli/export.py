@@ -9,6 +9,7 @@ from stepblocks.cli.command import command
 from stepblocks.cli.options import (
     Files,
     Friction,
+    Laws,
     Load,
     NoOpen,
     Only,
@@ -89,6 +90,7 @@ def export(
             help="model.json of stepblocks loop: friction, spring, edge and ring of a session",
         ),
     ] = None,
+    laws: Laws = None,
     speed: Speed = None,
     step_height: StepHeight = None,
     tip_radius: TipRadius = None,

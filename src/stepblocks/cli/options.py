@@ -174,6 +174,27 @@ Jobs = Annotated[
         show_default="one per core",
     ),
 ]
+
+
+def _offer_laws(file: Path | None) -> Path | None:
+    # Loads nothing where nothing is given
+    if file is not None:
+        from stepblocks.contact.effects.named import offer_laws
+
+        offer_laws(file)
+    return file
+
+
+Laws = Annotated[
+    Path | None,
+    typer.Option(
+        "--laws",
+        metavar="FILE.py",
+        exists=True,
+        callback=_offer_laws,
+        help="Python file with effects of your own (stepblocks.Law), which is run",
+    ),
+]
 NoOpen = Annotated[bool, typer.Option("--no-open", help="open no browser")]
 
 # Conditions of a drag

@@ -9,6 +9,7 @@ import typer
 from stepblocks.cli.command import command
 from stepblocks.cli.options import (
     AsBuilt,
+    Laws,
     Quiet,
     Speed,
     Table,
@@ -55,6 +56,7 @@ def predict(
             help="model.json of stepblocks loop; FILE is a trials.csv or the folder of a session",
         ),
     ] = None,
+    laws: Laws = None,
     plots: Annotated[
         Path | None,
         typer.Option(

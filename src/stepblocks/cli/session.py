@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from stepblocks.cli.command import command
-from stepblocks.cli.options import AsBuilt, Jobs, Quiet, keep_given_options
+from stepblocks.cli.options import AsBuilt, Jobs, Laws, Quiet, keep_given_options
 from stepblocks.cli.outcome import Outcome, make_progress
 from stepblocks.errors import PipelineError
 from stepblocks.text_file import Document
@@ -26,6 +26,7 @@ def simulate_session(
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="DIR", help="session to make")
     ] = Path("out/session"),
+    laws: Laws = None,
 ) -> Outcome:
     """Simulate a bench session from the equations, with any effect planted.
 
@@ -131,6 +132,7 @@ def loop(
         bool, typer.Option("--forces-only", help="leave the scans of the blocks out")
     ] = False,
     as_built: AsBuilt = None,
+    laws: Laws = None,
     quiet: Quiet = False,
 ) -> Outcome:
     """Find what the model lacks for a measured session.
