@@ -110,7 +110,10 @@ def _set(*keys, value):
             _set("format", value="stepblocks-model-9"),
             "must have the format stepblocks-model-2 or stepblocks-model-1",
         ),
-        (_set("extended", "effects", value=[{"id": "no_such_law"}]), "damaged: 'no_such_law'"),
+        (
+            _set("extended", "effects", value=[{"id": "no_such_law"}]),
+            "law no_such_law, which is not known: give its file by --laws",
+        ),
         (_set("extended", "covariance", value=[[1.0]]), "covariance of extended must be 10 by 10"),
         (_set("nominal", "values", 0, value=float("nan")), "values of nominal must be"),
         (_set("probe", "spring_constant_n_per_m", value=-9810.0), "stiffness must be positive"),

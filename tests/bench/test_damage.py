@@ -137,7 +137,10 @@ SESSION_DAMAGE = {
         lambda f: shutil.rmtree(f / "traces"),
         "no trial of 6 could be measured",
     ),
-    "unknown channel": (lambda f: edit(f / "session.toml", '"fx_n"', '"force"'), "unknown channel"),
+    "unknown channel": (
+        lambda f: edit(f / "session.toml", '"fx_n"', '"force"'),
+        r"6 times unknown channel: .* no 'force'.* it has .*fx_n",
+    ),
     "sample rate of another session": (
         lambda f: edit(f / "session.toml", "10 kHz", "20 kHz"),
         "wrong rate",

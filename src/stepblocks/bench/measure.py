@@ -286,6 +286,7 @@ def _apply_label_faults(
 ) -> MeasureSummary:
     # Put the faults of labels into the draft, and the draft into its place
     counts: Counter[tuple[str, str]] = Counter()
+    first: dict[str, str] = {}  # reason of each kind, in full
     with write_atomically(output) as whole:
         with (
             draft.open(newline="", encoding="utf-8") as source,
@@ -306,16 +307,16 @@ def _apply_label_faults(
                     if throw:
                         cells[-len(FEATURE_COLUMNS) :] = [""] * len(FEATURE_COLUMNS)
                 if row:
-                    counts[cells[1], cells[2].split(":")[0][:60]] += 1
+                    kind = cells[2].split(":")[0][:60]
+                    counts[cells[1], kind] += 1
+                    first.setdefault(kind, cells[2])
                 writer.writerow(cells)
         reasons = Counter({kind: n for (status, kind), n in counts.items() if status == _EXCLUDED})
         if reasons.total() == table.count:
             commonest, times = reasons.most_common(1)[0]
-            first = next(iter(faults.values()), commonest)
             raise PipelineError(
                 f"no trial of {table.count} could be measured; {times} times "
-                f"{first if first.startswith(commonest) else commonest} "
-                f"[{table.session.folder}]"
+                f"{first[commonest]} [{table.session.folder}]"
             )
     conditions = {(t.block, str(t.speed), str(t.load)) for t in table}
     # what the session does not vary shows no effect
