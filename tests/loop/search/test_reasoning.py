@@ -4,14 +4,14 @@ Silent on noise, right on an effect, frank where it cannot tell.
 """
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 from statsmodels.api import OLS, add_constant
 
 from oracles.toy_model import Toy, toy_effects, toy_trials
-from stepblocks.law import Law, Parameter
+from stepblocks.law import Active, Law, Parameter
 from stepblocks.loop.search import adequacy
 from stepblocks.loop.search.adequacy import (
     compare_directions,
@@ -244,6 +244,59 @@ def test_the_next_trials_lie_where_the_rivals_differ_most() -> None:
     assert best**2 == pytest.approx(float(difference.max()))
     gains = [one["expected_gain"] for one in proposal["trials"]]
     assert gains == sorted(gains, reverse=True)
+
+
+@dataclass(frozen=True)
+class Specimens(Toy):
+    """A toy whose specimens have levels of their own, which are known to a tenth."""
+
+    def parameters(self, trials: Trials) -> tuple[Parameter, ...]:
+        own = [
+            Parameter(f"off[{one}]", "1", 0.0, -10.0, 10.0, 0.1, 0.1, block=str(one))
+            for one in np.unique(trials.block)
+        ]
+        return (*super().parameters(trials), *own)
+
+    def predict(self, trials: Trials, values: Mapping[str, float], effects: Active = ()) -> Floats:
+        off = np.array([values[f"off[{one}]"] for one in trials.block])
+        return super().predict(trials, values, effects) + np.outer(off, [1.0, 2.0])
+
+
+def test_a_specimen_that_is_yet_to_be_made_tells_no_more_than_its_own_level_leaves() -> None:
+    problem = build_problem(Specimens(), toy_trials(60, 9, square=0.5))
+    extended, nominal = fit(problem, toy_effects()[:1]), fit(problem)
+    # values at which the rivals differ by the law alone, as on a specimen that both know alike
+    rival = replace(
+        nominal, values={n: v for n, v in extended.values.items() if n in nominal.values}
+    )
+    at = {"x": np.zeros(1), "z": np.ones(1), "w": np.zeros(1)}
+    known, new = (
+        rank_settings(
+            problem,
+            extended,
+            rival,
+            Trials(
+                at,
+                problem.trials.channels,
+                np.full((1, 2), np.nan),
+                np.full((1, 2), np.nan),
+                np.array([block]),
+            ),
+            ("z",),
+        )
+        for block in ("p", "made")
+    )
+    assert known is not None
+    assert new is not None
+    size = extended.values["square_of_z.size"]
+    seen = known["trials"][0]["expected_gain"] / size**2  # of a level of one
+    # origin: law and level move both channels alike: the gain falls by 1 + 0.1^2 times that of one
+    assert new["trials"][0]["expected_gain"] == pytest.approx(
+        size**2 * seen / (1.0 + 0.01 * seen), rel=1e-6
+    )
+    # many trials on the known one settle it; of the new one its level stays open
+    assert known["repeats"] == int(np.ceil(12.0 / (size**2 * seen)))
+    assert new["repeats"] == int(np.ceil(12.0 / (seen * (size**2 - 0.12))))
 
 
 def test_the_interval_promised_after_the_next_trials_is_that_of_a_fit_with_them() -> None:

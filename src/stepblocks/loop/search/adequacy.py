@@ -21,6 +21,7 @@ from stepblocks.loop.search.gate import build_tangent_basis, compute_directions,
 
 _LEVEL = 0.005  # of the tests of residuals, after Holm
 _SAME = 0.995  # cosine beyond which two effects imitate one another
+_MOST_REPEATS = 1000  # of a next trial
 _TIE = 1e-4  # of gains; a fit knows them no better: its own tolerance is 1e-6 of the cost
 
 
@@ -148,6 +149,12 @@ def rank_settings(
     Beside them stands how wide the intervals of the first model's effects will then be.
     """
     starts = {p.name: p.start for p in problem.model.parameters(grid)}
+    # the height of a block that is yet to be made is known by its prior alone
+    beside = {
+        p.name: p.start + p.prior_std
+        for p in problem.model.parameters(grid)
+        if p.name not in first.values
+    }
     ahead = [
         problem.model.predict(grid, starts | rival.values, rival.active)
         for rival in (first, second)
@@ -158,16 +165,23 @@ def rank_settings(
     covariance = np.einsum("nik,k,njk->nij", responses, scatter.quantities, responses)
     c = len(problem.trials.channels)
     covariance[:, range(c), range(c)] += scatter.channels + np.nan_to_num(typical, nan=1.0) ** 2
+    moved = problem.model.predict(grid, first.values | beside, first.active) - ahead[0]
+    common = moved[:, :, None] * moved[:, None, :]
     difference = ahead[0] - ahead[1]
-    solved = np.linalg.solve(covariance, difference[:, :, None])[:, :, 0]
+    solved = np.linalg.solve(covariance + common, difference[:, :, None])[:, :, 0]
     gain = np.sum(difference * solved, axis=1)
     if not np.any(np.isfinite(gain)) or float(np.nanmax(gain)) < 1e-3:
         return None
     gain = np.where(np.isfinite(gain), gain, 0.0)
     order = _order_by_gain(gain)[:count]
+    best = order[0]
     own = difference**2 / covariance[:, range(c), range(c)]
     # of the best, after which the difference is expected to reach 12 (odds of 400 to 1)
-    repeats = int(np.ceil(12.0 / float(gain[order[0]])))
+    reached = [
+        difference[best] @ np.linalg.solve(covariance[best] / n + common[best], difference[best])
+        for n in range(1, _MOST_REPEATS)
+    ]
+    repeats = 1 + int(np.searchsorted(reached, 12.0))
     return {
         "criterion": "T-optimality: expected difference of twice the log likelihood per trial",
         "trials": [
@@ -178,10 +192,10 @@ def rank_settings(
         "repeats": repeats,
         # of the intervals of its effects, as a share of now
         "width_after": _compute_width_after(
-            problem, first, grid.take(np.array(order[:1])), covariance[order[0]] / repeats
+            problem, first, grid.take(np.array([best])), covariance[best] / repeats
         ),
         "channel": problem.trials.channels[
-            _order_by_gain(own[order[0]])[0]
+            _order_by_gain(own[best])[0]
         ],  # the one that contributes most
     }
 
