@@ -173,6 +173,16 @@ def test_a_trial_without_height_load_or_speed_is_invalid_and_has_no_figures(name
     assert not found["status"][1].startswith("invalid")
 
 
+def test_a_setting_that_is_the_same_to_three_digits_is_no_extrapolation():
+    learned = make_learned_model()
+    (place,) = [one for one in learned.ranges if one.name == "load_n"]
+    # 15.3 g are 0.15004 N, and people write 0.15
+    loads = [place.low * (0.15 / 0.15004), place.low * 0.99, place.high * 1.0005, place.high * 1.01]
+    found = predict_trials(_table(load_n=loads), learned)
+    outside = "outside-range(load_n)"
+    assert list(found["status"]) == ["ok", outside, "ok", outside]
+
+
 def _with_law(model, name, **values):
     """Put one smooth law over a column of the session into a model, its values certain."""
     (law,) = (law for law in list_smooth_laws(model.ranges) if law.id == name)

@@ -45,6 +45,7 @@ _COLUMNS: dict[str, tuple[tuple[str, ...], str, float | None]] = {
 _HOURS = 40  # of a run, over which it is asked how much it changed
 _DRAWS = 4000  # of each interval
 _POSITIVE = ("height_um", "load_n", "speed_mm_s")
+_ROUNDED = 1e-3  # of the end of a range: 0.15 N is no extrapolation of 0.15004 N
 # columns of the result, and their channels
 _FIGURES = {
     "peak_force{}_n": 1,
@@ -247,7 +248,7 @@ def _read_conditions(
         if name in names:
             note(invalid, ~good, name)
         if place is not None:
-            slack = 1e-9 * max(abs(place.low), abs(place.high))
+            slack = _ROUNDED * max(abs(place.low), abs(place.high))
             note(
                 outside,
                 good & ((numbers < place.low - slack) | (numbers > place.high + slack)),
