@@ -27,6 +27,24 @@ def test_figures_are_read_in_the_units_of_the_bench():
         format_value(0.2, "1/N^2"),
     ]
     assert shown == ["13.8 µm", "-18 mN", "4.2 ms", "456 s", "0.8", "0.2 1/N^2"]
+    assert format_value(9808.79, "N/m") == "9.81 N/mm"
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "reach", "shown"),
+    [
+        (304.9972, "Hz", 0.13, "305.00 Hz"),
+        (9808.79, "N/m", 4.04, "9.8088 N/mm"),
+        (0.179674, "1", 7.6e-4, "0.17967"),
+        (2.05e-8, "m", 5.3e-7, "0.02 µm"),
+        (-5.13e-7, "m", 5.3e-7, "-0.51 µm"),
+        (152.3, "1", 30.0, "152"),
+        (0.0, "m", 1e-7, "0 µm"),
+    ],
+)
+def test_a_figure_has_the_digits_that_its_interval_leaves_it(value, unit, reach, shown):
+    # origin: two digits of the half width, as GUM 7.2.6 has it
+    assert format_value(value, unit, reach) == shown
 
 
 def test_an_effect_is_said_with_its_figures_and_the_error_before_and_after(worn):
@@ -70,6 +88,7 @@ def test_what_an_effect_follows_is_said_in_words():
     for law in list_named_laws():
         assert "_" not in describe_covariate(law.covariate)
     assert describe_covariate("humidity_pct * load_n") == "the humidity times the load"
+    assert describe_covariate("clock_elapsed_s") == "clock elapsed"
 
 
 def test_none_names_the_smallest_effect_of_each_slot_and_such_an_effect_is_seen():

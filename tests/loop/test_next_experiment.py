@@ -11,6 +11,7 @@ from stepblocks.loop.bench_model import list_candidates, list_covariate_ranges
 from stepblocks.loop.result import propose_experiment, write_block_stimulus
 from stepblocks.loop.search.explain import Finding, Verdict
 from stepblocks.loop.search.fit import fit
+from stepblocks.loop.settings import build_grid
 
 
 @pytest.fixture(scope="module")
@@ -45,6 +46,14 @@ def test_no_trial_is_asked_for_at_an_hour_that_has_gone(found):
     last = float(np.max(found.problem.trials.covariates["run_order"]))
     assert all(trial["run_order"] == last + 1.0 for trial in asked["trials"])
     assert asked["trials"] or "drag a fresh or cleaned block" in asked["calibration"][0]
+
+
+def test_what_goes_with_a_rest_is_asked_for_right_after_one_and_at_the_longest_from_it(found):
+    trials = found.problem.trials
+    since = np.arange(float(len(trials))) % 31.0
+    trials = replace(trials, covariates=trials.covariates | {"trials_since_rest": since})
+    asked = build_grid(trials, ["trials_since_rest"]).covariates["trials_since_rest"]
+    assert {0.0, 30.0} < set(asked.tolist()) < set(since.tolist())
 
 
 def test_rivals_are_asked_apart_from_each_other(found):

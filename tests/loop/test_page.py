@@ -82,7 +82,7 @@ def test_the_box_says_the_interval_that_the_next_trials_are_expected_to_leave(re
     box = " ".join(page.split('class="box"')[1].split("</section>")[0].split())
     # origin: a quarter of 0.2 either side of 0.5
     assert "2 such trials confirm" in box
-    assert "Its size is then expected between 0.45 and 0.55 (0.3 to 0.7 now)." in box
+    assert "Its size is then expected between 0.450 and 0.550 (0.300 to 0.700 now)." in box
 
 
 def test_a_title_from_a_session_cannot_break_the_page(result):

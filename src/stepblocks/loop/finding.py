@@ -7,6 +7,7 @@ import numpy as np
 from stepblocks.contact.effects.smooth import CovariateRange
 from stepblocks.contact.forward import PEAK_FORCE, SPEED_OVER_LOAD, TOGETHER
 from stepblocks.loop.search.explain import Explanation, Finding, Verdict
+from stepblocks.quantities import format_column_label
 from stepblocks.text_file import Document
 
 # a factor and a unit that people read, by the unit that a parameter has; from `_MANY` on the plain
@@ -18,6 +19,7 @@ _READ = {
     "s": (1e3, "ms"),
     "m/s": (1e3, "mm/s"),
     "rad": (1e3, "mrad"),
+    "N/m": (1e-3, "N/mm"),
 }
 # units of covariates by the ends of their names, the longest first
 _UNITS = {
@@ -61,15 +63,25 @@ CHANNELS_IN_WORDS = {
 
 def describe_covariate(name: str) -> str:
     """Say in words what an effect follows; a column that only this session has by its name."""
-    return " times ".join(_COVARIATES.get(one, one) for one in name.split(TOGETHER))
+    return " times ".join(
+        _COVARIATES.get(one, format_column_label(one).partition(",")[0])
+        for one in name.split(TOGETHER)
+    )
 
 
-def format_value(value: float, unit: str) -> str:
-    """Write a figure of a parameter with three digits in the unit that people read."""
+def format_value(value: float, unit: str, reach: float = 0.0) -> str:
+    """Write a figure of a parameter in the unit that people read.
+
+    It has three digits, or so many that its interval, of half width `reach`, has two.
+    """
     factor, shown = _READ.get(unit, (1.0, "" if unit == "1" else unit))
     if unit in _READ and abs(value * factor) >= _MANY:
-        return f"{value:.3g} {unit}"
-    return f"{value * factor:.3g} {shown}".rstrip()
+        factor, shown = 1.0, unit
+    text = f"{value * factor:.3g}"
+    if value and reach > 0.0:
+        digits = math.floor(math.log10(abs(value))) - math.floor(math.log10(reach)) + 2
+        text = f"{value * factor:#.{max(digits, 1)}g}".rstrip(".")
+    return f"{text} {shown}".rstrip()
 
 
 def find_unit(covariate: str) -> str:

@@ -32,7 +32,7 @@ from stepblocks.loop.search.holdout import Holdout
 from stepblocks.loop.search.noise import compute_flexible_residual
 from stepblocks.loop.search.structure import bound_jump_place
 from stepblocks.loop.session_table import Scans, SessionTable
-from stepblocks.loop.settings import COUNTED, GONE, MOST_SETTINGS, SHOWN, build_grid
+from stepblocks.loop.settings import CHOSEN, COUNTED, GONE, MOST_SETTINGS, SHOWN, build_grid
 from stepblocks.text_file import Document
 
 _REPLICATES = 20  # degrees of freedom from which a scatter among replicates is known to a sixth
@@ -423,7 +423,7 @@ def propose_experiment(explanation: Explanation) -> dict[str, object] | None:
         & {
             n
             for n, column in trials.covariates.items()
-            if n in COUNTED or len(np.unique(column)) <= MOST_SETTINGS
+            if n in (*COUNTED, *CHOSEN) or len(np.unique(column)) <= MOST_SETTINGS
         }
         - {*SHOWN, *GONE}
     )

@@ -10,6 +10,7 @@ SHOWN = ("height_um", "load_n", "speed_mm_s")
 _HEIGHTS_UM = (5.0, 10.0, 15.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 90.0)
 MOST_SETTINGS = 12  # of a column that is set; one of more is read
 COUNTED = ("run_order", "passes_of_block")  # a trial that is yet to come has the next number
+CHOSEN = ("trials_since_rest", "pause_s")  # whoever drags may rest, or go on
 GONE = ("day", "session")  # their labels do not come again
 
 
@@ -24,7 +25,10 @@ def build_grid(trials: Trials, extra: list[str]) -> Trials:
         if name in COUNTED and numbers is not None:
             return [float(numbers.max()) + 1.0]
         if name in (*SHOWN, *extra):
-            return [*np.unique(column).tolist()]
+            few = (
+                np.quantile(column, (0.0, 0.5, 1.0), method="nearest") if name in CHOSEN else column
+            )
+            return [*np.unique(few).tolist()]
         return [column[-1] if numbers is None else float(np.median(numbers))]
 
     names = dict.fromkeys((*SHOWN, *extra, *trials.covariates))
