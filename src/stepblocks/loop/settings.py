@@ -25,10 +25,8 @@ def build_grid(trials: Trials, extra: list[str]) -> Trials:
         if name in COUNTED and numbers is not None:
             return [float(numbers.max()) + 1.0]
         if name in (*SHOWN, *extra):
-            few = (
-                np.quantile(column, (0.0, 0.5, 1.0), method="nearest") if name in CHOSEN else column
-            )
-            return [*np.unique(few).tolist()]
+            found: list[object] = np.unique(column).tolist()
+            return [found[0], found[len(found) // 2], found[-1]] if name in CHOSEN else found
         return [column[-1] if numbers is None else float(np.median(numbers))]
 
     names = dict.fromkeys((*SHOWN, *extra, *trials.covariates))
