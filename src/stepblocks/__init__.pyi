@@ -24,7 +24,7 @@ from .contact.critical_angle import (
     find_margin_angles as find_margin_angles,
     find_step_angle as find_step_angle,
 )
-from .contact.effects.named import offer_laws as offer_laws
+from .contact.effects.offered import offer_laws as offer_laws
 from .contact.energy import Release as Release, Status as Status, find_release as find_release
 from .contact.energy_change import find_energy_change as find_energy_change
 from .contact.event import list_vibration_events as list_vibration_events

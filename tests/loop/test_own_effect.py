@@ -14,7 +14,7 @@ from oracles.feature_bench import bench_trials, design_columns
 from oracles.features_file import features_of
 from stepblocks.artefacts.model_file import read_model
 from stepblocks.cli import main
-from stepblocks.contact.effects import named
+from stepblocks.contact.effects import named, offered
 from stepblocks.errors import ContactError
 from stepblocks.loop.run import analyse_features, write_loop
 from stepblocks.loop.search.explain import Rules, Verdict
@@ -40,7 +40,7 @@ def offer(monkeypatch):
     def offer(loaded):
         entry = EntryPoint("film", "film:FILM", "stepblocks.effects")
         monkeypatch.setattr(EntryPoint, "load", lambda self: loaded)
-        monkeypatch.setattr(named, "entry_points", lambda group: EntryPoints([entry]))
+        monkeypatch.setattr(offered, "entry_points", lambda group: EntryPoints([entry]))
 
     return offer
 
@@ -105,6 +105,10 @@ def test_the_laws_of_a_file_are_known_here_and_in_workers_old_and_new(my_laws):
     assert law.id == "film_valley"
     after = [list_names(), *run_in_processes(list_names, [(), ()], 2)]
     assert all(names == before[0] | {"film_valley"} for names in after)
+    my_laws.write_text(LAWS.replace("film_valley", "film_hill"))
+    sb.offer_laws(my_laws)
+    again = [list_names(), *run_in_processes(list_names, [(), ()], 2)]
+    assert all(names == before[0] | {"film_hill"} for names in again)
 
 
 def test_a_model_with_a_law_of_a_file_is_read_where_the_file_is_given(my_laws, tmp_path, capsys):

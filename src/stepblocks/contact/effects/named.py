@@ -3,20 +3,16 @@
 They belong to the contact, to the tool or to its gauges.
 """
 
-import os
-import runpy
 from collections.abc import Mapping, Sequence
-from functools import cache, partial
-from importlib.metadata import entry_points
-from pathlib import Path
+from functools import partial
 
 import numpy as np
 
 from stepblocks.contact.effects.gauges import GAUGE_LAWS
+from stepblocks.contact.effects.offered import list_offered_laws
 from stepblocks.contact.forward import SPEED_OVER_LOAD
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.contact.state import DragState, Floats, press_edge
-from stepblocks.errors import ContactError
 from stepblocks.law import Law, Parameter
 
 _geometry = partial(Law, slot="contact_geometry")
@@ -464,67 +460,17 @@ _TOOL = (
 )
 
 
-_OFFERED = "STEPBLOCKS_LAWS"  # environment variable: the file of the laws that a user offers
-
-
-def offer_laws(file: str | Path) -> tuple[Law, ...]:
-    """Offer the laws of a Python file of your own to all that follows in this process.
-
-    `loop_session` asks for them as for those that ship, and models that hold them can be read.
-
-    Parameters
-    ----------
-    file : str or Path
-        Every `Law` that it defines is offered. It is run as a script: give none that you would not
-        run.
-
-    Returns
-    -------
-    tuple of Law
-        What it defines.
-
-    Raises
-    ------
-    ContactError
-        If it cannot be run, or defines no law.
-    """
-    path = str(Path(file).resolve())
-    found = _run_laws(path)
-    os.environ[_OFFERED] = path  # workers begin with it
-    return found
-
-
-@cache
-def _run_laws(path: str) -> tuple[Law, ...]:
-    try:
-        names = runpy.run_path(path)
-    except Exception as error:  # what a file of somebody else raises
-        reason = f"{type(error).__name__}: {' '.join(str(error).split()):.200}"
-        raise ContactError(f"laws cannot be loaded, {reason} [{path}]") from error
-    found = tuple(one for one in names.values() if isinstance(one, Law))
-    ContactError.require(found, f"laws must be stepblocks.Law, and there is none [{path}]")
-    return found
-
-
 def list_named_laws(blocks: Sequence[str] = ()) -> tuple[Law, ...]:
     """Return the laws that have names, the height error of each of `blocks` among them.
 
-    Packages may offer their own as entry points of the group ``stepblocks.effects``, users those
-    of a file by `offer_laws`. Laws without a name are in `smooth`.
+    Packages and users may offer their own, see `offered`. Laws without a name are in `smooth`.
     """
-    own = [one.load() for one in entry_points(group="stepblocks.effects")]
-    if _OFFERED in os.environ:
-        own += _run_laws(os.environ[_OFFERED])
-    if wrong := [one for one in own if not isinstance(one, Law)]:
-        raise ContactError(
-            f"entry points of stepblocks.effects must be a Law, got {wrong[0]!r:.60}"
-        )
     return (
         *_GEOMETRY,
         *_FRICTION,
         *_TOOL,
         *_CONVERSION,
         *GAUGE_LAWS,
-        *own,
+        *list_offered_laws(),
         *map(_make_height_error_law, blocks),
     )
