@@ -220,12 +220,14 @@ def _compute_width_after(
     before = block_diag(fitted.covariance, np.diag([p.prior_std**2 for p in new]))
     moved = before @ slopes
     left = before - moved @ np.linalg.solve(slopes.T @ moved + scatter, moved.T)
-    share = np.sqrt(np.diag(left) / np.maximum(np.diag(before), 1e-300))
-    widths = dict(zip((p.name for p in fitted.parameters), share.tolist(), strict=False))
-    own = (
-        f"{e.id}.{p.name}" for e in fitted.effects for p in e.parameters if p.name not in e.steps
-    )
-    return {name: widths[name] for name in own}
+    shares = np.sqrt(np.diag(left) / np.maximum(np.diag(before), 1e-300))
+    widths = dict(zip((p.name for p in fitted.parameters), shares.tolist(), strict=False))
+    return {
+        f"{e.id}.{name}": share
+        for e in fitted.effects
+        for name, share in e.pick_own_values(widths).items()
+        if name not in e.steps
+    }
 
 
 def _order_by_gain(gain: Floats) -> list[int]:
