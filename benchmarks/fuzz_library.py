@@ -64,6 +64,11 @@ loads = ["0.4 N"]
 speeds = ["5 mm/s"]
 trials = 24
 """
+LAWS = """
+from stepblocks import Law, Parameter
+size = Parameter("size", "1", 0.0, -1.0, 1.0, 0.1)
+law = Law("mine", "mu + s", (size,), lambda state, _, own: state, slot="friction", covariate="none")
+"""
 LABORATORY = """
 name = "Metrology room"
 address = "Example street 1, Town"
@@ -246,6 +251,7 @@ def write_files(work: Path) -> None:
     write_as_built(work / "step-025.as-built.toml", measured)
     (work / "sweep.toml").write_text(SWEEP)
     (work / "plan.toml").write_text(PLAN)
+    (work / "laws.py").write_text(LAWS)
     (work / "laboratory.toml").write_text(LABORATORY)
     sb.build_sets(stimuli, work / "built", jobs=1)
     sb.run_sweep(work / "sweep.toml", work / "swept")
@@ -388,6 +394,7 @@ def make_file_calls(work: Path) -> dict[str, Words]:
         "write_many": ((many, "many"), {}),
         "read_as_built": ((work / "step-025.as-built.toml",), {}),
         "read_model": ((work / "model.json",), {}),
+        "offer_laws": ((work / "laws.py",), {}),
         "predict_trials": ((trials, work / "model.json"), {}),
         "measure_session": ((session,), {"jobs": 1}),
         "loop_session": ((session,), {"features": features, "jobs": 1}),
