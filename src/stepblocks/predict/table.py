@@ -184,9 +184,11 @@ def predict_with_model(
         not missing, f"trials must have the columns {', '.join(missing)}, which the model needs"
     )
     columns, invalid, outside = _read_conditions(table, learned, {*_POSITIVE, *used})
-    tips = table["tip"].astype(str) if "tip" in table else [""] * len(table)
     columns["tip_radius_um"] = np.array(
-        [parse_tip_radius_um(tip, learned.tip_radius_um) for tip in tips]
+        [
+            parse_tip_radius_um(tip, learned.tip_radius_um)
+            for tip in table.get("tip", pd.Series("", table.index)).astype(str)
+        ]
     )
     # a block is known by its name; a new height under an old name is a block of its own
     design = build_bench_design(

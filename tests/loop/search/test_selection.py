@@ -219,3 +219,28 @@ def test_what_can_be_detected_knows_nothing_of_the_step_of_a_parameter(squared):
         for law in (effect, replace(effect, parameters=coarse))
     )
     assert other == pytest.approx(one, rel=0.02)
+
+
+def _jump_over_w(width=0.004):
+    def apply(level, trials, own):
+        return level + own["step"] / (1.0 + np.exp((own["at"] - trials.covariates["w"]) / width))
+
+    places = tuple({"at": one} for one in np.linspace(-0.9, 0.9, 10))
+    step, at = (
+        Parameter("step", "1", 0.0, -10.0, 10.0, 0.1),
+        Parameter("at", "1", 0.0, -1.0, 1.0, 0.05),
+    )
+    return Law(
+        "jump", "jump", (step, at), apply, "level", "w", named=True, shapes=places, steps=("at",)
+    )
+
+
+@pytest.mark.parametrize("seed", [4, 6, 15, 16, 21, 22, 26])
+def test_a_jump_is_placed_between_the_trials_on_its_sides_wherever_its_fit_begins(seed):
+    """From the best of ten places to first order alone it ended in another gap with these seeds."""
+    trials = toy_trials(80, seed, scatter=0.05, noise=0.05)
+    w = trials.covariates["w"]
+    step = 0.5 * (w > 0.2)
+    trials = replace(trials, values=trials.values + np.stack([step, 2.0 * step], axis=1))
+    _, _, (chosen, _) = _chosen(trials, [_jump_over_w()])
+    assert w[w < 0.2].max() < chosen.values["jump.at"] < w[w > 0.2].min()

@@ -16,6 +16,7 @@ from stepblocks.loop.search.forward_model import Floats
 # a direction of which less is left beside the nominal model is its derivative, up to rounding
 _UNSEEN = 2e-3
 # chance, by Schwarz's criterion, with which an effect and the rivals named with it hold the truth
+_PLACES = 3  # of a jump, that its fit begins from
 _GROUP = 0.95
 
 # an effect that may stand for another, its fit, and how far its criterion is behind
@@ -207,18 +208,17 @@ def score_candidates(
     ):
         if d.effect.id not in best or log_p < best[d.effect.id].log_p:
             best[d.effect.id] = Score(d.effect, d.shape, log_p, gain, d.root @ part[:, 0])
-    p_value = 1.0
-    needed = float("inf")
-    if draws:
-        null, _ = _compute_gains(directions, _draw_noise(problem, base, draws, seed))
-        # among directions of equal freedom the least p of a draw is that of the largest gain
-        kinds = np.unique(freedom)
-        least = _compute_log_p(
-            np.stack([null[freedom == kind].max(axis=0) for kind in kinds]), kinds, dof
-        ).min(axis=0)
-        p_value = float((1 + np.sum(least <= own.min())) / (draws + 1))
-        needed = float(stats.f.isf(np.exp(np.quantile(least, alpha)), 1.0, dof)) * spread
-    return Gate(p_value, tuple(sorted(best.values(), key=lambda s: s.log_p)), needed)
+    scores = tuple(sorted(best.values(), key=lambda s: s.log_p))
+    if not draws:
+        return Gate(1.0, scores)
+    null, _ = _compute_gains(directions, _draw_noise(problem, base, draws, seed))
+    # among directions of equal freedom the least p of a draw is that of the largest gain
+    kinds = np.unique(freedom)
+    least = _compute_log_p(
+        np.stack([null[freedom == kind].max(axis=0) for kind in kinds]), kinds, dof
+    ).min(axis=0)
+    needed = float(stats.f.isf(np.exp(np.quantile(least, alpha)), 1.0, dof)) * spread
+    return Gate(float((1 + np.sum(least <= own.min())) / (draws + 1)), scores, needed)
 
 
 def compute_detectable(
@@ -339,17 +339,35 @@ def _fit_candidate(problem: Problem, base: Fit, score: Score, rival: float) -> F
     start = {
         p.name: base.values[p.name] - shift
         for p, shift in zip(base.parameters, way.tolist(), strict=True)
+    } | {
+        f"{effect.id}.{p.name}": p.start + steps[p.name] * p.scale
+        if p.name in steps
+        else score.shape.get(p.name, p.start)
+        for p in effect.parameters
     }
-    for p in effect.parameters:
-        start[f"{effect.id}.{p.name}"] = (
-            p.start + steps[p.name] * p.scale
-            if p.name in steps
-            else score.shape.get(p.name, p.start)
-        )
     try:
-        return fit(problem, (*base.effects, effect), start, 25, rival)
+        found = fit(problem, (*base.effects, effect), start, 25, rival)
+        return _try_places(problem, found, effect) if effect.steps else found
     except (np.linalg.LinAlgError, ValueError, FloatingPointError, HopelessFitError):
         return None
+
+
+def _try_places(problem: Problem, found: Fit, effect: Law) -> Fit:
+    # Fit a jump from the places that suit its size next best, too: the cost has a valley between
+    # any two trials, and the deepest need not be where the first order has it
+    places = [
+        found.values | {f"{effect.id}.{name}": place for name, place in shape.items()}
+        for shape in effect.shapes
+    ]
+    costs = [
+        np.sum(
+            problem.noise.whiten(problem.trials.values - problem.predict(found.effects, one)) ** 2
+        )
+        for one in places
+    ]
+    order = np.argsort(np.round(costs, 3), kind="stable")  # last bits decide nothing
+    tried = [found, *(fit(problem, found.effects, places[i], 25) for i in order[1:_PLACES])]
+    return min(tried, key=lambda one: one.criterion)
 
 
 def select_likeliest(rivals: Sequence[Rival], always: Sequence[Rival]) -> tuple[Rival, ...]:

@@ -195,10 +195,12 @@ def _resolve_plan(data: Document, folder: Path, mistakes: list[Mistake]) -> Swee
         build_laws({kind: _read_section(laws, kind) for kind in laws})
     # a law of friction gives the coefficient
     open_names = [name for name in names if name not in {*taken, *laws}]
-    mistakes += find_unknown_names(
-        parameters, (*(["stimulus"] if stimuli else []), *open_names), "[parameters]"
-    )
-    mistakes += find_unknown_names(draws, ("count", "tolerances", *names), "[draws]")
+    mistakes += [
+        *find_unknown_names(
+            parameters, (*(["stimulus"] if stimuli else []), *open_names), "[parameters]"
+        ),
+        *find_unknown_names(draws, ("count", "tolerances", *names), "[draws]"),
+    ]
     values: dict[str, list[float]] = {}
     ranges: dict[str, list[float]] = {}
     for name in open_names:

@@ -58,8 +58,10 @@ def draw_inputs(plan: SweepPlan, rows: range) -> dict[str, Array]:
         inputs["stimulus"] = which.astype(np.float64)
         inputs |= _take_column([one["values"] for one in plan.stimuli], which, math.nan)
         spreads = _take_column([one["spreads"] for one in plan.stimuli], which, 0.0)
-    spreads |= {name: np.full(len(rows), spread) for name, spread in plan.spreads.items()}
-    spreads |= {name: part * inputs[name] for name, part in plan.shares.items()}
+    spreads |= {
+        **{name: np.full(len(rows), spread) for name, spread in plan.spreads.items()},
+        **{name: part * inputs[name] for name, part in plan.shares.items()},
+    }
     if spreads:
         from scipy.special import ndtri
 
@@ -98,11 +100,14 @@ def compute_table(plan: SweepPlan, rows: range) -> pa.Table:
     numbers = np.arange(rows.start, rows.stop)
     columns: dict[str, Column] = {"row": numbers, "draw": numbers % plan.draws}
     if plan.stimuli:
-        identities = np.array([one["id"] for one in plan.stimuli])
-        columns["stimulus"] = identities[inputs["stimulus"].astype(int)]
+        columns["stimulus"] = np.array([one["id"] for one in plan.stimuli])[
+            inputs["stimulus"].astype(int)
+        ]
     nothing = np.full(len(rows), math.nan)
-    for name, (dimension, _) in PARAMETERS[plan.surface].items():
-        columns[name + _UNITS[dimension]] = inputs.get(name, nothing)
+    columns |= {
+        name + _UNITS[dimension]: inputs.get(name, nothing)
+        for name, (dimension, _) in PARAMETERS[plan.surface].items()
+    }
     backward = inputs.get("direction", np.zeros(len(rows))) > 0.0
     if plan.surface == "margin":
         columns["direction"] = np.array(DIRECTIONS)[backward.astype(int)]
