@@ -330,7 +330,7 @@ def build_problem(model: ForwardModel, trials: Trials) -> Problem:
     informed = [
         r
         for r in (
-            compute_flexible_residual(trials, systematics),
+            compute_flexible_residual(trials),
             compute_replicate_residual(trials, model.cells(trials)),
         )
         if r
