@@ -78,11 +78,18 @@ def test_the_box_says_the_interval_that_the_next_trials_are_expected_to_leave(re
         "width_after": {f"{entry['variant']}.size": 0.25},
     }
     changes = {"effects": [entry | {"parameters": {"size": one}}], "next_experiment": asked}
-    page = render_loop_page(replace(result, document=result.document | changes))
+    document = result.document | changes
+    page = render_loop_page(replace(result, document=document))
     box = " ".join(page.split('class="box"')[1].split("</section>")[0].split())
     # origin: a quarter of 0.2 either side of 0.5
     assert "2 such trials confirm" in box
     assert "Its size is then expected between 0.450 and 0.550 (0.300 to 0.700 now)." in box
+    for repeats, said in (
+        (0, "Even 1000 such trials do not confirm"),
+        (1, "One such trial confirms"),
+    ):
+        asked["repeats"] = repeats
+        assert said in " ".join(render_loop_page(replace(result, document=document)).split())
 
 
 def test_a_title_from_a_session_cannot_break_the_page(result):

@@ -337,7 +337,7 @@ def _estimate_noise_floor(table: SessionTable, fitted: Fit, adequacy: Document) 
     floors = [
         np.sqrt(np.nansum(residual[:, :2] ** 2, axis=0) / max(dof, 1))
         for residual, dof in (
-            compute_flexible_residual(table.trials),
+            compute_flexible_residual(table.trials, table.model.systematics(table.trials)),
             (left, fitted.count_freedom()),
         )
     ]

@@ -270,11 +270,13 @@ def test_a_specimen_that_is_yet_to_be_made_tells_no_more_than_its_own_level_leav
         nominal, values={n: v for n, v in extended.values.items() if n in nominal.values}
     )
     at = {"x": np.zeros(1), "z": np.ones(1), "w": np.zeros(1)}
-    known, new = (
+    # and one nearer: by 0.2 it differs, which two deviations of the level of a new one make up for
+    near = replace(extended, values={**extended.values, "square_of_z.size": 0.3})
+    known, new, never = (
         rank_settings(
             problem,
             extended,
-            rival,
+            other,
             Trials(
                 at,
                 problem.trials.channels,
@@ -284,10 +286,11 @@ def test_a_specimen_that_is_yet_to_be_made_tells_no_more_than_its_own_level_leav
             ),
             ("z",),
         )
-        for block in ("p", "made")
+        for block, other in (("p", rival), ("made", rival), ("made", near))
     )
     assert known is not None
     assert new is not None
+    assert never is not None
     size = extended.values["square_of_z.size"]
     seen = known["trials"][0]["expected_gain"] / size**2  # of a level of one
     # origin: law and level move both channels alike: the gain falls by 1 + 0.1^2 times that of one
@@ -297,6 +300,8 @@ def test_a_specimen_that_is_yet_to_be_made_tells_no_more_than_its_own_level_leav
     # many trials on the known one settle it; of the new one its level stays open
     assert known["repeats"] == int(np.ceil(12.0 / (size**2 * seen)))
     assert new["repeats"] == int(np.ceil(12.0 / (seen * (size**2 - 0.12))))
+    # odds of 400 to 1 ask for 12, and (0.2 / 0.1)^2 is the most that there is
+    assert never["repeats"] == 0
 
 
 def test_the_interval_promised_after_the_next_trials_is_that_of_a_fit_with_them() -> None:

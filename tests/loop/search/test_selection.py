@@ -15,8 +15,10 @@ from stepblocks.law import Law, Parameter
 from stepblocks.loop.search.adequacy import check_residuals
 from stepblocks.loop.search.explain import _add_or_replace_effect, _exchange_or_drop_effect
 from stepblocks.loop.search.fit import build_problem, fit
+from stepblocks.loop.search.forward_model import Systematic
 from stepblocks.loop.search.gate import choose_candidate, compute_detectable, score_candidates
 from stepblocks.loop.search.mixture import find_bad_trials
+from stepblocks.loop.search.noise import Scatter, build_noise
 
 
 def _chosen(trials, effects, **keywords):
@@ -114,27 +116,37 @@ def test_a_law_that_gains_less_but_may_surprise_is_fitted_in_full(squared):
     assert near <= {trial.effects[-1].id for trial in choice[1]}
 
 
-def test_trials_that_went_wrong_are_distinguished_from_those_that_scatter():
-    # whitened residuals: 200 normal ones, four of which are twelve deviations off
+@pytest.mark.parametrize("shared", [0.0, 15.0])
+def test_trials_that_went_wrong_are_distinguished_from_those_that_scatter(shared):
+    # whitened residuals: 200 normal ones, four of which are twelve deviations off, and an error
+    # that all share: at the ends of the run it is as large as what went wrong
     random = np.random.default_rng(5)
     values = random.normal(size=(200, 1))
     wrong = [3, 50, 120, 199]
     values[wrong] = [[12.0], [-12.0], [11.0], [-13.0]]
+    run = np.linspace(-1.0, 1.0, 200)
     trials = replace(
         toy_trials(200, 1),
         channels=("one",),
-        values=values,
+        values=values + shared * run[:, None],
         std=np.zeros((200, 1)),
     )
-    noise = SimpleNamespace(factors=np.ones((200, 1, 1)))
+    noise = build_noise(
+        trials,
+        [Systematic("one", run, shared)],
+        np.zeros((200, 1, 0)),
+        Scatter(np.zeros(0), np.ones(1), 200),
+    )
     problem = SimpleNamespace(trials=trials, noise=noise)
     chance, share = find_bad_trials(problem, SimpleNamespace(predicted=np.zeros((200, 1))))
     assert np.flatnonzero(chance > 0.9).tolist() == wrong
-    assert share == pytest.approx(4 / 200, abs=0.01)
+    assert share == pytest.approx(4 / 200, abs=0.015)
     # Bayes' rule with the share that was found and a second normal six times as wide
     narrow, wide = stats.norm.pdf(values[:, 0]), stats.norm.pdf(values[:, 0], scale=6.0)
     expected = share * wide / (share * wide + (1.0 - share) * narrow)
-    assert chance == pytest.approx(expected, rel=0.05, abs=1e-6)
+    # the shared error is known to 0.1 of a deviation, and a chance that is neither 0 nor 1 moves by
+    # as much
+    assert chance == pytest.approx(expected, rel=0.05, abs=1e-6 if not shared else 0.02)
 
 
 def test_the_p_value_of_a_gate_counts_the_data_as_one_draw_of_the_null(squared):

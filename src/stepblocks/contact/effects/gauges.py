@@ -50,7 +50,7 @@ GAUGE_LAWS = (
         "sensor_gain",
         "F_x -> G F_x",
         (_GAIN,),
-        description="the tangential gauge reads by ln G of",
+        description="the tangential gauge has another gain than stated: logarithm",
         how_to_decide="hang a known weight on the tangential gauge",
     ),
     _zero(
@@ -69,7 +69,7 @@ GAUGE_LAWS = (
         "normal_gain",
         "F_y shown times G",
         (_NORMAL_GAIN,),
-        description="the normal gauge reads by ln G of",
+        description="the normal gauge has another gain than stated: logarithm",
         how_to_decide="put a known weight on the normal gauge",
     ),
     _gauge(
@@ -118,7 +118,7 @@ GAUGE_LAWS = (
         "time shown times c: ring slower, decay longer, ramp softer",
         (_CLOCK,),
         rank=8,
-        description="the clock of the record runs by ln c of",
+        description="the clock of the record runs at another rate: logarithm",
         how_to_decide="record a signal of known frequency",
     ),
     _gauge(

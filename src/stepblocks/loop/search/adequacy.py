@@ -176,12 +176,13 @@ def rank_settings(
     order = _order_by_gain(gain)[:count]
     best = order[0]
     own = difference**2 / covariance[:, range(c), range(c)]
-    # of the best, after which the difference is expected to reach 12 (odds of 400 to 1)
+    # of the best, after which the difference is expected to reach 12 (odds of 400 to 1); none does
+    # where the unknown height of a block explains the difference as well
     reached = [
         difference[best] @ np.linalg.solve(covariance[best] / n + common[best], difference[best])
         for n in range(1, _MOST_REPEATS)
     ]
-    repeats = 1 + int(np.searchsorted(reached, 12.0))
+    repeats = 0 if max(reached) < 12.0 else 1 + int(np.searchsorted(reached, 12.0))
     return {
         "criterion": "T-optimality: expected difference of twice the log likelihood per trial",
         "trials": [
@@ -192,7 +193,7 @@ def rank_settings(
         "repeats": repeats,
         # of the intervals of its effects, as a share of now
         "width_after": _compute_width_after(
-            problem, first, grid.take(np.array([best])), covariance[best] / repeats
+            problem, first, grid.take(np.array([best])), covariance[best] / max(repeats, 1)
         ),
         "channel": problem.trials.channels[
             _order_by_gain(own[best])[0]

@@ -86,8 +86,13 @@ class Noise:
         return np.asarray(residual - shared[:, :, 0])
 
 
-def build_flexible_columns(trials: Trials, limit: float = 1.0 / 3.0) -> Floats:
-    """Regressors flexible enough to follow any smooth effect: their residual is scatter alone."""
+def build_flexible_columns(
+    trials: Trials, limit: float = 1.0 / 3.0, shared: Sequence[Systematic] = ()
+) -> Floats:
+    """Regressors flexible enough to follow any smooth effect: their residual is scatter alone.
+
+    What errors that trials share follow comes first: they are no scatter of each.
+    """
     n = len(trials)
     labels, inverse = np.unique(trials.block, return_inverse=True)
     first: list[Floats] = [np.ones(n)]
@@ -107,7 +112,8 @@ def build_flexible_columns(trials: Trials, limit: float = 1.0 / 3.0) -> Floats:
             )
             unit.append((ranked - ranked.mean()) / np.std(ranked))
     columns = [
-        *(*first, *unit, *(u**2 for u in unit)),
+        *(*first, *(one.column for one in shared if one.column.ndim == 1)),
+        *(*unit, *(u**2 for u in unit)),
         *(a * b for i, a in enumerate(unit) for b in unit[i + 1 :]),
         *(*(u**3 for u in unit), *(u**4 for u in unit)),
         *(a**2 * b for a in unit[:_INTERACTING] for b in unit if a is not b),
@@ -131,9 +137,11 @@ def _orthonormalise(columns: Sequence[Floats], most: int) -> Floats:
     return np.stack(kept, axis=1)
 
 
-def compute_flexible_residual(trials: Trials) -> tuple[Floats, int]:
+def compute_flexible_residual(
+    trials: Trials, shared: Sequence[Systematic] = ()
+) -> tuple[Floats, int]:
     """Return the residual about a flexible regression, shape (n, c), and its degrees of freedom."""
-    basis = build_flexible_columns(trials)
+    basis = build_flexible_columns(trials, shared=shared)
     residual = np.full(trials.values.shape, np.nan)
     for j in range(trials.values.shape[1]):
         rows = trials.seen[:, j]
