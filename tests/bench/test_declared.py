@@ -5,7 +5,7 @@ import pytest
 
 from oracles.virtual_bench import Bench
 from oracles.virtual_session import Plan, write_session
-from stepblocks.bench.measure import measure_session
+from stepblocks.bench.measure import measure_session, write_features
 from stepblocks.errors import BenchError, PipelineError
 
 CHANNELS = 'tangential = "fx_n", normal = "fy_n"'
@@ -46,11 +46,11 @@ def test_a_session_that_agrees_is_measured(session):
         (CHANNELS, 'tangential = "fy_n", normal = "fx_n"', "normal are exchanged"),
         ('"fx_n"', '{ column = "fx_n", factor = 3.0 }', "tangential.factor` is 3 times the right"),
         ('"fy_n"', '{ column = "fy_n", factor = 3.0 }', "normal force is 3 times the load"),
-        ("9810.0 N/m", "98100 N/m", "it is 10 times too large"),
+        ("9810.0 N/m", "98100 N/m", "one of them is 10 times the right one"),
         (
             "[stimuli]",
             '[trials.columns]\nspeed = { column = "speed_mm_s", unit = "m/s" }\n[stimuli]',
-            "`trials.columns.speed` is 1000 times too large",
+            "unit of `trials.columns.speed`, which is 1000 times the right one",
         ),
     ],
 )
@@ -60,6 +60,27 @@ def test_each_slip_is_refused_before_the_session_is_measured(session, old, new, 
     path.write_text(declared.replace(old, new))
     with pytest.raises(BenchError, match=slip):
         measure_session(folder, jobs=1)
+
+
+@pytest.mark.parametrize(
+    ("name", "slip"),
+    [
+        ("gain3", "tangential.factor` is 3 times the right one"),
+        ("k10", "`probe.spring_constant` is 98.1 N/mm: .* 10 times the right one"),
+        ("nofactor", "tangential.factor` must say what a volt is"),
+        ("rate10", r"increment of 50 us \(20000 Hz\), `acquisition.sample_rate` is 10000 Hz"),
+        ("signT", "sign of `acquisition.channels.tangential.factor` is reversed"),
+        ("speedm", "unit of `trials.columns.speed`, which is 1000 times the right one"),
+        ("swap", "tangential and normal are exchanged"),
+    ],
+)
+def test_each_slip_of_an_engineer_s_records_is_refused_and_no_table_is_written(
+    shared_bench, tmp_path, name, slip
+):
+    # the README of these records tells the slip of each
+    with pytest.raises(BenchError, match=slip):
+        write_features(shared_bench / "lab" / "slips" / name, tmp_path / "features.csv", jobs=1)
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_radius_that_the_labels_of_the_tips_contradict_is_refused_before_the_session(session):

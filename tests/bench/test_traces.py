@@ -213,6 +213,25 @@ def test_channels_of_different_length_are_truncated(tmp_path):
         read(tmp_path, "all.h5", channels='tangential = "x", normal = "y"')
 
 
+def test_of_a_record_the_declared_part_is_used_whenever_its_clock_begins(tmp_path):
+    # samples every 0.1 ms from 5 s on: from 20 ms after the first up to 45 ms
+    late = pd.DataFrame(COLUMNS).assign(t=TIME + 5.0)
+    late.to_csv(tmp_path / "run-2.csv", index=False, float_format="%.17g")
+    found = read(tmp_path, "run-{trial}.csv", extra='trim = ["20 ms", "45 ms"]')
+    kept = (TIME >= 20e-3 - 1e-9) & (TIME < 45e-3 - 1e-9)
+    assert 0 < kept.sum() < len(TIME)
+    assert len(found.time) == pytest.approx(kept.sum(), abs=1)
+    assert found.time[0] == pytest.approx(5.02, abs=1.1e-4)
+    first = int(np.argmin(np.abs(TIME + 5.0 - found.time[0])))
+    np.testing.assert_array_equal(found.tangential, COLUMNS["x"][first : first + len(found.time)])
+    np.testing.assert_array_equal(found.normal, COLUMNS["y"][first : first + len(found.time)])
+
+
+def test_a_part_that_ends_before_it_begins_is_refused(tmp_path):
+    with pytest.raises(BenchError, match=r"trim` must be two times, the first before the second"):
+        session(tmp_path, "run-{trial}.csv", extra='trim = ["2 s", "0.1 s"]')
+
+
 def test_a_trial_cannot_name_a_file_elsewhere(tmp_path):
     csv_file(tmp_path)
     with Traces(session(tmp_path, "run-{trial}.csv")) as source:

@@ -59,6 +59,15 @@ def test_a_byte_order_mark_spaces_empty_lines_and_quotes_are_read_over(tmp_path)
     assert (second.row, second.block) == (2, "b, worn")
 
 
+def test_remarks_in_a_log_are_skipped_and_a_trial_numbered_with_a_hash_is_none(tmp_path):
+    text = "# bench 2, week 34\ntrial,load_n\n1,0.5\n  # tip changed, new weights\n#2,0.8\n"
+    found = table(tmp_path, text)
+    assert [(trial.name, trial.load, trial.fault) for trial in found] == [
+        ("1", 0.5, ""),
+        ("#2", 0.8, ""),
+    ]
+
+
 def test_other_names_units_and_a_decimal_comma_are_declared(tmp_path):
     head = '[trials]\ndelimiter = ";"\ndecimal = ","\n[trials.columns]\ntrial = "run"\n'
     head += 'load = { column = "weight", unit = "kN" }\n'

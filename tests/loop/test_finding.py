@@ -1,6 +1,8 @@
 """One sentence opens result.json, report and terminal, and says no more than the verdict allows."""
 
+import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +12,13 @@ from oracles.features_file import features_of
 from oracles.virtual_bench import Bench
 from oracles.virtual_session import Plan, write_session
 from stepblocks.contact.effects.named import list_named_laws
-from stepblocks.loop.finding import describe_covariate, format_value, write_sentence
+from stepblocks.contact.effects.smooth import CovariateRange, list_smooth_laws
+from stepblocks.loop.finding import (
+    describe_covariate,
+    find_slope_unit,
+    format_value,
+    write_sentence,
+)
 from stepblocks.loop.run import analyse_features, loop_session
 from stepblocks.loop.search.explain import Rules, Verdict, explain
 from stepblocks.loop.search.holdout import check_claims
@@ -82,6 +90,34 @@ def test_the_channel_in_which_equal_trials_agree_better_than_a_law_is_named(worn
     assert judge().verdict is Verdict.UNEXPLAINED
     said = write_sentence(judge(), result.document)
     assert "as trials of equal settings agree better than it in decay of the ring" in said
+
+
+_WARMTH, _DAMP = CovariateRange("temperature_c", 18.0, 26.0), CovariateRange("humidity_pct", 40, 60)
+_SPEED = CovariateRange("speed_mm_s", 2.0, 20.0, log=True)
+
+
+@pytest.mark.parametrize(
+    ("where", "one", "other", "steps", "unit"),
+    [
+        (_WARMTH, 19.0, 22.0, 3.0, "1/K"),
+        (_SPEED, 4.0, 8.0, np.log(2.0), "1/ln speed_mm_s"),
+        (
+            CovariateRange("temperature_c * humidity_pct", pair=(_WARMTH, _DAMP)),
+            (22.0, 45.0),  # the middle of the temperatures: nothing
+            (24.0, 55.0),  # 2 K and 5 % from both middles
+            2.0 * 5.0,
+            "1/K 1/%",
+        ),
+    ],
+)
+def test_a_slope_is_told_per_unit_of_what_it_follows(where, one, other, steps, unit):
+    # origin: of ln mu = g + b x the line is b times the step in x
+    law = next(law for law in list_smooth_laws((where,)) if law.id.startswith("trend_friction"))
+    state = SimpleNamespace(friction=1.0, changed=lambda **slots: SimpleNamespace(**slots))
+    low, high = law.apply(state, np.array([one, other]), {"slope": 0.4}).friction
+    factor, shown = find_slope_unit(where)
+    assert shown == unit
+    assert 0.4 * factor * steps == pytest.approx(math.log(high / low))
 
 
 def test_what_an_effect_follows_is_said_in_words():

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from stepblocks.contact.effects.named import list_named_laws
+from stepblocks.contact.state import CHANNELS
 from stepblocks.declare import load_set
 from stepblocks.loop.bench_model import list_candidates, list_covariate_ranges
 from stepblocks.loop.result import propose_experiment, write_block_stimulus
@@ -46,6 +47,32 @@ def test_no_trial_is_asked_for_at_an_hour_that_has_gone(found):
     last = float(np.max(found.problem.trials.covariates["run_order"]))
     assert all(trial["run_order"] == last + 1.0 for trial in asked["trials"])
     assert asked["trials"] or "drag a fresh or cleaned block" in asked["calibration"][0]
+
+
+def test_only_what_the_bench_has_done_is_asked_for_and_only_where_the_tip_slips(found):
+    trials = found.problem.trials
+    asked = propose_experiment(found)["trials"]
+    claims = [
+        replace(found, findings=(replace(found.findings[0], effect=law, rivals=()),), extended=one)
+        for law in list_candidates(trials, list_covariate_ranges(trials))
+        if law.id in ("load_dependent_friction", "edge_rounding", "viscous_drag")
+        for one in [fit(found.problem, (law,), {})]
+    ]
+    for claim in claims:
+        asked = asked + propose_experiment(claim)["trials"]
+    assert len(asked) > 3 * len(claims)
+    for name in ("load_n", "speed_mm_s"):
+        assert {one[name] for one in asked} <= set(trials.covariates[name].tolist())
+    heights = trials.covariates["height_um"]
+    highest = float(np.nanmax(np.exp(trials.values[:, CHANNELS.index("ln_peak_force")])))
+    friction = found.extended.values["friction"]
+    for one in asked:
+        assert heights.min() <= one["height_um"] <= heights.max()
+        # origin: equations (1) and (2), F tan(a + atan mu), beside the force of sliding
+        angle = np.arccos(1.0 - one["height_um"] / 125.0) + np.arctan(friction)
+        pull = one["load_n"] * np.tan(angle)
+        assert angle < 0.5 * np.pi
+        assert 1.05 * friction * one["load_n"] < pull < 1.3 * highest
 
 
 def test_what_goes_with_a_rest_is_asked_for_right_after_one_and_at_the_longest_from_it(found):

@@ -24,8 +24,13 @@ def result(worn):
     return worn[2]
 
 
-def test_the_page_holds_every_claim_and_its_grounds(result):
-    page = render_loop_page(result)
+@pytest.fixture(scope="module")
+def rendered(result):
+    return render_loop_page(result)
+
+
+def test_the_page_holds_every_claim_and_its_grounds(rendered):
+    page = rendered
     for text in (
         "Verdict: <b>effect</b>",
         "Friction runs in",
@@ -46,6 +51,26 @@ def test_the_page_holds_every_claim_and_its_grounds(result):
     )
     # measured against predicted, residuals of three channels, one curve
     assert page.count("data:image/png;base64,") == 1 + 3 + 1
+
+
+def test_the_box_comes_first_and_then_what_is_left_of_each_trial_before_and_after(rendered):
+    page = rendered.split("<nav", 1)
+    assert page[0].index("Verdict:") < page[0].index("On the bench tomorrow")
+    assert "<img" not in page[0]
+    first = page[1].split("<figure>", 2)[1]
+    assert 'alt="residual of vibration energy"' in first
+    assert "by the nominal model" in first
+
+
+def test_trials_held_apart_stand_in_a_table_with_what_they_look_like(result):
+    rows = [{"trial": "5", "chance": 0.98, "looks_like": "let go early, at 60 % of the peak force"}]
+    page = render_loop_page(replace(result, document=result.document | {"apart": rows}))
+    part = page.split('<h2 id="apart">')[1].split("<h2")[0]
+    assert re.findall(r"<t[hd]>(.*?)</t[hd]>", part) == [
+        *("trial", "chance that it went wrong", "looks like"),
+        *("5", "0.98", "let go early, at 60 % of the peak force"),
+    ]
+    assert "Look at the records of the trials that were held apart" in page.split("<nav")[0]
 
 
 def test_what_a_law_follows_is_said_in_words_where_its_name_holds_a_column(result):

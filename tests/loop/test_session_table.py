@@ -111,6 +111,10 @@ def test_a_column_of_which_much_is_missing_is_one_of_labels(features):
         ({"speed_mm_s": np.nan}, "speed_mm_s must be a positive number"),
         ({"height_um": 125.0}, "the step is as high as the ball"),
         ({"tip": "tip-40"}, "the step is as high as the ball"),
+        # a record of a clipped converter once had a spring of 0.1 N/m
+        ({"spring_constant_n_per_m": 981.0}, "spring_constant_n_per_m is impossible: over 3 times"),
+        ({"spring_constant_n_per_m": 98100.0}, "spring_constant_n_per_m is impossible: over 3 tim"),
+        ({"normal_load_n": 0.1}, "normal_load_n is impossible: over 3 times off what is declared"),
         (
             {"peak_force_n": np.nan, "vibration_energy_j": np.nan},
             "neither a peak force nor a vibration energy",

@@ -77,7 +77,9 @@ def _polish(state):
             id="the tangential gauge shows F (1 - 0.035 F)",
         ),
         pytest.param(
-            _plant(lambda state: state.changed(normal_square=state.normal_square - 0.045), "sensor"),
+            _plant(
+                lambda state: state.changed(normal_square=state.normal_square - 0.045), "sensor"
+            ),
             "normal_not_linear",
             ("sensor", "none"),
             {"normal_square_per_n": -0.045},
@@ -85,7 +87,10 @@ def _polish(state):
             id="the normal gauge shows F (1 - 0.045 F)",
         ),
         pytest.param(
-            _plant(lambda state: state.changed(gauge_hysteresis=state.gauge_hysteresis + 0.015), "sensor"),
+            _plant(
+                lambda state: state.changed(gauge_hysteresis=state.gauge_hysteresis + 0.015),
+                "sensor",
+            ),
             "gauge_hysteresis",
             ("sensor", "none"),
             {"rayleigh_per_n": 0.015},
@@ -150,9 +155,7 @@ def _polish(state):
         ),
     ],
 )
-def test_a_cause_of_a_real_week_is_named_alone_and_taken_out(
-    planted, name, place, truth, falls
-):
+def test_a_cause_of_a_real_week_is_named_alone_and_taken_out(planted, name, place, truth, falls):
     columns = _DESIGN | {"previous_load_n": _BEFORE, "passes_of_block": _PASSES}
     trials = bench_trials(columns, _SEED, planted)
     found = explain(_MODEL, trials, _MODEL.candidates(trials), _RULES)

@@ -62,7 +62,7 @@ def check_declarations(traces: Traces, pilots: Sequence[tuple[Trial, Mapping[str
         if len(again) * 2 > min(len(pilots), _TRIED) and _is_plausible(
             *_compare_with_declared(session, again)
         ):
-            raise BenchError(f"{slip}: with it corrected the traces agree [{session.folder}]")
+            raise BenchError(f"{slip}: once corrected, the traces agree [{session.folder}]")
     if not enough:
         return
     spring, load, _ = _compare_with_declared(session, measured)
@@ -87,12 +87,12 @@ def _name_slip(
     as_is, divided = (_measure_misfit_of_blocks(session, measured, gain) for gain in (1.0, spring))
     if divided < _CLEARLY * as_is:
         return (
-            f"`acquisition.channels.tangential.factor` is {spring:.3g} times the right one (the "
-            "forces agree with the blocks when divided by it)"
+            f"`acquisition.channels.tangential.factor` is {spring:.3g} times the right one (forces "
+            f"divided by {spring:.3g} agree with the blocks)"
         )
     if abs(math.log10(spring)) > 2.0:
-        return f"`trials.columns.speed` is {times} times too large: correct its unit"
-    return f"it is {times} times too large, or `trials.columns.speed` is"
+        return f"correct the unit of `trials.columns.speed`, which is {times} times the right one"
+    return f"correct it, or `trials.columns.speed`: one of them is {times} times the right one"
 
 
 def _compare_with_declared(
