@@ -9,6 +9,7 @@ import pytest
 
 from stepblocks.figure_file import make_figure
 from stepblocks.loop import page
+from stepblocks.loop.finding import CHANNELS_IN_WORDS
 from stepblocks.loop.page import (
     _average_by_setting,
     _compute_change,
@@ -60,6 +61,19 @@ def test_the_box_comes_first_and_then_what_is_left_of_each_trial_before_and_afte
     first = page[1].split("<figure>", 2)[1]
     assert 'alt="residual of vibration energy"' in first
     assert "by the nominal model" in first
+
+
+def test_the_page_says_which_trial_and_which_channel_carry_an_effect_most(result, rendered):
+    evidence = result.document["effects"][0]["evidence"]
+    trial, channel = evidence["leading_trial"], evidence["leading_channel"]
+    assert 0.0 < trial["share_of_gain"] < 0.1
+    part = " ".join(rendered.split('<h2 id="effects">')[1].split("<h2")[0].split())
+    assert (
+        f"Of that rise {100.0 * trial['share_of_gain']:.0f} % are due to trial {trial['trial']}, "
+        "which has the largest share of all trials, and "
+        f"{100.0 * channel['share_of_gain']:.0f} % to the "
+        f"{CHANNELS_IN_WORDS[channel['channel']]}."
+    ) in part
 
 
 def test_trials_held_apart_stand_in_a_table_with_what_they_look_like(result):

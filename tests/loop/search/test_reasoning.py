@@ -69,6 +69,29 @@ def test_nothing_is_claimed_of_noise() -> None:
     assert verdicts.count(Verdict.NONE) >= 9
 
 
+@pytest.mark.parametrize("seed", [0, 1])
+def test_one_trial_carries_no_claim_and_is_named_with_its_share(seed: int) -> None:
+    # a line over w through one trial far out, which lies off by more than trials scatter
+    trials = toy_trials(120, seed)
+    w, values = trials.covariates["w"].copy(), trials.values.copy()
+    w[40] = 30.0
+    values[40] += [1.5, 3.0]
+    far = replace(trials, covariates=trials.covariates | {"w": w}, values=values)
+    laws = [replace(law, named=True) for law in toy_effects()]
+    found = explain(Toy(), far, laws, _RULES)
+    (finding,) = found.findings
+    assert found.verdict is finding.verdict is Verdict.UNEXPLAINED
+    assert finding.reason == "few trials carry it"
+    assert finding.leading_trial == (40, pytest.approx(1.0, abs=0.1))
+    # the same line through all of them is a law
+    slope = 0.3 * trials.covariates["w"][:, None] * [1.0, 2.0]
+    (finding,) = explain(
+        Toy(), replace(trials, values=trials.values + slope), laws, _RULES
+    ).findings
+    assert finding.verdict is Verdict.EFFECT
+    assert finding.leading_trial[1] < 0.1
+
+
 def test_an_effect_without_a_law_is_left_unexplained_at_its_place() -> None:
     trials = toy_trials(120, 2)
     shift = 0.4 * trials.covariates["w"]
