@@ -31,6 +31,10 @@ PLANTED = {
     "every-thirty": "friction 1 + 0.14 cos(2 pi n / 30) over the run",
     "two-days": "friction 1.2 times higher from trial 61 on",
     "warm-spring": "spring softens by 1.8 % per K",
+    "dwell": "nothing; the handle stands still for 80 ms after the set-down",
+    "clipped": "block SB050 2.48 um high; two records end at the rail of the converter",
+    "swapped": "friction falls by a quarter after a pause; rows 73 and 74 exchanged",
+    "gain": "tangential gain of 1.03, zeros certified",
 }
 # its bench let resting contacts creep
 WITHDRAWN = {"unexplained-b"}

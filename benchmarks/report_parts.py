@@ -374,7 +374,8 @@ PARTS = [
     ),
     Part(
         "loop-sessions",
-        "python benchmarks/known_sessions.py {shared}/bench {shared}/bench/taught",
+        "python benchmarks/known_sessions.py {shared}/bench {shared}/bench/taught "
+        "{shared}/bench/lab",
         {
             "session-blunt": (r"\| blunt \|.*? r = ([\d.]+ µm)", "{}"),
             "session-running-in": (r"\| unexplained-a \|.*? to settle (\S+) \(", "{}"),

@@ -135,7 +135,7 @@ def _format_finding(finding: ErrorDetails, name: str) -> list[str]:
             f"{name} must be lower-case words and digits joined by hyphens, "
             f"got {shorten_value(value)}"
         ]
-    text = finding["msg"]
+    text = finding["msg"].replace("a valid tuple", "a list in square brackets")
     return [f"{name}: {text[:1].lower()}{text[1:]}, got {shorten_value(value)}"]
 
 

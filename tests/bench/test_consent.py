@@ -96,8 +96,27 @@ def test_excluded_trials_are_left_out_and_change_no_other_row(whole, session):
     pd.testing.assert_frame_equal(after[~out][_MARKS], before[~out][_MARKS], rtol=0.01)
 
 
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("swap = [[1, 2], [2, 3]]", r"none of them in two pairs, got \[\[1, 2\], \[2, 3\]\]"),
+        ("swap = [[1, 1]]", r"must be pairs of two trials, none of them in two .* \[\[1, 1\]\]"),
+        ("swap = [1, 2]", "trials.swap.0: input should be a list in square brackets, got 1"),
+        ("exclude = 1", "trials.exclude: input should be a list in square brackets, got 1"),
+    ],
+)
+def test_an_exchange_in_which_no_trial_has_one_record_is_refused(session, line, said):
+    # of 1 with 2 and 2 with 3 the record of 2 stood for two trials, and that of 3 for none
+    _declare(session, line)
+    with pytest.raises(BenchError, match=said) as refused:
+        measure_session(session, jobs=1)
+    assert "session.toml" in str(refused.value)
+
+
 @pytest.mark.parametrize("line", ["exclude = [99]", "swap = [[1, 99]]"])
 def test_a_trial_that_the_table_does_not_hold_is_refused(session, line):
     _declare(session, line)
-    with pytest.raises(BenchError, match="must name trials of the table, got 99"):
+    with pytest.raises(
+        BenchError, match=r"must name trials of the table, got 99 \[.*session\.toml"
+    ):
         measure_session(session, jobs=1)

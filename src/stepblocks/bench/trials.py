@@ -187,9 +187,8 @@ def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> Tri
     ]
     if mistakes:
         raise BenchError(format_mistakes(mistakes, session.table))
-    key = found["trial"]
     count = 0
-    index = header.index(key)
+    index = header.index(found["trial"])
     homes: dict[
         str, tuple[int, int]
     ] = {}  # of a trial its first row, and what tells that from another
@@ -206,28 +205,38 @@ def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> Tri
                 (home, count), "duplicate: another row has this trial with other conditions"
             )
     BenchError.require(count != 0, f"table of trials has no rows [{session.table}]")
-    pairs = [
-        (_find_trial_name(one, homes), _find_trial_name(other, homes))
-        for one, other in session.trials.swap
-    ]
+    swap = session.trials.swap
+    swapped = {
+        _find_trial_name(one, homes, session): _find_trial_name(other, homes, session)
+        for one, other in (*swap, *(pair[::-1] for pair in swap))
+    }
+    BenchError.require(
+        len(swapped) == 2 * len(swap),
+        "`trials.swap` must be pairs of two trials, none of them in two pairs, got "
+        f"{[list(pair) for pair in swap]} [{session.folder}/session.toml]",
+    )
     return TrialTable(
         session,
         header,
-        key,
+        found["trial"],
         count,
         repeated,
-        excluded=frozenset(_find_trial_name(name, homes) for name in session.trials.exclude),
-        swapped=dict(pairs) | {other: one for one, other in pairs},
+        excluded=frozenset(
+            _find_trial_name(name, homes, session) for name in session.trials.exclude
+        ),
+        swapped=swapped,
     )
 
 
-def _find_trial_name(name: str | int, names: Mapping[str, object]) -> str:
+def _find_trial_name(name: str | int, names: Mapping[str, object], session: Session) -> str:
     # Find a trial of session.toml in the table, where 73 may be written 0073
     found = [
         one for one in names if one == str(name) or (one.isdigit() and one.lstrip("0") == str(name))
     ]
     BenchError.require(
-        found, f"`trials.exclude` and `trials.swap` must name trials of the table, got {name!r}"
+        found,
+        f"`trials.exclude` and `trials.swap` must name trials of the table, got {name!r} "
+        f"[{session.folder}/session.toml]",
     )
     return found[0]
 

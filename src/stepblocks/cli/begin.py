@@ -122,12 +122,13 @@ def _plan_session(
     found = rehearse_session(planned, rehearsals, make_progress("rehearsed", quiet=quiet, lines=10))
     _write_new(texts, force=force)
     return Outcome(
-        f"{folder}: {len(rows)} trials on {len(planned.blocks())} blocks; measure them, then "
+        f"{folder}: {len(rows)} trials on {len(planned.blocks())} blocks; drag them, then "
         f"run: {then}",
         {"nine sessions in ten would show": found["could_show"]},
         notes=[
             f"{found['verdicts'].count('none')} of {rehearsals} rehearsals without an effect end "
-            f"in none; {found['locked']} of {len(rows)} trials lock and give no trace"
+            f"in none, as all should; {found['locked']} of {len(rows)} trials lock and give no "
+            "trace"
         ],
         record={"written": list(map(str, texts)), "then": then, **found},
     )

@@ -204,8 +204,7 @@ def _list_censored(table: SessionTable, explanation: Explanation) -> dict[str, o
 
 
 def _list_detectable(explanation: Explanation) -> list[dict[str, object]]:
-    # List the smallest effect of each slot that the last gate would have let through nine times in
-    # ten.
+    # List the smallest effect of each slot that the last gate lets through nine times in ten
     trials = explanation.problem.trials
     laws = [
         law
@@ -216,16 +215,18 @@ def _list_detectable(explanation: Explanation) -> list[dict[str, object]]:
     entries: dict[str, dict[str, object]] = {}
     for law in (law for law in laws if np.isfinite(shown.get(law.id, np.nan))):
         (parameter,) = (p for p in law.parameters if p.name in law.amplitudes)
-        entry = {
-            "id": law.id,
-            "slot": law.slot,
-            "covariate": law.covariate,
-            "parameter": parameter.name,
-            "value": shown[law.id],
-            "unit": parameter.unit,
-            **dict.fromkeys(("text", "said"), law.id.replace("_", " ")),  # said until version 2
-        }
-        entries.setdefault(law.slot, entry)
+        entries.setdefault(
+            law.slot,
+            {
+                "id": law.id,
+                "slot": law.slot,
+                "covariate": law.covariate,
+                "parameter": parameter.name,
+                "value": shown[law.id],
+                "unit": parameter.unit,
+                **dict.fromkeys(("text", "said"), law.id.replace("_", " ")),  # until version 2
+            },
+        )
     return list(entries.values())
 
 
