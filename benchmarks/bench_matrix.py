@@ -192,8 +192,10 @@ def _days(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
 
 
 def _carry_over(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
-    changed = replace(plan, carry_over=_sign(random) * float(random.uniform(0.15, 0.3)))
-    return changed, ({("friction", "previous_load_n")}, {})
+    exponent = _sign(random) * float(random.uniform(0.15, 0.3))
+    truth = {"carried_over.exponent": exponent}
+    changed = replace(plan, carry_over=exponent)
+    return changed, ({("friction", "previous_load_n")}, truth)
 
 
 def _wet(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
@@ -204,13 +206,15 @@ def _wet(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
 
 def _soft(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
     softening = _sign(random) * float(random.uniform(0.015, 0.03))
-    return replace(plan, softening=softening), ({("stiffness", "temperature_c")}, {})
+    truth = {"softening_spring.softening_per_k": softening}
+    return replace(plan, softening=softening), ({("stiffness", "temperature_c")}, truth)
 
 
 def _hersey(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
     excess, number = float(random.uniform(0.5, 1.2)), float(random.uniform(4e-3, 12e-3))
     changed = replace(plan, hersey_excess=excess, hersey_number=number)
-    return changed, ({("friction", "speed_mm_s / load_n")}, {})
+    truth = {"hersey_friction.excess": excess, "hersey_friction.number": number}
+    return changed, ({("friction", "speed_mm_s / load_n")}, truth)
 
 
 def _polish(random: np.random.Generator, plan: Plan) -> tuple[Plan, Truth]:
