@@ -244,6 +244,9 @@ def test_what_raises_a_held_out_error_beyond_chance_is_not_delivered(
     )
     assert np.mean(extended[rows] ** 2) <= np.mean(nominal[rows] ** 2)
     assert [f.effect.id for f in delivered.findings] == ["square_of_z"] * (rise == 0.0)
+    # nor is a model called enough whose effects had to go
+    assert found.adequate
+    assert delivered.adequate is (rise == 0.0)
 
 
 def test_folds_cover_every_trial_once_and_every_block_in_each() -> None:
