@@ -67,8 +67,8 @@ def test_exchanged_rows_are_flagged_and_the_finding_says_what_swap_and_exclude_w
         assert shown == pytest.approx(features["load_n"][sum(pair) - row], rel=0.05)
         assert written == features["load_n"][row]
         assert said.endswith(
-            f"exchanged rows? with `swap = [[{names}]]` load and ramp agree, with "
-            f"`exclude = [{names}]` both stay out"
+            f"exchanged rows? in [trials] of session.toml `swap = [[{names}]]` makes load and ramp "
+            f"agree, `exclude = [{names}]` leaves both out"
         )
 
 

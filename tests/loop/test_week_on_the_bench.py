@@ -94,7 +94,7 @@ def _polish(state):
             "gauge_hysteresis",
             ("sensor", "none"),
             {"rayleigh_per_n": 0.015},
-            1.5,
+            1.3,
             id="the tangential gauge has hysteresis",
         ),
         pytest.param(

@@ -125,8 +125,8 @@ class LabelCheck:
                 both = ", ".join(self.trials[i] for i in at)
                 for row in couple:
                     found[row] += (
-                        f"; exchanged rows? with `swap = [[{both}]]` load and ramp agree, with "
-                        f"`exclude = [{both}]` both stay out"
+                        f"; exchanged rows? in [trials] of session.toml `swap = [[{both}]]` makes "
+                        f"load and ramp agree, `exclude = [{both}]` leaves both out"
                     )
         return found
 

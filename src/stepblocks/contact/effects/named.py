@@ -235,7 +235,7 @@ _FRICTION = (
                 5.0,
                 0.5,
                 "trials_since_rest",
-                "is another after a rest",
+                "differs after a rest",
                 "repeat one trial before and after a rest",
             ),
         )
