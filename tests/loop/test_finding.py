@@ -22,6 +22,7 @@ from stepblocks.loop.finding import (
 from stepblocks.loop.run import analyse_features, loop_session
 from stepblocks.loop.search.explain import Rules, Verdict, explain
 from stepblocks.loop.search.holdout import check_claims
+from stepblocks.loop.search.structure import Hint
 from stepblocks.loop.session_table import build_session_table
 
 
@@ -73,6 +74,17 @@ def test_what_is_held_unexplained_says_why(worn):
     doubted = replace(finding, verdict=Verdict.UNEXPLAINED, reason="few trials carry it")
     said = write_sentence(replace(whole, findings=(doubted,)), result.document)
     assert "riction follows the order of the run, no law claimed: few trials carry it" in said
+    # a reason that opens the sentence is not said again with each effect, nor an effect twice
+    hint = Hint("stick-slip", "friction", 0.0, "the tip sticks")
+    stuck = replace(finding, verdict=Verdict.UNEXPLAINED, reason=hint.sentence)
+    twice = replace(
+        result.found, verdict=Verdict.UNEXPLAINED, findings=(stuck, stuck), hints=(hint,)
+    )
+    effects = result.document["effects"] * 2
+    said = write_sentence(twice, result.document | {"effects": effects})
+    parts = said.split("; ")
+    assert parts[:2] == ["The tip sticks", "friction follows the order of the run, no law claimed"]
+    assert said.count("friction follows") == 1
 
 
 def test_the_channel_in_which_equal_trials_agree_better_than_a_law_is_named(worn):

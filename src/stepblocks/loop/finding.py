@@ -1,6 +1,7 @@
 """The finding in one sentence, as a terminal, a report and result.json open with it."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -120,9 +121,9 @@ def write_sentence(explanation: Explanation, document: Document) -> str:
             f"No effect beyond noise was found{shown}; error of E_v "
             f"{errors['before']}, noise {errors['noise']}"
         )
-    parts = [hint.sentence for hint in explanation.hints]
-    parts += [
-        _describe_finding(f, entry)
+    told = [hint.sentence for hint in explanation.hints]
+    parts = told + [
+        _describe_finding(f, entry, told)
         for f, entry in zip(explanation.findings, document["effects"], strict=True)
     ]
     if explanation.verdict is Verdict.UNEXPLAINED and explanation.reason not in (
@@ -134,7 +135,7 @@ def write_sentence(explanation: Explanation, document: Document) -> str:
     if any(hint.kind != "stick-slip" for hint in explanation.hints):
         parts.append("write down what differs between these trials")
     text = (
-        "; ".join(parts) or "The trials differ by more than noise would do, and no law is claimed"
+        "; ".join(dict.fromkeys(parts)) or "The trials differ by more than noise would do, and no law is claimed"
     )
     change = (
         f"{errors['before']} -> {errors['after']} on new trials, "
@@ -164,14 +165,15 @@ def format_errors(document: Document) -> dict[str, str]:
     }
 
 
-def _describe_finding(finding: Finding, entry: Document) -> str:
+def _describe_finding(finding: Finding, entry: Document, told: Sequence[str]) -> str:
+    # `told` is what the sentence has said before
     law = finding.effect
     name = "" if finding.verdict is Verdict.UNEXPLAINED else law.description
     if not name:
         along = {"none": "is another", "block": "differs by block"}.get(
             law.covariate, f"follows {describe_covariate(law.covariate)}"
         )
-        why = f": {finding.reason}" if finding.reason else ""
+        why = f": {finding.reason}" if finding.reason not in ("", *told) else ""
         return f"{law.slot.replace('_', ' ')} {along}, no law claimed{why}"
     figures = [
         f"{key[key.index('[') + 1 : -1] + ' ' if '[' in key else ''}"
