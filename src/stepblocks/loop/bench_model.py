@@ -36,6 +36,7 @@ _COMMON = {
 }
 
 _SET = ("height_um", "load_n", "speed_mm_s", "run_order", PEAK_FORCE, SPEED_OVER_LOAD)
+_MIDDLE = 0.2  # deviations of a covariate, by which the middle may be another
 _INTERACTING = 3  # readings of the surroundings that are asked for pair by pair
 _SHARP = 1.5e-6  # m, an edge that a scan shows to be no rounder
 # of the criterion: rounded edges in the scans decide among laws that explain the trials as well,
@@ -154,17 +155,19 @@ class SessionModel:
             _standardise(np.log(column)) for column in (design.height, design.load, design.speed)
         )
         columns = (height, load, speed, height**2, height * load, load * speed, height * speed)
+        # about which middle they change nobody knows, nor what it is without some of the trials
+        middle = np.full(len(trials), _MIDDLE)
         # each is a share of what is evaluated, and the slope of the ramp alone is no logarithm
         return [
             Systematic(
                 channel,
                 column * np.nan_to_num(trials.values[:, trials.channels.index(channel)], nan=1.0)
-                if channel == "spring_constant"
+                if channel == "spring_constant" and np.ptp(column) > 0.0
                 else column,
                 _COMMON[channel],
             )
             for channel in CHANNELS
-            for column in columns
+            for column in (*columns, middle)
             if channel in trials.channels and np.any(column)
         ]
 

@@ -135,7 +135,8 @@ def write_sentence(explanation: Explanation, document: Document) -> str:
     if any(hint.kind != "stick-slip" for hint in explanation.hints):
         parts.append("write down what differs between these trials")
     text = (
-        "; ".join(dict.fromkeys(parts)) or "The trials differ by more than noise would do, and no law is claimed"
+        "; ".join(dict.fromkeys(parts))
+        or "The trials differ by more than noise would do, and no law is claimed"
     )
     change = (
         f"{errors['before']} -> {errors['after']} on new trials, "

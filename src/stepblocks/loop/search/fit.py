@@ -26,6 +26,9 @@ from stepblocks.loop.search.noise import (
 # of differences, in units of a parameter's scale: an integrated motion is smooth to some 1e-4 of ln
 # E_v and no better
 STEP = 1e-3
+# of the precision of each value: its scatter must fall by a fifth for errors to count as shared,
+# which elsewhere may be what a model of another contact misses
+_PLAINLY = 0.5
 _HOPELESS = 0.4  # share of a leader's gain that a fit may find over its first order
 _SURPRISE = 30.0  # gain beside that share, likewise
 _PATIENCE = 3  # steps, after which a fit has shown how far it is from its first order
@@ -53,14 +56,25 @@ class Problem:
         """Take the scatter about a fitted model where it is below what trials show without one."""
         residual = np.where(self.trials.seen, self.trials.values - fitted.predicted, np.nan)
         responses = self.model.responses(self.trials, fitted.values, fitted.active)
-        plain = build_noise(
-            self.trials,
-            [*self.model.systematics(self.trials), *self.common],
-            responses,
-            estimate_scatter(residual, self.trials.std, responses, fitted.count_freedom()),
+        systematics = [*self.model.systematics(self.trials), *self.common]
+        # what trials share is no scatter of each, but what a model misses may pass for it
+        taken = self.noise.basis**2 @ (1.0 - self.noise.shrink**2)
+        plain, alone = (
+            build_noise(
+                self.trials,
+                systematics,
+                responses,
+                estimate_scatter(left, self.trials.std, responses, fitted.count_freedom(beside)),
+            )
+            for left, beside in (
+                (residual, 0.0),
+                (self.noise.subtract_shared(residual), taken),
+            )
         )
-        free = _build_noise_without_model(self.model, self.trials, responses, self.common)
-        return replace(self, noise=max(free, plain, key=lambda one: one.precision))
+        free = _build_noise_without_model(self.model, self.trials, responses, systematics)
+        known = max(free, plain, key=lambda one: one.precision)
+        plainly = alone.precision > known.precision + _PLAINLY * self.trials.seen.sum()
+        return replace(self, noise=alone if plainly else known)
 
     def add_shared_errors(self, common: Sequence[Systematic], fitted: "Fit") -> "Problem":
         """Return the same with errors that trials share in the noise."""
@@ -134,13 +148,14 @@ class Fit:
         """Effects with their fitted values."""
         return [(e, e.pick_own_values(self.values)) for e in self.effects]
 
-    def count_freedom(self) -> int:
+    def count_freedom(self, beside: float | Floats = 0.0) -> int:
         """Count the trials less what the fit took of the channel that gave most, by leverage.
 
-        What is known beforehand takes none: heights from scans hardly follow their trials.
+        `beside` is that of what was taken out beside the fit, shape (n c,). What is known
+        beforehand takes none: heights from scans hardly follow their trials.
         """
         left, _ = np.linalg.qr(self.jacobian)
-        leverage = np.sum(left[: self.residual.size] ** 2, axis=1)
+        leverage = np.sum(left[: self.residual.size] ** 2, axis=1) + beside
         free = len(self.predicted) - float(leverage.reshape(self.predicted.shape).sum(axis=0).max())
         return max(round(free), len(self.predicted) // 2)
 
@@ -307,11 +322,14 @@ def build_problem(model: ForwardModel, trials: Trials) -> Problem:
     PipelineError.require(
         len(trials) >= 12, f"trials must be at least 12 to be explained, got {len(trials)}"
     )
+    systematics = model.systematics(trials)
     start = {p.name: p.start for p in model.parameters(trials)}
     for _ in range(2):
         # the responses depend on the constants, the constants a little on the weights
         responses = model.responses(trials, start)
-        problem = Problem(model, trials, _build_noise_without_model(model, trials, responses))
+        problem = Problem(
+            model, trials, _build_noise_without_model(model, trials, responses, systematics)
+        )
         fitted = fit(problem)
         start = fitted.values
     # without room for the specimens the regression follows no height, and takes it for scatter
@@ -320,11 +338,10 @@ def build_problem(model: ForwardModel, trials: Trials) -> Problem:
 
 
 def _build_noise_without_model(
-    model: ForwardModel, trials: Trials, responses: Floats, common: Sequence[Systematic] = ()
+    model: ForwardModel, trials: Trials, responses: Floats, systematics: Sequence[Systematic]
 ) -> Noise:
     # Replicates hold a drift between them, a flexible regression what it cannot follow: each
     # scatter is the less of both
-    systematics = [*model.systematics(trials), *common]
     informed = (
         compute_flexible_residual(trials, systematics),
         compute_replicate_residual(trials, model.cells(trials)),
