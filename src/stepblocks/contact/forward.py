@@ -152,9 +152,8 @@ def list_constants(
     ]
     for block in np.unique(design.block).tolist():
         nominal = float(design.height[design.block == block][0])
-        start, spread = 0.0, height_std
-        if scanned and block in scanned:
-            start, spread = scanned[block][0] - nominal, max(scanned[block][1], 0.1e-6)
+        known, spread = (scanned or {}).get(block, (nominal, height_std))
+        start = known - nominal
         # the bounds keep a step a step
         reach = min(12.0 * height_std, 0.8 * nominal)
         found.append(
@@ -165,7 +164,7 @@ def list_constants(
                 start - reach,
                 start + reach,
                 0.3e-6,
-                spread,
+                max(spread, 0.1e-6),
                 block,
             )
         )

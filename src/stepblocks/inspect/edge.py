@@ -140,9 +140,11 @@ def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> 
     # edge is rounded by default.
     own, rising, x, z, middle = _isolate_largest_edge(position, height)
     spacing = (x[-1] - x[0]) / (len(x) - 1)
-    half_width = exclusion
-    if half_width is None:
-        half_width = min(_LEAST_EXCLUSION * spacing, min(middle - x[0], x[-1] - middle) / 3.0)
+    half_width = (
+        min(_LEAST_EXCLUSION * spacing, min(middle - x[0], x[-1] - middle) / 3.0)
+        if exclusion is None
+        else exclusion
+    )
     faces = _fit_faces(x, z, middle, half_width)
     if (
         exclusion is None

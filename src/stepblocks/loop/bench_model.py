@@ -148,16 +148,15 @@ class SessionModel:
     def systematics(self, trials: Trials) -> list[Systematic]:
         """Errors that the evaluation of traces may share among trials.
 
-        Along height, load, speed and their squares.
+        A constant, and along height, load, speed, a square and products of them.
         """
         design = _find_design(trials, self.tool.stiffness, self.laws)
         height, load, speed = (
             _standardise(np.log(column)) for column in (design.height, design.load, design.speed)
         )
         columns = (height, load, speed, height**2, height * load, load * speed, height * speed)
-        # about which middle they change nobody knows, nor what it is without some of the trials
-        middle = np.full(len(trials), _MIDDLE)
-        # each is a share of what is evaluated, and the slope of the ramp alone is no logarithm
+        # each is a share of what is evaluated, and the slope of the ramp alone is no logarithm;
+        # about which middle they change nobody knows, and it is another without some of the trials
         return [
             Systematic(
                 channel,
@@ -167,7 +166,7 @@ class SessionModel:
                 _COMMON[channel],
             )
             for channel in CHANNELS
-            for column in (*columns, middle)
+            for column in (*columns, np.full(len(trials), _MIDDLE))
             if channel in trials.channels and np.any(column)
         ]
 

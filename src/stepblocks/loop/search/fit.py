@@ -58,7 +58,6 @@ class Problem:
         responses = self.model.responses(self.trials, fitted.values, fitted.active)
         systematics = [*self.model.systematics(self.trials), *self.common]
         # what trials share is no scatter of each, but what a model misses may pass for it
-        taken = self.noise.basis**2 @ (1.0 - self.noise.shrink**2)
         plain, alone = (
             build_noise(
                 self.trials,
@@ -68,11 +67,17 @@ class Problem:
             )
             for left, beside in (
                 (residual, 0.0),
-                (self.noise.subtract_shared(residual), taken),
+                (
+                    self.noise.subtract_shared(residual),
+                    self.noise.basis**2 @ (1.0 - self.noise.shrink**2),
+                ),
             )
         )
-        free = _build_noise_without_model(self.model, self.trials, responses, systematics)
-        known = max(free, plain, key=lambda one: one.precision)
+        known = max(
+            _build_noise_without_model(self.model, self.trials, responses, systematics),
+            plain,
+            key=lambda one: one.precision,
+        )
         plainly = alone.precision > known.precision + _PLAINLY * self.trials.seen.sum()
         return replace(self, noise=alone if plainly else known)
 

@@ -30,10 +30,11 @@ def find_bad_trials(problem: Problem, fitted: Fit) -> tuple[Floats, float]:
         Estimated share of the wide component.
     """
     trials, factors = problem.trials, problem.noise.factors
-    difference = np.where(trials.seen, trials.values - fitted.predicted, 0.0)
     # what trials share makes none of them a bad one
-    own = problem.noise.subtract_shared(difference)
-    square = np.sum(np.einsum("nij,nj->ni", factors, own) ** 2, axis=1)
+    difference = problem.noise.subtract_shared(
+        np.where(trials.seen, trials.values - fitted.predicted, 0.0)
+    )
+    square = np.sum(np.einsum("nij,nj->ni", factors, difference) ** 2, axis=1)
     freedom = trials.seen.sum(axis=1)
     known = freedom > 0
     # bad trials have widened the scatter that the noise was built from
