@@ -120,7 +120,8 @@ def test_scans_speak_for_rounded_edges_and_for_nothing_else(trials):
 def test_common_errors_run_along_the_settings_and_have_unit_spread(trials):
     found = _MODEL.systematics(trials)
     assert {term.channel for term in found} == set(CHANNELS)
-    assert len(found) == 7 * len(CHANNELS)
+    # and a constant of those that no constant of the model levels
+    assert len(found) == 7 * len(CHANNELS) + 3
     first = found[0]
     assert np.std(first.column) == pytest.approx(1.0)
     assert (
@@ -172,7 +173,19 @@ def test_what_the_damper_takes_of_the_pull_is_open_between_nothing_and_all_of_it
 def test_a_setting_that_never_changed_has_no_common_error(trials):
     still = trials.covariates | {"speed_mm_s": np.full(len(trials), 5.0)}
     same = type(trials)(still, trials.channels, trials.values, trials.std, trials.block)
-    assert len(_MODEL.systematics(same)) == 4 * len(CHANNELS)
+    assert len(_MODEL.systematics(same)) == 4 * len(CHANNELS) + 3
+
+
+def test_a_shared_error_along_the_height_stays_one_where_some_trials_are_left_out(trials):
+    # along the height of all trials, and seen by the half with the lowest steps
+    along = _MODEL.systematics(trials)[-8]
+    assert along.channel == "normal_load_ratio"
+    low = np.argsort(along.column, kind="stable")[: len(trials) // 2]
+    terms = [t for t in _MODEL.systematics(trials.take(low)) if t.channel == "normal_load_ratio"]
+    basis = np.stack([t.column for t in terms], axis=1)
+    left = along.column[low] - basis @ np.linalg.lstsq(basis, along.column[low], rcond=None)[0]
+    # origin: a straight line about another middle is that line and a constant
+    assert np.abs(left).max() < 1e-9
 
 
 def test_the_model_predicts_what_the_bench_shows_without_scatter():

@@ -36,7 +36,9 @@ _COMMON = {
 }
 
 _SET = ("height_um", "load_n", "speed_mm_s", "run_order", PEAK_FORCE, SPEED_OVER_LOAD)
-_MIDDLE = 0.2  # deviations of a covariate, by which the middle may be another
+# deviations of a covariate, by which the middle of such errors may be another, of channels that no
+# constant of the model levels
+_MIDDLE = {"ln_peak_force": 0.2, "sliding_friction": 0.2, "normal_load_ratio": 0.2}
 _INTERACTING = 3  # readings of the surroundings that are asked for pair by pair
 _SHARP = 1.5e-6  # m, an edge that a scan shows to be no rounder
 # of the criterion: rounded edges in the scans decide among laws that explain the trials as well,
@@ -161,12 +163,12 @@ class SessionModel:
             Systematic(
                 channel,
                 column * np.nan_to_num(trials.values[:, trials.channels.index(channel)], nan=1.0)
-                if channel == "spring_constant" and np.ptp(column) > 0.0
+                if channel == "spring_constant"
                 else column,
                 _COMMON[channel],
             )
             for channel in CHANNELS
-            for column in (*columns, np.full(len(trials), _MIDDLE))
+            for column in (*columns, np.full(len(trials), _MIDDLE.get(channel, 0.0)))
             if channel in trials.channels and np.any(column)
         ]
 
