@@ -92,6 +92,14 @@ def test_one_trial_carries_no_claim_and_is_named_with_its_share(seed: int) -> No
     assert finding.leading_trial[1] < 0.1
 
 
+def test_a_law_that_is_the_only_one_asked_about_is_claimed_as_beside_others() -> None:
+    # without another candidate nothing says what a gate needs: "few trials carry it" held of any
+    trials = toy_trials(120, 1, square=0.5)
+    found = [explain(Toy(), trials, laws, _RULES) for laws in (toy_effects()[:1], toy_effects())]
+    assert [one.verdict for one in found] == [Verdict.EFFECT] * 2
+    assert found[0].extended.values == found[1].extended.values
+
+
 def test_an_effect_without_a_law_is_left_unexplained_at_its_place() -> None:
     trials = toy_trials(120, 2)
     shift = 0.4 * trials.covariates["w"]

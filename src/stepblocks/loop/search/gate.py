@@ -192,7 +192,8 @@ def score_candidates(
     known = build_tangent_basis(base)
     directions = compute_directions(problem, base, effects, known)
     if not directions:
-        return Gate(1.0, ())
+        # what would open the gate of one candidate
+        return Gate(1.0, (), float(stats.chi2.isf(alpha, 1)))
     observed = np.concatenate([base.residual, base.departure])
     observed -= known @ (known.T @ observed)
     dof = float(max(problem.noise.scatter.dof, 4))
