@@ -102,8 +102,10 @@ def _rms(errors: Floats) -> float:
     return float(np.sqrt(np.mean(errors**2)))
 
 
-def _say(name: str, found: Explanation, held: Trials, published: Floats, unit: str) -> None:
-    """Print what was found, and the errors of nominal, extended and published model."""
+def _say(
+    name: str, nominal: str, found: Explanation, held: Trials, published: Floats, unit: str
+) -> str:
+    """Print what was found; return the errors of nominal, extended and published model as a row."""
     model, value = found.problem.model, held.values[:, 0]
     starts = {p.name: p.start for p in model.parameters(held)}
     before, after = (
@@ -119,13 +121,16 @@ def _say(name: str, found: Explanation, held: Trials, published: Floats, unit: s
         figures = ", ".join(f"{key} {own[key]:.4g} +- {1.96 * std[key]:.2g}" for key in own)
         rivals = ", ".join(law.id for law, _, _ in finding.rivals)
         print(f"  {finding.effect.id} ({finding.verdict}): {figures}; rivals: {rivals or 'none'}")
-    print(
-        f"  error of what was held out: nominal {before:.4g}, extended {after:.4g}, "
-        f"published {_rms(value - published):.4g} {unit}"
+    lacks = "; ".join(
+        f"{one.effect.id} ({one.verdict})".replace("_", " ") for one in found.findings
     )
+    errors = " | ".join(
+        f"{one:.3g} {unit}".strip() for one in (before, after, _rms(value - published))
+    )
+    return f"| {name} | {nominal} | {lacks or '-'} | {errors} |"
 
 
-def explain_rack(path: Path) -> None:
+def explain_rack(path: Path) -> str:
     """Friction of a rack and pinion: dry and viscous friction, and what these two leave."""
     record = {k: v.ravel() for k, v in loadmat(path).items() if not k.startswith("__")}
     rows = np.flatnonzero(record["v"] > 1e-3)[::_STRIDE]
@@ -160,7 +165,8 @@ def explain_rack(path: Path) -> None:
     held, (dry, viscous, most, speed) = every.take(~learnt), record["p"]
     v = held.covariates["v"]
     stribeck = v * (most - dry) * np.e / speed * np.exp(-v / speed)
-    _say("rack and pinion", found, held, dry + viscous * v + stribeck, "N")
+    shown = dry + viscous * v + stribeck
+    return _say("rack and pinion", "dry and viscous friction", found, held, shown, "N")
 
 
 def _read_axis(path: Path) -> Trials:
@@ -178,7 +184,7 @@ def _read_axis(path: Path) -> Trials:
     return Trials(columns, ("force_n",), shown[:, None], error, np.array([""] * len(x)))
 
 
-def explain_axis(learnt: Path, held_out: Path) -> None:
+def explain_axis(learnt: Path, held_out: Path) -> str:
     """Explain a positioning axis: mass and viscous friction, and what these two leave."""
     train, held = _read_axis(learnt), _read_axis(held_out)
     speeds = (0.005, 0.02, 0.06)
@@ -194,7 +200,8 @@ def explain_axis(learnt: Path, held_out: Path) -> None:
     found = explain(Line(("a", "v")), train, laws)
     v, a = held.covariates["v"], held.covariates["a"]
     published = 95.1089 * a + 203.5034 * v + 20.3935 * np.sign(v) - 3.1648
-    _say("positioning axis", found, held, published, "N")
+    lines = "mass, viscous friction, offset"
+    return _say("positioning axis", lines, found, held, published, "N")
 
 
 def _settle(slip: Floats, direct: float, evolved: float, length: float) -> Floats:
@@ -202,7 +209,7 @@ def _settle(slip: Floats, direct: float, evolved: float, length: float) -> Float
     return np.where(slip > 0.0, direct - evolved * -np.expm1(-np.maximum(slip, 0.0) / length), 0.0)
 
 
-def explain_gouge(path: Path) -> None:
+def explain_gouge(path: Path) -> str:
     """Friction of gouge whose speed is stepped: a level and a trend over slip, and what is left."""
     time, place, friction, _ = np.loadtxt(path, skiprows=1).T
     speed = np.gradient(place, time)
@@ -266,7 +273,9 @@ def explain_gouge(path: Path) -> None:
     )
     a, b, length = numbers[2:].tolist()
     print(f"speed times {fast / slow:.3g}; rate and state: a {a:.4f}, b {b:.4f}, {length:.4g} um")
-    _say(path.stem, found, held, publish(held.covariates["slip_um"], *numbers), "")
+    shown = publish(held.covariates["slip_um"], *numbers)
+    name = path.stem.split("_")[-1]
+    return _say(f"gouge of {name}", "level and trend over slip", found, held, shown, "")
 
 
 def main() -> None:
@@ -274,13 +283,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     folder = parser.parse_args().folder
+    rows = []
     if (rack := folder / "sample_workspace_4.mat").is_file():
-        explain_rack(rack)
+        rows.append(explain_rack(rack))
     axis = folder / "DATA_EMPS.mat", folder / "DATA_EMPS_PULSES.mat"
     if all(path.is_file() for path in axis):
-        explain_axis(*axis)
-    for path in sorted(folder.glob("velstep*.txt")):
-        explain_gouge(path)
+        rows.append(explain_axis(*axis))
+    rows += map(explain_gouge, sorted(folder.glob("velstep*.txt")))
+    print("\nRoot mean square error of what was held out:\n")
+    print("| record | nominal model | it lacks | nominal | extended | published |")
+    print("|---|---|---|---|---|---|")
+    print(*rows, sep="\n")
 
 
 if __name__ == "__main__":

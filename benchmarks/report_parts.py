@@ -383,6 +383,23 @@ PARTS = [
         30,
     ),
     Part(
+        "public-records",
+        "python benchmarks/public_records.py {shared}/public",  # files of others: see its docstring
+        {
+            f"public-{name}": (
+                rf"\| {record} \|.*\| (\S+)(?: N)? \| (\S+)(?: N)? \| (\S+)(?: N)? \|",
+                "{} -> {}, published {}",
+            )
+            for name, record in (
+                ("rack", "rack and pinion"),
+                ("axis", "positioning axis"),
+                ("sepiolite", "gouge of sepiolite"),
+                ("basalt", "gouge of basalt"),
+            )
+        },
+        optional=frozenset({"public-rack", "public-axis", "public-sepiolite", "public-basalt"}),
+    ),
+    Part(
         "loop-reasoning",
         "python benchmarks/closure_confusion.py named --sessions 5 --trials 240 && "
         "python benchmarks/closure_confusion.py null --sessions 60",
