@@ -141,10 +141,25 @@ def test_one_run_holds_an_output_folder_and_a_second_is_refused(command, tmp_pat
     name = "loop" if command == "several" else command
     with lock_folder(output):
         assert main([name, *files[command], "-o", str(output)]) == 2
+        assert names(output) == []
     said = capsys.readouterr().err
     assert "another run is writing into this folder" in said
     assert str(output) in said
-    assert names(output) == []
+
+
+def test_a_run_that_is_refused_leaves_no_folder_that_was_not_there(tmp_path):
+    for there in (False, True):
+        output = tmp_path / "out"
+        if there:
+            output.mkdir()
+
+        def refuse(output=output):
+            with lock_folder(output):
+                raise PipelineError("k is ten times too large")
+
+        with pytest.raises(PipelineError, match="ten times"):
+            refuse()
+        assert output.exists() == there
 
 
 def test_what_is_renamed_has_reached_the_disk(tmp_path, monkeypatch):

@@ -105,12 +105,16 @@ def lock_folder(folder: Path) -> Iterator[None]:
 
     The lock ends with its process, and the drafts of a process that ended are removed.
     """
+    made = not folder.exists()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         number = os.open(folder, os.O_RDONLY)
     except OSError as error:
-        what = "a file is there" if isinstance(error, FileExistsError) else error.strerror
-        raise PipelineError(f"the output folder cannot be made: {what} [{folder}]") from error
+        raise PipelineError(
+            "the output folder cannot be made: "
+            f"{'a file is there' if isinstance(error, FileExistsError) else error.strerror} "
+            f"[{folder}]"
+        ) from error
     try:
         with suppress(OSError):  # a file system without locks: drafts are unique all the same
             try:
@@ -125,6 +129,9 @@ def lock_folder(folder: Path) -> Iterator[None]:
     finally:
         _remove_stale_drafts(folder)
         os.close(number)
+        if made:
+            with suppress(OSError):  # something was written
+                folder.rmdir()
 
 
 def resolve_inside(folder: Path, name: str) -> Path | None:

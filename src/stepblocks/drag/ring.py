@@ -167,8 +167,7 @@ def compute_phase_spectrum(
     before = trace.events[trace.asked - 1].released_s if trace.asked > 0 else -math.inf
     loading = (time < trace.release_time) & (time > before)
     end = min(begin + _PAPER_RING, math.nextafter(float(cut.column("time_s")[-1]), math.inf))
-    ringing = (time >= begin) & (time < end)
-    part = values[loading if phase == "loading" else ringing]
+    part = values[loading if phase == "loading" else (time >= begin) & (time < end)]
     ContactError.require(
         part.size >= 16, f"the {phase} phase has {part.size} samples, at least 16 are needed"
     )

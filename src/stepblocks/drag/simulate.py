@@ -301,8 +301,7 @@ def _list_events(
         n = int(row[0])
         pull, time, low, low_time, behind = row[[1, 2, 4, 5, 6]].tolist()
         # a spring that pulls less than the force of sliding, `level`, has lifted nothing
-        caught = pull - low > rises[n] and pull > level
-        of_elastic_tip = "releases" if caught else "run-over"
+        of_elastic_tip = "releases" if pull - low > rises[n] and pull > level else "run-over"
         yield DragEvent(
             place=n,
             status="locked" if math.isinf(needed[n]) else of_elastic_tip,

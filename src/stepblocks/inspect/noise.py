@@ -181,8 +181,7 @@ def estimate_of_rows(weights: Iterable[Array], residuals: Array, used: Mask) -> 
 
     Each of `weights` covers as many whole rows as it has, and holds what their lines take away.
     """
-    lags = _Lags(residuals.shape)
-    gamma, taper = _estimate_lags(lags, residuals, used)[1:]
+    gamma, taper = _estimate_lags(_Lags(residuals.shape), residuals, used)[1:]
     # the two columns of its line take from each row the mean power of two frequencies along it
     share = 2.0 * len(residuals) / float(used.sum())
     power, width = (
