@@ -122,7 +122,7 @@ def test_the_box_says_the_interval_that_the_next_trials_are_expected_to_leave(re
     box = " ".join(page.split('class="box"')[1].split("</section>")[0].split())
     # origin: a quarter of 0.2 either side of 0.5
     assert "2 such trials confirm" in box
-    assert "Its size is then expected between 0.450 and 0.550 (0.300 to 0.700 now)." in box
+    assert "interval of its size is then expected to be 0.450 to 0.550 (0.300 to 0.700 now)." in box
     for repeats, said in (
         (0, "Even 1000 such trials do not confirm"),
         (1, "One such trial confirms"),
