@@ -412,9 +412,9 @@ PARTS = [
     ),
     Part(
         "loop-matrix",
-        "python benchmarks/bench_matrix.py --first 13001 --sessions 20 --record out/matrix.jsonl "
-        "&& python benchmarks/bench_matrix.py nothing --first 15001 --sessions 300 "
-        "--record out/nulls.jsonl",
+        "python benchmarks/bench_matrix.py week --first 22001 --sessions 20 "
+        "--record out/matrix.jsonl && python benchmarks/bench_matrix.py nothing --first 23001 "
+        "--sessions 300 --record out/nulls.jsonl",
         {
             "loop-nulls": (r"nothing {30,}(\d+ of 300) ", "{}"),
             "loop-gain": (r"tangential gain 1-6 % {10,}(\d+ of \d+) ", "{}"),
