@@ -332,5 +332,8 @@ def _choose_unit(value: float, dimension: str) -> tuple[float, str]:
 def format_exactly(value: float, quantity: str) -> str:
     """Write a quantity so that it reads back as the same float, in a unit that people use."""
     text = format_quantity(value, quantity, 12)
-    same = parse_quantity(text, quantity) == value
-    return text if same else f"{value!r} {DIMENSIONS[quantity]}".strip()
+    return (
+        text
+        if parse_quantity(text, quantity) == value
+        else f"{value!r} {DIMENSIONS[quantity]}".strip()
+    )

@@ -62,8 +62,11 @@ def _make_arc(start: cq.Vector, middle: cq.Vector, end: cq.Vector) -> cq.Edge:
     offset = np.cross(_square(a) * b - _square(b) * a, normal) / (2.0 * _square(normal))
     centre = np.add(start.toTuple(), offset)
     frame = gp_Ax2(gp_Pnt(*centre.tolist()), gp_Dir(*normal.tolist()), gp_Dir(*(-offset).tolist()))
-    circle = gp_Circ(frame, math.sqrt(_square(offset)))
-    return cq.Edge(BRepBuilderAPI_MakeEdge(circle, start.toPnt(), end.toPnt()).Edge())
+    return cq.Edge(
+        BRepBuilderAPI_MakeEdge(
+            gp_Circ(frame, math.sqrt(_square(offset))), start.toPnt(), end.toPnt()
+        ).Edge()
+    )
 
 
 def _square(vector: NDArray[np.float64]) -> float:

@@ -127,8 +127,9 @@ class Drag:
         )
 
     def _repr_html_(self) -> str:
-        table = self.events.to_html(index=False, float_format="{:.4g}".format)
-        return f"<p>{escape(repr(self))}</p>{table}"
+        return f"<p>{escape(repr(self))}</p>" + str(
+            self.events.to_html(index=False, float_format="{:.4g}".format)
+        )
 
     @cached_property
     def ring(self) -> Ring | None:

@@ -400,8 +400,12 @@ def _measure_by_rows(
     line = np.polynomial.Polynomial.fit(first.position[[0, -1]], best.fitted[[0, -1]], 1)(
         first.position
     )
-    shown = Shown(first.position, first.height - line, windows, best.fitted - line)
-    return Evaluation(values, convention, tuple(notes), shown)
+    return Evaluation(
+        values,
+        convention,
+        tuple(notes),
+        Shown(first.position, first.height - line, windows, best.fitted - line),
+    )
 
 
 def _keep_nearest_features(row: _Row, places: Array) -> _Row:

@@ -65,10 +65,15 @@ def fit_margin(x: Array, z: Array) -> Margin:
     crossing = [
         0.0 if np.isnan(one.jump) else roughness * spacing / one.jump for one in (left, right)
     ]
-    opening = Estimate(
-        right.position - left.position, float(np.hypot(crossing[0], crossing[1])), planes.height.dof
+    return Margin(
+        Estimate(
+            right.position - left.position,
+            float(np.hypot(crossing[0], crossing[1])),
+            planes.height.dof,
+        ),
+        sampling,
+        planes.height,
     )
-    return Margin(opening, sampling, planes.height)
 
 
 def _find_gap(x: Array, z: Array) -> tuple[int, int]:

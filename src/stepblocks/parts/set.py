@@ -212,8 +212,11 @@ class StimulusSet(Table):
         ring = self.predict_ring(part)
         if ring is None:
             return self.prediction
-        tool = self.prediction.tool.model_copy(update={"stiffness": ring.stiffness})
-        return self.prediction.model_copy(update={"tool": tool})
+        return self.prediction.model_copy(
+            update={
+                "tool": self.prediction.tool.model_copy(update={"stiffness": ring.stiffness}),
+            }
+        )
 
     def describe_alike(self) -> dict[str, str]:
         """Say which bench blocks have the sizes of another: no hand and no scan tells them apart.

@@ -17,8 +17,14 @@ def format_set(stimuli: Table, name: str, parts: Iterable[Part]) -> str:
     stanzas: dict[str, list[dict[str, object]]] = {}
     for part in parts:
         stanzas.setdefault(part.stanza, []).append(_list_fields(part))
-    fields = _list_fields(stimuli, leave_out={"name", "stimuli"})
-    return tomli_w.dumps({"schema": 1, "set": name, **fields, **stanzas})
+    return tomli_w.dumps(
+        {
+            "schema": 1,
+            "set": name,
+            **_list_fields(stimuli, leave_out={"name", "stimuli"}),
+            **stanzas,
+        }
+    )
 
 
 def _list_fields(table: Table, leave_out: Iterable[str] = ()) -> dict[str, object]:

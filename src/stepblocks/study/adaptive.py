@@ -139,5 +139,4 @@ def order_trials(
             expected[row["height_um"]],
         ),
     )
-    others = (row for row in left.values() if row is not best)
-    return [*done, best, *others][: trials * len(counts)]
+    return [*done, best, *(row for row in left.values() if row is not best)][: trials * len(counts)]

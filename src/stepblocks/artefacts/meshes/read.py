@@ -23,8 +23,10 @@ def _read_with_meshio(path: Path) -> Arrays:
         raise ValueError("a header that does not end")  # meshio would look for it for ever
     with contextlib.redirect_stdout(io.StringIO()):
         mesh = meshio.read(path)  # VTK would fill up a file that is cut short, without a word
-    triangles = np.asarray(mesh.cells_dict["triangle"], dtype=np.int64)
-    return np.asarray(mesh.points, dtype=np.float64) * _MM, triangles
+    return (
+        np.asarray(mesh.points, dtype=np.float64) * _MM,
+        np.asarray(mesh.cells_dict["triangle"], dtype=np.int64),
+    )
 
 
 def _read_with_vtk(path: Path) -> Arrays:
@@ -67,11 +69,10 @@ def _read_with_lib3mf(path: Path) -> Arrays:
     objects = model.GetMeshObjects()
     objects.MoveNext()
     mesh = objects.GetCurrentMeshObject()
-    vertices = np.array(
-        [tuple(vertex.Coordinates) for vertex in mesh.GetVertices()], dtype=np.float64
+    return (
+        np.array([tuple(v.Coordinates) for v in mesh.GetVertices()], dtype=np.float64) * _MM,
+        np.array([tuple(t.Indices) for t in mesh.GetTriangleIndices()], dtype=np.int64),
     )
-    triangles = np.array([tuple(t.Indices) for t in mesh.GetTriangleIndices()], dtype=np.int64)
-    return vertices * _MM, triangles
 
 
 MESH_READERS: dict[str, Callable[[Path], Arrays]] = {

@@ -125,8 +125,12 @@ def _find_corner(time: Array, marks: Landmarks, approach: Approach, ring: Ring) 
     # (difference of slopes)
     share = approach.slope / -fall
     force, std = approach.ramp(instant)
-    spread = math.hypot((1.0 - share) * std, share * ring.curve_std(instant))
-    return Peak(instant, force, spread, corner=True)
+    return Peak(
+        instant,
+        force,
+        math.hypot((1.0 - share) * std, share * ring.curve_std(instant)),
+        corner=True,
+    )
 
 
 def _find_corner_of_fall(
@@ -168,8 +172,7 @@ def _find_corner_of_fall(
     # how a fall begins between two samples is not seen
     unseen = approach.slope * step / math.sqrt(12.0)
     top, std = approach.ramp(instant)
-    spread = math.hypot(std, approach.slope / -fall * noise, unseen)
-    return Peak(instant, top, spread, corner=True)
+    return Peak(instant, top, math.hypot(std, approach.slope / -fall * noise, unseen), corner=True)
 
 
 def _find_rounded_peak(time: Array, force: Array, marks: Landmarks, approach: Approach) -> Peak:
@@ -281,8 +284,12 @@ class Measurement(Loading):
             return (math.nan,) * 6
         load, load_std = self.load
         static = self.saw.static[0] / load
-        spread = math.hypot(self.saw.static[1], static * load_std) / load
-        return (*self.saw.amplitude, *self.saw.stick_time, static, spread)
+        return (
+            *self.saw.amplitude,
+            *self.saw.stick_time,
+            static,
+            math.hypot(self.saw.static[1], static * load_std) / load,
+        )
 
     def energy(self) -> tuple[float, float, float]:
         """Energy of the amplitude at the release on the declared spring [J].

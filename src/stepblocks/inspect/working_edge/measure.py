@@ -379,8 +379,10 @@ def _measure_across(
     ]
     x = scan.x * turn
     tilt = float(np.median([edge.tilt for _, edge in results]))
-    across = sign * (x - lines[0][:, np.newaxis])
-    return across, scan.height - lines[1][:, np.newaxis] - tilt * x
+    return (
+        sign * (x - lines[0][:, np.newaxis]),
+        scan.height - lines[1][:, np.newaxis] - tilt * x,
+    )
 
 
 def _measure_burr(

@@ -268,8 +268,7 @@ class Population:
 
     def profile(self, index: int) -> Array:
         """Return the likelihood of each participant along one of two axes and the lapse rates."""
-        prior = self._weigh(self.best.x, 1 - index)[0]
-        return np.tensordot(self.likelihood, prior, (2 - index, 0))
+        return np.tensordot(self.likelihood, self._weigh(self.best.x, 1 - index)[0], (2 - index, 0))
 
 
 def find_tail(ratio: float, people: float, share: float) -> float:

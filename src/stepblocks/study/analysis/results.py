@@ -220,8 +220,7 @@ class StudyResult:
         )
 
     def _repr_html_(self) -> str:
-        notes = "".join(f"<p>{html.escape(note)}</p>" for note in self.notes)
-        return notes + str(
+        return "".join(f"<p>{html.escape(note)}</p>" for note in self.notes) + str(
             self.table().to_html(index=False, na_rep="", float_format="{:.4g}".format)
         )
 
