@@ -62,7 +62,7 @@ _GEOMETRY = (
         (Parameter("radius_error_m", "m", 0.0, -1e-4, 3e-4, 5e-6),),
         lambda state, _, v: state.changed(radius=state.radius + v["radius_error_m"]),
         rank=1,
-        description="the tip is larger than stated by",
+        description="the radius of the tip differs from the stated one by",
         how_to_decide="swap the tip, or measure it",
     ),
     _geometry(
@@ -112,7 +112,7 @@ def _make_height_error_law(block: str) -> Law:
             height=state.height + v["height_error_m"] * (blocks == block)
         ),
         covariate="block",
-        description=f"block {block} is higher than stated by",
+        description=f"the height of block {block} differs from the stated one by",
         how_to_decide=f"scan or gauge the block {block}",
     )
 
