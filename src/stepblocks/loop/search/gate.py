@@ -15,9 +15,10 @@ from stepblocks.loop.search.forward_model import Floats
 
 # a direction of which less is left beside the nominal model is its derivative, up to rounding
 _UNSEEN = 2e-3
-# chance, by Schwarz's criterion, with which an effect and the rivals named with it hold the truth
 _PLACES = 3  # of a jump, that its fit begins from
+# chance, by Schwarz's criterion, with which an effect and the rivals named with it hold the truth
 _GROUP = 0.95
+_TOGETHER = 16  # effects or shapes in one product of matrices: all of them fill the memory
 
 # an effect that may stand for another, its fit, and how far its criterion is behind
 Rival = tuple[Law, Fit, float]
@@ -121,11 +122,20 @@ def compute_directions(
     An effect that the constants imitate has none.
     """
     asked = [(effect, shape) for effect in effects for shape in effect.shapes]
+    return [
+        direction
+        for i in range(0, len(asked), _TOGETHER)
+        for direction in _compute_together(problem, base, asked[i : i + _TOGETHER], known)
+    ]
+
+
+def _compute_together(
+    problem: Problem, base: Fit, asked: Sequence[tuple[Law, Mapping[str, float]]], known: Floats
+) -> list[Direction]:
     changes = [_compute_changes(problem, base, effect, shape) for effect, shape in asked]
     if not any(changes):
         return []
     last = np.cumsum([len(columns) for columns in changes])
-    # all candidates go through the linear algebra at once
     raw = problem.noise.whiten(np.stack([c for columns in changes for c in columns], axis=2))
     size = np.linalg.norm(raw, axis=0)
     alive = np.all(np.isfinite(raw), axis=0) & (size >= 1e-12)
@@ -163,8 +173,11 @@ def build_tangent_basis(base: Fit) -> Floats:
 
 def _compute_gains(directions: Sequence[Direction], vectors: Floats) -> tuple[Floats, list[Floats]]:
     # Gains of all directions on all vectors, shape (d, m), and the projections on each direction.
-    stacked = np.concatenate([d.basis for d in directions], axis=1)
-    parts = np.split(stacked.T @ vectors, np.cumsum([d.basis.shape[1] for d in directions])[:-1])
+    parts = []
+    for i in range(0, len(directions), _TOGETHER):
+        bases = [d.basis for d in directions[i : i + _TOGETHER]]
+        ends = np.cumsum([basis.shape[1] for basis in bases[:-1]])
+        parts += np.split(np.concatenate(bases, axis=1).T @ vectors, ends)
     gains = np.stack([np.sum(part**2, axis=0) for part in parts])
     for d, gain, part in zip(directions, gains, parts, strict=True):
         if d.one_sided:
@@ -367,8 +380,10 @@ def _try_places(problem: Problem, found: Fit, effect: Law) -> Fit:
         for one in places
     ]
     order = np.argsort(np.round(costs, 3), kind="stable")  # last bits decide nothing
-    tried = [found, *(fit(problem, found.effects, places[i], 25) for i in order[1:_PLACES])]
-    return min(tried, key=lambda one: one.criterion)
+    return min(
+        [found, *(fit(problem, found.effects, places[i], 25) for i in order[1:_PLACES])],
+        key=lambda one: one.criterion,
+    )
 
 
 def select_likeliest(rivals: Sequence[Rival], always: Sequence[Rival]) -> tuple[Rival, ...]:
