@@ -94,7 +94,7 @@ def test_the_channel_in_which_equal_trials_agree_better_than_a_law_is_named(worn
 
     def judge():
         extended = replace(result.found.extended, residual=left.ravel())
-        return check_claims(replace(result.found, extended=extended), [], cells)
+        return check_claims(replace(result.found, extended=extended), [], [], cells)
 
     assert judge().verdict is result.verdict is Verdict.EFFECT
     # the decay differs from pair to pair as before, and a tenth as much between trials of a pair

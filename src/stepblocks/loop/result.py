@@ -180,6 +180,7 @@ def build_document(
         "adequacy": adequacy,
         "identifiability": _describe_identifiability(explanation),
         "scans": _describe_scans(scans),
+        "left_open_on_new_blocks": table.names[holdouts[1].left_open[:, 0]].tolist(),
         "selected_in_folds": [names for holdout in holdouts for names in holdout.selected],
         "trials_analysed": len(table.trials),
     }

@@ -262,13 +262,14 @@ def _explain_and_hold_out(
                 searches,
                 f"part {len(selected)} of {searches - 1} held out: {', '.join(names) or 'nothing'}",
             )
-    found = check_claims(found, selected, model.cells(trials))
+    within_blocks, of_blocks = selected[: len(inside)], selected[len(inside) :]
+    found = check_claims(found, within_blocks, of_blocks, model.cells(trials))
     found, (within, between) = choose_delivered_effects(
         add_height_errors(found, table), (inside, outside), model.candidates
     )
     return withdraw_claims(found, hints), (
-        Holdout(*within, tuple(selected[: len(inside)])),
-        Holdout(*between, tuple(selected[len(inside) :])),
+        Holdout(*within, tuple(within_blocks)),
+        Holdout(*between, tuple(of_blocks)),
     )
 
 

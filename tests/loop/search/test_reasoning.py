@@ -30,6 +30,7 @@ from stepblocks.loop.search.forward_model import Floats, Trials
 from stepblocks.loop.search.gate import Gate, score_candidates, select_likeliest
 from stepblocks.loop.search.holdout import (
     Holdout,
+    check_claims,
     choose_delivered_effects,
     select_effects_without,
     split_by_block,
@@ -195,8 +196,8 @@ def test_held_out_error_falls_to_the_scatter_once_the_effect_is_in() -> None:
         )
         for rows in folds
     ]
-    _, ((nominal, extended),) = choose_delivered_effects(found, (folds,), lambda _: toy_effects())
-    outcome = Holdout(nominal, extended, tuple(selected))
+    _, (errors,) = choose_delivered_effects(found, (folds,), lambda _: toy_effects())
+    outcome = Holdout(*errors, tuple(selected))
     before, after = outcome.rms(0)
     assert np.isfinite(outcome.nominal).all()
     assert set(outcome.selected) == {("square_of_z",)}
@@ -230,6 +231,23 @@ def test_a_fold_that_cannot_tell_two_effects_apart_does_not_contradict_the_whole
     assert select_effects_without(Toy(), seen, rows, lambda _: laws, _RULES, {}) == ("by_w",)
 
 
+@pytest.mark.parametrize(
+    ("covariate", "within", "between", "verdict"),
+    [
+        ("z", ["square_of_z"], [""], Verdict.UNEXPLAINED),
+        ("block", ["square_of_z"], [""], Verdict.EFFECT),  # it was held out there
+        ("block", [""], ["square_of_z"], Verdict.UNEXPLAINED),
+    ],
+)
+def test_a_law_of_one_block_is_asked_of_the_folds_that_hold_it(covariate, within, between, verdict):
+    found = explain(Toy(), toy_trials(160, 7, square=0.3), toy_effects(), _RULES)
+    assert found.verdict is Verdict.EFFECT
+    law = replace(found.findings[0].effect, covariate=covariate)
+    found = replace(found, findings=(replace(found.findings[0], effect=law),))
+    folds = [[tuple(filter(None, names))] for names in (within, between)]
+    assert check_claims(found, *folds, range(160)).verdict is verdict
+
+
 @pytest.mark.parametrize("covariate", ["z", "block"])
 @pytest.mark.parametrize("rise", [0.0, 0.2])
 def test_what_raises_a_held_out_error_beyond_chance_is_not_delivered(
@@ -247,7 +265,7 @@ def test_what_raises_a_held_out_error_beyond_chance_is_not_delivered(
     turned[rows] = -rise * np.stack([trials.covariates["z"] ** 2] * 2, axis=1)[rows] * [1.0, 2.0]
     changed = replace(trials, values=trials.values + turned)
     problem = replace(found.problem, trials=changed)
-    delivered, ((nominal, extended),) = choose_delivered_effects(
+    delivered, ((nominal, extended, _),) = choose_delivered_effects(
         replace(found, problem=problem), ([rows],), lambda _: toy_effects()
     )
     assert np.mean(extended[rows] ** 2) <= np.mean(nominal[rows] ** 2)

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
@@ -24,15 +25,24 @@ from stepblocks.loop.search.structure import Hint
 _WORSE = 1.005
 _CHANCE = 0.05  # that errors rise as much beside a model that is no worse
 _LACKING = 0.005  # level of the lack of fit against replicates
+# median errors by which what nobody knows of a new specimen may move a prediction; from there on
+# one trial weighs in the mean square as twenty-five others do
+_OPEN = 5.0
 
 Rows = NDArray[np.intp]
 Asked = Callable[[Trials], Sequence[Law]]  # candidates of a table
 
 
 def check_claims(
-    explanation: Explanation, selected: Sequence[Sequence[str]], cells: Sequence[object]
+    explanation: Explanation,
+    within: Sequence[Sequence[str]],
+    between: Sequence[Sequence[str]],
+    cells: Sequence[object],
 ) -> Explanation:
-    """Keep the claim of an effect only where replicates and every fold support it."""
+    """Keep the claim of an effect only where replicates and every fold that sees it support it.
+
+    `within` and `between` are what the folds within blocks and those of whole blocks chose.
+    """
     seen = explanation.problem.trials.seen
     residual = np.where(seen, explanation.extended.residual.reshape(seen.shape), np.nan)
     misfit = [
@@ -44,7 +54,10 @@ def check_claims(
     known = [p for p in misfit if np.isfinite(p)]
     lacking = bool(known) and min(known) * len(known) < _LACKING
     findings = tuple(
-        _judge_folds(f, selected) if f.verdict is Verdict.EFFECT else f
+        # without its specimen nobody sees what a specimen does
+        _judge_folds(f, within if f.effect.covariate == "block" else (*within, *between))
+        if f.verdict is Verdict.EFFECT
+        else f
         for f in explanation.findings
     )
     verdict, reason, channel = explanation.verdict, explanation.reason, explanation.channel
@@ -102,7 +115,7 @@ def _judge_folds(finding: Finding, folds: Sequence[Sequence[str]]) -> Finding:
 class Holdout:
     """Errors on held-out trials, measured less predicted.
 
-    They are not-a-number where a trial was never held out.
+    They are not-a-number where a trial was never held out, or is left open.
 
     Attributes
     ----------
@@ -110,12 +123,15 @@ class Holdout:
         Shape (n, c).
     extended : Floats
         Shape (n, c).
+    left_open : NDArray[np.bool_]
+        Shape (n, c), where what nobody knows of a new specimen decides the value.
     selected : tuple[tuple[str, ...], ...]
         Effects that each fold chose.
     """
 
     nominal: Floats
     extended: Floats
+    left_open: NDArray[np.bool_]
     selected: tuple[tuple[str, ...], ...]
 
     def rms(self, channel: int) -> tuple[float, float]:
@@ -180,7 +196,16 @@ def select_effects_without(
     return chosen
 
 
-def _is_worse(nominal: Floats, extended: Floats) -> bool:
+def _is_worse(before: Sequence[Floats], after: Sequence[Floats], channels: Sequence[int]) -> bool:
+    # Whether an error of one way of holding out rises in one of these channels
+    return any(
+        _rises(old[:, j], new[:, j])
+        for old, new in zip(before, after, strict=True)
+        for j in channels
+    )
+
+
+def _rises(nominal: Floats, extended: Floats) -> bool:
     # Whether an error rises so that the first line may show it, or less, and not by chance: a
     # one-sided test of paired squared errors (Diebold and Mariano 1995, doi:10.2307/1392185)
     rise = (extended**2 - nominal**2)[np.isfinite(nominal)]
@@ -192,12 +217,21 @@ def _is_worse(nominal: Floats, extended: Floats) -> bool:
     )
 
 
+def _find_open_values(error: Floats, less: Floats, more: Floats) -> NDArray[np.bool_]:
+    # Which errors are due to what nobody knows, such as to 1 um of an unscanned block that nearly
+    # locks, and to no model: `less` and `more` are those with the unknown moved
+    typical = pd.DataFrame(np.abs(error)).median().to_numpy()
+    reach = np.maximum(np.abs(less - error), np.abs(more - error))
+    # a specimen that locks once it is moved has no reach
+    return np.asarray(np.isfinite(error) & ~(reach <= _OPEN * typical))
+
+
 def choose_delivered_effects(
     explanation: Explanation,
     folds: Sequence[Sequence[Rows]],
     candidates: Asked,
     channels: Sequence[int] = (0, 1),
-) -> tuple[Explanation, list[tuple[Floats, Floats]]]:
+) -> tuple[Explanation, list[tuple[Floats, Floats, NDArray[np.bool_]]]]:
     """Predict held-out trials with the model that is delivered, and deliver nothing that is worse.
 
     Parameters
@@ -216,8 +250,9 @@ def choose_delivered_effects(
     -------
     found : Explanation
         The same, less the effects that raise the error in one of these channels.
-    errors : list of pairs of arrays
-        For each way the errors of the nominal and of the delivered model, shape (n, c).
+    errors : list of three arrays each
+        For each way the errors of the nominal and of the delivered model, and which are left open,
+        shape (n, c).
     """
     model, trials = explanation.problem.model, explanation.problem.trials
     parts = [
@@ -228,7 +263,10 @@ def choose_delivered_effects(
         for one in folds
     ]
 
-    def predict(effects: Sequence[Law], start: Mapping[str, float] | None = None) -> list[Floats]:
+    def predict(
+        effects: Sequence[Law], start: Mapping[str, float] | None = None, moved: float = 0.0
+    ) -> list[Floats]:
+        # what is unknown of a specimen never seen is `moved` by so many of its prior deviations
         errors = []
         for one in parts:
             error = np.full(trials.values.shape, np.nan)
@@ -240,8 +278,10 @@ def choose_delivered_effects(
                 ]
                 test = trials.take(rows)
                 fitted = fit(problem, known, start)
-                # a block that was never seen keeps its prior height
-                starts = {p.name: p.start for p in model.parameters(test)}
+                starts = {
+                    p.name: p.start + moved * p.prior_std if moved else p.start
+                    for p in model.parameters(test)
+                }
                 error[rows] = test.values - Problem(model, test, problem.noise).predict(
                     known, starts | fitted.values
                 )
@@ -254,21 +294,22 @@ def choose_delivered_effects(
         return [*errors, trials.values - own]
 
     nominal = predict(())
+    left_open = [
+        _find_open_values(*errors)
+        for errors in zip(nominal, predict((), moved=-1.0), predict((), moved=1.0), strict=True)
+    ]
+    nominal = [np.where(open_, np.nan, one) for one, open_ in zip(nominal, left_open, strict=True)]
     findings, extended = explanation.findings, explanation.extended
     # a law of one specimen says nothing of others, and cannot be judged by them
     own = [f.effect for f in findings if f.effect.named and f.effect.covariate == "block"]
     errors = base = predict(own, extended.values) if own else nominal
-    if any(_is_worse(nominal[0][:, j], base[0][:, j]) for j in channels):
+    if _is_worse(nominal[:1], base[:1], channels):
         own = []  # other trials of its specimen speak against it
         errors = base = nominal
     while len(findings) > len(own):
         effects = [f.effect for f in findings]
         errors = predict(effects, extended.values)
-        if not any(
-            _is_worse(old[:, j], new[:, j])
-            for old, new in zip(base, errors, strict=True)
-            for j in channels
-        ):
+        if not _is_worse(base, errors, channels):
             break
         # what was taken out along the run without a claim goes first
         weakest = min(
@@ -292,4 +333,7 @@ def choose_delivered_effects(
             reason=worse,
             channel="",
         )
-    return explanation, list(zip(nominal[:-1], errors[:-1], strict=True))
+    return explanation, [
+        (old, np.where(open_, np.nan, new), open_)
+        for old, new, open_ in zip(nominal[:-1], errors[:-1], left_open[:-1], strict=True)
+    ]
