@@ -188,8 +188,7 @@ def build_document(
 
 
 def _list_censored(table: SessionTable, explanation: Explanation) -> dict[str, object]:
-    # List trials whose peak is known as a bound alone, and those whose predicted peak stays below
-    # it by 3 deviations.
+    # List trials whose peak is known as a bound alone, and those predicted below it by 3 deviations
     floor = table.trials.floor
     bound = np.full(len(table.trials), np.nan) if floor is None else floor[:, 1]
     rows = np.isfinite(bound)

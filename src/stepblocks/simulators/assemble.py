@@ -198,8 +198,13 @@ def _join_meshes(name: str, meshes: Sequence[Mesh]) -> Mesh:
     if len(meshes) == 1:
         return meshes[0]
     first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
-    triangles = [mesh.triangles + start for mesh, start in zip(meshes, first, strict=False)]
-    return Mesh(name, np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(triangles))
+    return Mesh(
+        name,
+        np.concatenate([mesh.vertices for mesh in meshes]),
+        np.concatenate(
+            [mesh.triangles + start for mesh, start in zip(meshes, first, strict=False)]
+        ),
+    )
 
 
 def apply_learned_model(

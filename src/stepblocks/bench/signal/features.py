@@ -284,12 +284,8 @@ class Measurement(Loading):
             return (math.nan,) * 6
         load, load_std = self.load
         static = self.saw.static[0] / load
-        return (
-            *self.saw.amplitude,
-            *self.saw.stick_time,
-            static,
-            math.hypot(self.saw.static[1], static * load_std) / load,
-        )
+        spread = math.hypot(self.saw.static[1], static * load_std) / load
+        return (*self.saw.amplitude, *self.saw.stick_time, static, spread)
 
     def energy(self) -> tuple[float, float, float]:
         """Energy of the amplitude at the release on the declared spring [J].
