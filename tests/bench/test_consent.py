@@ -120,3 +120,15 @@ def test_a_trial_that_the_table_does_not_hold_is_refused(session, line):
         BenchError, match=r"must name trials of the table, got 99 \[.*session\.toml"
     ):
         measure_session(session, jobs=1)
+
+
+def test_all_that_is_wrong_with_exclude_and_swap_is_said_at_once(session):
+    _declare(session, "exclude = [99]\nswap = [[1, 2], [2, 98]]")
+    with pytest.raises(BenchError, match=r"^3 mistakes \[.*session\.toml") as refused:
+        measure_session(session, jobs=1)
+    assert str(refused.value).splitlines()[1:] == [
+        "  `trials.exclude` and `trials.swap` must name trials of the table, got 99",
+        "  `trials.exclude` and `trials.swap` must name trials of the table, got 98",
+        "  `trials.swap` must be pairs of two trials, none of them in two pairs, got "
+        "[[1, 2], [2, 98]]",
+    ]

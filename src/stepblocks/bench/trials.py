@@ -205,40 +205,39 @@ def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> Tri
                 (home, count), "duplicate: another row has this trial with other conditions"
             )
     BenchError.require(count != 0, f"table of trials has no rows [{session.table}]")
-    swap = session.trials.swap
-    swapped = {
-        _find_trial_name(one, homes, session): _find_trial_name(other, homes, session)
-        for one, other in (*swap, *(pair[::-1] for pair in swap))
+    excluded, swap = session.trials.exclude, session.trials.swap
+    named = {
+        name: _find_trial_name(str(name), homes)
+        for name in (*excluded, *(one for pair in swap for one in pair))
     }
-    BenchError.require(
-        len(swapped) == 2 * len(swap),
-        "`trials.swap` must be pairs of two trials, none of them in two pairs, got "
-        f"{[list(pair) for pair in swap]} [{session.folder}/session.toml]",
-    )
+    pairs = [(named[one], named[other]) for one, other in swap]
+    known = [name for pair in pairs for name in pair if name]
+    mistakes = [
+        ("", f"`trials.exclude` and `trials.swap` must name trials of the table, got {name!r}")
+        for name in named
+        if not named[name]
+    ]
+    if len(set(known)) < len(known):
+        rule = "`trials.swap` must be pairs of two trials, none of them in two pairs"
+        mistakes.append(("", f"{rule}, got {[list(pair) for pair in swap]}"))
+    if mistakes:
+        raise BenchError(format_mistakes(mistakes, session.folder / "session.toml"))
     return TrialTable(
         session,
         header,
         found["trial"],
         count,
         repeated,
-        excluded=frozenset(
-            _find_trial_name(name, homes, session) for name in session.trials.exclude
-        ),
-        swapped=swapped,
+        excluded=frozenset(named[name] for name in excluded),
+        swapped={one: other for pair in pairs for one, other in (pair, pair[::-1])},
     )
 
 
-def _find_trial_name(name: str | int, names: Mapping[str, object], session: Session) -> str:
-    # Find a trial of session.toml in the table, where 73 may be written 0073
-    found = [
-        one for one in names if one == str(name) or (one.isdigit() and one.lstrip("0") == str(name))
-    ]
-    BenchError.require(
-        found,
-        f"`trials.exclude` and `trials.swap` must name trials of the table, got {name!r} "
-        f"[{session.folder}/session.toml]",
+def _find_trial_name(name: str, names: Mapping[str, object]) -> str:
+    # Find a trial of session.toml in the table, where 73 may be written 0073; empty where it is not
+    return next(
+        (one for one in names if one == name or (one.isdigit() and one.lstrip("0") == name)), ""
     )
-    return found[0]
 
 
 def find_column(column: str | int, header: tuple[str, ...], part: str) -> str:

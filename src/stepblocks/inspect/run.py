@@ -208,8 +208,10 @@ def identify_source(scan: Scan) -> tuple[Path, str]:
     if isinstance(scan, str | Path):
         return Path(scan), hashlib.sha256(Path(scan).read_bytes()).hexdigest()
     loaded = load_scan(scan)
-    name = Path(loaded.source or "arrays")
-    return name, hashlib.sha256(np.ascontiguousarray(loaded.height).tobytes()).hexdigest()
+    return (
+        Path(loaded.source or "arrays"),
+        hashlib.sha256(np.ascontiguousarray(loaded.height).tobytes()).hexdigest(),
+    )
 
 
 def _find_asked_keys(

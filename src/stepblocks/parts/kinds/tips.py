@@ -269,8 +269,11 @@ class HookTip(Tip):
             make_hull([*section(float(a)), *section(float(b))])
             for a, b in itertools.pairwise(turns)
         ]
-        shank = make_hull([*section(angle), *section(angle, self.straight_length.nominal)])
-        return [make_turned_hull(self.outline()), *bent, shank]
+        return [
+            make_turned_hull(self.outline()),
+            *bent,
+            make_hull([*section(angle), *section(angle, self.straight_length.nominal)]),
+        ]
 
     def characteristics(self) -> Iterator[Characteristic]:
         yield from super().characteristics()

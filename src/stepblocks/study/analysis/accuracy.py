@@ -114,8 +114,7 @@ def compute_measure(frame: Table, name: str) -> tuple[Table, str]:
         for column in frame
         if column == "group" or str(column).startswith("factor_")
     }
-    values = (0.5 * np.log(variance[others])).rename("value")
-    return values.to_frame().assign(**kept).reset_index(), ""
+    return (0.5 * np.log(variance[others])).to_frame("value").assign(**kept).reset_index(), ""
 
 
 def analyse_measure(frame: Table, name: str, margin: float = math.nan) -> Measure:

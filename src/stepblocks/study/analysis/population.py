@@ -189,8 +189,11 @@ class Population:
         # the last axis stands first, so that the powers of each axis are 3 times as far apart
         places = 3 ** np.arange(len(weights))[:, np.newaxis] * np.arange(3)
         along = sums.reshape(3 ** len(weights), -1)[places]
-        prior = np.array([rows[1:].sum(axis=1, keepdims=True) for rows in weights])
-        return along[0, 0], along[:, 1:] / along[0, 0], prior
+        return (
+            along[0, 0],
+            along[:, 1:] / along[0, 0],
+            np.array([rows[1:].sum(axis=1, keepdims=True) for rows in weights]),
+        )
 
     def _loss(self, point: Array) -> tuple[float, Array]:
         # Return minus the log likelihood, and its gradient
