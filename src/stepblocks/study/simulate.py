@@ -131,7 +131,9 @@ def rate_realism(
 ) -> Array:
     """Let participants rate realism, each from a level of her own; `shown` is what they rate up."""
     realism = generator.standard_normal(person.max() + 1)[person] + observer.realism_gain * shown
-    return np.clip(np.round(3.5 + (realism + generator.logistic(size=len(person)))), *RATINGS)
+    return np.asarray(
+        np.clip(np.round(3.5 + (realism + generator.logistic(size=len(person)))), *RATINGS)
+    )
 
 
 def simulate_comparison(
