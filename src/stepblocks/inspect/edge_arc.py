@@ -136,8 +136,9 @@ class Window:
         parts = max(len(risers) * len(self.x) // _AT_ONCE, 1)
         pairs = zip(np.array_split(risers, parts), np.array_split(radii, parts), strict=True)
         whites = (self.compute_residuals(*pair) @ self.whitening.T for pair in pairs)
-        found = [np.sum(np.log1p((white / _LOSS) ** 2), axis=1) for white in whites]
-        return 0.5 * _TEMPER * _LOSS**2 * np.concatenate(found)
+        return (0.5 * _TEMPER * _LOSS**2) * np.concatenate(
+            [np.sum(np.log1p((white / _LOSS) ** 2), axis=1) for white in whites]
+        )
 
     def compute_cost_grid(self, risers: Array, radii: Array) -> Array:
         """Costs of every radius, in rows, with every riser."""

@@ -7,8 +7,9 @@ from scipy import stats
 
 from stepblocks.contact.effects.named import list_named_laws
 from stepblocks.contact.forward import format_height_name
+from stepblocks.loop.search.adequacy import find_largest_shares
 from stepblocks.loop.search.explain import Explanation, Finding, Verdict
-from stepblocks.loop.search.fit import fit
+from stepblocks.loop.search.fit import fit, fit_without
 from stepblocks.loop.session_table import SessionTable
 
 _TOLERANCE = 2.0  # standard deviations of what a height that nobody measured may be off by
@@ -71,17 +72,24 @@ def add_height_errors(explanation: Explanation, table: SessionTable) -> Explanat
         name: float(np.hypot(rounder.std[name], rounder.values[name] - value))
         for name, value in extended.values.items()
     }
-    bare = fit(problem).cost if added else 0.0
+    findings = list(explanation.findings)
+    for law, p_value in added:
+        bare = fit_without(problem, extended, law)
+        gains = bare.residual**2 - extended.residual**2
+        findings.append(
+            Finding(
+                law,
+                Verdict.EFFECT,
+                p_value,
+                bare.cost - extended.cost,
+                (),
+                *find_largest_shares(gains.reshape(table.trials.values.shape)),
+            )
+        )
     return replace(
         explanation,
         problem=problem,
         extended=replace(extended, std=doubt),
-        findings=(
-            *explanation.findings,
-            *(
-                Finding(law, Verdict.EFFECT, p_value, bare - extended.cost)
-                for law, p_value in added
-            ),
-        ),
+        findings=tuple(findings),
         verdict=Verdict.EFFECT if explanation.verdict is Verdict.NONE else explanation.verdict,
     )

@@ -75,8 +75,12 @@ def tabulate_prior(levels: tuple[float, ...], prior: tuple[float, ...]) -> tuple
     away = np.subtract.outer(np.array(levels), middles)[:, :, np.newaxis]
     rising = ndtr(away / np.exp(spreads))[..., np.newaxis]
     normal = np.exp(-0.5 * _REACH**2)
-    before = np.outer(normal, normal)[..., np.newaxis] * np.ones(len(_LAPSES))
-    return before, _LAPSES + (1.0 - 2.0 * _LAPSES) * rising, middles, spreads
+    return (
+        np.outer(normal, normal)[..., np.newaxis] * np.ones(len(_LAPSES)),
+        _LAPSES + (1.0 - 2.0 * _LAPSES) * rising,
+        middles,
+        spreads,
+    )
 
 
 def compute_expected_entropy(posterior: Array, higher: Array) -> Array:

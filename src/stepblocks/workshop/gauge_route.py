@@ -87,8 +87,14 @@ def choose_base(block: StepBlock, pair: GaugePair) -> Body:
     deep = 3e-3 if body.mounting is None else max(3e-3, 1.4 * body.mounting.depth.nominal)
     if body.mounting is not None and body.mounting.kind == "clearance":
         sizes["mounting"] = None  # the gauge blocks would cover a screw from above
-    base = replace(body.thickness, nominal=thick if thick >= deep else body.thickness.nominal)
-    return body.model_copy(update={**sizes, "thickness": base})
+    return body.model_copy(
+        update={
+            **sizes,
+            "thickness": replace(
+                body.thickness, nominal=thick if thick >= deep else body.thickness.nominal
+            ),
+        }
+    )
 
 
 def write_gauge_assembly(path: Path, block: StepBlock, pair: GaugePair) -> None:

@@ -38,6 +38,15 @@ def _smooth_columns(trials: Trials, name: str) -> Floats | None:
     return np.stack([x ** (i + 1) for i in range(powers)], axis=1)
 
 
+def find_largest_shares(gains: Floats) -> tuple[tuple[int, float], tuple[int, float]]:
+    """Find the trial and the channel with the largest share of gains of shape (n, c)."""
+    trial, channel = (
+        (int(np.argmax(part)), float(part.max()) / max(float(part.sum()), 1e-12))
+        for part in (gains.sum(axis=1), gains.sum(axis=0))
+    )
+    return trial, channel
+
+
 def check_residuals(
     problem: Problem, fitted: Fit
 ) -> tuple[tuple[tuple[str, str, float], ...], bool]:
@@ -56,8 +65,10 @@ def check_residuals(
     if not found:
         return (), True
     corrected = correct_by_holm(list(found.values()))
-    checks = tuple((*pair, float(p)) for pair, p in zip(found, corrected, strict=True))
-    return checks, bool(corrected.min() > _LEVEL)
+    return (
+        tuple((*pair, float(p)) for pair, p in zip(found, corrected, strict=True)),
+        bool(corrected.min() > _LEVEL),
+    )
 
 
 def compute_smooth_p(residual: Floats, columns: Floats) -> float:

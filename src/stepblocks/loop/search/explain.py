@@ -8,7 +8,11 @@ import numpy as np
 import pandas as pd
 
 from stepblocks.law import Law
-from stepblocks.loop.search.adequacy import check_residuals, depends_on_settings
+from stepblocks.loop.search.adequacy import (
+    check_residuals,
+    depends_on_settings,
+    find_largest_shares,
+)
 from stepblocks.loop.search.fit import Fit, Problem, build_problem, fit, fit_without
 from stepblocks.loop.search.forward_model import ForwardModel, Trials
 from stepblocks.loop.search.gate import (
@@ -456,12 +460,9 @@ def _judge_effect(
     elsewhere = [r for r in rivals if r[0].place != effect.place or (r[0].named and effect.named)]
     alone = Verdict.EFFECT if effect.named else Verdict.UNEXPLAINED
     verdict = Verdict.AMBIGUOUS if elsewhere else alone
-    shape = problem.trials.values.shape
-    gains = (base.residual**2 - current.residual**2).reshape(shape)
-    row, channel = int(np.argmax(gains.sum(axis=1))), int(np.argmax(gains.sum(axis=0)))
-    whole = max(float(gains.sum()), 1e-12)
+    gains = (base.residual**2 - current.residual**2).reshape(problem.trials.values.shape)
     # without the trials that gain most the effect must still open the gate
-    most = np.sort(gains.sum(axis=1))[-max(round(_INFLUENCE * shape[0]), 1) :]
+    most = np.sort(gains.sum(axis=1))[-max(round(_INFLUENCE * len(gains)), 1) :]
     gain = base.cost - current.cost
     doubts = {
         "it may wander as well": effect.id in grown.walks,
@@ -474,8 +475,7 @@ def _judge_effect(
         grown.gates.get(effect.id, grown.last_gate_p),
         gain,
         select_likeliest(rivals, elsewhere[:1]),
-        (row, float(gains[row].sum()) / whole),
-        (channel, float(gains[:, channel].sum()) / whole),
+        *find_largest_shares(gains),
         reason or ("" if effect.named else "no law of the list fits it"),
     )
 

@@ -94,8 +94,12 @@ def estimate_quantity_errors(problem: Problem, fitted: Fit) -> tuple[Floats, Flo
     inverse = np.linalg.inv(normal)
     found = np.einsum("nij,ncj,nc,nc->ni", inverse, filled, weight, residual)
     std = np.sqrt(np.einsum("nii->ni", inverse))
-    known = std < 5.0 * np.sqrt(scatter.quantities + np.nanmedian(std, axis=0) ** 2)
-    return np.where(known, found, np.nan), std
+    return (
+        np.where(
+            std < 5.0 * np.sqrt(scatter.quantities + np.nanmedian(std, axis=0) ** 2), found, np.nan
+        ),
+        std,
+    )
 
 
 def estimate_errors_in_order(

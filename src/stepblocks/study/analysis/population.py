@@ -266,8 +266,9 @@ class Population:
     def predict_participants(self, index: int) -> Array:
         """Return the mean of each participant's posterior along an axis."""
         middle, log_spread = self.best.x[2 * index : 2 * index + 2]
-        away = self._find_moments(self.best.x)[1][index, 0]
-        return np.asarray(middle + math.exp(log_spread) * away)
+        return np.asarray(
+            middle + math.exp(log_spread) * self._find_moments(self.best.x)[1][index, 0]
+        )
 
     def profile(self, index: int) -> Array:
         """Return the likelihood of each participant along one of two axes and the lapse rates."""
