@@ -203,9 +203,8 @@ _NAMES = {
 
 
 def _is_same_value(item: Characteristic, kind: str, declared: tuple[float, ...]) -> bool:
-    names = _NAMES.get(kind, (kind,))
     got = (item.value,) if len(declared) == 1 else (item.value, item.lower, item.upper)
-    return item.kind in names and all(
+    return item.kind in _NAMES.get(kind, (kind,)) and all(
         abs(a - b) <= ALLOWED for a, b in zip(got, declared, strict=True)
     )
 

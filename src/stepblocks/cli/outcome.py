@@ -89,10 +89,9 @@ def show(
 def _describe_written(written: Sequence[Path]) -> str:
     # List a few files by name, and many by their folders
     folders = {path.parent for path in written}
-    top = Path(os.path.commonpath(folders))
     if len(written) <= 4:
         return "written: " + " ".join(map(str, written))
-    return f"written: {len(written)} files in {top}" + (
+    return f"written: {len(written)} files in {os.path.commonpath(folders)}" + (
         f", {len(folders)} folders" if len(folders) > 1 else ""
     )
 

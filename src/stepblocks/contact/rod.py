@@ -140,10 +140,9 @@ def fit_rod(
     over = beta * (math.sin(beta) * math.cosh(beta) - math.cos(beta) * math.sinh(beta))
     ratio = (1.0 + math.cos(beta) * math.cosh(beta)) / over if over else math.inf
     if ratio < 0.0:
-        bare = compute_rod_ring(rod).frequency
         raise ContactError(
             "frequency must not exceed that of the bare shank of this diameter and stiffness "
-            f"({bare:.4g} Hz), got {frequency:g} Hz"
+            f"({compute_rod_ring(rod).frequency:.4g} Hz), got {frequency:g} Hz"
         )
     return Rod(bending, rod.line_mass, length, ratio * rod.line_mass * length, rod.loss_factor)
 

@@ -78,8 +78,7 @@ def find_catch_places(
     for n in range(peaks.size):
         following = first[n + 1] if n + 1 < peaks.size else angle.size - 1
         ahead = angle[last[n] : following + 1]
-        half = 0.5 * (angle[peaks[n]] + ahead.min())
-        behind[n] = x[last[n] + int(np.argmax(ahead <= half))]
+        behind[n] = x[last[n] + int(np.argmax(ahead <= 0.5 * (angle[peaks[n]] + ahead.min())))]
         if n > 0:
             between = slice(int(last[n - 1]), int(first[n]) + 1)
             low = np.flatnonzero(angle[between] <= angle[between].min() + _LEVEL) + last[n - 1]

@@ -75,7 +75,6 @@ def add_height_errors(explanation: Explanation, table: SessionTable) -> Explanat
     findings = list(explanation.findings)
     for law, p_value in added:
         bare = fit_without(problem, extended, law)
-        gains = bare.residual**2 - extended.residual**2
         findings.append(
             Finding(
                 law,
@@ -83,7 +82,7 @@ def add_height_errors(explanation: Explanation, table: SessionTable) -> Explanat
                 p_value,
                 bare.cost - extended.cost,
                 (),
-                *find_largest_shares(gains.reshape(table.trials.values.shape)),
+                *find_largest_shares(problem, bare, extended),
             )
         )
     return replace(

@@ -173,8 +173,7 @@ def find_steepest_in_each(
         if a == b:
             continue
         # the contact of the right end, seen from the left end, is steeper than all between
-        bound = _compute_slope(positions[k], contact[k + 1], radius)
-        if bound <= floor:
+        if _compute_slope(positions[k], contact[k + 1], radius) <= floor:
             continue
         best, where, touch = _find_steepest_between(
             (positions[k], height[k], positions[k + 1], height[k + 1]),

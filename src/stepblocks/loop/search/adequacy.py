@@ -38,13 +38,26 @@ def _smooth_columns(trials: Trials, name: str) -> Floats | None:
     return np.stack([x ** (i + 1) for i in range(powers)], axis=1)
 
 
-def find_largest_shares(gains: Floats) -> tuple[tuple[int, float], tuple[int, float]]:
-    """Find the trial and the channel with the largest share of gains of shape (n, c)."""
-    trial, channel = (
-        (int(np.argmax(part)), float(part.max()) / max(float(part.sum()), 1e-12))
-        for part in (gains.sum(axis=1), gains.sum(axis=0))
+def find_largest_shares(
+    problem: Problem, base: Fit, current: Fit
+) -> tuple[tuple[int, float], tuple[int, float]]:
+    """Find the trial with the largest share of a gain, and the channel without which most is lost.
+
+    Shares of channels do not add up to one: what only two of them tell together is lost without
+    either.
+    """
+    gains = (base.residual**2 - current.residual**2).reshape(problem.trials.values.shape)
+    each, whole = gains.sum(axis=1), max(float(gains.sum()), 1e-12)
+    left = []
+    for hidden in np.identity(len(gains.T), dtype=np.bool_):
+        trials = replace(problem.trials, values=np.where(hidden, np.nan, problem.trials.values))
+        noise = replace(problem, trials=trials).add_shared_errors(problem.common, current).noise
+        before, after = (noise.whiten(trials.values - one.predicted) for one in (base, current))
+        left.append(float(before @ before - after @ after))
+    return (int(np.argmax(each)), float(each.max()) / whole), (
+        int(np.argmin(left)),
+        1.0 - min(left) / whole,
     )
-    return trial, channel
 
 
 def check_residuals(

@@ -256,9 +256,8 @@ def _find_residual_structure(grown: _SearchResult) -> tuple[tuple[Hint, ...], se
     # all quantities that change along the run
     mistaken = find_random_walks(grown.problem, grown.extended)
     hints = find_hints(grown.problem, grown.extended)
-    beside = {h.quantity for h in hints if h.kind == "neighbours"}
     hints += tuple(map(describe_wandering, sorted(mistaken - {h.quantity for h in hints})))
-    return hints, mistaken, beside | mistaken
+    return hints, mistaken, mistaken | {h.quantity for h in hints if h.kind == "neighbours"}
 
 
 def _take_out_changes_along_run(
@@ -475,7 +474,7 @@ def _judge_effect(
         grown.gates.get(effect.id, grown.last_gate_p),
         gain,
         select_likeliest(rivals, elsewhere[:1]),
-        *find_largest_shares(gains),
+        *find_largest_shares(problem, base, current),
         reason or ("" if effect.named else "no law of the list fits it"),
     )
 
