@@ -157,6 +157,35 @@ def test_a_law_that_differs_between_labels_is_no_rival_of_itself_where_it_does_n
     ]
 
 
+def test_a_law_is_asked_for_nothing_beyond_the_limits_of_its_parameters() -> None:
+    # a law that a user gives may have no answer there: a length of -0.5 in an exponential
+    asked: list[float] = []
+
+    def decay(level: Floats, trials: Trials, own: Mapping[str, float]) -> Floats:
+        asked.append(own["length"])
+        return level + own["size"] * np.exp(-trials.covariates["z"] / own["length"])
+
+    law = Law(
+        "decay_of_z",
+        "s exp(-z / d)",
+        (
+            Parameter("size", "1", 0.0, -10.0, 10.0, 0.1),
+            Parameter("length", "1", 2.0, 1.0, 50.0, 0.4),
+        ),
+        decay,
+        "level",
+        "z",
+        shapes=tuple({"length": length} for length in (1.0, 4.0, 20.0)),
+    )
+    trials = toy_trials(120, 1)
+    fallen = trials.values - 0.5 * trials.covariates["z"][:, None] * np.array([1.0, 2.0])
+    line = next(e for e in toy_effects() if e.id == "line_of_z")
+    found = explain(Toy(), replace(trials, values=fallen), [replace(line, named=True), law], _RULES)
+    assert found.verdict is not Verdict.NONE
+    # a difference at a limit may ask beside it by a step of the fit
+    assert min(asked) > 1.0 - 0.01
+
+
 def test_what_a_constant_imitates_is_named_from_the_design_alone() -> None:
     problem = build_problem(Toy(), toy_trials(60, 4))
     outcome = compare_directions(problem, fit(problem), toy_effects())

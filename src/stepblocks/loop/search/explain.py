@@ -486,7 +486,7 @@ def _is_special_case(problem: Problem, current: Fit, effect: Law, rival: Fit) ->
     if wider.steps:
         return np.allclose(rival.predicted, current.predicted, atol=_ALIKE, equal_nan=True)
     sizes = list(effect.pick_own_values(current.values).values())
-    if len(sizes) != 1 or len(wider.parameters) == 1:
+    if len(sizes) != 1 or not 1 < len(wider.parameters) == len(wider.amplitudes):
         return False
     alike = [(wider, {p.name: sizes[0] for p in wider.parameters})]
     others = [pair for pair in current.active if pair[0] is not effect]
