@@ -71,8 +71,7 @@ def test_the_page_says_which_trial_and_which_channel_carry_an_effect_most(result
     assert (
         f"Of that rise {100.0 * trial['share_of_gain']:.0f} % are due to trial {trial['trial']}, "
         "which has the largest share of all trials, and "
-        f"{100.0 * channel['share_of_gain']:.0f} % would be lost "
-        "without the "
+        f"{100.0 * channel['share_of_gain']:.0f} % would be lost without the "
         f"{CHANNELS_IN_WORDS[channel['channel']]}."
     ) in part
 

@@ -10,7 +10,6 @@ from scipy.stats import multivariate_normal, norm
 from oracles.toy_model import Toy, toy_effects, toy_trials
 from stepblocks.errors import PipelineError
 from stepblocks.law import Law, Parameter
-from stepblocks.loop.search.adequacy import find_largest_shares
 from stepblocks.loop.search.fit import (
     HopelessFitError,
     Problem,
@@ -102,38 +101,6 @@ def test_whitened_noise_is_white_and_missing_values_vanish() -> None:
     assert np.all(white[::5, 1] == 0.0)
     kept = white[np.broadcast_to(trials.seen[:, :, None], white.shape)]
     assert np.std(kept) == pytest.approx(1.0, abs=0.01)
-
-
-@pytest.mark.parametrize("seen_by", [0, 1])
-def test_the_channel_that_an_effect_moves_carries_it_whatever_the_order_of_channels(
-    seen_by: int,
-) -> None:
-    # both channels share nearly all of their scatter, so that what one alone shows is told by
-    # their difference; r' V^-1 r splits into r_c (V^-1 r)_c, all of it of the one that moved
-    problem = build_problem(Toy(), toy_trials(80, 1))
-    problem = replace(
-        problem,
-        noise=build_noise(
-            problem.trials,
-            (),
-            Toy().responses(problem.trials, {}),
-            Scatter(np.array([0.04]), np.array([1e-4, 1e-4]), 80),
-        ),
-    )
-    moved = np.zeros((80, 2))
-    moved[:, seen_by] = 0.2
-    moved[7, seen_by] = 0.9
-    base, current = (
-        replace(
-            fit(problem),
-            predicted=problem.trials.values - left,
-            residual=problem.noise.whiten(left),
-        )
-        for left in (moved, 0.0 * moved)
-    )
-    trial, channel = find_largest_shares(problem, base, current)
-    assert channel == (seen_by, pytest.approx(1.0))
-    assert trial == (7, pytest.approx(0.81 / (0.81 + 79 * 0.04), abs=2e-3))
 
 
 def test_a_systematic_error_costs_no_more_than_its_prior() -> None:
