@@ -25,6 +25,9 @@ from stepblocks.loop.search.holdout import check_claims
 from stepblocks.loop.search.structure import Hint
 from stepblocks.loop.session_table import build_session_table
 
+_WARMTH, _DAMP = CovariateRange("temperature_c", 18.0, 26.0), CovariateRange("humidity_pct", 40, 60)
+_SPEED = CovariateRange("speed_mm_s", 2.0, 20.0, log=True)
+
 
 def test_figures_are_read_in_the_units_of_the_bench():
     shown = [
@@ -87,6 +90,28 @@ def test_what_is_held_unexplained_says_why(worn):
     assert said.count("friction follows") == 1
 
 
+def test_a_rival_is_said_in_words_with_its_figures_and_no_law_by_its_place(worn):
+    result = worn[2]
+    (finding,) = result.found.findings
+    (pivot,) = (law for law in list_named_laws() if law.id == "pivot_friction")
+    line = next(law for law in list_smooth_laws((_WARMTH,)) if not law.description)
+    fitted = result.found.extended
+    rivals = ((pivot, fitted, 1.0), (line, fitted, 2.0), (line, fitted, 3.0))
+    open_ = replace(finding, verdict=Verdict.AMBIGUOUS, rivals=rivals)
+    share = {"value": 0.12, "unit": "1", "low": 0.05, "high": 0.19}
+    entries = [{"parameters": {"pivot_share": share}}, {"parameters": {}}, {"parameters": {}}]
+    said = write_sentence(
+        replace(result.found, verdict=Verdict.AMBIGUOUS, findings=(open_,)),
+        result.document | {"rivals": entries},
+    )
+    slot = line.slot.replace("_", " ")
+    assert said.split("), or ")[1:] == [
+        "a pivot rubs while the tip is lifted: share of the load, or force, 0.12 (0.05 to 0.19",
+        f"{slot} follows the temperature; these trials cannot tell which"
+        + said[said.index("; 1 trial held apart") :],
+    ]
+
+
 def test_the_channel_in_which_equal_trials_agree_better_than_a_law_is_named(worn):
     result = worn[2]
     cells = [number // 2 for number in range(len(result.table.trials))]
@@ -102,10 +127,6 @@ def test_the_channel_in_which_equal_trials_agree_better_than_a_law_is_named(worn
     assert judge().verdict is Verdict.UNEXPLAINED
     said = write_sentence(judge(), result.document)
     assert "as trials of equal settings agree better than it in decay of the ring" in said
-
-
-_WARMTH, _DAMP = CovariateRange("temperature_c", 18.0, 26.0), CovariateRange("humidity_pct", 40, 60)
-_SPEED = CovariateRange("speed_mm_s", 2.0, 20.0, log=True)
 
 
 @pytest.mark.parametrize(

@@ -1,12 +1,13 @@
 """The finding in one sentence, as a terminal, a report and result.json open with it."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from stepblocks.contact.effects.smooth import CovariateRange
 from stepblocks.contact.forward import PEAK_FORCE, SPEED_OVER_LOAD, TOGETHER
+from stepblocks.law import Law
 from stepblocks.loop.search.explain import Explanation, Finding, Verdict
 from stepblocks.quantities import format_column_label
 from stepblocks.text_file import Document
@@ -122,8 +123,9 @@ def write_sentence(explanation: Explanation, document: Document) -> str:
             f"{errors['before']}, noise {errors['noise']}"
         )
     told = [hint.sentence for hint in explanation.hints]
+    rivals = iter(document["rivals"])  # those of the first finding, then those of the next
     parts = told + [
-        _describe_finding(f, entry, told)
+        _describe_finding(f, entry, rivals, told)
         for f, entry in zip(explanation.findings, document["effects"], strict=True)
     ]
     if explanation.verdict is Verdict.UNEXPLAINED and explanation.reason not in (
@@ -144,7 +146,7 @@ def write_sentence(explanation: Explanation, document: Document) -> str:
         if explanation.findings
         else errors["before"]
     )
-    apart = f"; {len(document['apart'])} trials held apart" if document["apart"] else ""
+    apart = f"; {n} trial{'s' if n > 1 else ''} held apart" if (n := len(document["apart"])) else ""
     text = f"{text}{apart}; error of E_v {change}, noise {errors['noise']}"
     return text[0].upper() + text[1:]
 
@@ -166,28 +168,36 @@ def format_errors(document: Document) -> dict[str, str]:
     }
 
 
-def _describe_finding(finding: Finding, entry: Document, told: Sequence[str]) -> str:
+def _describe_finding(
+    finding: Finding, entry: Document, rivals: Iterator[Document], told: Sequence[str]
+) -> str:
     # `told` is what the sentence has said before
     law = finding.effect
-    name = "" if finding.verdict is Verdict.UNEXPLAINED else law.description
-    if not name:
+    others = [
+        _describe_law(rival, one)
+        for (rival, _, _), one in zip(finding.rivals, rivals, strict=False)
+    ]
+    if finding.verdict is Verdict.UNEXPLAINED or not law.description:
+        why = f": {finding.reason}" if finding.reason not in ("", *told) else ""
+        return f"{_describe_law(law)}, no law claimed{why}"
+    text = _describe_law(law, entry)
+    if finding.verdict is not Verdict.AMBIGUOUS:
+        return text
+    others = [text, *(others[:2] or ["what some folds chose instead"])]
+    return f"{', or '.join(others)}; these trials cannot tell which"
+
+
+def _describe_law(law: Law, entry: Document | None = None) -> str:
+    # By its place alone where it has no words of its own, or no entry with its figures is given
+    if not (entry and law.description):
         along = {"none": "is another", "block": "differs by block"}.get(
             law.covariate, f"follows {describe_covariate(law.covariate)}"
         )
-        why = f": {finding.reason}" if finding.reason not in ("", *told) else ""
-        return f"{law.slot.replace('_', ' ')} {along}, no law claimed{why}"
+        return f"{law.slot.replace('_', ' ')} {along}"
     figures = [
         f"{key[key.index('[') + 1 : -1] + ' ' if '[' in key else ''}"
         f"{format_value(p['value'], p['unit'])} ({format_value(p['low'], p['unit'])} to "
         f"{format_value(p['high'], p['unit'])})"
         for key, p in entry["parameters"].items()
     ]
-    text = f"{name} {', '.join(figures)}"
-    if finding.verdict is not Verdict.AMBIGUOUS:
-        return text
-    rivals = [rival.id.split("~")[0].replace("_", " ") for rival, _, _ in finding.rivals[:2]]
-    return (
-        f"{text}, or "
-        + ", or ".join(rivals or ["what some folds chose instead"])
-        + ": these trials cannot tell"
-    )
+    return f"{law.description} {', '.join(figures)}"

@@ -12,6 +12,7 @@ import pytest
 from oracles.toy_model import Toy, toy_effects, toy_trials
 from stepblocks.law import Law, Parameter
 from stepblocks.loop.search.explain import (
+    Finding,
     Rules,
     Verdict,
     _add_or_replace_effect,
@@ -264,7 +265,7 @@ def test_a_law_of_one_block_is_asked_of_the_folds_that_hold_it(covariate, within
 
 @pytest.mark.parametrize("covariate", ["z", "block"])
 @pytest.mark.parametrize("rise", [0.0, 0.2])
-def test_what_raises_a_held_out_error_beyond_chance_is_not_delivered(
+def test_what_raises_a_held_out_error_is_named_and_not_delivered(
     rise: float, covariate: str
 ) -> None:
     # the square is true of the trials that were fitted; of those that are held out it is not
@@ -287,6 +288,38 @@ def test_what_raises_a_held_out_error_beyond_chance_is_not_delivered(
     # nor is a model called enough whose effects had to go
     assert found.adequate
     assert delivered.adequate is (rise == 0.0)
+    assert ("worse with square of z in the model" in delivered.reason) is (rise > 0.0)
+
+
+@pytest.mark.parametrize(("share", "kept"), [(1e-4, True), (0.01, False)])
+def test_a_rise_that_no_figure_shows_takes_no_claim_back(share: float, kept: bool) -> None:
+    # the law errs by this share of the residual in every trial that is held out: never by chance
+    def lift(level: Floats, trials: Trials, own: Mapping[str, float]) -> Floats:
+        return level + own["size"] * trials.covariates["side"]
+
+    trials = toy_trials(160, 7)
+    nothing = explain(Toy(), trials, toy_effects(), _RULES)
+    side = np.where(np.arange(160) // 2 % 2, 1.0, -1.0)
+    rows = np.arange(0, 160, 2)
+    off = np.where(np.arange(160) % 2, -share, 1.0) * side * 0.1
+    seen = replace(
+        trials,
+        covariates=trials.covariates | {"side": side},
+        values=nothing.nominal.predicted + off[:, None] * [1.0, 2.0],
+    )
+    law = Law("lift", "", (Parameter("size", "1", 0.0, -9.0, 9.0, 0.1),), lift, "level", "side")
+    found = replace(
+        nothing,
+        problem=replace(nothing.problem, trials=seen),
+        findings=(Finding(law, Verdict.EFFECT, 0.001, 100.0),),
+        verdict=Verdict.EFFECT,
+    )
+    delivered, ((nominal, extended, _),) = choose_delivered_effects(
+        found, ([rows],), lambda _: [law]
+    )
+    assert delivered.verdict is (Verdict.EFFECT if kept else Verdict.UNEXPLAINED)
+    ratio = np.sqrt(np.mean(extended[rows] ** 2) / np.mean(nominal[rows] ** 2))
+    assert ratio == pytest.approx(1.0 + share if kept else 1.0, rel=1e-5)
 
 
 def test_folds_cover_every_trial_once_and_every_block_in_each() -> None:

@@ -16,7 +16,8 @@ _GAIN = Parameter("ln_gain", "1", 0.0, -1.5, 1.5, 0.02)
 # before the edge it shows as a gain of the normal gauge: the usual size of either cross-talk alone
 # tells them apart
 _NORMAL_CROSS_TALK = Parameter("normal_cross_talk", "1", 0.0, -0.3, 0.3, 5e-3, 0.03)
-_CLOCK = Parameter("ln_clock", "1", 0.0, -0.5, 0.5, 1e-3)
+# a quartz errs by 1e-4, an oscillator without one by a per cent: what is more is no clock
+_CLOCK = Parameter("ln_clock", "1", 0.0, -0.5, 0.5, 1e-3, 0.01)
 _LAG = Parameter("time_constant_s", "s", 0.0, 0.0, 5e-3, 1e-4)
 
 

@@ -390,9 +390,11 @@ def _judge_search(grown: _SearchResult, candidates: Sequence[Law], rules: Rules)
     problem, current = grown.problem, grown.extended
     findings = tuple(_judge_effect(grown, e, candidates, rules) for e in current.effects)
     checks, adequate = check_residuals(problem, current)
-    kinds = {f.verdict for f in findings}
-    claims = (k for k in (Verdict.AMBIGUOUS, Verdict.UNEXPLAINED, Verdict.EFFECT) if k in kinds)
-    verdict = next(claims, Verdict.NONE)
+    verdict = min(
+        (f.verdict for f in findings),
+        key=(Verdict.AMBIGUOUS, Verdict.UNEXPLAINED, Verdict.EFFECT).index,
+        default=Verdict.NONE,
+    )
     reason = ""
     if verdict is Verdict.EFFECT and not (adequate and grown.last_gate_p > rules.alpha):
         # it improves the fit, not the explanation

@@ -161,11 +161,14 @@ def _find_clusters(name: str, values: Floats, std: float, rows: NDArray[np.intp]
         return None
     member = two.predict(scaled) == int(np.argmin(two.means_[:, 0]))
     groups = tuple(tuple(sorted(rows[m].tolist())) for m in (member, ~member))
-    sentence = (
+    return Hint(
+        "heaps",
+        name,
+        float(np.exp(-0.5 * min(gain, 600.0))),
         f"{name} falls into two groups of {len(groups[0])} and {len(groups[1])} trials, "
-        f"{values[~member].mean() - values[member].mean():.3g} apart"
+        f"{values[~member].mean() - values[member].mean():.3g} apart",
+        groups,
     )
-    return Hint("heaps", name, float(np.exp(-0.5 * min(gain, 600.0))), sentence, groups)
 
 
 def fit_random_walk(values: Floats) -> tuple[float, float, float]:
