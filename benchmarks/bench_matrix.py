@@ -44,6 +44,7 @@ from stepblocks.loop import bench_model, session_table
 from stepblocks.loop.heights import add_height_errors
 from stepblocks.loop.run import analyse_features
 from stepblocks.loop.search.explain import Explanation, Rules, Verdict, explain
+from stepblocks.loop.search.gate import compute_detectable
 from stepblocks.loop.session_table import build_session_table, scan_blocks
 
 _SHARP = (0.05e-6, 1.2e-6)  # radii of edges that a scan cannot tell from sharp ones [m]
@@ -397,10 +398,25 @@ def run_one(name: str, trials: int, seed: int, *, folds: bool = False) -> dict[s
         "values": {
             k: [v, shown.values[k], shown.std[k]] for k, v in values.items() if k in shown.values
         },
+        "missed": _size_missed(found, values) if found.verdict is Verdict.NONE else [],
         # rms of ln E_v beside the nominal model and beside the extended one; with folds, held out
         "error": error,
         "seconds": time.process_time() - began,
     }
+
+
+def _size_missed(found: Explanation, values: dict[str, float]) -> list[list[float]]:
+    # How far what was planted is from nothing, and from where on the session says it would show
+    problem = found.problem
+    laws = problem.model.candidates(problem.trials)
+    shown = compute_detectable(problem, found.nominal, laws, found.needed)
+    starts = {f"{law.id}.{p.name}": (law.id, p.start) for law in laws for p in law.parameters}
+    return [
+        [abs(value - start), float(shown[law])]
+        for name, value in values.items()
+        for law, start in [starts[name]]
+        if law in shown
+    ]
 
 
 def _claims(found: Explanation, slot: str) -> bool:
@@ -510,6 +526,11 @@ def main() -> None:
         print(
             "named laws beside which the error of E_v does not fall:",
             _share(sum(after >= before for before, after in claimed), len(claimed)),
+        )
+    if missed := [m for r in every for m in r.get("missed", ())]:
+        print(
+            "effects missed that are smaller than what their session says would have shown:",
+            _share(sum(size < shown for size, shown in missed), len(missed)),
         )
     if wandering := rows.get("wandering friction 3-15 %"):
         print(
