@@ -163,3 +163,13 @@ def test_smooths_are_zero_in_the_middle_and_flat_beyond_the_range():
 def test_levels_are_named_by_every_label_but_the_first():
     law = next(law for law in list_smooth_laws((_LABELS,)) if law.id == "smooth_friction_operator")
     assert [one.name for one in law.parameters] == ["g[B]", "g[C]"]
+
+
+@pytest.mark.parametrize(("trials", "shortest"), [(240.0, 6.0), (4000.0, 16.0)])
+def test_swings_are_tried_half_a_turn_apart_down_to_six_trials_or_250_turns(trials, shortest):
+    run = CovariateRange("run_order", 0.0, trials)
+    (law,) = (law for law in list_smooth_laws((run,)) if law.id == "periodic_friction_run_order")
+    periods = np.array([shape["period_trials"] for shape in law.shapes])
+    assert np.diff(2.0 * trials / periods) == pytest.approx(1.0)
+    assert periods[0] == pytest.approx(trials)
+    assert periods[-1] == pytest.approx(shortest)

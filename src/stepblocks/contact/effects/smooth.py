@@ -292,8 +292,9 @@ def _make_periodic_law(name: str, covariate: CovariateRange) -> Law:
         phase = 2.0 * np.pi * np.asarray(order, dtype=np.float64) / values["period_trials"]
         return move.change(state, values["cosine"] * np.cos(phase) + values["sine"] * np.sin(phase))
 
-    # half a turn over the whole run apart, so that a fit begins within its own valley
-    turns = np.arange(2, int(2.0 * reach / _SHORTEST_PERIOD) + 1)
+    # half a turn over the whole run apart, so that a fit begins within its own valley; 250 turns at
+    # most, for of thousands of trials the shorter periods would be most of the work
+    turns = np.arange(2, min(int(2.0 * reach / _SHORTEST_PERIOD), 500) + 1)
     return Law(
         f"periodic_{name}_{covariate.name}",
         f"{move.form}, g = a cos(2 pi n / P) + b sin(2 pi n / P)",
