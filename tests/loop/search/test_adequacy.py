@@ -206,34 +206,64 @@ def test_the_constant_that_imitates_an_effect_most_is_named_first() -> None:
     assert outcome["imitated_by_constants"] == {"lean": ("a", "b")}
 
 
+@dataclass(frozen=True)
+class Gauge(Toy):
+    """A toy whose effects change what is shown and not the level, which is known beforehand."""
+
+    known: float = float("inf")
+
+    def parameters(self, trials: Trials) -> tuple[Parameter, ...]:
+        level, slope = super().parameters(trials)
+        return replace(level, prior_std=self.known), slope
+
+    def predict(self, trials: Trials, values: Mapping[str, float], effects: Active = ()) -> Floats:
+        shown = super().predict(trials, values)
+        for effect, own in effects:
+            shown = effect.apply(shown, trials, own)
+        return shown
+
+
+def _law_of(pattern: Floats) -> Law:
+    def apply(shown: Floats, _: Trials, own: Mapping[str, float]) -> Floats:
+        return shown + own["size"] * pattern
+
+    return Law("shown", "", (Parameter("size", "1", 0.0, -10.0, 10.0, 0.1),), apply, "sensor")
+
+
 @pytest.mark.parametrize("seen_by", [0, 1])
 def test_the_channel_that_an_effect_moves_carries_it_whatever_the_order_of_channels(
     seen_by: int,
 ) -> None:
     # both channels share nearly all of their scatter, so that what one alone shows is told by
-    # their difference; without the one that moved the two models are alike, and all is lost
-    problem = build_problem(Toy(), toy_trials(80, 1))
+    # their difference; without the one that moved the law changes nothing, and all is lost
+    trials, moved = toy_trials(80, 1), np.zeros((80, 2))
+    moved[:, seen_by] = 0.2 * (-1.0) ** np.arange(80)
+    moved[7, seen_by] = 0.9
+    problem = build_problem(Gauge(), trials)
+    fitted = fit(problem)
     problem = replace(
         problem,
+        trials=replace(trials, values=fitted.predicted + moved),
         noise=build_noise(
-            problem.trials,
+            trials,
             (),
-            Toy().responses(problem.trials, {}),
+            Toy().responses(trials, {}),
             Scatter(np.array([0.04]), np.array([1e-4, 1e-4]), 80),
         ),
     )
-    moved = np.zeros((80, 2))
-    moved[:, seen_by] = 0.2
-    moved[7, seen_by] = 0.9
-    fitted = fit(problem)
-    base, current = (
-        replace(
-            fitted,
-            predicted=problem.trials.values - left,
-            residual=problem.noise.whiten(left),
-        )
-        for left in (moved, 0.0 * moved)
-    )
-    trial, channel = find_largest_shares(problem, base, current)
+    trial, channel = find_largest_shares(problem, fit(problem), fit(problem, [_law_of(moved)]))
     assert channel == (seen_by, pytest.approx(1.0))
-    assert trial == (7, pytest.approx(0.81 / (0.81 + 79 * 0.04), abs=2e-3))
+    assert trial == (7, pytest.approx(0.81 / (0.81 + 79 * 0.04), abs=0.01))
+
+
+def test_of_what_a_certificate_says_no_trial_has_a_share() -> None:
+    # the level, 1, is certified as 0.5 with 0.05; a hundred trials know it to 0.01 and draw it
+    # there at a cost of nearly (0.5 / 0.05)^2, of which a law of what is shown frees it
+    problem = build_problem(Gauge(known=0.05), toy_trials(120, 3))
+    law = _law_of(np.tile([1.0, 2.0], (120, 1)))
+    base, current = fit(problem), fit(problem, [law])
+    assert base.cost - current.cost == pytest.approx(100.0, rel=0.1)
+    (_, of_trial), (_, of_channel) = find_largest_shares(problem, base, current)
+    assert of_trial < 0.03
+    # the level is seen in both channels
+    assert of_channel < 0.5

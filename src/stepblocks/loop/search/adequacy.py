@@ -15,7 +15,7 @@ from scipy.linalg import block_diag, orth
 from statsmodels.regression.linear_model import OLS
 
 from stepblocks.law import Law, correct_by_holm
-from stepblocks.loop.search.fit import STEP, Fit, Problem
+from stepblocks.loop.search.fit import STEP, Fit, Problem, fit
 from stepblocks.loop.search.forward_model import Floats, Trials
 from stepblocks.loop.search.gate import build_tangent_basis, compute_directions, compute_tangent
 
@@ -43,20 +43,21 @@ def find_largest_shares(
 ) -> tuple[tuple[int, float], tuple[int, float]]:
     """Find the trial with the largest share of a gain, and the channel without which most is lost.
 
-    Shares of channels do not add up to one: what only two of them tell together is lost without
-    either.
+    Both are shares of the whole gain, of which constants that come nearer to their certificates
+    may be the most. Those of channels do not add up to one: what only two of them tell together is
+    lost without either.
     """
-    gains = (base.residual**2 - current.residual**2).reshape(problem.trials.values.shape)
-    each, whole = gains.sum(axis=1), max(float(gains.sum()), 1e-12)
+    values, gain = problem.trials.values, max(base.cost - current.cost, 1e-12)
+    each = (base.residual**2 - current.residual**2).reshape(values.shape).sum(axis=1)
     left = []
-    for hidden in np.identity(len(gains.T), dtype=np.bool_):
-        trials = replace(problem.trials, values=np.where(hidden, np.nan, problem.trials.values))
-        noise = replace(problem, trials=trials).add_shared_errors(problem.common, current).noise
-        before, after = (noise.whiten(trials.values - one.predicted) for one in (base, current))
-        left.append(float(before @ before - after @ after))
-    return (int(np.argmax(each)), float(each.max()) / whole), (
+    for hidden in np.identity(len(values.T), dtype=np.bool_):
+        trials = replace(problem.trials, values=np.where(hidden, np.nan, values))
+        part = replace(problem, trials=trials).add_shared_errors(problem.common, current)
+        before, after = (fit(part, one.effects, one.values) for one in (base, current))
+        left.append(before.cost - after.cost)
+    return (int(np.argmax(each)), float(each.max()) / gain), (
         int(np.argmin(left)),
-        1.0 - min(left) / whole,
+        1.0 - min(left) / gain,
     )
 
 
