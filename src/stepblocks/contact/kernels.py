@@ -31,8 +31,8 @@ def compute_step_angle(height: Real, radius_sum: Real) -> Real:
 
 def compute_angle_out_of_groove(width: Real, rise: Real, ball_radius: Real) -> Real:
     """Angle of the tangent at the far corner for a ball that rests on both corners of a groove."""
-    chord = np.hypot(width, rise)  # inclined by atan2(rise, width), it subtends 2 asin(chord / 2R)
-    return np.arctan2(rise, width) + np.arcsin(0.5 * chord / ball_radius)
+    # the chord between them is inclined by atan2(rise, width) and subtends 2 asin(chord / 2R)
+    return np.arctan2(rise, width) + np.arcsin(0.5 * np.hypot(width, rise) / ball_radius)
 
 
 def compute_margin_angles(opening: Real, rise: Real, ball_radius: Real) -> tuple[Real, Real]:

@@ -322,6 +322,42 @@ def test_a_rise_that_no_figure_shows_takes_no_claim_back(share: float, kept: boo
     assert ratio == pytest.approx(1.0 + share if kept else 1.0, rel=1e-5)
 
 
+@pytest.mark.parametrize("begin", [0.3, 0.02])
+def test_what_changed_at_a_trial_is_judged_there_whatever_its_size_in_a_fold(begin):
+    # between two trials the cost is flat over the place: a fit that has far to go with a number
+    # would send the place anywhere, and judge the model by that
+    def jump(level: Floats, trials: Trials, own: Mapping[str, float]) -> Floats:
+        return level + own["size"] * 0.5 * (
+            1.0 + np.tanh((trials.covariates["n"] - own["at"]) / 0.4)
+        )
+
+    size = Parameter("size", "1", 0.0, -3.0, 3.0, 0.1)
+    law = Law(
+        "jump",
+        "",
+        (size, Parameter("at", "1", 80.0, 0.0, 159.0, 3.0)),
+        jump,
+        "level",
+        "n",
+        shapes=({"at": 80.0},),
+        steps=("at",),
+    )
+    trials = toy_trials(160, 7)
+    n = np.arange(160.0)
+    trials = replace(
+        trials,
+        covariates=trials.covariates | {"n": n},
+        values=trials.values + 0.3 * np.outer(n > 79.5, [1.0, 2.0]),
+    )
+    whole = fit(build_problem(Toy(), trials), [law], {"jump.at": 79.8, "jump.size": 0.3})
+    start = replace(whole, values=whole.values | {"jump.size": begin})
+    nothing = explain(Toy(), trials, (), _RULES)
+    found = replace(nothing, extended=start, findings=(Finding(law, Verdict.EFFECT, 0.001, 100.0),))
+    folds = split_within_blocks(trials, 4)
+    _, ((_, extended, _),) = choose_delivered_effects(found, (folds,), lambda _: [law])
+    assert np.sqrt(np.mean(extended[:, 0] ** 2)) == pytest.approx(np.hypot(0.1, 0.05), rel=0.1)
+
+
 def test_folds_cover_every_trial_once_and_every_block_in_each() -> None:
     trials = toy_trials(64, 8)
     folds = split_within_blocks(trials, 4)

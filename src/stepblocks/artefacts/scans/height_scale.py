@@ -53,8 +53,7 @@ def read_height_scale(path: Path, form: str, channel: str) -> HeightScale | None
                 scale: HeightScale | None = _PACKED[form](archive)
         else:
             with path.open("rb") as file:
-                head = file.read(_MOST_HEAD)
-            scale = _HEADERS[form](head, channel) if form in _HEADERS else None
+                scale = _HEADERS[form](file.read(_MOST_HEAD), channel) if form in _HEADERS else None
     except _BROKEN as error:
         part = "index" if form in _PACKED else "header"
         raise MetrologyError(

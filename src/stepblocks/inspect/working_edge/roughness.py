@@ -66,8 +66,7 @@ def _compute_mean_line(height: Array, known: Array, spacing: float, cutoff: floa
     from scipy.ndimage import convolve1d
 
     reach = max(int(np.ceil(cutoff / spacing)), 1)
-    lag = np.arange(-reach, reach + 1) * spacing / (_ALPHA * cutoff)
-    kernel = np.exp(-np.pi * lag**2)
+    kernel = np.exp(-np.pi * (np.arange(-reach, reach + 1) * spacing / (_ALPHA * cutoff)) ** 2)
     total = convolve1d(np.where(known, height, 0.0), kernel, mode="constant")
     weight = convolve1d(known.astype(np.float64), kernel, mode="constant")
     return np.asarray(total / np.maximum(weight, 1e-12))

@@ -219,6 +219,19 @@ def _find_open_values(error: Floats, less: Floats, more: Floats) -> NDArray[np.b
     return np.asarray(np.isfinite(error) & ~(reach <= _OPEN * typical))
 
 
+def _hold_places(law: Law, values: Mapping[str, float]) -> Law:
+    # What changes at once keeps its place, as a choice that all trials have made: no slope leads a
+    # fit of fewer trials back to it
+    held = {p: values[f"{law.id}.{p}"] for p in law.steps}
+    return replace(
+        law,
+        parameters=tuple(
+            replace(p, low=held[p.name] - 1e-6, high=held[p.name] + 1e-6) if p.name in held else p
+            for p in law.parameters
+        ),
+    )
+
+
 def choose_delivered_effects(
     explanation: Explanation,
     folds: Sequence[Sequence[Rows]],
@@ -270,7 +283,7 @@ def choose_delivered_effects(
                     asked.get(e.id, e) for e in effects if e.covariate != "block" or e.id in asked
                 ]
                 test = trials.take(rows)
-                fitted = fit(problem, known, start)
+                fitted = fit(problem, [_hold_places(law, start or {}) for law in known], start)
                 starts = {
                     p.name: p.start + moved * p.prior_std if moved else p.start
                     for p in model.parameters(test)
