@@ -408,6 +408,7 @@ def run_one(name: str, trials: int, seed: int, *, folds: bool = False) -> dict[s
 def _size_missed(found: Explanation, values: dict[str, float]) -> list[list[float]]:
     # How far what was planted is from nothing, and from where on the session says it would show
     problem = found.problem
+    assert isinstance(problem.model, bench_model.SessionModel)
     laws = problem.model.candidates(problem.trials)
     shown = compute_detectable(problem, found.nominal, laws, found.needed)
     starts = {f"{law.id}.{p.name}": (law.id, p.start) for law in laws for p in law.parameters}

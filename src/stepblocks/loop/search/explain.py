@@ -241,8 +241,7 @@ def search_effects_and_structure(
         hints, mistaken, wanders = _find_residual_structure(grown)
     if not wanders:
         return replace(grown, hints=hints)
-    # a law that a walk does as well counts as walk: its quantity is looked at without what goes
-    # with the hour
+    # what a walk does as well counts as walk: look at its quantity without what goes with the hour
     base = fit_without_time_effects(grown.problem, grown.extended) if mistaken else grown.extended
     fits = {q: base if q in mistaken else grown.extended for q in model.quantities if q in wanders}
     seen = {q: estimate_errors_in_order(grown.problem, one)[q][1] for q, one in fits.items()}
