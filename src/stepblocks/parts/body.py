@@ -464,9 +464,8 @@ def compute_half_volume(body: Body, extent: float, top: float) -> float:
     def rectangle(s: float) -> float:  # antiderivative of that product
         return extent * width * s - (2.0 * extent + width) * s * s / 2.0 + 2.0 * s**3 / 3.0
 
-    # two corner triangles, leg^2 / 2 each; the leg vanishes at s = c / 2
-    corners_at_chamfer = c**3 / 6.0
-    return (height - 2.0 * c) * (extent * width - c * c) + 2.0 * (rectangle(c) - corners_at_chamfer)
+    # two corner triangles, leg^2 / 2 each; the leg vanishes at s = c / 2: c^3 / 6 at a chamfer
+    return (height - 2.0 * c) * (extent * width - c * c) + 2.0 * (rectangle(c) - c**3 / 6.0)
 
 
 def compute_strip_volume(body: Body, top: float, polygon: list[Point]) -> float:

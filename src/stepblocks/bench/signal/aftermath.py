@@ -301,8 +301,7 @@ def _find_troughs(
     time: Array, clean: Array, marks: Landmarks, level: float, frequency: float
 ) -> list[int]:
     # Troughs after the slip
-    rate = (time.size - 1) / (time[-1] - time[0])
-    half = max(int(0.5 * rate / frequency), 2)
+    half = max(int(0.5 * (time.size - 1) / (time[-1] - time[0]) / frequency), 2)
     smooth = np.convolve(clean, np.full(5, 0.2), mode="same")
     found: list[int] = []
     index = marks.peak

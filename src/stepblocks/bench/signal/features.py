@@ -149,9 +149,8 @@ def _find_corner_of_fall(
     if last > time.size or first == end or abs(below[first - 1]) > deep:
         return None
     step = float(np.median(np.diff(time)))
-    t = (time[first:last] - time[first]) / step
     y = force[first:last] - approach.line(time[first:last])
-    columns = np.vander(t, 3, increasing=True)
+    columns = np.vander((time[first:last] - time[first]) / step, 3, increasing=True)
     weights, covariance = fit_with_covariance(columns, y)
     grid = np.linspace(-_CORNER_REACH, 0.0, 701)
     excess = np.vander(grid, 3, increasing=True) @ weights

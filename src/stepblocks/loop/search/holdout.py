@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy import stats
 
 from stepblocks.law import Law
 from stepblocks.loop.search.adequacy import compare_with_replicates
@@ -20,8 +21,8 @@ from stepblocks.loop.search.fit import Problem, build_problem, fit
 from stepblocks.loop.search.forward_model import Floats, ForwardModel, Trials
 from stepblocks.loop.search.structure import Hint
 
-# ratio of errors from which the first line may show a rise: a half of its last digit, 1 %
-_WORSE = 1.005
+_WORSE = 1.005  # ratio of errors from which a rise is one
+_CHANCE = 0.01  # that errors rise as much beside a model that is no worse
 _LACKING = 0.005  # level of the lack of fit against replicates
 # median errors by which what nobody knows of a new specimen may move a prediction; from there on
 # one trial weighs in the mean square as twenty-five others do
@@ -103,8 +104,7 @@ def _judge_folds(finding: Finding, folds: Sequence[Sequence[str]]) -> Finding:
         return finding
     # a fold that is blind to it agrees with nothing; one that puts another in its place contradicts
     # it
-    others = [names for names, agrees in zip(folds, same, strict=True) if not agrees and names]
-    if others:
+    if any(names and not agrees for names, agrees in zip(folds, same, strict=True)):
         return replace(finding, verdict=Verdict.AMBIGUOUS)
     return replace(finding, verdict=Verdict.UNEXPLAINED, reason="parts of the trials miss it")
 
@@ -194,29 +194,43 @@ def select_effects_without(
     return chosen
 
 
-def _is_worse(before: Sequence[Floats], after: Sequence[Floats], channels: Sequence[int]) -> bool:
-    # Whether an error of one way of holding out rises in one of these channels
+def _is_worse(
+    before: Sequence[Floats], after: Sequence[Floats], channels: Sequence[int], shown: int
+) -> bool:
+    # Whether an error of one way of holding out rises in one of these channels; the first line has
+    # that of the first channel for so many ways
     return any(
-        _rises(old[:, j], new[:, j])
-        for old, new in zip(before, after, strict=True)
+        _rises(old[:, j], new[:, j], way < shown and j == channels[0])
+        for way, (old, new) in enumerate(zip(before, after, strict=True))
         for j in channels
     )
 
 
-def _rises(nominal: Floats, extended: Floats) -> bool:
-    # Whether an error rises so that the first line may show it. Less is no reason, by chance or
-    # not: beside a law that is true, too, an error rises by a part in ten thousand in every trial
+def _rises(nominal: Floats, extended: Floats, shown: bool) -> bool:
+    # Whether an error rises: in the whole per cents of the first line, where it is `shown` there,
+    # or else by what somebody sees and not by chance. Beside a true law that hardly moves it, it
+    # rises by chance half the time, or in every trial by a part in ten thousand. One-sided test of
+    # paired squared errors (Diebold and Mariano 1995, doi:10.2307/1392185)
     seen = np.isfinite(nominal)
-    return bool(np.sum(extended[seen] ** 2) > _WORSE**2 * np.sum(nominal[seen] ** 2))
+    squares = np.square([nominal[seen], extended[seen]])
+    before, after = np.sqrt(np.mean(squares, axis=1)) if seen.any() else (0.0, 0.0)
+    old, new = np.rint(100.0 * np.expm1([before, after]))
+    return bool(
+        after > _WORSE * before
+        and (
+            (shown and new > old)
+            or stats.ttest_rel(squares[1], squares[0], alternative="greater").pvalue < _CHANCE
+        )
+    )
 
 
 def _find_open_values(error: Floats, less: Floats, more: Floats) -> NDArray[np.bool_]:
     # Which errors are due to what nobody knows, such as to 1 um of an unscanned block that nearly
     # locks, and to no model: `less` and `more` are those with the unknown moved
-    typical = pd.DataFrame(np.abs(error)).median().to_numpy()
-    reach = np.maximum(np.abs(less - error), np.abs(more - error))
+    most = _OPEN * pd.DataFrame(np.abs(error)).median().to_numpy()
     # a specimen that locks once it is moved has no reach
-    return np.asarray(np.isfinite(error) & ~(reach <= _OPEN * typical))
+    within = np.maximum(np.abs(less - error), np.abs(more - error)) <= most
+    return np.asarray(np.isfinite(error) & ~within)
 
 
 def _hold_places(law: Law, values: Mapping[str, float]) -> Law:
@@ -250,7 +264,8 @@ def choose_delivered_effects(
     candidates : callable
         Effects that may be asked of a table: one of a specimen that a fold never saw is not.
     channels : sequence of int
-        Those in which the extended model may not be worse than the nominal one.
+        Those in which the extended model may not be worse than the nominal one, first that of which
+        the first line has the error.
 
     Returns
     -------
@@ -283,13 +298,13 @@ def choose_delivered_effects(
                     asked.get(e.id, e) for e in effects if e.covariate != "block" or e.id in asked
                 ]
                 test = trials.take(rows)
-                fitted = fit(problem, [_hold_places(law, start or {}) for law in known], start)
+                held = [_hold_places(law, start or {}) for law in known]
                 starts = {
                     p.name: p.start + moved * p.prior_std if moved else p.start
                     for p in model.parameters(test)
                 }
                 error[rows] = test.values - Problem(model, test, problem.noise).predict(
-                    known, starts | fitted.values
+                    known, starts | fit(problem, held, start).values
                 )
             errors.append(error)
         whole = fit(explanation.problem, effects, start) if effects else explanation.nominal
@@ -305,13 +320,13 @@ def choose_delivered_effects(
     # a law of one specimen says nothing of others, and cannot be judged by them
     own = [f.effect for f in findings if f.effect.named and f.effect.covariate == "block"]
     errors = base = predict(own, extended.values) if own else nominal
-    if _is_worse(nominal[:1], base[:1], channels):
+    if _is_worse(nominal[:1], base[:1], channels, 1):
         own = []  # other trials of its specimen speak against it
         errors = base = nominal
     while len(findings) > len(own):
         effects = [f.effect for f in findings]
         errors = predict(effects, extended.values)
-        if not _is_worse(base, errors, channels):
+        if not _is_worse(base, errors, channels, len(folds)):
             break
         # what was taken out along the run without a claim goes first
         weakest = min(
@@ -322,8 +337,8 @@ def choose_delivered_effects(
         errors = base
     dropped = [f.effect for f in explanation.findings if f not in findings]
     if dropped:
-        extended = fit(explanation.problem, [f.effect for f in findings], extended.values)
-        explanation = replace(explanation, findings=findings, extended=extended)
+        kept = fit(explanation.problem, [f.effect for f in findings], extended.values)
+        explanation = replace(explanation, findings=findings, extended=kept)
     if claimed := [law.id for law in dropped if law.id not in explanation.walks]:
         added = " and ".join(claimed).replace("_", " ").replace("~", " ")
         worse = f"held-out trials are predicted worse with {added} in the model"

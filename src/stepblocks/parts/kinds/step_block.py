@@ -156,10 +156,9 @@ class StepBlock(Block):
         volume = compute_half_volume(body, half, 0.0) + compute_half_volume(body, half, H)
         # the rounding takes u(z) = r - sqrt(r^2 - zeta^2) off a face that is W - 2 (c - r) - 2 zeta
         # wide
-        corners = r**3 / 3.0 if c > 0.0 else 0.0
-        volume -= (body.width.nominal - 2.0 * max(c - r, 0.0)) * r * r * (
-            1.0 - 0.25 * math.pi
-        ) - corners
+        volume -= (body.width.nominal - 2.0 * max(c - r, 0.0)) * r * r * (1.0 - 0.25 * math.pi) - (
+            r**3 / 3.0 if c > 0.0 else 0.0
+        )
         if feature is not None:
             # from the lane's boundary to the chamfered side, z from 0 to H; the side's edge break
             # runs on through a ridge, from c inside at z = 0
