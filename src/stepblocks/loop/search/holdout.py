@@ -256,7 +256,7 @@ def choose_delivered_effects(
 
     Parameters
     ----------
-    found : Explanation
+    explanation : Explanation
         What all trials say.
     folds : sequence of sequences of rows
         For each way of holding out, the rows of each fold; first the way that leaves trials of
@@ -269,7 +269,7 @@ def choose_delivered_effects(
 
     Returns
     -------
-    found : Explanation
+    explanation : Explanation
         The same, less the effects that raise the error in one of these channels.
     errors : list of three arrays each
         For each way the errors of the nominal and of the delivered model, and which are left open,
