@@ -72,10 +72,11 @@ def test_the_finding_names_the_block_and_its_height_error_and_the_energies_are_r
     true = 6e-6 + block_errors(_COLUMNS, 3)["step-040"]
     assert shown["low"] < true < shown["high"]
     assert "step-040" in result.document["finding"]
-    # what leads the gain is a trial of that block, of some fifteen, and one of the channels
+    # what leads the gain is a trial of that block, and one of the channels; none of its some
+    # fifteen trials has much of it, for in the nominal model they draw the height off its drawing
     leading = entry["evidence"]["leading_trial"]
     assert result.table.trials.block[list(result.table.names).index(leading["trial"])] == "step-040"
-    assert 1.0 / 15.0 < leading["share_of_gain"] < 0.5
+    assert 0.0 < leading["share_of_gain"] < 1.0 / 15.0
     assert 0.2 < entry["evidence"]["leading_channel"]["share_of_gain"] <= 1.0
     rows = result.table.trials.block == "step-040"
     error = result.within.extended[rows, 0]
