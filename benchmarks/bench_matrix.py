@@ -413,10 +413,9 @@ def _size_missed(found: Explanation, values: dict[str, float]) -> list[list[floa
     shown = compute_detectable(problem, found.nominal, laws, found.needed)
     starts = {f"{law.id}.{p.name}": (law.id, p.start) for law in laws for p in law.parameters}
     return [
-        [abs(value - start), float(shown[law])]
-        for name, value in values.items()
-        for law, start in [starts[name]]
-        if law in shown
+        [abs(values[name] - start), float(shown[law])]
+        for name, (law, start) in starts.items()
+        if name in values and law in shown
     ]
 
 

@@ -9,6 +9,7 @@ from stepblocks.contact.effects.smooth import CovariateRange
 from stepblocks.contact.forward import PEAK_FORCE, SPEED_OVER_LOAD, TOGETHER
 from stepblocks.law import Law
 from stepblocks.loop.search.explain import Explanation, Finding, Verdict
+from stepblocks.loop.search.holdout import round_to_per_cent
 from stepblocks.quantities import format_column_label
 from stepblocks.text_file import Document
 
@@ -161,9 +162,8 @@ def format_errors(document: Document) -> dict[str, str]:
         "after_blocks": extended["ln_energy_rms_blocks_left_out"],
         "noise": extended["noise_floor"]["ln_energy_rms"],
     }
-    # of a logarithm: 0.05 is 5 %
     return {
-        name: "unknown" if v is None or math.isnan(v) else f"{100.0 * math.expm1(v):.0f} %"
+        name: "unknown" if v is None or math.isnan(v) else f"{round_to_per_cent(v):.0f} %"
         for name, v in figures.items()
     }
 
@@ -183,8 +183,8 @@ def _describe_finding(
     text = _describe_law(law, entry)
     if finding.verdict is not Verdict.AMBIGUOUS:
         return text
-    others = [text, *(others[:2] or ["what some folds chose instead"])]
-    return f"{', or '.join(others)}; these trials cannot tell which"
+    choices = [text, *(others[:2] or ["what some folds chose instead"])]
+    return f"{', or '.join(choices)}; these trials cannot tell which"
 
 
 def _describe_law(law: Law, entry: Document | None = None) -> str:

@@ -55,9 +55,8 @@ def read_height_scale(path: Path, form: str, channel: str) -> HeightScale | None
             with path.open("rb") as file:
                 scale = _HEADERS[form](file.read(_MOST_HEAD), channel) if form in _HEADERS else None
     except _BROKEN as error:
-        part = "index" if form in _PACKED else "header"
         raise MetrologyError(
-            f"{part} must state the height scale, got "
+            f"{'index' if form in _PACKED else 'header'} must state the height scale, got "
             f"{getattr(error, 'strerror', None) or error} [{path.name}]"
         ) from error
     if scale is not None and not (np.isfinite(scale.count) and scale.count > 0.0):

@@ -410,10 +410,8 @@ def _judge_search(grown: _SearchResult, candidates: Sequence[Law], rules: Rules)
             for f in findings
         )
         if findings and verdict is not Verdict.NONE:
-            leading = max(findings, key=lambda f: f.gain)
-            verdict = (
-                Verdict.AMBIGUOUS if leading.verdict is Verdict.AMBIGUOUS else Verdict.UNEXPLAINED
-            )
+            leading = max(findings, key=lambda f: f.gain).verdict
+            verdict = leading if leading is Verdict.AMBIGUOUS else Verdict.UNEXPLAINED
             reason = LEFT
     if grown.hints and verdict in (Verdict.NONE, Verdict.EFFECT):
         # something differs between trials that no column names

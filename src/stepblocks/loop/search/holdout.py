@@ -194,6 +194,11 @@ def select_effects_without(
     return chosen
 
 
+def round_to_per_cent(error: float) -> float:
+    """Return an error of a logarithm in whole per cents, as the first line has it: 0.05 is 5 %."""
+    return float(np.rint(100.0 * np.expm1(error)))
+
+
 def _is_worse(
     before: Sequence[Floats], after: Sequence[Floats], channels: Sequence[int], shown: int
 ) -> bool:
@@ -211,14 +216,12 @@ def _rises(nominal: Floats, extended: Floats, shown: bool) -> bool:
     # or else by what somebody sees and not by chance. Beside a true law that hardly moves it, it
     # rises by chance half the time, or in every trial by a part in ten thousand. One-sided test of
     # paired squared errors (Diebold and Mariano 1995, doi:10.2307/1392185)
-    seen = np.isfinite(nominal)
-    squares = np.square([nominal[seen], extended[seen]])
-    before, after = np.sqrt(np.mean(squares, axis=1)) if seen.any() else (0.0, 0.0)
-    old, new = np.rint(100.0 * np.expm1([before, after]))
+    squares = np.square([nominal, extended])[:, np.isfinite(nominal)]
+    before, after = np.sqrt(np.mean(squares, axis=1)) if squares.size else (0.0, 0.0)
     return bool(
         after > _WORSE * before
         and (
-            (shown and new > old)
+            (shown and round_to_per_cent(after) > round_to_per_cent(before))
             or stats.ttest_rel(squares[1], squares[0], alternative="greater").pvalue < _CHANCE
         )
     )
@@ -227,10 +230,10 @@ def _rises(nominal: Floats, extended: Floats, shown: bool) -> bool:
 def _find_open_values(error: Floats, less: Floats, more: Floats) -> NDArray[np.bool_]:
     # Which errors are due to what nobody knows, such as to 1 um of an unscanned block that nearly
     # locks, and to no model: `less` and `more` are those with the unknown moved
-    most = _OPEN * pd.DataFrame(np.abs(error)).median().to_numpy()
+    typical = pd.DataFrame(np.abs(error)).median().to_numpy()
+    reach = np.maximum(np.abs(less - error), np.abs(more - error))
     # a specimen that locks once it is moved has no reach
-    within = np.maximum(np.abs(less - error), np.abs(more - error)) <= most
-    return np.asarray(np.isfinite(error) & ~within)
+    return np.asarray(np.isfinite(error) & ~(reach <= _OPEN * typical))
 
 
 def _hold_places(law: Law, values: Mapping[str, float]) -> Law:
@@ -298,17 +301,17 @@ def choose_delivered_effects(
                     asked.get(e.id, e) for e in effects if e.covariate != "block" or e.id in asked
                 ]
                 test = trials.take(rows)
-                held = [_hold_places(law, start or {}) for law in known]
+                fitted = fit(problem, [_hold_places(law, start or {}) for law in known], start)
                 starts = {
                     p.name: p.start + moved * p.prior_std if moved else p.start
                     for p in model.parameters(test)
                 }
                 error[rows] = test.values - Problem(model, test, problem.noise).predict(
-                    known, starts | fit(problem, held, start).values
+                    known, starts | fitted.values
                 )
             errors.append(error)
-        whole = fit(explanation.problem, effects, start) if effects else explanation.nominal
-        return [*errors, trials.values - whole.predicted]
+        own = fit(explanation.problem, effects, start) if effects else explanation.nominal
+        return [*errors, trials.values - own.predicted]
 
     nominal = predict(())
     left_open = [
@@ -337,8 +340,11 @@ def choose_delivered_effects(
         errors = base
     dropped = [f.effect for f in explanation.findings if f not in findings]
     if dropped:
-        kept = fit(explanation.problem, [f.effect for f in findings], extended.values)
-        explanation = replace(explanation, findings=findings, extended=kept)
+        explanation = replace(
+            explanation,
+            findings=findings,
+            extended=fit(explanation.problem, [f.effect for f in findings], extended.values),
+        )
     if claimed := [law.id for law in dropped if law.id not in explanation.walks]:
         added = " and ".join(claimed).replace("_", " ").replace("~", " ")
         worse = f"held-out trials are predicted worse with {added} in the model"

@@ -155,7 +155,7 @@ class StepBlock(Block):
         half, c = body.half_length, body.edge_break.nominal
         volume = compute_half_volume(body, half, 0.0) + compute_half_volume(body, half, H)
         # the rounding takes u(z) = r - sqrt(r^2 - zeta^2) off a face that is W - 2 (c - r) - 2 zeta
-        # wide
+        # wide, and so less at its two corners by r^3 / 3
         volume -= (body.width.nominal - 2.0 * max(c - r, 0.0)) * r * r * (1.0 - 0.25 * math.pi) - (
             r**3 / 3.0 if c > 0.0 else 0.0
         )
