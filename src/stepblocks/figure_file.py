@@ -28,11 +28,9 @@ def make_figure(
 
     Sizes are in inches, `heights` in parts of the height.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width, height), dpi=130, layout="constrained")
-    FigureCanvasAgg(figure)
     axes = figure.subplots(rows, columns, sharex=sharex, height_ratios=heights)
     for axis in figure.axes:
         axis.grid(alpha=0.3, lw=0.5)

@@ -72,7 +72,8 @@ class Law:
     rank : int
         Order of preference among laws that predict the same.
     description : str
-        What it is in the words of a sentence that ends in its figures.
+        What it is in the words of a sentence that ends in its figures, or that has ``{}`` where
+        each of them stands.
     how_to_decide : str
         What to do on the bench to tell it from its rivals.
     given : bool

@@ -1,6 +1,7 @@
 """One sentence opens result.json, report and terminal, and says no more than the verdict allows."""
 
 import math
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -51,7 +52,9 @@ def test_figures_are_read_in_the_units_of_the_bench():
         (2.05e-8, "m", 5.3e-7, "0.02 µm"),
         (-5.13e-7, "m", 5.3e-7, "-0.51 µm"),
         (152.3, "1", 30.0, "152"),
-        (0.0, "m", 1e-7, "0 µm"),
+        (0.0, "m", 1.2e-7, "0.00 µm"),
+        (-1.05e-15, "m", 2.0e-7, "0.00 µm"),
+        (29612.0, "N/m", 150.0, "29.61 N/mm"),
     ],
 )
 def test_a_figure_has_the_digits_that_its_interval_leaves_it(value, unit, reach, shown):
@@ -63,9 +66,16 @@ def test_an_effect_is_said_with_its_figures_and_the_error_before_and_after(worn)
     result = worn[2]
     said = result.document["finding"]
     assert next(iter(result.document)) == "finding"
-    assert said.startswith("Friction runs in: excess at first and trials to settle 0.")
+    figure = r"[\d.]+ \([\d.]+ to [\d.]+\)"
+    assert re.match(f"Friction runs in: excess at first {figure}, trials to settle {figure};", said)
     assert "error of E_v" in said
     assert "->" in said
+
+
+def test_the_words_of_a_law_have_a_place_for_each_of_its_figures_or_end_in_the_only_one():
+    for law in list_named_laws(["step-050"]):
+        figures = len(law.parameters)
+        assert law.description.count("{}") == (figures if figures > 1 else 0), law.id
 
 
 def test_what_is_held_unexplained_says_why(worn):
@@ -106,7 +116,7 @@ def test_a_rival_is_said_in_words_with_its_figures_and_no_law_by_its_place(worn)
     )
     slot = line.slot.replace("_", " ")
     assert said.split("), or ")[1:] == [
-        "a pivot rubs while the tip is lifted: share of the load, or force, 0.12 (0.05 to 0.19",
+        "a pivot rubs while the tip is lifted: share of the load 0.12 (0.05 to 0.19",
         f"{slot} follows the temperature; these trials cannot tell which"
         + said[said.index("; 1 trial held apart") :],
     ]

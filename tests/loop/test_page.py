@@ -218,7 +218,7 @@ def test_labels_under_a_figure_do_not_overlap(labels):
     places, written = _find_plot_positions(np.array(labels))
     axis.plot(places, 0.0 * places, ".")
     axis.set_xticks(list(written), list(written.values()))
-    figure.canvas.draw()
+    figure.draw_without_rendering()
     boxes = [one.get_window_extent() for one in axis.get_xticklabels()]
     assert len(boxes) > 1
     assert all(left.x1 < right.x0 for left, right in itertools.pairwise(boxes))

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator, Sequence
+from functools import reduce
 
 import numpy as np
 
@@ -75,15 +76,16 @@ def describe_covariate(name: str) -> str:
 def format_value(value: float, unit: str, reach: float = 0.0) -> str:
     """Write a figure of a parameter in the unit that people read.
 
-    It has three digits, or so many that its interval, of half width `reach`, has two.
+    It has three digits, or the decimals that give its interval, of half width `reach`, two digits.
     """
     factor, shown = _READ.get(unit, (1.0, "" if unit == "1" else unit))
     if unit in _READ and abs(value * factor) >= _MANY:
         factor, shown = 1.0, unit
     text = f"{value * factor:.3g}"
-    if value and reach > 0.0:
-        digits = math.floor(math.log10(abs(value))) - math.floor(math.log10(reach)) + 2
-        text = f"{value * factor:#.{max(digits, 1)}g}".rstrip(".")
+    if reach > 0.0:
+        decimals = 1 - math.floor(math.log10(reach * factor))
+        # adding zero takes the sign from what rounds to none
+        text = f"{round(value * factor, decimals) + 0.0:.{max(decimals, 0)}f}"
     return f"{text} {shown}".rstrip()
 
 
@@ -200,4 +202,7 @@ def _describe_law(law: Law, entry: Document | None = None) -> str:
         f"{format_value(p['high'], p['unit'])})"
         for key, p in entry["parameters"].items()
     ]
-    return f"{law.description} {', '.join(figures)}"
+    places = "" if "{}" in law.description else " " + ", ".join(["{}"] * len(figures))
+    return reduce(
+        lambda text, figure: text.replace("{}", figure, 1), figures, law.description + places
+    )

@@ -120,6 +120,8 @@ def _draw_residuals(explanation: Explanation, channel: str) -> dict[str, str]:
         axis.sharey(axes[0])
         if ticks:
             axis.set_xticks(list(ticks), list(ticks.values()))
+        else:  # five figures of seconds have room side by side
+            axis.locator_params("x", nbins=6)
     for axis in axes[len(columns) :]:
         axis.set_visible(False)
     axes[0].legend(fontsize=8)

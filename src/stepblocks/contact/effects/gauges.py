@@ -129,7 +129,8 @@ GAUGE_LAWS = (
         "F_x shown G F_x + z + c F_y, F_y shown G' F_y + z'",
         (_ZERO, _NORMAL_ZERO, _NORMAL_GAIN, _CROSS_TALK, _GAIN),
         rank=9,
-        description="several constants of the gauges are off: zeros, gain, cross-talk, gain",
+        description="several constants of the gauges are off: zeros {} and {} (normal), logarithm "
+        "of the normal gain {}, cross-talk {}, logarithm of the tangential gain {}",
         how_to_decide="tare both gauges, hang known weights on each, drag in both directions",
     ),
     _gauge(

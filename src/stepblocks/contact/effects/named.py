@@ -121,7 +121,7 @@ _friction = partial(Law, slot="friction")
 _by_speed = partial(
     _friction,
     covariate="speed_mm_s",
-    description="friction falls with speed: excess at rest and speed",
+    description="friction falls with speed: excess at rest {}, over a speed of {}",
 )
 
 _FRICTION = (
@@ -165,6 +165,7 @@ _FRICTION = (
             * np.maximum(1.0 + v["slope"] * np.log(state.speed / 6e-3), 0.02)
         ),
         rank=1,
+        description="friction goes with the logarithm of speed: slope",
     ),
     _friction(
         "hersey_friction",  # of a film that speed builds and load presses out
@@ -178,7 +179,7 @@ _FRICTION = (
         ),
         covariate=SPEED_OVER_LOAD,
         shapes=tuple({"number": h} for h in (3e-3, 8e-3, 2e-2, 5e-2)),
-        description="friction follows speed over load: excess at rest and number",
+        description="friction follows speed over load: excess at rest {}, over a ratio of {}",
     ),
     _friction(
         "hersey_friction~power",
@@ -216,7 +217,7 @@ _FRICTION = (
             ),
             covariate=covariate,
             shapes=tuple({"settling_trials": start * n} for n in (0.3, 0.8, 2.0, 8.0)),
-            description=f"friction {verb}: excess at first and trials to settle",
+            description=f"friction {verb}: excess at first {{}}, trials to settle {{}}",
             how_to_decide=how,
         )
         for name, count, start, least, covariate, verb, how in (
@@ -329,7 +330,7 @@ _bias = partial(
 )
 _pivot = partial(
     _load,
-    description="a pivot rubs while the tip is lifted: share of the load, or force,",
+    description="a pivot rubs while the tip is lifted: share of the load",
     how_to_decide="lift the arm slowly by a scale",
 )
 _drag = partial(
@@ -383,7 +384,7 @@ _TOOL = (
         covariate="peak_force_n",
         given=False,
         shapes=({"pitch_share": 0.0}, {"pitch_share": 0.4}),
-        description="the spring hardens: g and the share of the first swing that its pitch shows",
+        description="the spring hardens: g {}, its pitch shows {} of the first swing",
     ),
     _softening(
         "softening_spring",
@@ -395,8 +396,7 @@ _TOOL = (
         ),
         _apply_softening,
         shapes=({"damping_power": 0.0}, {"damping_power": 0.5}),
-        description="the spring softens as it warms: per K, and the power of k that its damping "
-        "follows",
+        description="the spring softens as it warms: by {}, its damping with the power {} of k",
     ),
     _softening(
         "softening_spring~pitch_unchanged",
@@ -439,6 +439,7 @@ _TOOL = (
         (Parameter("pivot_force_n", "N", 0.0, -0.25, 0.6, 0.01),),
         lambda state, _, v: state.changed(climb_load=state.climb_load + v["pivot_force_n"]),
         rank=3,
+        description="a pivot rubs while the tip is lifted: force",
     ),
     _drag(
         "viscous_drag",

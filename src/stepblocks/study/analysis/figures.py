@@ -146,8 +146,9 @@ def _draw_curves(figure: Panels, result: Result) -> Table:
                 for level, hits, total in zip(curve.levels, curve.hits, curve.totals, strict=True)
             ]
             if fit := curve.fit:
-                rise = ndtr(np.log(x / fit.threshold[0]) / fit.spread)
-                y = fit.lapse + (1.0 - 2.0 * fit.lapse) * rise
+                y = fit.lapse + (1.0 - 2.0 * fit.lapse) * ndtr(
+                    np.log(x / fit.threshold[0]) / fit.spread
+                )
                 axes.plot(x * 1e6, y, color=colour, lw=0.7, alpha=0.6)
                 axes.text(x[-1] * 1e6, y[-1], f" {curve.who}", fontsize=6, va="center")
         if found.equal and found.spread:
