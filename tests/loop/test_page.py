@@ -87,13 +87,27 @@ def test_trials_held_apart_stand_in_a_table_with_what_they_look_like(result):
     assert "Look at the records of the trials that were held apart" in page.split("<nav")[0]
 
 
-def test_what_a_law_follows_is_said_in_words_where_its_name_holds_a_column(result):
+@pytest.mark.parametrize(
+    ("name", "covariate", "shown", "heading"),
+    [
+        (
+            "step_friction_pause_s",
+            "pause_s",
+            "step friction over the pause before a trial",
+            "Step friction",
+        ),
+        ("rest", "trials_since_rest", "confirms rest", "Rest"),  # a law that has a name of its own
+    ],
+)
+def test_what_a_law_follows_is_said_in_words_where_its_name_holds_a_column(
+    result, name, covariate, shown, heading
+):
     entry = result.document["effects"][0] | {
-        "id": "step_friction_pause_s",
-        "variant": "step_friction_pause_s",
-        "covariate": "pause_s",
+        "id": name,
+        "variant": name,
+        "covariate": covariate,
     }
-    asked = result.document["next_experiment"] | {"separates": [entry["variant"], "nothing"]}
+    asked = result.document["next_experiment"] | {"separates": [name, "nothing"], "repeats": 1}
     page = render_loop_page(
         replace(
             result,
@@ -101,8 +115,8 @@ def test_what_a_law_follows_is_said_in_words_where_its_name_holds_a_column(resul
         )
     )
     box = page.split('class="box"')[1].split("</section>")[0]
-    assert "step friction over the pause before a trial, mainly by" in box
-    assert "<h3>Step friction</h3>" in page
+    assert f"{shown}, mainly by" in box
+    assert f"<h3>{heading}</h3>" in page
     assert "pause s" not in page
 
 
