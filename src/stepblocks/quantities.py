@@ -98,8 +98,7 @@ def parse_quantity(text: object, dimension: str) -> float:
         dimension in _KNOWN, f"dimension must be one of {', '.join(_KNOWN)}, got {dimension!r}"
     )
     unit, example = _KNOWN[dimension]
-    article = "an" if dimension[0] in "ae" else "a"
-    wanted = f"must be {article} {dimension} such as {example!r}"
+    wanted = f"must be a{'n' if dimension[0] in 'ae' else ''} {dimension} such as {example!r}"
     if dimension == "ratio" and isinstance(text, int | float) and not isinstance(text, bool):
         value = float(text)
     elif not isinstance(text, str):

@@ -88,7 +88,7 @@ def test_loop_says_what_is_missing_before_it_measures(session, tmp_path, capsys)
     table.to_csv(session / "trials.csv", index=False)
     assert main(["loop", str(session), "-o", str(tmp_path / "out")]) == 2
     said = capsys.readouterr().err
-    assert "must have a column 'block' for the block, it has trial, specimen" in said
+    assert "must have a column 'block' for the block, it has 'trial', 'specimen'" in said
     assert "measured" not in said
 
 

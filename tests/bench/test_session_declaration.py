@@ -169,6 +169,11 @@ def test_every_format_is_known_by_its_suffixes_and_by_its_name(name, tmp_path):
             '[trials]\nfile = "list.csv"\n[stimuli]',
             r"table of trials is missing, expected list.csv",
         ),
+        (
+            "[stimuli]",
+            '[calibration]\nspring_constant = ["98.1 N/mm", "0.05 N/mm"]\n[stimuli]',
+            r"spring_constant must be within a factor of 2 .*, got 98100 N/m and 9810 N/m",
+        ),
     ],
 )
 def test_what_is_wrong_is_said_with_field_rule_and_value(old, new, message, tmp_path):

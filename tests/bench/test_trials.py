@@ -114,7 +114,7 @@ def test_of_equal_rows_the_first_counts_and_of_contradicting_ones_none(tmp_path)
         (",,\n1,2,3\n", "", "table of trials is empty"),
         ("trial,load_n\n", "", "has no rows"),
         ("trial,a,a\n1,2,3\n", "", "names the column 'a' twice"),
-        ("id,a\n1,2\n", "", "must have a column 'trial' for the trial, it has id, a"),
+        ("id,a\n1,2\n", "", "must have a column 'trial' for the trial, it has 'id', 'a'"),
         (
             "trial,a\n1,2\n",
             '[trials.columns]\nload = "weight"\n',

@@ -330,7 +330,8 @@ def test_a_trial_that_is_a_copy_counts_once() -> None:
     assert sum("the same forces as trial" in reason for _, reason in twice.excluded) == len(
         once.trials
     )
-    with pytest.raises(PipelineError, match="at least 12"):
+    most = "at least 12 good trials are needed, got 1 of 20; most others: the same forces as trial"
+    with pytest.raises(PipelineError, match=most):
         build_session_table(pd.concat([features.head(1)] * 20, ignore_index=True), 9810.0, 125e-6)
 
 

@@ -129,6 +129,11 @@ def test_a_model_with_a_law_of_a_file_is_read_where_the_file_is_given(my_laws, t
     assert (tmp_path / "out.csv").exists()
 
 
+def test_laws_may_stand_in_a_list_and_one_that_has_a_name_too_is_one(my_laws):
+    my_laws.write_text(f"{LAWS}\nlaws = [FILM]\nno_laws = (1, None)\n")
+    assert [law.id for law in sb.offer_laws(my_laws)] == ["film_valley"]
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

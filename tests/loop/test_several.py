@@ -158,6 +158,18 @@ def test_a_model_of_several_sessions_is_read_back_and_holds_their_mean(tmp_path)
     assert build_model_document(learned)["verdict"] == "several sessions"
 
 
+def test_scans_that_make_one_name_two_blocks_are_refused_with_the_heights():
+    _, tables, scans = measure_days((0.16, 0.16))
+    block = next(iter(scans))
+    model = tables["day-2"].model
+    height, std = model.scanned[block]
+    moved = {**model.scanned, block: (height + 5e-6, std)}
+    tables["day-2"] = replace(tables["day-2"], model=replace(model, scanned=moved))
+    with pytest.raises(PipelineError, match=f"scans of the block '{block}' must agree") as refused:
+        join_tables(tables)
+    assert f"{1e6 * height + 5.0:.4g} um in day-2" in str(refused.value)
+
+
 def test_two_sessions_of_one_name_are_refused_before_anything_is_measured(tmp_path):
     with pytest.raises(PipelineError, match="'monday' twice"):
         loop_sessions([tmp_path / "a" / "monday", tmp_path / "b" / "monday"], tmp_path / "out")

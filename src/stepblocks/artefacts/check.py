@@ -99,9 +99,8 @@ def _check_step(stimulus: Part, path: Path) -> Iterator[Verdict]:
                 one.quantity,
                 relative=one.quantity == "angle",
             )
-    first = f" ({findings[0]})" if findings else ""
     yield Finding(
-        f"tolerances, material and types as asked for{first}",
+        f"tolerances, material and types as asked for{f' ({findings[0]})' if findings else ''}",
         0.0,
         len(findings),
         0.0,
@@ -159,8 +158,10 @@ def check_part_step(path: Path, stimulus: Part) -> tuple[StepReport, list[str]]:
     if not report.materials or any(
         name != stimulus.material.order_text for name in report.materials
     ):
-        got = ", ".join(report.materials) or "none"
-        findings.append(f"material must be {stimulus.material.order_text!r}, got {got}")
+        findings.append(
+            f"material must be {stimulus.material.order_text!r}, got "
+            + (", ".join(report.materials) or "none")
+        )
     return report, findings
 
 

@@ -32,9 +32,10 @@ def write_wav(path: Path, event: VibrationEvent, rate: int, full: float) -> None
         f"a ring must have finite samples, got none from {event.stimulus} {event.drag} [{path}]",
     )
     share = force / full
-    whole = path.stem.endswith("int16")
     wavfile.write(
         path,
         rate,
-        np.round(share * 32767.0).astype(np.int16) if whole else share.astype(np.float32),
+        np.round(share * 32767.0).astype(np.int16)
+        if path.stem.endswith("int16")
+        else share.astype(np.float32),
     )

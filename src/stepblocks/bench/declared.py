@@ -92,7 +92,12 @@ def _name_slip(
         )
     if abs(math.log10(spring)) > 2.0:
         return f"correct the unit of `trials.columns.speed`, which is {times} times the right one"
-    return f"correct it, or `trials.columns.speed`: one of them is {times} times the right one"
+    return f"correct it, or `trials.columns.speed`: one of them is {times} times the right one" + (
+        f"; or `acquisition.channels.tangential.factor` is {spring:.3g} times the right one, "
+        "which the heights of the blocks would tell"
+        if math.isnan(as_is)
+        else ""
+    )
 
 
 def _compare_with_declared(

@@ -412,6 +412,15 @@ def open_session(folder: str | Path) -> Session:
     mistakes: list[Mistake] = []
     try:
         session = Session.model_validate({**declared, "folder": folder})
+        certified, _ = session.calibration.spring_constant or (session.probe.spring_constant, 0.0)
+        if not 0.5 < certified / session.probe.spring_constant < 2.0:
+            mistakes.append(
+                (
+                    "calibration",
+                    f"spring_constant must be within a factor of 2 of `probe.spring_constant`, "
+                    f"got {certified:g} N/m and {session.probe.spring_constant:g} N/m",
+                )
+            )
         if not is_file(session.table):
             mistakes.append(
                 (

@@ -247,7 +247,7 @@ def find_column(column: str | int, header: tuple[str, ...], part: str) -> str:
     BenchError.require(
         column in header,
         f"table of trials must have a column {column!r} for the {part}, it has "
-        + ", ".join(header[:12]),
+        + ", ".join(map(repr, header[:12])),
     )
     return str(column)
 
@@ -374,8 +374,11 @@ def _read_declared_heights(session: Session) -> dict[str, float]:
     from stepblocks.declare import load_set
 
     stimuli = session.stimuli
-    beside = Path("stimuli") / f"{stimuli.set}.toml"
-    path = resolve_inside(session.folder, stimuli.file, "stimuli.file") if stimuli.file else beside
+    path = (
+        resolve_inside(session.folder, stimuli.file, "stimuli.file")
+        if stimuli.file
+        else Path("stimuli") / f"{stimuli.set}.toml"
+    )
     named = stimuli.set or stimuli.file
     BenchError.require(
         named and is_file(path),

@@ -105,8 +105,10 @@ def describe_environment() -> dict[str, object]:
 
 def write_sealed(path: Path, content: Mapping[str, object]) -> None:
     """Write JSON with a hash of itself; a file that was altered later is not used."""
-    sealed = {**content, "seal": _compute_seal(content)}
-    replace_text(path, json.dumps(sealed, indent=1, allow_nan=False) + "\n")
+    replace_text(
+        path,
+        json.dumps({**content, "seal": _compute_seal(content)}, indent=1, allow_nan=False) + "\n",
+    )
 
 
 def _compute_seal(content: Mapping[str, object]) -> str:

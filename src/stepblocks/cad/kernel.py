@@ -60,8 +60,11 @@ def _make_arc(start: cq.Vector, middle: cq.Vector, end: cq.Vector) -> cq.Edge:
     # circumcentre relative to the start, by products alone; their sums are exact, for `@` is
     # another number on another processor
     offset = np.cross(_square(a) * b - _square(b) * a, normal) / (2.0 * _square(normal))
-    centre = np.add(start.toTuple(), offset)
-    frame = gp_Ax2(gp_Pnt(*centre.tolist()), gp_Dir(*normal.tolist()), gp_Dir(*(-offset).tolist()))
+    frame = gp_Ax2(
+        gp_Pnt(*np.add(start.toTuple(), offset).tolist()),
+        gp_Dir(*normal.tolist()),
+        gp_Dir(*(-offset).tolist()),
+    )
     return cq.Edge(
         BRepBuilderAPI_MakeEdge(
             gp_Circ(frame, math.sqrt(_square(offset))), start.toPnt(), end.toPnt()

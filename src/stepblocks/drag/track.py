@@ -93,8 +93,7 @@ class Track(CentrePath):
         nothing new. Down a face that falls it counts as far as the tip has come.
         """
         radius, places = self.ball_radius, self.catch_places
-        edge = places.last[place] + radius * math.sin(places.angle[place])
-        begin = max(edge, landed - radius)
+        begin = max(places.last[place] + radius * math.sin(places.angle[place]), landed - radius)
         steep = places.x[place + 1 :][places.angle[place + 1 :] > 0.5 * places.angle[place]]
         end = max(begin, steep.min(initial=begin + 2.0 * radius))
         width = np.diff(self.x)

@@ -174,8 +174,10 @@ class Measured:
         few = math.sqrt(sum(part.std**2 for part in own))
         # `scipy.stats` says the same, and takes as long to load as all the rest
         single = float(stdtrit(_find_effective_dof(own, few), share)) * few
-        whole = float(stdtrit(self.dof, share)) * self.std
-        return max(single, min(whole, self._expand_rectangle(share)))
+        return max(
+            single,
+            min(float(stdtrit(self.dof, share)) * self.std, self._expand_rectangle(share)),
+        )
 
     def _expand_rectangle(self, share: float) -> float:
         # quantile of the sum of the largest rectangle and Student's law of all else (JCGM 101,
@@ -221,8 +223,15 @@ def add_instrument_components(
                     f"{UNSTATED}: {origin}, as makers specify stylus instruments (Haitjema 1998)"
                 )
             parts.append(Component(label, relative * abs(value), how=origin))
-    std = instrument.resolution / math.sqrt(12.0)
-    parts += [*others, Component("resolution", std, how="one count, rectangular", bounded=True)]
+    parts += [
+        *others,
+        Component(
+            "resolution",
+            instrument.resolution / math.sqrt(12.0),
+            how="one count, rectangular",
+            bounded=True,
+        ),
+    ]
     return Measured(name, value, tuple(parts))
 
 

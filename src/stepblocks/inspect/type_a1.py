@@ -73,8 +73,9 @@ def evaluate_a1(x: Array, z: Array, edges: Span) -> TypeA1:
     design = np.stack(
         [(x - x[used].mean()) / np.ptp(x[used]), np.ones_like(x), np.where(masks[1], -1.0, 1.0)]
     )
-    domed = _evaluate_domed(x, z, masks, used, design)
-    return domed or _evaluate_flat(x, z, masks, used, design, feature)
+    return _evaluate_domed(x, z, masks, used, design) or _evaluate_flat(
+        x, z, masks, used, design, feature
+    )
 
 
 def _evaluate_flat(

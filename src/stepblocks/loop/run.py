@@ -17,7 +17,7 @@ from stepblocks.artefacts.as_built import list_measured_edges, read_records
 from stepblocks.artefacts.model_file import build_model_document
 from stepblocks.atomic import lock_folder, replace_text
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
-from stepblocks.errors import PipelineError
+from stepblocks.errors import BenchError, PipelineError
 from stepblocks.loop.bench_model import list_covariate_ranges
 from stepblocks.loop.heights import add_height_errors
 from stepblocks.loop.result import (
@@ -105,9 +105,10 @@ def loop_session(
         If the session cannot be read, holds too few good trials, or the output cannot be written.
     """
     from stepblocks.bench.figures import draw_trials
-    from stepblocks.bench.measure import measure_session
+    from stepblocks.bench.measure import estimate_tool, measure_session
     from stepblocks.bench.session import open_session
-    from stepblocks.bench.trials import insert_conditions, read_conditions
+    from stepblocks.bench.traces import Traces
+    from stepblocks.bench.trials import insert_conditions, open_trials, read_conditions
 
     inspected = (
         list_measured_edges(read_records([Path(path) for path in as_built])) if as_built else {}
@@ -129,7 +130,12 @@ def loop_session(
         return result
     session = Path(session)
     declared = open_session(session)
-    conditions = read_conditions(declared)
+    try:
+        conditions = read_conditions(declared)
+    except BenchError:
+        with Traces(declared) as traces:  # a slip of session.toml is said before what it lacks
+            estimate_tool(traces, open_trials(declared))
+        raise
     radius = declared.probe.tip_radius
     if radius is None:
         raise PipelineError(

@@ -113,7 +113,11 @@ def build_session_table(
     good, excluded = _select_usable_trials(features, radius, spring_constant)
     PipelineError.require(
         good.sum() >= _FEWEST,
-        f"at least {_FEWEST} good trials are needed, got {int(good.sum())} of {len(features)}",
+        f"at least {_FEWEST} good trials are needed, got {int(good.sum())} of {len(features)}"
+        + "".join(
+            f"; most others: {pd.Series([why for _, why in excluded]).mode()[0]}"
+            for _ in excluded[:1]
+        ),
     )
     table = features.loc[good]
     values, std = _read_channels(table, spring_constant)

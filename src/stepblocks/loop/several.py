@@ -29,6 +29,7 @@ from stepblocks.loop.session_table import Scans, SessionTable
 from stepblocks.text_file import Document
 
 _LEVEL = 0.975  # quantile of a 95 % interval
+_ONE_BLOCK = 10.0  # standard uncertainties by which scans of one block may differ
 
 
 def join_tables(tables: Mapping[str, SessionTable]) -> SessionTable:
@@ -38,9 +39,18 @@ def join_tables(tables: Mapping[str, SessionTable]) -> SessionTable:
     """
     first, *_ = parts = list(tables.values())
     measured, models = [table.trials for table in parts], [table.model for table in parts]
+    scans = {s: table.model.scanned or {} for s, table in tables.items()}
+    for block in dict.fromkeys(name for own in scans.values() for name in own):
+        seen = {s: own[block] for s, own in scans.items() if block in own}
+        heights, errors = np.transpose(list(seen.values()))
+        PipelineError.require(
+            np.ptp(heights) <= _ONE_BLOCK * np.linalg.norm(errors),
+            f"scans of the block {block!r} must agree, or blocks have names of their own, got "
+            + ", ".join(f"{1e6 * height:.4g} um in {s}" for s, (height, _) in seen.items()),
+        )
     model = replace(
         first.model,
-        scanned={block: height for m in models for block, height in (m.scanned or {}).items()},
+        scanned={block: height for own in scans.values() for block, height in own.items()},
         # what one session knows of a gauge is taken for that of a session which does not
         known={
             name: np.mean([m.known[name] for m in models if name in m.known], axis=0).tolist()

@@ -44,8 +44,7 @@ def draw_step_block_views(sheet: Sheet, block: StepBlock) -> list[str]:
 
 def draw_margin_block_views(sheet: Sheet, margin: MarginBlock) -> list[str]:
     """Draw all views of a margin block; return the lines of its notes."""
-    scale = draw_body(sheet, margin.body, margin.id)
-    k = 1e3 * scale
+    k = 1e3 * draw_body(sheet, margin.body, margin.id)
     tx, ty = TOP_VIEW
     hy = 0.5 * margin.body.width.nominal * k
     for x in (0.0, margin.marginal_gap.nominal * k):

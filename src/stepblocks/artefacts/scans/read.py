@@ -389,8 +389,7 @@ def _read_by_surfacetopography(
     if form == "nms":
         # heights are numbers from 0 to 65534 between two ends; the one above is no height
         low, high = (channel.info["raw_metadata"][end] for end in ("zmin", "zmax"))
-        lost = (high - low) * (1.0 + 0.5 / 65534.0) + low
-        raw[raw > lost / per_metre] = np.nan
+        raw[raw > ((high - low) * (1.0 + 0.5 / 65534.0) + low) / per_metre] = np.nan
     others = (
         f", the first of {len(reader.channels)} that is named as heights"
         if len(reader.channels) > 1 and not wanted

@@ -86,12 +86,13 @@ def find_landmarks(time: Array, force: Array) -> Landmarks:
     lead = smooth[: max(peak // 4, 1)]
     level = float(np.median(lead))
     rise = float(force[peak]) - level
-    # a start-up ring is as old as the record; a slip stands out over it
-    least = max(_RISE_OVER_NOISE * noise, _RISE_OVER_LEAD * float(np.abs(lead - level).max()))
+    # a slip stands out over what is left of a start-up ring, which is as old as the record
+    away = np.abs(lead[len(lead) // 2 :] - level)
+    least = max(_RISE_OVER_NOISE * noise, _RISE_OVER_LEAD * float(away.max()))
     left = float(time[-1] - time[peak])
     rules = {
-        f"no slip: the tangential force never rises over sliding (by {rise:.3g} N in noise "
-        f"{noise:.2g} N)": rise < least,
+        f"no slip: the tangential force rises over sliding by {rise:.3g} N, less than the "
+        f"{least:.2g} N that stand out of noise and start-up": rise < least,
         "no sliding before the edge: the record begins under load": not np.any(
             smooth[: peak + 1] - level < 0.5 * rise
         ),
@@ -313,8 +314,11 @@ def _fit_ramp(
     found = Approach(_fit_until(time[:end], force[:end], marks.onset, clock, start_up), end, clock)
     # the filter of a converter rings a sample or two ahead of a corner
     rest = slice(end, max(marks.peak - 2, end))
-    unsure = found.ramp(float(time[marks.peak]))[1]
-    left = _find_end_of_line(force[rest] - found.line(time[rest]), marks.noise, unsure)
+    left = _find_end_of_line(
+        force[rest] - found.line(time[rest]),
+        marks.noise,
+        found.ramp(float(time[marks.peak]))[1],
+    )
     extended = marks.peak if left is None else end + left
     if extended > end:
         return Approach(

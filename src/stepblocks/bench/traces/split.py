@@ -41,8 +41,7 @@ def cut_drags(trace: Trace, count: int) -> list[slice]:
             continue
         level = float(np.median(smooth[free : free + max((other - free) // 4, 1)]))
         low = np.flatnonzero(smooth[free:other] < level + 0.1 * (smooth[other] - level))
-        onset = free + (int(low[-1]) if low.size else 0)
-        cuts.append(max(free, onset - round(_LEAD * rate)))
+        cuts.append(free + max(0, (int(low[-1]) if low.size else 0) - round(_LEAD * rate)))
     return list(itertools.starmap(slice, itertools.pairwise([*cuts, trace.time.size])))
 
 

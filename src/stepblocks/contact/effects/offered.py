@@ -49,7 +49,10 @@ def _run_laws(offered: str) -> tuple[Law, ...]:
     except Exception as error:  # what a file of somebody else raises
         reason = f"{type(error).__name__}: {' '.join(str(error).split()):.200}"
         raise ContactError(f"laws cannot be loaded, {reason} [{path}]") from error
-    found = tuple(one for one in names.values() if isinstance(one, Law))
+    # by their names or in lists; one that has a name and stands in a list is one
+    offers = [one if isinstance(one, list | tuple) else [one] for one in names.values()]
+    laws = {id(law): law for some in offers for law in some if isinstance(law, Law)}
+    found = tuple(laws.values())
     ContactError.require(found, f"laws must be stepblocks.Law, and there is none [{path}]")
     return found
 

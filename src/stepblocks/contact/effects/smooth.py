@@ -256,7 +256,8 @@ def _make_step_law(name: str, covariate: CovariateRange, levels: int = 2) -> Law
     description = (
         f"{name} goes from level to level along the run, by ln above the first and from:"
         if several
-        else f"{name} changes at once, by ln and from {'trial' if run else covariate.name} on"
+        else f"{name} changes at once: by {{}} in ln, "
+        f"from {'' if run else 'a ' + covariate.name.replace('_', ' ') + ' of '}{{}} on"
     )
     return Law(
         "tip_chip" if chip else f"step_{name}_{covariate.name}{f'~{levels}' if several else ''}",
@@ -274,7 +275,7 @@ def _make_step_law(name: str, covariate: CovariateRange, levels: int = 2) -> Law
         ),
         named=chip or name in _JUMPING,
         rank=2 if chip else 15,
-        description="the tip chipped: its radius changed by, at trial" if chip else description,
+        description="the tip chipped: its radius changed by {}, at {}" if chip else description,
         steps=tuple(p.name for p in places),
     )
 
@@ -304,7 +305,7 @@ def _make_periodic_law(name: str, covariate: CovariateRange) -> Law:
         covariate.name,
         tuple({"period_trials": float(2.0 * reach / turn)} for turn in turns),
         rank=12,
-        description=f"{name} swings along the run: cosine, sine and period in trials",
+        description=f"{name} swings along the run: cosine {{}}, sine {{}}, every {{}} trials",
     )
 
 

@@ -19,7 +19,7 @@ from stepblocks.loop.search.fit import STEP, Fit, Problem, fit
 from stepblocks.loop.search.forward_model import Floats, Trials
 from stepblocks.loop.search.gate import build_tangent_basis, compute_directions, compute_tangent
 
-_LEVEL = 0.005  # of the tests of residuals, after Holm
+LEVEL = 0.005  # of the tests of residuals, after Holm
 _SAME = 0.995  # cosine beyond which two effects imitate one another
 _MOST_REPEATS = 1000  # of a next trial
 _TIE = 1e-4  # of gains; a fit knows them no better: its own tolerance is 1e-6 of the cost
@@ -81,7 +81,7 @@ def check_residuals(
     corrected = correct_by_holm(list(found.values()))
     return (
         tuple((*pair, float(p)) for pair, p in zip(found, corrected, strict=True)),
-        bool(corrected.min() > _LEVEL),
+        bool(corrected.min() > LEVEL),
     )
 
 
@@ -96,7 +96,7 @@ def depends_on_settings(values: Floats, trials: Trials) -> bool:
     """Tell whether a number of each trial, such as its chance to be bad, follows a covariate."""
     columns = [_smooth_columns(trials, name) for name in trials.covariates]
     found = [compute_smooth_p(values, one) for one in columns if one is not None]
-    return len(found) * min(found, default=1.0) < _LEVEL
+    return len(found) * min(found, default=1.0) < LEVEL
 
 
 def compare_with_replicates(

@@ -295,8 +295,11 @@ class HookTip(Tip):
         )
         x = bend * (1.0 - math.cos(angle)) + straight * math.sin(angle)
         z = self.cone_end + bend * math.sin(angle) + straight * math.cos(angle)
-        square = math.isclose(angle, 0.5 * math.pi)
-        end = describe_plane(0, x, z=z) if square else FaceRule("SLOPE", holds={0: x, 1: 0.0, 2: z})
+        end = (
+            describe_plane(0, x, z=z)
+            if math.isclose(angle, 0.5 * math.pi)
+            else FaceRule("SLOPE", holds={0: x, 1: 0.0, 2: z})
+        )
         yield make_characteristic(
             "straight_length", "distance", self.straight_length, end, EdgeRule(ring, wire)
         )
