@@ -1,12 +1,16 @@
 """A session that contradicts session.toml as a whole is refused, and the likely slip is named."""
 
+import shutil
+
 import numpy as np
+import pandas as pd
 import pytest
 
 from oracles.virtual_bench import Bench
 from oracles.virtual_session import Plan, write_session
 from stepblocks.bench.measure import measure_session, write_features
 from stepblocks.errors import BenchError, PipelineError
+from stepblocks.loop.run import loop_session
 
 CHANNELS = 'tangential = "fx_n", normal = "fy_n"'
 
@@ -81,6 +85,22 @@ def test_each_slip_of_an_engineer_s_records_is_refused_and_no_table_is_written(
     with pytest.raises(BenchError, match=slip):
         write_features(shared_bench / "lab" / "slips" / name, tmp_path / "features.csv", jobs=1)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_slip_is_said_before_heights_that_are_missing(session, tmp_path, monkeypatch):
+    folder, _, declared = session
+    copy = tmp_path / "copy"
+    shutil.copytree(folder, copy)
+    table = pd.read_csv(copy / "trials.csv").drop(columns="height_um")
+    table.to_csv(copy / "trials.csv", index=False)
+    monkeypatch.chdir(tmp_path)  # no stimulus set lies here
+    with pytest.raises(BenchError, match="must have a column 'height_um'"):
+        loop_session(copy)
+    (copy / "session.toml").write_text(
+        declared.replace('"fx_n"', '{ column = "fx_n", factor = 3.0 }')
+    )
+    with pytest.raises(BenchError, match=r"or `acquisition.channels.tangential.factor` is 3 times"):
+        loop_session(copy)
 
 
 def test_a_radius_that_the_labels_of_the_tips_contradict_is_refused_before_the_session(session):
