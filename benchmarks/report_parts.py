@@ -412,8 +412,8 @@ PARTS = [
     ),
     Part(
         "loop-matrix",
-        "python benchmarks/bench_matrix.py week --first 32001 --sessions 20 --folds "
-        "--record out/matrix.jsonl && python benchmarks/bench_matrix.py nothing --first 31001 "
+        "python benchmarks/bench_matrix.py week --first 34001 --sessions 20 --folds "
+        "--record out/matrix.jsonl && python benchmarks/bench_matrix.py nothing --first 35001 "
         "--sessions 300 --record out/nulls.jsonl",
         {
             "loop-nulls": (r"nothing {30,}(\d+ of 300) ", "{}"),

@@ -117,10 +117,10 @@ def write_sentence(explanation: Explanation, document: Document) -> str:
     errors = format_errors(document)
     if explanation.verdict is Verdict.NONE:
         could = [
-            f"; {e['text']} of {format_value(e['value'], e['unit'])}"
+            f"{e['text']} of {format_value(e['value'], e['unit'])}"
             for e in document["could_have_shown"][:3]
         ]
-        shown = "".join([*could, " would have shown"]) if could else ""
+        shown = f" (what would have shown: {', '.join(could)})" if could else ""
         return (
             f"No effect beyond noise was found{shown}; error of E_v "
             f"{errors['before']}, noise {errors['noise']}"

@@ -345,7 +345,11 @@ def choose_delivered_effects(
             findings=findings,
             extended=fit(explanation.problem, [f.effect for f in findings], extended.values),
         )
-    if claimed := [law.id for law in dropped if law.id not in explanation.walks]:
+    if claimed := [
+        law.id if law.named else f"{law.slot} over {law.covariate}"
+        for law in dropped
+        if law.id not in explanation.walks
+    ]:
         added = " and ".join(claimed).replace("_", " ").replace("~", " ")
         worse = f"held-out trials are predicted worse with {added} in the model"
         findings = tuple(replace(f, verdict=Verdict.UNEXPLAINED, reason=worse) for f in findings)
