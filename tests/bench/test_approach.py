@@ -66,15 +66,6 @@ def test_a_record_without_a_slip_or_a_release_is_refused(force, message):
         find_landmarks(TIME, force)
 
 
-def test_a_small_slip_is_seen_though_the_start_up_rang_harder():
-    # origin: a ring of 50 mN that dies in 10 ms, and a rise of 70 mN at a noise of 4 mN
-    small = Course(peak=0.19, amplitude=0.03)
-    time = small.clock()
-    ring = 0.05 * np.exp(-time / 10e-3) * np.sin(2.0 * np.pi * 287.0 * time)
-    marks = find_landmarks(time, small.force(time) + ring + noise(4e-3, count=time.size))
-    assert time[marks.peak] == pytest.approx(small.release, abs=4e-4)
-
-
 def test_a_record_that_ends_with_the_slip_or_begins_under_load_is_refused():
     force = COURSE.force(TIME)
     end = int(np.searchsorted(TIME, COURSE.release + 10e-3))

@@ -209,8 +209,9 @@ def _compute_curves(stimuli: StimulusSet) -> str | None:
     frictions = [grid.first_point(friction=one).friction for one in grid.coefficients]
     for friction in frictions:
         # where the pull reaches the limit: F = N tan(a + atan mu); beyond it there is no energy
-        steepest = math.atan2(most, load) - math.atan(friction)
-        least = float(kernels.compute_height_at_angle(steepest, radius))
+        least = float(
+            kernels.compute_height_at_angle(math.atan2(most, load) - math.atan(friction), radius)
+        )
         add(f"E<sub>v</sub>, µ {friction:g}", least, partial(energy, friction=friction))
     locking = [float(kernels.compute_locking_height(radius, mu)) for mu in frictions]
     return json.dumps(

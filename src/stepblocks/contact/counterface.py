@@ -240,11 +240,8 @@ class Margin(Counterface):
     def deviate_dimensions(self, deviations: Mapping[str, Real]) -> dict[str, Real]:
         """Let an opening that is not named follow the gap, as that of a square end does."""
         gap = self.gap + deviations.get("gap", 0.0)
-        opening = (
-            self.opening + deviations["opening"]
-            if "opening" in deviations
-            else self.opening + gap - self.gap
-        )
+        follows = self.opening + gap - self.gap
+        opening = self.opening + deviations["opening"] if "opening" in deviations else follows
         return {
             "gap": np.maximum(gap, 0.0),
             "opening": opening,

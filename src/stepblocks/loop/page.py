@@ -27,6 +27,7 @@ from stepblocks.loop.finding import (
     format_value,
 )
 from stepblocks.loop.result import LoopResult
+from stepblocks.loop.search.adequacy import LEVEL
 from stepblocks.loop.search.explain import Explanation
 from stepblocks.loop.search.forward_model import Floats
 from stepblocks.page_file import render_page
@@ -56,6 +57,7 @@ def render_loop_page(result: LoopResult, traces: Sequence[Path] = ()) -> str:
         words=CHANNELS_IN_WORDS,
         say=describe_covariate,
         value=format_value,
+        residual_level=LEVEL,
         r=result.document,
         errors=format_errors(result.document),
         constants=[

@@ -21,7 +21,6 @@ from stepblocks.loop.bench_model import (
 from stepblocks.loop.figures import plot_agreement
 from stepblocks.loop.finding import find_slope_unit, find_unit, write_sentence, write_summary
 from stepblocks.loop.search.adequacy import (
-    LEVEL,
     compare_directions,
     compare_with_replicates,
     rank_settings,
@@ -358,7 +357,6 @@ def _describe_adequacy(table: SessionTable, explanation: Explanation, rules: Rul
         "adequate": explanation.adequate and explanation.last_gate_p > rules.alpha,
         "last_gate_p_value": explanation.last_gate_p,
         "gate_level": rules.alpha,
-        "residual_level": LEVEL,
         "pure_error": {
             channel: compare_with_replicates(
                 residual[:, j], cells, len(explanation.extended.parameters)

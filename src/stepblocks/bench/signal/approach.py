@@ -86,9 +86,8 @@ def find_landmarks(time: Array, force: Array) -> Landmarks:
     lead = smooth[: max(peak // 4, 1)]
     level = float(np.median(lead))
     rise = float(force[peak]) - level
-    # a slip stands out over what is left of a start-up ring, which is as old as the record
-    away = np.abs(lead[len(lead) // 2 :] - level)
-    least = max(_RISE_OVER_NOISE * noise, _RISE_OVER_LEAD * float(away.max()))
+    # a start-up ring is as old as the record; a slip stands out over it
+    least = max(_RISE_OVER_NOISE * noise, _RISE_OVER_LEAD * float(np.abs(lead - level).max()))
     left = float(time[-1] - time[peak])
     rules = {
         f"no slip: the tangential force rises over sliding by {rise:.3g} N, less than the "
