@@ -378,7 +378,7 @@ PARTS = [
         "{shared}/bench/lab",
         {
             "session-blunt": (r"\| blunt \|.*? r = ([\d.]+ µm)", "{}"),
-            "session-running-in": (r"\| unexplained-a \|.*? to settle (\S+) \(", "{}"),
+            "session-running-in": (r"\| unexplained-a \|.*? excess at first (\S+) \(", "{}"),
         },
         30,
     ),
