@@ -417,7 +417,7 @@ def open_session(folder: str | Path) -> Session:
             mistakes.append(
                 (
                     "calibration",
-                    f"spring_constant must be within a factor of 2 of `probe.spring_constant`, "
+                    "spring_constant must be within a factor of 2 of `probe.spring_constant`, "
                     f"got {certified:g} N/m and {session.probe.spring_constant:g} N/m",
                 )
             )

@@ -114,9 +114,10 @@ def build_session_table(
     PipelineError.require(
         good.sum() >= _FEWEST,
         f"at least {_FEWEST} good trials are needed, got {int(good.sum())} of {len(features)}"
-        + "".join(
+        + (
             f"; most others: {pd.Series([why for _, why in excluded]).mode()[0]}"
-            for _ in excluded[:1]
+            if excluded
+            else ""
         ),
     )
     table = features.loc[good]
