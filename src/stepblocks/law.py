@@ -14,6 +14,29 @@ Apply = Callable[[Any, Any, Mapping[str, float]], Any]
 
 
 @dataclass(frozen=True)
+class SizedChange:
+    """An ``apply`` that changes a state by one number per trial.
+
+    A search takes the slope of the state in that number once for all laws that share the change.
+
+    Attributes
+    ----------
+    change : callable
+        ``change(state, size)`` returns the state changed by numbers of shape (n,); by zeros it is
+        the same.
+    size : callable
+        ``size(covariate, values)`` returns these numbers, linear in the amplitudes of the law.
+    """
+
+    change: Callable[[Any, NDArray[np.float64]], Any]
+    size: Callable[[Any, Mapping[str, float]], NDArray[np.float64]]
+
+    def __call__(self, state: Any, covariate: Any, values: Mapping[str, float]) -> Any:
+        """Apply it."""
+        return self.change(state, self.size(covariate, values))
+
+
+@dataclass(frozen=True)
 class Parameter:
     """A number to be fitted.
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from stepblocks.bench.measure import estimate_tool, measure_or_refuse
 from stepblocks.bench.session import open_session
-from stepblocks.bench.signal import Array, Trace, TraceError
+from stepblocks.bench.signal import Array, Tool, Trace, TraceError
 from stepblocks.bench.signal.features import Measurement
 from stepblocks.bench.traces import Traces
 from stepblocks.bench.traces.split import draw_cuts
@@ -33,11 +33,14 @@ _NOTES = (
 
 
 def draw_trials(
-    session: str | Path, output: str | Path, trials: list[str] | None = None
+    session: str | Path,
+    output: str | Path,
+    trials: list[str] | None = None,
+    tool: Tool | None = None,
 ) -> list[Path]:
     """Draw trials of a session, measured or excluded, the first twelve where none are named.
 
-    Return what was drawn.
+    Return what was drawn. The tool is estimated from the session where it is omitted.
     """
     output = Path(output)
     declared = open_session(session)
@@ -60,7 +63,7 @@ def draw_trials(
             draw_cuts(
                 traces.drags[0], list(traces.drags[1].values()), list(traces.drags[1]), drawn[-1]
             )
-        tool = estimate_tool(traces, table)
+        tool = tool or estimate_tool(traces, table)
         for trial in chosen:
             with suppress(TraceError):
                 examined = measure_or_refuse(traces, trial, tool)

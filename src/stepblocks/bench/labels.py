@@ -79,19 +79,20 @@ class LabelCheck:
         def describe_load(i: int, _: float) -> str:
             return f"the normal force is {normal[i]:.3g} N, the load of this row is {load[i]:.3g} N"
 
-        def describe_speed(i: int, usual: float) -> str:
-            return (
-                f"the ramp of {slope[i]:.3g} N/s means {slope[i] / usual * 1e3:.3g} mm/s, the "
-                f"speed of this row is {speed[i] * 1e3:.3g} mm/s"
-            )
-
         # a zero or a gain of the gauge shifts all trials along one line, and is no matter of labels
         add_faults(normal / fit_load_line(load, normal)(load), _LOAD_FACTOR, describe_load)
         known = np.flatnonzero(np.isfinite(normal / load))
         usual = np.median((normal / load)[known]) if known.size else math.nan
         if _is_off(np.array([usual]), 1.0, _WILD_FACTOR)[0]:
             found |= {int(rows[i]): f"units: {describe_load(i, usual)}" for i in known.tolist()}
-        add_faults(slope / speed, _SLOPE_FACTOR, describe_speed)
+        add_faults(
+            slope / speed,
+            _SLOPE_FACTOR,
+            lambda i, usual: (
+                f"the ramp of {slope[i]:.3g} N/s means {slope[i] / usual * 1e3:.3g} mm/s, the "
+                f"speed of this row is {speed[i] * 1e3:.3g} mm/s"
+            ),
+        )
         clean = np.array(
             [i for i in np.argsort(rows, kind="stable") if rows[i] not in found], dtype=np.intp
         )

@@ -102,6 +102,7 @@ def measure_session(
     *,
     jobs: int | None = None,
     progress: Progress | None = None,
+    tool: Tool | None = None,
 ) -> pd.DataFrame:
     """Measure every trial of a session.
 
@@ -116,6 +117,8 @@ def measure_session(
         them.
     progress : callable, optional
         Told how many of how many trials are done.
+    tool : tuple of float, optional
+        Frequency [Hz] and decay time [s] of its ring; estimated from the session where omitted.
 
     Returns
     -------
@@ -135,7 +138,7 @@ def measure_session(
     """
     with tempfile.TemporaryDirectory(prefix="stepblocks-features-") as scratch:
         table = Path(output) if output is not None else Path(scratch) / "features.csv"
-        write_features(session, table, jobs=jobs, progress=progress)
+        write_features(session, table, jobs=jobs, progress=progress, tool=tool)
         return pd.read_csv(table, dtype=_TEXT_COLUMNS).fillna({"reason": ""})
 
 
@@ -145,6 +148,7 @@ def write_features(
     *,
     jobs: int | None = None,
     progress: Progress | None = None,
+    tool: Tool | None = None,
 ) -> MeasureSummary:
     """Measure every trial of a session into a file, however many there are.
 
@@ -169,7 +173,7 @@ def write_features(
         with draft.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow([*_LEADING, *map(escape_formula, table.covariates), *FEATURE_COLUMNS])
-            for done, result in enumerate(_iterate_results(table, jobs), start=1):
+            for done, result in enumerate(_iterate_results(table, jobs, tool), start=1):
                 if not result.reason:
                     check.add(result.trial, result.features, result.digest)
                 writer.writerow(
@@ -180,7 +184,9 @@ def write_features(
                             for name in table.covariates
                         ),
                         *(
-                            value if isinstance(value, str) else _format_number(value)
+                            value
+                            if isinstance(value, str)
+                            else f"{value:.9g}" * math.isfinite(value)
                             for value in (result.features.get(n, math.nan) for n in FEATURE_COLUMNS)
                         ),
                     ]
@@ -188,10 +194,6 @@ def write_features(
                 if progress is not None:
                     progress(done, table.count)
         return _apply_label_faults(draft, output, table, check.faults())
-
-
-def _format_number(value: float) -> str:
-    return f"{value:.9g}" if math.isfinite(value) else ""
 
 
 def measure_trial(traces: Traces, trial: Trial, tool: Tool | None = None) -> TrialResult:
@@ -247,11 +249,11 @@ def estimate_tool(traces: Traces, table: TrialTable) -> Tool | None:
     return average_tool(result.features for result in results if not result.reason)
 
 
-def _iterate_results(table: TrialTable, jobs: int) -> Iterator[TrialResult]:
+def _iterate_results(table: TrialTable, jobs: int, tool: Tool | None) -> Iterator[TrialResult]:
     # Results in the order of the table. No more than a few chunks per worker are under way at any
     # time.
     with Traces(table.session) as traces:  # what is wrong with the whole is said here, once
-        tool = estimate_tool(traces, table)
+        tool = tool or estimate_tool(traces, table)
         waiting_trials = iter(table)
         if jobs == 1 or table.count <= _CHUNK:
             yield from (measure_trial(traces, trial, tool) for trial in waiting_trials)

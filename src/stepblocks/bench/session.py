@@ -452,8 +452,7 @@ def open_session(folder: str | Path) -> Session:
                     ),
                     f"`{name}` must hold {{trial}} for CSV traces, got {given!r}",
                 )
-    if mistakes:
-        raise BenchError(format_mistakes(mistakes, path))
+    BenchError.require(not mistakes, format_mistakes(mistakes, path))
     return session
 
 

@@ -185,8 +185,7 @@ def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> Tri
         ("", f"column `{name}` of the table of trials has a name that features use")
         for name in sorted(set(header) & reserved - {found.get("trial")})
     ]
-    if mistakes:
-        raise BenchError(format_mistakes(mistakes, session.table))
+    BenchError.require(not mistakes, format_mistakes(mistakes, session.table))
     count = 0
     index = header.index(found["trial"])
     homes: dict[
@@ -206,8 +205,9 @@ def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> Tri
             )
     BenchError.require(count != 0, f"table of trials has no rows [{session.table}]")
     excluded, swap = session.trials.exclude, session.trials.swap
+    # 73 of session.toml may be 0073 in the table; empty where it is not there
     named = {
-        name: _find_trial_name(str(name), homes)
+        name: next((one for one in homes if str(name) in (one, one.lstrip("0"))), "")
         for name in (*excluded, *(one for pair in swap for one in pair))
     }
     pairs = [(named[one], named[other]) for one, other in swap]
@@ -220,8 +220,7 @@ def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> Tri
     if len(set(known)) < len(known):
         rule = "`trials.swap` must be pairs of two trials, none of them in two pairs"
         mistakes.append(("", f"{rule}, got {[list(pair) for pair in swap]}"))
-    if mistakes:
-        raise BenchError(format_mistakes(mistakes, session.folder / "session.toml"))
+    BenchError.require(not mistakes, format_mistakes(mistakes, session.folder / "session.toml"))
     return TrialTable(
         session,
         header,
@@ -230,13 +229,6 @@ def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> Tri
         repeated,
         excluded=frozenset(named[name] for name in excluded),
         swapped={one: other for pair in pairs for one, other in (pair, pair[::-1])},
-    )
-
-
-def _find_trial_name(name: str, names: Mapping[str, object]) -> str:
-    # Find a trial of session.toml in the table, where 73 may be written 0073; empty where it is not
-    return next(
-        (one for one in names if one == name or (one.isdigit() and one.lstrip("0") == name)), ""
     )
 
 

@@ -1,7 +1,7 @@
 """``stepblocks inspect``: say whether what came back from the workshop conforms."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
 
@@ -16,9 +16,6 @@ from stepblocks.cli.options import (
     refuse_both,
 )
 from stepblocks.cli.outcome import Outcome
-
-if TYPE_CHECKING:
-    from stepblocks.inspect.many import ManyScans
 
 app = typer.Typer()
 
@@ -288,8 +285,17 @@ def inspect(
         asked = keep_given_options(stimuli=stimuli, characteristics=characteristics)
         arguments |= asked if standard is None else keep_given_options(tolerance=tolerance)
         together = inspect_many(scans, **arguments)
-        return _summarise_many(
-            together, [] if output is None else write_many(together, output, laboratory)
+        written = [] if output is None else write_many(together, output, laboratory)
+        return Outcome(
+            "",
+            together.table_rows,
+            [
+                *(f"{serial}: {one.conclusion}" for serial, one in together.reports.items()),
+                *together.left_out,
+            ],
+            next((path for path in written if path.suffix == ".html"), None),
+            together.verdict.exit_code,
+            together.as_record(),
         )
     if stimulus is None:
         result = inspect_standard(scan, standard, tolerance or 0.0, **arguments)
@@ -314,18 +320,4 @@ def _list_channels(scan: Path) -> Outcome:
         "",
         notes=names or ["one layer of heights, without channels"],
         record={"channels": names},
-    )
-
-
-def _summarise_many(together: "ManyScans", written: list[Path]) -> Outcome:
-    return Outcome(
-        "",
-        together.table_rows,
-        [
-            *(f"{serial}: {one.conclusion}" for serial, one in together.reports.items()),
-            *together.left_out,
-        ],
-        next((path for path in written if path.suffix == ".html"), None),
-        together.verdict.exit_code,
-        together.as_record(),
     )

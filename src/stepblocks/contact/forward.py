@@ -16,7 +16,7 @@ from stepblocks.contact.laws import FrictionLaw, build_laws
 from stepblocks.contact.operating_point import PAPER, Tool
 from stepblocks.contact.state import DragState, Floats, compute_channels, press_edge
 from stepblocks.errors import ContactError, PipelineError
-from stepblocks.law import Active, Law, Parameter
+from stepblocks.law import Active, Parameter
 
 TOGETHER = " * "  # between the names of two covariates that act together
 PEAK_FORCE = "peak_force_n"  # a quantity of the model that an effect may follow like a column
@@ -225,11 +225,13 @@ def build_extended_state(
     Release after contact, what follows the peak when it is known.
     """
     state = build_nominal_state(design, values)
-
-    def rank_law(pair: tuple[Law, Mapping[str, float]]) -> tuple[bool, bool]:
-        return pair[0].given and pair[0].covariate == PEAK_FORCE, pair[0].slot == "conversion"
-
-    for law, own in sorted(active, key=rank_law):
+    for law, own in sorted(
+        active,
+        key=lambda pair: (
+            pair[0].given and pair[0].covariate == PEAK_FORCE,
+            pair[0].slot == "conversion",
+        ),
+    ):
         state = law.apply(
             state, select_covariate(design, state, law.covariate) if law.given else None, own
         )

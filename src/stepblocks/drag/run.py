@@ -380,8 +380,11 @@ def drag_over(
             "handle_mass": given.get("handle_mass", 0.1),
             "handle_damping": settings.get("handle_damping", _GUIDE_DAMPING),
         }
-    elif "handle_mass" in given or "handle_damping" in given:
-        raise PipelineError("handle_mass and handle_damping are for a handle that a pull moves")
+    else:
+        PipelineError.require(
+            not {"handle_mass", "handle_damping"} & set(given),
+            "handle_mass and handle_damping are for a handle that a pull moves",
+        )
     found = resolve_subject(subject, given, backward, stimuli)
     point, face = found.point, found.face
     point = replace(point, contact=contact or point.contact, tool=tool or point.tool)

@@ -132,8 +132,11 @@ def _find_declared_part(text: str, stimuli: Sets | None) -> tuple[StimulusSet, P
     if head.endswith(".toml"):
         meant = Path(head)
         wanted = identity
-    elif stimuli is None and not Path("stimuli").is_dir():
-        raise PipelineError(f"{_RULE}, or FILE.toml/ID (no folder stimuli here), got {text!r}")
+    else:
+        PipelineError.require(
+            stimuli is not None or Path("stimuli").is_dir(),
+            f"{_RULE}, or FILE.toml/ID (no folder stimuli here), got {text!r}",
+        )
     sets = load_sets(meant)
     found = [
         (one, part)

@@ -197,16 +197,15 @@ def estimate_zone(width: Callable[..., float], *faces: FaceForm) -> Estimate:
     # power, and the power follows from the two. Either way it is followed back to no noise.
     random = np.random.default_rng(1101)
     draws = list(zip(*(face.draws(random) for face in faces), strict=True))
-
-    def compute_widths(scale: float) -> Array:
-        return np.array(
+    once, twice = np.array(
+        [
             [
                 width(*[face.shape(scale * one) for face, one in zip(faces, draw, strict=True)])
                 for draw in draws
             ]
-        )
-
-    once, twice = (compute_widths(scale) for scale in _SCALES)
+            for scale in _SCALES
+        ]
+    )
     zone = width(*(face.shape() for face in faces))
     first, second = float(once.mean()) - zone, float(twice.mean() - once.mean())
     ratio = second / first if second > _SEVERAL * first > 0.0 else np.sqrt(2.0)

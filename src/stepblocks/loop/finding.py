@@ -10,7 +10,6 @@ from stepblocks.contact.effects.smooth import CovariateRange
 from stepblocks.contact.forward import PEAK_FORCE, SPEED_OVER_LOAD, TOGETHER
 from stepblocks.law import Law
 from stepblocks.loop.search.explain import Explanation, Finding, Verdict
-from stepblocks.loop.search.holdout import round_to_per_cent
 from stepblocks.quantities import format_column_label
 from stepblocks.text_file import Document
 
@@ -164,9 +163,17 @@ def format_errors(document: Document) -> dict[str, str]:
         "after_blocks": extended["ln_energy_rms_blocks_left_out"],
         "noise": extended["noise_floor"]["ln_energy_rms"],
     }
+    shown = {
+        name: np.rint(100.0 * np.expm1(np.nan if v is None else v)) for name, v in figures.items()
+    }
+    # a model that errs by more beyond chance is not delivered
     return {
-        name: "unknown" if v is None or math.isnan(v) else f"{round_to_per_cent(v):.0f} %"
-        for name, v in figures.items()
+        name: "unknown"
+        if np.isnan(value)
+        else f"{value:.0f} % (by chance)"
+        if value > shown[name.replace("after", "before")]
+        else f"{value:.0f} %"
+        for name, value in shown.items()
     }
 
 

@@ -17,7 +17,7 @@ from stepblocks.artefacts.as_built import list_measured_edges, read_records
 from stepblocks.artefacts.model_file import build_model_document
 from stepblocks.atomic import lock_folder, replace_text
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
-from stepblocks.errors import BenchError, PipelineError
+from stepblocks.errors import PipelineError
 from stepblocks.loop.bench_model import list_covariate_ranges
 from stepblocks.loop.heights import add_height_errors
 from stepblocks.loop.result import (
@@ -130,17 +130,16 @@ def loop_session(
         return result
     session = Path(session)
     declared = open_session(session)
-    try:
-        conditions = read_conditions(declared)
-    except BenchError:
-        with Traces(declared) as traces:  # a slip of session.toml is said before what it lacks
-            estimate_tool(traces, open_trials(declared))
-        raise
     radius = declared.probe.tip_radius
     if radius is None:
         raise PipelineError(
             f"`probe.tip_radius` must be given to explain a session [{session / 'session.toml'}]"
         )
+    tool = None
+    if features is None:
+        with Traces(declared) as traces:  # a slip of session.toml is said before what it lacks
+            tool = estimate_tool(traces, open_trials(declared))
+    conditions = read_conditions(declared)
     with nullcontext() if output is None else lock_folder(Path(output)):
         if features is None:
             features = measure_session(
@@ -148,6 +147,7 @@ def loop_session(
                 None if output is None else Path(output) / "features.csv",
                 jobs=cores,
                 progress=progress,
+                tool=tool,
             )
         features = insert_conditions(features, conditions)
         blocks = [] if forces_only else sorted(set(features["block"].dropna()))
@@ -173,7 +173,9 @@ def loop_session(
             apart = [one["trial"] for one in result.document["apart"][:_DRAWN]]
             with tempfile.TemporaryDirectory(prefix="stepblocks-apart-") as scratch:
                 write_loop(
-                    result, Path(output), draw_trials(session, scratch, apart) if apart else []
+                    result,
+                    Path(output),
+                    draw_trials(session, scratch, apart, tool) if apart else [],
                 )
     return result
 

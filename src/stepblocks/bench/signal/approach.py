@@ -141,10 +141,10 @@ def _add_onset(time: Array, smooth: Array, marks: Landmarks) -> Landmarks:
         "no loading: the tangential force does not climb steadily to its peak",
     )
     onset = float(time[low] - climb[low] / slope)
-    if np.searchsorted(time, onset) < _SLIDE_SAMPLES:
-        raise LandmarkError(
-            f"no sliding before the edge: loading begins {onset - time[0]:.3g} s into the record"
-        )
+    LandmarkError.require(
+        np.searchsorted(time, onset) >= _SLIDE_SAMPLES,
+        f"no sliding before the edge: loading begins {onset - time[0]:.3g} s into the record",
+    )
     return replace(marks, onset=onset)
 
 

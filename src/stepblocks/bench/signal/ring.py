@@ -44,6 +44,7 @@ _GOOD = 4.0  # misfit at which no other start is tried
 _ALIKE = 1e-7
 _ROUNDING = 1e-12  # change of a force that is rounding [N]
 _SCALE = np.array([0.01, 0.05, 2.0, 5e-3, 0.05, 10.0, 0.1])  # in which the values of a fit move
+_STEP = 1e-5  # of differences, in units of that scale
 _MOST_PHASES = 5000
 # twice the sliding force times this: a tip that stops farther below it clearly slips back
 _BEYOND = 1.4
@@ -448,6 +449,16 @@ def fit_rubbing_ring(
     upper = np.array(
         [np.inf, max(4.0 * abs(offset), 0.2), 1.3 * frequency, 0.5, np.inf, np.inf, np.inf]
     )
+    holding = np.pad(np.diag(known), ((0, 0), (2, 3)))  # of the third and fourth of seven values
+
+    def differentiate(p: Array) -> Array:
+        base = _compute_rubbing_with_drift(p, t, slope)
+        slopes = [
+            (_compute_rubbing_with_drift(p + step, t, slope) - base) / step.max()
+            for step in np.diag(_STEP * _SCALE)[:-1]
+        ]
+        return np.vstack([np.column_stack([*slopes, t]), holding])  # the drift is a line
+
     best = None
     # dry friction is the sliding force itself and turns with the tip: the likely gap is twice the
     # level
@@ -460,10 +471,10 @@ def fit_rubbing_ring(
             np.clip(
                 np.array([level, gap + 1e-6, frequency, decay, offset, 0.0, 0.0]), lower, upper
             ),
+            jac=differentiate,
             bounds=(lower, upper),
             x_scale=_SCALE,
             max_nfev=40,
-            diff_step=1e-6,
         )
         if best is None or found.cost < (1.0 - _ALIKE) * best.cost:
             best = found
@@ -481,7 +492,6 @@ def fit_rubbing_ring(
     jacobian = compute_numeric_jacobian(
         lambda p: _compute_rubbing_with_drift(p, t, slope), values, 1e-3 * _SCALE, lower, upper
     )
-    prior = np.pad(np.diag(known), ((0, 0), (2, 3)))  # of the third and fourth of seven values
     # a sample between two turns changes by the gap itself; a gap that moves less than one sample
     # was not seen
     knows_gap = bool(np.abs(jacobian[:, 1]).sum() > 1.0 and values[1] > 1e-5)
@@ -489,7 +499,7 @@ def fit_rubbing_ring(
     stopped = values[4] ** 2 - (slope / (2.0 * math.pi * values[2])) ** 2
     return RubbingRing(
         values,
-        estimate_covariance(jacobian, residuals, prior),
+        estimate_covariance(jacobian, residuals, holding),
         slope,
         origin,
         compute_misfit(residuals, 7, begin, noise),

@@ -18,12 +18,6 @@ from stepblocks.law import Law, Parameter
 _geometry = partial(Law, slot="contact_geometry")
 
 
-def _apply_compliance(
-    power: float, state: DragState, _: object, values: Mapping[str, float]
-) -> DragState:
-    return press_edge(state, values["depth_at_1n_m"], power)
-
-
 _GEOMETRY = (
     _geometry(
         "edge_rounding",
@@ -91,7 +85,7 @@ _GEOMETRY = (
             f"cos a = (R - H) / (R - d N^p), p = {power:.3g}, N = F_py cos(atan mu) / cos(a + "
             "atan mu) across the edge",
             (Parameter("depth_at_1n_m", "m", 0.0, -5e-6, 5e-5, 1e-6),),
-            partial(_apply_compliance, power),
+            partial(lambda p, state, _, v: press_edge(state, v["depth_at_1n_m"], p), power),
             covariate="load_n",
             rank=rank,
             description="the contact gives way: depth at 1 N",

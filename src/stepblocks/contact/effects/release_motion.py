@@ -120,7 +120,11 @@ def _integrate_climbs(cases: bytes) -> Array:
     tips[:, 9] = compute_softened_force(start, cubic) / stiffness
     tips[:, 12] = 1.0 - height
     tips[:, 18] = np.sin(edge)
-    _move_all_tips(tips)
+    # the slowest first: one that climbs down with the handle at last would move in a lane alone
+    slow = np.argsort(drive, kind="stable")
+    moved = tips[slow]
+    _move_all_tips(moved)
+    tips[slow] = moved
     peak, lowest = tips[:, 14], tips[:, 15]
     level, low, top = compute_softened_force(np.stack([friction, lowest, peak]), cubic)
     swing = (

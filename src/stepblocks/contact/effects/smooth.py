@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from stepblocks.contact.forward import SPEED_OVER_LOAD
 from stepblocks.contact.state import DragState, Floats
-from stepblocks.law import Law, Parameter
+from stepblocks.law import Law, Parameter, SizedChange
 
 Change = Callable[[DragState, Floats], DragState]
 
@@ -193,21 +193,18 @@ def _make_added_load_law(covariate: CovariateRange) -> Law:
     # Each label presses by its own force more than the weights
     names = tuple(f"added_n[{label}]" for label in covariate.labels)
 
-    def apply(
-        state: DragState, column: NDArray[np.generic], values: Mapping[str, float]
-    ) -> DragState:
-        added = np.select(
+    def add(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
+        return np.select(
             [np.asarray(column) == label for label in covariate.labels],
             [values[n] for n in names],
             0.0,
         )
-        return state.changed(load=state.load + added, sensed_offset=state.sensed_offset + added)
 
     return Law(
         f"added_load_{covariate.name}",
         f"F_py + b, by {covariate.name}",
         tuple(Parameter(name, "N", 0.0, -0.3, 0.6, 0.01) for name in names),
-        apply,
+        SizedChange(_make_shift("load", "sensed_offset", by=1.0), add),
         "normal_load",
         covariate.name,
         description=f"the load differs from the weights by {covariate.name}:",
@@ -239,13 +236,10 @@ def _make_step_law(name: str, covariate: CovariateRange, levels: int = 2) -> Law
     )
     sizes, places = ([replace(one, name=one.name + mark) for mark in marks] for one in (size, at))
 
-    def apply(
-        state: DragState, order: NDArray[np.generic], values: Mapping[str, float]
-    ) -> DragState:
+    def step(order: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
         past = np.asarray(order, dtype=np.float64)[:, None] - [values[p.name] for p in places]
         rises = np.diff([values[p.name] for p in sizes], prepend=0.0)
-        g = 0.5 * (1.0 + np.tanh(past / (2.0 * width))) @ rises
-        return state.changed(radius=state.radius + g) if chip else move.change(state, g)
+        return np.asarray(0.5 * (1.0 + np.tanh(past / (2.0 * width))) @ rises)
 
     # where one change is looked for, or several to begin with
     shares = (
@@ -263,7 +257,7 @@ def _make_step_law(name: str, covariate: CovariateRange, levels: int = 2) -> Law
         "tip_chip" if chip else f"step_{name}_{covariate.name}{f'~{levels}' if several else ''}",
         f"{'R + w' if chip else f'{move.form}, g'} from one value of {covariate.name} on",
         tuple(one for pair in zip(sizes, places, strict=True) for one in pair),
-        apply,
+        SizedChange(_make_shift("radius", by=1.0) if chip else move.change, step),
         move.slot,
         covariate.name,
         tuple(
@@ -287,11 +281,9 @@ def _make_periodic_law(name: str, covariate: CovariateRange) -> Law:
     parts = tuple(Parameter(part, "1", 0.0, -2.0, 2.0, 0.05) for part in ("cosine", "sine"))
     period = Parameter("period_trials", "1", 0.5 * reach, 0.8 * _SHORTEST_PERIOD, 1.2 * reach, 0.5)
 
-    def apply(
-        state: DragState, order: NDArray[np.generic], values: Mapping[str, float]
-    ) -> DragState:
+    def swing(order: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
         phase = 2.0 * np.pi * np.asarray(order, dtype=np.float64) / values["period_trials"]
-        return move.change(state, values["cosine"] * np.cos(phase) + values["sine"] * np.sin(phase))
+        return np.asarray(values["cosine"] * np.cos(phase) + values["sine"] * np.sin(phase))
 
     # half a turn over the whole run apart, so that a fit begins within its own valley; 250 turns at
     # most, for of thousands of trials the shorter periods would be most of the work
@@ -300,7 +292,7 @@ def _make_periodic_law(name: str, covariate: CovariateRange) -> Law:
         f"periodic_{name}_{covariate.name}",
         f"{move.form}, g = a cos(2 pi n / P) + b sin(2 pi n / P)",
         (*parts, period),
-        apply,
+        SizedChange(move.change, swing),
         move.slot,
         covariate.name,
         tuple({"period_trials": float(2.0 * reach / turn)} for turn in turns),
@@ -325,20 +317,18 @@ def _make_covariate_law(kind: str, slot: str, covariate: CovariateRange) -> Law:
     basis = covariate.line if trend else covariate.basis
     last: list[NDArray[np.generic] | None] = [None, None]
 
-    def apply(
-        state: DragState, column: NDArray[np.generic], values: Mapping[str, float]
-    ) -> DragState:
+    def follow(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
         # a fit asks for the same column hundreds of times; the reference kept makes its identity
         # safe
         if last[0] is not column:
             last[:] = [column, basis(column)]
-        return move.change(state, last[1] @ np.array([values[name] for name in names]))
+        return np.asarray(last[1] @ np.array([values[name] for name in names]))
 
     return Law(
         f"{kind}_{slot}_{covariate.name}",
         f"{move.form}, g {'a straight line' if trend else 'smooth'} over {covariate.name}",
         tuple(Parameter(name, "1", 0.0, -3.0, 3.0, 0.1) for name in names),
-        apply,
+        SizedChange(move.change, follow),
         move.slot,
         covariate.name,
         named=bool(description),

@@ -60,11 +60,11 @@ class Trials:
         columns = [str(name) for name in getattr(table, "columns", ())]
         names = [name for name in columns if f"{name}_std" in columns]
         errors = [f"{name}_std" for name in names]
-        if not names:
-            raise PipelineError(
-                "table must have a column that was measured and its uncertainty, such as period "
-                f"and period_std, got {' '.join(', '.join(columns).split()) or type(table)!s:.300}"
-            )
+        PipelineError.require(
+            names,
+            "table must have a column that was measured and its uncertainty, such as period "
+            f"and period_std, got {' '.join(', '.join(columns).split()) or type(table)!s:.300}",
+        )
         covariates = {
             str(name): column.to_numpy()
             for name, column in table.items()

@@ -3,13 +3,14 @@
 Score statistics of all candidates are judged together by a bootstrap of their maximum.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy import stats
 
-from stepblocks.law import Law
+from stepblocks.law import Law, SizedChange
 from stepblocks.loop.search.fit import Fit, HopelessFitError, Problem, fit, is_hopeless
 from stepblocks.loop.search.forward_model import Floats
 
@@ -20,6 +21,8 @@ _PLACES = 3  # of a jump, that its fit begins from
 _GROUP = 0.95
 _TOGETHER = 16  # effects or shapes in one product of matrices: all of them fill the memory
 
+# of the prediction in the number by which a change moves every trial, by the change and its step
+Slopes = dict[tuple[Callable[..., Any], float], Floats]
 # an effect that may stand for another, its fit, and how far its criterion is behind
 Rival = tuple[Law, Fit, float]
 
@@ -93,25 +96,40 @@ def compute_tangent(problem: Problem, base: Fit, effect: Law, shape: Mapping[str
 
     The shape is (n c, p).
     """
-    return problem.noise.whiten(np.stack(_compute_changes(problem, base, effect, shape), axis=2))
+    changes = _compute_changes(problem, base, effect, shape, {})
+    return problem.noise.whiten(np.stack(changes, axis=2))
 
 
 def _compute_changes(
-    problem: Problem, base: Fit, effect: Law, shape: Mapping[str, float]
+    problem: Problem, base: Fit, effect: Law, shape: Mapping[str, float], slopes: Slopes
 ) -> list[Floats]:
     # Change of the prediction per unit of each amplitude, in units of its scale; each has the shape
-    # (n, c).
-    neutral = {p.name: p.start for p in effect.parameters} | dict(shape)
-    columns = []
-    for parameter in (p for p in effect.parameters if p.name in effect.amplitudes):
-        step = 0.02 * parameter.scale
-        shifted = neutral | {parameter.name: neutral[parameter.name] + step}
-        change = (
-            problem.model.predict(problem.trials, base.values, [*base.active, (effect, shifted)])
-            - base.predicted
+    # (n, c). What a trial shows depends on its own state alone: laws that change it by one number
+    # per trial share its slope in that number.
+    neutral: dict[str, float] = {p.name: p.start for p in effect.parameters} | dict(shape)
+    asked = [p for p in effect.parameters if p.name in effect.amplitudes]
+
+    def differ(law: Law, step: float, moved: dict[str, float]) -> Floats:
+        ahead = problem.model.predict(
+            problem.trials, base.values, [*base.active, (law, neutral | moved)]
         )
-        columns.append(change * (parameter.scale / step))
-    return columns
+        return (ahead - base.predicted) / step
+
+    apply, column = effect.apply, problem.trials.covariates.get(effect.covariate)
+    if column is None or not isinstance(apply, SizedChange):
+        return [
+            p.scale * differ(effect, 0.02 * p.scale, {p.name: p.start + 0.02 * p.scale})
+            for p in asked
+        ]
+    step = 0.02 * asked[0].scale
+    if (apply.change, step) not in slopes:
+        same = SizedChange(apply.change, lambda *_: np.full(len(column), step))
+        slopes[apply.change, step] = differ(replace(effect, apply=same), step, {})
+    return [
+        slopes[apply.change, step]
+        * apply.size(column, neutral | {p.name: p.start + p.scale})[:, None]
+        for p in asked
+    ]
 
 
 def compute_directions(
@@ -122,17 +140,22 @@ def compute_directions(
     An effect that the constants imitate has none.
     """
     asked = [(effect, shape) for effect in effects for shape in effect.shapes]
+    slopes: Slopes = {}
     return [
         direction
         for i in range(0, len(asked), _TOGETHER)
-        for direction in _compute_together(problem, base, asked[i : i + _TOGETHER], known)
+        for direction in _compute_together(problem, base, asked[i : i + _TOGETHER], known, slopes)
     ]
 
 
 def _compute_together(
-    problem: Problem, base: Fit, asked: Sequence[tuple[Law, Mapping[str, float]]], known: Floats
+    problem: Problem,
+    base: Fit,
+    asked: Sequence[tuple[Law, Mapping[str, float]]],
+    known: Floats,
+    slopes: Slopes,
 ) -> list[Direction]:
-    changes = [_compute_changes(problem, base, effect, shape) for effect, shape in asked]
+    changes = [_compute_changes(problem, base, effect, shape, slopes) for effect, shape in asked]
     if not any(changes):
         return []
     last = np.cumsum([len(columns) for columns in changes])
@@ -269,13 +292,11 @@ def _draw_noise(problem: Problem, base: Fit, draws: int, seed: int) -> Floats:
         -4.0,
         4.0,
     )
-    noise = np.empty((total, draws))
-    for i in range(draws):
-        rows = generator.integers(0, n, n)
-        signs = generator.choice([-1.0, 1.0], (n, 1))
-        noise[:count, i] = np.where(seen, pool[rows] * signs, 0.0).ravel()
-    noise[count:] = generator.standard_normal((total - count, draws))
-    return noise
+    shuffled = pool[generator.integers(0, n, (draws, n))]
+    signed = np.where(seen, shuffled * generator.choice([-1.0, 1.0], (draws, n, 1)), 0.0)
+    return np.vstack(
+        [signed.reshape(draws, count).T, generator.standard_normal((total - count, draws))]
+    )
 
 
 def choose_candidate(

@@ -19,6 +19,7 @@ from stepblocks.loop.search.explain import (
 )
 from stepblocks.loop.search.fit import Problem, build_problem, fit
 from stepblocks.loop.search.forward_model import Floats, ForwardModel, Trials
+from stepblocks.loop.search.noise import Noise
 from stepblocks.loop.search.structure import Hint
 
 _WORSE = 1.005  # ratio of errors from which a rise is one
@@ -194,36 +195,33 @@ def select_effects_without(
     return chosen
 
 
-def round_to_per_cent(error: float) -> float:
-    """Return an error of a logarithm in whole per cents, as the first line has it: 0.05 is 5 %."""
-    return float(np.rint(100.0 * np.expm1(error)))
-
-
 def _is_worse(
-    before: Sequence[Floats], after: Sequence[Floats], channels: Sequence[int], shown: int
+    noise: Noise, before: Sequence[Floats], after: Sequence[Floats], channels: Sequence[int]
 ) -> bool:
-    # Whether an error of one way of holding out rises in one of these channels; the first line has
-    # that of the first channel for so many ways
+    # Whether an error of one way of holding out rises in one of these channels
     return any(
-        _rises(old[:, j], new[:, j], way < shown and j == channels[0])
-        for way, (old, new) in enumerate(zip(before, after, strict=True))
-        for j in channels
+        _rises(noise, old, new, channel)
+        for old, new in zip(before, after, strict=True)
+        for channel in channels
     )
 
 
-def _rises(nominal: Floats, extended: Floats, shown: bool) -> bool:
-    # Whether an error rises: in the whole per cents of the first line, where it is `shown` there,
-    # or else by what somebody sees and not by chance. Beside a true law that hardly moves it, it
-    # rises by chance half the time, or in every trial by a part in ten thousand. One-sided test of
-    # paired squared errors (Diebold and Mariano 1995, doi:10.2307/1392185)
-    squares = np.square([nominal, extended])[:, np.isfinite(nominal)]
+def _rises(noise: Noise, nominal: Floats, extended: Floats, channel: int) -> bool:
+    # Whether an error rises by what somebody sees and not by chance. Beside a true law that hardly
+    # moves it, it rises by chance half the time, or in every trial by a part in ten thousand.
+    # One-sided test of paired squared errors (Diebold and Mariano 1995, doi:10.2307/1392185), whose
+    # sum scatters as well by the errors that trials share: to first order by twice their sum
+    # weighed by the change of the prediction
+    change = np.zeros(nominal.shape)
+    change[:, channel] = np.nan_to_num(extended - nominal)[:, channel]
+    squares = np.square([nominal, extended])[:, np.isfinite(nominal[:, channel]), channel]
     before, after = np.sqrt(np.mean(squares, axis=1)) if squares.size else (0.0, 0.0)
+    more = squares[1] - squares[0]
     return bool(
         after > _WORSE * before
-        and (
-            (shown and round_to_per_cent(after) > round_to_per_cent(before))
-            or stats.ttest_rel(squares[1], squares[0], alternative="greater").pvalue < _CHANCE
-        )
+        and more.sum()
+        > stats.t.isf(_CHANCE, more.size - 1)
+        * np.sqrt(more.size * np.var(more, ddof=1) + 4.0 * noise.compute_shared_variance(change))
     )
 
 
@@ -267,8 +265,7 @@ def choose_delivered_effects(
     candidates : callable
         Effects that may be asked of a table: one of a specimen that a fold never saw is not.
     channels : sequence of int
-        Those in which the extended model may not be worse than the nominal one, first that of which
-        the first line has the error.
+        Those in which the extended model may not be worse than the nominal one.
 
     Returns
     -------
@@ -323,13 +320,13 @@ def choose_delivered_effects(
     # a law of one specimen says nothing of others, and cannot be judged by them
     own = [f.effect for f in findings if f.effect.named and f.effect.covariate == "block"]
     errors = base = predict(own, extended.values) if own else nominal
-    if _is_worse(nominal[:1], base[:1], channels, 1):
+    if _is_worse(explanation.problem.noise, nominal[:1], base[:1], channels):
         own = []  # other trials of its specimen speak against it
         errors = base = nominal
     while len(findings) > len(own):
         effects = [f.effect for f in findings]
         errors = predict(effects, extended.values)
-        if not _is_worse(base, errors, channels, len(folds)):
+        if not _is_worse(explanation.problem.noise, base, errors, channels):
             break
         # what was taken out along the run without a claim goes first
         weakest = min(

@@ -75,6 +75,13 @@ class Noise:
             white - self.basis @ (weight * along if white.ndim == 1 else weight[:, None] * along)
         )
 
+    def compute_shared_variance(self, weights: Floats) -> float:
+        """Variance of a sum of errors that trials share, weighed by numbers of shape (n, c)."""
+        along = (
+            self.basis.T @ np.einsum("nji,nj->ni", np.linalg.pinv(self.factors), weights).ravel()
+        )
+        return float(np.sum((self.shrink**-2 - 1.0) * along**2))
+
     def subtract_shared(self, residual: Floats) -> Floats:
         """Take out what errors that trials share make of residuals of shape (n, c).
 

@@ -218,9 +218,10 @@ def _resolve_plan(data: Document, folder: Path, mistakes: list[Mistake]) -> Swee
         points = math.prod(len(v) for v in values.values()) * max(len(stimuli), 1)
         if kind == "random":
             points = _read_count("rows", head.get("rows"), "sweep")
-        elif "rows" in head:
-            raise PipelineError(
-                "rows must not be given for a grid, its axes say how many there are [sweep]"
+        else:
+            PipelineError.require(
+                "rows" not in head,
+                "rows must not be given for a grid, its axes say how many there are [sweep]",
             )
     with collect_mistakes(mistakes):
         count = _read_count("count", draws.get("count", 1), "draws")
