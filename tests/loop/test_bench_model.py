@@ -4,6 +4,7 @@ What may vary, what may be asked for, which errors are common.
 """
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from oracles.feature_bench import bench_trials, design_columns, noise_free
 from stepblocks.contact.forward import PEAK_FORCE, SPEED_OVER_LOAD
 from stepblocks.contact.operating_point import Tool
 from stepblocks.contact.state import CHANNELS
+from stepblocks.law import SizedChange
 from stepblocks.loop.bench_model import (
     SessionModel,
     find_column,
@@ -20,6 +22,7 @@ from stepblocks.loop.bench_model import (
 )
 from stepblocks.loop.search.fit import build_problem, fit
 from stepblocks.loop.search.forward_model import Trials
+from stepblocks.loop.search.gate import compute_tangent
 from stepblocks.loop.search.structure import find_hints
 
 _TOOL = Tool(frequency=300.0, decay_time=0.02)
@@ -54,6 +57,22 @@ def test_ranges_are_those_of_what_varies(trials):
     assert not found["load_n"].log
     force = np.exp(trials.values[:, CHANNELS.index("ln_peak_force")])
     assert found[PEAK_FORCE].high == pytest.approx(np.nanmax(force))
+
+
+def test_laws_that_share_a_change_are_seen_as_if_each_were_tried_alone(trials):
+    # the chain rule: what a trial shows depends on its own state, and on nothing of other trials
+    problem = build_problem(_MODEL, trials)
+    base = fit(problem)
+    shared = [
+        law
+        for law in list_candidates(trials, list_covariate_ranges(trials))
+        if isinstance(law.apply, SizedChange) and law.covariate in trials.covariates
+    ]
+    assert {"friction", "contact_geometry", "normal_load", "sensor"} <= {law.slot for law in shared}
+    for law in shared:
+        alone = replace(law, apply=partial(law.apply))  # the same, of which no size is known
+        one, other = (compute_tangent(problem, base, like, law.shapes[-1]) for like in (law, alone))
+        assert one == pytest.approx(other, rel=0.02, abs=0.02 * np.abs(other).max()), law.id
 
 
 def test_what_never_changed_can_explain_nothing(trials):

@@ -17,6 +17,7 @@ from stepblocks.contact.effects.smooth import CovariateRange, list_smooth_laws
 from stepblocks.loop.finding import (
     describe_covariate,
     find_slope_unit,
+    format_errors,
     format_value,
     write_sentence,
 )
@@ -70,6 +71,24 @@ def test_an_effect_is_said_with_its_figures_and_the_error_before_and_after(worn)
     assert re.match(f"Friction runs in: excess at first {figure}, trials to settle {figure};", said)
     assert "error of E_v" in said
     assert "->" in said
+
+
+def test_an_error_that_rises_by_chance_says_so_and_no_other():
+    error = {"ln_energy_rms": 0.054, "ln_energy_rms_blocks_left_out": 0.06}
+    more = {"ln_energy_rms": 0.056, "ln_energy_rms_blocks_left_out": 0.05}
+    noise = {"noise_floor": {"ln_energy_rms": None}}
+    shown = format_errors({"nominal": {"error": error}, "extended": {"error": more | noise}})
+    # exp(0.054) is 1.0555, exp(0.056) 1.0576: whole per cents, and none where nothing is known
+    assert shown == {
+        "before": "6 %",
+        "after": "6 %",
+        "before_blocks": "6 %",
+        "after_blocks": "5 %",
+        "noise": "unknown",
+    }
+    more["ln_energy_rms"] = 0.065
+    shown = format_errors({"nominal": {"error": error}, "extended": {"error": more | noise}})
+    assert shown["after"] == "7 % (by chance)"
 
 
 def test_the_words_of_a_law_have_a_place_for_each_of_its_figures_or_end_in_the_only_one():

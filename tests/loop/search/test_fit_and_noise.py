@@ -116,6 +116,21 @@ def test_a_systematic_error_costs_no_more_than_its_prior() -> None:
     assert float(np.sum(noise.whiten(residual) ** 2)) == pytest.approx(1.0, abs=0.05)
 
 
+def test_a_sum_of_errors_that_trials_share_scatters_as_their_prior_says() -> None:
+    # closed form: of the error z c, z of deviation s, the sum with weights w is z (w c)
+    trials = toy_trials(40, 4)
+    shape, weights = np.linspace(-1.0, 2.0, 40), np.random.default_rng(0).normal(size=(40, 2))
+    noise = build_noise(
+        trials,
+        [Systematic("first", shape, 0.5)],
+        Toy().responses(trials, {}),
+        Scatter(np.array([1e-4]), np.array([1e-2, 1e-2]), 40),
+    )
+    expected = (0.5 * float(weights[:, 0] @ shape)) ** 2
+    assert noise.compute_shared_variance(weights) == pytest.approx(expected)
+    assert noise.compute_shared_variance(0.0 * weights) == 0.0
+
+
 def test_what_trials_share_is_no_scatter_of_each() -> None:
     # an error along the run, which no covariate follows, of twenty times the scatter of a trial
     shape = np.linspace(-1.0, 1.0, 120)

@@ -19,7 +19,7 @@ from stepblocks.loop.search.explain import (
     explain,
 )
 from stepblocks.loop.search.fit import build_problem, fit
-from stepblocks.loop.search.forward_model import Floats, Trials
+from stepblocks.loop.search.forward_model import Floats, Systematic, Trials
 from stepblocks.loop.search.gate import Gate, score_candidates, select_likeliest
 from stepblocks.loop.search.holdout import (
     Holdout,
@@ -291,9 +291,14 @@ def test_what_raises_a_held_out_error_is_named_and_not_delivered(
     assert ("worse with square of z in the model" in delivered.reason) is (rise > 0.0)
 
 
-@pytest.mark.parametrize(("share", "kept"), [(1e-4, True), (0.01, False)])
-def test_a_rise_that_no_figure_shows_takes_no_claim_back(share: float, kept: bool) -> None:
-    # the law errs by this share of the residual in every trial that is held out: never by chance
+@pytest.mark.parametrize(
+    ("share", "shared", "kept"), [(1e-4, 0.0, True), (0.01, 0.0, False), (0.01, 1.0, True)]
+)
+def test_a_rise_that_no_figure_shows_or_trials_share_takes_no_claim_back(
+    share: float, shared: float, kept: bool
+) -> None:
+    # the law errs by this share of the residual in every trial that is held out: never by chance,
+    # but where one error along the same column moves all trials at once
     def lift(level: Floats, trials: Trials, own: Mapping[str, float]) -> Floats:
         return level + own["size"] * trials.covariates["side"]
 
@@ -310,7 +315,9 @@ def test_a_rise_that_no_figure_shows_takes_no_claim_back(share: float, kept: boo
     law = Law("lift", "", (Parameter("size", "1", 0.0, -9.0, 9.0, 0.1),), lift, "level", "side")
     found = replace(
         nothing,
-        problem=replace(nothing.problem, trials=seen),
+        problem=replace(nothing.problem, trials=seen).add_shared_errors(
+            [Systematic("", np.stack([side, side], axis=1), shared)], nothing.nominal
+        ),
         findings=(Finding(law, Verdict.EFFECT, 0.001, 100.0),),
         verdict=Verdict.EFFECT,
     )
