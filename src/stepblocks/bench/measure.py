@@ -186,7 +186,9 @@ def write_features(
                         *(
                             value
                             if isinstance(value, str)
-                            else f"{value:.9g}" * math.isfinite(value)
+                            else f"{value:.9g}"
+                            if math.isfinite(value)
+                            else ""
                             for value in (result.features.get(n, math.nan) for n in FEATURE_COLUMNS)
                         ),
                     ]

@@ -207,7 +207,14 @@ def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> Tri
     excluded, swap = session.trials.exclude, session.trials.swap
     # 73 of session.toml may be 0073 in the table; empty where it is not there
     named = {
-        name: next((one for one in homes if str(name) in (one, one.lstrip("0"))), "")
+        name: next(
+            (
+                one
+                for one in homes
+                if str(name) == one or (one.isdigit() and str(name) == one.lstrip("0"))
+            ),
+            "",
+        )
         for name in (*excluded, *(one for pair in swap for one in pair))
     }
     pairs = [(named[one], named[other]) for one, other in swap]
