@@ -28,10 +28,10 @@ class SizedChange:
         ``size(covariate, values)`` returns these numbers, linear in the amplitudes of the law.
     """
 
-    change: Callable[[Any, NDArray[np.float64]], Any]
-    size: Callable[[Any, Mapping[str, float]], NDArray[np.float64]]
+    change: Callable[..., object]
+    size: Callable[..., NDArray[np.float64]]
 
-    def __call__(self, state: Any, covariate: Any, values: Mapping[str, float]) -> Any:
+    def __call__(self, state: object, covariate: object, values: Mapping[str, float]) -> object:
         """Apply it."""
         return self.change(state, self.size(covariate, values))
 

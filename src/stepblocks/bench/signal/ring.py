@@ -450,13 +450,11 @@ def fit_rubbing_ring(
         [np.inf, max(4.0 * abs(offset), 0.2), 1.3 * frequency, 0.5, np.inf, np.inf, np.inf]
     )
     holding = np.pad(np.diag(known), ((0, 0), (2, 3)))  # of the third and fourth of seven values
+    compute = partial(_compute_rubbing_with_drift, time=t, slope=slope)
 
     def differentiate(p: Array) -> Array:
-        base = _compute_rubbing_with_drift(p, t, slope)
-        slopes = [
-            (_compute_rubbing_with_drift(p + step, t, slope) - base) / step.max()
-            for step in np.diag(_STEP * _SCALE)[:-1]
-        ]
+        base = compute(p)
+        slopes = [(compute(p + step) - base) / step.max() for step in np.diag(_STEP * _SCALE)[:-1]]
         return np.vstack([np.column_stack([*slopes, t]), holding])  # the drift is a line
 
     best = None
@@ -464,10 +462,7 @@ def fit_rubbing_ring(
     # level
     for gap in (2.0 * abs(level), 0.3 * abs(offset), 0.0):
         found = least_squares(
-            lambda p: np.append(
-                _compute_rubbing_with_drift(p, t, slope) - force,
-                (p[2:4] - (frequency, decay)) * known,
-            ),
+            lambda p: np.append(compute(p) - force, (p[2:4] - (frequency, decay)) * known),
             np.clip(
                 np.array([level, gap + 1e-6, frequency, decay, offset, 0.0, 0.0]), lower, upper
             ),
@@ -479,9 +474,7 @@ def fit_rubbing_ring(
         if best is None or found.cost < (1.0 - _ALIKE) * best.cost:
             best = found
         # a tip that never slips back in this course says nothing of the gap
-        change = _compute_rubbing_with_drift(best.x, t, slope) - _compute_rubbing_with_drift(
-            best.x * [1.0, 0.98, 1.0, 1.0, 1.0, 1.0, 1.0], t, slope
-        )
+        change = compute(best.x) - compute(best.x * [1.0, 0.98, 1.0, 1.0, 1.0, 1.0, 1.0])
         if compute_misfit(best.fun[:-2], 7, begin, noise) < _GOOD and bool(
             np.any(np.abs(change) > _ROUNDING)
         ):
@@ -489,9 +482,7 @@ def fit_rubbing_ring(
     assert best is not None
     values = np.asarray(best.x, dtype=float)
     residuals = -np.asarray(best.fun[:-2], dtype=float)
-    jacobian = compute_numeric_jacobian(
-        lambda p: _compute_rubbing_with_drift(p, t, slope), values, 1e-3 * _SCALE, lower, upper
-    )
+    jacobian = compute_numeric_jacobian(compute, values, 1e-3 * _SCALE, lower, upper)
     # a sample between two turns changes by the gap itself; a gap that moves less than one sample
     # was not seen
     knows_gap = bool(np.abs(jacobian[:, 1]).sum() > 1.0 and values[1] > 1e-5)

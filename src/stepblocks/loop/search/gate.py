@@ -5,7 +5,6 @@ Score statistics of all candidates are judged together by a bootstrap of their m
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from scipy import stats
@@ -22,7 +21,7 @@ _GROUP = 0.95
 _TOGETHER = 16  # effects or shapes in one product of matrices: all of them fill the memory
 
 # of the prediction in the number by which a change moves every trial, by the change and its step
-Slopes = dict[tuple[Callable[..., Any], float], Floats]
+Slopes = dict[tuple[Callable[..., object], float], Floats]
 # an effect that may stand for another, its fit, and how far its criterion is behind
 Rival = tuple[Law, Fit, float]
 
