@@ -205,16 +205,8 @@ def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> Tri
             )
     BenchError.require(count != 0, f"table of trials has no rows [{session.table}]")
     excluded, swap = session.trials.exclude, session.trials.swap
-    # 73 of session.toml may be 0073 in the table; empty where it is not there
     named = {
-        name: next(
-            (
-                one
-                for one in homes
-                if str(name) == one or (one.isdigit() and str(name) == one.lstrip("0"))
-            ),
-            "",
-        )
+        name: _find_trial_name(str(name), homes)
         for name in (*excluded, *(one for pair in swap for one in pair))
     }
     pairs = [(named[one], named[other]) for one, other in swap]
@@ -236,6 +228,13 @@ def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> Tri
         repeated,
         excluded=frozenset(named[name] for name in excluded),
         swapped={one: other for pair in pairs for one, other in (pair, pair[::-1])},
+    )
+
+
+def _find_trial_name(name: str, names: Mapping[str, object]) -> str:
+    # Find a trial of session.toml in the table, where 73 may be written 0073; empty where it is not
+    return next(
+        (one for one in names if one == name or (one.isdigit() and one.lstrip("0") == name)), ""
     )
 
 

@@ -95,8 +95,9 @@ def compute_tangent(problem: Problem, base: Fit, effect: Law, shape: Mapping[str
 
     The shape is (n c, p).
     """
-    changes = _compute_changes(problem, base, effect, shape, {})
-    return problem.noise.whiten(np.stack(changes, axis=2))
+    return problem.noise.whiten(
+        np.stack(_compute_changes(problem, base, effect, shape, {}), axis=2)
+    )
 
 
 def _compute_changes(
@@ -122,8 +123,11 @@ def _compute_changes(
         ]
     step = 0.02 * asked[0].scale
     if (apply.change, step) not in slopes:
-        same = SizedChange(apply.change, lambda *_: np.full(len(column), step))
-        slopes[apply.change, step] = differ(replace(effect, apply=same), step, {})
+        slopes[apply.change, step] = differ(
+            replace(effect, apply=replace(apply, size=lambda *_: np.full(len(column), step))),
+            step,
+            {},
+        )
     return [
         slopes[apply.change, step]
         * apply.size(column, neutral | {p.name: p.start + p.scale})[:, None]
