@@ -10,8 +10,8 @@ from stepblocks.bench.signal.ring import (
     compute_rubbing_force,
     fit_ring,
     fit_rubbing_ring,
-    guess_ring,
 )
+from stepblocks.bench.signal.separable import guess_ring
 
 COURSE = Course(phase=0.4)
 TIME = COURSE.clock(tail=0.12)

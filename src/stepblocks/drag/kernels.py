@@ -71,10 +71,9 @@ def _compute_grip(
         return stiffness * stretch + damping * (rate - abs(rate) * stretch * share), stretch
     stretch = bristle + travel
     force = stiffness * stretch + damping * rate
-    if force > limit:
-        return limit, limit * give
-    if force < -limit:
-        return -limit, -limit * give
+    if abs(force) > limit:
+        held = math.copysign(limit, force)
+        return held, held * give
     return force, stretch
 
 

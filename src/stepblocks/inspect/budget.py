@@ -218,11 +218,10 @@ def add_instrument_components(
         if power != 0.0:
             relative = power * (UNSTATED_SCALE if stated is None else stated)
             origin = f"{relative:g} of the value"
-            if stated is None:
-                origin = (
-                    f"{UNSTATED}: {origin}, as makers specify stylus instruments (Haitjema 1998)"
-                )
-            parts.append(Component(label, relative * abs(value), how=origin))
+            unknown = f"{UNSTATED}: {origin}, as makers specify stylus instruments (Haitjema 1998)"
+            parts.append(
+                Component(label, relative * abs(value), how=unknown if stated is None else origin)
+            )
     parts += [
         *others,
         Component(

@@ -232,23 +232,22 @@ def _find_beginning(lines: list[str], path: Path) -> tuple[int, str | None, bool
     # Where the table begins, what divides its fields, whether commas are decimal, and how many
     # columns it has.
     sample = [line for line in lines[: _MOST_HEADER_LINES + 50] if line.strip()][-50:]
-    best: tuple[int, str | None, bool] = (0, None, False)
-    for mark in (";", "\t", ",", None):
-        for comma in (False,) if mark == "," else (False, True):
-            parsed = [
-                1
-                for line in sample
-                if len(fields := _split_fields(line, mark)) > 1 and _parse_numbers(fields, comma)
-            ]
-            best = max(best, (len(parsed), mark, comma), key=lambda one: one[0])
-    _, mark, comma = best
+
+    def count_numbers(line: str, mark: str | None, comma: bool) -> int:
+        fields = _split_fields(line, mark)
+        return len(fields) if len(fields) > 1 and _parse_numbers(fields, comma) else 0
+
+    best, mark, comma = max(
+        (
+            (sum(count_numbers(line, mark, comma) > 0 for line in sample), mark, comma)
+            for mark in (";", "\t", ",", None)
+            for comma in ((False,) if mark == "," else (False, True))
+        ),
+        key=lambda one: one[0],
+    )
     for number, line in enumerate(lines[: _MOST_HEADER_LINES + 1]):
-        if (
-            best[0]
-            and len(fields := _split_fields(line, mark)) > 1
-            and _parse_numbers(fields, comma)
-        ):
-            return number, mark, comma, len(fields)
+        if best and (count := count_numbers(line, mark, comma)):
+            return number, mark, comma, count
     MetrologyError.require(
         len(lines) <= _MOST_HEADER_LINES,
         f"table must begin within {_MOST_HEADER_LINES} lines [{path.name}]",

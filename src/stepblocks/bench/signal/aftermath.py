@@ -13,14 +13,15 @@ from stepblocks.bench.signal.ring import (
     KNOWN_SPREAD,
     Ring,
     RubbingRing,
+    fit_cosine,
     fit_ring,
     fit_rubbing_ring,
-    guess_ring,
 )
 from stepblocks.bench.signal.separable import (
     build_damped_wave_columns,
     build_wave_columns,
     fit_with_covariance,
+    guess_ring,
     propagate_std,
 )
 from stepblocks.contact.kernels import compute_softened_force
@@ -31,6 +32,7 @@ _GOOD = 5.0  # misfit up to which a fit is taken at once
 # of a bell's amplitude, and of the sliding level: what misses a bell by less, of a tip that slips
 # back without a gap, are loops of the gauge and no friction
 _SLIGHT = 0.005
+_GAP = 0.1  # of the sliding level, likewise, from which a gap is friction: a bent gauge makes 0.007
 _BETTER = 0.85  # a second kind of fit must leave this share of the squared residuals at most
 _TAIL_SHARE = (
     0.35  # last share of the record after the slip, in which only the tool's own ring is left
@@ -154,26 +156,34 @@ def fit_aftermath(
     if saw is not None:
         end = int(np.searchsorted(time, top + _FIRST_SWINGS))
         time, force = time[:end], force[:end]
-    bell = fit_bell(time, force, top, approach.mains, marks.noise)
-    assert isinstance(bell.ring, Ring)
-    if bell.ring.misfit < _GOOD and saw is None:
-        return bell
-    rubbing = _fit_best_rubbing(time, force, marks, approach, tool)
-    if rubbing is None:
-        return bell
-    left = bell.ring.fit.residuals[time[time >= top + _RELEASE_TIME] >= rubbing.origin]
-    # what misses a bell in its first swing alone hardly weighs in the sum
-    if saw is None and (
-        (
+    first = int(np.searchsorted(time, top + _RELEASE_TIME))
+    cosine = (
+        fit_cosine(time[first:], force[first:], top, approach.mains, marks.noise)
+        if saw is None
+        else None
+    )
+    rubbing = (
+        None
+        if cosine and cosine.misfit < _GOOD
+        else _fit_best_rubbing(time, force, marks, approach, tool)
+    )
+    # a tip that clearly slips back is no bell that hardens, or that its gauge bends
+    if rubbing is None or (saw is None and not _slips_back(rubbing)):
+        bell = fit_bell(time, force, top, approach.mains, marks.noise, cosine)
+        assert isinstance(bell.ring, Ring)
+        if rubbing is None or bell.ring.misfit < _GOOD:
+            return bell
+        left = bell.ring.fit.residuals[time[first:] >= rubbing.origin]
+        # what misses a bell in its first swing alone hardly weighs in the sum
+        if (
             rubbing.misfit > _GOOD
             and float(np.sum(rubbing.residuals**2)) > _BETTER * float(np.sum(left**2))
-        )
-        or (
+        ) or (
             rubbing.values[1] < _SLIGHT * rubbing.values[0]
-            and float(np.std(bell.ring.fit.residuals)) < _SLIGHT * bell.amplitude[0]
-        )
-    ):
-        return bell
+            and float(np.std(bell.ring.fit.residuals))
+            < _SLIGHT * min(bell.amplitude[0], marks.rise)
+        ):
+            return bell
     frequency, decay = tool or (float(rubbing.values[2]), float(rubbing.values[3]))
     known = KNOWN_SPREAD[1] if tool is USUAL_TOOL else _KNOWN_DECAY_SPREAD
     spread = min(known * decay, rubbing.std(3)) if tool else rubbing.std(3)
@@ -211,13 +221,24 @@ def fit_aftermath(
     )
 
 
-def fit_bell(time: Array, force: Array, release: float, mains: float, noise: float) -> Aftermath:
+def fit_bell(
+    time: Array,
+    force: Array,
+    release: float,
+    mains: float,
+    noise: float,
+    cosine: Ring | None = None,
+) -> Aftermath:
     """Fit a damped ring, counted from the release."""
     first = int(np.searchsorted(time, release + _RELEASE_TIME))
-    bell = fit_ring(time[first:], force[first:], release, mains, noise)
+    bell = fit_ring(time[first:], force[first:], release, mains, noise, cosine)
     return Aftermath(
         bell, release, bell.amplitude(release), bell.frequency, bell.decay_time, bell.level
     )
+
+
+def _slips_back(fit: RubbingRing) -> bool:
+    return fit.misfit < _GOOD and fit.knows_gap and bool(fit.values[1] > _GAP * fit.values[0])
 
 
 def estimate_sliding_noise(time: Array, approach: Approach, marks: Landmarks) -> float:
@@ -279,10 +300,8 @@ def _guess_tools(
 ) -> list[Tool]:
     # Frequency and decay time of the tool. Told, from its start-up, from its late ring, from its
     # first swings.
-    if tool is not None:
-        return [tool]
-    if approach.start_up is not None:
-        return [approach.start_up]
+    if told := tool or approach.start_up:
+        return [told]
     late = marks.peak + int((time.size - marks.peak) * 0.25)
     frequency, decay = guess_ring(time[late:], clean[late:])
     early = slice(marks.peak, int(np.searchsorted(time, time[marks.peak] + _FIRST_SWINGS)))

@@ -37,8 +37,8 @@ from stepblocks.bench.signal.regimes import (
     find_extremum,
     find_saw,
 )
-from stepblocks.bench.signal.ring import Ring, guess_ring
-from stepblocks.bench.signal.separable import fit_with_covariance, propagate_std
+from stepblocks.bench.signal.ring import Ring
+from stepblocks.bench.signal.separable import fit_with_covariance, guess_ring, propagate_std
 
 Features = dict[str, Any]  # one value for each of `FEATURE_COLUMNS`, a number or a word
 LOADING_BAND = (0.0, 100.0)  # in which the paper finds more than 64 % of the energy of loading [Hz]

@@ -12,6 +12,7 @@ between the levels, it sticks, and the force climbs along the ramp ``k v`` until
 again.
 """
 
+import cmath
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -27,9 +28,9 @@ from stepblocks.bench.signal.separable import (
     build_wave_columns,
     compute_misfit,
     compute_numeric_jacobian,
-    compute_rest,
     estimate_covariance,
     fit_separable,
+    guess_ring,
     propagate_std,
 )
 from stepblocks.contact.kernels import compute_softened_force
@@ -46,16 +47,15 @@ _ROUNDING = 1e-12  # change of a force that is rounding [N]
 _SCALE = np.array([0.01, 0.05, 2.0, 5e-3, 0.05, 10.0, 0.1])  # in which the values of a fit move
 _STEP = 1e-5  # of differences, in units of that scale
 _MOST_PHASES = 5000
+_EVEN = 1e-9  # of the time between two samples, within which they are even
 # twice the sliding force times this: a tip that stops farther below it clearly slips back
 _BEYOND = 1.4
 _BEGIN = 8e-3  # time after the slip in which a wrong fit of a ring shows [s]
-_LOWEST = 80.0  # [Hz] below lie hum and its first harmonic
 _RELEASE_DECAY = (0.05e-3, 0.4e-3, 1.5e-3)  # [s] least, first guess, most
 _LITTLE = 0.02  # g A^2 with which a tool that hardens is tried
 _HARD = 7.0  # misfit up to which another kind of ring than a cosine is taken
 _CLOSER = 0.05  # share of the misfit of the cosine, likewise
 _FINE_STEP = 1e-5  # [s] of the motion of a tool that hardens
-_DECAYS = (5e-3, 12e-3, 25e-3, 60e-3)  # [s] first guesses of the decay time
 
 
 @dataclass(frozen=True)
@@ -127,36 +127,25 @@ class Ring:
         return np.asarray(self.columns(since, shape) @ self.fit.weights, dtype=float)
 
 
-def guess_ring(time: Array, values: Array) -> Tool:
-    """Frequency [Hz] and decay time [s] of the strongest ring in `values`, roughly."""
-    count = values.size
-    rate = (count - 1) / (time[-1] - time[0])
-    size = 1 << (4 * count - 1).bit_length()
-    spectrum = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(2 * count)[count:], size))
-    frequencies = np.fft.rfftfreq(size, 1.0 / rate)
-    spectrum[frequencies < _LOWEST] = 0.0
-    frequency = float(frequencies[int(np.argmax(spectrum))])
-    since = time - time[0]
-    return frequency, min(
-        _DECAYS,
-        key=lambda decay: compute_rest(
-            np.column_stack(
-                [np.ones_like(since), build_damped_wave_columns(since, frequency, decay)]
-            ),
-            values,
-        ),
+def fit_cosine(time: Array, force: Array, origin: float, mains: float, noise: float) -> Ring:
+    """Fit a damped cosine to the samples after a slip."""
+    start = np.array([*guess_ring(time, force), _RELEASE_DECAY[1]])
+    return _fit_damped(
+        time, force, origin, noise, partial(_build_ring_columns, origin, mains), start
     )
 
 
-def fit_ring(time: Array, force: Array, origin: float, mains: float, noise: float) -> Ring:
-    """Fit a damped ring to the samples after a slip.
+def fit_ring(
+    time: Array, force: Array, origin: float, mains: float, noise: float, cosine: Ring | None = None
+) -> Ring:
+    """Fit a damped ring to the samples after a slip: `cosine`, where it is fitted already.
 
     Where it is seen, the ring is that of a tool that hardens, after Duffing, or of a gauge that
     bends.
     """
     fit_damped = partial(_fit_damped, time, force, origin, noise)
     build = partial(_build_ring_columns, origin, mains)
-    ring = fit_damped(build, np.array([*guess_ring(time, force), _RELEASE_DECAY[1]]))
+    ring = cosine or fit_cosine(time, force, origin, mains, noise)
     shape = ring.fit.shape
     since = time - origin
     found = [ring]
@@ -333,7 +322,7 @@ def _compile_once(kernel: Callable[..., Array]) -> Callable[..., Array]:
     # Compile a kernel when it is first wanted: a fit calls it some hundred times
     from numba import njit
 
-    return cast("Callable[..., Array]", njit(cache=True)(kernel))
+    return cast("Callable[..., Array]", njit(cache=True, error_model="numpy")(kernel))
 
 
 def _compute_rubbing(
@@ -343,12 +332,15 @@ def _compute_rubbing(
     start: tuple[float, float],
     slope: float,
 ) -> Array:
-    # Go half cycle by half cycle, see `compute_rubbing_force`. It is compiled and checks nothing.
+    # Go half cycle by half cycle, see `compute_rubbing_force`: in each the force over its level is
+    # the real part of a swing that turns and dies, e^(pole t). It is compiled and checks nothing.
     (level, gap), (frequency, decay), (force, rate) = levels, tool, start
     omega = 2.0 * math.pi * frequency
     result = np.empty_like(time)
     count = time.size
+    pole = complex(-1.0 / decay, omega)
     step = 2.0 * math.pi / omega / 20.0
+    onward = cmath.exp(pole * step)
     # at the speed of the ramp the damping alone pulls as much as this deflection; it shifts where
     # the tip sticks
     shift = 2.0 / decay * slope / (omega * omega + 1.0 / (decay * decay))
@@ -357,44 +349,36 @@ def _compute_rubbing(
     forward = rate < slope
     for _ in range(_MOST_PHASES):
         rest = level if forward else level - gap
-        a = force - rest
-        b = (rate + a / decay) / omega
-        p, q = b * omega - a / decay, a * omega + b / decay
+        swing = complex(force - rest, -(rate + (force - rest) / decay) / omega)
+        moved = pole * swing  # its real part is the rate of the force
         sign = 1.0 if forward else -1.0
         # the tip turns where the force climbs as fast as the ramp; too small a ring never does
         horizon = time[count - 1] - begin + step
         turn = math.inf
-        if gap > 0.0 and not (forward and math.hypot(p, q) <= slope):
-            low, high = 0.0, step
+        if gap > 0.0 and not (forward and abs(moved) <= slope):
+            low, later = 0.0, moved * onward
             while low <= horizon:
-                rise = math.exp(-high / decay) * (
-                    p * math.cos(omega * high) - q * math.sin(omega * high)
-                )
-                if sign * (rise - slope) > 0.0:
-                    for _ in range(36):
-                        middle = 0.5 * (low + high)
-                        rise = math.exp(-middle / decay) * (
-                            p * math.cos(omega * middle) - q * math.sin(omega * middle)
-                        )
-                        if sign * (rise - slope) > 0.0:
-                            high = middle
-                        else:
-                            low = middle
-                    turn = high
+                if sign * (later.real - slope) > 0.0:
+                    turn = low + 0.5 * step
+                    for _ in range(6):  # Newton's, to the last digit
+                        later = moved * cmath.exp(pole * turn)
+                        left = (later.real - slope) / (pole * later).real
+                        turn = min(max(turn - left, low), low + step)
                     break
-                low, high = high, high + step
+                low, later = low + step, later * onward
+        since, stride, factor, later = 0.0, -1.0, onward, swing
         while done < count and time[done] - begin < turn:
-            t = time[done] - begin
-            result[done] = rest + math.exp(-t / decay) * (
-                a * math.cos(omega * t) + b * math.sin(omega * t)
-            )
+            ahead = time[done] - begin - since
+            if abs(ahead - stride) > _EVEN * abs(stride):
+                stride, factor = ahead, cmath.exp(pole * ahead)
+            since += ahead
+            later *= factor
+            result[done] = rest + later.real
             done += 1
         if done >= count:
             return result
-        shrink = math.exp(-turn / decay)
-        c, s = math.cos(omega * turn), math.sin(omega * turn)
-        force = rest + shrink * (a * c + b * s)
-        rate = shrink * ((b * omega - a / decay) * c - (a * omega + b / decay) * s)
+        swing *= cmath.exp(pole * turn)
+        force, rate = rest + swing.real, (pole * swing).real
         begin += turn
         if forward and force >= level - gap - shift and slope > 0.0:
             # it sticks, and is loaded along the ramp until it slips forward again

@@ -9,14 +9,18 @@ frequencies are searched.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
-from stepblocks.bench.signal import Array
+from stepblocks.bench.signal import Array, Tool
 
 _CLEAR = 12.0  # chi squared of one to three columns that noise alone hardly gives
 # of the largest direction: what the data cannot tell apart, far above the rounding of the columns
 _UNSEEN = 1e-7
+_STEP = 1e-6  # of differences, in units of the scale of a shape
+_LOWEST = 80.0  # [Hz] below lie hum and its first harmonic
+_DECAYS = (5e-3, 12e-3, 25e-3, 60e-3)  # [s] first guesses of the decay time
 
 
 @dataclass(frozen=True)
@@ -73,23 +77,34 @@ def fit_separable(
     """
     from scipy.optimize import least_squares
 
-    def solve(shape: Array) -> tuple[Array, Array]:
-        return fit_linear(basis(shape), values, rcond=1e-12)
+    @lru_cache(maxsize=1)
+    def solve(shape: bytes) -> tuple[Array, Array, Array]:
+        columns = basis(np.frombuffer(shape))
+        return columns, *fit_linear(columns, values, rcond=1e-12)
+
+    def differentiate(shape: Array) -> Array:
+        # the columns as a shape moves them, less what their own weights take up at once
+        # (Kaufman 1975, doi:10.1007/bf01932995)
+        columns, weights, _ = solve(shape.tobytes())
+        step = np.where(shape + _STEP * scale > upper, -_STEP, _STEP) * scale
+        moved = [(basis(shape + one) - columns) @ weights for one in np.diag(step)]
+        return -fit_linear(columns, np.stack(moved, axis=1) / step, rcond=1e-12)[1]
 
     shape = least_squares(
-        lambda p: solve(p)[1],
+        lambda p: solve(p.tobytes())[2],
         np.clip(start, lower, upper),
+        jac=differentiate,
         bounds=(lower, upper),
         x_scale=scale,
         xtol=1e-9,
         ftol=1e-9,
         max_nfev=60,
     ).x
-    weights, residuals = solve(shape)
+    columns, weights, residuals = solve(shape.tobytes())
     slopes = compute_numeric_jacobian(
         lambda p: basis(p) @ weights, shape, scale * 1e-4, lower, upper
     )
-    jacobian = np.column_stack([slopes, basis(shape)])
+    jacobian = np.column_stack([slopes, columns])
     return SeparableFit(
         shape, weights, estimate_covariance(jacobian, residuals), residuals, jacobian
     )
@@ -124,6 +139,27 @@ def build_wave_columns(time: Array, frequency: float) -> Array:
     """Columns of a cosine and a sine."""
     phase = 2.0 * np.pi * frequency * time
     return np.column_stack([np.cos(phase), np.sin(phase)])
+
+
+def guess_ring(time: Array, values: Array) -> Tool:
+    """Frequency [Hz] and decay time [s] of the strongest ring in `values`, roughly."""
+    count = values.size
+    rate = (count - 1) / (time[-1] - time[0])
+    size = 1 << (4 * count - 1).bit_length()
+    spectrum = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(2 * count)[count:], size))
+    frequencies = np.fft.rfftfreq(size, 1.0 / rate)
+    spectrum[frequencies < _LOWEST] = 0.0
+    frequency = float(frequencies[int(np.argmax(spectrum))])
+    since = time - time[0]
+    return frequency, min(
+        _DECAYS,
+        key=lambda decay: compute_rest(
+            np.column_stack(
+                [np.ones_like(since), build_damped_wave_columns(since, frequency, decay)]
+            ),
+            values,
+        ),
+    )
 
 
 def compute_numeric_jacobian(

@@ -170,10 +170,8 @@ def find_steepest_in_each(
         if a < 0 or b < 0:
             continue
         found[k, 0], found[k, 1], found[k, 2] = right_slope[k], positions[k], contact[k]
-        if a == b:
-            continue
         # the contact of the right end, seen from the left end, is steeper than all between
-        if _compute_slope(positions[k], contact[k + 1], radius) <= floor:
+        if a == b or _compute_slope(positions[k], contact[k + 1], radius) <= floor:
             continue
         best, where, touch = _find_steepest_between(
             (positions[k], height[k], positions[k + 1], height[k + 1]),

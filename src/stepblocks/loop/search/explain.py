@@ -449,9 +449,8 @@ def _judge_effect(
             family in seen
             or (law.place == effect.place and not law.named)
             or trial.criterion > current.criterion + rules.margin
+            or (law.slot == effect.slot and _is_special_case(problem, current, effect, trial))
         ):
-            continue
-        if law.slot == effect.slot and _is_special_case(problem, current, effect, trial):
             continue
         seen.add(family)
         rivals.append((law, trial, trial.criterion - current.criterion))

@@ -253,11 +253,13 @@ def add_jump_places(
     problem: Problem, base: Fit, quantities: Container[str], candidates: Sequence[Law]
 ) -> list[Law]:
     """Let a search look for sudden changes of quantities where their errors fall apart best."""
-    places: dict[tuple[str, int], Floats] = {}
     order = problem.model.order(problem.trials)
-    for name, (rows, errors, _) in estimate_errors_in_order(problem, base).items():
-        for first in split_into_levels(errors) if name in quantities else ():
-            places[name, len(first)] = 0.5 * (order[rows][first - 1] + order[rows][first])
+    places = {
+        (name, len(first)): 0.5 * (order[rows][first - 1] + order[rows][first])
+        for name, (rows, errors, _) in estimate_errors_in_order(problem, base).items()
+        if name in quantities
+        for first in split_into_levels(errors)
+    }
     return [
         replace(e, shapes=(*e.shapes, dict(zip(e.steps, found.tolist(), strict=True))))
         if follows_run_order(problem, e)

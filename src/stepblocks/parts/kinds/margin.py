@@ -112,9 +112,7 @@ class CrownMargin(Part):
         )
         if v < 0.0:
             return [(g, g), (v, g), (v, h)]
-        if v == g:
-            return [(g, h)]
-        return [(g, h - abs(v - g)), (v, h)]
+        return [(g, h)] if v == g else [(g, h - abs(v - g)), (v, h)]
 
     @make_rules_validator
     def _check_lip_clears_the_tooth(self) -> Iterator[str]:

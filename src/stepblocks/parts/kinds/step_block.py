@@ -114,9 +114,7 @@ class StepBlock(Block):
         H, r = self.height.nominal, self.edge_radius.nominal
         if x < 0.0:
             return 0.0
-        if x >= r:
-            return H
-        return H - r + math.sqrt(x * (2.0 * r - x))
+        return H if x >= r else H - r + math.sqrt(x * (2.0 * r - x))
 
     def solids(self) -> list[cad.door.Body]:
         height, radius = self.height.nominal, self.edge_radius.nominal
@@ -236,9 +234,11 @@ class StepBlock(Block):
         side = 1.0 if kind == "groove" else -1.0
         near, width = side * feature.distance.nominal, side * feature.width.nominal
         middle = near + 0.5 * width
-        ends = (lower, describe_plane(2, H, x=middle, y=lane))
-        if kind == "groove":
-            ends = (describe_plane(2, 0.0, x=middle, y=lane), upper)
+        ends = (
+            (describe_plane(2, 0.0, x=middle, y=lane), upper)
+            if kind == "groove"
+            else (lower, describe_plane(2, H, x=middle, y=lane))
+        )
         yield make_characteristic(
             "groove_depth" if kind == "groove" else "ridge_height",
             "distance",
