@@ -153,6 +153,16 @@ def test_the_kernel_of_a_rubbing_ring_gives_compiled_what_it_gives_as_python():
     np.testing.assert_allclose(_compute_rubbing(*arguments), force, rtol=1e-9)
 
 
+@pytest.mark.parametrize("jitter", [0.0, 1e-8, 2e-5])
+def test_the_force_of_a_rubbing_ring_at_an_instant_does_not_hang_on_what_else_is_asked(jitter):
+    # origin: the same instants one by one, where no sample follows another; even samples are
+    # reached by equal turns of a swing, uneven ones each by their own
+    time = np.arange(300) / 10e3 + jitter * np.random.default_rng(2).random(300)
+    values = 0.25, 0.2, (320.0, 0.0163), (-0.35, 3.0), 55.0
+    alone = [compute_rubbing_force(np.array([t]), *values)[0] for t in time]
+    np.testing.assert_allclose(compute_rubbing_force(time, *values), alone, rtol=0.0, atol=1e-11)
+
+
 @pytest.mark.parametrize("shift", [0.0, 0.3, 0.7])
 def test_the_corner_before_a_tip_that_rubs_lies_between_two_samples(shift):
     # a ramp that a parabola leaves at the release: c - a t - b t^2 about the line through it
