@@ -145,11 +145,15 @@ def draw_crown_views(sheet: Sheet, margin: CrownOnTooth) -> list[str]:
     view = View((110.0, 150.0), s)
     (cx, cy), at = view.origin, view.at
     tooth, crown = (list_outline_points(outline, _CHORD) for outline in margin.outlines())
-    for outline, angle in ((tooth, 0.0), (crown, 90.0)):  # parts that touch are distinguished
-        for side in (1.0, -1.0):
-            points = [at(side * r, z) for r, z in outline]
-            sheet.draw_polyline(points)
-            sheet.draw_hatch(points, angle)
+    for outline, angle, side in (  # parts that touch are distinguished
+        (tooth, 0.0, 1.0),
+        (tooth, 0.0, -1.0),
+        (crown, 90.0, 1.0),
+        (crown, 90.0, -1.0),
+    ):
+        points = [at(side * r, z) for r, z in outline]
+        sheet.draw_polyline(points)
+        sheet.draw_hatch(points, angle)
     base = at(0.0, -root)[1]
     roof = max(z for _, z in crown)
     outer = R + margin.horizontal_discrepancy.nominal

@@ -351,22 +351,23 @@ def _compute_rubbing(
         rest = level if forward else level - gap
         swing = complex(force - rest, -(rate + (force - rest) / decay) / omega)
         moved = pole * swing  # its real part is the rate of the force
-        sign = 1.0 if forward else -1.0
         # the tip turns where the force climbs as fast as the ramp; too small a ring never does
-        horizon = time[count - 1] - begin + step
         turn = math.inf
         if gap > 0.0 and not (forward and abs(moved) <= slope):
             low, later = 0.0, moved * onward
-            while low <= horizon:
-                if sign * (later.real - slope) > 0.0:
+            while low <= time[count - 1] - begin + step:
+                if later.real > slope if forward else later.real < slope:
                     turn = low + 0.5 * step
                     for _ in range(6):  # Newton's, to the last digit
                         later = moved * cmath.exp(pole * turn)
                         left = (later.real - slope) / (pole * later).real
                         turn = min(max(turn - left, low), low + step)
                     break
-                low, later = low + step, later * onward
-        since, stride, factor, later = 0.0, -1.0, onward, swing
+                low += step
+                later *= onward
+        since = stride = 0.0
+        factor = complex(1.0, 0.0)
+        later = swing
         while done < count and time[done] - begin < turn:
             ahead = time[done] - begin - since
             if abs(ahead - stride) > _EVEN * abs(stride):
