@@ -233,20 +233,20 @@ def _find_beginning(lines: list[str], path: Path) -> tuple[int, str | None, bool
     # columns it has.
     sample = [line for line in lines[: _MOST_HEADER_LINES + 50] if line.strip()][-50:]
 
-    def count_numbers(line: str, mark: str | None, comma: bool) -> int:
+    def count_columns(line: str, mark: str | None, comma: bool) -> int:
         fields = _split_fields(line, mark)
         return len(fields) if len(fields) > 1 and _parse_numbers(fields, comma) else 0
 
     best, mark, comma = max(
         (
-            (sum(count_numbers(line, mark, comma) > 0 for line in sample), mark, comma)
+            (sum(count_columns(line, mark, comma) > 0 for line in sample), mark, comma)
             for mark in (";", "\t", ",", None)
             for comma in ((False,) if mark == "," else (False, True))
         ),
         key=lambda one: one[0],
     )
     for number, line in enumerate(lines[: _MOST_HEADER_LINES + 1]):
-        if best and (count := count_numbers(line, mark, comma)):
+        if best and (count := count_columns(line, mark, comma)):
             return number, mark, comma, count
     MetrologyError.require(
         len(lines) <= _MOST_HEADER_LINES,
