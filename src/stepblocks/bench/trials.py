@@ -206,7 +206,15 @@ def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> Tri
     BenchError.require(count != 0, f"table of trials has no rows [{session.table}]")
     excluded, swap = session.trials.exclude, session.trials.swap
     named = {
-        name: _find_trial_name(str(name), homes)
+        # 73 may be written 0073 in the table; empty where no trial is called so
+        name: next(
+            (
+                one
+                for one in homes
+                if one == str(name) or (one.isdigit() and one.lstrip("0") == str(name))
+            ),
+            "",
+        )
         for name in (*excluded, *(one for pair in swap for one in pair))
     }
     pairs = [(named[one], named[other]) for one, other in swap]
@@ -228,13 +236,6 @@ def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> Tri
         repeated,
         excluded=frozenset(named[name] for name in excluded),
         swapped={one: other for pair in pairs for one, other in (pair, pair[::-1])},
-    )
-
-
-def _find_trial_name(name: str, names: Mapping[str, object]) -> str:
-    # Find a trial of session.toml in the table, where 73 may be written 0073; empty where it is not
-    return next(
-        (one for one in names if one == name or (one.isdigit() and one.lstrip("0") == name)), ""
     )
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
 
+from stepblocks.artefacts.meshes.write import MESH_FORMATS, write_pieces
 from stepblocks.atomic import make_draft_folder, sync_folder
 from stepblocks.build.manifest import (
     RECORD,
@@ -47,8 +48,6 @@ def build_stimuli(
 
 def list_checkable_files(stimulus: Part, folder: Path) -> list[Path]:
     """List the artefacts of a stimulus that can be checked."""
-    from stepblocks.artefacts.meshes.write import MESH_FORMATS
-
     fields = ("heightfield.tiff", "heightfield.npz") if stimulus.has_working_faces else ()
     names = (
         f"{stimulus.id}.step",
@@ -92,7 +91,6 @@ def build_stimulus(
 
 def _write_artefacts(stimulus: Part, folder: Path, order: OrderSpec) -> None:
     from stepblocks.artefacts.heightfield import write_height_field
-    from stepblocks.artefacts.meshes.write import MESH_FORMATS, write_pieces
     from stepblocks.artefacts.step.write import write_step_ap242
     from stepblocks.build.picture import draw_part, write_view_script
     from stepblocks.parts.shapes import build_convex_pieces, build_solids, mesh_solid

@@ -206,7 +206,6 @@ class _Lags:
     # Fourier transforms over a grid that is padded so that lags do not wrap; over the last axes of
     # what is stacked.
     def __init__(self, shape: tuple[int, ...]) -> None:
-        self._cut = tuple(slice(0, size) for size in shape)
         self._shape = tuple(fft.next_fast_len(2 * size, real=True) for size in shape)
         self._axes = tuple(range(-len(shape), 0))
 
@@ -222,10 +221,6 @@ class _Lags:
     def mean(self, spectrum: Array) -> float:
         # Mean over frequencies, which is the value at lag zero.
         return float(self.back(spectrum).flat[0])
-
-    def convolve_columns(self, spectrum: Array, columns: Array) -> Array:
-        # Convolve columns with what has this spectrum.
-        return self.back(spectrum * self.transform(columns))[(slice(None), *self._cut)]
 
 
 def _estimate_lags(lags: _Lags, residuals: Array, used: Mask) -> tuple[Array, Array, Array]:
@@ -243,8 +238,11 @@ def _compute_expectations(
     # ever formed.
     trace = float(np.sum(lags.back(form) * pairs * lags.back(spectrum)))
     columns = design * inside
+    # columns convolved with what has either spectrum, without what the padding added
     by_noise, by_form = (
-        (lags.convolve_columns(one, columns) * inside).reshape(len(design), -1)
+        (lags.back(one * lags.transform(columns))[:, *map(slice, inside.shape)] * inside).reshape(
+            len(design), -1
+        )
         for one in (spectrum, form)
     )
     columns = columns.reshape(len(design), -1)

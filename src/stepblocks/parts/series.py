@@ -137,8 +137,7 @@ def _fill_identity(stanza: Mapping[str, object]) -> object:
                 f"id: {match[0]} must name a dimension of the stanza with its unit, such as "
                 "{height_um:03}"
             )
-        value = parse_quantity(nominal, _find_quantity(nominal)) * _UNITS[match["unit"]]
-        text = f"{value:.9g}"
+        text = f"{parse_quantity(nominal, _find_quantity(nominal)) * _UNITS[match['unit']]:.9g}"
         sign, digits = ("m", text[1:]) if text.startswith("-") else ("", text)
         return sign + digits.zfill(int(match["digits"] or 1)).replace(".", "p")
 

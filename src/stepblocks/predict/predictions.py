@@ -205,9 +205,11 @@ def tabulate_prediction(prediction: Prediction) -> dict[str, float | str]:
     dragged = prediction.in_time
     power = prediction.felt_energy / tool.ring_duration
     felt_by = "drag" if prediction.differs else "formula"
-    agreement = ""
-    if interval is not None and not release.status.is_beyond_limit:
-        agreement = "yes" if interval.agrees else "no"
+    agreement = (
+        ("yes" if interval.agrees else "no")
+        if interval is not None and not release.status.is_beyond_limit
+        else ""
+    )
 
     def read_bound(name: str) -> float:
         unknown = interval is None or (release.status.is_beyond_limit and "force" not in name)

@@ -225,10 +225,12 @@ def plan_rendering(
     )
     refused = _list_refusals(device, plan, point.normal_load)
     lost = _list_deviations(device, plan, event, point.normal_load)
-    verdict = Faithfulness.DEVIATES if lost else Faithfulness.FAITHFUL
-    if refused:
-        verdict = Faithfulness.IMPOSSIBLE
-    return replace(plan, verdict=verdict, reasons=(*refused, *lost))
+    possible = Faithfulness.DEVIATES if lost else Faithfulness.FAITHFUL
+    return replace(
+        plan,
+        verdict=Faithfulness.IMPOSSIBLE if refused else possible,
+        reasons=(*refused, *lost),
+    )
 
 
 def choose_common_scale(

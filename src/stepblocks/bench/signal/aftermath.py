@@ -168,7 +168,14 @@ def fit_aftermath(
         else _fit_best_rubbing(time, force, marks, approach, tool)
     )
     # a tip that clearly slips back is no bell that hardens, or that its gauge bends
-    if rubbing is None or (saw is None and not _slips_back(rubbing)):
+    if rubbing is None or (
+        saw is None
+        and not (
+            rubbing.misfit < _GOOD
+            and rubbing.knows_gap
+            and rubbing.values[1] > _GAP * rubbing.values[0]
+        )
+    ):
         bell = fit_bell(time, force, top, approach.mains, marks.noise, cosine)
         assert isinstance(bell.ring, Ring)
         if rubbing is None or bell.ring.misfit < _GOOD:
@@ -235,10 +242,6 @@ def fit_bell(
     return Aftermath(
         bell, release, bell.amplitude(release), bell.frequency, bell.decay_time, bell.level
     )
-
-
-def _slips_back(fit: RubbingRing) -> bool:
-    return fit.misfit < _GOOD and fit.knows_gap and bool(fit.values[1] > _GAP * fit.values[0])
 
 
 def estimate_sliding_noise(time: Array, approach: Approach, marks: Landmarks) -> float:

@@ -125,23 +125,10 @@ def build_flexible_columns(
         *(*(u**3 for u in unit), *(u**4 for u in unit)),
         *(a**2 * b for a in unit[:_INTERACTING] for b in unit if a is not b),
     ]
-    return _orthonormalise(columns, max(2, int(limit * n)))
-
-
-def _orthonormalise(columns: Sequence[Floats], most: int) -> Floats:
-    kept: list[Floats] = []
-    for column in columns:
-        rest = column / max(float(np.linalg.norm(column)), 1e-300)
-        for _ in range(2):
-            if kept:
-                basis = np.stack(kept, axis=1)
-                rest = rest - basis @ (basis.T @ rest)
-        length = float(np.linalg.norm(rest))
-        if length > 1e-4:
-            kept.append(rest / length)
-        if len(kept) >= most:
-            break
-    return np.stack(kept, axis=1)
+    # the first of them that those before them do not make up
+    scaled = np.stack([one / max(float(np.linalg.norm(one)), 1e-300) for one in columns], axis=1)
+    alone = np.flatnonzero(np.abs(np.diagonal(np.linalg.qr(scaled, mode="r"))) > 1e-4)
+    return np.asarray(np.linalg.qr(scaled[:, alone[: max(2, int(limit * n))]])[0])
 
 
 def compute_flexible_residual(
