@@ -3,6 +3,7 @@
 What may vary, what may be asked for, which errors are common.
 """
 
+import itertools
 from dataclasses import replace
 from functools import partial
 
@@ -20,7 +21,7 @@ from stepblocks.loop.bench_model import (
     list_candidates,
     list_covariate_ranges,
 )
-from stepblocks.loop.search.fit import build_problem, fit
+from stepblocks.loop.search.fit import _Objective, build_problem, fit
 from stepblocks.loop.search.forward_model import Trials
 from stepblocks.loop.search.gate import compute_tangent
 from stepblocks.loop.search.structure import find_hints
@@ -66,13 +67,22 @@ def test_laws_that_share_a_change_are_seen_as_if_each_were_tried_alone(trials):
     shared = [
         law
         for law in list_candidates(trials, list_covariate_ranges(trials))
-        if isinstance(law.apply, SizedChange) and law.covariate in trials.covariates
+        if isinstance(law.apply, SizedChange)
     ]
     assert {"friction", "contact_geometry", "normal_load", "sensor"} <= {law.slot for law in shared}
-    for law in shared:
+    assert {"speed_mm_s", "operator", "run_order", PEAK_FORCE, SPEED_OVER_LOAD} <= {
+        law.covariate for law in shared
+    }
+    for beside, law in itertools.pairwise((shared[-1], *shared)):
         alone = replace(law, apply=partial(law.apply))  # the same, of which no size is known
         one, other = (compute_tangent(problem, base, like, law.shapes[-1]) for like in (law, alone))
         assert one == pytest.approx(other, rel=0.02, abs=0.02 * np.abs(other).max()), law.id
+        # so are the slopes that a fit follows
+        slopes = []
+        for like in (law, alone):
+            objective = _Objective(problem, (beside, like))
+            slopes.append(objective.jacobian(objective.start + 0.3))
+        assert slopes[0] == pytest.approx(slopes[1], rel=0.02, abs=2e-3 * np.abs(slopes[1]).max())
 
 
 def test_what_never_changed_can_explain_nothing(trials):

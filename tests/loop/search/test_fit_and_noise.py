@@ -48,14 +48,20 @@ def test_fit_is_generalised_least_squares() -> None:
 
 def test_a_fit_that_a_rival_leads_by_far_is_given_up_after_some_steps_and_no_other() -> None:
     problem = build_problem(Toy(), toy_trials(80, 1))
-    alone = fit(problem)
-    # of what is left to be gained at its end, nothing, a lead of 75 is 30 more by a factor of 0.4
-    ahead, far_ahead = (_Objective(problem, (), alone.cost - lead) for lead in (74.0, 76.0))
-    end = np.array([alone.values[p.name] for p in ahead.parameters]) / ahead.scale
-    slopes = [one.jacobian(end) for one in (*(3 * [far_ahead]), *(5 * [ahead]))]
-    assert np.array_equal(slopes[0], slopes[-1])
-    with pytest.raises(HopelessFitError):
-        far_ahead.jacobian(end)
+    bend = toy_effects()[0]
+    jump = replace(bend, steps=(bend.parameters[0].name,))
+    # of what is left to be gained at its end, nothing, a lead is 30 more by a factor of 0.7: 42.9;
+    # where something changes at once, which a slope knows less of, by one of 0.4: 75
+    for effect, lead, steps in ((bend, 42.9, 1), (jump, 75.0, 3)):
+        done = fit(problem, (effect,))
+        ahead, far_ahead = (
+            _Objective(problem, (effect,), done.cost - part * lead) for part in (0.99, 1.01)
+        )
+        end = np.array([done.values[p.name] for p in ahead.parameters]) / ahead.scale
+        slopes = [one.jacobian(end) for one in (*(steps * [far_ahead]), *(5 * [ahead]))]
+        assert np.array_equal(slopes[0], slopes[-1])
+        with pytest.raises(HopelessFitError):
+            far_ahead.jacobian(end)
 
 
 def test_scatter_is_split_between_the_common_quantity_and_the_channels() -> None:

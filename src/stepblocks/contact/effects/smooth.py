@@ -83,7 +83,7 @@ class CovariateRange:
             return self.line(column) ** np.arange(1, self.freedom + 1)
         # a constant belongs to the nominal model: one spline goes, the rest vanish in the middle
         knots = np.concatenate([np.zeros(3), np.linspace(0.0, 1.0, _PIECES - 1), np.ones(3)])
-        design = BSpline.design_matrix(np.append(self.unit(column), 0.5), knots, 3).toarray()
+        design = BSpline(knots, np.eye(_PIECES + 1), 3)(np.append(self.unit(column), 0.5))
         return np.asarray((design[:-1] - design[-1])[:, [0, 1, 3, 4]])
 
 

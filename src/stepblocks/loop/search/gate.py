@@ -4,13 +4,21 @@ Score statistics of all candidates are judged together by a bootstrap of their m
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy import stats
 
 from stepblocks.law import Law, SizedChange
-from stepblocks.loop.search.fit import Fit, HopelessFitError, Problem, fit, is_hopeless
+from stepblocks.loop.search.fit import (
+    Fit,
+    HopelessFitError,
+    Problem,
+    differentiate_size,
+    fit,
+    is_hopeless,
+)
 from stepblocks.loop.search.forward_model import Floats
 
 # a direction of which less is left beside the nominal model is its derivative, up to rounding
@@ -20,8 +28,9 @@ _PLACES = 3  # of a jump, that its fit begins from
 _GROUP = 0.95
 _TOGETHER = 16  # effects or shapes in one product of matrices: all of them fill the memory
 
-# of the prediction in the number by which a change moves every trial, by the change and its step
-Slopes = dict[tuple[Callable[..., object], float], Floats]
+# of the prediction in the number by which a change moves every trial, and what a law follows, by
+# the change, its step, and the covariate where the model computes it
+Slopes = dict[tuple[Callable[..., object], float, str], tuple[Floats, Any]]
 # an effect that may stand for another, its fit, and how far its criterion is behind
 Rival = tuple[Law, Fit, float]
 
@@ -106,32 +115,23 @@ def _compute_changes(
     # Change of the prediction per unit of each amplitude, in units of its scale; each has the shape
     # (n, c). What a trial shows depends on its own state alone: laws that change it by one number
     # per trial share its slope in that number.
-    neutral: dict[str, float] = {p.name: p.start for p in effect.parameters} | dict(shape)
+    neutral = {p.name: p.start for p in effect.parameters} | dict(shape)
     asked = [p for p in effect.parameters if p.name in effect.amplitudes]
-
-    def differ(law: Law, step: float, moved: dict[str, float]) -> Floats:
-        ahead = problem.model.predict(
-            problem.trials, base.values, [*base.active, (law, neutral | moved)]
-        )
-        return (ahead - base.predicted) / step
-
-    apply, column = effect.apply, problem.trials.covariates.get(effect.covariate)
-    if column is None or not isinstance(apply, SizedChange):
-        return [
-            p.scale * differ(effect, 0.02 * p.scale, {p.name: p.start + 0.02 * p.scale})
-            for p in asked
-        ]
+    effects, apply = [*base.effects, effect], effect.apply
+    values = base.values | {f"{effect.id}.{name}": value for name, value in neutral.items()}
+    if not isinstance(apply, SizedChange):
+        moved = [values | {f"{effect.id}.{p.name}": p.start + 0.02 * p.scale} for p in asked]
+        return [(problem.predict(effects, one) - base.predicted) / 0.02 for one in moved]
     step = 0.02 * asked[0].scale
-    if (apply.change, step) not in slopes:
-        slopes[apply.change, step] = differ(
-            replace(effect, apply=replace(apply, size=lambda *_: np.full(len(column), step))),
-            step,
-            {},
-        )
+    # what the model computes is seen only by a law that follows it
+    known = problem.trials.covariates.get(effect.covariate)
+    key = apply.change, step, effect.covariate if known is None else ""
+    if key not in slopes:
+        slopes[key] = differentiate_size(problem, effects, values, apply, base.predicted, step)
+    slope, computed = slopes[key]
+    column = computed if known is None else known
     return [
-        slopes[apply.change, step]
-        * apply.size(column, neutral | {p.name: p.start + p.scale})[:, None]
-        for p in asked
+        slope * apply.size(column, neutral | {p.name: p.start + p.scale})[:, None] for p in asked
     ]
 
 
