@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from stepblocks.artefacts.laboratory import Laboratory
 from stepblocks.artefacts.sheet_read import is_filled_sheet, read_filled_sheet
@@ -144,6 +143,8 @@ def inspect_many(
     PipelineError
         If the table does not name its scans, or a stimulus is not declared.
     """
+    import pandas as pd
+
     several = [scans] if isinstance(scans, str | Path) else scans
     asked = _list_scans(
         [Path(one) for one in several], stimulus or ("standard" if standard is not None else None)
@@ -287,6 +288,8 @@ def _state_units(table: Table) -> Table:
 
 def _list_scans(paths: Sequence[Path], stimulus: str | None) -> Table:
     # Name the scans with their parts, blocks and conditions.
+    import pandas as pd
+
     if len(paths) == 1 and paths[0].is_dir():
         table = paths[0] / "scans.csv"
         within = sorted(

@@ -5,9 +5,9 @@ It is a whitened least-squares fit with priors, on all channels at once.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.special import log_ndtr
 
@@ -32,10 +32,10 @@ STEP = 1e-3
 _PLAINLY = 0.5
 _HOPELESS = 0.4  # share of a leader's gain, below which to first order a fit will not make it up
 _SURPRISE = 30.0  # gain beside that share, likewise
-# the same share of what a fit still lacks, and the steps after which it has shown how far it is
-# from its first order: of changes at once, whose place no slope leads to, and of all else (300 fits
-# that ended beside a leader, of 70 sessions, were promised 0.4 and 1.4 times what they lacked)
-_PATIENCE = {True: (_HOPELESS, 3), False: (0.7, 1)}
+# the same share of what a fit still lacks at its first steps and from the last of these on: of what
+# changes at once, to whose place no slope leads, and of all else (300 fits that ended beside a
+# leader, of 70 sessions, were promised 0.4, or 1.0 and 1.4 times what they lacked)
+_SHARES = {True: (0.0, 0.0, 0.0, _HOPELESS), False: (0.5, 0.7)}
 
 
 @dataclass(frozen=True)
@@ -275,11 +275,11 @@ class _Objective:
             ]
         )
         self.steps += 1
-        share, steps = _PATIENCE[any(law.steps for law in self.effects)]
-        if self.steps > steps and is_hopeless(
+        shares = _SHARES[any(law.steps for law in self.effects)]
+        if is_hopeless(
             float(np.sum((np.linalg.qr(whole)[0].T @ residual) ** 2)),
             float(residual @ residual) - self.rival,
-            share,
+            shares[min(self.steps, len(shares)) - 1],
         ):
             raise HopelessFitError
         return -whole
@@ -292,14 +292,14 @@ def differentiate_size(
     apply: SizedChange,
     base: Floats,
     step: float,
-) -> tuple[Floats, Any]:
+) -> tuple[Floats, NDArray[np.generic]]:
     """Find the slope of a prediction in the number by which one of the effects changes each trial.
 
     Beside it stands what the effect follows there. A trial shows what its own state makes it show.
     """
-    columns: list[Any] = []
+    columns: list[NDArray[np.generic]] = []
 
-    def enlarge(column: Any, own: Mapping[str, float]) -> Floats:
+    def enlarge(column: NDArray[np.generic], own: Mapping[str, float]) -> Floats:
         columns.append(column)
         return np.asarray(apply.size(column, own) + step)
 

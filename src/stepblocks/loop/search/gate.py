@@ -5,9 +5,9 @@ Score statistics of all candidates are judged together by a bootstrap of their m
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import stats
 
 from stepblocks.law import Law, SizedChange
@@ -30,7 +30,7 @@ _TOGETHER = 16  # effects or shapes in one product of matrices: all of them fill
 
 # of the prediction in the number by which a change moves every trial, and what a law follows, by
 # the change, its step, and the covariate where the model computes it
-Slopes = dict[tuple[Callable[..., object], float, str], tuple[Floats, Any]]
+Slopes = dict[tuple[Callable[..., object], float, str], tuple[Floats, NDArray[np.generic]]]
 # an effect that may stand for another, its fit, and how far its criterion is behind
 Rival = tuple[Law, Fit, float]
 
