@@ -83,9 +83,17 @@ def test_a_law_driven_to_the_end_of_its_form_is_no_law():
     assert [trial.effects[-1].id for trial in choice[1]] == ["line_of_z"]
 
 
-def test_an_effect_that_is_to_be_kept_is_fitted_however_badly_it_scores(squared):
-    _, _, choice = _chosen(squared, toy_effects(), most=1, keep=("line_of_w",))
-    assert "line_of_w" in {trial.effects[-1].id for trial in choice[1]}
+def test_an_effect_whose_fit_is_known_takes_part_and_is_not_fitted_again(squared):
+    problem = build_problem(Toy(), squared)
+    square, *others = toy_effects()
+    known = fit(problem, (square,))
+    _, base, choice = _chosen(squared, others, known=(known,))
+    assert choice[0] is known
+    # nor is what cannot come near it: a straight line has nothing of an even law
+    assert len(choice[1]) == 1
+    # one that is known to gain nothing leads nobody
+    idle = replace(known, cost=base.cost, effects=(others[0],))
+    assert _chosen(squared, [square], known=(idle,))[2][0].effects == (square,)
 
 
 def test_a_law_that_gains_less_but_may_surprise_is_fitted_in_full(squared):

@@ -373,8 +373,9 @@ def _exchange_or_drop_effect(
         choice = effect is not chosen and choose_candidate(
             problem,
             base,
-            score_candidates(problem, base, _list_untried(candidates, base), draws=0),
+            score_candidates(problem, base, _list_untried(candidates, current), draws=0),
             most=6,
+            known=(replace(current, effects=(*base.effects, effect)),),
         )
         if (
             choice
@@ -435,9 +436,9 @@ def _judge_effect(
     choice = choose_candidate(
         problem,
         base,
-        score_candidates(problem, base, _list_untried(candidates, base), draws=0),
+        score_candidates(problem, base, _list_untried(candidates, current), draws=0),
         min(rules.fits, 8),
-        keep=(effect.id,),
+        known=(replace(current, effects=(*base.effects, effect)),),
     )
     rivals: list[Rival] = []
     seen = {_name_family(effect)}

@@ -206,7 +206,9 @@ class _Objective:
         )
         alone = common & ~self.sized
         earlier = [blocks[:i].tolist().count(block) for i, block in enumerate(blocks)]
-        self.layer = np.where(common, np.cumsum(alone) - 1, alone.sum() + np.array(earlier))
+        self.layer = np.where(
+            common, np.maximum(np.cumsum(alone) - 1, 0), alone.sum() + np.array(earlier)
+        )
         self.last: tuple[Floats, Floats] | None = None
         # a censored value exceeds its floor: minus twice the logarithm of the chance of that adds
         # to the cost (Tobin 1958, doi:10.2307/1907382); it scatters as its channel and the
@@ -276,7 +278,7 @@ class _Objective:
         )
         self.steps += 1
         shares = _SHARES[any(law.steps for law in self.effects)]
-        if is_hopeless(
+        if np.isfinite(self.rival) and is_hopeless(
             float(np.sum((np.linalg.qr(whole)[0].T @ residual) ** 2)),
             float(residual @ residual) - self.rival,
             shares[min(self.steps, len(shares)) - 1],

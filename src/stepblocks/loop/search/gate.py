@@ -308,19 +308,17 @@ def choose_candidate(
     opened: Gate,
     most: int = 14,
     tie: float = 6.0,
-    keep: Sequence[str] = (),
+    known: Sequence[Fit] = (),
 ) -> tuple[Fit, list[Fit]] | None:
-    """Fit the candidates that score best and choose among them.
+    """Fit the candidates that score best and choose among them and those whose fits are known.
 
     The result holds the choice, and all of them in order. A candidate is the last of the effects
     of its fit.
     """
-    tried: list[Fit] = []
-    for score in sorted(_select_candidates(opened.scores, most, keep), key=lambda s: -s.gain):
+    tried = list(known)
+    for score in sorted(_select_candidates(opened.scores, most), key=lambda s: -s.gain):
         # what gains far less to first order than another gained in full cannot lead
-        rival = (
-            np.inf if score.effect.id in keep else min([base.cost, *(one.cost for one in tried)])
-        )
+        rival = min([base.cost, *(one.cost for one in tried)])
         if is_hopeless(score.gain, base.cost - rival):
             continue
         fitted = _fit_candidate(problem, base, score, rival)
@@ -341,7 +339,7 @@ def choose_candidate(
     return lead, tried
 
 
-def _select_candidates(scores: Sequence[Score], most: int, keep: Sequence[str]) -> list[Score]:
+def _select_candidates(scores: Sequence[Score], most: int) -> list[Score]:
     named = [s for s in scores if s.effect.named][:most]
     smooth = [s for s in scores if not s.effect.named]
     # the first smooth of each further place stands for that place
@@ -350,8 +348,7 @@ def _select_candidates(scores: Sequence[Score], most: int, keep: Sequence[str]) 
     more = [s for s in smooth if s is places[s.effect.place] and s.effect.place not in leading][
         : most // 2
     ]
-    extra = [s for s in scores if s.effect.id in keep and s not in named and s not in smooth[:most]]
-    return [*named, *smooth[:most], *more, *extra]
+    return [*named, *smooth[:most], *more]
 
 
 def _is_at_bound(effect: Law, fitted: Fit) -> bool:
