@@ -34,7 +34,7 @@ _HOPELESS = 0.4  # share of a leader's gain, below which to first order a fit wi
 _SURPRISE = 30.0  # gain beside that share, likewise
 # the same share of what a fit still lacks at its first steps and from the last of these on: of what
 # changes at once, to whose place no slope leads, and of all else (300 fits that ended beside a
-# leader, of 70 sessions, were promised 0.4, or 1.0 and 1.4 times what they lacked)
+# leader, of 38 sessions, were promised 0.4, or 1.0 and 1.4 times what they lacked)
 _SHARES = {True: (0.0, 0.0, 0.0, _HOPELESS), False: (0.5, 0.7)}
 
 
