@@ -238,11 +238,10 @@ def _compute_expectations(
     # ever formed.
     trace = float(np.sum(lags.back(form) * pairs * lags.back(spectrum)))
     columns = design * inside
+    turned = lags.transform(columns)
     # columns convolved with what has either spectrum, without what the padding added
     by_noise, by_form = (
-        (lags.back(one * lags.transform(columns))[:, *map(slice, inside.shape)] * inside).reshape(
-            len(design), -1
-        )
+        (lags.back(one * turned)[:, *map(slice, inside.shape)] * inside).reshape(len(design), -1)
         for one in (spectrum, form)
     )
     columns = columns.reshape(len(design), -1)
