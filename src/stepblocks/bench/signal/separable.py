@@ -171,11 +171,11 @@ def compute_numeric_jacobian(
 ) -> Array:
     """Differentiate `model` by differences that stay inside the bounds; shape (n, q)."""
     highest, lowest = np.minimum(point + step, upper), np.maximum(point - step, lower)
-    columns = []
-    for index in range(point.size):
-        high, low = point.copy(), point.copy()
-        high[index], low[index] = highest[index], lowest[index]
-        columns.append((model(high) - model(low)) / (high[index] - low[index]))
+    columns = [
+        (model(np.where(own, highest, point)) - model(np.where(own, lowest, point)))
+        / (highest - lowest)[own]
+        for own in np.identity(point.size, dtype=np.bool_)
+    ]
     return np.column_stack(columns)
 
 

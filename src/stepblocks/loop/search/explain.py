@@ -52,9 +52,8 @@ class Verdict(StrEnum):
 
     EFFECT = "effect"  # something is there, and its law has a name
     AMBIGUOUS = "ambiguous"  # something is there, and the data cannot tell which of several it is
-    UNEXPLAINED = (
-        "unexplained"  # something is there, at a slot and along a covariate, and no law is claimed
-    )
+    # something is there, at a slot and along a covariate, and no law is claimed
+    UNEXPLAINED = "unexplained"
     NONE = "none"  # no effect beyond noise
 
 
@@ -370,12 +369,8 @@ def _exchange_or_drop_effect(
         base = fit_without(problem, current, effect)
         if base.criterion <= current.criterion + _WORTH:
             return base
-        choice = effect is not chosen and choose_candidate(
-            problem,
-            base,
-            score_candidates(problem, base, _list_untried(candidates, current), draws=0),
-            most=6,
-            known=(replace(current, effects=(*base.effects, effect)),),
+        choice = effect is not chosen and _choose_in_place_of(
+            effect, problem, current, base, candidates, most=6
         )
         if (
             choice
@@ -384,6 +379,19 @@ def _exchange_or_drop_effect(
         ):
             return choice[0]
     return None
+
+
+def _choose_in_place_of(
+    effect: Law, problem: Problem, current: Fit, base: Fit, candidates: Sequence[Law], most: int
+) -> tuple[Fit, list[Fit]] | None:
+    # What fits best beside the others, the effect itself among what is tried
+    return choose_candidate(
+        problem,
+        base,
+        score_candidates(problem, base, _list_untried(candidates, current), draws=0),
+        most,
+        known=(replace(current, effects=(*base.effects, effect)),),
+    )
 
 
 def _judge_search(grown: _SearchResult, candidates: Sequence[Law], rules: Rules) -> Explanation:
@@ -433,13 +441,7 @@ def _judge_effect(
 ) -> Finding:
     problem, current = grown.problem, grown.extended
     base = fit_without(problem, current, effect)
-    choice = choose_candidate(
-        problem,
-        base,
-        score_candidates(problem, base, _list_untried(candidates, current), draws=0),
-        min(rules.fits, 8),
-        known=(replace(current, effects=(*base.effects, effect)),),
-    )
+    choice = _choose_in_place_of(effect, problem, current, base, candidates, min(rules.fits, 8))
     rivals: list[Rival] = []
     seen = {_name_family(effect)}
     tried = choice[1] if choice and effect.id not in grown.walks else []

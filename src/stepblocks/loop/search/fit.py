@@ -251,20 +251,7 @@ class _Objective:
         shifted[self.layer, range(len(x))] += np.where(self.sized, 0.0, step)
         ahead = np.stack([self.predict(row) - base for row in shifted], axis=2)
         stack = np.where(self.moved[:, None], ahead[:, :, self.layer] / step, 0.0)
-        # laws that change a trial by one number: the slope in that number times its change with
-        # each of their parameters
-        values, column = self.name_values(x), iter(np.flatnonzero(self.sized))
-        for law in self.effects:
-            if isinstance(law.apply, SizedChange):
-                move = STEP * law.parameters[0].scale
-                slope, followed = differentiate_size(
-                    self.problem, self.effects, values, law.apply, base, move
-                )
-                own = law.pick_own_values(values)
-                size = law.apply.size(followed, own)
-                for p in law.parameters:
-                    larger = law.apply.size(followed, {**own, p.name: own[p.name] + STEP * p.scale})
-                    stack[:, :, next(column)] = slope * ((larger - size) / STEP)[:, None]
+        stack[:, :, self.sized] = self.differentiate_sized_laws(x, base)
         above = (base[self.censored] - self.floor) / self.spread
         logarithm = log_ndtr(above)
         density = np.exp(-0.5 * above**2 - logarithm) / np.sqrt(2.0 * np.pi)
@@ -285,6 +272,25 @@ class _Objective:
         ):
             raise HopelessFitError
         return -whole
+
+    def differentiate_sized_laws(self, x: Floats, base: Floats) -> Floats:
+        # the slope in the number by which a law changes each trial, times the change of that number
+        # with each of its parameters; shape (n, c, of such parameters)
+        values, slopes = self.name_values(x), [np.zeros((*base.shape, 0))]
+        for law in self.effects:
+            if isinstance(law.apply, SizedChange):
+                move = STEP * law.parameters[0].scale
+                slope, followed = differentiate_size(
+                    self.problem, self.effects, values, law.apply, base, move
+                )
+                own = law.pick_own_values(values)
+                size = law.apply.size(followed, own)
+                changes = [
+                    law.apply.size(followed, {**own, p.name: own[p.name] + STEP * p.scale}) - size
+                    for p in law.parameters
+                ]
+                slopes.append(slope[:, :, None] * (np.stack(changes, axis=1) / STEP)[:, None])
+        return np.concatenate(slopes, axis=2)
 
 
 def differentiate_size(
