@@ -146,9 +146,12 @@ PARTS = [
     ),
     Part(
         "loop-seconds",
-        "python benchmarks/loop_seconds.py --trials 240 && "
+        "python benchmarks/loop_seconds.py {shared}/bench/unexplained-b "
+        "{shared}/bench/unexplained-c {shared}/bench/taught/hard-spring "
+        "{shared}/bench/taught/stick-slip --trials 240 && "
         "python benchmarks/loop_seconds.py --trials 4000 --jobs 1",
         {
+            "loop-motion": (r"LARGEST ^[a-z]+-[a-z]+ +\d+ +\S+ +(\S+)$", "{:.0f} s"),
             "loop-240": (r"of-240 +240 +(\S+)", "{} s"),
             "loop-4000": (r"of-4000 +4000 +(\S+)", "{} s"),
         },
@@ -412,8 +415,8 @@ PARTS = [
     ),
     Part(
         "loop-matrix",
-        "python benchmarks/bench_matrix.py week --first 34001 --sessions 20 --folds "
-        "--record out/matrix.jsonl && python benchmarks/bench_matrix.py nothing --first 35001 "
+        "python benchmarks/bench_matrix.py week --first 39001 --sessions 20 --folds "
+        "--record out/matrix.jsonl && python benchmarks/bench_matrix.py nothing --first 41001 "
         "--sessions 300 --record out/nulls.jsonl",
         {
             "loop-nulls": (r"nothing {30,}(\d+ of 300) ", "{}"),

@@ -190,6 +190,14 @@ def test_a_normal_gauge_that_shows_of_the_pull_differs_from_another_gain_by_its_
     assert "normal_gain" not in {rival.id for rival, _, _ in finding.rivals}
 
 
+def test_a_gauge_that_shows_too_little_is_no_pivot_for_what_rubs_never_lifts():
+    # origin: a pivot that rubs opposes the lift of the arm, and presses on the tip
+    (low,) = _explained(_planted("sensor_gain", ln_gain=-0.04), None).findings
+    assert (low.effect.id, low.verdict, low.rivals) == ("sensor_gain", Verdict.EFFECT, ())
+    (high,) = _explained(_planted("sensor_gain", ln_gain=0.04), None).findings
+    assert "pivot_friction" in {high.effect.id, *(r[0].id for r in high.rivals)}
+
+
 def test_a_clock_is_what_the_constants_imitate_and_a_certificate_corrects_them():
     features, scans = _planted("clock", ln_clock=0.02)
     found = _explained((features, scans), None)

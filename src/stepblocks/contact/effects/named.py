@@ -421,7 +421,8 @@ _TOOL = (
     _pivot(
         "pivot_friction",
         "F_py (1 + p) while the tip climbs",
-        (Parameter("pivot_share", "1", 0.0, -0.6, 2.0, 0.02),),
+        # what rubs presses on a tip that is lifted, and never carries it
+        (Parameter("pivot_share", "1", 0.0, 0.0, 2.0, 0.02),),
         lambda state, _, v: state.changed(
             climb_load=state.climb_load + v["pivot_share"] * state.set_load
         ),
@@ -430,7 +431,7 @@ _TOOL = (
     _pivot(
         "pivot_friction~constant",
         "F_py + f while the tip climbs",
-        (Parameter("pivot_force_n", "N", 0.0, -0.25, 0.6, 0.01),),
+        (Parameter("pivot_force_n", "N", 0.0, 0.0, 0.6, 0.01),),
         lambda state, _, v: state.changed(climb_load=state.climb_load + v["pivot_force_n"]),
         rank=3,
         description="a pivot rubs while the tip is lifted: force",
