@@ -171,5 +171,7 @@ def test_swings_are_tried_half_a_turn_apart_down_to_six_trials_or_250_turns(tria
     (law,) = (law for law in list_smooth_laws((run,)) if law.id == "periodic_friction_run_order")
     periods = np.array([shape["period_trials"] for shape in law.shapes])
     assert np.diff(2.0 * trials / periods) == pytest.approx(1.0)
-    assert periods[0] == pytest.approx(trials)
+    # what is seen to rise and fall but once need not come back
+    assert periods[0] == pytest.approx(trials / 1.5)
+    assert law.parameters[-1].high < trials
     assert periods[-1] == pytest.approx(shortest)

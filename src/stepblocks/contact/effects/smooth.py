@@ -275,11 +275,12 @@ def _make_step_law(name: str, covariate: CovariateRange, levels: int = 2) -> Law
 
 
 def _make_periodic_law(name: str, covariate: CovariateRange) -> Law:
-    # Let a slot swing along the run, with any period from a few trials to the whole of it
+    # Let a slot swing along the run, with any period from a few trials to three quarters of it:
+    # what went up and down once need not come back
     move = SLOT_MOVES[name]
     reach = covariate.high - covariate.low
     parts = tuple(Parameter(part, "1", 0.0, -2.0, 2.0, 0.05) for part in ("cosine", "sine"))
-    period = Parameter("period_trials", "1", 0.5 * reach, 0.8 * _SHORTEST_PERIOD, 1.2 * reach, 0.5)
+    period = Parameter("period_trials", "1", 0.5 * reach, 0.8 * _SHORTEST_PERIOD, 0.75 * reach, 0.5)
 
     def swing(order: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
         phase = 2.0 * np.pi * np.asarray(order, dtype=np.float64) / values["period_trials"]
@@ -287,7 +288,7 @@ def _make_periodic_law(name: str, covariate: CovariateRange) -> Law:
 
     # half a turn over the whole run apart, so that a fit begins within its own valley; 250 turns at
     # most, for of thousands of trials the shorter periods would be most of the work
-    turns = np.arange(2, min(int(2.0 * reach / _SHORTEST_PERIOD), 500) + 1)
+    turns = np.arange(3, min(int(2.0 * reach / _SHORTEST_PERIOD), 500) + 1)
     return Law(
         f"periodic_{name}_{covariate.name}",
         f"{move.form}, g = a cos(2 pi n / P) + b sin(2 pi n / P)",
