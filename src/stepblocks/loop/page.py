@@ -127,8 +127,7 @@ def _draw_residuals(explanation: Explanation, channel: str) -> dict[str, str]:
     for axis in axes[len(columns) :]:
         axis.set_visible(False)
     axes[0].legend(fontsize=8)
-    # of a logarithm that is small, which is a relative difference
-    axes[0].set_ylabel("measured over predicted - 1" if "ln_" in channel else "difference")
+    axes[0].set_ylabel("ln of measured over predicted" if "ln_" in channel else "difference")
     return {"channel": CHANNELS_IN_WORDS[channel], "image": _encode_png(figure)}
 
 
