@@ -39,13 +39,13 @@ from oracles.virtual_bench import Bench
 from oracles.virtual_session import Plan, write_session
 from stepblocks.bench.measure import measure_session
 from stepblocks.bench.session import open_session
-from stepblocks.contact.state import CHANNELS
+from stepblocks.lawsearch.explain import Explanation, Rules, Verdict, explain
+from stepblocks.lawsearch.gate import compute_detectable
 from stepblocks.loop import bench_model, session_table
 from stepblocks.loop.heights import add_height_errors
 from stepblocks.loop.run import analyse_features
-from stepblocks.loop.search.explain import Explanation, Rules, Verdict, explain
-from stepblocks.loop.search.gate import compute_detectable
 from stepblocks.loop.session_table import build_session_table, scan_blocks
+from stepblocks.rig.state import CHANNELS
 
 _SHARP = (0.05e-6, 1.2e-6)  # radii of edges that a scan cannot tell from sharp ones [m]
 _SCAN_ERROR = 0.1e-6  # the least that the loop takes for the uncertainty of a scanned height [m]

@@ -60,7 +60,7 @@ from stepblocks.artefacts.meshes.write import write_stl
 from stepblocks.parts.shapes import mesh_solid
 from stepblocks.artefacts.step.write import write_step_ap242
 from stepblocks.parts.shapes import build_solids
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
 for stimulus in load_set(Path(sys.argv[2])).stimuli:
     bodies = build_solids(stimulus)
     write_step_ap242(Path(sys.argv[1]) / f"{stimulus.id}.step", stimulus, bodies)
@@ -143,7 +143,7 @@ def extra_costs(stimuli: Path) -> None:
     from stepblocks.artefacts.step.write import write_step_ap242
     from stepblocks.build.make import list_checkable_files
     from stepblocks.build.picture import draw_part
-    from stepblocks.declare import load_set
+    from stepblocks.declaration.read import load_set
     from stepblocks.parts.kinds.step_block import StepBlock
     from stepblocks.parts.shapes import build_convex_pieces, build_solids, mesh_solid
 

@@ -31,15 +31,15 @@ from oracles.feature_bench import (
     design_columns,
     noise_free,
 )
-from stepblocks.contact.effects.smooth import SLOT_MOVES
 from stepblocks.contact.operating_point import Tool
-from stepblocks.contact.state import CHANNELS
-from stepblocks.law import Law, Parameter
+from stepblocks.lawsearch.adequacy import compare_directions
+from stepblocks.lawsearch.explain import Explanation, Rules, Verdict, explain
+from stepblocks.lawsearch.fit import fit
+from stepblocks.lawsearch.forward_model import Trials
+from stepblocks.lawsearch.law import Law, Parameter
 from stepblocks.loop.bench_model import SessionModel, list_candidates, list_covariate_ranges
-from stepblocks.loop.search.adequacy import compare_directions
-from stepblocks.loop.search.explain import Explanation, Rules, Verdict, explain
-from stepblocks.loop.search.fit import fit
-from stepblocks.loop.search.forward_model import Trials
+from stepblocks.rig.effects.smooth import SLOT_MOVES
+from stepblocks.rig.state import CHANNELS
 
 Planted = tuple[Law, dict[str, float]]  # an effect with values of its parameters
 Task = tuple[tuple[str, ...], float, int, int, bool]

@@ -20,7 +20,7 @@ from stepblocks.drag.probe import PAPER_DRAG, DragSettings, Probe
 from stepblocks.drag.ring import RING_BAND, compute_band_share, compute_phase_spectrum, measure_ring
 from stepblocks.drag.simulate import DragTrace, simulate_drag
 from stepblocks.drag.track import build_step_track
-from stepblocks.figure_file import make_figure, save_figure
+from stepblocks.files.figures import make_figure, save_figure
 
 R = 125e-6
 LIGHT = replace(PAPER_DRAG, damping_ratio=0.01)

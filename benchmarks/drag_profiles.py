@@ -80,9 +80,9 @@ def read_texture(folder):
     """
     if folder is None:
         return None
-    from stepblocks.artefacts.scans.read import read_scan
-    from stepblocks.artefacts.scans.scan import HeightMap
     from stepblocks.errors import StepblocksError
+    from stepblocks.scans.read import read_scan
+    from stepblocks.scans.scan import HeightMap
 
     for path in sorted(Path(folder).rglob("*")):
         try:

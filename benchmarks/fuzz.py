@@ -27,8 +27,8 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests"))  # for a model that might be learned
 
 from stepblocks.bench.signal import TraceError  # noqa: E402
-from stepblocks.confined import MEMORY  # noqa: E402
 from stepblocks.errors import StepblocksError  # noqa: E402
+from stepblocks.files.confined import MEMORY  # noqa: E402
 
 SECONDS = 20  # of the processor, for one input
 WAITING = 20  # as often that by the clock: another load counts there, too
@@ -127,15 +127,15 @@ def _texts(work: Path) -> Iterator[Kind]:
     import json
 
     from oracles.learned import make_learned_model
-    from stepblocks.artefacts.as_built import AsBuilt, AsBuiltValue, read_as_built, write_as_built
-    from stepblocks.artefacts.model_file import build_model_document, read_model
-    from stepblocks.artefacts.qif import write_qif
-    from stepblocks.artefacts.qif_read import read_qif_results
-    from stepblocks.bench.rehearse.plan import read_plan
     from stepblocks.build.manifest import load_json, load_record, write_sealed
-    from stepblocks.declare import load_set
+    from stepblocks.declaration.read import load_set
+    from stepblocks.haptics.devices import load_devices
     from stepblocks.predict.sweep.plan import load_sweep
-    from stepblocks.simulators.devices import load_devices
+    from stepblocks.records.as_built import AsBuilt, AsBuiltValue, read_as_built, write_as_built
+    from stepblocks.records.model import build_model_document, read_model
+    from stepblocks.records.qif import write_qif
+    from stepblocks.records.qif_read import read_qif_results
+    from stepblocks.rehearse.plan import read_plan
 
     yield (
         "stimuli",
@@ -199,13 +199,13 @@ def _texts(work: Path) -> Iterator[Kind]:
 
 
 def _tables(work: Path) -> Iterator[Kind]:
-    from stepblocks.artefacts.scans.read import read_scan
     from stepblocks.bench.session import open_session
     from stepblocks.bench.trials import open_trials
     from stepblocks.predict.table import predict_table
     from stepblocks.quantities import DIMENSIONS, parse_quantity
+    from stepblocks.scans.read import read_scan
+    from stepblocks.study.design.sheet import read_answers
     from stepblocks.study.run import design_study, simulate_study
-    from stepblocks.study.sheet import read_answers
 
     table = (
         b"block,height_um,load_n,friction,edge_radius_um,u_height_um\n"
@@ -300,9 +300,9 @@ def _sheets(work: Path) -> Iterator[Kind]:
 
     Without the part that says when it was written, which would differ from run to run.
     """
-    from stepblocks.artefacts.on_paper import make_sheet_table
-    from stepblocks.artefacts.sheet_read import read_filled_sheet
-    from stepblocks.declare import load_set
+    from stepblocks.declaration.read import load_set
+    from stepblocks.parts.on_paper import make_sheet_table
+    from stepblocks.records.sheet_read import read_filled_sheet
 
     block = load_set(ROOT / "stimuli" / "paper-four.toml").stimuli[0]
     said = {one.key: (one.nominal, 1e-8, "conforms") for one in block.characteristics()}
@@ -338,10 +338,10 @@ def _refused(call: Callable[..., object], *arguments: object) -> object:
 
 def _traces(work: Path) -> Iterator[Kind]:
     from oracles.trace_files import turned
-    from stepblocks.bench.rehearse import TRACE_FILES, open_writer
     from stepblocks.bench.session import FORMATS, open_session
     from stepblocks.bench.signal import Trace
     from stepblocks.bench.traces import Traces
+    from stepblocks.rehearse import TRACE_FILES, open_writer
 
     time = np.arange(600) / 1e4
     trace = Trace(time, np.sin(60.0 * time), np.cos(50.0 * time))
@@ -376,7 +376,7 @@ def _parts(work: Path) -> Iterator[Kind]:
     from stepblocks.artefacts.check import check_artefact
     from stepblocks.artefacts.step.check_step import check_step, format_step_table
     from stepblocks.build.run import build_sets
-    from stepblocks.declare import load_set
+    from stepblocks.declaration.read import load_set
 
     sheaths = ROOT / "stimuli" / "sheaths.toml"
     build_sets(sheaths, work / "out", only="sheath-hard", jobs=1)

@@ -231,8 +231,8 @@ def _make_tables(table: pd.DataFrame) -> list[tuple[str, object]]:
 def write_files(work: Path) -> None:
     """Write one file of each kind that an honest call reads, and make folders of results."""
     from oracles.learned import make_learned_model
-    from stepblocks.artefacts.as_built import AsBuilt, AsBuiltValue, write_as_built
-    from stepblocks.artefacts.model_file import build_model_document
+    from stepblocks.records.as_built import AsBuilt, AsBuiltValue, write_as_built
+    from stepblocks.records.model import build_model_document
 
     stimuli = work / "mine.toml"
     stimuli.write_text(

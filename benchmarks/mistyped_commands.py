@@ -35,7 +35,7 @@ from typer.core import TyperArgument, TyperCommand, TyperOption
 
 import stepblocks
 from stepblocks.cli import main as command_line, make_command
-from stepblocks.study.server import RunServer
+from stepblocks.study.conduct.server import RunServer
 
 ROOT = Path(__file__).resolve().parents[1]
 SECONDS = 120  # by the clock of a busy machine, for one line
@@ -365,7 +365,7 @@ def _prepare_more(given: Path) -> None:
     """Write what our lines read beyond those of the fuzzer."""
     _prepare(given)
     shutil.copy(ROOT / "stimuli" / "sheaths.toml", given)
-    shutil.copy(ROOT / "src" / "stepblocks" / "simulators" / "devices.toml", given)
+    shutil.copy(ROOT / "src" / "stepblocks" / "haptics" / "devices.toml", given)
     plan = (given / "p.toml").read_text().replace("trials = 2", "trials = 20")
     (given / "longer.toml").write_text(plan)
     (given / "lab.toml").write_text('lab = "ours"\ncalibration = "0.1 %"\n')

@@ -53,7 +53,7 @@ ROOMS = {
     "contact": "contact",
     "drag": "drag",
     "inspect": "inspect",
-    "loop/search": "loop",
+    "lawsearch": "lawsearch",
     "study/analysis": "study",
     "predict": "predict",
     "bench/signal": "bench",

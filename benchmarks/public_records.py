@@ -28,8 +28,8 @@ from scipy.optimize import curve_fit
 from scipy.signal import butter, decimate, filtfilt
 
 from stepblocks import Law, Parameter, Trials, explain
-from stepblocks.law import Active
-from stepblocks.loop.search.explain import Explanation
+from stepblocks.lawsearch.explain import Explanation
+from stepblocks.lawsearch.law import Active
 
 Floats = NDArray[np.float64]
 _STRIDE = 4  # samples of the rack, 2.7 ms: its forces are filtered at 30 Hz

@@ -20,10 +20,10 @@ from textwrap import shorten
 
 import numpy as np
 
-from stepblocks.artefacts.scans.read import read_scan
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.report import InspectionResult
 from stepblocks.inspect.run import inspect_standard
+from stepblocks.scans.read import read_scan
 
 NM, UM, MM = 1e-9, 1e-6, 1e-3
 

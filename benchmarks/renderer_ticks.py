@@ -20,12 +20,12 @@ import numpy as np
 
 from stepblocks.contact.event import VibrationEvent, compute_ring_energy, list_vibration_events
 from stepblocks.contact.operating_point import OperatingPoint
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
+from stepblocks.declaration.set import choose_operating_point
+from stepblocks.haptics.renderer import Renderer
 from stepblocks.parts.kind import Part
-from stepblocks.parts.set import choose_operating_point
 from stepblocks.simulators.assemble import build_scene, lay_out_teeth, resolve_contact
 from stepblocks.simulators.export import export_scenes
-from stepblocks.simulators.renderer import Renderer
 from stepblocks.simulators.scene import write_tooth
 from stepblocks.simulators.scenes import SCENE_FORMATS
 

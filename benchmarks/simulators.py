@@ -23,12 +23,12 @@ import numpy as np
 from oracles.browser import browser
 from stepblocks.contact.event import compute_ring_energy
 from stepblocks.contact.operating_point import OperatingPoint
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
+from stepblocks.haptics.feel_page import write_feel_page
+from stepblocks.haptics.renderer import Renderer
 from stepblocks.parts.kind import Part
 from stepblocks.quantities import parse_quantity
 from stepblocks.simulators.assemble import build_scene, resolve_contact
-from stepblocks.simulators.feel import write_feel_page
-from stepblocks.simulators.renderer import Renderer
 from stepblocks.simulators.scene import Scene, write_scene
 from stepblocks.simulators.scenes import SCENE_FORMATS
 

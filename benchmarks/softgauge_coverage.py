@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
 import records
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))  # the gauges are oracles of the tests
@@ -41,7 +42,6 @@ from oracles.softgauge import (
     stylus_trace,
     with_faults,
 )
-from stepblocks.artefacts.scans.scan import HeightMap, ScannedProfile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Component, Instrument, Measured
 from stepblocks.inspect.edge import fit_edge
@@ -52,6 +52,7 @@ from stepblocks.inspect.measure import EvaluationOptions, measure_margin, measur
 from stepblocks.inspect.noise import Estimate
 from stepblocks.inspect.type_a1 import evaluate_a1
 from stepblocks.inspect.working_edge.measure import measure_edge
+from stepblocks.scans.scan import HeightMap, ScannedProfile
 
 Draw = Callable[[np.random.Generator], Iterator[tuple[str, float, Measured]]]
 UM, NM = 1e-6, 1e-9

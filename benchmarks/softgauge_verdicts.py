@@ -26,7 +26,6 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 import records
-
 from oracles.softgauge import (
     correlated_map,
     correlated_noise,
@@ -35,11 +34,11 @@ from oracles.softgauge import (
     groove_gauge,
     stylus_trace,
 )
-from stepblocks.artefacts.scans.scan import HeightMap, ScannedProfile
 from stepblocks.errors import StepblocksError
 from stepblocks.inspect.budget import Instrument, Outcome
 from stepblocks.inspect.measure import EvaluationOptions
 from stepblocks.inspect.run import find_declared_part, inspect_scan
+from stepblocks.scans.scan import HeightMap, ScannedProfile
 
 UM = 1e-6
 STIMULI = Path(__file__).parents[1] / "stimuli" / "paper-ten.toml"

@@ -11,7 +11,7 @@ import sys
 from dataclasses import replace
 
 from stepblocks.study.analysis.accuracy import MEASURES
-from stepblocks.study.simulate import Observer, SimulatedStudy, estimate_power
+from stepblocks.study.design.simulate import Observer, SimulatedStudy, estimate_power
 
 CHANGES = {"nothing": (1.0, 1.0), "noise, 2.5 times": (1.0, 2.5), "bias, a fifth": (0.8, 1.0)}
 

@@ -9,7 +9,7 @@ import math
 import sys
 
 from oracles.noncentral_f import closed_form_power
-from stepblocks.study.simulate import Observer, SimulatedStudy, estimate_power
+from stepblocks.study.design.simulate import Observer, SimulatedStudy, estimate_power
 
 NOISE = 6e-6
 # energy in proportion to height: a share of 0.9 lowers estimates by a tenth

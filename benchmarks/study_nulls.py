@@ -30,7 +30,6 @@ from scipy.special import ndtr
 from statsmodels.stats.libqsturng import psturng, qsturng
 from statsmodels.stats.proportion import proportion_confint
 
-from stepblocks.study import experiments
 from stepblocks.study.analysis import accuracy, population
 from stepblocks.study.analysis.accuracy import (
     MEASURES,
@@ -44,6 +43,7 @@ from stepblocks.study.analysis.ordinal import fit_ordinal_model
 from stepblocks.study.analysis.psychometric import compute_weber, find_crossing
 from stepblocks.study.analysis.repeated import average_participants, compare_participants
 from stepblocks.study.analysis.results import StudyResult
+from stepblocks.study.design import experiments
 
 OUT = Path(__file__).parents[1] / "out" / "study-nulls"
 CHUNK = 25  # studies of one analysis before the next has its turn

@@ -22,7 +22,7 @@ import numpy as np
 
 from oracles.browser import browser
 from oracles.participant_in_browser import LOOKS, whole_run
-from stepblocks.study.prose import write_headline
+from stepblocks.study.analysis.prose import write_headline
 from stepblocks.study.run import analyse_study, design_study
 
 if TYPE_CHECKING:

@@ -23,11 +23,11 @@ from pathlib import Path
 import numpy as np
 
 from stepblocks.contact.event import compute_ring_energy
-from stepblocks.study.conduct import Run, open_run
-from stepblocks.study.hands import Mouse
+from stepblocks.haptics.hands import Mouse
+from stepblocks.haptics.servo import raise_priority
+from stepblocks.study.conduct.run import Run, open_run
+from stepblocks.study.conduct.server import RunServer
 from stepblocks.study.run import design_study
-from stepblocks.study.server import RunServer
-from stepblocks.study.servo import raise_priority
 
 # waits as the servo does: asleep until 60 us before a tick is due, then by the clock; prints how
 # late each came [s]

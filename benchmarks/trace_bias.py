@@ -24,12 +24,12 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from oracles.virtual_bench import Bench
 from oracles.virtual_session import Plan, write_session
 from stepblocks.bench.measure import measure_session
-from stepblocks.bench.rehearse import Rig, Truth, record_drag, record_trial
 from stepblocks.bench.signal.features import measure_trace
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.operating_point import OperatingPoint, Tool
-from stepblocks.contact.state import CHANNELS
 from stepblocks.loop.session_table import build_session_table
+from stepblocks.rehearse import Rig, Truth, record_drag, record_trial
+from stepblocks.rig.state import CHANNELS
 
 K = 9810.0
 CASES = {

@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 from scipy.io import wavfile
 from scipy.signal import fftconvolve, zoom_fft
 
-from stepblocks.atomic import replace_text
 from stepblocks.errors import HapticsError, StepblocksError
-from stepblocks.tables import read_si_columns, read_table
+from stepblocks.files.atomic import replace_text
+from stepblocks.files.tables import read_si_columns, read_table
 
 Array = NDArray[np.float64]
 

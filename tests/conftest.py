@@ -91,7 +91,7 @@ def make_once(tmp_path_factory):
 def shipped_output(make_once):
     """Output folder with every shipped stimulus built."""
     from stepblocks.build.run import build_sets
-    from stepblocks.select import find_stimulus_files
+    from stepblocks.declaration.select import find_stimulus_files
 
     def build(folder):
         return build_sets(find_stimulus_files([ROOT / "stimuli"]), folder).failures

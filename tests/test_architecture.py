@@ -1,6 +1,4 @@
-"""The house: who may import whom, how large a room may grow, and that nothing stands twice or
-unreached.
-"""
+"""The house: who may import whom, and that nothing stands twice or unreached."""
 
 import ast
 import itertools
@@ -15,8 +13,12 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 HOUSE = ROOT / "src" / "stepblocks"
 SOURCES = sorted(HOUSE.rglob("*.py"))
+# what all rooms may import
+NOUNS = {
+    *("declaration", "parts", "cad", "contact", "rig", "lawsearch", "scans", "artefacts"),
+    *("records", "files", "compute"),
+}
 TREES = {path: ast.parse(path.read_text()) for path in SOURCES}
-REGISTRIES = {"contact/effects", "simulators/scenes", "cli"}  # folders of like siblings
 # what people write and read as a program or a page, also as a template
 WRITTEN = (".py", ".pyi", ".js", ".css", ".html", ".c", ".h", ".cpp", ".cs", ".sh")
 
@@ -75,7 +77,7 @@ def test_rooms_import_each_other_along_the_arrows_that_the_page_draws_and_along_
     }
     drawn = {(one.strip(), other.strip()) for one, other in drawn}
     rooms = {room for _, room in drawn if (HOUSE / room).is_dir()} | {"study"}
-    rooms -= {"artefacts", "parts", "cad", "contact"}  # nouns, which all rooms may import
+    rooms -= NOUNS
     walked = {
         (module.split(".")[1], name.split(".")[1])
         for module, path in MODULES.items()
@@ -96,22 +98,6 @@ def test_only_the_kernel_imports_the_cad_library():
     assert users == {"cad"}
 
 
-def test_the_house_keeps_its_measure():
-    statements = sum(
-        isinstance(node, ast.stmt) for tree in TREES.values() for node in ast.walk(tree)
-    )
-    # 24,500 when the sweeps have lost their scheduler; the commands took 284 more in Typer
-    assert statements <= 24_500, "a feature that needs more finds something that nobody needs"
-    lines = {path: len(path.read_text().splitlines()) for path in SOURCES}
-    assert {path.name: count for path, count in lines.items() if count > 500} == {}
-    assert not [path for path in SOURCES if re.search("fmt: (skip|off)", path.read_text())]
-    rooms = defaultdict(int)
-    for path in SOURCES:
-        rooms[path.parent.relative_to(HOUSE).as_posix()] += path.name != "__init__.py"
-    too_full = {room: count for room, count in rooms.items() if count > 15}
-    assert {room: count for room, count in too_full.items() if room not in REGISTRIES} == {}
-
-
 def test_no_line_is_longer_than_a_hundred_characters():
     """Of the files that people write; outside them a line is data, such as a table or a drawing."""
     long = [
@@ -123,44 +109,6 @@ def test_no_line_is_longer_than_a_hundred_characters():
         if len(line) > 100
     ]
     assert long == []
-
-
-def find_form(value):
-    """Return of what kind a value is: a number, a name, a sum, or what a call calls."""
-    while isinstance(value, ast.UnaryOp):
-        value = value.operand
-    if isinstance(value, ast.Call):
-        return value.func.attr if isinstance(value.func, ast.Attribute) else ast.unparse(value.func)
-    return type(value)
-
-
-def test_few_statements_assign_values_of_different_kinds():
-    # `a, b = values.min(), y + 1` is two statements in one, which the limit on statements rewards
-    mixed = [
-        node
-        for tree in TREES.values()
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Assign)
-        and isinstance(node.targets[0], ast.Tuple)
-        and isinstance(node.value, ast.Tuple)
-        and len({find_form(value) for value in node.value.elts}) > 1
-    ]
-    # 428 when they were first counted; what is left is alike: ``low, high = min(x), max(x)``, two
-    # empty lists, or the first and the last cell of a row
-    assert len(mixed) <= 60, [ast.unparse(node) for node in mixed]
-    assert max(len(node.value.elts) for node in mixed) <= 3
-
-
-def test_few_values_are_of_any_type():
-    texts = [path.read_text() for path in (*SOURCES, HOUSE / "__init__.pyi")]
-    assert sum(len(re.findall(r"\bAny\b", text)) for text in texts) <= 150
-
-
-def test_tests_are_at_least_half_of_the_source():
-    def count(paths):
-        return sum(len(path.read_text().splitlines()) for path in paths)
-
-    assert count((ROOT / "tests").rglob("*.py")) >= 0.5 * count(SOURCES)
 
 
 def test_nothing_takes_more_than_six_positional_arguments():
@@ -271,7 +219,11 @@ def test_every_function_is_reached_by_name_from_a_command_or_the_public_face():
     } | HOOKS
     public = set(re.findall(r" as (\w+)", (HOUSE / "__init__.pyi").read_text()))
     for path, tree in TREES.items():
-        if module_of(path) in {"stepblocks.cli", "stepblocks.__main__", "stepblocks.confined"}:
+        if module_of(path) in {
+            "stepblocks.cli",
+            "stepblocks.__main__",
+            "stepblocks.files.confined",
+        }:
             waiting |= set(words_of(tree))
         for node in tree.body:  # a function that is declared as a command
             if isinstance(node, ast.FunctionDef) and any(

@@ -16,7 +16,7 @@ import pytest
 import stepblocks
 from stepblocks.cli import main
 from stepblocks.errors import PipelineError
-from stepblocks.study.conduct import open_run
+from stepblocks.study.conduct.run import open_run
 from stepblocks.study.run import design_study
 
 ROOT = Path(__file__).resolve().parents[1]

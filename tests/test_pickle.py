@@ -12,8 +12,8 @@ import pytest
 
 import stepblocks as sb
 from oracles.learned import make_learned_model
-from stepblocks.artefacts.model_file import build_model_document
 from stepblocks.predict.predictions import predict_by_formula
+from stepblocks.records.model import build_model_document
 
 STIMULI = Path(__file__).resolve().parents[1] / "stimuli"
 SETS = {

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 from literature.contradiction import BAND, HEIGHTS, Explanation, fit_explanations
 from literature.questions import AT, QUESTIONS, Answers, find_dimension
-from stepblocks.atomic import replace_text
-from stepblocks.page_file import render_page
+from stepblocks.files.atomic import replace_text
+from stepblocks.files.pages import render_page
 from stepblocks.quantities import format_quantity, parse_quantity
 
 if TYPE_CHECKING:
@@ -203,8 +203,8 @@ def hold_against_evidence(output: str | Path | None = None) -> Evidence:
 
 def write_evidence(found: Evidence, folder: Path) -> None:
     """Write tables, pictures and the page."""
-    from stepblocks.figure_file import save_figure
-    from stepblocks.tables import write_table
+    from stepblocks.files.figures import save_figure
+    from stepblocks.files.tables import write_table
 
     folder.mkdir(parents=True, exist_ok=True)
     write_table(found.table, folder / "evidence.csv")
@@ -226,7 +226,7 @@ _MARKS = {"formula": ("o", "#1d2a36"), "drag": ("s", "#1f6f8b"), "rod": ("^", "#
 
 def _draw_ratios(found: Evidence) -> Any:
     """Draw every answer over the middle of its published range, which is a bar."""
-    from stepblocks.figure_file import make_figure
+    from stepblocks.files.figures import make_figure
 
     rows = [row for row in found.rows if row.answers.known() and row.value.low > 0.0][::-1]
     figure, axis = make_figure(width=9.0, height=0.32 * len(rows) + 1.2)
@@ -253,7 +253,7 @@ def _draw_ratios(found: Evidence) -> Any:
 
 def _draw_energies(found: Evidence) -> Any:
     """Draw the energies of the four blocks by every explanation, and the paper's band."""
-    from stepblocks.figure_file import make_figure
+    from stepblocks.files.figures import make_figure
 
     figure, axis = make_figure(width=8.0, height=4.2)
     axis.axhspan(BAND[0] * 1e6, BAND[1] * 1e6, color="#dfe7ee", label="the paper: 10 to 20 uJ")

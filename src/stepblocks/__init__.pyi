@@ -1,13 +1,7 @@
-from .artefacts.as_built import read_as_built as read_as_built
 from .artefacts.check import check_artefact as check_artefact
 from .artefacts.heightfield import sample_height_field as sample_height_field
-from .artefacts.laboratory import read_laboratory as read_laboratory
-from .artefacts.model_file import read_model as read_model
-from .artefacts.scans.read import list_channels as list_channels, read_scan as read_scan
-from .artefacts.scans.scan import HeightMap as HeightMap, ScannedProfile as ScannedProfile
 from .artefacts.step.check_step import check_step as check_step
 from .bench.measure import measure_session as measure_session
-from .bench.rehearse.run import simulate_session as simulate_session
 from .build.run import (
     BuildReport as BuildReport,
     build_sets as build_sets,
@@ -24,7 +18,6 @@ from .contact.critical_angle import (
     find_margin_angles as find_margin_angles,
     find_step_angle as find_step_angle,
 )
-from .contact.effects.offered import offer_laws as offer_laws
 from .contact.energy import Release as Release, Status as Status, find_release as find_release
 from .contact.energy_change import find_energy_change as find_energy_change
 from .contact.event import list_vibration_events as list_vibration_events
@@ -38,18 +31,21 @@ from .contact.laws import (
 )
 from .contact.operating_point import PAPER as PAPER, OperatingPoint as OperatingPoint, Tool as Tool
 from .contact.uncertainty import estimate_interval as estimate_interval
-from .declare import load_set as load_set
+from .declaration.read import load_set as load_set
+from .declaration.set import StimulusSet as StimulusSet, register_kind as register_kind
 from .drag.run import drag_over as drag_over
 from .errors import StepblocksError as StepblocksError
+from .haptics.feel_page import write_feel_page as write_feel_page
+from .haptics.renderer import Renderer as Renderer
 from .inspect.budget import Instrument as Instrument
 from .inspect.many import inspect_many as inspect_many, write_many as write_many
 from .inspect.measure import EvaluationOptions as EvaluationOptions
 from .inspect.report import write_inspection as write_inspection
 from .inspect.run import inspect_scan as inspect_scan, inspect_standard as inspect_standard
-from .law import Law as Law, Parameter as Parameter
+from .lawsearch.explain import explain as explain
+from .lawsearch.forward_model import Trials as Trials
+from .lawsearch.law import Law as Law, Parameter as Parameter
 from .loop.run import loop_session as loop_session
-from .loop.search.explain import explain as explain
-from .loop.search.forward_model import Trials as Trials
 from .loop.several import loop_sessions as loop_sessions
 from .parts.kinds.crown_on_tooth import CrownOnTooth as CrownOnTooth
 from .parts.kinds.margin import MarginBlock as MarginBlock
@@ -57,7 +53,6 @@ from .parts.kinds.scanned_margin import ScannedMargin as ScannedMargin
 from .parts.kinds.sheath import Sheath as Sheath
 from .parts.kinds.step_block import StepBlock as StepBlock
 from .parts.kinds.tips import HookTip as HookTip, StraightTip as StraightTip
-from .parts.set import StimulusSet as StimulusSet, register_kind as register_kind
 from .parts.shapes import (
     build_convex_pieces as build_convex_pieces,
     build_solids as build_solids,
@@ -73,12 +68,17 @@ from .predict.run import predict_set as predict_set
 from .predict.sweep.run import SweepResult as SweepResult, run_sweep as run_sweep
 from .predict.table import predict_table as predict_table, predict_trials as predict_trials
 from .quantities import format_quantity as format_quantity, parse_quantity as parse_quantity
+from .records.as_built import read_as_built as read_as_built
+from .records.laboratory import read_laboratory as read_laboratory
+from .records.model import read_model as read_model
+from .rehearse.run import simulate_session as simulate_session
+from .rig.effects.offered import offer_laws as offer_laws
+from .scans.read import list_channels as list_channels, read_scan as read_scan
+from .scans.scan import HeightMap as HeightMap, ScannedProfile as ScannedProfile
 from .simulators.compare import compare_record as compare_record
 from .simulators.export import export_scenes as export_scenes
-from .simulators.feel import write_feel_page as write_feel_page
-from .simulators.renderer import Renderer as Renderer
-from .study.conduct import open_run as open_run
-from .study.exchange import share_study as share_study
+from .study.analysis.exchange import share_study as share_study
+from .study.conduct.run import open_run as open_run
 from .study.run import (
     analyse_study as analyse_study,
     design_study as design_study,

@@ -11,9 +11,9 @@ from stepblocks.artefacts.check import check_artefact
 from stepblocks.artefacts.meshes.read import MESH_READERS, read_mesh
 from stepblocks.artefacts.meshes.write import MESH_FORMATS
 from stepblocks.build.make import list_checkable_files
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
+from stepblocks.declaration.select import find_stimulus_files
 from stepblocks.parts.shapes import Mesh
-from stepblocks.select import find_stimulus_files
 
 ROOT = Path(__file__).resolve().parents[2]
 SETS = {path.stem: load_set(path) for path in find_stimulus_files(ROOT / "stimuli")}

@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stepblocks import confined
 from stepblocks.artefacts.heightfield import (
     SPACING,
     sample_height_field,
@@ -20,8 +19,9 @@ from stepblocks.artefacts.heightfield import (
 from stepblocks.artefacts.meshes.measures import MeshMeasures, fit_sphere_radius
 from stepblocks.artefacts.meshes.read import read_mesh, read_pieces
 from stepblocks.artefacts.meshes.write import MESH_FORMATS, write_pieces
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
 from stepblocks.errors import HapticsError, MetrologyError
+from stepblocks.files import confined
 from stepblocks.parts.shapes import Mesh, compute_enclosed_volume, require_manifold
 from stepblocks.parts.tolerance import Dimension
 from stepblocks.parts.verdict import Verdict

@@ -20,7 +20,7 @@ from stepblocks.contact.event import (
     list_vibration_events,
 )
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
 from stepblocks.errors import HapticsError
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -19,7 +19,7 @@ from stepblocks.artefacts.step.check_step import check_step, format_step_table
 from stepblocks.artefacts.step.exchange import read_exchange
 from stepblocks.artefacts.step.faces import find_faces
 from stepblocks.artefacts.step.write import write_step_ap242
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
 from stepblocks.parts.characteristics import EdgeRule, find_face
 from stepblocks.parts.shapes import build_solids, mesh_solid
 

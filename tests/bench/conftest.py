@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stepblocks.bench.rehearse import TRACE_FILES, Rig, Truth, open_writer, record_trial
+from stepblocks.rehearse import TRACE_FILES, Rig, Truth, open_writer, record_trial
 
 K = 9810.0
 HEIGHTS = (20, 40, 60)

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from stepblocks.bench.rehearse import Rig, Truth, record_trial
 from stepblocks.bench.signal import Trace
 from stepblocks.bench.signal.approach import LandmarkError
 from stepblocks.bench.signal.features import FEATURE_COLUMNS, compute_band_share, measure_trace
 from stepblocks.bench.signal.ring import compute_rubbing_force, fit_rubbing_ring
+from stepblocks.rehearse import Rig, Truth, record_trial
 
 K = 9810.0
 PLAIN = Truth(

@@ -18,7 +18,7 @@ from stepblocks.errors import PipelineError
 
 SCRIPT = """
 from stepblocks.bench.measure import measure_session
-from stepblocks.bench.rehearse.run import simulate_session
+from stepblocks.rehearse.run import simulate_session
 print("loaded")
 simulate_session({plan!r}, {session!r})
 table = measure_session({session!r}, jobs=2)

@@ -14,11 +14,11 @@ from scipy.io import savemat
 
 from oracles.trace_files import turned
 from stepblocks.bench.measure import write_features
-from stepblocks.bench.rehearse.run import simulate_session
 from stepblocks.bench.session import open_session
 from stepblocks.bench.signal.features import FEATURE_COLUMNS
 from stepblocks.bench.traces import Traces
 from stepblocks.cli import main
+from stepblocks.rehearse.run import simulate_session
 
 PLAN = """schema = 1
 seed = 11

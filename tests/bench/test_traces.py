@@ -11,12 +11,12 @@ from nptdms import ChannelObject, TdmsWriter
 from scipy.io import savemat
 
 from oracles.traces import Course
-from stepblocks.bench.rehearse import TRACE_FILES, open_writer
 from stepblocks.bench.session import open_session
 from stepblocks.bench.signal import Trace, TraceError
 from stepblocks.bench.traces import READERS, Traces
 from stepblocks.bench.traces.mat import find_mat_variables
 from stepblocks.errors import BenchError
+from stepblocks.rehearse import TRACE_FILES, open_writer
 
 TIME = Course().clock()
 COLUMNS = {"t": TIME, "x": Course().force(TIME), "y": 0.8 + 0.1 * TIME}

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from stepblocks.atomic import lock_folder
 from stepblocks.build import make, run as building
 from stepblocks.build.manifest import hash_file
 from stepblocks.build.run import build_sets
 from stepblocks.cli import main
+from stepblocks.files.atomic import lock_folder
 
 ROOT = Path(__file__).resolve().parents[2]
 SMALL = (
@@ -292,7 +292,7 @@ import sys
 from pathlib import Path
 from stepblocks import build_sets
 from stepblocks.build.make import build_stimuli
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
 
 output, *files = map(Path, sys.argv[1:])
 chosen = {"hook-125", "tip-125", "crown-shoulder", "gap-020-lip"}

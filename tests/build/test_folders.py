@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stepblocks.atomic import lock_folder, make_draft_folder, resolve_inside
 from stepblocks.build import manifest as manifests, page as pages, run as building
 from stepblocks.build.manifest import (
     MANIFEST,
@@ -28,6 +27,7 @@ from stepblocks.build.manifest import (
 from stepblocks.build.run import BuildReport, build_sets, check_output
 from stepblocks.cli import main
 from stepblocks.errors import PipelineError
+from stepblocks.files.atomic import lock_folder, make_draft_folder, resolve_inside
 
 ROOT = Path(__file__).resolve().parents[2]
 SHEATHS = ROOT / "stimuli" / "sheaths.toml"

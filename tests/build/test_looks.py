@@ -14,7 +14,7 @@ from stepblocks.build import picture
 from stepblocks.build.page import Section, _compute_curves, _summarise, write_page
 from stepblocks.build.picture import draw_part, exaggerate_heights, write_view_script
 from stepblocks.contact.energy import Status
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
 
 BOX_CORNERS = (
     np.array([(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)]) * 1e-3

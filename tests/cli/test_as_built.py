@@ -8,11 +8,11 @@ import pandas as pd
 import pytest
 
 from oracles.softgauge import correlated_noise, flank_gauge, write_edge_scan
-from stepblocks.artefacts.as_built import AsBuilt, AsBuiltValue, read_as_built, write_as_built
 from stepblocks.cli import main
 from stepblocks.contact.counterface import Profile as SurfaceProfile
 from stepblocks.drag.run import drag_over
 from stepblocks.errors import MetrologyError
+from stepblocks.records.as_built import AsBuilt, AsBuiltValue, read_as_built, write_as_built
 
 STIMULI = str(Path(__file__).parents[2] / "stimuli")
 KNOWN = ["--calibration", "0.1%", "--lateral-calibration", "0.1%"]

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stepblocks.artefacts.as_built import read_as_built
 from stepblocks.cli import main
 from stepblocks.cli.outcome import protect_output
+from stepblocks.records.as_built import read_as_built
 
 FOUR = str(Path(__file__).resolve().parents[2] / "stimuli" / "paper-four.toml")
 
@@ -28,7 +28,7 @@ def test_an_internal_error_exits_with_70_and_keeps_its_details_in_a_file(
     def fail(*_):
         raise ZeroDivisionError("a\nb")
 
-    monkeypatch.setattr("stepblocks.declare.find_stimulus_files", fail)
+    monkeypatch.setattr("stepblocks.declaration.read.find_stimulus_files", fail)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     assert main(["predict", FOUR]) == 70
     line = one_line(capsys)
@@ -160,7 +160,7 @@ def test_too_little_memory_is_no_internal_error(monkeypatch, capsys):
     def fail(*_):
         raise MemoryError
 
-    monkeypatch.setattr("stepblocks.declare.find_stimulus_files", fail)
+    monkeypatch.setattr("stepblocks.declaration.read.find_stimulus_files", fail)
     assert main(["predict", FOUR]) == 2
     assert one_line(capsys) == "stepblocks: error: this needs more memory than there is"
 

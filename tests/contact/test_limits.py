@@ -16,7 +16,7 @@ from stepblocks.contact.critical_angle import find_step_angle
 from stepblocks.contact.energy import Status, find_release
 from stepblocks.contact.operating_point import LIMIT_SOURCES, PAPER, SHIPPED_LIMITS, Limits, Tool
 from stepblocks.contact.rod import fit_rod
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
 from stepblocks.errors import ContactError
 from stepblocks.predict.predictions import describe_left_out, predict_all, tabulate_prediction
 

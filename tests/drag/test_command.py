@@ -12,7 +12,7 @@ from stepblocks.cli import main
 from stepblocks.contact.counterface import Margin, Profile, Step
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import PAPER
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
 from stepblocks.drag.probe import PAPER_DRAG, DragSettings
 from stepblocks.drag.run import drag_over
 from stepblocks.drag.simulate import simulate_drag

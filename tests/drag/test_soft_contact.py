@@ -8,15 +8,15 @@ import pytest
 from scipy.optimize import brentq
 
 from stepblocks.contact.counterface import Profile, Step
-from stepblocks.contact.effects.named import list_named_laws
-from stepblocks.contact.forward import BenchDesign, build_nominal_state
 from stepblocks.contact.laws import Hertz, LinearContact
 from stepblocks.contact.operating_point import PAPER
-from stepblocks.contact.state import compute_channels
 from stepblocks.drag.probe import PAPER_DRAG, DragSettings
 from stepblocks.drag.run import drag_over
 from stepblocks.drag.simulate import simulate_drag
 from stepblocks.drag.track import build_step_track, build_track
+from stepblocks.rig.effects.named import list_named_laws
+from stepblocks.rig.forward import BenchDesign, build_nominal_state
+from stepblocks.rig.state import compute_channels
 
 _SPRING = 3  # of the channels
 _VALUES = {"ln_conversion": -1.5, "ln_ring_frequency": 5.7, "ln_decay_time": -3.9}

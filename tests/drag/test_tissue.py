@@ -13,7 +13,7 @@ import pytest
 from stepblocks.cli import main
 from stepblocks.contact.counterface import Margin
 from stepblocks.contact.operating_point import PAPER, Tissue
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
 from stepblocks.drag.run import drag_over
 from stepblocks.errors import ContactError, PipelineError
 from stepblocks.parts.conditions import Gum

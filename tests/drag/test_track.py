@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from oracles.tip_paths import groove_path, step_path
-from stepblocks.artefacts.scans.read import read_scan
 from stepblocks.contact.counterface import Margin, Profile, Step
 from stepblocks.contact.critical_angle import find_step_angle
 from stepblocks.contact.energy import find_release
@@ -21,6 +20,7 @@ from stepblocks.drag.probe import PAPER_DRAG, DragSettings
 from stepblocks.drag.run import drag_over
 from stepblocks.drag.simulate import simulate_drag
 from stepblocks.drag.track import build_step_track, build_track
+from stepblocks.scans.read import read_scan
 
 SHARED = Path(os.environ.get("STEPBLOCKS_SHARED", Path(__file__).parents[2] / ".." / "shared"))
 R = 125e-6

@@ -8,8 +8,6 @@ import pytest
 from scipy import ndimage
 
 from oracles.softgauge import ball_gauge, correlated_map, dots_gauge
-from stepblocks.artefacts.scans.read import read_scan
-from stepblocks.artefacts.scans.scan import HeightMap, ScannedProfile
 from stepblocks.cli import main
 from stepblocks.errors import MetrologyError, PipelineError
 from stepblocks.inspect import grooves
@@ -24,6 +22,8 @@ from stepblocks.inspect.map_levels import (
 from stepblocks.inspect.measure import EvaluationOptions, evaluate_each
 from stepblocks.inspect.noise import estimate_of_rows
 from stepblocks.inspect.run import inspect_standard
+from stepblocks.scans.read import read_scan
+from stepblocks.scans.scan import HeightMap, ScannedProfile
 
 UM, NM = 1e-6, 1e-9
 EXACT = Instrument(0.0, 0.0, 0.0)

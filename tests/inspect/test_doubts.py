@@ -7,10 +7,8 @@ import pytest
 from softgauge_verdicts import draw as draw_gauge
 
 from oracles.softgauge import correlated_noise, edge_gauge, flank_gauge, groove_gauge
-from stepblocks.artefacts.laboratory import InstrumentRecord, Laboratory
-from stepblocks.artefacts.on_paper import make_sheet_table
-from stepblocks.artefacts.scans.scan import HeightMap, ScannedProfile
 from stepblocks.cli import main
+from stepblocks.declaration.set import StimulusSet
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Instrument
 from stepblocks.inspect.edge import fit_edge
@@ -19,7 +17,9 @@ from stepblocks.inspect.many import inspect_many, write_many
 from stepblocks.inspect.measure import EvaluationOptions
 from stepblocks.inspect.run import inspect_scan
 from stepblocks.inspect.working_edge.measure import measure_edge
-from stepblocks.parts.set import StimulusSet
+from stepblocks.parts.on_paper import make_sheet_table
+from stepblocks.records.laboratory import InstrumentRecord, Laboratory
+from stepblocks.scans.scan import HeightMap, ScannedProfile
 
 UM = 1e-6
 KNOWN = Instrument(1e-3, 0.0, 1e-3)

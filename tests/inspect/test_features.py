@@ -16,14 +16,14 @@ from oracles.softgauge import (
     sheets_gauge,
     stylus_trace,
 )
-from stepblocks.artefacts.scans.read import list_channels, read_scan
-from stepblocks.artefacts.scans.scan import HeightMap, ScannedProfile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Instrument
 from stepblocks.inspect.edge import fit_edge
 from stepblocks.inspect.grooves import measure_groove
 from stepblocks.inspect.map_levels import measure_masked_step
 from stepblocks.inspect.measure import EvaluationOptions
+from stepblocks.scans.read import list_channels, read_scan
+from stepblocks.scans.scan import HeightMap, ScannedProfile
 
 EXACT = Instrument(0.0, 0.0, 0.0)
 UM, NM = 1e-6, 1e-9

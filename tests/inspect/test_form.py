@@ -12,13 +12,13 @@ from oracles.softgauge import (
     groove_gauge,
     margin_gauge,
 )
-from stepblocks.artefacts.scans.scan import HeightMap, ScannedProfile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Instrument
 from stepblocks.inspect.form import compute_flatness, compute_parallelism, estimate_zone, fit_face
 from stepblocks.inspect.margin_gap import fit_margin
 from stepblocks.inspect.measure import measure_margin
 from stepblocks.inspect.tip import fit_cap
+from stepblocks.scans.scan import HeightMap, ScannedProfile
 
 
 def face(shape, slope=(0.0, 0.0)):

@@ -16,14 +16,14 @@ from oracles.softgauge import (
     stylus_trace,
     write_edge_scan,
 )
-from stepblocks.artefacts.as_built import (
-    read_as_built,
-)
-from stepblocks.artefacts.scans.scan import HeightMap
 from stepblocks.cli import main
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.measure import EvaluationOptions
 from stepblocks.inspect.run import inspect_standard
+from stepblocks.records.as_built import (
+    read_as_built,
+)
+from stepblocks.scans.scan import HeightMap
 
 STIMULI = str(__import__("pathlib").Path(__file__).parents[2] / "stimuli")
 

@@ -10,14 +10,14 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from oracles.softgauge import edge_gauge, groove_gauge
-from stepblocks.artefacts.scans.read import read_scan
-from stepblocks.artefacts.scans.scan import HeightMap, ScannedProfile
 from stepblocks.inspect.budget import Component, Instrument, Measured, Outcome, decide, judge
 from stepblocks.inspect.grooves import measure_groove
 from stepblocks.inspect.measure import EvaluationOptions
 from stepblocks.inspect.working_edge.burr import find_burr
 from stepblocks.inspect.working_edge.measure import measure_edge
 from stepblocks.inspect.working_edge.roughness import measure_ra
+from stepblocks.scans.read import read_scan
+from stepblocks.scans.scan import HeightMap, ScannedProfile
 
 UM, X = 1e-6, np.arange(-200, 200) * 1e-6
 EXACT = Instrument(0.0, 0.0, 0.0)

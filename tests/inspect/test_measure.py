@@ -14,7 +14,6 @@ from oracles.softgauge import (
     groove_gauge,
     margin_gauge,
 )
-from stepblocks.artefacts.scans.scan import HeightMap, ScannedProfile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Instrument
 from stepblocks.inspect.edge_arc import (
@@ -30,6 +29,7 @@ from stepblocks.inspect.grooves import measure_groove
 from stepblocks.inspect.map_levels import _estimate_by_bands, measure_masked_step
 from stepblocks.inspect.measure import measure_margin, measure_tip
 from stepblocks.inspect.working_edge.measure import measure_edge
+from stepblocks.scans.scan import HeightMap, ScannedProfile
 
 X = np.arange(-200, 200) * 1e-6
 EXACT = Instrument(0.0, 0.0, 0.0)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from oracles.softgauge import correlated_map, correlated_noise, edge_gauge
-from stepblocks.artefacts.scans.scan import HeightMap, ScannedProfile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Instrument
 from stepblocks.inspect.grooves import _check_level, measure_groove
@@ -14,6 +13,7 @@ from stepblocks.inspect.noise import Estimate
 from stepblocks.inspect.run import EVALUATIONS, _suggest_other_evaluation, inspect_standard
 from stepblocks.inspect.working_edge.measure import measure_edge
 from stepblocks.parts.characteristics import Characteristic
+from stepblocks.scans.scan import HeightMap, ScannedProfile
 
 UM, NM = 1e-6, 1e-9
 EXACT = Instrument(0.0, 0.0, 0.0)

@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 from oracles.softgauge import correlated_noise, edge_gauge, groove_gauge
-from stepblocks.artefacts.as_built import read_as_built
+from stepblocks.declaration.select import find_stimulus_files
+from stepblocks.declaration.set import StimulusSet
 from stepblocks.errors import PipelineError
 from stepblocks.inspect.budget import (
     Component,
@@ -27,8 +28,7 @@ from stepblocks.inspect.budget import (
 from stepblocks.inspect.measure import EvaluationOptions
 from stepblocks.inspect.report import write_inspection
 from stepblocks.inspect.run import EVALUATIONS, inspect_scan, inspect_standard
-from stepblocks.parts.set import StimulusSet
-from stepblocks.select import find_stimulus_files
+from stepblocks.records.as_built import read_as_built
 
 STIMULI = Path(__file__).parents[2] / "stimuli"
 KNOWN = Instrument(1e-3, 0.0, 1e-3)
@@ -77,7 +77,7 @@ def test_a_scan_is_judged_in_one_call_wherever_the_stimulus_is_declared(result, 
 
 
 def test_every_characteristic_that_a_scan_shows_belongs_to_some_shipped_part():
-    from stepblocks.declare import load_set
+    from stepblocks.declaration.read import load_set
 
     sets: list[StimulusSet] = [load_set(path) for path in find_stimulus_files(STIMULI)]
     keys = {

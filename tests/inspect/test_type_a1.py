@@ -9,8 +9,6 @@ import pytest
 from scipy import stats
 
 from oracles.softgauge import correlated_noise, groove_gauge, with_faults
-from stepblocks.artefacts.scans.read import read_scan
-from stepblocks.artefacts.scans.scan import HeightMap, ScannedProfile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Component, Instrument, Measured, average_profiles
 from stepblocks.inspect.grooves import _evaluate_by_windows, measure_groove
@@ -18,6 +16,8 @@ from stepblocks.inspect.levelling import find_edges
 from stepblocks.inspect.map_levels import measure_masked_step
 from stepblocks.inspect.noise import Estimate
 from stepblocks.inspect.type_a1 import evaluate_a1
+from stepblocks.scans.read import read_scan
+from stepblocks.scans.scan import HeightMap, ScannedProfile
 
 SHARED = Path(os.environ.get("STEPBLOCKS_SHARED", Path(__file__).parents[2] / ".." / "shared"))
 X = np.arange(-50, 951) * 1e-6

@@ -18,7 +18,6 @@ from oracles.softgauge import (
     groove_gauge,
     stylus_trace,
 )
-from stepblocks.artefacts.scans.scan import HeightMap, ScannedProfile
 from stepblocks.cli.outcome import print_table
 from stepblocks.errors import MetrologyError, StepblocksError
 from stepblocks.inspect.budget import Component, Instrument, Measured, Outcome
@@ -28,6 +27,7 @@ from stepblocks.inspect.report import write_inspection
 from stepblocks.inspect.run import find_declared_part, inspect_scan, judge_part
 from stepblocks.inspect.working_edge.measure import measure_edge
 from stepblocks.parts.conditions import NO_ORDER
+from stepblocks.scans.scan import HeightMap, ScannedProfile
 
 STIMULI = Path(__file__).parents[2] / "stimuli" / "paper-ten.toml"
 KNOWN = Instrument(1e-3, 0.0, 1e-3)

@@ -11,20 +11,20 @@ import numpy as np
 import pytest
 
 from oracles.feature_bench import bench_trials, design_columns, noise_free
-from stepblocks.contact.forward import PEAK_FORCE, SPEED_OVER_LOAD
 from stepblocks.contact.operating_point import Tool
-from stepblocks.contact.state import CHANNELS
-from stepblocks.law import SizedChange
+from stepblocks.lawsearch.fit import _Objective, build_problem, fit
+from stepblocks.lawsearch.forward_model import Trials
+from stepblocks.lawsearch.gate import compute_tangent
+from stepblocks.lawsearch.law import SizedChange
+from stepblocks.lawsearch.structure import find_hints
 from stepblocks.loop.bench_model import (
     SessionModel,
     find_column,
     list_candidates,
     list_covariate_ranges,
 )
-from stepblocks.loop.search.fit import _Objective, build_problem, fit
-from stepblocks.loop.search.forward_model import Trials
-from stepblocks.loop.search.gate import compute_tangent
-from stepblocks.loop.search.structure import find_hints
+from stepblocks.rig.forward import PEAK_FORCE, SPEED_OVER_LOAD
+from stepblocks.rig.state import CHANNELS
 
 _TOOL = Tool(frequency=300.0, decay_time=0.02)
 _MODEL = SessionModel(_TOOL)

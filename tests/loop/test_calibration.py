@@ -13,10 +13,10 @@ from oracles.feature_bench import bench_trials, block_scans, design_columns
 from oracles.features_file import features_of
 from stepblocks.bench.session import open_session
 from stepblocks.errors import BenchError
+from stepblocks.lawsearch.adequacy import compare_directions
+from stepblocks.lawsearch.explain import Rules, Verdict, explain
+from stepblocks.lawsearch.fit import build_problem, fit
 from stepblocks.loop.bench_model import list_candidates, list_covariate_ranges
-from stepblocks.loop.search.adequacy import compare_directions
-from stepblocks.loop.search.explain import Rules, Verdict, explain
-from stepblocks.loop.search.fit import build_problem, fit
 from stepblocks.loop.session_table import build_session_table, estimate_unloaded_zeros
 
 DECLARED = """schema = 1

@@ -12,8 +12,9 @@ from oracles.feature_bench import bench_trials, design_columns
 from oracles.features_file import features_of
 from oracles.virtual_bench import Bench
 from oracles.virtual_session import Plan, write_session
-from stepblocks.contact.effects.named import list_named_laws
-from stepblocks.contact.effects.smooth import CovariateRange, list_smooth_laws
+from stepblocks.lawsearch.explain import Rules, Verdict, explain
+from stepblocks.lawsearch.holdout import check_claims
+from stepblocks.lawsearch.structure import Hint
 from stepblocks.loop.finding import (
     describe_covariate,
     find_slope_unit,
@@ -22,10 +23,9 @@ from stepblocks.loop.finding import (
     write_sentence,
 )
 from stepblocks.loop.run import analyse_features, loop_session
-from stepblocks.loop.search.explain import Rules, Verdict, explain
-from stepblocks.loop.search.holdout import check_claims
-from stepblocks.loop.search.structure import Hint
 from stepblocks.loop.session_table import build_session_table
+from stepblocks.rig.effects.named import list_named_laws
+from stepblocks.rig.effects.smooth import CovariateRange, list_smooth_laws
 
 _WARMTH, _DAMP = CovariateRange("temperature_c", 18.0, 26.0), CovariateRange("humidity_pct", 40, 60)
 _SPEED = CovariateRange("speed_mm_s", 2.0, 20.0, log=True)

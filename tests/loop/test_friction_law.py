@@ -11,11 +11,11 @@ import pytest
 
 from oracles.feature_bench import bench_trials, design_columns, noise_free
 from oracles.features_file import features_of
-from stepblocks.artefacts.model_file import read_model
-from stepblocks.law import Law
+from stepblocks.lawsearch.explain import Rules, Verdict
+from stepblocks.lawsearch.law import Law
 from stepblocks.loop.run import analyse_features, write_loop
-from stepblocks.loop.search.explain import Rules, Verdict
 from stepblocks.predict.table import predict_trials
+from stepblocks.records.model import read_model
 
 _RULES = Rules(draws=100, fits=2)
 _COLUMNS = design_columns(60, 3)

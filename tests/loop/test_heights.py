@@ -8,12 +8,12 @@ import pytest
 
 from oracles.feature_bench import bench_trials, block_errors, design_columns
 from oracles.features_file import features_of
-from stepblocks.contact.effects.named import list_named_laws
+from stepblocks.lawsearch.explain import Rules, Verdict, explain
+from stepblocks.lawsearch.holdout import choose_delivered_effects, split_by_block
 from stepblocks.loop.heights import add_height_errors
 from stepblocks.loop.run import analyse_features
-from stepblocks.loop.search.explain import Rules, Verdict, explain
-from stepblocks.loop.search.holdout import choose_delivered_effects, split_by_block
 from stepblocks.loop.session_table import build_session_table
+from stepblocks.rig.effects.named import list_named_laws
 
 _RULES = Rules(draws=60, fits=2)
 _COLUMNS = design_columns(120, 3)

@@ -12,11 +12,11 @@ import pytest
 from oracles.feature_bench import bench_trials, design_columns, noise_free
 from oracles.features_file import features_of
 from stepblocks.contact.operating_point import Tool
-from stepblocks.law import Law, Parameter
+from stepblocks.lawsearch.explain import Rules, Verdict, explain
+from stepblocks.lawsearch.law import Law, Parameter
+from stepblocks.lawsearch.structure import bound_jump_place, split_into_levels
 from stepblocks.loop.bench_model import SessionModel, list_covariate_ranges
 from stepblocks.loop.result import _estimate_noise_floor
-from stepblocks.loop.search.explain import Rules, Verdict, explain
-from stepblocks.loop.search.structure import bound_jump_place, split_into_levels
 from stepblocks.loop.session_table import build_session_table
 
 _MODEL = SessionModel(Tool(frequency=300.0, decay_time=0.02))

@@ -6,9 +6,9 @@ import pytest
 from oracles.virtual_bench import Bench, drag
 from stepblocks.bench.signal import Trace
 from stepblocks.bench.signal.features import measure_trace
-from stepblocks.contact.effects.gauges import apply_instrument_constants
-from stepblocks.contact.forward import build_bench_design, build_nominal_state
-from stepblocks.contact.state import compute_channels
+from stepblocks.rig.effects.gauges import apply_instrument_constants
+from stepblocks.rig.forward import build_bench_design, build_nominal_state
+from stepblocks.rig.state import compute_channels
 
 LOOPS = 0.02  # b of F + b F^2 on the way up [1/N]
 

@@ -5,12 +5,12 @@ The session is made by the rehearsal bench and measured from its traces.
 
 import pytest
 
-from stepblocks.artefacts.model_file import read_model
 from stepblocks.bench.measure import measure_session
-from stepblocks.bench.rehearse.run import simulate_session
 from stepblocks.bench.session import open_session
+from stepblocks.lawsearch.explain import Rules, Verdict
 from stepblocks.loop.run import analyse_features, write_loop
-from stepblocks.loop.search.explain import Rules, Verdict
+from stepblocks.records.model import read_model
+from stepblocks.rehearse.run import simulate_session
 
 _STIFFNESS = 3e5  # N/m
 _PLAN = f"""

@@ -17,19 +17,19 @@ from oracles.feature_bench import bench_trials, block_scans, design_columns, noi
 from oracles.features_file import features_of
 from oracles.virtual_bench import Bench
 from oracles.virtual_session import Plan, write_session
-from stepblocks.artefacts.model_file import read_model
 from stepblocks.bench.measure import measure_session
-from stepblocks.contact.forward import parse_tip_radius_um
 from stepblocks.contact.operating_point import Tool
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
 from stepblocks.errors import PipelineError
+from stepblocks.lawsearch.adequacy import compare_directions
+from stepblocks.lawsearch.explain import Rules, Verdict, explain
 from stepblocks.loop.bench_model import SessionModel, list_candidates, list_covariate_ranges
 from stepblocks.loop.result import write_block_stimulus
 from stepblocks.loop.run import loop_session, write_loop
-from stepblocks.loop.search.adequacy import compare_directions
-from stepblocks.loop.search.explain import Rules, Verdict, explain
 from stepblocks.loop.session_table import build_session_table
 from stepblocks.predict.table import predict_trials
+from stepblocks.records.model import read_model
+from stepblocks.rig.forward import parse_tip_radius_um
 
 _SHARED = Path(os.environ.get("STEPBLOCKS_SHARED", Path(__file__).parents[2] / ".." / "shared"))
 _RULES = Rules(draws=200)

@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stepblocks.contact.effects.named import list_named_laws
-from stepblocks.contact.state import CHANNELS
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
+from stepblocks.lawsearch.explain import Finding, Verdict
+from stepblocks.lawsearch.fit import fit
 from stepblocks.loop.bench_model import list_candidates, list_covariate_ranges
 from stepblocks.loop.result import propose_experiment, write_block_stimulus
-from stepblocks.loop.search.explain import Finding, Verdict
-from stepblocks.loop.search.fit import fit
 from stepblocks.loop.settings import build_grid
+from stepblocks.rig.effects.named import list_named_laws
+from stepblocks.rig.state import CHANNELS
 
 
 @pytest.fixture(scope="module")

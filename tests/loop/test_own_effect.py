@@ -12,14 +12,14 @@ import pytest
 import stepblocks as sb
 from oracles.feature_bench import bench_trials, design_columns
 from oracles.features_file import features_of
-from stepblocks.artefacts.model_file import read_model
 from stepblocks.cli import main
-from stepblocks.contact.effects import named, offered
+from stepblocks.compute.processes import run_in_processes
 from stepblocks.errors import ContactError
+from stepblocks.lawsearch.explain import Rules, Verdict
 from stepblocks.loop.run import analyse_features, write_loop
-from stepblocks.loop.search.explain import Rules, Verdict
 from stepblocks.predict.table import predict_trials
-from stepblocks.workers import run_in_processes
+from stepblocks.records.model import read_model
+from stepblocks.rig.effects import named, offered
 
 # the valley between boundary and viscous friction, which no shipped law has
 FILM = sb.Law(

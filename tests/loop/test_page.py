@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stepblocks.figure_file import make_figure
+from stepblocks.files.figures import make_figure
+from stepblocks.files.pages import _format_cell
 from stepblocks.loop import page
 from stepblocks.loop.finding import CHANNELS_IN_WORDS
 from stepblocks.loop.page import (
@@ -17,7 +18,6 @@ from stepblocks.loop.page import (
     _find_plot_positions,
     render_loop_page,
 )
-from stepblocks.page_file import _format_cell
 
 
 @pytest.fixture(scope="module")
@@ -182,7 +182,7 @@ def test_the_curve_is_the_change_that_the_law_makes(result):
 
 
 def test_an_effect_that_follows_nothing_is_drawn_over_the_height(result):
-    from stepblocks.contact.effects.named import list_named_laws
+    from stepblocks.rig.effects.named import list_named_laws
 
     laws = {law.id: law for law in list_named_laws()}
     assert _find_abscissa(result, laws["edge_rounding"])[1] == "height_um"

@@ -7,10 +7,10 @@ import json
 
 import pytest
 
-from stepblocks.bench.rehearse.run import simulate_session
 from stepblocks.cli import main
 from stepblocks.loop import rehearsal
 from stepblocks.loop.run import loop_session
+from stepblocks.rehearse.run import simulate_session
 
 PLAN = """schema = 1
 seed = 3

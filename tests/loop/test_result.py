@@ -7,10 +7,10 @@ import pytest
 
 from oracles.feature_bench import bench_trials, block_scans, design_columns
 from oracles.features_file import features_of
-from stepblocks.artefacts.model_file import WIDE
+from stepblocks.lawsearch.explain import Finding, Rules, Verdict
 from stepblocks.loop.result import build_document, build_learned_model
 from stepblocks.loop.run import analyse_features
-from stepblocks.loop.search.explain import Finding, Rules, Verdict
+from stepblocks.records.model import WIDE
 
 
 @pytest.fixture(scope="module")

@@ -17,14 +17,14 @@ from threadpoolctl import threadpool_info, threadpool_limits
 from oracles.feature_bench import bench_trials, design_columns
 from oracles.features_file import features_of
 from oracles.virtual_session import Plan, write_session
-from stepblocks.artefacts.model_file import build_model_document
 from stepblocks.bench.measure import measure_session
 from stepblocks.contact.operating_point import PAPER, OperatingPoint, Tool
 from stepblocks.errors import PipelineError
+from stepblocks.lawsearch.explain import Rules, Verdict
 from stepblocks.loop import run
 from stepblocks.loop.run import analyse_features, loop_session
-from stepblocks.loop.search.explain import Rules, Verdict
 from stepblocks.predict.table import predict_trials
+from stepblocks.records.model import build_model_document
 
 _RULES = Rules(draws=60, fits=2)
 
@@ -94,7 +94,7 @@ def test_workers_give_the_same_answer_and_ask_a_script_for_no_guard(quiet, tmp_p
     script.write_text(
         "import json, pandas as pd\n"
         "from stepblocks.loop.run import analyse_features\n"
-        "from stepblocks.loop.search.explain import Rules\n"
+        "from stepblocks.lawsearch.explain import Rules\n"
         "features = pd.read_csv('features.csv', dtype={'trial': str, 'block': str})\n"
         "result = analyse_features(features, 9810.0, 125e-6, jobs=2, rules=Rules(draws=60, "
         "fits=2))\n"

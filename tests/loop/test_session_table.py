@@ -11,13 +11,13 @@ import pandas as pd
 import pytest
 
 from oracles.learned import make_learned_model
-from stepblocks.artefacts.model_file import build_model_document
 from stepblocks.cli import main
 from stepblocks.contact.operating_point import PAPER
-from stepblocks.contact.state import CHANNELS
 from stepblocks.errors import PipelineError
 from stepblocks.loop.session_table import build_session_table, read_trial_table, scan_blocks
 from stepblocks.predict.table import predict_trials
+from stepblocks.records.model import build_model_document
+from stepblocks.rig.state import CHANNELS
 
 
 @pytest.fixture

@@ -13,12 +13,10 @@ import pytest
 
 from oracles.feature_bench import bench_trials, block_scans, design_columns
 from oracles.features_file import features_of
-from stepblocks.artefacts.model_file import build_model_document, read_model
-from stepblocks.contact.effects.named import list_named_laws
 from stepblocks.errors import PipelineError
+from stepblocks.lawsearch.explain import Rules
+from stepblocks.lawsearch.fit import build_problem, fit
 from stepblocks.loop.run import write_loop
-from stepblocks.loop.search.explain import Rules
-from stepblocks.loop.search.fit import build_problem, fit
 from stepblocks.loop.session_table import build_session_table
 from stepblocks.loop.several import (
     explain_together,
@@ -27,6 +25,8 @@ from stepblocks.loop.several import (
     loop_sessions,
     pool_parameter,
 )
+from stepblocks.records.model import build_model_document, read_model
+from stepblocks.rig.effects.named import list_named_laws
 
 ROUNDED = next(law for law in list_named_laws([]) if law.id == "edge_rounding")
 PLANTED = ((ROUNDED, {"edge_radius_m": 8e-6}),)

@@ -13,13 +13,13 @@ import pytest
 
 from oracles.feature_bench import bench_trials, design_columns
 from oracles.features_file import features_of
-from stepblocks.contact.effects.named import list_named_laws
 from stepblocks.contact.operating_point import Tool
-from stepblocks.law import Law, Parameter
+from stepblocks.lawsearch.explain import Rules, Verdict, explain
+from stepblocks.lawsearch.law import Law, Parameter
 from stepblocks.loop.bench_model import SessionModel
 from stepblocks.loop.result import _list_apart, _list_censored
-from stepblocks.loop.search.explain import Rules, Verdict, explain
 from stepblocks.loop.session_table import build_session_table
+from stepblocks.rig.effects.named import list_named_laws
 
 _MODEL = SessionModel(Tool(frequency=300.0, decay_time=0.02))
 _RULES = Rules(draws=200)

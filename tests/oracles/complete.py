@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stepblocks.artefacts.check import check_part_step
-from stepblocks.artefacts.on_paper import format_limits, format_zone
 from stepblocks.artefacts.step.exchange import read_exchange
 from stepblocks.errors import MachiningError
 from stepblocks.parts.characteristics import FORM, Characteristic
 from stepblocks.parts.kind import Part
+from stepblocks.parts.on_paper import format_limits, format_zone
 
 if TYPE_CHECKING:
     from ezdxf.entities import DXFEntity

@@ -1,7 +1,7 @@
 """Designs that tests write in one line."""
 
-from stepblocks.study.design import design_trials
-from stepblocks.study.experiments import EXPERIMENTS
+from stepblocks.study.design.experiments import EXPERIMENTS
+from stepblocks.study.design.trials import design_trials
 
 
 def crossed(experiment, participants, items, repetitions, seed, probes=()):

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.contact.forward import format_height_name
 from stepblocks.contact.operating_point import Tool
-from stepblocks.contact.state import CHANNELS, compute_channels
-from stepblocks.law import Active
+from stepblocks.lawsearch.forward_model import Trials
+from stepblocks.lawsearch.law import Active
 from stepblocks.loop.bench_model import SessionModel
-from stepblocks.loop.search.forward_model import Trials
+from stepblocks.rig.forward import format_height_name
+from stepblocks.rig.state import CHANNELS, compute_channels
 
 __all__ = [
     "BenchScatter",

@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from stepblocks.loop.search.forward_model import Trials
+from stepblocks.lawsearch.forward_model import Trials
 
 __all__ = ["features_of"]
 

@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 
-from stepblocks.artefacts.model_file import LearnedFit, LearnedModel
-from stepblocks.contact.effects.named import list_named_laws
-from stepblocks.contact.effects.smooth import CovariateRange
 from stepblocks.contact.operating_point import Tool
+from stepblocks.records.model import LearnedFit, LearnedModel
+from stepblocks.rig.effects.named import list_named_laws
+from stepblocks.rig.effects.smooth import CovariateRange
 
 __all__ = ["CONSTANTS", "make_learned_model"]
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from stepblocks.study.hands import Hand
+from stepblocks.haptics.hands import Hand
 
 _PERIOD = 1e-3  # of a servo loop [s]
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stepblocks.law import Active, Law, Parameter
-from stepblocks.loop.search.forward_model import Floats, Systematic, Trials
+from stepblocks.lawsearch.forward_model import Floats, Systematic, Trials
+from stepblocks.lawsearch.law import Active, Law, Parameter
 
 
 @dataclass(frozen=True)

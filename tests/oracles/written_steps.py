@@ -3,9 +3,9 @@
 from pathlib import Path
 
 from stepblocks.artefacts.step.write import write_step_ap242
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
+from stepblocks.declaration.select import find_stimulus_files
 from stepblocks.parts.shapes import build_solids
-from stepblocks.select import find_stimulus_files
 
 ROOT = Path(__file__).parents[2]
 STIMULI = {

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from stepblocks.cad import kernel
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
 from stepblocks.parts.body import (
     Body,
     Mounting,

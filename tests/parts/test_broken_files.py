@@ -186,7 +186,7 @@ def test_a_broken_file_is_one_line_and_nothing_is_written(case, tmp_path, capsys
 
 
 def test_a_good_file_names_no_fault(tmp_path):
-    from stepblocks.declare import load_set
+    from stepblocks.declaration.read import load_set
 
     path = tmp_path / "broken.toml"
     for text in (GOOD, MARGIN, TIPS):

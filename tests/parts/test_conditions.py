@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from stepblocks.contact.operating_point import PAPER
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
+from stepblocks.declaration.set import StimulusSet
 from stepblocks.errors import StimulusError
 from stepblocks.parts.conditions import PredictionGrid, ToolSpec
-from stepblocks.parts.set import StimulusSet
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 SHEATHS, TEN = load_set(STIMULI / "sheaths.toml"), load_set(STIMULI / "paper-ten.toml")

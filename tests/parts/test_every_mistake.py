@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from stepblocks.cli import main
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
 from stepblocks.errors import StepblocksError
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -13,14 +13,14 @@ from oracles.scanned_tooth import scanned_set
 from stepblocks.artefacts.meshes.measures import MeshMeasures
 from stepblocks.cad import kernel
 from stepblocks.contact.counterface import Counterface
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
+from stepblocks.declaration.select import find_stimulus_files
+from stepblocks.declaration.set import SHIPPED
 from stepblocks.errors import ContactError
 from stepblocks.parts.body import Block
 from stepblocks.parts.characteristics import EdgeRule, find_face
 from stepblocks.parts.kind import NANOMETRE, choose_exaggeration
-from stepblocks.parts.set import SHIPPED
 from stepblocks.parts.shapes import build_convex_pieces, build_solids, mesh_solid
-from stepblocks.select import find_stimulus_files
 
 ROOT = Path(__file__).resolve().parents[2]
 SCANS = scanned_set(Path(tempfile.mkdtemp()), stations=2, more='vertical_discrepancy = "100 um"')

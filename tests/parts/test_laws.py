@@ -5,11 +5,11 @@ import math
 import pytest
 from hypothesis import given, settings, strategies as st
 
+from stepblocks.declaration.series import expand_series
+from stepblocks.declaration.set import StimulusSet
 from stepblocks.parts.kinds.margin import MarginBlock
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.kinds.tips import StraightTip
-from stepblocks.parts.series import expand_series
-from stepblocks.parts.set import StimulusSet
 from stepblocks.parts.tolerance import Dimension, find_general_deviation
 from stepblocks.quantities import format_exactly, parse_quantity
 

@@ -14,13 +14,13 @@ from stepblocks.artefacts.check import check_part_step
 from stepblocks.build.run import build_sets, check_output
 from stepblocks.cad import kernel
 from stepblocks.contact.counterface import Profile
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
+from stepblocks.declaration.set import list_kinds, register_kind
 from stepblocks.errors import StimulusError
 from stepblocks.parts.characteristics import FaceRule, describe_plane, make_characteristic
 from stepblocks.parts.declared import MaterialField
 from stepblocks.parts.kind import CONTACT_DEFLECTION, FITTING_DEFLECTION, Finding
 from stepblocks.parts.revolution import Turned, make_frusta
-from stepblocks.parts.set import list_kinds, register_kind
 from stepblocks.parts.tolerance import PositiveLength
 from stepblocks.predict.predictions import predict_by_formula
 from stepblocks.simulators.export import export_scenes

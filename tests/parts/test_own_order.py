@@ -8,11 +8,11 @@ from pydantic import ValidationError
 from stepblocks.artefacts.check import check_part_step
 from stepblocks.artefacts.step.write import write_step_ap242
 from stepblocks.cad import kernel
+from stepblocks.declaration.set import StimulusSet
 from stepblocks.errors import StimulusError, UsageError
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.declared import find_material
 from stepblocks.parts.kinds.step_block import StepBlock
-from stepblocks.parts.set import StimulusSet
 from stepblocks.parts.shapes import build_solids
 from stepblocks.workshop.setup import compute_stock, write_setup
 

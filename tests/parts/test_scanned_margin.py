@@ -13,7 +13,7 @@ from stepblocks.build.run import build_sets, check_output
 from stepblocks.cli import main
 from stepblocks.contact.counterface import Margin
 from stepblocks.contact.critical_angle import find_margin_angles
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
 from stepblocks.parts.shapes import build_solids, mesh_solid
 from stepblocks.predict.predictions import predict_by_formula
 from stepblocks.simulators.export import export_scenes

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
 from stepblocks.errors import StimulusError
 from stepblocks.parts.kinds.sheath import MASS_MATCH
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from stepblocks.cad import kernel
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
+from stepblocks.declaration.select import find_stimulus_files
 from stepblocks.parts.shapes import build_solids
-from stepblocks.select import find_stimulus_files
 
 ROOT = Path(__file__).resolve().parents[2]
 SHIPPED = [

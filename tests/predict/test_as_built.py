@@ -9,10 +9,8 @@ import pandas as pd
 import pytest
 
 import stepblocks
-from stepblocks.artefacts.as_built import AsBuilt, AsBuiltValue, write_as_built
-from stepblocks.artefacts.scans.scan import ScannedProfile
 from stepblocks.contact.energy import Status
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
 from stepblocks.predict.as_built import (
     _format_energy_change,
     describe_energy_changes,
@@ -22,6 +20,8 @@ from stepblocks.predict.as_built import (
     tabulate_surface,
 )
 from stepblocks.predict.predictions import format_row, predict_by_formula
+from stepblocks.records.as_built import AsBuilt, AsBuiltValue, write_as_built
+from stepblocks.scans.scan import ScannedProfile
 
 STIMULI = Path(__file__).parents[2] / "stimuli"
 X = np.arange(-400, 401) * 1e-6

@@ -8,7 +8,7 @@ import pytest
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.contact.uncertainty import estimate_interval
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
 from stepblocks.errors import ContactError
 from stepblocks.predict.figures import (
     compute_margin_map,

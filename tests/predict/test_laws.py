@@ -11,7 +11,7 @@ from stepblocks.contact import laws
 from stepblocks.contact.critical_angle import find_step_angle
 from stepblocks.contact.energy import find_release
 from stepblocks.contact.laws import FrictionLaw, LinearContact, Stribeck, build_laws
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
 from stepblocks.drag.kernels import _compute_grip
 from stepblocks.errors import QuantityError, StepblocksError
 from stepblocks.predict.predictions import predict_by_formula

@@ -8,7 +8,7 @@ import pytest
 
 from oracles.learned import make_learned_model
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
 from stepblocks.predict.predictions import predict_by_formula
 from stepblocks.predict.table import (
     apply_model,

@@ -11,7 +11,7 @@ from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.contact.path.profile import build_profile_path, find_steepest_catch
 from stepblocks.contact.uncertainty import convert_half_widths, estimate_interval
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
 from stepblocks.parts.kinds.margin import MarginBlock
 from stepblocks.predict.predictions import predict_by_formula
 

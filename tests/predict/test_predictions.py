@@ -11,7 +11,7 @@ import pytest
 import stepblocks
 from stepblocks.contact.counterface import Margin, Step
 from stepblocks.contact.energy import Status
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
 from stepblocks.errors import StepblocksError
 from stepblocks.predict.predictions import (
     choose_terminal_columns,

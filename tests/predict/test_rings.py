@@ -9,7 +9,7 @@ import pytest
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import PAPER
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
 from stepblocks.drag.probe import DragSettings, build_probe
 from stepblocks.drag.ring import measure_ring
 from stepblocks.drag.simulate import simulate_drag

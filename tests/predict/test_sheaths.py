@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
 from stepblocks.errors import ContactError
 from stepblocks.parts.tolerance import Dimension
 from stepblocks.predict.predictions import _compute_stiffness_tolerance, predict_by_formula

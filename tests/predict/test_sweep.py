@@ -15,7 +15,7 @@ from stepblocks.cli import main
 from stepblocks.contact.critical_angle import find_step_angle
 from stepblocks.contact.energy import find_release
 from stepblocks.contact.operating_point import OperatingPoint
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
 from stepblocks.errors import PipelineError
 from stepblocks.predict.figures import compute_margin_map
 from stepblocks.predict.predictions import predict_by_formula
@@ -141,7 +141,7 @@ def test_a_process_killed_in_mid_run_loses_nothing_and_changes_no_byte(tmp_path)
     run_sweep(plan, tmp_path / "alone")
 
     def kill_workers(_):
-        from stepblocks.workers import kill_workers
+        from stepblocks.compute.processes import kill_workers
 
         kill_workers()
 

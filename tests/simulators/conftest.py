@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stepblocks.contact.state import CHANNELS
+from stepblocks.rig.state import CHANNELS
 from stepblocks.simulators.export import export_scenes
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -9,11 +9,11 @@ import pytest
 
 from oracles.scenes import assemble_scene
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
 from stepblocks.errors import HapticsError
+from stepblocks.haptics.devices import find_device, load_devices
 from stepblocks.parts.shapes import compute_enclosed_volume
 from stepblocks.simulators.assemble import build_plain_step, resolve_contact
-from stepblocks.simulators.devices import find_device, load_devices
 from stepblocks.simulators.scene import SceneFormat, find_full_scale_force, write_json, write_scene
 
 ROOT = Path(__file__).resolve().parents[2]

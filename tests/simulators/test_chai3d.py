@@ -14,10 +14,10 @@ import pytest
 
 from oracles.scenes import assemble_scene
 from stepblocks.bench.measure import measure_session
-from stepblocks.bench.rehearse import Rig, Truth, record_trial
 from stepblocks.contact.operating_point import OperatingPoint
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
 from stepblocks.loop.run import loop_session
+from stepblocks.rehearse import Rig, Truth, record_trial
 from stepblocks.simulators.compare import compare_record
 from stepblocks.simulators.export import export_scenes
 from stepblocks.simulators.scene import write_scene

@@ -10,11 +10,11 @@ from hypothesis import given, settings, strategies as st
 
 from stepblocks.cli import main
 from stepblocks.contact.event import list_vibration_events
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
+from stepblocks.declaration.set import choose_operating_point
 from stepblocks.errors import HapticsError, StepblocksError
-from stepblocks.parts.set import choose_operating_point
+from stepblocks.haptics.renderer import Renderer
 from stepblocks.simulators.compare import JND, compare_record
-from stepblocks.simulators.renderer import Renderer
 
 SET = Path(__file__).resolve().parents[2] / "stimuli" / "paper-ten.toml"
 STEP = SET / "step-050"

@@ -13,9 +13,9 @@ import pytest
 from oracles.scenes import assemble_scene
 from stepblocks.contact import kernels
 from stepblocks.contact.operating_point import OperatingPoint, Tool
-from stepblocks.declare import load_set
-from stepblocks.simulators.feel import write_feel_page
-from stepblocks.simulators.renderer import Renderer
+from stepblocks.declaration.read import load_set
+from stepblocks.haptics.feel_page import write_feel_page
+from stepblocks.haptics.renderer import Renderer
 from stepblocks.simulators.scene import write_scene
 from stepblocks.simulators.scenes import SCENE_FORMATS
 
@@ -179,7 +179,7 @@ def in_node(tmp_path_factory):
     stimuli = page.split('<script id="stimuli" type="application/json">')[1].split("</script>")[0]
     script = page.split("<script>")[1].split("// The page:")[0]
     script += f"const STIMULI = {stimuli}, RATE = 10000;\n"
-    script += Path(__file__).with_name("drag_across.js").read_text()
+    script += Path(__file__).parents[1].joinpath("oracles", "drag_across.js").read_text()
 
     def run(expression):
         (folder / "page.js").write_text(f"{script}\nconsole.log(JSON.stringify({expression}));\n")

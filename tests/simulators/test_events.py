@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stepblocks.artefacts.model_file import read_model
 from stepblocks.contact.energy import Status
 from stepblocks.contact.event import compute_ring_energy, list_vibration_events
 from stepblocks.contact.operating_point import PAPER
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
 from stepblocks.errors import HapticsError
+from stepblocks.records.model import read_model
 from stepblocks.simulators.assemble import apply_learned_model, simulate_ring_of
 
 ROOT = Path(__file__).resolve().parents[2]

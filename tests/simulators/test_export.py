@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from stepblocks.cli import main, make_command
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
 from stepblocks.errors import PipelineError
 from stepblocks.simulators.export import export_scenes
 from stepblocks.simulators.scenes import SCENE_FORMATS

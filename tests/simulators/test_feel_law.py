@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from stepblocks.contact.counterface import Margin, Profile, Step
-from stepblocks.simulators.feel import _describe_outline
+from stepblocks.haptics.feel_page import _describe_outline
 
 NATIVE = files("stepblocks.simulators").joinpath("native")
-LAW = files("stepblocks.simulators").joinpath("templates", "feel_law.js")
+LAW = files("stepblocks.haptics").joinpath("templates", "feel_law.js")
 FACES = {
     "sharp": Step(50e-6),
     "rounded": Step(60e-6, 20e-6),

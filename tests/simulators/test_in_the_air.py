@@ -13,7 +13,7 @@ import pytest
 
 from oracles.scenes import assemble_scene
 from stepblocks.contact.operating_point import OperatingPoint
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
 from stepblocks.simulators.scene import write_scene
 from stepblocks.simulators.scenes import SCENE_FORMATS
 

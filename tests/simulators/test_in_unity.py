@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stepblocks.declare import load_set
-from stepblocks.parts.set import choose_operating_point
+from stepblocks.declaration.read import load_set
+from stepblocks.declaration.set import choose_operating_point
+from stepblocks.haptics.renderer import Renderer
 from stepblocks.simulators.export import export_scenes
-from stepblocks.simulators.renderer import Renderer
 
 SET = Path(__file__).resolve().parents[2] / "stimuli" / "paper-ten.toml"
 STUBS = Path(__file__).with_name("stubs")

@@ -13,10 +13,10 @@ from hypothesis import given, settings, strategies as st
 
 from stepblocks.contact.energy import Status
 from stepblocks.contact.event import list_vibration_events
-from stepblocks.declare import load_set
-from stepblocks.parts.set import choose_operating_point
+from stepblocks.declaration.read import load_set
+from stepblocks.declaration.set import choose_operating_point
+from stepblocks.haptics.renderer import Renderer
 from stepblocks.simulators.export import export_scenes
-from stepblocks.simulators.renderer import Renderer
 
 ROOT = Path(__file__).resolve().parents[2]
 STUBS = Path(__file__).with_name("stubs")

@@ -9,10 +9,10 @@ import pytest
 import scipy.sparse
 
 from stepblocks.cli import main
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
 from stepblocks.errors import HapticsError, PipelineError
+from stepblocks.haptics.feel_page import write_feel_page
 from stepblocks.simulators.export import export_scenes
-from stepblocks.simulators.feel import write_feel_page
 
 SET = str(Path(__file__).resolve().parents[2] / "stimuli" / "paper-ten.toml")
 BLOCKS = "step-0[15]0"  # 10 and 50 um

@@ -7,9 +7,9 @@ import pytest
 
 from stepblocks.contact.event import list_vibration_events
 from stepblocks.contact.operating_point import OperatingPoint
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
 from stepblocks.errors import HapticsError
-from stepblocks.simulators.devices import Faithfulness, find_device, load_devices, plan_rendering
+from stepblocks.haptics.devices import Faithfulness, find_device, load_devices, plan_rendering
 
 ROOT = Path(__file__).resolve().parents[2]
 TEN = load_set(ROOT / "stimuli" / "paper-ten.toml").stimuli

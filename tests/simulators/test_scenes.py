@@ -16,8 +16,8 @@ import pytest
 from oracles.browser import browser_without_network
 from oracles.scenes import assemble_scene
 from stepblocks.contact.operating_point import OperatingPoint
-from stepblocks.declare import load_set
-from stepblocks.simulators.devices import find_device, load_devices
+from stepblocks.declaration.read import load_set
+from stepblocks.haptics.devices import find_device, load_devices
 from stepblocks.simulators.scene import write_scene
 from stepblocks.simulators.scenes import SCENE_FORMATS
 

@@ -12,9 +12,9 @@ import pytest
 
 from oracles.scanned_tooth import FLARE, MARGIN, RADIUS, scan, scanned_set
 from stepblocks.cli import main
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
+from stepblocks.declaration.set import choose_operating_point
 from stepblocks.parts.margin_line import find_stations_confined, read_tooth_confined
-from stepblocks.parts.set import choose_operating_point
 from stepblocks.simulators.assemble import build_scene, lay_out_teeth, resolve_contact
 from stepblocks.simulators.scene import write_tooth
 from stepblocks.simulators.scenes import SCENE_FORMATS

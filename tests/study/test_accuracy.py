@@ -18,7 +18,12 @@ from stepblocks.study.analysis.accuracy import (
     compute_measure,
 )
 from stepblocks.study.analysis.anova import Interval
-from stepblocks.study.simulate import Observer, SimulatedStudy, compute_p_value, estimate_power
+from stepblocks.study.design.simulate import (
+    Observer,
+    SimulatedStudy,
+    compute_p_value,
+    estimate_power,
+)
 
 DATA = Path(__file__).parent / "data"
 # by accuracy.R beside it; "origin" says with which versions

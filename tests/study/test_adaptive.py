@@ -11,17 +11,17 @@ from scipy.stats import entropy
 
 import stepblocks
 from stepblocks.errors import StudyError
-from stepblocks.study.adaptive import (
+from stepblocks.study.analysis.population import Grid, Population
+from stepblocks.study.analysis.psychometric import Z75, compute_weber
+from stepblocks.study.conduct.run import open_run
+from stepblocks.study.design.adaptive import (
     PRIOR,
     complete_prior,
     compute_expected_entropy,
     order_trials,
     tabulate_prior,
 )
-from stepblocks.study.analysis.population import Grid, Population
-from stepblocks.study.analysis.psychometric import Z75, compute_weber
-from stepblocks.study.conduct import open_run
-from stepblocks.study.sheet import read_answers, read_design
+from stepblocks.study.design.sheet import read_answers, read_design
 
 LEVELS = np.log(np.array([10, 20, 30, 35, 40, 45, 55, 60, 65, 70, 85, 100, 140]) / 50)
 HEIGHTS = [h * 1e-6 for h in (30, 40, 45, 50, 55, 60, 70)]

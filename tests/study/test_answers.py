@@ -9,9 +9,9 @@ import pytest
 
 from oracles.designs import compared, crossed
 from stepblocks.errors import StudyError
+from stepblocks.files.tables import format_csv
 from stepblocks.study.analysis.results import COLUMNS
-from stepblocks.study.design import Item
-from stepblocks.study.sheet import (
+from stepblocks.study.design.sheet import (
     blind_row,
     format_key,
     join_answers,
@@ -19,8 +19,8 @@ from stepblocks.study.sheet import (
     read_design,
     simulate_answers,
 )
-from stepblocks.study.simulate import Observer
-from stepblocks.tables import format_csv
+from stepblocks.study.design.simulate import Observer
+from stepblocks.study.design.trials import Item
 
 BLOCKS = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in (25, 50, 75)]
 ENERGIES = {"step-025": 10e-6, "step-050": 35e-6, "step-075": 141e-6}

@@ -16,9 +16,9 @@ from oracles.browser import browser
 from oracles.participant_in_browser import LOOKS, whole_run
 from oracles.recorded_hand import Replay
 from stepblocks.errors import PipelineError, StudyError
-from stepblocks.study.conduct import open_run
+from stepblocks.study.conduct.run import open_run
+from stepblocks.study.conduct.server import RunServer
 from stepblocks.study.run import analyse_study, design_study
-from stepblocks.study.server import RunServer
 
 HEIGHTS = (20e-6, 50e-6)
 
@@ -71,7 +71,7 @@ def test_a_clock_that_is_set_anew_changes_no_time_of_an_answer(real, monkeypatch
     run = open_run(real, "1")
     for jump in (-3.0e8, 3.0e8, -3600.0):
         moment = time.time() + jump
-        monkeypatch.setattr("stepblocks.study.conduct.time.time", lambda moment=moment: moment)
+        monkeypatch.setattr("stepblocks.study.conduct.run.time.time", lambda moment=moment: moment)
         run.answer(run.now["trial"], {"estimate_um": "40"})
     run.close()
     with (real / "runs" / "participant-1.csv").open() as stream:

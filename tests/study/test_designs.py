@@ -10,7 +10,7 @@ from scipy import stats
 
 from oracles.designs import compared, crossed
 from stepblocks.errors import StudyError
-from stepblocks.study.design import (
+from stepblocks.study.design.trials import (
     MAX_CODES,
     MAX_CONDITIONS,
     Item,

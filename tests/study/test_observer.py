@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from stepblocks.errors import StudyError
-from stepblocks.study.simulate import (
+from stepblocks.study.design.simulate import (
     Observer,
     read_off_height,
     simulate_comparison,

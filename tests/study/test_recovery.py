@@ -12,15 +12,15 @@ from oracles.noncentral_f import closed_form_power
 from stepblocks.errors import StudyError
 from stepblocks.study.analysis.ordinal import fit_ordinal_model
 from stepblocks.study.analysis.psychometric import MAX_LAPSE, compute_weber, fit_psychometric
-from stepblocks.study.design import Item
-from stepblocks.study.sheet import join_answers, simulate_answers
-from stepblocks.study.simulate import (
+from stepblocks.study.design.sheet import join_answers, simulate_answers
+from stepblocks.study.design.simulate import (
     Observer,
     SimulatedStudy,
     compute_p_value,
     estimate_power,
     read_off_height,
 )
+from stepblocks.study.design.trials import Item
 
 HEIGHTS = np.arange(30, 75, 5)
 BLOCKS = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in HEIGHTS]

@@ -16,14 +16,14 @@ from scipy import stats
 from oracles.designs import compared, crossed
 from stepblocks.study.analysis.figures import _draw_participants, draw_study_figures
 from stepblocks.study.analysis.ordinal import fit_ordinal_model
+from stepblocks.study.analysis.page import render_study
 from stepblocks.study.analysis.repeated import compute_bayes_factor
 from stepblocks.study.analysis.results import COLUMNS, StudyResult
-from stepblocks.study.design import Item, design_trials
-from stepblocks.study.experiments import EXPERIMENTS
-from stepblocks.study.page import render_study
+from stepblocks.study.design.experiments import EXPERIMENTS
+from stepblocks.study.design.sheet import join_answers, simulate_answers
+from stepblocks.study.design.simulate import Observer
+from stepblocks.study.design.trials import Item, design_trials
 from stepblocks.study.run import analyse_study, design_study, simulate_study
-from stepblocks.study.sheet import join_answers, simulate_answers
-from stepblocks.study.simulate import Observer
 
 BLOCKS = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in (25, 50, 75)]
 ENERGIES = {item.identity: item.height for item in BLOCKS}

@@ -9,10 +9,11 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
 from stepblocks.errors import ContactError, PipelineError, StudyError
 from stepblocks.predict.predictions import predict_one
-from stepblocks.study.design import choose_blocks
+from stepblocks.study.design.simulate import Observer
+from stepblocks.study.design.trials import choose_blocks
 from stepblocks.study.run import (
     analyse_study,
     design_study,
@@ -20,7 +21,6 @@ from stepblocks.study.run import (
     study_power,
     write_sheets,
 )
-from stepblocks.study.simulate import Observer
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 FOUR = str(STIMULI / "paper-four.toml")

@@ -1,7 +1,7 @@
 """The server of `study run` keeps its policy: each rule is broken by a request, or from the page.
 
-The rules stand in `stepblocks.study.server`: host, origin, token, length, size, rate, and what the
-page may load, run and be framed by.
+The rules stand in `stepblocks.study.conduct.server`: host, origin, token, length, size, rate, and
+what the page may load, run and be framed by.
 """
 
 import json
@@ -15,10 +15,10 @@ import pytest
 
 from oracles.browser import browser
 from oracles.page_policy import ATTEMPTS, TRY, counting_server
-from stepblocks.study.conduct import open_run
-from stepblocks.study.hands import Mouse
+from stepblocks.haptics.hands import Mouse
+from stepblocks.study.conduct.run import open_run
+from stepblocks.study.conduct.server import RunServer, _Handler
 from stepblocks.study.run import design_study
-from stepblocks.study.server import RunServer, _Handler
 
 
 @pytest.fixture(scope="module")
@@ -234,7 +234,7 @@ def test_what_the_library_refuses_is_answered_as_all_else(server, first, lines, 
 def test_the_401st_request_of_a_second_is_refused_and_the_next_second_is_free(server, monkeypatch):
     now = [10.0]
     clock = types.SimpleNamespace(monotonic=lambda: now[0])
-    monkeypatch.setattr("stepblocks.study.server.time", clock)
+    monkeypatch.setattr("stepblocks.study.conduct.server.time", clock)
     request = f"GET /state HTTP/1.1\r\n{host(server)}\r\n\r\n"
     many = request.encode() * 401
     answer = send(server, request.strip(), body=many)

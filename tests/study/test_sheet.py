@@ -7,9 +7,14 @@ import pytest
 
 from oracles.designs import compared, crossed
 from stepblocks.errors import PipelineError
-from stepblocks.study.design import DESIGN_COLUMNS, Item
-from stepblocks.study.experiments import EXPERIMENTS
-from stepblocks.study.sheet import blind_row, format_key, list_answer_columns, write_new_files
+from stepblocks.study.design.experiments import EXPERIMENTS
+from stepblocks.study.design.sheet import (
+    blind_row,
+    format_key,
+    list_answer_columns,
+    write_new_files,
+)
+from stepblocks.study.design.trials import DESIGN_COLUMNS, Item
 
 BLOCKS = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in (10, 25, 50)]
 BY_CODE = {"VTK": BLOCKS[2], "ABE": BLOCKS[0]}

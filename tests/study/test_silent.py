@@ -8,10 +8,10 @@ import pytest
 from scipy import stats
 
 from stepblocks.errors import StepblocksError, StudyError
+from stepblocks.study.analysis.page import render_study
 from stepblocks.study.analysis.people import find_swapped_conditions
-from stepblocks.study.page import render_study
+from stepblocks.study.design.sheet import blind_row
 from stepblocks.study.run import analyse_study, design_study, simulate_study
-from stepblocks.study.sheet import blind_row
 
 HEIGHTS = tuple(h * 1e-6 for h in (25, 35, 50, 70, 95))
 

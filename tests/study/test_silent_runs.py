@@ -10,12 +10,12 @@ import pandas as pd
 import pytest
 
 from stepblocks.errors import StudyError
-from stepblocks.simulators.renderer import Renderer
-from stepblocks.study.conduct import open_run
+from stepblocks.haptics.renderer import Renderer
+from stepblocks.study.conduct.run import open_run
+from stepblocks.study.conduct.server import RunServer
+from stepblocks.study.design.sheet import blind_row
+from stepblocks.study.design.simulate import Observer
 from stepblocks.study.run import analyse_study, design_study, simulate_study, write_sheets
-from stepblocks.study.server import RunServer
-from stepblocks.study.sheet import blind_row
-from stepblocks.study.simulate import Observer
 
 HEIGHTS = tuple(h * 1e-6 for h in (25, 35, 50, 70, 95))
 
@@ -88,7 +88,7 @@ def test_levels_between_participants_are_those_of_the_run(tmp_path, monkeypatch)
         rendered.append(event)
         return Renderer(*given, event=event, **more)
 
-    monkeypatch.setattr("stepblocks.study.conduct.Renderer", render)
+    monkeypatch.setattr("stepblocks.study.conduct.run.Renderer", render)
     factors = {"vibration": ("vibration-off", "vibration-on"), "training": ("some", "none")}
     options = {"factors": factors, "between": tuple(factors), "experiment": "virtual"}
     design_study(HEIGHTS, tmp_path, seed=1, participants=8, repetitions=1, **options)
@@ -221,7 +221,7 @@ def test_a_page_may_ask_400_times_in_a_second_and_again_in_the_next(tmp_path, mo
     design_study(HEIGHTS, tmp_path, seed=1, participants=1, repetitions=1, probes=("a", "b"))
     server, now = RunServer(open_run(tmp_path, "1")), [10.25]
     monkeypatch.setattr(
-        "stepblocks.study.server.time", types.SimpleNamespace(monotonic=lambda: now[0])
+        "stepblocks.study.conduct.server.time", types.SimpleNamespace(monotonic=lambda: now[0])
     )
     assert [server.is_too_busy() for _ in range(403)] == [False] * 400 + [True] * 3
     now[0] = 10.99

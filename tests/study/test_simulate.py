@@ -5,27 +5,27 @@ import pytest
 
 from oracles.designs import compared, crossed
 from stepblocks.errors import StudyError
+from stepblocks.files.tables import format_csv
 from stepblocks.study.analysis.accuracy import analyse_measure
 from stepblocks.study.analysis.ordinal import fit_ordinal_model
+from stepblocks.study.analysis.page import render_study
 from stepblocks.study.analysis.results import COLUMNS
-from stepblocks.study.design import Item, design_trials
-from stepblocks.study.experiments import EXPERIMENTS
-from stepblocks.study.page import render_study
-from stepblocks.study.sheet import (
+from stepblocks.study.design.experiments import EXPERIMENTS
+from stepblocks.study.design.sheet import (
     join_answers,
     list_answer_columns,
     read_answers,
     read_design,
     simulate_answers,
 )
-from stepblocks.study.simulate import (
+from stepblocks.study.design.simulate import (
     Observer,
     SimulatedStudy,
     compute_p_value,
     estimate_power,
     simulate_frame,
 )
-from stepblocks.tables import format_csv
+from stepblocks.study.design.trials import Item, design_trials
 
 BLOCKS = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in range(30, 75, 5)]
 ENERGIES = {item.identity: item.height for item in BLOCKS}  # in proportion to the height

@@ -11,12 +11,12 @@ import pytest
 from ezdxf import bbox
 
 from oracles.complete import find_missing
-from stepblocks.artefacts.on_paper import make_sheet_table
 from stepblocks.artefacts.step.write import write_step_ap242
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
+from stepblocks.declaration.select import find_stimulus_files
+from stepblocks.files.tables import write_table
+from stepblocks.parts.on_paper import make_sheet_table
 from stepblocks.parts.shapes import build_solids
-from stepblocks.select import find_stimulus_files
-from stepblocks.tables import write_table
 from stepblocks.workshop.drawing import write_drawing
 
 STIMULI = {

@@ -10,15 +10,15 @@ from pathlib import Path
 import pytest
 
 from oracles.drawn_dimensions import drawn_dimensions
-from stepblocks.artefacts.on_paper import (
+from stepblocks.declaration.read import load_set
+from stepblocks.declaration.select import find_stimulus_files
+from stepblocks.files.tables import write_table
+from stepblocks.parts.on_paper import (
     COLUMNS,
     choose_decimals,
     format_limits,
     make_sheet_table,
 )
-from stepblocks.declare import load_set
-from stepblocks.select import find_stimulus_files
-from stepblocks.tables import write_table
 from stepblocks.workshop.drawing import write_drawing
 
 ROOT = Path(__file__).parents[2]

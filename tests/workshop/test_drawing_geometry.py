@@ -10,7 +10,7 @@ import pytest
 import shapely
 from ezdxf import bbox
 
-from stepblocks.declare import load_sets
+from stepblocks.declaration.read import load_sets
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.kinds.margin import MarginBlock
 from stepblocks.parts.kinds.step_block import StepBlock

@@ -9,7 +9,7 @@ import pytest
 from stepblocks.artefacts.step.check_step import check_step
 from stepblocks.cad import kernel
 from stepblocks.cli import main
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
 from stepblocks.errors import MachiningError
 from stepblocks.workshop.gauge_route import (
     GRADES,

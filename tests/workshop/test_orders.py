@@ -9,11 +9,11 @@ import pytest
 
 from oracles.drawn_dimensions import drawn_dimensions
 from stepblocks.cli import main
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
+from stepblocks.declaration.set import StimulusSet
 from stepblocks.errors import MachiningError, PipelineError, StepblocksError
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.tips import StraightTip
-from stepblocks.parts.set import StimulusSet
 from stepblocks.workshop import drawing
 from stepblocks.workshop.drawing import VIEWS, write_drawing
 from stepblocks.workshop.gauge_route import GRADES, choose_pair

@@ -9,7 +9,7 @@ import pytest
 
 from stepblocks.cli import main
 from stepblocks.contact.operating_point import PAPER
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
 from stepblocks.errors import MachiningError
 from stepblocks.parts.declared import Sourced
 from stepblocks.workshop.gauge_route import GRADES

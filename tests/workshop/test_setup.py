@@ -8,7 +8,7 @@ import pytest
 
 from stepblocks.artefacts.step.check_step import check_step
 from stepblocks.cad import kernel
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
 from stepblocks.parts.shapes import build_solids
 from stepblocks.workshop.setup import PROBE, STOCK, compute_stock, write_setup
 

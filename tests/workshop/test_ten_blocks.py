@@ -15,7 +15,7 @@ from oracles.complete import find_missing
 from oracles.softgauge import correlated_noise, edge_gauge
 from stepblocks.artefacts.step.write import write_step_ap242
 from stepblocks.cli import main
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
 from stepblocks.parts.shapes import build_solids
 
 ORDER = """

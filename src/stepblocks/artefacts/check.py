@@ -22,13 +22,13 @@ from stepblocks.artefacts.step.check_step import (
     check_step,
     choose_display_unit,
 )
-from stepblocks.confined import read_confined
 from stepblocks.errors import MetrologyError
+from stepblocks.files.confined import read_confined
+from stepblocks.files.text import Document, read_document
 from stepblocks.parts.body import Block
 from stepblocks.parts.characteristics import FORM, Characteristic as Wanted
 from stepblocks.parts.kind import NANOMETRE, Part
 from stepblocks.parts.verdict import Finding, Verdict
-from stepblocks.text_file import Document, read_document
 
 VOLUME_LIMIT = 1e-6  # volume against its closed form, relative
 _PIECES_LIMIT = 2e-3  # pieces of a body of revolution are polygons of 96 sides: 1 - sin(t)/t

@@ -11,9 +11,9 @@ from stepblocks.bench.signal.approach import LandmarkError
 from stepblocks.bench.signal.features import measure_trace
 from stepblocks.bench.traces import Traces
 from stepblocks.bench.trials import Trial, find_heights, open_trials
-from stepblocks.contact.forward import read_tip_radii
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.errors import BenchError, StepblocksError
+from stepblocks.rig.forward import read_tip_radii
 
 _FAR = 2.0  # factor by which spring, load or peak force may differ from what is declared
 _HIGHEST_FRICTION = 3.0

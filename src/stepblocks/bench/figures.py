@@ -14,8 +14,8 @@ from stepblocks.bench.traces import Traces
 from stepblocks.bench.traces.split import draw_cuts
 from stepblocks.bench.trials import Trial, open_trials
 from stepblocks.errors import PipelineError
-from stepblocks.figure_file import make_figure, save_figure
-from stepblocks.tables import escape_formula
+from stepblocks.files.figures import make_figure, save_figure
+from stepblocks.files.tables import escape_formula
 
 _FIRST = 12  # trials that are drawn where none are named
 _LINE, _FIT = "#1f4e79", "#c0392b"

@@ -15,7 +15,6 @@ from typing import Any
 
 import pandas as pd
 
-from stepblocks.atomic import write_atomically
 from stepblocks.bench.declared import check_declarations
 from stepblocks.bench.labels import LabelCheck, find_shared_faults
 from stepblocks.bench.session import open_session
@@ -31,9 +30,10 @@ from stepblocks.bench.signal.features import (
 )
 from stepblocks.bench.traces import Traces
 from stepblocks.bench.trials import Trial, TrialTable, open_trials
+from stepblocks.compute.processes import die_with_parent
 from stepblocks.errors import BenchError, PipelineError
-from stepblocks.tables import escape_formula
-from stepblocks.workers import die_with_parent
+from stepblocks.files.atomic import write_atomically
+from stepblocks.files.tables import escape_formula
 
 _CHUNK = 16  # trials that a worker takes at a time
 _AHEAD = 4  # chunks per worker that wait for it at most

@@ -15,9 +15,9 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 from stepblocks.bench.calibration import Calibration, Frequency, Probe, Strict
 from stepblocks.bench.signal import TraceError
 from stepblocks.errors import BenchError, QuantityError
+from stepblocks.files.text import is_file, read_document
 from stepblocks.mistakes import Mistake, collect_mistakes, format_mistakes, list_mistakes
 from stepblocks.quantities import make_quantity_parser, parse_quantity
-from stepblocks.text_file import is_file, read_document
 
 TraceFormat = Literal["csv", "hdf5", "tdms", "mat"]
 # with the suffixes of their files

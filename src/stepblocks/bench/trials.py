@@ -21,9 +21,9 @@ from stepblocks.bench.session import (
     resolve_inside,
 )
 from stepblocks.errors import BenchError
+from stepblocks.files.tables import escape_formula
+from stepblocks.files.text import is_file
 from stepblocks.mistakes import Mistake, collect_mistakes, format_mistakes
-from stepblocks.tables import escape_formula
-from stepblocks.text_file import is_file
 
 _HEIGHT = re.compile(r"(step_?)?height", re.IGNORECASE)
 _STAMP = (
@@ -370,7 +370,7 @@ def find_heights(
 def _read_declared_heights(session: Session) -> dict[str, float]:
     # Heights of the blocks of the stimulus set by their names [um]
     from stepblocks.contact.counterface import Step
-    from stepblocks.declare import load_set
+    from stepblocks.declaration.read import load_set
 
     stimuli = session.stimuli
     path = (

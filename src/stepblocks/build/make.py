@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TypeAlias
 
 from stepblocks.artefacts.meshes.write import MESH_FORMATS, write_pieces
-from stepblocks.atomic import make_draft_folder, sync_folder
 from stepblocks.build.manifest import (
     RECORD,
     find_unchanged,
@@ -18,9 +17,10 @@ from stepblocks.build.manifest import (
     load_json,
     write_sealed,
 )
+from stepblocks.compute.processes import run_in_processes
+from stepblocks.files.atomic import make_draft_folder, sync_folder
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.kind import Part
-from stepblocks.workers import run_in_processes
 
 # set, stimulus, hash of its inputs, and the order that its STEP file states
 OutdatedStimulus: TypeAlias = tuple[str, Part, str, OrderSpec]

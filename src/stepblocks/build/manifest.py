@@ -12,8 +12,8 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import stepblocks
-from stepblocks.atomic import replace_text, resolve_inside
-from stepblocks.text_file import Document, measure_file_size
+from stepblocks.files.atomic import replace_text, resolve_inside
+from stepblocks.files.text import Document, measure_file_size
 
 MANIFEST = "manifest.json"  # in the output folder
 RECORD = "record.json"  # in the folder of each stimulus

@@ -9,15 +9,15 @@ from pathlib import Path
 
 import numpy as np
 
-from stepblocks.atomic import replace_text
 from stepblocks.build.manifest import RECORD, find_linked_files, list_outputs
 from stepblocks.contact import Array, kernels
 from stepblocks.contact.energy import Status
-from stepblocks.page_file import render_page
-from stepblocks.parts.set import StimulusSet
+from stepblocks.declaration.set import StimulusSet
+from stepblocks.files.atomic import replace_text
+from stepblocks.files.pages import render_page
+from stepblocks.files.text import Document
 from stepblocks.predict.predictions import Prediction, tabulate_prediction
 from stepblocks.quantities import format_span
-from stepblocks.text_file import Document
 
 # colours of the view
 _MATERIALS = {"brass": "#d8b44e", "pmma": "#bfe3ee", "zirconia": "#f1ead8", "stainless": "#bcc6ce"}

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 from stepblocks import __version__
-from stepblocks.atomic import lock_folder, replace_text, resolve_inside
 from stepblocks.build.manifest import (
     MANIFEST,
     RECORD,
@@ -32,16 +31,17 @@ from stepblocks.build.manifest import (
     load_record,
     write_sealed,
 )
+from stepblocks.declaration.select import find_stimulus_files, select_stimuli
 from stepblocks.errors import PipelineError
-from stepblocks.select import find_stimulus_files, select_stimuli
-from stepblocks.text_file import is_file
+from stepblocks.files.atomic import lock_folder, replace_text, resolve_inside
+from stepblocks.files.text import is_file
 
 if TYPE_CHECKING:
-    from stepblocks.artefacts.model_file import LearnedModel
     from stepblocks.build.make import BuiltStimulus, OutdatedStimulus
+    from stepblocks.declaration.set import StimulusSet
     from stepblocks.parts.kind import Part
-    from stepblocks.parts.set import StimulusSet
     from stepblocks.parts.verdict import Verdict
+    from stepblocks.records.model import LearnedModel
 
     Source: TypeAlias = str | Path | StimulusSet
 
@@ -138,9 +138,9 @@ def build_sets(
     if only is None and known and are_intact(folder, list_outputs(manifest)):
         return BuildReport(str(folder), [], manifest["stimuli"], list(manifest["failures"]))
 
-    from stepblocks.artefacts.model_file import read_model
     from stepblocks.build.make import build_stimuli
-    from stepblocks.declare import load_set
+    from stepblocks.declaration.read import load_set
+    from stepblocks.records.model import read_model
 
     sets = [load_set(one) if isinstance(one, Path) else one for one in sources.values()]
     learned = read_model(Path(model)) if model else None
@@ -317,7 +317,7 @@ def check_output(
     """
     from stepblocks.artefacts.check import check_artefact
     from stepblocks.build.make import list_checkable_files
-    from stepblocks.declare import load_sets
+    from stepblocks.declaration.read import load_sets
 
     folder = Path(output)
     sets = [declared for declared, _ in load_sets(files)]

@@ -32,9 +32,9 @@ from stepblocks.cli import (
     study,
 )
 from stepblocks.cli.command import Group, describe_mistake
+from stepblocks.compute.processes import kill_workers
 from stepblocks.errors import StepblocksError
 from stepblocks.quantities import format_units
-from stepblocks.workers import kill_workers
 
 __all__ = ["main"]
 

@@ -106,10 +106,10 @@ def _plan_session(
     folder: Path, plan: Path, rehearsals: int, then: str, *, quiet: bool, force: bool
 ) -> Outcome:
     # Write the declaration and the trials of a planned session, once it is rehearsed
-    from stepblocks.bench.rehearse.plan import read_plan
-    from stepblocks.bench.rehearse.run import format_session
+    from stepblocks.files.tables import format_csv
     from stepblocks.loop.rehearsal import rehearse_session
-    from stepblocks.tables import format_csv
+    from stepblocks.rehearse.plan import read_plan
+    from stepblocks.rehearse.run import format_session
 
     planned = read_plan(plan)
     # what a bench shows and nobody sets is no part of a plan
@@ -142,7 +142,7 @@ def _refuse_present(places: Iterable[Path], *, force: bool) -> None:
 
 
 def _write_new(texts: Mapping[Path, str], *, force: bool) -> None:
-    from stepblocks.atomic import replace_text
+    from stepblocks.files.atomic import replace_text
 
     _refuse_present(texts, force=force)
     for place, text in texts.items():
@@ -173,7 +173,7 @@ def write_starter_file(kind: str, place: Path) -> tuple[str, str]:
 
     Below it stands, commented out, what its kinds leave to their defaults.
     """
-    from stepblocks.parts.set import list_kinds
+    from stepblocks.declaration.set import list_kinds
 
     sections = Path(__file__).with_name("beginnings.txt").read_text(encoding="utf-8").split("==== ")
     (section,) = (one for one in sections if one.startswith(f"{kind}: "))

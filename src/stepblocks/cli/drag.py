@@ -15,7 +15,7 @@ from stepblocks.cli.options import (
 )
 from stepblocks.cli.outcome import Outcome
 from stepblocks.errors import PipelineError
-from stepblocks.text_file import Document
+from stepblocks.files.text import Document
 
 app = typer.Typer()
 

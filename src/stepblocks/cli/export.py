@@ -144,7 +144,7 @@ def export(
 
 
 def _list_devices(own: Path | None) -> Outcome:
-    from stepblocks.simulators.devices import load_devices
+    from stepblocks.haptics.devices import load_devices
 
     rows = [
         {
@@ -158,9 +158,7 @@ def _list_devices(own: Path | None) -> Outcome:
         }
         for one in load_devices(own)
     ]
-    return Outcome(
-        f"{len(rows)} devices; sources stand in simulators/devices.toml", {"devices": rows}
-    )
+    return Outcome(f"{len(rows)} devices; sources stand in haptics/devices.toml", {"devices": rows})
 
 
 @command(app, "feel", "feel", "feel mine.toml --no-open", panel="Simulators")
@@ -177,7 +175,7 @@ def feel(
     Writes one page that needs no network, and opens it: force, spectrum, locking, and the ring as
     sound.
     """
-    from stepblocks.simulators.feel import write_feel_page
+    from stepblocks.haptics.feel_page import write_feel_page
 
     page = output.with_suffix(output.suffix or ".html") if output.name else output
     count = write_feel_page(files or [], page)

@@ -242,13 +242,13 @@ def inspect(
     Evaluates a profile or height map and judges it by ISO 14253-1. Exit codes: 0 conforms, 1 does
     not conform, 2 cannot be read or evaluated, 3 not proven or not all measured.
     """
-    from stepblocks.artefacts.laboratory import read_laboratory
     from stepblocks.inspect.budget import Instrument
     from stepblocks.inspect.levelling import LEVELS
     from stepblocks.inspect.many import inspect_many, is_table, write_many
     from stepblocks.inspect.measure import EvaluationOptions
     from stepblocks.inspect.report import write_inspection
     from stepblocks.inspect.run import inspect_scan, inspect_standard
+    from stepblocks.records.laboratory import read_laboratory
 
     refuse_both(stimulus=stimulus, standard=standard)
     scan = scans[0]
@@ -313,7 +313,7 @@ def inspect(
 
 
 def _list_channels(scan: Path) -> Outcome:
-    from stepblocks.artefacts.scans.read import list_channels
+    from stepblocks.scans.read import list_channels
 
     names = list_channels(scan)
     return Outcome(

@@ -179,7 +179,7 @@ Jobs = Annotated[
 def _offer_laws(file: Path | None) -> Path | None:
     # Loads nothing where nothing is given
     if file is not None:
-        from stepblocks.contact.effects.offered import offer_laws
+        from stepblocks.rig.effects.offered import offer_laws
 
         offer_laws(file)
     return file

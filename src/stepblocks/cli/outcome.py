@@ -11,8 +11,8 @@ from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stepblocks.atomic import protect_files, replace_text
 from stepblocks.build.manifest import hash_file
+from stepblocks.files.atomic import protect_files, replace_text
 from stepblocks.quantities import format_column, format_column_label, format_units
 
 if TYPE_CHECKING:

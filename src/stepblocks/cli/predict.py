@@ -20,7 +20,7 @@ from stepblocks.cli.options import (
 from stepblocks.cli.outcome import Outcome, make_progress
 
 if TYPE_CHECKING:
-    from stepblocks.parts.set import StimulusSet
+    from stepblocks.declaration.set import StimulusSet
     from stepblocks.predict.predictions import Prediction
 
 app = typer.Typer()
@@ -84,8 +84,9 @@ def predict(
     files = files or []
     if model or any(path.suffix.lower() == ".csv" for path in files):
         return _predict_table(files, output, model)
-    from stepblocks.atomic import replace_text
-    from stepblocks.declare import load_sets
+    from stepblocks.declaration.read import load_sets
+    from stepblocks.files.atomic import replace_text
+    from stepblocks.files.tables import format_csv
     from stepblocks.predict.predictions import (
         choose_terminal_columns,
         describe_left_out,
@@ -94,7 +95,6 @@ def predict(
         tabulate_prediction,
     )
     from stepblocks.predict.sheaths import tabulate_rings
-    from stepblocks.tables import format_csv
 
     sets = [declared for declared, _ in load_sets(files)]
     in_time = None if conversion is None else conversion == "simulated"
@@ -129,11 +129,11 @@ def _predict_as_built(
     sets: "list[StimulusSet]", paths: list[Path], in_time: bool | None, speed: float | None
 ) -> "tuple[list[StimulusSet], dict[str, tuple[Prediction, ...]], list[dict[str, str]]]":
     # Predict what was measured in place of the nominal; give sets, predictions and their rows
-    from stepblocks.artefacts.as_built import read_records
     from stepblocks.contact.operating_point import PAPER
     from stepblocks.predict import as_built
     from stepblocks.predict.predictions import format_row
     from stepblocks.quantities import format_units
+    from stepblocks.records.as_built import read_records
 
     records = read_records(paths)
     for stimuli in sets:

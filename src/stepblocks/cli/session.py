@@ -11,7 +11,7 @@ from stepblocks.cli.command import command
 from stepblocks.cli.options import AsBuilt, Jobs, Laws, Quiet, keep_given_options
 from stepblocks.cli.outcome import Outcome, make_progress
 from stepblocks.errors import PipelineError
-from stepblocks.text_file import Document
+from stepblocks.files.text import Document
 
 app = typer.Typer()
 
@@ -33,7 +33,7 @@ def simulate_session(
     Writes a session with traces, scans and the truth behind them, so that a laboratory can ask
     before it measures whether a design would find an effect.
     """
-    from stepblocks.bench.rehearse.run import simulate_session
+    from stepblocks.rehearse.run import simulate_session
 
     summary = simulate_session(plan, output)
     locked = f", {summary.locked} locked" if summary.locked else ""

@@ -34,7 +34,7 @@ from stepblocks.cli.study_options import (
 )
 
 if TYPE_CHECKING:
-    from stepblocks.study.simulate import Observer
+    from stepblocks.study.design.simulate import Observer
 
 app = typer.Typer()
 
@@ -143,7 +143,7 @@ def _make_observer(
     lapse: float | None,
     realism_gain: float | None,
 ) -> "Observer":
-    from stepblocks.study.simulate import Observer
+    from stepblocks.study.design.simulate import Observer
 
     return Observer(
         **keep_given_options(

@@ -289,7 +289,7 @@ def run(
 
     The same command goes on after a break.
     """
-    from stepblocks.study.server import RunServer
+    from stepblocks.study.conduct.server import RunServer
 
     opened = stepblocks.open_run(
         folder,
@@ -389,7 +389,7 @@ def analyse(
     reference: Reference = None,
 ) -> Outcome:
     """Analyse answers: results.csv and report.html."""
-    from stepblocks.study.prose import write_headline
+    from stepblocks.study.analysis.prose import write_headline
 
     PipelineError.require(
         bool(data) != bool(answers) and not (data and folder),

@@ -10,7 +10,7 @@ from stepblocks.drag.ring import (
     compute_phase_spectrum,
 )
 from stepblocks.drag.simulate import DragTrace
-from stepblocks.figure_file import Axes, make_figure, save_figure
+from stepblocks.files.figures import Axes, make_figure, save_figure
 
 _BLUE, _RED, _GREY = "#1f4e79", "#b03030", "#808080"
 

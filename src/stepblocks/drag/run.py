@@ -13,8 +13,6 @@ from typing import cast
 import numpy as np
 import pandas as pd
 
-from stepblocks.artefacts.scans.read import Scan
-from stepblocks.atomic import replace_text
 from stepblocks.contact.counterface import Counterface, Profile
 from stepblocks.contact.domain import read_number
 from stepblocks.contact.energy import Release, Status
@@ -25,7 +23,7 @@ from stepblocks.contact.kernels import (
 )
 from stepblocks.contact.laws import ContactLaw, FrictionLaw
 from stepblocks.contact.operating_point import PAPER, Tool
-from stepblocks.declare import Sets
+from stepblocks.declaration.read import Sets
 from stepblocks.drag.events import drag_face, list_events
 from stepblocks.drag.figures import draw_force, draw_spectra, plot_force
 from stepblocks.drag.kernels import COLUMNS
@@ -34,11 +32,13 @@ from stepblocks.drag.ring import Ring, measure_ring
 from stepblocks.drag.simulate import DragEvent, DragTrace
 from stepblocks.drag.subject import resolve_subject
 from stepblocks.errors import ContactError, PipelineError
-from stepblocks.figure_file import Axes, take_axes
+from stepblocks.files.atomic import replace_text
+from stepblocks.files.figures import Axes, take_axes
+from stepblocks.files.tables import write_table
+from stepblocks.files.text import Document
 from stepblocks.parts.kind import Part
 from stepblocks.quantities import format_quantity
-from stepblocks.tables import write_table
-from stepblocks.text_file import Document
+from stepblocks.scans.read import Scan
 
 # What of the probe and of the settings may be given beside the subject, and each dimension
 _OF_PROBE = ("damping_ratio", "hardening")

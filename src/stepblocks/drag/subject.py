@@ -4,17 +4,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from stepblocks.artefacts.scans.read import Scan, load_scan
 from stepblocks.contact.counterface import Counterface, Profile, Step, take_counterface
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
-from stepblocks.declare import Sets, load_sets
+from stepblocks.declaration.read import Sets, load_sets
+from stepblocks.declaration.select import matches_pattern
+from stepblocks.declaration.set import StimulusSet, choose_operating_point
 from stepblocks.errors import ContactError, PipelineError, QuantityError
+from stepblocks.files.tables import read_si_columns, read_table
+from stepblocks.files.text import escape_file_name
 from stepblocks.parts.kind import Part
-from stepblocks.parts.set import StimulusSet, choose_operating_point
 from stepblocks.quantities import format_quantity, parse_quantity
-from stepblocks.select import matches_pattern
-from stepblocks.tables import read_si_columns, read_table
-from stepblocks.text_file import escape_file_name
+from stepblocks.scans.read import Scan, load_scan
 
 # What of an operating point and of its tool may be given beside the subject
 OF_POINT = {"tip_radius": "ball_radius", "load": "normal_load", "friction": "friction"}

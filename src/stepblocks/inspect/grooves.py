@@ -9,7 +9,6 @@ from functools import partial
 
 import numpy as np
 
-from stepblocks.artefacts.scans.scan import HeightMap, ScannedProfile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import (
     Component,
@@ -43,6 +42,7 @@ from stepblocks.inspect.measure import (
 )
 from stepblocks.inspect.noise import Array
 from stepblocks.inspect.type_a1 import TypeA1, evaluate_a1, find_apex
+from stepblocks.scans.scan import HeightMap, ScannedProfile
 
 _FITS = 2.0  # scatter about type A1 over that about a polynomial, up to which type A1 is taken [1]
 # profiles of a map that are evaluated first: of half that agree, two of them do but once in thirty

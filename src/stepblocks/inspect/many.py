@@ -19,17 +19,17 @@ from typing import Any
 
 import numpy as np
 
-from stepblocks.artefacts.laboratory import Laboratory
-from stepblocks.artefacts.sheet_read import is_filled_sheet, read_filled_sheet
-from stepblocks.atomic import replace_text, resolve_inside
 from stepblocks.errors import MetrologyError, PipelineError
+from stepblocks.files.atomic import replace_text, resolve_inside
+from stepblocks.files.pages import render_page
+from stepblocks.files.tables import Table, find_misspelt_columns, read_table, write_table
+from stepblocks.files.text import escape_file_name
 from stepblocks.inspect.budget import Component, Measured, Outcome, combine_verdicts, judge
 from stepblocks.inspect.measure import evaluate_each
 from stepblocks.inspect.report import InspectionResult, write_inspection
 from stepblocks.inspect.run import inspect_scan, inspect_standard, judge_part
-from stepblocks.page_file import render_page
-from stepblocks.tables import Table, find_misspelt_columns, read_table, write_table
-from stepblocks.text_file import escape_file_name
+from stepblocks.records.laboratory import Laboratory
+from stepblocks.records.sheet_read import is_filled_sheet, read_filled_sheet
 
 _OWN = ["scan", "stimulus", "block", "feature"]  # columns that are no condition
 _SIZES = ("value", "u", "u95", "lower", "upper", "std")

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from stepblocks.artefacts.scans.scan import HeightMap, ScannedProfile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import (
     Component,
@@ -40,6 +39,7 @@ from stepblocks.inspect.noise import (
     estimate_robust_scale,
     find_outliers,
 )
+from stepblocks.scans.scan import HeightMap, ScannedProfile
 
 _LEAST_FLOOR = 5  # points of a row in the features
 _LEAST_REFERENCE = 20  # points of a row beside them

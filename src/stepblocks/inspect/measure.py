@@ -10,7 +10,6 @@ from typing import Literal, TypeVar
 
 import numpy as np
 
-from stepblocks.artefacts.scans.scan import HeightMap, ScannedProfile, list_profiles
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import (
     Component,
@@ -21,6 +20,7 @@ from stepblocks.inspect.budget import (
 from stepblocks.inspect.margin_gap import fit_margin
 from stepblocks.inspect.noise import LEAST_SCATTER, Array, Mask, estimate_robust_scale
 from stepblocks.inspect.tip import fit_cap
+from stepblocks.scans.scan import HeightMap, ScannedProfile, list_profiles
 
 Window = tuple[float, float, str]  # begin, end [m] and name
 S = TypeVar("S")

@@ -11,23 +11,23 @@ from pathlib import Path
 
 import numpy as np
 
-from stepblocks.artefacts.as_built import AsBuilt, AsBuiltValue, write_as_built
-from stepblocks.artefacts.certificate import write_certificate
-from stepblocks.artefacts.laboratory import Laboratory
-from stepblocks.artefacts.on_paper import make_sheet_table
-from stepblocks.artefacts.qif import write_qif
-from stepblocks.atomic import replace_text
 from stepblocks.errors import MetrologyError
-from stepblocks.figure_file import Axes, make_figure, save_figure, take_axes
+from stepblocks.files.atomic import replace_text
+from stepblocks.files.figures import Axes, make_figure, save_figure, take_axes
+from stepblocks.files.pages import render_page
+from stepblocks.files.tables import write_table
 from stepblocks.inspect.budget import Decision, Measured, Outcome
 from stepblocks.inspect.measure import Evaluation, Shown
-from stepblocks.page_file import render_page
 from stepblocks.parts.characteristics import Characteristic
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.kind import Part
+from stepblocks.parts.on_paper import make_sheet_table
 from stepblocks.parts.tolerance import GUARD_FACTOR
 from stepblocks.quantities import format_column_label
-from stepblocks.tables import write_table
+from stepblocks.records.as_built import AsBuilt, AsBuiltValue, write_as_built
+from stepblocks.records.certificate import write_certificate
+from stepblocks.records.laboratory import Laboratory
+from stepblocks.records.qif import write_qif
 
 _COLOUR: dict[Outcome | None, str] = {
     Outcome.CONFORMS: "#2e7d4f",

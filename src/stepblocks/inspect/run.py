@@ -12,13 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
-from stepblocks.artefacts.qif_read import QifResult, match_results, read_qif_results
-from stepblocks.artefacts.scans.read import Scan, load_scan
-from stepblocks.artefacts.scans.scan import HeightMap, ScannedProfile, crop_map
-from stepblocks.artefacts.sheet_read import is_filled_sheet, read_filled_sheet
 from stepblocks.contact.domain import read_number
-from stepblocks.declare import Sets, load_sets
+from stepblocks.declaration.read import Sets, load_sets
+from stepblocks.declaration.set import StimulusSet
 from stepblocks.errors import MetrologyError, PipelineError
+from stepblocks.files.text import escape_file_name
 from stepblocks.inspect.budget import (
     UNSTATED,
     Component,
@@ -46,8 +44,10 @@ from stepblocks.inspect.working_edge.roughness import add_roughness
 from stepblocks.parts.characteristics import Characteristic
 from stepblocks.parts.conditions import NO_ORDER, OrderSpec, PredictionGrid
 from stepblocks.parts.kind import Part
-from stepblocks.parts.set import StimulusSet
-from stepblocks.text_file import escape_file_name
+from stepblocks.records.qif_read import QifResult, match_results, read_qif_results
+from stepblocks.records.sheet_read import is_filled_sheet, read_filled_sheet
+from stepblocks.scans.read import Scan, load_scan
+from stepblocks.scans.scan import HeightMap, ScannedProfile, crop_map
 
 Evaluator = Callable[
     [ScannedProfile | HeightMap, Instrument, Characteristic, EvaluationOptions], Evaluation

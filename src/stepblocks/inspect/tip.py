@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stepblocks.artefacts.scans.scan import HeightMap, ScannedProfile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.noise import Array, Estimate, estimate_linear, find_outliers
+from stepblocks.scans.scan import HeightMap, ScannedProfile
 
 # reach of the cap that is fitted, as a part of the nominal radius [1]: 44 degrees of the ball,
 # clear of the cone

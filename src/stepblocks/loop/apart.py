@@ -2,8 +2,8 @@
 
 import math
 
-from stepblocks.loop.search.explain import Explanation
-from stepblocks.loop.search.forward_model import Floats
+from stepblocks.lawsearch.explain import Explanation
+from stepblocks.lawsearch.forward_model import Floats
 
 _SMALL = 0.06  # of a logarithm or of friction, which trials scatter by
 _CAUGHT = 0.3  # of ln E_v, missing though the peak is right

@@ -12,15 +12,15 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.contact import forward
-from stepblocks.contact.effects.gauges import apply_instrument_constants
-from stepblocks.contact.effects.named import list_named_laws
-from stepblocks.contact.effects.smooth import CovariateRange, list_smooth_laws
-from stepblocks.contact.forward import PEAK_FORCE, SPEED_OVER_LOAD, TOGETHER, BenchDesign
 from stepblocks.contact.operating_point import Tool
-from stepblocks.contact.state import CHANNELS, DragState, compute_channels
-from stepblocks.law import Active, Law, Parameter
-from stepblocks.loop.search.forward_model import Floats, Systematic, Trials
+from stepblocks.lawsearch.forward_model import Floats, Systematic, Trials
+from stepblocks.lawsearch.law import Active, Law, Parameter
+from stepblocks.rig import forward
+from stepblocks.rig.effects.gauges import apply_instrument_constants
+from stepblocks.rig.effects.named import list_named_laws
+from stepblocks.rig.effects.smooth import CovariateRange, list_smooth_laws
+from stepblocks.rig.forward import PEAK_FORCE, SPEED_OVER_LOAD, TOGETHER, BenchDesign
+from stepblocks.rig.state import CHANNELS, DragState, compute_channels
 
 # what the evaluation of traces may leave as an error common to many trials, one deviation per unit
 # of covariate; records of known truth show a tenth of most (`benchmarks/trace_bias.py slopes`), but

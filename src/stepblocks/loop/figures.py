@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from stepblocks.figure_file import Axes, take_axes
-from stepblocks.loop.search.explain import Explanation
+from stepblocks.files.figures import Axes, take_axes
+from stepblocks.lawsearch.explain import Explanation
 
 BEFORE, AFTER = "#b0506a", "#2f6f9f"
 CHANNELS = {  # what is drawn, with its scale and its title

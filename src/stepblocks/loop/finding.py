@@ -6,12 +6,12 @@ from functools import reduce
 
 import numpy as np
 
-from stepblocks.contact.effects.smooth import CovariateRange
-from stepblocks.contact.forward import PEAK_FORCE, SPEED_OVER_LOAD, TOGETHER
-from stepblocks.law import Law
-from stepblocks.loop.search.explain import Explanation, Finding, Verdict
+from stepblocks.files.text import Document
+from stepblocks.lawsearch.explain import Explanation, Finding, Verdict
+from stepblocks.lawsearch.law import Law
 from stepblocks.quantities import format_column_label
-from stepblocks.text_file import Document
+from stepblocks.rig.effects.smooth import CovariateRange
+from stepblocks.rig.forward import PEAK_FORCE, SPEED_OVER_LOAD, TOGETHER
 
 # a factor and a unit that people read, by the unit that a parameter has; from `_MANY` on the plain
 # one

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 from scipy import stats
 
-from stepblocks.contact.effects.named import list_named_laws
-from stepblocks.contact.forward import format_height_name
-from stepblocks.loop.search.adequacy import find_largest_shares
-from stepblocks.loop.search.explain import Explanation, Finding, Verdict
-from stepblocks.loop.search.fit import fit, fit_without
+from stepblocks.lawsearch.adequacy import find_largest_shares
+from stepblocks.lawsearch.explain import Explanation, Finding, Verdict
+from stepblocks.lawsearch.fit import fit, fit_without
 from stepblocks.loop.session_table import SessionTable
+from stepblocks.rig.effects.named import list_named_laws
+from stepblocks.rig.forward import format_height_name
 
 _TOLERANCE = 2.0  # standard deviations of what a height that nobody measured may be off by
 _WIDE = 1.96

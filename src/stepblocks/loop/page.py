@@ -14,10 +14,12 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from stepblocks.artefacts.model_file import WIDE
-from stepblocks.contact.forward import PEAK_FORCE, SPEED_OVER_LOAD
-from stepblocks.figure_file import make_figure
-from stepblocks.law import Law
+from stepblocks.files.figures import make_figure
+from stepblocks.files.pages import render_page
+from stepblocks.lawsearch.adequacy import LEVEL
+from stepblocks.lawsearch.explain import Explanation
+from stepblocks.lawsearch.forward_model import Floats
+from stepblocks.lawsearch.law import Law
 from stepblocks.loop.bench_model import find_column
 from stepblocks.loop.figures import AFTER, BEFORE, CHANNELS, plot_agreement
 from stepblocks.loop.finding import (
@@ -27,11 +29,9 @@ from stepblocks.loop.finding import (
     format_value,
 )
 from stepblocks.loop.result import LoopResult
-from stepblocks.loop.search.adequacy import LEVEL
-from stepblocks.loop.search.explain import Explanation
-from stepblocks.loop.search.forward_model import Floats
-from stepblocks.page_file import render_page
 from stepblocks.quantities import format_column_label
+from stepblocks.records.model import WIDE
+from stepblocks.rig.forward import PEAK_FORCE, SPEED_OVER_LOAD
 
 _UNASKED = {
     "separates": [],

@@ -5,11 +5,11 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-from stepblocks.bench.rehearse.plan import SessionPlan
-from stepblocks.bench.rehearse.run import write_session
+from stepblocks.files.text import Document
 from stepblocks.loop.finding import describe_covariate, format_value
 from stepblocks.loop.run import loop_session
-from stepblocks.text_file import Document
+from stepblocks.rehearse.plan import SessionPlan
+from stepblocks.rehearse.run import write_session
 
 
 def rehearse_session(

@@ -7,10 +7,20 @@ from html import escape
 import numpy as np
 import pandas as pd
 
-from stepblocks.artefacts.model_file import WIDE, LearnedFit, LearnedModel
-from stepblocks.contact.effects.smooth import CovariateRange
-from stepblocks.figure_file import Axes
-from stepblocks.law import Law
+from stepblocks.files.figures import Axes
+from stepblocks.files.text import Document
+from stepblocks.lawsearch.adequacy import (
+    compare_directions,
+    compare_with_replicates,
+    rank_settings,
+)
+from stepblocks.lawsearch.explain import Explanation, Finding, Rules, Verdict
+from stepblocks.lawsearch.fit import Fit, Problem, fit_without
+from stepblocks.lawsearch.gate import compute_detectable
+from stepblocks.lawsearch.holdout import Holdout
+from stepblocks.lawsearch.law import Law
+from stepblocks.lawsearch.noise import compute_flexible_residual
+from stepblocks.lawsearch.structure import bound_jump_place
 from stepblocks.loop.apart import describe_trial
 from stepblocks.loop.bench_model import (
     SessionModel,
@@ -20,20 +30,10 @@ from stepblocks.loop.bench_model import (
 )
 from stepblocks.loop.figures import plot_agreement
 from stepblocks.loop.finding import find_slope_unit, find_unit, write_sentence, write_summary
-from stepblocks.loop.search.adequacy import (
-    compare_directions,
-    compare_with_replicates,
-    rank_settings,
-)
-from stepblocks.loop.search.explain import Explanation, Finding, Rules, Verdict
-from stepblocks.loop.search.fit import Fit, Problem, fit_without
-from stepblocks.loop.search.gate import compute_detectable
-from stepblocks.loop.search.holdout import Holdout
-from stepblocks.loop.search.noise import compute_flexible_residual
-from stepblocks.loop.search.structure import bound_jump_place
 from stepblocks.loop.session_table import Scans, SessionTable
 from stepblocks.loop.settings import CHOSEN, COUNTED, GONE, MOST_SETTINGS, SHOWN, build_grid
-from stepblocks.text_file import Document
+from stepblocks.records.model import WIDE, LearnedFit, LearnedModel
+from stepblocks.rig.effects.smooth import CovariateRange
 
 _REPLICATES = 20  # degrees of freedom from which a scatter among replicates is known to a sixth
 # constants that people know by another name and unit

@@ -13,21 +13,12 @@ from typing import Any
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from stepblocks.artefacts.as_built import list_measured_edges, read_records
-from stepblocks.artefacts.model_file import build_model_document
-from stepblocks.atomic import lock_folder, replace_text
+from stepblocks.compute.processes import run_in_processes
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.errors import PipelineError
-from stepblocks.loop.bench_model import list_covariate_ranges
-from stepblocks.loop.heights import add_height_errors
-from stepblocks.loop.result import (
-    LoopResult,
-    build_document,
-    build_learned_model,
-    write_block_stimulus,
-)
-from stepblocks.loop.search.explain import Explanation, Rules, explain
-from stepblocks.loop.search.holdout import (
+from stepblocks.files.atomic import lock_folder, replace_text
+from stepblocks.lawsearch.explain import Explanation, Rules, explain
+from stepblocks.lawsearch.holdout import (
     Holdout,
     check_claims,
     choose_delivered_effects,
@@ -35,6 +26,14 @@ from stepblocks.loop.search.holdout import (
     split_by_block,
     split_within_blocks,
     withdraw_claims,
+)
+from stepblocks.loop.bench_model import list_covariate_ranges
+from stepblocks.loop.heights import add_height_errors
+from stepblocks.loop.result import (
+    LoopResult,
+    build_document,
+    build_learned_model,
+    write_block_stimulus,
 )
 from stepblocks.loop.session_table import (
     Known,
@@ -44,7 +43,8 @@ from stepblocks.loop.session_table import (
     find_regime_hints,
     scan_blocks,
 )
-from stepblocks.workers import run_in_processes
+from stepblocks.records.as_built import list_measured_edges, read_records
+from stepblocks.records.model import build_model_document
 
 _WITHIN, _BETWEEN = 3, 4  # folds
 _FEWEST = 12  # trials that a fold must leave

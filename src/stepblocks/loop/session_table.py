@@ -13,15 +13,15 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from stepblocks.contact.forward import read_tip_radii
 from stepblocks.contact.operating_point import PAPER, Tool
-from stepblocks.contact.state import CHANNELS
 from stepblocks.errors import PipelineError, StepblocksError
+from stepblocks.files.text import is_file
+from stepblocks.lawsearch.forward_model import Floats, Trials
+from stepblocks.lawsearch.noise import find_outliers
+from stepblocks.lawsearch.structure import Hint
 from stepblocks.loop.bench_model import SessionModel
-from stepblocks.loop.search.forward_model import Floats, Trials
-from stepblocks.loop.search.noise import find_outliers
-from stepblocks.loop.search.structure import Hint
-from stepblocks.text_file import is_file
+from stepblocks.rig.forward import read_tip_radii
+from stepblocks.rig.state import CHANNELS
 
 # per block: height_m, height_std_m, and where known edge_radius_m, edge_radius_std_m
 Scans = Mapping[str, Mapping[str, float]]
@@ -363,9 +363,9 @@ def scan_blocks(
 
 def _measure_scan(path: Path) -> dict[str, float]:
     # Height and edge radius of the scan of a block; the mean over the lines of a map [m]
-    from stepblocks.artefacts.scans.read import read_scan
-    from stepblocks.artefacts.scans.scan import list_profiles
     from stepblocks.inspect.edge import fit_edge
+    from stepblocks.scans.read import read_scan
+    from stepblocks.scans.scan import list_profiles
 
     edges = [fit_edge(line.position, line.height) for line in list_profiles(read_scan(path))]
     heights, height_stds, radii, radius_stds = np.array(

@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 
-from stepblocks.loop.search.forward_model import Trials
+from stepblocks.lawsearch.forward_model import Trials
 
 SHOWN = ("height_um", "load_n", "speed_mm_s")
 _HEIGHTS_UM = (5.0, 10.0, 15.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 90.0)

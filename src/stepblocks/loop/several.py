@@ -15,18 +15,18 @@ import numpy as np
 from scipy import stats
 from scipy.optimize import brentq
 
-from stepblocks.artefacts.model_file import WIDE, LearnedFit
-from stepblocks.atomic import lock_folder, replace_text
 from stepblocks.bench.session import open_session
 from stepblocks.errors import PipelineError
+from stepblocks.files.atomic import lock_folder, replace_text
+from stepblocks.files.text import Document
+from stepblocks.lawsearch.explain import Rules
+from stepblocks.lawsearch.fit import Fit
+from stepblocks.lawsearch.forward_model import Floats, Trials
 from stepblocks.loop.bench_model import OF_A_DAY
 from stepblocks.loop.result import LoopResult
 from stepblocks.loop.run import Announce, analyse_table, loop_session, write_loop
-from stepblocks.loop.search.explain import Rules
-from stepblocks.loop.search.fit import Fit
-from stepblocks.loop.search.forward_model import Floats, Trials
 from stepblocks.loop.session_table import Scans, SessionTable
-from stepblocks.text_file import Document
+from stepblocks.records.model import WIDE, LearnedFit
 
 _LEVEL = 0.975  # quantile of a 95 % interval
 _ONE_BLOCK = 10.0  # standard uncertainties by which scans of one block may differ

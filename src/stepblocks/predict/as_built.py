@@ -5,19 +5,19 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 
-from stepblocks.artefacts.as_built import AsBuilt
 from stepblocks.contact.counterface import find_scanned_angle
 from stepblocks.contact.energy import Release, find_release
 from stepblocks.contact.energy_change import find_energy_change
 from stepblocks.contact.uncertainty import Interval
+from stepblocks.declaration.set import StimulusSet
 from stepblocks.parts.kind import Part
-from stepblocks.parts.set import StimulusSet
 from stepblocks.predict.predictions import (
     Prediction,
     predict_all,
     predict_by_formula,
     tabulate_prediction,
 )
+from stepblocks.records.as_built import AsBuilt
 
 
 def replace_nominals(stimuli: StimulusSet, records: Mapping[str, AsBuilt]) -> StimulusSet:

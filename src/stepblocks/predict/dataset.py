@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import pandas as pd
 
 from stepblocks.errors import PipelineError
-from stepblocks.figure_file import take_axes
+from stepblocks.files.figures import take_axes
 from stepblocks.quantities import format_column_label, format_units
 
 if TYPE_CHECKING:

@@ -12,9 +12,9 @@ from stepblocks.contact.critical_angle import find_margin_angles
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.contact.uncertainty import estimate_interval
+from stepblocks.declaration.set import StimulusSet
 from stepblocks.errors import ContactError
-from stepblocks.figure_file import make_figure, save_figure
-from stepblocks.parts.set import StimulusSet
+from stepblocks.files.figures import make_figure, save_figure
 from stepblocks.predict.predictions import collect_uncertainties, find_tip
 
 _BLUE, _RED = "#1f4e79", "#b03030"

@@ -12,12 +12,12 @@ from stepblocks.contact.energy import Release, Status, find_release
 from stepblocks.contact.kernels import compute_locking_height
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.contact.uncertainty import Interval, convert_half_widths, estimate_interval
+from stepblocks.declaration.set import StimulusSet, choose_operating_point
 from stepblocks.errors import ContactError, PipelineError
+from stepblocks.files.tables import format_csv
 from stepblocks.parts.conditions import PredictionGrid
 from stepblocks.parts.kind import Part
-from stepblocks.parts.set import StimulusSet, choose_operating_point
 from stepblocks.parts.tolerance import Dimension
-from stepblocks.tables import format_csv
 
 if TYPE_CHECKING:
     from stepblocks.drag.ring import Ring

@@ -5,14 +5,14 @@ from pathlib import Path
 
 import pandas as pd
 
-from stepblocks.artefacts.as_built import read_records
 from stepblocks.contact.operating_point import PAPER
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
+from stepblocks.declaration.set import StimulusSet
 from stepblocks.errors import PipelineError
 from stepblocks.mistakes import shorten_value
-from stepblocks.parts.set import StimulusSet
 from stepblocks.predict.as_built import predict_as_built
 from stepblocks.predict.predictions import predict_all, tabulate_prediction
+from stepblocks.records.as_built import read_records
 
 
 def predict_set(

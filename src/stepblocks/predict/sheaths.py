@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from stepblocks.atomic import replace_text
 from stepblocks.contact.domain import require_positive
 from stepblocks.contact.operating_point import Tool
 from stepblocks.contact.rod import (
@@ -20,11 +19,12 @@ from stepblocks.contact.rod import (
     compute_rod_ring,
     compute_sensed_energy,
 )
+from stepblocks.declaration.set import StimulusSet
 from stepblocks.errors import ContactError, PipelineError
+from stepblocks.files.atomic import replace_text
+from stepblocks.files.tables import format_csv
 from stepblocks.parts.conditions import ProbeSpec
 from stepblocks.parts.kinds.sheath import Sheath
-from stepblocks.parts.set import StimulusSet
-from stepblocks.tables import format_csv
 
 _RECORD = 5.0  # time constants: all but 5e-5 of the energy is recorded
 _MOST_RELEASES = 10_000
@@ -73,7 +73,7 @@ def find_damping(source: str | Path) -> dict[str, float]:
 
     The shares stand by the names of experiment 1.
     """
-    from stepblocks.declare import load_set
+    from stepblocks.declaration.read import load_set
 
     found = predict_conditions(load_set(Path(source)))
     PipelineError.require(

@@ -10,11 +10,18 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from stepblocks.artefacts.model_file import WIDE, LearnedFit, LearnedModel, read_model
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.energy import Status
 from stepblocks.contact.event import LearnedPrediction
-from stepblocks.contact.forward import (
+from stepblocks.contact.kernels import compute_height_at_angle
+from stepblocks.contact.operating_point import PAPER, SHIPPED_LIMITS, OperatingPoint, Tool
+from stepblocks.contact.uncertainty import estimate_interval
+from stepblocks.declaration.set import StimulusSet
+from stepblocks.errors import ContactError, PipelineError
+from stepblocks.files.tables import read_si_columns, read_table, write_table
+from stepblocks.predict.predictions import Prediction, format_six_digits
+from stepblocks.records.model import WIDE, LearnedFit, LearnedModel, read_model
+from stepblocks.rig.forward import (
     PEAK_FORCE,
     BenchDesign,
     build_bench_design,
@@ -24,14 +31,7 @@ from stepblocks.contact.forward import (
     list_covariate_columns,
     parse_tip_radius_um,
 )
-from stepblocks.contact.kernels import compute_height_at_angle
-from stepblocks.contact.operating_point import PAPER, SHIPPED_LIMITS, OperatingPoint, Tool
-from stepblocks.contact.state import CHANNELS, DragState, Floats, compute_channels
-from stepblocks.contact.uncertainty import estimate_interval
-from stepblocks.errors import ContactError, PipelineError
-from stepblocks.parts.set import StimulusSet
-from stepblocks.predict.predictions import Prediction, format_six_digits
-from stepblocks.tables import read_si_columns, read_table, write_table
+from stepblocks.rig.state import CHANNELS, DragState, Floats, compute_channels
 
 _COLUMNS: dict[str, tuple[tuple[str, ...], str, float | None]] = {
     "height": (("height", "step_height"), "length", None),

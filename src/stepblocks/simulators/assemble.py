@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from pydantic import ValidationError
 
-from stepblocks.artefacts.model_file import LearnedModel
 from stepblocks.contact.counterface import Counterface
 from stepblocks.contact.energy import Status
 from stepblocks.contact.event import (
@@ -22,11 +21,12 @@ from stepblocks.contact.event import (
 )
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.errors import HapticsError
+from stepblocks.haptics.devices import Device, plan_rendering
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.scanned_margin import ScannedMargin
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.shapes import Mesh, build_convex_pieces, build_solids, mesh_solid
-from stepblocks.simulators.devices import Device, plan_rendering
+from stepblocks.records.model import LearnedModel
 from stepblocks.simulators.scene import Frame, Scene
 
 if TYPE_CHECKING:

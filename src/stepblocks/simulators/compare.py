@@ -14,12 +14,12 @@ from stepblocks.contact.event import (
     compute_ring_force,
     list_vibration_events,
 )
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
+from stepblocks.declaration.set import choose_operating_point
 from stepblocks.errors import HapticsError
-from stepblocks.parts.set import choose_operating_point
+from stepblocks.files.tables import read_si_columns, read_table, write_table
 from stepblocks.predict.perception import LEVEL_DIFFERENCE
 from stepblocks.simulators.conditions import check_overrides
-from stepblocks.tables import read_si_columns, read_table, write_table
 
 _LENGTH = 5.0  # of the ring that is compared, in time constants
 _BEFORE = 0.1  # in which the peak force before the release is sought [s]

@@ -7,15 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from stepblocks.artefacts.model_file import LearnedModel, read_model
-from stepblocks.atomic import make_draft_folder, sync_folder
-from stepblocks.declare import Sets, load_sets
+from stepblocks.declaration.read import Sets, load_sets
+from stepblocks.declaration.select import matches_pattern
+from stepblocks.declaration.set import StimulusSet, choose_operating_point
 from stepblocks.errors import PipelineError
-from stepblocks.parts.set import StimulusSet, choose_operating_point
-from stepblocks.select import matches_pattern
-from stepblocks.simulators.assemble import Contact, build_scene, lay_out_teeth, resolve_contact
-from stepblocks.simulators.conditions import check_overrides
-from stepblocks.simulators.devices import (
+from stepblocks.files.atomic import make_draft_folder, sync_folder
+from stepblocks.haptics.devices import (
     RenderingPlan,
     choose_common_scale,
     find_device,
@@ -23,6 +20,9 @@ from stepblocks.simulators.devices import (
     plan_rendering,
     require_renderable,
 )
+from stepblocks.records.model import LearnedModel, read_model
+from stepblocks.simulators.assemble import Contact, build_scene, lay_out_teeth, resolve_contact
+from stepblocks.simulators.conditions import check_overrides
 from stepblocks.simulators.scene import (
     Scene,
     SceneFormat,

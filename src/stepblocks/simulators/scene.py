@@ -23,10 +23,10 @@ from stepblocks.contact.event import (
 )
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.contact.path.centre import CentrePath
+from stepblocks.haptics.devices import RenderingPlan
 from stepblocks.parts.kind import Part
 from stepblocks.parts.shapes import Mesh
 from stepblocks.quantities import format_units
-from stepblocks.simulators.devices import RenderingPlan
 
 _APPROACH = 30e-6  # from where the tip starts to the notch, unmagnified [m]
 

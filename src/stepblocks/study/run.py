@@ -11,14 +11,32 @@ from types import MappingProxyType
 
 import pandas as pd
 
-from stepblocks.atomic import replace_text
 from stepblocks.errors import PipelineError
-from stepblocks.page_file import render_page
-from stepblocks.study import RATINGS, require, sheet
-from stepblocks.study.adaptive import complete_prior
+from stepblocks.files.atomic import replace_text
+from stepblocks.files.pages import render_page
+from stepblocks.files.tables import format_csv, write_table
+from stepblocks.study import RATINGS, require
 from stepblocks.study.analysis.accuracy import ANSWER
+from stepblocks.study.analysis.exchange import read_foreign_judgements
+from stepblocks.study.analysis.page import render_run_sheets, render_study, write_figures
 from stepblocks.study.analysis.results import StudyResult
-from stepblocks.study.design import (
+from stepblocks.study.design import sheet
+from stepblocks.study.design.adaptive import complete_prior
+from stepblocks.study.design.experiments import (
+    ALIASES,
+    EXPERIMENTS,
+    list_outcomes,
+    refuse_unused_options,
+)
+from stepblocks.study.design.simulate import (
+    REALISM,
+    TYPICAL_OBSERVER,
+    Observer,
+    SimulatedStudy,
+    estimate_detection_power,
+    estimate_power,
+)
+from stepblocks.study.design.trials import (
     REPETITIONS,
     VIRTUAL_FACTORS,
     Declared,
@@ -29,18 +47,6 @@ from stepblocks.study.design import (
     find_designed_blocks,
     list_levels,
 )
-from stepblocks.study.exchange import read_foreign_judgements
-from stepblocks.study.experiments import ALIASES, EXPERIMENTS, list_outcomes, refuse_unused_options
-from stepblocks.study.page import render_run_sheets, render_study, write_figures
-from stepblocks.study.simulate import (
-    REALISM,
-    TYPICAL_OBSERVER,
-    Observer,
-    SimulatedStudy,
-    estimate_detection_power,
-    estimate_power,
-)
-from stepblocks.tables import format_csv, write_table
 
 
 def design_study(

@@ -10,8 +10,7 @@ from typing import Any
 
 import matplotlib as mpl
 
-from stepblocks.artefacts.on_paper import describe_default_demands, format_limits
-from stepblocks.atomic import write_atomically
+from stepblocks.files.atomic import write_atomically
 from stepblocks.parts.conditions import NO_ORDER, OrderSpec
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
@@ -19,6 +18,7 @@ from stepblocks.parts.kinds.margin import MarginBlock
 from stepblocks.parts.kinds.sheath import Sheath
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.kinds.tips import HookTip, StraightTip
+from stepblocks.parts.on_paper import describe_default_demands, format_limits
 from stepblocks.workshop.blocks import (
     draw_margin_block_views,
     draw_step_block_views,

@@ -6,20 +6,20 @@ from pathlib import Path
 
 import pandas as pd
 
-from stepblocks.artefacts.on_paper import make_sheet_table
-from stepblocks.artefacts.qif import write_qif
-from stepblocks.atomic import lock_folder, replace_text, resolve_inside
-from stepblocks.declare import Sets, load_sets
+from stepblocks.declaration.read import Sets, load_sets
+from stepblocks.declaration.select import select_stimuli
+from stepblocks.declaration.set import StimulusSet
 from stepblocks.errors import PipelineError
-from stepblocks.page_file import render_page
+from stepblocks.files.atomic import lock_folder, replace_text, resolve_inside
+from stepblocks.files.pages import render_page
+from stepblocks.files.tables import write_table
 from stepblocks.parts.body import Block
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.step_block import StepBlock
-from stepblocks.parts.set import StimulusSet
+from stepblocks.parts.on_paper import make_sheet_table
 from stepblocks.parts.tolerance import GUARD_FACTOR
 from stepblocks.quantities import parse_quantity
-from stepblocks.select import select_stimuli
-from stepblocks.tables import write_table
+from stepblocks.records.qif import write_qif
 from stepblocks.workshop.drawing import write_drawing, write_series_drawing
 from stepblocks.workshop.gauge_route import choose_pair, write_gauge_assembly
 from stepblocks.workshop.routes import Route, find_routes, make_route_row

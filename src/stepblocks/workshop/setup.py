@@ -5,14 +5,14 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from stepblocks import cad
-from stepblocks.artefacts.on_paper import format_limits, format_millimetres, format_zone
 from stepblocks.artefacts.step.write import write_conforming
-from stepblocks.atomic import replace_text
-from stepblocks.page_file import render_page
+from stepblocks.files.atomic import replace_text
+from stepblocks.files.pages import render_page
 from stepblocks.parts.body import Block
 from stepblocks.parts.characteristics import FORM
 from stepblocks.parts.kinds.margin import MarginBlock
 from stepblocks.parts.kinds.step_block import StepBlock
+from stepblocks.parts.on_paper import format_limits, format_millimetres, format_zone
 from stepblocks.parts.tolerance import GUARD_FACTOR
 from stepblocks.workshop.gauge_route import GRADES, SECTION, WRINGING, GaugePair, choose_base
 from stepblocks.workshop.routes import Route

@@ -9,9 +9,9 @@ from ezdxf.entities import DXFEntity
 from ezdxf.enums import TextEntityAlignment
 from ezdxf.math import Vec2
 
-from stepblocks.artefacts.on_paper import choose_decimals, format_limits, format_zone
 from stepblocks.parts.characteristics import Characteristic
 from stepblocks.parts.lettering import compute_text_width
+from stepblocks.parts.on_paper import choose_decimals, format_limits, format_zone
 
 Point = tuple[float, float]
 WIDTH, HEIGHT = 420.0, 297.0  # A3, landscape [mm]

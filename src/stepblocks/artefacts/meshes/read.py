@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.confined import read_confined
 from stepblocks.errors import MetrologyError
+from stepblocks.files.confined import read_confined
 
 Arrays = tuple[NDArray[np.float64], NDArray[np.int64]]
 _MM = 1e-3

@@ -23,9 +23,9 @@ from stepblocks.artefacts.step.units import (
     read_densities,
     read_measure,
 )
-from stepblocks.confined import read_confined
 from stepblocks.errors import MetrologyError
-from stepblocks.page_file import render_page
+from stepblocks.files.confined import read_confined
+from stepblocks.files.pages import render_page
 
 ALLOWED = 1e-9  # largest difference between a dimension and its faces [m], and [rad] for angles
 _SIZES = (

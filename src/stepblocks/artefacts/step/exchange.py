@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from stepblocks.errors import MetrologyError
-from stepblocks.text_file import is_file
+from stepblocks.files.text import is_file
 
 _MOST_BYTES = 128 * 2**20
 

@@ -7,8 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from stepblocks.artefacts.on_paper import describe_default_demands, format_limits, format_zone
-from stepblocks.atomic import write_atomically
 from stepblocks.cad import door, kernel
 from stepblocks.cad.pmi import (
     Callout,
@@ -19,11 +17,13 @@ from stepblocks.cad.pmi import (
     write_step_with_tolerances,
 )
 from stepblocks.errors import MachiningError
+from stepblocks.files.atomic import write_atomically
 from stepblocks.parts.characteristics import Characteristic, EdgeRule, FaceRule, Rule, find_face
 from stepblocks.parts.conditions import NO_ORDER, OrderSpec
 from stepblocks.parts.declared import Material
 from stepblocks.parts.kind import Part
 from stepblocks.parts.lettering import compute_text_width, outline_text
+from stepblocks.parts.on_paper import describe_default_demands, format_limits, format_zone
 from stepblocks.quantities import format_quantity
 
 Point = tuple[float, float, float]

@@ -15,10 +15,10 @@ import numpy as np
 from stepblocks.bench.session import Place, Session, fill_pattern, resolve_inside
 from stepblocks.bench.signal import Trace, TraceError, check_size, join_first
 from stepblocks.bench.traces import hdf5, mat, tdms
-from stepblocks.confined import read_confined
 from stepblocks.contact import Array
 from stepblocks.errors import BenchError
-from stepblocks.text_file import is_file
+from stepblocks.files.confined import read_confined
+from stepblocks.files.text import is_file
 
 _MOST_BYTES = 1 << 30  # of the file of one trial
 # attributes that say the time between two samples, or their rate

@@ -69,7 +69,7 @@ def _find_releases(force: Array, rate: float, count: int) -> list[int]:
 
 def draw_cuts(trace: Trace, cuts: list[slice], names: list[str], path: Path) -> None:
     """Draw the record with its cuts, and which trial each piece is."""
-    from stepblocks.figure_file import make_figure, save_figure
+    from stepblocks.files.figures import make_figure, save_figure
 
     figure, axes = make_figure(2, 1, sharex=True, height=5.0)
     step = max(trace.time.size // 200_000, 1)

@@ -6,7 +6,6 @@ from dataclasses import astuple, replace
 
 import numpy as np
 
-from stepblocks.artefacts.scans.scan import HeightMap, ScannedProfile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import (
     UNSTATED,
@@ -52,6 +51,7 @@ from stepblocks.inspect.measure import (
 )
 from stepblocks.inspect.noise import Array, Estimate, compute_change
 from stepblocks.inspect.working_edge.burr import find_burr
+from stepblocks.scans.scan import HeightMap, ScannedProfile
 
 _MOST_ACROSS = 300  # points of a map along either side through which the form of a face is fitted
 _MOST_SLANT_ROWS = 12  # of a map, from which the direction of its edge is found

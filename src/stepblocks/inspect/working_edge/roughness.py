@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from stepblocks.artefacts.scans.scan import ScannedProfile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Component, Instrument, add_instrument_components
 from stepblocks.inspect.measure import Evaluation, evaluate_each
 from stepblocks.inspect.noise import Array, Estimate, find_outliers
+from stepblocks.scans.scan import ScannedProfile
 
 # ISO 21920-3, defaults by the upper limit of Ra: limit up to, cut-off, nesting index of the S
 # filter,

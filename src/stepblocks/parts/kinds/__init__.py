@@ -1,1 +1,1 @@
-"""The kinds of stimuli, one file each; `stepblocks.parts.set.SHIPPED` lists them."""
+"""The kinds of stimuli, one file each; `stepblocks.declaration.set.SHIPPED` lists them."""

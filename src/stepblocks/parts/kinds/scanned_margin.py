@@ -11,10 +11,10 @@ import numpy as np
 from pydantic import BeforeValidator, Field, ValidationError
 
 from stepblocks import cad
-from stepblocks.atomic import resolve_inside
-from stepblocks.confined import read_confined
 from stepblocks.contact.counterface import SIDE, ProfiledMargin
 from stepblocks.errors import QuantityError, StimulusError
+from stepblocks.files.atomic import resolve_inside
+from stepblocks.files.confined import read_confined
 from stepblocks.parts import margin_line
 from stepblocks.parts.characteristics import Characteristic, describe_plane, make_characteristic
 from stepblocks.parts.declared import (

@@ -11,14 +11,14 @@ import numpy as np
 from stepblocks.contact.laws import build_laws
 from stepblocks.contact.operating_point import PAPER, SHIPPED_LIMITS, Tool
 from stepblocks.contact.uncertainty import convert_half_widths
-from stepblocks.declare import load_set
+from stepblocks.declaration.read import load_set
 from stepblocks.errors import PipelineError, QuantityError
+from stepblocks.files.text import Document, read_document
 from stepblocks.mistakes import Mistake, collect_mistakes, find_unknown_names, format_mistakes
 from stepblocks.parts.conditions import PredictionGrid
 from stepblocks.parts.kind import Part
 from stepblocks.predict.predictions import find_half_width, find_zone_middle
 from stepblocks.quantities import parse_quantity
-from stepblocks.text_file import Document, read_document
 
 # dimensions of a counterface, and the parameters of a sweep that stand for them
 SURFACES: dict[str, dict[str, str]] = {

@@ -13,13 +13,13 @@ from pathlib import Path
 
 import pandas as pd
 
-from stepblocks.atomic import lock_folder, replace_bytes, replace_text
+from stepblocks.compute.processes import run_in_processes
 from stepblocks.errors import PipelineError
-from stepblocks.figure_file import Axes, take_axes
+from stepblocks.files.atomic import lock_folder, replace_bytes, replace_text
+from stepblocks.files.figures import Axes, take_axes
+from stepblocks.files.text import is_file, measure_file_size
 from stepblocks.predict.sweep.plan import SweepPlan, load_sweep
 from stepblocks.quantities import format_column_label, format_units
-from stepblocks.text_file import is_file, measure_file_size
-from stepblocks.workers import run_in_processes
 
 try:
     import pyarrow as pa

@@ -7,8 +7,8 @@ import numpy as np
 
 from stepblocks.contact import Array
 from stepblocks.contact.energy import Status
-from stepblocks.simulators import proxy_kernel
-from stepblocks.simulators.renderer import Renderer
+from stepblocks.haptics import proxy_kernel
+from stepblocks.haptics.renderer import Renderer
 from stepblocks.simulators.scene import Scene, SceneFormat, write_from_template
 
 _ROWS = 2000

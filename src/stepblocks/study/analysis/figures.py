@@ -7,7 +7,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import pandas as pd
 
-from stepblocks.figure_file import Axes, take_axes
+from stepblocks.files.figures import Axes, take_axes
 from stepblocks.quantities import format_column_label
 from stepblocks.study import Table
 from stepblocks.study.analysis.repeated import average_participants

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import optimize, stats
 from scipy.special import expit, logsumexp
 
-from stepblocks.law import correct_by_holm
+from stepblocks.lawsearch.law import correct_by_holm
 from stepblocks.study import Array, Table, require
 from stepblocks.study.analysis.anova import Interval
 

@@ -11,8 +11,9 @@ from functools import cache, cached_property
 import pandas as pd
 
 from stepblocks.errors import StudyError
-from stepblocks.figure_file import Axes
-from stepblocks.law import correct_by_holm
+from stepblocks.files.figures import Axes
+from stepblocks.files.tables import format_csv
+from stepblocks.lawsearch.law import correct_by_holm
 from stepblocks.study import Table
 from stepblocks.study.analysis.accuracy import ANSWER, Measure, assess_equivalence
 from stepblocks.study.analysis.anova import Interval, Term
@@ -30,7 +31,6 @@ from stepblocks.study.analysis.repeated import (
     compare_participants,
     compute_bayes_factor,
 )
-from stepblocks.tables import format_csv
 
 # Columns of results.csv; the unit of estimate, low and high stands in each row
 _CURVE = "psychometric function"
@@ -100,7 +100,7 @@ class StudyResult:
     Attributes
     ----------
     experiment : str
-        One of `stepblocks.study.experiments.EXPERIMENTS`.
+        One of `stepblocks.study.design.experiments.EXPERIMENTS`.
     notes, remarks : tuple of str
         On missing judgements and on participants who differ; on what could not be analysed.
     frame : DataFrame

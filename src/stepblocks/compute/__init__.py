@@ -1,0 +1,1 @@
+"""Heavy work: here, or in processes of this machine."""

@@ -1,0 +1,1 @@
+"""TOML files to sets of parts, and which stimuli of them are meant."""

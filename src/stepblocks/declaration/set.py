@@ -1,0 +1,367 @@
+"""A stimulus set: everything one file declares; and the list of the kinds that a file may hold."""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from html import escape
+from itertools import islice
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+from pydantic import FailFast, Field, ValidationError, create_model
+
+from stepblocks.contact.operating_point import PAPER, OperatingPoint
+from stepblocks.contact.rod import RodRing
+from stepblocks.declaration.series import MAX_SERIES, expand_series, merge_tables
+from stepblocks.declaration.write import format_set
+from stepblocks.errors import StepblocksError, StimulusError
+from stepblocks.files.atomic import replace_text
+from stepblocks.mistakes import Location, Mistake, format_mistakes, list_mistakes, shorten_value
+from stepblocks.parts.conditions import (
+    PAPER_STEPS,
+    DampingRig,
+    OrderSpec,
+    PredictionGrid,
+    ProbeSpec,
+)
+from stepblocks.parts.declared import Identity, Table, make_rules_validator
+from stepblocks.parts.kind import Part
+from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
+from stepblocks.parts.kinds.margin import MarginBlock
+from stepblocks.parts.kinds.scanned_margin import ScannedMargin
+from stepblocks.parts.kinds.sheath import Sheath
+from stepblocks.parts.kinds.step_block import StepBlock
+from stepblocks.parts.kinds.tips import HookTip, StraightTip
+
+# The kinds, in the order in which a set holds them; a new one stands here
+SHIPPED: tuple[type[Part], ...] = (
+    StepBlock,
+    MarginBlock,
+    CrownOnTooth,
+    ScannedMargin,
+    StraightTip,
+    HookTip,
+    Sheath,
+)
+_more: list[type[Part]] = []
+
+
+def list_kinds() -> dict[str, type[Part]]:
+    """Return the kinds that stimulus files may declare, by the names of their stanzas."""
+    return {kind.stanza: kind for kind in (*SHIPPED, *_more)}
+
+
+@contextmanager
+def register_kind(kind: type[Part]) -> Iterator[None]:
+    """Let stimulus files declare a kind that is not shipped, for as long as the context lasts.
+
+    Parameters
+    ----------
+    kind : type of Part
+        See `Part` for what it answers.
+
+    Yields
+    ------
+    None
+        While it is known.
+
+    Raises
+    ------
+    StimulusError
+        If another kind has stanzas of that name, or it cannot be the name of one.
+    """
+    taken = {*list_kinds(), *StimulusSet.model_fields, "schema", "set", "defaults"}
+    StimulusError.require(
+        kind.stanza.isidentifier() and kind.stanza not in taken,
+        f"stanza must be a new name, got {kind.stanza!r} [{kind.__name__}]",
+    )
+    _more.append(kind)
+    try:
+        yield
+    finally:
+        _more.remove(kind)
+
+
+class StimulusSet(Table):
+    """Everything one stimulus file declares.
+
+    Attributes
+    ----------
+    name : str
+        Name of the set and of its file.
+    title : str
+        What it is, for the page.
+    source : str
+        Where it comes from.
+    prediction : PredictionGrid
+        Conditions under which it is predicted.
+    stimuli : tuple of Part
+        All parts, in the order of the kinds; the parts of one kind are also an attribute with the
+        name of its stanza, such as ``step_block``.
+    order : OrderSpec
+        Author, date, revision and quantity, for the drawings.
+    probe : ProbeSpec or None
+        Probe that the sheaths are made for.
+    damping_rig : DampingRig or None
+        Rig on which the ring of the probe is measured.
+    """
+
+    name: Identity
+    title: Annotated[str, Field(min_length=1, max_length=200)]
+    source: Annotated[str, Field(max_length=500)] = ""
+    prediction: PredictionGrid = PredictionGrid()
+    # of entries that are no parts the first is enough: millions of mistakes fill the memory
+    stimuli: Annotated[tuple[Part, ...], FailFast()]
+    order: OrderSpec = OrderSpec()
+    probe: ProbeSpec | None = None
+    damping_rig: DampingRig | None = None
+
+    def __getattr__(self, name: str) -> tuple[Any, ...]:
+        """Parts of one kind, by the name of its stanza."""
+        if name not in list_kinds():
+            raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
+        return tuple(part for part in self.stimuli if part.stanza == name)
+
+    @classmethod
+    def declare(cls, name: str, **declared: object) -> "StimulusSet":
+        """Declare a set in Python as a file does, with the same defaults.
+
+        Parameters
+        ----------
+        name : str
+            Of the set, and of the file that `to_toml` writes.
+        **declared
+            Tables of a stimulus file: ``prediction``, ``order``, and lists of stanzas by kind,
+            such as ``step_block=[{"id": "a", "height": "25 um"}]``. A stanza is a mapping, which
+            may stand for a series, or a part.
+
+        Returns
+        -------
+        StimulusSet
+            Validated, every series expanded, all values in SI.
+
+        Raises
+        ------
+        StimulusError
+            With all mistakes: name, rule, value and place.
+        """
+        # the place is said in one line, whatever was given as the name
+        return make_set(name, declared, Path(), " ".join(str(name).split()), [])
+
+    def to_toml(self, path: str | Path | None = None) -> str:
+        """Write the set as a stimulus file that reads back as the same set.
+
+        Parameters
+        ----------
+        path : str or Path, optional
+            Where to write it; the stem must be the name of the set. Nothing is written where
+            omitted.
+
+        Returns
+        -------
+        str
+            The text of the file.
+
+        Raises
+        ------
+        StimulusError
+            If the name of the file is not that of the set, or a part cannot be stated in a file.
+        """
+        StimulusError.require(
+            path is None or isinstance(path, str | Path),
+            f"path must be that of a file, got {shorten_value(path)}",
+        )
+        text = format_set(self, self.name, self.stimuli)
+        if path is not None:
+            StimulusError.require(
+                Path(path).stem == self.name,
+                f"the file must be named after its set, {self.name!r} [{path}]",
+            )
+            replace_text(Path(path), text)
+        return text
+
+    def __repr__(self) -> str:
+        names = [part.id for part in self.stimuli]
+        shown = ", ".join(names if len(names) < 6 else [*names[:3], "...", names[-1]])
+        return f"StimulusSet({self.name!r}, {len(names)} stimuli: {shown})"
+
+    __str__ = __repr__
+
+    def _repr_html_(self) -> str:
+        rows = "".join(
+            f"<tr><td>{escape(part.id)}<td>{escape(part.kind_name)}<td>{escape(part.summary)}"
+            f"<td>{escape(part.material.order_text)}"
+            for part in self.stimuli
+        )
+        return (
+            f"<b>{escape(self.title)}</b>"
+            f"<table><tr><th>stimulus<th>kind<th>size<th>material{rows}</table>"
+        )
+
+    def with_parts(self, parts: Iterable[Part]) -> Self:
+        """Return the set with other parts under the same conditions."""
+        return self.model_copy(update={"stimuli": tuple(parts)})
+
+    def predict_ring(self, part: Part) -> RodRing | None:
+        """Predict how the probe rings with a part on its shank; None where it wears none."""
+        sleeve = part.sleeve
+        return None if sleeve is None or self.probe is None else self.probe.ring(sleeve)
+
+    def find_conditions(self, part: Part) -> PredictionGrid:
+        """Return the conditions of a part; a sheath changes the stiffness of the probe."""
+        ring = self.predict_ring(part)
+        if ring is None:
+            return self.prediction
+        return self.prediction.model_copy(
+            update={
+                "tool": self.prediction.tool.model_copy(update={"stiffness": ring.stiffness}),
+            }
+        )
+
+    def describe_alike(self) -> dict[str, str]:
+        """Say which bench blocks have the sizes of another: no hand and no scan tells them apart.
+
+        Returns
+        -------
+        dict of str to str
+            A sentence by the identity of each block that repeats an earlier one.
+        """
+        first: dict[tuple[object, ...], str] = {}
+        found = {}
+        for part in self.stimuli:
+            sizes = part.stanza, *(size.nominal for size in part.sizes.values())
+            if part.has_working_faces and first.setdefault(sizes, part.id) != part.id:
+                found[part.id] = f"{part.id} has the sizes of {first[sizes]}: {part.summary}"
+        return found
+
+    @make_rules_validator
+    def _check_parts_suit_the_conditions(self) -> Iterator[str]:
+        counts = Counter(part.id for part in self.stimuli)
+        for name in (counts - Counter(set(counts))).elements():
+            yield (
+                f"id must be unique in its set, got {name!r} twice; in a series it names what "
+                f"varies, such as '{name}-{{height_um:03}}'"
+            )
+        if not all(part.crossed for part in self.stimuli) and not self.prediction.step_heights:
+            yield "prediction.step_heights must be given for a set with tips or sheaths, got none"
+        if any(part.ball is None for part in self.stimuli) and not self.prediction.tip_radii:
+            yield (
+                "prediction.tip_radii must be given for a set with blocks, crowns or sheaths, "
+                "got none"
+            )
+        given = {"probe": self.probe, "damping_rig": self.damping_rig}
+        yield next(
+            (line for part in self.stimuli for line in part.list_missing_conditions(given)), ""
+        )
+        if not self.stimuli:
+            yield "a set must declare at least one stimulus, got none"
+
+
+def choose_operating_point(
+    stimuli: StimulusSet, part: Part, overrides: Mapping[str, float]
+) -> OperatingPoint:
+    """Choose the first condition of a part's set, changed by `overrides` and by the part itself."""
+    grid = stimuli.find_conditions(part)
+    ring = stimuli.predict_ring(part)
+    # how the probe rings with this part on its shank
+    tool = grid.as_tool() if ring is None else ring.as_tool(grid.as_tool())
+    own = {} if part.ball is None else {"ball_radius": part.ball.nominal}
+    return grid.first_point(**{"tool": tool, "tissue": part.tissue(tool), **overrides, **own})
+
+
+def make_file_model() -> type[Table]:
+    """Make the model of a file: the fields of a set, and a list of tables for each kind."""
+    fields: dict[str, Any] = {
+        name: (field.annotation, field) for name, field in StimulusSet.model_fields.items()
+    }
+    fields.pop("stimuli")
+    for stanza, kind in list_kinds().items():
+        fields[stanza] = (tuple[kind, ...], ())  # type: ignore[valid-type]
+    return create_model("StimulusFile", __base__=Table, **fields)
+
+
+def validate_set(declared: Mapping[str, object]) -> StimulusSet:
+    """Validate what a file declares; tips and steps that it leaves out are those of the paper."""
+    values = dict(make_file_model().model_validate(declared))
+    parts = tuple(part for stanza in list_kinds() for part in values.pop(stanza))
+    grid: PredictionGrid = values["prediction"]
+    more: dict[str, tuple[float, ...]] = {}
+    if any(part.ball is None for part in parts) and not grid.tip_radii:
+        more["tip_radii"] = (PAPER.ball_radius,)
+    if not all(part.crossed for part in parts) and not grid.step_heights:
+        more["step_heights"] = PAPER_STEPS
+    # not by the class itself, which as a public name answers in one line of its own
+    return StimulusSet.model_validate(
+        values | {"prediction": grid.model_copy(update=more), "stimuli": parts}
+    )
+
+
+def make_set(
+    name: str, raw: dict[str, Any], folder: Path, place: object, mistakes: list[Mistake]
+) -> StimulusSet:
+    """Make a set of the tables of a file in a folder, or say all that is wrong with them."""
+    known = list_kinds()
+    defaults = raw.pop("defaults", {})
+    if not isinstance(defaults, dict) or not set(defaults) <= set(known):
+        mistakes.append(
+            ("", f"defaults must be tables named {', '.join(known)}, got {shorten_value(defaults)}")
+        )
+        defaults = {}
+    for kind in [kind for kind in known if kind in raw]:
+        raw[kind] = list(
+            islice(
+                _expand_stanzas(kind, raw[kind], defaults.get(kind, {}), mistakes, folder),
+                MAX_SERIES + 1,
+            )
+        )
+    total = sum(len(raw.get(kind, ())) for kind in known)
+    StimulusError.require(
+        total <= MAX_SERIES,
+        f"a set must have at most {MAX_SERIES} stimuli, got {total} [{place}]",
+    )
+    declared = {"name": name, "title": name, **raw}
+
+    def locate(location: Location) -> tuple[str, Location]:
+        if len(location) < 2 or location[0] not in known or not isinstance(location[1], int):
+            return "", location
+        kind, number, *rest = location
+        # none where the name of the kind was corrected
+        (stanza,) = [*declared.get(kind, ()), *({},) * (number + 1)][number : number + 1]
+        return f"{kind} {shorten_value(_name_stanza(stanza, number + 1))}", tuple(rest)
+
+    try:
+        found = validate_set(declared)
+    except ValidationError as error:
+        # where stanzas could not be read, a set without any is no mistake of its own
+        if total or not mistakes:
+            mistakes += list_mistakes(error, make_file_model(), declared, locate, validate_set)
+    StimulusError.require(not mistakes, format_mistakes(mistakes, place))
+    return found
+
+
+def _name_stanza(stanza: Part | Mapping[str, object], otherwise: object) -> object:
+    return stanza.id if isinstance(stanza, Part) else stanza.get("id", otherwise)
+
+
+def _expand_stanzas(
+    kind: str, raw: object, defaults: object, mistakes: list[Mistake], folder: Path
+) -> Iterator[Part | Mapping[str, object]]:
+    # Expand the stanzas of a kind; those that cannot be are among the mistakes
+    if not isinstance(raw, list | tuple) or not all(isinstance(one, dict | Part) for one in raw):
+        mistakes.append(("", f"{kind} must be written as [[{kind}]], got {shorten_value(raw)}"))
+        return
+    if not isinstance(defaults, dict):
+        mistakes.append(("", f"defaults.{kind} must be a table, got {shorten_value(defaults)}"))
+        return
+    for number, stanza in enumerate(raw, start=1):
+        place = f"{kind} {shorten_value(_name_stanza(stanza, f'number {number}'))}"
+        try:
+            if isinstance(stanza, Part):
+                yield stanza
+                continue
+            for one in expand_series(merge_tables(defaults, stanza)):
+                yield from list_kinds()[kind].expand_stanza(one, folder)
+        except (ValueError, StepblocksError) as error:
+            mistakes.append((place, str(error)))
+        except RecursionError:
+            mistakes.append((place, "tables must not nest so deep"))

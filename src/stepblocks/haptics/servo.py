@@ -1,0 +1,223 @@
+"""The servo loop, a thousand times a second.
+
+It reads the hand, ticks the renderer, holds the force within limits and gives it back.
+"""
+
+import ctypes
+import gc
+import os
+import sys
+import threading
+import time
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from stepblocks.contact import Array
+from stepblocks.files.atomic import write_atomically
+from stepblocks.haptics.hands import Hand
+from stepblocks.haptics.renderer import Renderer
+
+RATE = 1000.0  # Hz
+# What is written of every tick; `force` is the renderer's, `applied` what the limits left of it
+COLUMNS = (
+    "time_s",
+    "x_m",
+    "y_m",
+    "z_m",
+    *(f"{name}_{axis}_n" for name in ("force", "applied") for axis in "xyz"),
+    "pull_n",
+    "held",
+    "events",
+    "late_s",
+)
+
+
+_WATCHED = 60e-6  # before a tick is due the clock is watched instead of slept through [s]
+
+
+def raise_priority(priority: int) -> None:
+    """Ask the system to wake this thread before others and on time, where it can.
+
+    A sleep may otherwise last 50 us longer.
+    """
+    # Threads that it starts take the priority over. Who holds the interpreter while the servo waits
+    # for it needs one too, though a lower one: any other program could else put both off.
+    with suppress(OSError, AttributeError):
+        ctypes.CDLL(None).prctl(29, 1, 0, 0, 0)  # PR_SET_TIMERSLACK, in nanoseconds, of this thread
+    with suppress(OSError, AttributeError):
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a hand is never asked to bear, and when it is let go."""
+
+    force: float = 7.0  # N; above the peak of most desk-top devices
+    growth: float = (
+        5e3  # how fast a force may grow [N/s]; it may fall at once, as it does at a release
+    )
+    late: float = 200e-6  # a tick this late is logged [s]
+    # after so long without a tick, or an answer of the hand, the force is off until the hand has
+    # let go [s]
+    dead: float = 0.05
+
+
+class Servo(threading.Thread):
+    """One trial's loop in a thread of its own; `stop` ends it."""
+
+    # In doubt it takes the force off, says why in `doubts`, and goes on when the hand has let go
+    # and takes hold again.
+
+    def __init__(
+        self,
+        renderer: Renderer,
+        hand: Hand,
+        *,
+        limits: Limits = Limits(),
+        seconds: float = 120.0,
+        waits: bool = True,
+    ) -> None:
+        super().__init__(name="servo", daemon=True)
+        self.renderer, self.hand, self.limits, self._waits = renderer, hand, limits, waits
+        self._period = renderer.period
+        self._log = np.zeros((max(1, round(seconds / self._period)), len(COLUMNS)))
+        self._over = threading.Event()
+        self._applied = np.zeros(3)
+        self._held = False
+        self.trusted = not hand.motors
+        self.doubts: list[str] = []
+        self.ticks, self.ended = 0, ""  # why it ended: "", "stopped" or "time is up"
+
+    def run(self) -> None:
+        """Tick until stopped; whatever happens, the last force is zero."""
+        # the loop shares the interpreter with the page's server, which must not keep it for long,
+        # nor a collection of garbage
+        interval, collects = sys.getswitchinterval(), gc.isenabled()
+        sys.setswitchinterval(50e-6)
+        gc.disable()
+        if self._waits:
+            raise_priority(20)
+        try:
+            self.ended = self._loop()
+        finally:
+            sys.setswitchinterval(interval)
+            if collects:
+                gc.enable()
+            self._let_go()
+
+    def _loop(self) -> str:
+        start = time.perf_counter()
+        for tick, row in enumerate(self._log):
+            late = self._wait(start + tick * self._period)
+            doubt = (
+                f"watchdog: a tick came {late * 1e3:.0f} ms late" if late > self.limits.dead else ""
+            )
+            if late > self._period:
+                start += late  # no burst of ticks to catch up with
+            row[0], row[-1] = tick * self._period, late
+            try:
+                doubt = doubt or self._tick(row)
+            except Exception as error:  # a hand that fails must not leave its force standing
+                doubt = f"{type(error).__name__}: {error}"
+            if doubt:
+                self._let_go()
+                self.doubts += [doubt] if self.trusted else []
+                self.trusted = False
+            self.ticks = tick + 1
+            if self._over.is_set():
+                return "stopped"
+        return "time is up"
+
+    def _tick(self, row: Array) -> str:
+        # Feel once; return what is in doubt
+        asked = time.perf_counter()
+        position, velocity, held = self.hand.read()
+        if self._waits and time.perf_counter() - asked > self.limits.dead:
+            return "watchdog: the hand did not answer"
+        self.trusted = self.trusted or not held
+        held = held and self.trusted
+        if held and not self._held:
+            self.renderer.reset(position)
+        self._held = held
+        force = self.renderer.tick(position, velocity) if held else np.zeros(3)
+        self._applied = self._limit_force(force, self._applied) if held else force
+        row[1:-1] = (
+            *position,
+            *force,
+            *self._applied,
+            self.renderer.pull if held else 0.0,
+            held,
+            self.renderer.events,
+        )
+        # after the log: a virtual hand moves its own position here, and keeps its load by what is
+        # rendered, not by what is left of it
+        self.hand.apply(self._applied if self.hand.motors else force)
+        return ""
+
+    def _let_go(self) -> None:
+        self._applied = np.zeros(3)
+        self._held = False
+        with suppress(Exception):  # it failed before, and is asked again at the next tick
+            self.hand.apply(self._applied)
+
+    def _wait(self, due: float) -> float:
+        # Sleep until shortly before a tick is due, then watch the clock; return how late it is [s]
+        if not self._waits:
+            return 0.0
+        left = due - time.perf_counter()
+        if left > _WATCHED:
+            time.sleep(left - _WATCHED)
+        while (late := time.perf_counter() - due) < 0.0:
+            pass
+        return late
+
+    def _limit_force(self, force: Array, before: Array) -> Array:
+        size, was = float(np.linalg.norm(force)), float(np.linalg.norm(before))
+        most = min(self.limits.force, was + self.limits.growth * self._period)
+        return force * (most / size) if size > most else force.copy()
+
+    def stop(self) -> None:
+        """End the loop and wait for it."""
+        self._over.set()
+        if self.is_alive():
+            self.join()
+
+    def record(self) -> dict[str, Array]:
+        """Return the columns of all ticks so far."""
+        return dict(zip(COLUMNS, self._log[: self.ticks].T.copy(), strict=True))
+
+    def summary(self) -> dict[str, float]:
+        """Return how many ticks there were, how many were late, and how late.
+
+        The lateness is its 99.9 % quantile [s].
+        """
+        late = self._log[: self.ticks, -1]
+        return {
+            "ticks": self.ticks,
+            "late_ticks": int((late > self.limits.late).sum()),
+            "late_999_s": float(np.quantile(late, 0.999)) if self.ticks else 0.0,
+        }
+
+
+def write_motion(path: Path, servo: Servo, attributes: dict[str, object]) -> None:
+    """Write a trial's motion and forces as HDF5, one dataset per column.
+
+    The file is written beside its place and renamed.
+    """
+    import h5py
+
+    with write_atomically(path) as draft, h5py.File(draft, "w", track_order=True) as file:
+        for name, values in servo.record().items():
+            file.create_dataset(name, data=values, compression="gzip", shuffle=True)
+        file.attrs.update(
+            {
+                "rate_hz": RATE,
+                "ended": servo.ended,
+                "doubts": "; ".join(servo.doubts),
+                **servo.summary(),
+                **attributes,
+            }
+        )

@@ -1,0 +1,280 @@
+"""The model of a session: equations (1) and (2), and the effects that were found missing.
+
+It is evaluated for many trials at once.
+"""
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, fields
+from functools import cached_property, lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepblocks.contact.laws import FrictionLaw, build_laws
+from stepblocks.contact.operating_point import PAPER, Tool
+from stepblocks.errors import ContactError, PipelineError
+from stepblocks.lawsearch.law import Active, Parameter
+from stepblocks.rig.state import DragState, Floats, compute_channels, press_edge
+
+TOGETHER = " * "  # between the names of two covariates that act together
+PEAK_FORCE = "peak_force_n"  # a quantity of the model that an effect may follow like a column
+SPEED_OVER_LOAD = "speed_mm_s / load_n"  # of a viscous film: Hersey's number
+_COMPUTED = ("none", "block", PEAK_FORCE, SPEED_OVER_LOAD)  # no columns of their own
+
+
+@dataclass(frozen=True)
+class BenchDesign:
+    """What was set on the bench, in SI units; arrays of shape (n,)."""
+
+    block: NDArray[np.str_]
+    height: Floats  # nominal [m]
+    load: Floats  # normal [N]
+    speed: Floats  # of the handle [m/s]
+    tip_radius: Floats  # m
+    spring_constant: float  # nominal, of the probe [N/m]
+    # what an effect may follow, as in trials.csv
+    covariates: Mapping[str, NDArray[np.generic]] = field(default_factory=dict)
+    # of friction, whose size is fitted, and of the contact, by kind: known beforehand
+    laws: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name in ("height", "load", "speed", "tip_radius"):
+            column = getattr(self, name)
+            ContactError.require(
+                np.all(np.isfinite(column)) and np.all(column > 0.0),
+                f"{name} of every trial must be positive and finite",
+            )
+        ContactError.require(len(self.block) != 0, "block must name at least one trial")
+        ContactError.require(
+            np.isfinite(self.spring_constant) and self.spring_constant > 0.0,
+            f"spring_constant must be positive and finite, got {self.spring_constant:g} N/m",
+        )
+
+    @cached_property
+    def members(self) -> tuple[tuple[str, ...], NDArray[np.intp]]:
+        """Names of the blocks' height errors, and which of them each trial has."""
+        blocks, inverse = np.unique(self.block, return_inverse=True)
+        return tuple(format_height_name(str(b)) for b in blocks), inverse
+
+    @cached_property
+    def friction_shape(self) -> tuple[Floats, Floats]:
+        """Coefficient of sliding over that at rest under 1 N; that at the release over sliding.
+
+        Both are 1 without a law. The tip is at rest when it releases.
+        """
+        law = self.laws.get("friction") or FrictionLaw(lambda speed, load, place, time: 1.0)
+        compute = np.vectorize(law.coefficient, otypes=[float])
+        sliding, rest = (compute(speed, self.load, 0.0, 0.0) for speed in (self.speed, 0.0))
+        return sliding / law.coefficient(0.0, 1.0, 0.0, 0.0), rest / sliding
+
+    @cached_property
+    def indentation(self) -> tuple[Floats, Floats] | None:
+        """Depth of the contact at 1 N [m], and the power of the load that it follows [1]."""
+        if "contact" not in self.laws:
+            return None
+        stiffness, power = np.vectorize(self.laws["contact"].power_law, otypes=[float, float])(
+            self.tip_radius
+        )
+        return stiffness ** (-1.0 / power), 1.0 / power
+
+
+def build_bench_design(
+    block: NDArray[np.str_],
+    covariates: Mapping[str, NDArray[np.generic]],
+    spring_constant: float,
+    laws: Mapping[str, Mapping[str, Any]] | None = None,
+) -> BenchDesign:
+    """Convert the columns of trials.csv, and ``tip_radius_um``, to SI units.
+
+    `laws` are known beforehand: each by name with its numbers, as `build_laws` takes them.
+    """
+    height, load, speed, radius = (
+        np.asarray(covariates[name], dtype=np.float64)
+        for name in ("height_um", "load_n", "speed_mm_s", "tip_radius_um")
+    )
+    return BenchDesign(
+        block,
+        height * 1e-6,
+        load,
+        speed * 1e-3,
+        radius * 1e-6,
+        spring_constant,
+        covariates,
+        build_laws(laws or {}),
+    )
+
+
+def parse_tip_radius_um(tip: str, default: float) -> float:
+    """Radius of a tip from its name, ``tip-125`` for 125 um.
+
+    `default` where the name has no number.
+    """
+    match = re.fullmatch(r"tip-(\d+(?:\.\d+)?)(?:um)?", str(tip).strip())
+    return float(match.group(1)) if match else default
+
+
+def read_tip_radii(tips: Iterable[str], declared_um: float, place: str = "") -> NDArray[np.float64]:
+    """Read radii of tips from their labels [um]; refuse them where none is the declared radius."""
+    found = np.array([parse_tip_radius_um(tip, declared_um) for tip in tips])
+    PipelineError.require(
+        not found.size or bool(np.isclose(found, declared_um, rtol=0.01).any()),
+        f"tips of the table must agree with `probe.tip_radius`, {declared_um:g} um: their labels "
+        f"say {', '.join(f'{one:g} um' for one in np.unique(found))}; correct either{place}",
+    )
+    return found
+
+
+def format_height_name(block: str) -> str:
+    """Name of the height error of a block."""
+    return f"height_error[{block}]"
+
+
+def list_constants(
+    design: BenchDesign,
+    tool: Tool = PAPER.tool,
+    height_std: float = 1e-6,
+    scanned: Mapping[str, tuple[float, float]]
+    | None = None,  # height and standard uncertainty of blocks [m]
+) -> tuple[Parameter, ...]:
+    """List the constants fitted to a session.
+
+    They are those from the ring of `tool` on, and the height error of each block, which may be
+    `scanned`.
+    """
+    found = [
+        Parameter("friction", "1", PAPER.friction, 0.005, 0.9, 0.02),
+        Parameter("ln_conversion", "1", float(np.log(tool.conversion)), -9.0, 4.0, 0.1),
+        Parameter("stiffness_ratio", "1", 1.0, 0.2, 5.0, 0.02),
+        Parameter("ln_ring_frequency", "ln Hz", float(np.log(tool.frequency)), 3.0, 9.0, 0.01),
+        Parameter("ln_decay_time", "ln s", float(np.log(tool.decay_time)), -9.0, 1.0, 0.05),
+    ]
+    for block in np.unique(design.block).tolist():
+        nominal = float(design.height[design.block == block][0])
+        known, spread = (scanned or {}).get(block, (nominal, height_std))
+        start = known - nominal
+        # the bounds keep a step a step
+        reach = min(12.0 * height_std, 0.8 * nominal)
+        found.append(
+            Parameter(
+                format_height_name(block),
+                "m",
+                start,
+                start - reach,
+                start + reach,
+                0.3e-6,
+                max(spread, 0.1e-6),
+                block,
+            )
+        )
+    return tuple(found)
+
+
+@lru_cache(maxsize=64)
+def _build_empty_state(count: int) -> DragState:
+    # Every slot zero; shared by all states of as many trials, and never written to
+    zero = np.zeros(count)
+    zero.flags.writeable = False
+    slots: dict[str, Any] = dict.fromkeys((slot.name for slot in fields(DragState)), zero)
+    return DragState(**slots)
+
+
+def build_nominal_state(design: BenchDesign, values: Mapping[str, float | Floats]) -> DragState:
+    """Fill the slots from the design and the constants, each one number or one of each trial."""
+    names, inverse = design.members
+    errors = np.array([values.get(name, 0.0) for name in names])
+    one = np.ones(len(design.block))
+    sliding, at_release = design.friction_shape
+    frequency, decay_time = (
+        np.exp(values[f"ln_{name}"]) * one for name in ("ring_frequency", "decay_time")
+    )
+    off = values.get("load_error", 0.0) * one
+    # while the tip is held and the handle goes on, the tool's damper 2 k / (omega^2 T) takes its
+    # share of the pull
+    damper = 2.0 * design.spring_constant / ((2.0 * np.pi * frequency) ** 2 * decay_time)
+    state = _build_empty_state(len(design.block)).changed(
+        height=design.height + errors[inverse],
+        radius=design.tip_radius + values.get("edge_radius", 0.0),
+        friction=values["friction"] * sliding,
+        load=design.load + off,
+        set_load=design.load,
+        speed=design.speed,
+        stiffness=design.spring_constant * values["stiffness_ratio"] * one,
+        ring_stiffness=design.spring_constant * one,
+        conversion=np.exp(values["ln_conversion"]) * one,
+        edge_factor=at_release,
+        damping=one,
+        gain=one,
+        normal_gain=one,
+        sensed_offset=off,
+        climb_drag=-values.get("damper_share", 0.0) * damper * design.speed,
+        frequency=frequency,
+        decay_time=decay_time,
+        nominal_stiffness=design.spring_constant,
+    )
+    indentation = design.indentation
+    return state if indentation is None else press_edge(state, *indentation)
+
+
+def build_extended_state(
+    design: BenchDesign, values: Mapping[str, float | Floats], active: Active = ()
+) -> DragState:
+    """Fill the slots from the constants and apply the effects.
+
+    Release after contact, what follows the peak when it is known.
+    """
+    state = build_nominal_state(design, values)
+    for law, own in sorted(
+        active,
+        key=lambda pair: (
+            pair[0].given and pair[0].covariate == PEAK_FORCE,
+            pair[0].slot == "conversion",
+        ),
+    ):
+        state = law.apply(
+            state, select_covariate(design, state, law.covariate) if law.given else None, own
+        )
+    return state
+
+
+def list_covariate_columns(covariate: str) -> tuple[str, ...]:
+    """Columns of the table of trials that an effect over a covariate needs."""
+    return () if covariate in _COMPUTED else tuple(covariate.split(TOGETHER))
+
+
+def select_covariate(
+    design: BenchDesign, state: DragState, covariate: str
+) -> NDArray[np.generic] | None:
+    """Column of the design, or quantity of the state, that an effect follows."""
+    if covariate == "none":
+        return None
+    if covariate == "block":
+        return design.block
+    if covariate == PEAK_FORCE:
+        return state.peak_force()
+    if covariate == SPEED_OVER_LOAD:
+        return 1e3 * design.speed / design.load
+    if TOGETHER in covariate:
+        return np.stack(
+            [design.covariates[name] for name in list_covariate_columns(covariate)], axis=1
+        )
+    return design.covariates[covariate]
+
+
+def compute_responses(state: DragState) -> Floats:
+    """Change of the channels per unit of ln friction, ln load and ln conversion.
+
+    These three scatter among trials; the shape is (n, 7, 3).
+    """
+    base = compute_channels(state)
+    step = 1e-4
+    weight = state.set_load + state.sensed_offset
+    shifted = (
+        state.changed(friction=state.friction * (1.0 + step)),
+        state.changed(
+            load=state.load * (1.0 + step), sensed_offset=state.sensed_offset + step * weight
+        ),
+        state.changed(conversion=state.conversion * (1.0 + step)),
+    )
+    return np.stack([(compute_channels(other) - base) / step for other in shifted], axis=2)

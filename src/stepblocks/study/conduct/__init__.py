@@ -1,0 +1,1 @@
+"""One participant at a time: the run of a design, and the page that it is run on."""

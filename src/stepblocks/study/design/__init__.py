@@ -1,0 +1,1 @@
+"""Experiments as lists of trials: designed, simulated, and written as sheets."""

@@ -1,0 +1,177 @@
+"""Smooths: what a slot may follow when no law is known.
+
+And what the search may not be fooled by.
+"""
+
+import numpy as np
+import pytest
+
+from stepblocks.rig.effects.release_motion import compute_release
+from stepblocks.rig.effects.smooth import SLOT_MOVES, CovariateRange, list_smooth_laws
+from stepblocks.rig.forward import build_bench_design, build_nominal_state
+from stepblocks.rig.state import compute_channels
+
+_PLAIN = CovariateRange("temperature_c", 18.0, 26.0)
+_WIDE = CovariateRange("load_n", 0.1, 1.6, True)
+_FEW = CovariateRange("speed_mm_s", 2.0, 20.0, False, (), 3)
+_TWO = CovariateRange("half", 0.0, 1.0, False, (), 2)
+_LABELS = CovariateRange("operator", labels=("A", "B", "C"), distinct=3)
+
+
+@pytest.fixture
+def state():
+    columns = {
+        "height_um": [30.0] * 5,
+        "load_n": [0.5] * 5,
+        "speed_mm_s": [5.0] * 5,
+        "tip_radius_um": [125.0] * 5,
+    }
+    values = {"friction": 0.15, "ln_conversion": -1.6, "stiffness_ratio": 1.0}
+    design = build_bench_design(np.array(["b"] * 5), columns, 9810.0)
+    return build_nominal_state(design, values | {"ln_ring_frequency": 5.7, "ln_decay_time": -4.0})
+
+
+def test_a_range_is_laid_out_from_0_to_1_and_flat_beyond_it():
+    assert _PLAIN.unit(np.array([10.0, 18.0, 22.0, 26.0, 40.0])).tolist() == [
+        0.0,
+        0.0,
+        0.5,
+        1.0,
+        1.0,
+    ]
+    # a decade is laid out by its logarithm: the middle of 0.1 to 1.6 is 0.4
+    assert _WIDE.unit(np.array([0.1, 0.4, 1.6, 0.0])) == pytest.approx([0.0, 0.5, 1.0, 0.0])
+
+
+def test_a_line_goes_from_minus_one_to_one():
+    assert _PLAIN.line(np.array([18.0, 22.0, 26.0])).ravel().tolist() == [-1.0, 0.0, 1.0]
+
+
+def test_a_smooth_follows_every_cubic_of_its_covariate():
+    # cubic B-splines of two pieces hold all cubics; with the constant of the nominal model they fit
+    # any of them exactly
+    x = np.linspace(18.0, 26.0, 60)
+    basis = np.column_stack([np.ones(60), _PLAIN.basis(x)])
+    assert np.linalg.matrix_rank(basis) == 5
+    for power in range(4):
+        target = (x - 22.0) ** power
+        fitted = basis @ np.linalg.lstsq(basis, target, rcond=None)[0]
+        assert fitted == pytest.approx(target, abs=1e-9)
+
+
+def test_a_smooth_has_two_continuous_derivatives_where_its_pieces_meet():
+    x = 22.0 + np.linspace(-0.02, 0.02, 401)
+    second = np.diff(_PLAIN.basis(x), n=2, axis=0) / (x[1] - x[0]) ** 2
+    assert np.abs(np.diff(second, axis=0)).max() < 1e-2 * np.abs(second).max() + 1e-5
+
+
+def test_few_settings_take_powers_and_labels_take_one_column_each():
+    assert _FEW.basis(np.array([2.0, 11.0, 20.0])).tolist() == [[-1.0, 1.0], [0.0, 0.0], [1.0, 1.0]]
+    # a label that the data had not is taken for the mean of all
+    third = 1.0 / 3.0
+    assert _LABELS.basis(np.array(["A", "B", "C", "D"])).tolist() == [
+        [0, 0],
+        [1, 0],
+        [0, 1],
+        [third, third],
+    ]
+    assert [place.freedom for place in (_PLAIN, _FEW, _TWO, _LABELS)] == [4, 2, 1, 2]
+
+
+def test_every_slot_is_offered_over_every_covariate_as_a_line_where_that_differs_from_a_smooth():
+    laws = list_smooth_laws((_PLAIN, _TWO, _LABELS))
+    smooths = [law for law in laws if law.id.startswith("smooth_")]
+    trends = [law for law in laws if law.id.startswith("trend_")]
+    assert len(smooths) == 3 * len(SLOT_MOVES)
+    assert {law.covariate for law in trends} == {"temperature_c"}
+    # of numbers jumps have a name, of labels levels and a force by which each presses
+    jumps = ["step_friction_temperature_c", "step_conversion_temperature_c"]
+    levels = ["smooth_friction_operator", "smooth_conversion_operator"]
+    assert [law.id for law in laws if law.named] == [*jumps, *levels, "added_load_operator"]
+    assert max(law.rank for law in trends) < min(law.rank for law in smooths)
+    for law in laws:
+        # where a jump lies is its shape
+        shape = {"at"} if law.id in jumps else set()
+        assert set(law.amplitudes) == {p.name for p in law.parameters} - shape
+
+
+def test_a_trend_of_friction_is_a_factor_over_the_range(state):
+    law = next(
+        law for law in list_smooth_laws((_PLAIN,)) if law.id == "trend_friction_temperature_c"
+    )
+    moved = law.apply(state, np.array([18.0, 20.0, 22.0, 24.0, 26.0]), {"slope": 0.2})
+    assert np.log(moved.friction / state.friction) == pytest.approx(
+        [-0.2, -0.1, 0.0, 0.1, 0.2], abs=1e-12
+    )
+
+
+def test_a_law_asked_with_another_column_forgets_the_first(state):
+    law = next(
+        law for law in list_smooth_laws((_PLAIN,)) if law.id == "trend_conversion_temperature_c"
+    )
+    hot, cold = (law.apply(state, np.full(5, t), {"slope": 0.3}).conversion for t in (26.0, 18.0))
+    assert np.log(hot / cold) == pytest.approx(np.full(5, 0.6))
+
+
+def test_ways_into_one_slot_differ_in_what_the_bench_shows(state):
+    def shown(name):
+        return (
+            compute_channels(SLOT_MOVES[name].change(state, np.full(5, 0.1)))[0]
+            - compute_channels(state)[0]
+        )
+
+    # unseen by the gauge, the load ratio stays; a load while climbing leaves the sliding friction
+    # alone
+    assert shown("load")[6] == pytest.approx(0.0, abs=1e-12)
+    assert shown("seen_load")[6] == pytest.approx(np.expm1(0.1))
+    assert shown("climb_load")[2] == pytest.approx(0.0, abs=1e-12)
+    # energies weighed with the spring fall by its factor
+    assert shown("stiffness")[0] - shown("weighed_stiffness")[0] == pytest.approx(0.1)
+    assert shown("ramp_stiffness")[4] == pytest.approx(0.0, abs=1e-12)
+    assert shown("stiffness")[4] == pytest.approx(0.05)
+    assert shown("gain")[:2] == pytest.approx([0.2, 0.1])
+
+
+def test_a_step_as_high_as_the_ball_counts_as_the_highest_that_a_fit_may_stray_to():
+    same = np.ones(2)
+    far = compute_release(
+        np.array([0.97, 1.4]), 0.16 * same, 2.0 * same, 0.05 * same, 0.025 * same, 0.0 * same
+    )
+    assert far[0][0] == far[0][1]
+    assert far[1][0] == far[1][1]
+
+
+@pytest.mark.parametrize(
+    ("height", "stiffness"), [(0.16, 2.0), (0.24, 2.5), (0.4, 1.1), (0.64, 4.0)]
+)
+def test_a_release_is_continuous_in_its_friction(height, stiffness):
+    # a step of the integration is no step of the answer: a fit takes differences over such changes
+    friction = 0.15 + 1e-6 * np.arange(200)
+    same = np.ones(200)
+    for figure in compute_release(
+        height * same, friction, stiffness * same, 0.05 * same, 0.025 * same, 0.0 * same
+    ):
+        assert np.ptp(np.diff(figure)) < 5e-4
+
+
+def test_smooths_are_zero_in_the_middle_and_flat_beyond_the_range():
+    place = CovariateRange("temperature_c", 18.0, 26.0)
+    assert np.allclose(place.basis(np.array([22.0])), 0.0)
+    assert np.array_equal(place.basis(np.array([26.0])), place.basis(np.array([40.0])))
+
+
+def test_levels_are_named_by_every_label_but_the_first():
+    law = next(law for law in list_smooth_laws((_LABELS,)) if law.id == "smooth_friction_operator")
+    assert [one.name for one in law.parameters] == ["g[B]", "g[C]"]
+
+
+@pytest.mark.parametrize(("trials", "shortest"), [(240.0, 6.0), (4000.0, 16.0)])
+def test_swings_are_tried_half_a_turn_apart_down_to_six_trials_or_250_turns(trials, shortest):
+    run = CovariateRange("run_order", 0.0, trials)
+    (law,) = (law for law in list_smooth_laws((run,)) if law.id == "periodic_friction_run_order")
+    periods = np.array([shape["period_trials"] for shape in law.shapes])
+    assert np.diff(2.0 * trials / periods) == pytest.approx(1.0)
+    # what is seen to rise and fall but once need not come back
+    assert periods[0] == pytest.approx(trials / 1.5)
+    assert law.parameters[-1].high < trials
+    assert periods[-1] == pytest.approx(shortest)
