@@ -35,15 +35,31 @@ BYTES = "bytes"  # the cell that builds every shipped stimulus and compares the 
 # folders of tests that compute
 NUMERIC = (
     "contact",
+    "rig",
     "drag",
     "predict",
     "inspect",
     "bench",
+    "rehearse",
+    "lawsearch",
     "loop",
     "study",
 )
 TOP = "top"  # the tests that lie in no folder
-OTHERS = ("artefacts", "build", "cad", "cli", "literature", "parts", "simulators", "workshop", TOP)
+OTHERS = (
+    *(
+        "artefacts",
+        "build",
+        "cad",
+        "cli",
+        "compute",
+        "declaration",
+        "files",
+        "haptics",
+        "literature",
+    ),
+    *("parts", "records", "scans", "simulators", "workshop", TOP),
+)
 # what names platform, Python or library versions, and a page that shows them
 NAMING = {"manifest.json", "record.json", "index.html"}
 

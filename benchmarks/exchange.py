@@ -16,7 +16,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 SIMULATORS = "tests/simulators"
 SCENES = f"{SIMULATORS}/test_scenes.py"
-QIF = "tests/artefacts/test_qif_and_certificate.py"
+QIF = "tests/records/test_qif_and_certificate.py"
 # what is written, by what it is read, and the tests that hold it
 ROWS = (
     (

@@ -34,7 +34,7 @@ from stepblocks.simulators.scenes import SCENE_FORMATS
 
 ROOT = Path(__file__).resolve().parents[1]
 SETS = [ROOT / "stimuli" / name for name in ("paper-ten.toml", "crown-margins.toml")]
-DRAG_ACROSS = (ROOT / "tests" / "simulators" / "drag_across.js").read_text(encoding="utf-8")
+DRAG_ACROSS = (ROOT / "tests" / "oracles" / "drag_across.js").read_text(encoding="utf-8")
 RADIUS = 125e-6
 SPEED, TICKS = 1e-3, 1e4  # m/s, 1/s
 # peak force [N] and whether the ball crossed; None: not run here

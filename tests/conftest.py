@@ -21,32 +21,35 @@ for library in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
 ROOT = Path(__file__).resolve().parent.parent
 
 
-# files of a minute or so: begun first, so that no process waits for another one at the end
-LONG = (
+# files of the long tests that take a minute or so: begun first, so that no process waits for
+# another one at the end
+BEGUN_FIRST = (
     "artefacts/test_artefacts.py",
     "cli/test_one_event.py",
-    "drag/test_events.py",
-    "inspect/test_wrong_verdicts.py",
     "loop/test_finding.py",
-    "loop/test_friction_law.py",
     "loop/test_loop.py",
     "loop/test_rehearsal.py",
     "loop/test_run.py",
-    "loop/test_several.py",
-    "simulators/test_camera.py",
-    "simulators/test_chai3d.py",
-    "study/test_conduct.py",
+    "predict/test_sweep.py",
+    "simulators/test_export.py",
+    "simulators/test_native.py",
+    "simulators/test_native_force.py",
+    "simulators/test_scenes.py",
     "study/test_recovery.py",
-    "tests/test_first_hour.py",
-    "tests/test_package.py",
-    "tests/test_report.py",
+    "study/test_silent.py",
     "workshop/test_ten_blocks.py",
 )
 
 
 def pytest_collection_modifyitems(items):
-    """Order files by how long they take, as far as that matters."""
-    items.sort(key=lambda item: not item.path.as_posix().endswith(LONG))
+    """Take the first case alone of a test that repeats one promise; begin with the long files."""
+    seen = set()
+    for item in items:
+        function = item.nodeid.partition("[")[0]
+        if item.get_closest_marker("repeats") and function in seen:
+            item.add_marker("long")
+        seen.add(function)
+    items.sort(key=lambda item: not item.path.as_posix().endswith(BEGUN_FIRST))
 
 
 def pytest_collection_finish():

@@ -96,6 +96,7 @@ def test_whatever_fails_while_a_study_is_written_the_next_run_gives_the_same_byt
     assert tree(tmp_path) == whole
 
 
+@pytest.mark.long
 def test_a_study_that_is_killed_while_it_is_written_is_written_by_the_next_run(whole, tmp_path):
     code = """
 import os, signal, sys

@@ -112,6 +112,7 @@ def test_the_bill_of_materials_names_every_package_and_resolves_every_reference(
     assert all(one["licenses"][0]["license"]["name"] for one in bill["components"])
 
 
+@pytest.mark.long
 def test_the_wheel_begins_from_an_empty_folder_without_the_checkout(built, tmp_path):
     wheel, _ = built
     with zipfile.ZipFile(wheel) as archive:

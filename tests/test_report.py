@@ -98,6 +98,7 @@ def test_a_part_of_several_programs_reads_the_output_of_all(report, tmp_path):
     ]
 
 
+@pytest.mark.long
 def test_what_tests_hold_stands_while_they_pass(report, tmp_path):
     test = tmp_path / "test_one.py"
     test.write_text("def test_one():\n    assert True\n")
@@ -161,6 +162,7 @@ def test_the_core_offers_more_mutants_than_are_asked_for_and_each_has_tests(muta
             assert all((ROOT / name).exists() for name in mutations.tests_of(ROOT, mutant))
 
 
+@pytest.mark.long
 def test_a_mutant_stands_only_while_its_tests_run(mutations, tmp_path, monkeypatch):
     house = tmp_path / "src" / "stepblocks" / "drag"
     house.mkdir(parents=True)

@@ -90,6 +90,7 @@ def test_an_assembly_is_the_same_bytes_however_many_were_written_before_it(tmp_p
     assert numbers == [b"1", b"2"]
 
 
+@pytest.mark.long
 def test_an_assembly_alone_is_the_same_bytes_as_after_a_hundred_others(tmp_path):
     # the kernel's number of an occurrence moved the end of its line when it had one digit more; a
     # process of its own begins at 1

@@ -54,6 +54,7 @@ def test_the_table_and_the_file_say_the_same(session, tmp_path):
     assert (summary.total, summary.excluded, summary.reasons) == (6, 0, {})
 
 
+@pytest.mark.long
 def test_a_script_without_a_main_guard_may_measure_over_processes(tmp_path):
     (tmp_path / "plan.toml").write_text(PLAN)
     script = tmp_path / "script.py"

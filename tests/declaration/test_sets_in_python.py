@@ -24,6 +24,7 @@ def built(declared, tmp_path_factory):
     return folder, reports
 
 
+@pytest.mark.long
 def test_a_set_is_built_to_the_bytes_of_its_file(built):
     folder, reports = built
     assert all(one.built == ["mine/low"] and not one.failures for one in reports.values())

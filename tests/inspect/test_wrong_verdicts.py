@@ -77,6 +77,7 @@ def outcome(result, key):
 # 1. Burr
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize(("tall", "at"), [(4 * UM, 3 * UM), (5 * UM, 120 * UM), (10 * UM, 4 * UM)])
 @pytest.mark.parametrize("gauge", [profile_of, map_of])
 def test_a_burr_or_a_ridge_near_the_edge_does_not_conform(tall, at, gauge):
@@ -450,6 +451,7 @@ def test_the_cone_of_a_stylus_over_a_low_step_is_no_rounded_edge(spacing, bound)
         assert abs(found.value - 0.8 * UM) < found.expanded()
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("degrees", [20.0, -12.0, 90.0, 70.0])
 def test_a_turned_map_is_evaluated_across_its_edge(degrees):
     scan = map_of(block, degrees, size=(150, 150))

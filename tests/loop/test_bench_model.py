@@ -60,6 +60,7 @@ def test_ranges_are_those_of_what_varies(trials):
     assert found[PEAK_FORCE].high == pytest.approx(np.nanmax(force))
 
 
+@pytest.mark.long
 def test_laws_that_share_a_change_are_seen_as_if_each_were_tried_alone(trials):
     # the chain rule: what a trial shows depends on its own state, and on nothing of other trials
     problem = build_problem(_MODEL, trials)

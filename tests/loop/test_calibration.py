@@ -168,6 +168,7 @@ def test_a_zero_that_is_known_is_no_finding_and_one_that_is_ruled_out_is_not_nam
     assert "tangential_zero" not in [f.effect.id for f in ruled_out.findings]
 
 
+@pytest.mark.long
 def test_a_normal_gauge_that_shows_of_the_pull_differs_from_another_gain_by_its_usual_size_alone():
     # origin: 0.06 of a pull of 0.16 times the load is 1 % of it
     found = _explained(_planted("normal_cross_talk", normal_cross_talk=0.06), None)
@@ -190,6 +191,7 @@ def test_a_normal_gauge_that_shows_of_the_pull_differs_from_another_gain_by_its_
     assert "normal_gain" not in {rival.id for rival, _, _ in finding.rivals}
 
 
+@pytest.mark.long
 def test_a_gauge_that_shows_too_little_is_no_pivot_for_what_rubs_never_lifts():
     # origin: a pivot that rubs opposes the lift of the arm, and presses on the tip
     (low,) = _explained(_planted("sensor_gain", ln_gain=-0.04), None).findings

@@ -40,6 +40,7 @@ def declared(features):
     return analyse_features(features, 9810.0, 125e-6, rules=_RULES, laws={"friction": _DECLARED})
 
 
+@pytest.mark.long
 def test_nothing_is_missing_where_the_law_is_declared_and_unseen_blocks_are_twice_as_near(
     features, declared
 ):

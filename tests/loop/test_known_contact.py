@@ -48,6 +48,7 @@ def declare(session, line):
     return open_session(session).probe.model_dump(include={"contact"}, exclude_none=True)
 
 
+@pytest.mark.long
 def test_without_its_law_the_contact_is_what_is_missing(features):
     found = analyse_features(features, 9810.0, 125e-6, rules=_RULES)
     assert found.verdict is Verdict.EFFECT

@@ -263,6 +263,7 @@ def test_the_name_of_a_tip_gives_its_radius() -> None:
     assert parse_tip_radius_um("blue", 125.0) == 125.0
 
 
+@pytest.mark.repeats
 @pytest.mark.skipif(not (_SHARED / "bench").is_dir(), reason="the shared sessions are not at hand")
 @pytest.mark.parametrize(
     ("session", "rows", "verdict", "effect"),
@@ -362,6 +363,7 @@ def test_a_steady_drift_of_friction_is_a_drift_and_not_called_running_in() -> No
     assert abs(slope - 0.15) < 3.0 * std
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("edge", [0.3e-6, 20e-6])
 def test_thirty_trials_at_one_load_that_saturate_end_in_none_or_an_interval_that_holds(
     tmp_path, edge
@@ -388,6 +390,7 @@ def test_thirty_trials_at_one_load_that_saturate_end_in_none_or_an_interval_that
     assert np.all(fitted.predicted[censored, 1] > table.trials.floor[censored, 1] - 0.05)
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize(
     ("session", "named", "before", "after"),
     [

@@ -98,6 +98,7 @@ def list_names():
     return {law.id for law in named.list_named_laws()}
 
 
+@pytest.mark.long
 def test_the_laws_of_a_file_are_known_here_and_in_workers_old_and_new(my_laws):
     before = list(run_in_processes(list_names, [(), ()], 2))
     assert not any("film_valley" in names for names in before)
@@ -111,6 +112,7 @@ def test_the_laws_of_a_file_are_known_here_and_in_workers_old_and_new(my_laws):
     assert all(names == before[0] | {"film_hill"} for names in again)
 
 
+@pytest.mark.long
 def test_a_model_with_a_law_of_a_file_is_read_where_the_file_is_given(my_laws, tmp_path, capsys):
     trials = bench_trials(design_columns(60, 3), 3, ((FILM, {"rise": 0.5}),))
     features = features_of(trials)

@@ -87,6 +87,7 @@ def test_trials_held_apart_stand_in_a_table_with_what_they_look_like(result):
     assert "Look at the records of the trials that were held apart" in page.split("<nav")[0]
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize(
     ("name", "covariate", "shown", "heading"),
     [
@@ -120,6 +121,7 @@ def test_what_a_law_follows_is_said_in_words_where_its_name_holds_a_column(
     assert "pause s" not in page
 
 
+@pytest.mark.long
 def test_the_box_says_the_interval_that_the_next_trials_are_expected_to_leave(result):
     entry = result.document["effects"][0]
     one = {"value": 0.5, "low": 0.3, "high": 0.7, "unit": "1"}

@@ -62,6 +62,7 @@ def planned(rehearsed):
     return rehearsed[0]
 
 
+@pytest.mark.long
 def test_a_plan_becomes_a_session_with_every_combination_once_a_day_or_nearly(planned):
     rows = list(csv.DictReader((planned / "trials.csv").read_text().splitlines()))
     assert len(rows) == 4 * 2 * 2 * 3

@@ -87,6 +87,7 @@ def test_every_fold_chooses_for_itself_and_every_trial_is_held_out_once_either_w
         assert np.array_equal(np.isfinite(holdout.nominal), result.table.trials.seen)
 
 
+@pytest.mark.long
 def test_workers_give_the_same_answer_and_ask_a_script_for_no_guard(quiet, tmp_path):
     features, result, _ = quiet
     features.to_csv(tmp_path / "features.csv", index=False)

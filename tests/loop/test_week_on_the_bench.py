@@ -65,6 +65,7 @@ def _polish(state):
     return state.changed(radius=state.radius + 1.2e-6 * _PASSES)
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize(
     ("planted", "name", "place", "truth", "falls"),
     [

@@ -18,6 +18,7 @@ from stepblocks.predict.predictions import predict_by_formula
 SET = load_set(Path(__file__).resolve().parents[2] / "stimuli" / "crown-margins.toml")
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize(
     "stimulus", [s for s in SET.stimuli if isinstance(s, MarginBlock)], ids=lambda s: s.id
 )

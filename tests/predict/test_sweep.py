@@ -136,6 +136,7 @@ def test_an_interrupted_sweep_resumes_from_what_is_finished(tmp_path):
         assert path.read_bytes() == (tmp_path / "out" / path.name).read_bytes()
 
 
+@pytest.mark.long
 def test_a_process_killed_in_mid_run_loses_nothing_and_changes_no_byte(tmp_path):
     plan = plan_of(tmp_path, RANDOM.format(rows=12, size=4, mode="drag"))
     run_sweep(plan, tmp_path / "alone")
@@ -157,6 +158,7 @@ def test_a_process_killed_in_mid_run_loses_nothing_and_changes_no_byte(tmp_path)
     assert whole == again
 
 
+@pytest.mark.long
 def test_a_script_needs_no_main_guard_for_several_processes(tmp_path):
     (tmp_path / "sweep.toml").write_text(RANDOM.format(rows=4, size=2, mode="static"))
     script = tmp_path / "script.py"

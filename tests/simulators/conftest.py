@@ -67,11 +67,15 @@ def learned_model(tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
-def folder(tmp_path_factory):
+def folder(make_once):
     """A folder with a space that holds libstepblocks, built, and the blocks of two sets."""
     if not shutil.which("cmake") or not any(map(shutil.which, ("cc", "gcc", "clang"))):
         pytest.skip("no cmake, or no compiler of C")
-    base = tmp_path_factory.mktemp("with space")
+    _, place = make_once("native library", build_native_library)
+    return place
+
+
+def build_native_library(base):
     sets = [ROOT / "stimuli" / f"{name}.toml" for name in ("paper-ten", "crown-margins")]
     export_scenes(sets, "native", base, only="*-0*")
     place = base / "paper-ten" / "native-blocks"

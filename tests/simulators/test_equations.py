@@ -93,6 +93,7 @@ def in_the_notch(scene, factor):
     return [(x, down), (x + 0.5 * stretch, down), (x + factor * stretch, down)]
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize(("factor", "events"), [(HELD, 0), (SLIPS, 1)])
 def test_exported_python_holds_below_the_formula_and_slips_above_it(exported, law, factor, events):
     # the vertices of its path are text with 12 digits: a millionth is well above them
@@ -135,6 +136,7 @@ def tour(scene):
     return np.column_stack([across, lowest - down / k])
 
 
+@pytest.mark.repeats
 def test_c_python_and_renderer_give_the_same_forces_on_any_tour(exported, law, in_c):
     """Three implementations, one force; the renderer's reads the path in full digits."""
     _, scene = exported

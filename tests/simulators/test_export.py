@@ -144,6 +144,7 @@ def test_files_of_the_user_survive_a_second_export(tmp_path):
     assert not list(folder.parent.glob(".partial*"))
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("simulator", SCENE_FORMATS)
 @pytest.mark.parametrize(
     ("name", "only"), [("crown-margins", "crown-shoulder"), ("probe-tips", "hook-125")]
@@ -290,6 +291,7 @@ def test_an_export_uses_a_learned_model(learned_model, tmp_path):
     assert float(words.stdout.split()[1]) == pytest.approx(force, rel=5e-3)
 
 
+@pytest.mark.long
 def test_a_build_predicts_with_a_learned_model(learned_model, tmp_path):
     tips = str(ROOT / "stimuli" / "probe-tips.toml")
     arguments = ["build", tips, "-o", str(tmp_path), "--only", "tip-125", "--quiet", "--jobs", "1"]

@@ -121,6 +121,7 @@ def answers(program, tour):
     return np.array([[float(word) for word in line.split()] for line in done.stdout.splitlines()])
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("law", [force_law_in_c, force_law_in_python, native])
 def test_a_tip_that_was_lifted_over_the_edge_fires_nothing(delivered, tmp_path, law):
     folder, scene = delivered

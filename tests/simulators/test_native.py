@@ -61,6 +61,7 @@ NAMES = [
 ]
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("scale", [1.0, 20.0])
 def test_every_tick_is_that_of_the_renderer(world, name, scale):
@@ -363,6 +364,7 @@ def test_the_layout_of_the_output_is_the_same_in_c_python_and_c_sharp(folder, bi
     assert list(dict.fromkeys(plain)) == [name.replace("_", "") for name in names]
 
 
+@pytest.mark.long
 def test_the_example_runs_clean_under_the_sanitizers(folder, tmp_path):
     sources = [str(path) for path in sorted(folder.glob("*.c"))]
     program = tmp_path / "drag"

@@ -65,6 +65,7 @@ int main(int argc, char **argv)
 """
 
 
+@pytest.mark.long
 def test_no_tick_of_the_native_library_allocates(tmp_path):
     """Ten blocks dragged over, with limit, faults, a late tick, and a load that changes."""
     cmake, compiler = shutil.which("cmake"), shutil.which("cc") or shutil.which("gcc")

@@ -26,6 +26,7 @@ def plans(folder):
     }
 
 
+@pytest.mark.long
 def test_the_scale_belongs_to_the_set_whatever_is_written_of_it(tmp_path):
     """Exported apart or together, blocks of 10 and 80 um have one scale and one spring."""
     for only in ("step-010", "step-080", "step-0[18]0"):
@@ -38,6 +39,7 @@ def test_the_scale_belongs_to_the_set_whatever_is_written_of_it(tmp_path):
     assert "CONFOUNDED" not in readme
 
 
+@pytest.mark.long
 def test_the_full_scale_of_the_wavs_belongs_to_the_set_whatever_is_written_of_it(tmp_path):
     scales = set()
     for only in ("step-010", "step-090", "step-0[19]0"):
@@ -107,6 +109,7 @@ def test_what_a_device_loses_at_the_scale_of_the_set_stands_in_the_plan(tmp_path
     assert re.search(r"the hand must travel [\d.]+ mm, more than its 40 mm", str(done[0].plan))
 
 
+@pytest.mark.long
 def test_of_two_sets_either_both_are_written_or_none(tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "paper-ten").write_text("in the way")

@@ -64,11 +64,13 @@ def find_commands(folder):
     return {one for one in said if re.match(words, one)}
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("name", SCENE_FORMATS)
 def test_every_command_of_a_readme_is_run_by_a_test(folders, name):
     assert find_commands(folders[name]) - ELSEWHERE == set(RUNS[name])
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize(
     ("name", "command"), [(name, command) for name, all_ in RUNS.items() for command in all_]
 )

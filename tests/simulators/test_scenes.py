@@ -67,6 +67,7 @@ def run(script, *arguments, cwd=None):
     return done.stdout
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("block", TEN, ids=lambda block: block.id)
 def test_mujoco_follows_the_formula_on_all_ten_blocks(scenes, tmp_path, block):
     pytest.importorskip("mujoco")
@@ -76,6 +77,7 @@ def test_mujoco_follows_the_formula_on_all_ten_blocks(scenes, tmp_path, block):
     assert result["crossed"]
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("block", TEN[8:], ids=lambda block: block.id)
 def test_a_probe_that_the_formula_locks_stays_locked_in_mujoco(tmp_path, block):
     pytest.importorskip("mujoco")
@@ -86,6 +88,7 @@ def test_a_probe_that_the_formula_locks_stays_locked_in_mujoco(tmp_path, block):
     assert result["peak_force_n"] > 9.0 * LOAD
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize(
     ("name", "arguments"),
     [

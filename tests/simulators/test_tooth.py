@@ -89,6 +89,7 @@ def test_sections_of_neighbours_meet_and_those_across_the_tooth_do_not_reach_the
         assert local[:, 2].min() == pytest.approx(-0.6e-3)  # under the gap, not through the tooth
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("number", [1, 2, 4])
 def test_mujoco_drags_over_the_margin_at_the_force_of_its_own_section(folders, number):
     pytest.importorskip("mujoco")
@@ -101,6 +102,7 @@ def test_mujoco_drags_over_the_margin_at_the_force_of_its_own_section(folders, n
     assert result["crossed"]
 
 
+@pytest.mark.long
 def test_the_readme_of_the_tooth_is_followed_as_it_stands_in_mujoco(folders, monkeypatch, capsys):
     pytest.importorskip("mujoco")
     monkeypatch.chdir(folders["mujoco"])
@@ -220,6 +222,7 @@ def drag_across(world, angle, load=LOAD):
     return peak, last
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("number", range(STATIONS))
 def test_the_library_drags_at_a_station_with_the_force_of_its_section(world, number):
     peak, last = drag_across(world, ANGLES[number])

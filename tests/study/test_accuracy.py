@@ -155,6 +155,7 @@ def plan(share=1.0, noise=1.0, measure="bias"):
     )
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize(
     ("change", "seen"), [({"noise": 2.5}, (0, 1, 1)), ({"share": 0.8}, (1, 1, 0)), ({}, (0, 0, 0))]
 )

@@ -80,6 +80,7 @@ def test_the_block_that_is_chosen_leaves_the_least_entropy():
     assert found == pytest.approx(expected, abs=1e-6)
 
 
+@pytest.mark.long
 def test_observers_who_lapse_are_measured_without_bias():
     # 60 observers, 80 trials each, lapse rate 0.10, the largest that a fit may take, point of
     # equality 1.08, Weber fraction 0.25: the hierarchical analysis of their answers. One such set

@@ -132,6 +132,7 @@ def test_sphericity_and_its_correction_are_those_of_afex():
     assert (found.huynh_feldt, term.p) == pytest.approx((epsilon, corrected), rel=1e-6)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("conditions", "spread"), [(3, 1.0), (4, 1.0), (3, 6.0)])
 def test_the_level_of_ten_participants_is_kept_whether_differences_vary_alike_or_not(
     conditions, spread

@@ -79,6 +79,7 @@ def test_errors_over_participants_are_those_of_leaving_each_out():
     assert np.mean(without, axis=0) == pytest.approx(values, abs=0.1 * errors.min())
 
 
+@pytest.mark.long
 def test_few_ratings_of_each_participant_do_not_enlarge_the_odds():
     # with a free level for each participant three ratings with and without gave 1.38 for 1.2
     frames = []
@@ -93,6 +94,7 @@ def test_few_ratings_of_each_participant_do_not_enlarge_the_odds():
     assert np.mean(found) < 1.34
 
 
+@pytest.mark.long
 def test_the_test_over_participants_keeps_its_level_where_they_respond_differently():
     from scipy.stats import binom
 
@@ -129,6 +131,7 @@ def test_too_few_participants_are_refused():
         )
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("seed", range(6))
 def test_ratings_that_meet_in_one_category_have_no_finite_odds(seed):
     # 2 to 4 without and 4 to 6 with: the likelihood rises with the odds for ever

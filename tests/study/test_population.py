@@ -105,6 +105,7 @@ def test_the_gradient_is_that_of_the_likelihood():
     ) == pytest.approx(0.0, abs=1e-3)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("lapse", [0.0, 0.1])
 def test_intervals_of_the_population_hold(lapse):
     # benchmarks/study_nulls.py has 500 studies of each; of 20 an interval that holds 95 %

@@ -31,6 +31,7 @@ def lined(rows):
     return [row | {"line": f"line {number}"} for number, row in enumerate(rows, start=2)]
 
 
+@pytest.mark.long
 def test_a_known_weber_fraction_is_recovered_without_bias():
     # Energy in proportion to height, so that the Weber fraction of the energy is that of the
     # height; 60 fits of 1440 pairs (of 360, as docs/explanation/studies.md says, it comes out low:
@@ -124,6 +125,7 @@ def binomial_band(runs, rate=0.05):
     return low / runs, high / runs
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("analysis", "runs", "participants"), [("f-test", 200, 3), ("mixed", 100, 8)]
 )

@@ -127,6 +127,7 @@ def test_ratings_without_each_participant_are_those_of_the_others_alone(virtual)
     assert without["estimate"].iloc[2] == pytest.approx(math.exp(one.difference))
 
 
+@pytest.mark.long
 def test_a_difference_of_comparisons_is_shown_without_each_participant_and_its_bound(
     compared_twice,
 ):

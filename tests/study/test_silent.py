@@ -95,6 +95,7 @@ def test_an_option_that_a_design_does_not_follow_is_refused(tmp_path, options, s
         design_study(HEIGHTS, tmp_path, seed=1, **options)
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize(
     ("options", "primary", "others"),
     [
@@ -267,6 +268,7 @@ def test_several_factors_are_crossed_and_each_is_tested(tmp_path):
     assert "declared factors" in render_study(result)
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("experiment", ["estimates", "virtual", "magnitude"])
 def test_groups_alone_are_compared_by_their_participants(tmp_path, experiment):
     # estimates of groups alone once had no analysis, and magnitudes were pooled over the groups
@@ -295,6 +297,7 @@ def test_groups_alone_are_compared_by_their_participants(tmp_path, experiment):
     assert not any("no judgement" in note for note in result.notes)
 
 
+@pytest.mark.long
 def test_estimates_are_analysed_where_fewer_people_than_settings_rated(tmp_path):
     # six settings of four participants once ended the whole analysis of experiment 2
     factors = {"amplitude": ("0.5", "1", "2"), "frequency": ("150 Hz", "250 Hz")}
@@ -332,6 +335,7 @@ def test_noise_of_estimates_is_refused_of_answers_that_have_none(tmp_path):
     assert not (tmp_path / "answers.csv").exists()
 
 
+@pytest.mark.long
 def test_thresholds_of_two_probes_are_one_study_with_one_comparison(tmp_path):
     heights = tuple(h * 1e-6 for h in (30, 40, 45, 50, 55, 62, 75))
     options = {"experiment": "constant", "probes": ("bare", "soft"), "standard": "step-050"}

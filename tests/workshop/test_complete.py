@@ -61,11 +61,13 @@ def test_every_shipped_part_is_complete_on_paper(identity, tmp_path):
     assert find_missing(part, drawing, None, tmp_path / "sheet.csv") == []
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("identity", BUILT)
 def test_every_layout_is_complete_in_all_three_places(identity, written):
     assert find_missing(*written(identity)) == []
 
 
+@pytest.mark.long
 def test_a_dimension_taken_from_the_drawing_is_missed(written, tmp_path):
     part, drawing, _, _ = written("step-050")
     for number, one in list(enumerate(part.characteristics(), start=1))[::2]:

@@ -70,6 +70,7 @@ def ordered(tmp_path_factory):
     return folder
 
 
+@pytest.mark.long
 def test_every_dimension_stands_on_drawing_step_file_and_sheet_of_each_block(ordered):
     declared = load_set(ordered / "own.toml")
     assert len(declared.stimuli) == 10
