@@ -36,7 +36,7 @@ from pathlib import Path
 from typing import Any
 
 from stepblocks.cli import main as command_line
-from stepblocks.study import conduct
+from stepblocks.study.conduct import run as conduct
 
 # what a user does: the words of a command, and its folder or file
 WORDS = {
