@@ -30,7 +30,7 @@ from stepblocks.records.model import LearnedModel
 from stepblocks.simulators.scene import Frame, Scene
 
 if TYPE_CHECKING:
-    from stepblocks.predict.table import LearnedDrag
+    from stepblocks.predict.learned import LearnedDrag
 
 Ring = Literal["exponential", "drag"]
 _RATE = 96e3  # of the simulated force [Hz]; WAV files are interpolated from it
@@ -247,7 +247,7 @@ def _predict_with_model(
     learned: LearnedModel, surface: Part, point: OperatingPoint, direction: int
 ) -> "LearnedDrag":
     # Predict the drag over this edge as over a step: of its height, or of its critical angle
-    from stepblocks.predict.table import make_learned_drag
+    from stepblocks.predict.learned import make_learned_drag
 
     face = surface.counterface()
     height = (
