@@ -130,7 +130,7 @@ def _texts(work: Path) -> Iterator[Kind]:
     from stepblocks.build.manifest import load_json, load_record, write_sealed
     from stepblocks.declaration.read import load_set
     from stepblocks.haptics.devices import load_devices
-    from stepblocks.predict.sweep.plan import load_sweep
+    from stepblocks.predict.sweep.read import load_sweep
     from stepblocks.records.as_built import AsBuilt, AsBuiltValue, read_as_built, write_as_built
     from stepblocks.records.model import build_model_document, read_model
     from stepblocks.records.qif import write_qif

@@ -425,7 +425,7 @@ def mesh_first_solid(part: Any, name: Any = "body", body: Any = None, **strange:
 
 def make_method_calls(work: Path) -> dict[str, Call]:
     """Return an honest call of each method of the public objects, which is bound to its object."""
-    from stepblocks.predict.sweep.plan import load_sweep
+    from stepblocks.predict.sweep.read import load_sweep
 
     x = np.linspace(-1e-4, 1e-4, 50)
     declared = sb.load_set(work / "mine.toml")

@@ -9,7 +9,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from stepblocks.predict.sweep.plan import load_sweep
+from stepblocks.predict.sweep.read import load_sweep
 from stepblocks.predict.sweep.run import run_sweep
 
 TEXT = """

@@ -64,9 +64,10 @@ from .predict.dataset import (
     plot_predictions as plot_predictions,
     to_dataset as to_dataset,
 )
+from .predict.learned import predict_trials as predict_trials
 from .predict.run import predict_set as predict_set
 from .predict.sweep.run import SweepResult as SweepResult, run_sweep as run_sweep
-from .predict.table import predict_table as predict_table, predict_trials as predict_trials
+from .predict.table import predict_table as predict_table
 from .quantities import format_quantity as format_quantity, parse_quantity as parse_quantity
 from .records.as_built import read_as_built as read_as_built
 from .records.laboratory import read_laboratory as read_laboratory

@@ -18,7 +18,8 @@ from stepblocks.contact.operating_point import LIMIT_SOURCES, PAPER, SHIPPED_LIM
 from stepblocks.contact.rod import fit_rod
 from stepblocks.declaration.read import load_set
 from stepblocks.errors import ContactError
-from stepblocks.predict.predictions import describe_left_out, predict_all, tabulate_prediction
+from stepblocks.predict.columns import tabulate_prediction
+from stepblocks.predict.predictions import describe_left_out, predict_all
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 FOUR = load_set(STIMULI / "paper-four.toml")

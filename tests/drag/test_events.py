@@ -23,7 +23,7 @@ from stepblocks.contact.operating_point import PAPER
 from stepblocks.drag.run import drag_over
 from stepblocks.errors import ContactError, MetrologyError, PipelineError
 from stepblocks.predict.predictions import predict_one
-from stepblocks.simulators.assemble import simulate_ring_of
+from stepblocks.simulators.assemble import replace_ring_by_drag
 
 R = PAPER.ball_radius
 X = np.arange(-0.8e-3, 0.8e-3, 0.5e-6)
@@ -276,7 +276,7 @@ def test_over_a_wavy_step_prediction_drag_and_exported_ring_answer_for_the_step(
     face = Profile(WAVY.x[::2], WAVY.z[::2])
     predicted, done = predict_one(face, PAPER), drag_over(face)
     event = list_vibration_events(face, PAPER)[0]
-    ring = simulate_ring_of(event, face, PAPER)
+    ring = replace_ring_by_drag(event, face, PAPER)
     assert event.critical_force == pytest.approx(predicted.release.pull_force, rel=1e-3)
     answer = done.events[done.events.belongs_to == "feature"].iloc[0]
     assert answer.x_m == pytest.approx(event.trigger_position, abs=1e-6)

@@ -18,7 +18,7 @@ from oracles.virtual_bench import Bench
 from oracles.virtual_session import Plan, write_session
 from stepblocks.bench.measure import measure_session
 from stepblocks.cli import main
-from stepblocks.predict.table import predict_trials
+from stepblocks.predict.learned import predict_trials
 
 _PLAN = Plan(
     bench=Bench(conversion=0.2, edge_radius=20e-6, friction=0.18),

@@ -14,7 +14,7 @@ from oracles.features_file import features_of
 from stepblocks.lawsearch.explain import Rules, Verdict
 from stepblocks.lawsearch.law import Law
 from stepblocks.loop.run import analyse_features, write_loop
-from stepblocks.predict.table import predict_trials
+from stepblocks.predict.learned import predict_trials
 from stepblocks.records.model import read_model
 
 _RULES = Rules(draws=100, fits=2)

@@ -27,7 +27,7 @@ from stepblocks.loop.bench_model import SessionModel, list_candidates, list_cova
 from stepblocks.loop.result import write_block_stimulus
 from stepblocks.loop.run import loop_session, write_loop
 from stepblocks.loop.session_table import build_session_table
-from stepblocks.predict.table import predict_trials
+from stepblocks.predict.learned import predict_trials
 from stepblocks.records.model import read_model
 from stepblocks.rig.forward import parse_tip_radius_um
 

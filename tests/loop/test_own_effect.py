@@ -17,7 +17,7 @@ from stepblocks.compute.processes import run_in_processes
 from stepblocks.errors import ContactError
 from stepblocks.lawsearch.explain import Rules, Verdict
 from stepblocks.loop.run import analyse_features, write_loop
-from stepblocks.predict.table import predict_trials
+from stepblocks.predict.learned import predict_trials
 from stepblocks.records.model import read_model
 from stepblocks.rig.effects import named, offered
 

@@ -23,7 +23,7 @@ from stepblocks.errors import PipelineError
 from stepblocks.lawsearch.explain import Rules, Verdict
 from stepblocks.loop import run
 from stepblocks.loop.run import analyse_features, loop_session
-from stepblocks.predict.table import predict_trials
+from stepblocks.predict.learned import predict_trials
 from stepblocks.records.model import build_model_document
 
 _RULES = Rules(draws=60, fits=2)

@@ -15,7 +15,7 @@ from stepblocks.cli import main
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.errors import PipelineError
 from stepblocks.loop.session_table import build_session_table, read_trial_table, scan_blocks
-from stepblocks.predict.table import predict_trials
+from stepblocks.predict.learned import predict_trials
 from stepblocks.records.model import build_model_document
 from stepblocks.rig.state import CHANNELS
 

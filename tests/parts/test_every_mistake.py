@@ -337,7 +337,7 @@ def test_what_new_writes_is_valid_with_its_comments_and_without(thing, tmp_path,
 
 def test_new_sessions_and_sweeps_are_read_by_their_commands(tmp_path, capsys):
     from stepblocks.bench.session import open_session
-    from stepblocks.predict.sweep.plan import load_sweep
+    from stepblocks.predict.sweep.read import load_sweep
 
     assert main(["new", "session", str(tmp_path / "s")]) == 0
     assert open_session(tmp_path / "s").probe.tip_radius == pytest.approx(125e-6)

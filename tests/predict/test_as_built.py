@@ -19,7 +19,8 @@ from stepblocks.predict.as_built import (
     replace_nominals,
     tabulate_surface,
 )
-from stepblocks.predict.predictions import format_row, predict_by_formula
+from stepblocks.predict.columns import format_row
+from stepblocks.predict.predictions import predict_by_formula
 from stepblocks.records.as_built import AsBuilt, AsBuiltValue, write_as_built
 from stepblocks.scans.scan import ScannedProfile
 

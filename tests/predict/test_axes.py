@@ -10,7 +10,8 @@ from oracles.scanned_tooth import scan, scanned_set
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.declaration.read import load_set
 from stepblocks.errors import PipelineError
-from stepblocks.predict.sweep.plan import PARAMETERS, load_sweep, read_sweep_stimuli
+from stepblocks.predict.sweep.plan import PARAMETERS
+from stepblocks.predict.sweep.read import load_sweep, read_sweep_stimuli
 from stepblocks.predict.sweep.rows import compute_table
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"

@@ -9,13 +9,13 @@ import pytest
 from oracles.learned import make_learned_model
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.declaration.read import load_set
-from stepblocks.predict.predictions import predict_by_formula
-from stepblocks.predict.table import (
+from stepblocks.predict.learned import (
     apply_model,
     format_learned_columns,
     make_learned_drag,
     predict_trials,
 )
+from stepblocks.predict.predictions import predict_by_formula
 
 _STIMULI = Path(__file__).parents[2] / "stimuli"
 _CONDITION = OperatingPoint(ball_radius=110e-6, normal_load=0.8, friction=0.4, speed=8e-3)

@@ -121,7 +121,7 @@ def test_the_limits_of_a_prediction_are_the_equations_at_the_limits_of_height_an
 
 
 def test_a_block_that_may_lock_within_its_tolerance_says_so():
-    from stepblocks.predict.predictions import format_row, tabulate_prediction
+    from stepblocks.predict.columns import format_row, tabulate_prediction
 
     ten = load_set(Path(__file__).resolve().parents[2] / "stimuli" / "paper-ten.toml")
     rows = [

@@ -13,13 +13,13 @@ from stepblocks.contact.counterface import Margin, Step
 from stepblocks.contact.energy import Status
 from stepblocks.declaration.read import load_set
 from stepblocks.errors import StepblocksError
-from stepblocks.predict.predictions import (
+from stepblocks.predict.columns import (
     choose_terminal_columns,
     format_predictions_csv,
     format_row,
-    predict_all,
     tabulate_prediction,
 )
+from stepblocks.predict.predictions import predict_all
 from stepblocks.predict.run import predict_set
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"

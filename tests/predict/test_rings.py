@@ -16,8 +16,9 @@ from stepblocks.drag.simulate import simulate_drag
 from stepblocks.drag.track import build_track
 from stepblocks.errors import PipelineError
 from stepblocks.predict import predictions
+from stepblocks.predict.columns import tabulate_prediction
 from stepblocks.predict.perception import choose_energies
-from stepblocks.predict.predictions import DIFFERS, predict_all, predict_one, tabulate_prediction
+from stepblocks.predict.predictions import DIFFERS, predict_all, predict_one
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 SHEATHS, FOUR = load_set(STIMULI / "sheaths.toml"), load_set(STIMULI / "paper-four.toml")

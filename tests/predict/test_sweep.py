@@ -19,7 +19,7 @@ from stepblocks.declaration.read import load_set
 from stepblocks.errors import PipelineError
 from stepblocks.predict.figures import compute_margin_map
 from stepblocks.predict.predictions import predict_by_formula
-from stepblocks.predict.sweep.plan import load_sweep
+from stepblocks.predict.sweep.read import load_sweep
 from stepblocks.predict.sweep.rows import _find_rows_in_domain, draw_inputs
 from stepblocks.predict.sweep.run import run_sweep
 

@@ -11,7 +11,7 @@ from oracles.learned import CONSTANTS, make_learned_model
 from stepblocks.contact.critical_angle import find_step_angle
 from stepblocks.contact.energy import find_release
 from stepblocks.errors import PipelineError
-from stepblocks.predict.table import predict_trials
+from stepblocks.predict.learned import predict_trials
 from stepblocks.rig.effects.smooth import list_smooth_laws
 
 _NUMBERS = ["peak_force_n", "vibration_energy_j"]

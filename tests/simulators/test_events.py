@@ -13,7 +13,7 @@ from stepblocks.contact.operating_point import PAPER
 from stepblocks.declaration.read import load_set
 from stepblocks.errors import HapticsError
 from stepblocks.records.model import read_model
-from stepblocks.simulators.assemble import apply_learned_model, simulate_ring_of
+from stepblocks.simulators.assemble import apply_learned_model, replace_ring_by_drag
 
 ROOT = Path(__file__).resolve().parents[2]
 BLOCKS = {s.id: s for s in load_set(ROOT / "stimuli" / "paper-ten.toml").stimuli}
@@ -77,7 +77,7 @@ def test_a_drag_that_catches_nothing_is_taught_nothing(learned):
 def rung(block, point=PAPER, direction=0):
     face = block.counterface()
     event = list_vibration_events(face, point, block.id)[direction]
-    return event, simulate_ring_of(event, face, point)
+    return event, replace_ring_by_drag(event, face, point)
 
 
 def test_the_simulated_ring_carries_the_energy_of_the_formula():
@@ -119,4 +119,4 @@ def test_an_event_that_the_drag_does_not_confirm_is_refused():
     event = list_vibration_events(BLOCKS["step-050"].counterface(), PAPER, "step-050")[0]
     flat = replace(BLOCKS["step-050"].counterface(), height=1e-9)
     with pytest.raises(HapticsError, match=r"must release to give a ring, got .* \[step-050 \+x\]"):
-        simulate_ring_of(event, flat, PAPER)
+        replace_ring_by_drag(event, flat, PAPER)

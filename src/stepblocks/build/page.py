@@ -16,7 +16,8 @@ from stepblocks.declaration.set import StimulusSet
 from stepblocks.files.atomic import replace_text
 from stepblocks.files.pages import render_page
 from stepblocks.files.text import Document
-from stepblocks.predict.predictions import Prediction, tabulate_prediction
+from stepblocks.predict.columns import tabulate_prediction
+from stepblocks.predict.predictions import Prediction
 from stepblocks.quantities import format_span
 
 # colours of the view

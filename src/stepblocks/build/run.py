@@ -239,9 +239,10 @@ def _write_tables_and_page(
     # Write tables and page from the records. Return the hash of every file of the folder, and the
     # number of stimuli.
     from stepblocks.build.page import Section, write_page
-    from stepblocks.predict.predictions import format_predictions_csv, predict_all
+    from stepblocks.predict.columns import format_predictions_csv
+    from stepblocks.predict.learned import apply_model, format_learned_columns
+    from stepblocks.predict.predictions import predict_all
     from stepblocks.predict.sheaths import write_sheath_files
-    from stepblocks.predict.table import apply_model, format_learned_columns
 
     def hash_files(paths: Iterable[Path]) -> dict[str, str]:
         # a file that somebody removed meanwhile is an error: its hash would stand for no file
@@ -344,11 +345,8 @@ def _check_table(stimuli: "StimulusSet", folder: Path, name: str) -> "Verdict":
     # in their last digit, which a last bit can turn on another processor. With a learned model
     # the table must have the hash of the manifest.
     from stepblocks.parts.verdict import Verdict
-    from stepblocks.predict.predictions import (
-        agree_to_last_digit,
-        format_predictions_csv,
-        predict_all,
-    )
+    from stepblocks.predict.columns import agree_to_last_digit, format_predictions_csv
+    from stepblocks.predict.predictions import predict_all
 
     manifest = load_json(folder / MANIFEST)
     path = folder / name

@@ -87,13 +87,8 @@ def predict(
     from stepblocks.declaration.read import load_sets
     from stepblocks.files.atomic import replace_text
     from stepblocks.files.tables import format_csv
-    from stepblocks.predict.predictions import (
-        choose_terminal_columns,
-        describe_left_out,
-        format_row,
-        predict_all,
-        tabulate_prediction,
-    )
+    from stepblocks.predict.columns import choose_terminal_columns, format_row, tabulate_prediction
+    from stepblocks.predict.predictions import describe_left_out, predict_all
     from stepblocks.predict.sheaths import tabulate_rings
 
     sets = [declared for declared, _ in load_sets(files)]
@@ -131,7 +126,7 @@ def _predict_as_built(
     # Predict what was measured in place of the nominal; give sets, predictions and their rows
     from stepblocks.contact.operating_point import PAPER
     from stepblocks.predict import as_built
-    from stepblocks.predict.predictions import format_row
+    from stepblocks.predict.columns import format_row
     from stepblocks.quantities import format_units
     from stepblocks.records.as_built import read_records
 
@@ -159,7 +154,8 @@ def _predict_table(files: list[Path], output: Path | None, model: Path | None) -
         wanted = "a trials.csv or the folder of one session" if model else "one CSV table"
         raise PipelineError(f"expected {wanted}, got {', '.join(map(str, files)) or 'none'}")
     PipelineError.require(output is not None, f"-o must name the CSV to write [{files[0]}]")
-    from stepblocks.predict.table import predict_table, predict_trials
+    from stepblocks.predict.learned import predict_trials
+    from stepblocks.predict.table import predict_table
 
     if model is None:
         return Outcome(f"{output}: {len(predict_table(files[0], output))} predictions")
@@ -199,7 +195,7 @@ def sweep(
 
     Computes the design into a folder, one Parquet file per partition; finished partitions are kept.
     """
-    from stepblocks.predict.sweep.plan import load_sweep
+    from stepblocks.predict.sweep.read import load_sweep
     from stepblocks.predict.sweep.run import PLAN_FILE, run_sweep
 
     plan = load_sweep(design)

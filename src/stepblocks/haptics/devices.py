@@ -23,7 +23,9 @@ _MAX_FILE_BYTES = 200_000
 FORCE_ERROR = 0.01
 # of the ring through the device's servo loop (Choi and Tan advise 5 to 10 kHz for textures)
 _SAMPLES_PER_CYCLE = 10.0
-_SCALES = tuple(m * 10.0**e for e in range(4) for m in (1.0, 2.0, 5.0))
+# magnifications that are offered, 1 to 5000
+_SCALES = tuple(mantissa * 10.0**decade for decade in range(4) for mantissa in (1.0, 2.0, 5.0))
+_ROUNDING = 1e-9  # by which a figure may pass its limit, relative [1]
 # Units of a plan's figures, at the end of their names
 _UNITS = {
     "ball_radius": "m",
@@ -109,24 +111,23 @@ class _DeviceFile(BaseModel, extra="forbid"):
 
 def load_devices(path: str | Path | None = None) -> tuple[Device, ...]:
     """Read device profiles: the shipped ones, and those of a file of the user's."""
-    sources = [Path(__file__).with_name("devices.toml"), *([] if path is None else [Path(path)])]
-    files = [
-        validate_data(
-            _DeviceFile,
-            read_document(source, "a device file", HapticsError, _MAX_FILE_BYTES),
-            source,
-            HapticsError,
-        )
-        for source in sources
-    ]
-    return tuple({device.id: device for file in files for device in file.device}.values())
+    sources = [Path(__file__).with_name("devices.toml")]
+    if path is not None:
+        sources.append(Path(path))
+    by_id: dict[str, Device] = {}
+    for source in sources:
+        document = read_document(source, "a device file", HapticsError, _MAX_FILE_BYTES)
+        declared = validate_data(_DeviceFile, document, source, HapticsError)
+        by_id |= {device.id: device for device in declared.device}
+    return tuple(by_id.values())
 
 
 def find_device(name: str, devices: tuple[Device, ...]) -> Device:
     """Find a device by its id, or say which there are."""
-    found = {device.id: device for device in devices}
-    HapticsError.require(name in found, f"device must be one of {', '.join(found)}, got {name!r}")
-    return found[name]
+    by_id = {device.id: device for device in devices}
+    if name not in by_id:
+        raise HapticsError(f"device must be one of {', '.join(by_id)}, got {name!r}")
+    return by_id[name]
 
 
 class Faithfulness(StrEnum):
@@ -135,6 +136,14 @@ class Faithfulness(StrEnum):
     FAITHFUL = "renders faithfully"
     DEVIATES = "renders with deviations"
     IMPOSSIBLE = "does not render"
+
+
+class RingRoute(StrEnum):
+    """What makes the ring."""
+
+    MOTORS = "motors"
+    VOICE_COIL = "voice coil"
+    NONE = "none"  # nothing rings
 
 
 @dataclass(frozen=True)
@@ -158,9 +167,8 @@ class RenderingPlan:
         [1].
     hand_travel : float
         How far the hand pulls before the release, S F_px / k [m].
-    ring_route, ring_samples : str, float
-        ``motors``, ``voice coil``, or ``none`` where nothing rings; samples in a cycle of the ring
-        in the servo loop [1].
+    ring_route, ring_samples : RingRoute, float
+        What makes the ring; samples in a cycle of the ring in the servo loop [1].
     verdict, reasons : Faithfulness, tuple of str
         What the device makes of it, and why, one clause each.
     """
@@ -175,24 +183,28 @@ class RenderingPlan:
     force_step: float
     force_error: float
     hand_travel: float
-    ring_route: str
+    ring_route: RingRoute
     ring_samples: float
     verdict: Faithfulness = Faithfulness.FAITHFUL
     reasons: tuple[str, ...] = ()
 
     def as_record(self) -> dict[str, object]:
         """Return plain values for JSON, the unit in every name; None for what is not a number."""
-        record = replace_nan_by_none(
-            asdict(self) | {"verdict": self.verdict.value, "reasons": list(self.reasons)}
-        )
-        return {
-            f"{name}_{_UNITS[name]}" if name in _UNITS else name: value
-            for name, value in record.items()
-        }
+        fields = asdict(self)
+        fields["ring_route"] = self.ring_route.value
+        fields["verdict"] = self.verdict.value
+        fields["reasons"] = list(self.reasons)
+        record = {}
+        for name, value in replace_nan_by_none(fields).items():
+            unit = _UNITS.get(name)
+            record[name if unit is None else f"{name}_{unit}"] = value
+        return record
 
     def __str__(self) -> str:
-        why = f": {'; '.join(self.reasons)}" if self.reasons else ""
-        return f"{self.device}, {self.stimulus}: {self.verdict.value} at scale {self.scale:g}{why}"
+        sentence = f"{self.device}, {self.stimulus}: {self.verdict.value} at scale {self.scale:g}"
+        if not self.reasons:
+            return sentence
+        return f"{sentence}: {'; '.join(self.reasons)}"
 
 
 def plan_rendering(
@@ -202,35 +214,43 @@ def plan_rendering(
 
     Without a scale the plan takes the smallest at which the device follows the formula.
     """
-    chosen = _choose_scale(device, event, point) if scale is None else scale
-    k = point.tool.stiffness / chosen
-    q = device.position_resolution.value
-    samples = device.update_rate.value / point.tool.frequency
-    route = "motors" if samples >= _SAMPLES_PER_CYCLE else "voice coil"
+    if scale is None:
+        scale = _choose_scale(device, event, point)
+    stiffness = point.tool.stiffness / scale
+    force_step = stiffness * device.position_resolution.value
+    ring_samples = device.update_rate.value / point.tool.frequency
+    pulled_force = _replace_if_not_finite(event.critical_force, device.peak_force.value)
     plan = RenderingPlan(
         device=device.id,
         stimulus=event.stimulus,
-        scale=chosen,
-        ball_radius=chosen * point.ball_radius,
-        stiffness=k,
+        scale=scale,
+        ball_radius=scale * point.ball_radius,
+        stiffness=stiffness,
         critical_force=event.critical_force,
         ring_energy=event.energy,
-        force_step=k * q,
-        force_error=0.5 * k * q / _find_smallest_force(event, point),
-        hand_travel=chosen
-        * _replace_if_not_finite(event.critical_force, device.peak_force.value)
-        / point.tool.stiffness,
-        ring_route=route if event.status is Status.RELEASES else "none",
-        ring_samples=samples,
+        force_step=force_step,
+        force_error=0.5 * force_step / _find_smallest_force(event, point),
+        hand_travel=scale * pulled_force / point.tool.stiffness,
+        ring_route=_choose_ring_route(event, ring_samples),
+        ring_samples=ring_samples,
     )
-    refused = _list_refusals(device, plan, point.normal_load)
-    lost = _list_deviations(device, plan, event, point.normal_load)
-    possible = Faithfulness.DEVIATES if lost else Faithfulness.FAITHFUL
-    return replace(
-        plan,
-        verdict=Faithfulness.IMPOSSIBLE if refused else possible,
-        reasons=(*refused, *lost),
-    )
+    refusals = _list_refusals(device, plan, point.normal_load)
+    deviations = _list_deviations(device, plan, event, point.normal_load)
+    verdict = Faithfulness.FAITHFUL
+    if refusals:
+        verdict = Faithfulness.IMPOSSIBLE
+    elif deviations:
+        verdict = Faithfulness.DEVIATES
+    return replace(plan, verdict=verdict, reasons=(*refusals, *deviations))
+
+
+def _choose_ring_route(event: VibrationEvent, ring_samples: float) -> RingRoute:
+    """Choose what makes the ring, by the samples that the servo loop has in a cycle of it."""
+    if event.status is not Status.RELEASES:
+        return RingRoute.NONE
+    if ring_samples >= _SAMPLES_PER_CYCLE:
+        return RingRoute.MOTORS
+    return RingRoute.VOICE_COIL
 
 
 def choose_common_scale(
@@ -246,77 +266,101 @@ def choose_common_scale(
 
 def require_renderable(plans: Iterable[RenderingPlan | None]) -> None:
     """Refuse what a device does not render, all of it in one message."""
-    refused = [plan for plan in plans if plan and plan.verdict is Faithfulness.IMPOSSIBLE]
-    if refused:
-        why = "; ".join(f"{plan.stimulus}: {', '.join(plan.reasons)}" for plan in refused)
-        raise HapticsError(
-            f"device {refused[0].device} does not render {why}; choose other stimuli (--only), a "
-            "smaller load (--load) or another device"
-        )
+    refused = []
+    for plan in plans:
+        if plan is not None and plan.verdict is Faithfulness.IMPOSSIBLE:
+            refused.append(plan)
+    if not refused:
+        return
+    reasons = "; ".join(f"{plan.stimulus}: {', '.join(plan.reasons)}" for plan in refused)
+    raise HapticsError(
+        f"device {refused[0].device} does not render {reasons}; choose other stimuli (--only), a "
+        "smaller load (--load) or another device"
+    )
 
 
 def _replace_if_not_finite(value: float, otherwise: float) -> float:
+    """Return a value, or another where it is infinite or not a number."""
     return value if math.isfinite(value) else otherwise
 
 
 def _take_value_or_infinity(figure: Figure | None) -> float:
+    """Take the value of a figure; a limit that is not known is none."""
     return math.inf if figure is None else figure.value
 
 
 def _find_smallest_force(event: VibrationEvent, point: OperatingPoint) -> float:
-    return min(point.normal_load, _replace_if_not_finite(event.critical_force, point.normal_load))
+    """Find the smaller of load and release force [N]."""
+    release_force = _replace_if_not_finite(event.critical_force, point.normal_load)
+    return min(point.normal_load, release_force)
 
 
 def _choose_scale(device: Device, event: VibrationEvent, point: OperatingPoint) -> float:
-    k, q = point.tool.stiffness, device.position_resolution.value
-    wanted = max(
-        0.5 * k * q / (FORCE_ERROR * _find_smallest_force(event, point)),
-        k / _take_value_or_infinity(device.stiffness_limit),
-    )
-    most = (
-        0.5
-        * _take_value_or_infinity(device.travel)
-        * k
-        / _replace_if_not_finite(event.critical_force, device.peak_force.value)
-    )
+    """Choose the smallest scale at which positions and spring fit and the hand can travel."""
+    stiffness = point.tool.stiffness
+    force_step = stiffness * device.position_resolution.value
+    for_positions = 0.5 * force_step / (FORCE_ERROR * _find_smallest_force(event, point))
+    for_spring = stiffness / _take_value_or_infinity(device.stiffness_limit)
+    wanted = max(for_positions, for_spring)
+    pulled_force = _replace_if_not_finite(event.critical_force, device.peak_force.value)
+    most = 0.5 * _take_value_or_infinity(device.travel) * stiffness / pulled_force
     fitting = [scale for scale in _SCALES if scale <= most] or [_SCALES[0]]
-    return next((scale for scale in fitting if scale >= wanted * (1.0 - 1e-9)), fitting[-1])
+    for scale in fitting:
+        if scale >= wanted * (1.0 - _ROUNDING):
+            return scale
+    return fitting[-1]
 
 
 def _list_refusals(device: Device, plan: RenderingPlan, load: float) -> list[str]:
-    # List why a device does not render a plan at all
-    peak, force = device.peak_force.value, plan.critical_force
-    limit = _take_value_or_infinity(device.stiffness_limit)
-    rules = {
-        f"the load of {load:g} N exceeds its peak force of {peak:g} N": load > peak,
-        f"the release force of {force:.3g} N exceeds its peak force of {peak:g} N: it would slip "
-        "early": force > peak,
-        f"the spring of {plan.stiffness:.4g} N/m exceeds its stiffness limit of {limit:.4g} N/m: "
-        "a larger scale is needed": plan.stiffness > limit * (1.0 + 1e-9),
-    }
-    return [reason for reason, holds in rules.items() if holds]
+    """List why a device does not render a plan at all."""
+    peak = device.peak_force.value
+    stiffness_limit = _take_value_or_infinity(device.stiffness_limit)
+    reasons = []
+    if load > peak:
+        reasons.append(f"the load of {load:g} N exceeds its peak force of {peak:g} N")
+    if plan.critical_force > peak:
+        reasons.append(
+            f"the release force of {plan.critical_force:.3g} N exceeds its peak force of "
+            f"{peak:g} N: it would slip early"
+        )
+    if plan.stiffness > stiffness_limit * (1.0 + _ROUNDING):
+        reasons.append(
+            f"the spring of {plan.stiffness:.4g} N/m exceeds its stiffness limit of "
+            f"{stiffness_limit:.4g} N/m: a larger scale is needed"
+        )
+    return reasons
 
 
 def _list_deviations(
     device: Device, plan: RenderingPlan, event: VibrationEvent, load: float
 ) -> list[str]:
-    # List what a device loses of a plan that it renders
-    resolution, peak = device.position_resolution.value, device.peak_force.value
-    held = max(load, _replace_if_not_finite(event.critical_force, 0.0))
-    lasting = _take_value_or_infinity(device.continuous_force)
-    travel = plan.hand_travel
-    most = _take_value_or_infinity(device.travel)
-    locks = event.status in (Status.LOCKED, Status.TOO_HIGH)
-    rules = {
-        f"positions rounded to {resolution * 1e6:g} um err by {100.0 * plan.force_error:.2g} % of "
-        "the force": plan.force_error > FORCE_ERROR * (1.0 + 1e-9),
-        f"the probe locks: the wall gives way above {peak:g} N": locks,
-        f"{held:.3g} N exceed its continuous force of {lasting:g} N: short drags only": held
-        > lasting,
-        f"the hand must travel {travel * 1e3:.3g} mm, more than its {most * 1e3:g} mm": travel
-        > most,
-        f"the ring of {event.tool.frequency:g} Hz gets {plan.ring_samples:.1f} samples a cycle at "
-        f"{device.update_rate.value:g} Hz and needs a voice coil": plan.ring_route == "voice coil",
-        "its stiffness limit is unknown": device.stiffness_limit is None,
-    }
-    return [reason for reason, holds in rules.items() if holds]
+    """List what a device loses of a plan that it renders."""
+    held_force = max(load, _replace_if_not_finite(event.critical_force, 0.0))
+    continuous_force = _take_value_or_infinity(device.continuous_force)
+    travel_limit = _take_value_or_infinity(device.travel)
+    reasons = []
+    if plan.force_error > FORCE_ERROR * (1.0 + _ROUNDING):
+        reasons.append(
+            f"positions rounded to {device.position_resolution.value * 1e6:g} um err by "
+            f"{100.0 * plan.force_error:.2g} % of the force"
+        )
+    if event.status in (Status.LOCKED, Status.TOO_HIGH):
+        reasons.append(f"the probe locks: the wall gives way above {device.peak_force.value:g} N")
+    if held_force > continuous_force:
+        reasons.append(
+            f"{held_force:.3g} N exceed its continuous force of {continuous_force:g} N: short "
+            "drags only"
+        )
+    if plan.hand_travel > travel_limit:
+        reasons.append(
+            f"the hand must travel {plan.hand_travel * 1e3:.3g} mm, more than its "
+            f"{travel_limit * 1e3:g} mm"
+        )
+    if plan.ring_route is RingRoute.VOICE_COIL:
+        reasons.append(
+            f"the ring of {event.tool.frequency:g} Hz gets {plan.ring_samples:.1f} samples a "
+            f"cycle at {device.update_rate.value:g} Hz and needs a voice coil"
+        )
+    if device.stiffness_limit is None:
+        reasons.append("its stiffness limit is unknown")
+    return reasons

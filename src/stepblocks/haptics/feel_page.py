@@ -3,6 +3,7 @@
 import base64
 import hashlib
 import json
+from collections.abc import Mapping, Sequence
 from importlib.resources import files as package_files
 from pathlib import Path
 
@@ -16,6 +17,10 @@ from stepblocks.files.pages import render_page
 from stepblocks.parts.kind import Part
 
 _WIDE = 1e-3  # of the drawn profile on either side of the edge [m]
+_BESIDE = 1e-12  # a breakpoint is drawn from both of its sides, so far from it [m]
+_SCRIPTS = ("feel_law.js", "feel_pictures.js", "feel.js")
+_FIRST_SHOWN = "step-050"
+_LARGEST_LIMIT = 1e300  # N; JSON has no infinity
 _LIMITERS = {
     "strength": "the tool bears",
     "spring": "the spring is linear to",
@@ -47,38 +52,45 @@ def write_feel_page(files: Sets, page: str | Path) -> int:
     StepblocksError
         If a file is wrong or the page cannot be written.
     """
-    stimuli = [
-        _describe_stimulus(declared, part, place)
-        for declared, place in load_sets(files)
-        for part in declared.stimuli
-    ]
-    script = "\n" + "".join(
-        package_files("stepblocks.haptics").joinpath("templates", name).read_text("utf-8")
-        for name in ("feel_law.js", "feel_pictures.js", "feel.js")
-    )
+    stimuli = []
+    for declared, place in load_sets(files):
+        for part in declared.stimuli:
+            stimuli.append(_describe_stimulus(declared, part, place))
+    script = _read_scripts()
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    replace_text(
-        Path(page),
-        render_page(
-            "stepblocks.haptics",
-            "feel.html",
-            stimuli=stimuli,
-            first=next((i for i, one in enumerate(stimuli) if one["name"] == "step-050"), 0),
-            script=script,
-            script_hash=f"'sha256-{digest}'",
-            # "<" ends no script, whatever a set is called
-            data=json.dumps(stimuli, allow_nan=False, separators=(",", ":")).replace(
-                "<", "\\u003c"
-            ),
-        ),
+    data = json.dumps(stimuli, allow_nan=False, separators=(",", ":"))
+    text = render_page(
+        "stepblocks.haptics",
+        "feel.html",
+        stimuli=stimuli,
+        first=_find_first_shown(stimuli),
+        script=script,
+        script_hash=f"'sha256-{digest}'",
+        data=data.replace("<", "\\u003c"),  # "<" ends no script, whatever a set is called
     )
+    replace_text(Path(page), text)
     return len(stimuli)
 
 
+def _read_scripts() -> str:
+    """Join the scripts of the page."""
+    templates = package_files("stepblocks.haptics").joinpath("templates")
+    return "\n" + "".join(templates.joinpath(name).read_text("utf-8") for name in _SCRIPTS)
+
+
+def _find_first_shown(stimuli: Sequence[Mapping[str, object]]) -> int:
+    """Find the place of the stimulus that the page opens with."""
+    for place, stimulus in enumerate(stimuli):
+        if stimulus["name"] == _FIRST_SHOWN:
+            return place
+    return 0
+
+
 def _describe_stimulus(stimuli: StimulusSet, part: Part, place: str) -> dict[str, object]:
-    # Describe a stimulus for the page: its conditions, and the outline of each variant
+    """Describe a stimulus for the page: its conditions, and the outline of each variant."""
     point = choose_operating_point(stimuli, part, {})
-    limiter, limit = point.tool.limits.first
+    tool = point.tool
+    limiter, limit = tool.limits.first
     steps = (None,) if part.crossed else stimuli.prediction.step_heights
     return {
         "name": part.id,
@@ -87,30 +99,22 @@ def _describe_stimulus(stimuli: StimulusSet, part: Part, place: str) -> dict[str
         "radius": point.ball_radius,
         "load": point.normal_load,
         "friction": point.friction,
-        "stiffness": point.tool.stiffness,
-        "conversion": point.tool.conversion,
-        "frequency": point.tool.frequency,
-        "decay": point.tool.decay_time,
-        "limit": min(limit, 1e300),
+        "stiffness": tool.stiffness,
+        "conversion": tool.conversion,
+        "frequency": tool.frequency,
+        "decay": tool.decay_time,
+        "limit": min(limit, _LARGEST_LIMIT),
         "limiter": _LIMITERS[limiter],
         "variants": [_describe_outline(part.counterface(step), step) for step in steps],
     }
 
 
 def _describe_outline(face: Counterface, step: float | None) -> dict[str, object]:
-    # Describe discs and lines of a counterface [m], and the profile that is drawn
+    """Describe discs and lines of a counterface [m], and the profile that is drawn."""
     discs, lines = face.outline()
     edges = np.array(face.breakpoints)
-    x = np.unique(
-        np.concatenate(
-            [
-                [-_WIDE, _WIDE],
-                edges - 1e-12,
-                edges + 1e-12,
-                np.linspace(edges[0], edges[-1], 30),
-            ]
-        )
-    )
+    between = np.linspace(edges[0], edges[-1], 30)
+    x = np.unique(np.concatenate([[-_WIDE, _WIDE], edges - _BESIDE, edges + _BESIDE, between]))
     return {
         "label": "" if step is None else f"{step * 1e6:g} µm",
         "discs": discs,

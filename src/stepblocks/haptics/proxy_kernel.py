@@ -45,13 +45,17 @@ STATE = np.dtype(
 
 @numba.njit(cache=True, inline="always")
 def _compute_height(x: float, piece: int, path: Records) -> float:
-    x0, z0 = path.x[piece], path.z[piece]
-    return z0 + (path.z[piece + 1] - z0) * (x - x0) / (path.x[piece + 1] - x0)
+    """Height of the path at a place on a piece of it [m]."""
+    start, low = path.x[piece], path.z[piece]
+    end, high = path.x[piece + 1], path.z[piece + 1]
+    return low + (high - low) * (x - start) / (end - start)
 
 
 @numba.njit(cache=True, inline="always")
 def _compute_slope(x: float, piece: int, path: Records) -> float:
-    share = (x - path.x[piece]) / (path.x[piece + 1] - path.x[piece])
+    """Slope of the path at a place on a piece of it [1]."""
+    start, end = path.x[piece], path.x[piece + 1]
+    share = (x - start) / (end - start)
     return path.first[piece] + share * (path.last[piece] - path.first[piece])
 
 
@@ -59,8 +63,9 @@ def _compute_slope(x: float, piece: int, path: Records) -> float:
 def _compute_drive(
     direction: float, x: float, z: float, slope: float, hand: Hand, setting: Records
 ) -> float:
-    # Force left to move the proxy, times the cosine of the slope; above 0 it slides
-    pull, down = direction * setting.stiffness * (hand[0] - x), setting.wall * (z - hand[1])
+    """Force left to move the proxy, times the cosine of the slope [N]; above 0 it slides."""
+    pull = direction * setting.stiffness * (hand[0] - x)
+    down = setting.wall * (z - hand[1])
     rise = direction * slope
     return pull * (1.0 - setting.friction * rise) - down * (rise + setting.friction)
 
@@ -69,24 +74,17 @@ def _compute_drive(
 def _is_sliding(
     direction: float, x: float, piece: int, hand: Hand, setting: Records, path: Records
 ) -> bool:
-    return (
-        _compute_drive(
-            direction,
-            x,
-            _compute_height(x, piece, path),
-            _compute_slope(x, piece, path),
-            hand,
-            setting,
-        )
-        > 0.0
-    )
+    """Whether the hand moves a proxy on a piece of the path in a direction."""
+    height = _compute_height(x, piece, path)
+    slope = _compute_slope(x, piece, path)
+    return _compute_drive(direction, x, height, slope, hand, setting) > 0.0
 
 
 @numba.njit(cache=True)
 def _slide(
     direction: float, x: float, piece: int, hand: Hand, setting: Records, path: Records
 ) -> tuple[float, int]:
-    # Move the proxy along the path until friction holds it
+    """Move the proxy along the path until friction holds it."""
     ahead = direction > 0.0
     while _is_sliding(direction, x, piece, hand, setting, path):
         knot = piece + 1 if ahead else piece
@@ -113,7 +111,7 @@ def _slide(
 def _find_landing(
     x: float, z: float, piece: int, hand: Hand, path: Records
 ) -> tuple[float, int, bool]:
-    # Walk from a free proxy at (x, z) straight to the hand, to where the path is met, if it is
+    """Walk from a free proxy at (x, z) straight to the hand, to where the path is met, if it is."""
     hand_x, hand_z = hand
     span = hand_x - x
     while True:
@@ -137,7 +135,7 @@ def _find_landing(
 
 @numba.njit(cache=True)
 def _is_pressed(x: float, piece: int, hand: Hand, setting: Records, path: Records) -> bool:
-    # Whether the hand presses the proxy on either side of where it is
+    """Whether the hand presses the proxy on either side of where it is."""
     ahead = behind = _compute_slope(x, piece, path)
     if x == path.x[piece]:
         if piece > 0:
@@ -146,32 +144,29 @@ def _is_pressed(x: float, piece: int, hand: Hand, setting: Records, path: Record
         behind = path.last[piece]
         if piece + 2 < len(path.x):
             ahead = path.first[piece + 1]
-    pull, down = (
-        setting.stiffness * (hand[0] - x),
-        setting.wall * (_compute_height(x, piece, path) - hand[1]),
-    )
+    pull = setting.stiffness * (hand[0] - x)
+    down = setting.wall * (_compute_height(x, piece, path) - hand[1])
     return not (pull * ahead + down < 0.0 and pull * behind + down < 0.0)
 
 
 @numba.njit(cache=True)
 def _move(state: Records, landed: bool, hand: Hand, setting: Records, path: Records) -> None:
-    # Slide in either direction; leaving a notch uphill is the event, unless it has just landed
-    x, piece, caught = state.x, state.piece, path.up
-    at_start, at_end = x == path.x[piece], x == path.x[piece + 1]
+    """Slide in either direction; leaving a notch uphill is the event, unless it has just landed."""
+    x, piece = state.x, state.piece
+    catches = path.up
+    at_start = x == path.x[piece]
+    at_end = x == path.x[piece + 1]
     right = piece + 1 if at_end and piece + 2 < len(path.x) else piece
     new_x, new_piece = _slide(1.0, x, right, hand, setting, path)
     if new_x == x:
         left = piece - 1 if at_start and piece > 0 else piece
         new_x, new_piece = _slide(-1.0, x, left, hand, setting, path)
-        caught = path.down
+        catches = path.down
     if new_x == x:
         return
     state.x, state.piece = new_x, new_piece
-    if (
-        setting.ring > 0.0
-        and not landed
-        and ((at_start and caught[piece]) or (at_end and caught[piece + 1]))
-    ):
+    was_held = (at_start and catches[piece]) or (at_end and catches[piece + 1])
+    if setting.ring > 0.0 and was_held and not landed:
         state.ring_time = 0.0
         # the pull of the last tick: what the notch held
         state.ring_force = setting.ring * state.pull

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stepblocks.contact import Array
 from stepblocks.contact.operating_point import OperatingPoint
@@ -89,14 +90,10 @@ class Renderer:
         damping: float = 0.0,
     ) -> None:
         for name, value in (("scale", scale), ("rate", rate)):
-            HapticsError.require(
-                math.isfinite(value) and value > 0.0,
-                f"{name} must be positive and finite, got {value:g}",
-            )
-        HapticsError.require(
-            math.isfinite(damping) and damping >= 0.0,
-            f"damping must be finite and not negative, got {damping:g} N s/m",
-        )
+            if not (math.isfinite(value) and value > 0.0):
+                raise HapticsError(f"{name} must be positive and finite, got {value:g}")
+        if not (math.isfinite(damping) and damping >= 0.0):
+            raise HapticsError(f"damping must be finite and not negative, got {damping:g} N s/m")
         self.path = path.scaled(scale)
         self.scale = scale
         self.period = 1.0 / rate
@@ -104,24 +101,17 @@ class Renderer:
         self.wall = self.stiffness if wall is None else wall
         self.force: Array = np.zeros(3)
         self._good: Array = np.zeros(3)  # last force that was meant [N]
-        ring = math.sqrt(point.tool.conversion) if event else 0.0
-        setting = (
-            self.stiffness,
-            self.wall,
-            point.friction,
-            damping,
-            self.period,
-            ring,
-            math.tau * point.tool.frequency,
-            point.tool.decay_time,
-        )
-        self._settings = np.array([setting], kernel.SETTING)
-        first, last = self.path.slope_start, self.path.slope_end
-        before, after = np.concatenate([first[:1], last]), np.concatenate([first, last[-1:]])
-        notch = after - before > _KINK
-        up, down = notch & (after > _KINK), notch & (before < -_KINK)
-        columns = (self.path.x, self.path.z, after, np.append(last, 0.0), up, down)
-        self.knots = np.array(list(zip(*columns, strict=True)), kernel.PATH)
+        ring_ratio = math.sqrt(point.tool.conversion) if event else 0.0
+        self._settings = np.zeros(1, kernel.SETTING)
+        self._settings["stiffness"] = self.stiffness
+        self._settings["wall"] = self.wall
+        self._settings["friction"] = point.friction
+        self._settings["damping"] = damping
+        self._settings["period"] = self.period
+        self._settings["ring"] = ring_ratio
+        self._settings["omega"] = math.tau * point.tool.frequency
+        self._settings["decay"] = point.tool.decay_time
+        self.knots = _list_knots(self.path)
         self._states = np.zeros(1, kernel.STATE)
         self.reset(np.array([self.path.x[0], 0.0, float(self.path.z.max()) + 1.0]))
 
@@ -130,13 +120,19 @@ class Renderer:
 
     def reset(self, position: Array) -> None:
         """Put the proxy where the hand is [m], free."""
-        x = float(np.clip(position[0], self.path.x[0], self.path.x[-1]))
-        piece = int(
-            np.clip(np.searchsorted(self.path.x, x, side="right") - 1, 0, len(self.path.x) - 2)
-        )
-        self._states[0] = (x, position[1], position[2], 0.0, -1.0, 0.0, 0.0, piece, 0, False)
-        self.force[:] = self._good[:] = 0.0
-        self._share, self.faults = 1.0, 0
+        knots = self.path.x
+        x = float(np.clip(position[0], knots[0], knots[-1]))
+        piece = np.searchsorted(knots, x, side="right") - 1
+        self._states[0] = 0
+        self._states["x"] = x
+        self._states["y"] = position[1]
+        self._states["height"] = position[2]
+        self._states["ring_time"] = -1.0  # there was no event yet
+        self._states["piece"] = np.clip(piece, 0, len(knots) - 2)
+        self.force[:] = 0.0
+        self._good[:] = 0.0
+        self._share = 1.0  # of the force that the hand gets, below 1 after a fault
+        self.faults = 0
 
     def tick(self, position: Array, velocity: Array) -> Array:
         """Return the force on the hand [N] at its position [m] and velocity [m/s].
@@ -145,12 +141,7 @@ class Renderer:
         number is counted in `faults` and moves nothing: the last good force fades to zero over 10
         ms, and grows again as slowly afterwards.
         """
-        if getattr(position, "shape", None) != (3,) or getattr(velocity, "shape", None) != (3,):
-            raise HapticsError(
-                "position and velocity must be arrays of shape (3,), got "
-                f"{type(position).__name__} {getattr(position, 'shape', '')} and "
-                f"{type(velocity).__name__} {getattr(velocity, 'shape', '')}"
-            )
+        _require_vectors(position, velocity)
         step = self.period / _FADE
         if not math.isfinite(sum(position.tolist()) + sum(velocity.tolist())):
             self.faults += 1
@@ -179,14 +170,15 @@ class Renderer:
         """
         # travel behind the notch [m] and speed [m/s] in the magnified frame, towards +x or -x
         notch, height, _ = self.path.find_notch(direction)
-        approach, step = _APPROACH * self.scale, direction * float(speed) * self.period
+        approach = _APPROACH * self.scale
+        step = direction * float(speed) * self.period
         start = notch - direction * approach
         ticks = (approach + travel) / abs(step) if step else math.inf
-        HapticsError.require(
-            load >= 0.0 and 0.0 < ticks <= _MOST_TICKS,
-            f"a drag must have a load, and 1 to {_MOST_TICKS} ticks, got {load:g} N, and "
-            f"{travel:g} m at {speed:g} m/s",
-        )
+        if not (load >= 0.0 and 0.0 < ticks <= _MOST_TICKS):
+            raise HapticsError(
+                f"a drag must have a load, and 1 to {_MOST_TICKS} ticks, got {load:g} N, and "
+                f"{travel:g} m at {speed:g} m/s"
+            )
         record = np.zeros((3, math.ceil(ticks)))
         self.reset(np.array([start, 0.0, float(self.path.z.max()) + height]))
         hand = np.array([start, 0.0, float(np.interp(start, self.path.x, self.path.z))])
@@ -201,6 +193,7 @@ class Renderer:
             self.knots,
         )
         place, pull, force = direction * record
+        moved, _ = self.proxy
         return Drag(
             time=np.asarray(np.arange(record.shape[1]) * self.period, dtype=np.float64),
             hand=place,
@@ -208,7 +201,7 @@ class Renderer:
             force=force,
             peak=float(pull.max()),
             events=self.events,
-            crossed=direction * (self.proxy[0] - notch) > 1e-9 * self.scale,
+            crossed=direction * (moved - notch) > 1e-9 * self.scale,
         )
 
     @property
@@ -230,3 +223,31 @@ class Renderer:
     def release_force(self) -> float:
         """Spring force at the last release [N]; 0 before the first."""
         return float(self._states["release"][0])
+
+
+def _list_knots(path: CentrePath) -> NDArray[np.void]:
+    """Make records of the kernel for the knots of a path: slopes beside each, and what it holds."""
+    first, last = path.slope_start, path.slope_end
+    before = np.concatenate([first[:1], last])
+    after = np.concatenate([first, last[-1:]])
+    is_notch = after - before > _KINK
+    knots = np.zeros(len(path.x), kernel.PATH)
+    knots["x"] = path.x
+    knots["z"] = path.z
+    knots["first"] = after
+    knots["last"] = np.append(last, 0.0)
+    knots["up"] = is_notch & (after > _KINK)
+    knots["down"] = is_notch & (before < -_KINK)
+    return knots
+
+
+def _require_vectors(position: object, velocity: object) -> None:
+    """Refuse what is no vector; the compiled tick does not check."""
+    shapes = (getattr(position, "shape", None), getattr(velocity, "shape", None))
+    if shapes == ((3,), (3,)):
+        return
+    raise HapticsError(
+        "position and velocity must be arrays of shape (3,), got "
+        f"{type(position).__name__} {getattr(position, 'shape', '')} and "
+        f"{type(velocity).__name__} {getattr(velocity, 'shape', '')}"
+    )

@@ -81,7 +81,10 @@ class Servo(threading.Thread):
         waits: bool = True,
     ) -> None:
         super().__init__(name="servo", daemon=True)
-        self.renderer, self.hand, self.limits, self._waits = renderer, hand, limits, waits
+        self.renderer = renderer
+        self.hand = hand
+        self.limits = limits
+        self._waits = waits
         self._period = renderer.period
         self._log = np.zeros((max(1, round(seconds / self._period)), len(COLUMNS)))
         self._over = threading.Event()
@@ -89,7 +92,8 @@ class Servo(threading.Thread):
         self._held = False
         self.trusted = not hand.motors
         self.doubts: list[str] = []
-        self.ticks, self.ended = 0, ""  # why it ended: "", "stopped" or "time is up"
+        self.ticks = 0
+        self.ended = ""  # why it ended: "", "stopped" or "time is up"
 
     def run(self) -> None:
         """Tick until stopped; whatever happens, the last force is zero."""
@@ -109,75 +113,86 @@ class Servo(threading.Thread):
             self._let_go()
 
     def _loop(self) -> str:
+        """Tick until stopped or until the log is full; say why the loop ended."""
         start = time.perf_counter()
         for tick, row in enumerate(self._log):
             late = self._wait(start + tick * self._period)
-            doubt = (
-                f"watchdog: a tick came {late * 1e3:.0f} ms late" if late > self.limits.dead else ""
-            )
             if late > self._period:
                 start += late  # no burst of ticks to catch up with
-            row[0], row[-1] = tick * self._period, late
-            try:
-                doubt = doubt or self._tick(row)
-            except Exception as error:  # a hand that fails must not leave its force standing
-                doubt = f"{type(error).__name__}: {error}"
+            row[0] = tick * self._period
+            row[-1] = late
+            doubt = self._feel(row, late)
             if doubt:
                 self._let_go()
-                self.doubts += [doubt] if self.trusted else []
+                if self.trusted:
+                    self.doubts.append(doubt)
                 self.trusted = False
             self.ticks = tick + 1
             if self._over.is_set():
                 return "stopped"
         return "time is up"
 
+    def _feel(self, row: Array, late: float) -> str:
+        """Tick unless the loop was late; return what is in doubt, or nothing."""
+        if late > self.limits.dead:
+            return f"watchdog: a tick came {late * 1e3:.0f} ms late"
+        try:
+            return self._tick(row)
+        except Exception as error:  # a hand that fails must not leave its force standing
+            return f"{type(error).__name__}: {error}"
+
     def _tick(self, row: Array) -> str:
-        # Feel once; return what is in doubt
+        """Read the hand, render, and give the force back; return what is in doubt, or nothing."""
         asked = time.perf_counter()
-        position, velocity, held = self.hand.read()
+        position, velocity, is_held = self.hand.read()
         if self._waits and time.perf_counter() - asked > self.limits.dead:
             return "watchdog: the hand did not answer"
-        self.trusted = self.trusted or not held
-        held = held and self.trusted
-        if held and not self._held:
+        if not is_held:
+            self.trusted = True  # it has let go
+        is_felt = is_held and self.trusted
+        if is_felt and not self._held:
             self.renderer.reset(position)
-        self._held = held
-        force = self.renderer.tick(position, velocity) if held else np.zeros(3)
-        self._applied = self._limit_force(force, self._applied) if held else force
-        row[1:-1] = (
-            *position,
-            *force,
-            *self._applied,
-            self.renderer.pull if held else 0.0,
-            held,
-            self.renderer.events,
-        )
+        self._held = is_felt
+        force, pull = np.zeros(3), 0.0
+        applied = force
+        if is_felt:
+            force = self.renderer.tick(position, velocity)
+            applied = self._limit_force(force, self._applied)
+            pull = self.renderer.pull
+        self._applied = applied
+        row[1:-1] = (*position, *force, *applied, pull, is_felt, self.renderer.events)
         # after the log: a virtual hand moves its own position here, and keeps its load by what is
         # rendered, not by what is left of it
-        self.hand.apply(self._applied if self.hand.motors else force)
+        self.hand.apply(applied if self.hand.motors else force)
         return ""
 
     def _let_go(self) -> None:
+        """Take the force off the hand."""
         self._applied = np.zeros(3)
         self._held = False
         with suppress(Exception):  # it failed before, and is asked again at the next tick
             self.hand.apply(self._applied)
 
     def _wait(self, due: float) -> float:
-        # Sleep until shortly before a tick is due, then watch the clock; return how late it is [s]
+        """Sleep, then watch the clock until a tick is due; return how late it is [s]."""
         if not self._waits:
             return 0.0
         left = due - time.perf_counter()
         if left > _WATCHED:
             time.sleep(left - _WATCHED)
-        while (late := time.perf_counter() - due) < 0.0:
-            pass
+        late = time.perf_counter() - due
+        while late < 0.0:
+            late = time.perf_counter() - due
         return late
 
     def _limit_force(self, force: Array, before: Array) -> Array:
-        size, was = float(np.linalg.norm(force)), float(np.linalg.norm(before))
-        most = min(self.limits.force, was + self.limits.growth * self._period)
-        return force * (most / size) if size > most else force.copy()
+        """Shorten a force to what the hand may bear, and to how fast it may have grown [N]."""
+        size = float(np.linalg.norm(force))
+        size_before = float(np.linalg.norm(before))
+        most = min(self.limits.force, size_before + self.limits.growth * self._period)
+        if size <= most:
+            return force.copy()
+        return force * (most / size)
 
     def stop(self) -> None:
         """End the loop and wait for it."""

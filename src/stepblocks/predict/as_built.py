@@ -11,16 +11,35 @@ from stepblocks.contact.energy_change import find_energy_change
 from stepblocks.contact.uncertainty import Interval
 from stepblocks.declaration.set import StimulusSet
 from stepblocks.parts.kind import Part
-from stepblocks.predict.predictions import (
-    Prediction,
-    predict_all,
-    predict_by_formula,
-    tabulate_prediction,
-)
+from stepblocks.predict.columns import Cell, tabulate_prediction
+from stepblocks.predict.predictions import Prediction, predict_all, predict_by_formula
 from stepblocks.records.as_built import AsBuilt
 
+Records = Mapping[str, AsBuilt]  # by the identity of the stimulus
 
-def replace_nominals(stimuli: StimulusSet, records: Mapping[str, AsBuilt]) -> StimulusSet:
+
+def predict_as_built(
+    stimuli: StimulusSet, records: Records, dragged: bool | None, speed: float
+) -> tuple[tuple[Prediction, ...], list[dict[str, Cell]]]:
+    """Predict what was measured in place of the nominal; with the rows of a table.
+
+    Where any surface was scanned, the rows have the columns of `tabulate_surface`, too.
+    """
+    built = replace_nominals(stimuli, records)
+    nominal = predict_all(built, dragged, speed)
+    predictions = tuple(predict_from_surfaces(nominal, built, records))
+    has_surface = any(record.surface is not None for record in records.values())
+    release_over_surface = prepare_surface_releases(stimuli, records)
+    rows = []
+    for prediction in predictions:
+        row = tabulate_prediction(prediction)
+        if has_surface:
+            row |= tabulate_surface(release_over_surface(prediction))
+        rows.append(row)
+    return predictions, rows
+
+
+def replace_nominals(stimuli: StimulusSet, records: Records) -> StimulusSet:
     """Replace the nominal of every step that has a record by what was measured."""
     return stimuli.with_parts(
         _replace_nominal(part, records.get(part.id)) for part in stimuli.stimuli
@@ -28,6 +47,7 @@ def replace_nominals(stimuli: StimulusSet, records: Mapping[str, AsBuilt]) -> St
 
 
 def _replace_nominal(part: Part, record: AsBuilt | None) -> Part:
+    """Replace the nominal height and edge radius of a part by the measured ones."""
     if record is None or "height" not in part.sizes:
         return part
     measured = {}
@@ -35,131 +55,154 @@ def _replace_nominal(part: Part, record: AsBuilt | None) -> Part:
         measured["height"] = record.height.value
     if "edge_radius" in record.values:
         measured["edge_radius"] = max(record.values["edge_radius"].value, 0.0)
-    return part.model_copy(
-        update={
-            name: replace(part.sizes[name], nominal=value, source=f"as built, {record.scan}")
-            for name, value in measured.items()
-        }
-    )
+    source = f"as built, {record.scan}"
+    dimensions = {}
+    for name, value in measured.items():
+        dimensions[name] = replace(part.sizes[name], nominal=value, source=source)
+    return part.model_copy(update=dimensions)
 
 
 def prepare_surface_releases(
-    stimuli: StimulusSet, records: Mapping[str, AsBuilt]
+    stimuli: StimulusSet, records: Records
 ) -> Callable[[Prediction], Release | None]:
-    """Prepare to predict from the scanned surfaces, by the path of the tip over each."""
+    """Prepare to predict from the scanned surfaces, by the path of the tip over each.
+
+    The function that is returned gives None for a stimulus whose surface was not scanned.
+    """
     tool = stimuli.prediction.as_tool()
 
     @cache  # a path is long to compute and serves every load and friction
-    def angle(stimulus: str, ball: float) -> float | None:
-        surface = records[stimulus].surface if stimulus in records else None
-        return (
-            None if surface is None else find_scanned_angle(surface.position, surface.height, ball)
-        )
+    def find_angle(stimulus: str, ball_radius: float) -> float | None:
+        record = records.get(stimulus)
+        if record is None or record.surface is None:
+            return None
+        return find_scanned_angle(record.surface.position, record.surface.height, ball_radius)
 
-    def release(prediction: Prediction) -> Release | None:
+    def release_over_surface(prediction: Prediction) -> Release | None:
         point = prediction.point
-        steepest = angle(prediction.stimulus, point.ball_radius)
-        return (
-            None
-            if steepest is None
-            else find_release(steepest, point.normal_load, point.friction, tool)
-        )
+        angle = find_angle(prediction.stimulus, point.ball_radius)
+        if angle is None:
+            return None
+        return find_release(angle, point.normal_load, point.friction, tool)
 
-    return release
+    return release_over_surface
 
 
 def predict_from_surfaces(
-    predictions: Iterable[Prediction], stimuli: StimulusSet, records: Mapping[str, AsBuilt]
+    predictions: Iterable[Prediction], stimuli: StimulusSet, records: Records
 ) -> Iterator[Prediction]:
     """Predict a recorded edge that is no arc from its surface: its radius says little."""
-    scanned = prepare_surface_releases(stimuli, records)
-    for one in predictions:
-        record = records.get(one.stimulus)
-        release = None if record is None or record.arc else scanned(one)
-        if release is not None:
-            one = replace(
-                one,
-                release=release,
-                interval=one.interval and _shift_interval(one.interval, release),
-            )
-        yield one
+    release_over_surface = prepare_surface_releases(stimuli, records)
+    for prediction in predictions:
+        record = records.get(prediction.stimulus)
+        if record is None or record.arc:
+            yield prediction
+            continue
+        release = release_over_surface(prediction)
+        if release is None:
+            yield prediction
+            continue
+        interval = prediction.interval
+        if interval is not None:
+            interval = _shift_interval(interval, release)
+        yield replace(prediction, release=release, interval=interval)
 
 
 def _shift_interval(interval: Interval, release: Release) -> Interval:
-    # Move an interval with its value: the tolerances of setting and block move both alike
-    found = {"force": float(release.pull_force), "energy": float(release.vibration_energy)}
-    bounds = {"force": "force", "energy": "energy", "analytic_energy": "energy"}
-    limits = {
-        f"{name}_{end}": getattr(interval, f"{name}_{end}") * found[kind] / getattr(interval, kind)
-        for name, kind in bounds.items()
-        for end in ("low", "high")
-    }
-    return replace(interval, status=release.status, **(found | limits))
+    """Move an interval with its value: the tolerances of setting and block move both alike."""
+    force = float(release.pull_force)
+    energy = float(release.vibration_energy)
+
+    def shift_force(bound: float) -> float:
+        return bound * force / interval.force
+
+    def shift_energy(bound: float) -> float:
+        return bound * energy / interval.energy
+
+    return replace(
+        interval,
+        status=release.status,
+        force=force,
+        energy=energy,
+        force_low=shift_force(interval.force_low),
+        force_high=shift_force(interval.force_high),
+        energy_low=shift_energy(interval.energy_low),
+        energy_high=shift_energy(interval.energy_high),
+        analytic_energy_low=shift_energy(interval.analytic_energy_low),
+        analytic_energy_high=shift_energy(interval.analytic_energy_high),
+    )
 
 
-def tabulate_surface(release: Release | None) -> dict[str, float | str]:
+def tabulate_surface(release: Release | None) -> dict[str, Cell]:
     """Return more columns of a table of predictions, NaN where no surface was scanned."""
+    if release is None:
+        return {
+            "surface_critical_angle_deg": math.nan,
+            "surface_status": "",
+            "surface_pull_force_n": math.nan,
+            "surface_vibration_energy_uj": math.nan,
+        }
     return {
-        "surface_critical_angle_deg": math.degrees(release.angle) if release else math.nan,
-        "surface_status": release.status.value if release else "",
-        "surface_pull_force_n": release.pull_force if release else math.nan,
-        "surface_vibration_energy_uj": release.vibration_energy * 1e6 if release else math.nan,
+        "surface_critical_angle_deg": math.degrees(release.angle),
+        "surface_status": release.status.value,
+        "surface_pull_force_n": release.pull_force,
+        "surface_vibration_energy_uj": release.vibration_energy * 1e6,
     }
 
 
-def predict_as_built(
-    stimuli: StimulusSet, records: Mapping[str, AsBuilt], dragged: bool | None, speed: float
-) -> tuple[tuple[Prediction, ...], list[dict[str, float | str]]]:
-    """Predict what was measured in place of the nominal; with the rows of a table.
-
-    Where any surface was scanned, the rows have the columns of `tabulate_surface`, too.
-    """
-    built = replace_nominals(stimuli, records)
-    found = tuple(predict_from_surfaces(predict_all(built, dragged, speed), built, records))
-    rows = [tabulate_prediction(one) for one in found]
-    if any(record.surface is not None for record in records.values()):
-        scanned = prepare_surface_releases(stimuli, records)
-        rows = [row | tabulate_surface(scanned(one)) for row, one in zip(rows, found, strict=True)]
-    return found, rows
-
-
-def describe_energy_changes(stimuli: StimulusSet, records: Mapping[str, AsBuilt]) -> Iterator[str]:
+def describe_energy_changes(stimuli: StimulusSet, records: Records) -> Iterator[str]:
     """Say for each recorded block how far the felt energy moved over its set's conditions."""
     built = replace_nominals(stimuli, records)
-    asked, predictions = (
-        list(predict_by_formula(stimuli)),
-        list(predict_from_surfaces(predict_by_formula(built), stimuli, records)),
-    )
-    scanned = prepare_surface_releases(stimuli, records)
-    for part in (one for one in built.stimuli if one.id in records and "height" in one.sizes):
-        pairs = [
-            (a, b.release) for a, b in zip(asked, predictions, strict=True) if a.stimulus == part.id
+    declared = list(predict_by_formula(stimuli))
+    as_built = list(predict_from_surfaces(predict_by_formula(built), stimuli, records))
+    release_over_surface = prepare_surface_releases(stimuli, records)
+    for part in built.stimuli:
+        if part.id not in records or "height" not in part.sizes:
+            continue
+        changes = [
+            (before, after.release)
+            for before, after in zip(declared, as_built, strict=True)
+            if before.stimulus == part.id
         ]
-        verdicts = ", ".join(f"{key} {one.verdict}" for key, one in records[part.id].values.items())
-        changes = _format_energy_change(pairs) or "nothing to compare: the probe does not release"
-        height, radius = (part.sizes[name].nominal * 1e6 for name in ("height", "edge_radius"))
-        sentence = (
-            f"{part.id} ({verdicts}): as built, {height:.2f} um and an edge radius of "
-            f"{radius:.2g} um, {changes}"
+        sentence = _describe_block(part, records[part.id])
+        sentence += _format_energy_change(changes) or (
+            "nothing to compare: the probe does not release"
         )
-        over = _format_energy_change(
-            [(a, release) for a, _ in pairs if (release := scanned(a)) is not None]
-        )
-        if over:
-            sentence += f"; by the scanned surface itself {over}"
-        other = sum(a.release.status is not b.status for a, b in pairs)
-        yield sentence + (
-            f"; {other} conditions change between releasing and locking" if other else ""
-        )
+        over_surface = []
+        for before, _ in changes:
+            release = release_over_surface(before)
+            if release is not None:
+                over_surface.append((before, release))
+        surface_change = _format_energy_change(over_surface)
+        if surface_change:
+            sentence += f"; by the scanned surface itself {surface_change}"
+        switched = sum(before.release.status is not after.status for before, after in changes)
+        if switched:
+            sentence += f"; {switched} conditions change between releasing and locking"
+        yield sentence
 
 
-def _format_energy_change(pairs: Sequence[tuple[Prediction, Release]]) -> str:
-    changes = [
-        find_energy_change(asked.release, as_built, asked.point) for asked, as_built in pairs
-    ]
-    known = [change for change in changes if not math.isnan(change)]
+def _describe_block(part: Part, record: AsBuilt) -> str:
+    """Begin of a sentence: a block, its verdicts, and its dimensions as built."""
+    verdicts = ", ".join(f"{name} {found.verdict}" for name, found in record.values.items())
+    height = part.sizes["height"].nominal * 1e6
+    radius = part.sizes["edge_radius"].nominal * 1e6
+    return (
+        f"{part.id} ({verdicts}): as built, {height:.2f} um and an edge radius of {radius:.2g} um, "
+    )
+
+
+def _format_energy_change(changes: Sequence[tuple[Prediction, Release]]) -> str:
+    """Write the range of the relative changes of E_v; nothing where none is known."""
+    known = []
+    for declared, as_built in changes:
+        change = find_energy_change(declared.release, as_built, declared.point)
+        if not math.isnan(change):
+            known.append(change)
+    if not known:
+        return ""
+    if len(known) == 1:
+        return f"E_v {known[0] * 100:+.1f} %"
     return (
         f"E_v {min(known) * 100:+.1f} % to {max(known) * 100:+.1f} % over {len(known)} conditions"
-        if len(known) > 1
-        else "".join(f"E_v {one * 100:+.1f} %" for one in known)
     )

@@ -1,5 +1,6 @@
 """Tables of predictions as labelled arrays, and as a plot."""
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import pandas as pd
@@ -14,8 +15,14 @@ if TYPE_CHECKING:
 
 # columns that a condition is known by, in the order of a set's predictions
 _CONDITIONS = (
-    *("set", "stimulus", "tip_radius_um", "step_height_um"),
-    *("drag", "friction", "normal_load_n", "load_n"),
+    "set",
+    "stimulus",
+    "tip_radius_um",
+    "step_height_um",
+    "drag",
+    "friction",
+    "normal_load_n",
+    "load_n",
 )
 
 
@@ -48,20 +55,33 @@ def to_dataset(table: pd.DataFrame) -> "xarray.Dataset":
     ('stimulus',)
     """
     _require_frame(table)
-    # the conditions that tell all rows apart, or none
-    names = _find_varying(table) or [name for name in ("stimulus",) if name in table]
-    told_apart = names and not table.duplicated(names).any()
-    indexed = table.set_index(names) if told_apart else table.rename_axis("row")
     try:
-        found = indexed.to_xarray()
+        dataset = _index_by_conditions(table).to_xarray()
     except ImportError as error:
         raise PipelineError(
             "a Dataset needs xarray: install the extra with pip install 'stepblocks[xarray]'"
         ) from error
-    for name in found.variables:
-        label, _, unit = format_column_label(str(name)).rpartition(", ")
-        found[name].attrs = {"long_name": label or unit} | ({"units": unit} if label else {})
-    return found
+    for name in dataset.variables:
+        dataset[name].attrs = _describe_column(str(name))
+    return dataset
+
+
+def _index_by_conditions(table: pd.DataFrame) -> pd.DataFrame:
+    """Index a table by the conditions that tell its rows apart, else by the number of the row."""
+    names = _find_varying(table)
+    if not names and "stimulus" in table:
+        names = ["stimulus"]
+    if not names or table.duplicated(names).any():
+        return table.rename_axis("row")
+    return table.set_index(names)
+
+
+def _describe_column(name: str) -> dict[str, str]:
+    """Attributes of a variable: its label and, where its name says one, its unit."""
+    label, _, unit = format_column_label(name).rpartition(", ")
+    if not label:
+        return {"long_name": unit}
+    return {"long_name": label, "units": unit}
 
 
 def plot_predictions(
@@ -91,35 +111,50 @@ def plot_predictions(
         If `table` is no DataFrame or lacks a column.
     """
     _require_frame(table)
-    if missing := [name for name in (x, y) if name not in table]:
-        raise PipelineError(
-            f"{missing[0]!r} must be a column of the table: {', '.join(map(str, table.columns))}"
-        )
+    for name in (x, y):
+        if name not in table:
+            known = ", ".join(map(str, table.columns))
+            raise PipelineError(f"{name!r} must be a column of the table: {known}")
     axes = take_axes(ax)
-    own = {x, y, "stimulus", "step_height_um"}
-    by = [name for name in _find_varying(table) if name not in own]
-    for condition, rows in table.groupby(by, sort=False) if by else [((), table)]:
+    drawn = {x, y, "stimulus", "step_height_um"}
+    conditions = [name for name in _find_varying(table) if name not in drawn]
+    for label, rows in _group_by_conditions(table, conditions):
         ordered = rows.sort_values(x)
-        axes.plot(ordered[x], ordered[y], marker="o", label=", ".join(map(str, condition)) or None)
-    if by:
-        axes.legend(title=format_units("; ".join(map(format_column_label, by))), fontsize=8)
-    axes.set(
-        xlabel=format_units(format_column_label(x)), ylabel=format_units(format_column_label(y))
-    )
+        axes.plot(ordered[x], ordered[y], marker="o", label=label)
+    if conditions:
+        title = "; ".join(format_column_label(name) for name in conditions)
+        axes.legend(title=format_units(title), fontsize=8)
+    axes.set_xlabel(format_units(format_column_label(x)))
+    axes.set_ylabel(format_units(format_column_label(y)))
     return axes
 
 
+def _group_by_conditions(
+    table: pd.DataFrame, conditions: list[str]
+) -> Iterator[tuple[str | None, pd.DataFrame]]:
+    """Label and rows of each condition; one group without a label where there is none."""
+    if not conditions:
+        yield None, table
+        return
+    for condition, rows in table.groupby(conditions, sort=False):
+        yield ", ".join(map(str, condition)), rows
+
+
 def _require_frame(table: object) -> None:
-    PipelineError.require(
-        isinstance(table, pd.DataFrame),
-        f"table must be a pandas DataFrame, got {type(table).__name__}",
-    )
+    """Refuse what is no table; anything else fails somewhere inside xarray or matplotlib."""
+    if not isinstance(table, pd.DataFrame):
+        raise PipelineError(f"table must be a pandas DataFrame, got {type(table).__name__}")
 
 
-def _find_varying(frame: pd.DataFrame) -> list[str]:
-    # Find the conditions that are not alike in all rows, nor a matter of the stimulus alone
-    names = [name for name in _CONDITIONS if name in frame and frame[name].nunique() > 1]
-    if "stimulus" not in names:
-        return names
-    counts = frame.groupby("stimulus").nunique()
-    return [name for name in names if name in ("set", "stimulus") or counts[name].max() > 1]
+def _find_varying(table: pd.DataFrame) -> list[str]:
+    """Find the conditions that vary over the rows and are not a matter of the stimulus alone."""
+    varying = [name for name in _CONDITIONS if name in table and table[name].nunique() > 1]
+    if "stimulus" not in varying:
+        return varying
+    values_of_stimulus = table.groupby("stimulus").nunique()
+    chosen = []
+    for name in varying:
+        is_identity = name in ("set", "stimulus")
+        if is_identity or values_of_stimulus[name].max() > 1:
+            chosen.append(name)
+    return chosen

@@ -17,7 +17,12 @@ from stepblocks.errors import ContactError
 from stepblocks.files.figures import make_figure, save_figure
 from stepblocks.predict.predictions import collect_uncertainties, find_tip
 
-_BLUE, _RED = "#1f4e79", "#b03030"
+_BLUE = "#1f4e79"
+_RED = "#b03030"
+_DRAWS = 4000  # of the interval at each height of a curve
+# a map of margins reaches at least so far [m]
+_LEAST_GAP = 100e-6
+_LEAST_RISE = 20e-6
 
 
 def compute_margin_map(
@@ -30,49 +35,68 @@ def compute_margin_map(
     # Terms by Holmes et al. (1989), J. Prosthet. Dent. 62, 405: a tooth that stands higher than the
     # crown is positive. The gap is taken to be deeper than the tip sinks.
     to_tooth, to_crown = find_margin_angles(gaps[:, None], discrepancies, point.ball_radius)
-    conditions = point.friction, point.normal_load, 1.0, 1.0
-    return kernels.compute_release(to_tooth, *conditions)[0], kernels.compute_release(
-        to_crown, *conditions
-    )[0]
+    return _compute_forces(to_tooth, point), _compute_forces(to_crown, point)
+
+
+def _compute_forces(angles: Array, point: OperatingPoint) -> Array:
+    """Peak forces [N] for critical angles; of a unit spring, on which a force does not depend."""
+    forces: Array
+    forces, _ = kernels.compute_release(angles, point.friction, point.normal_load, 1.0, 1.0)
+    return forces
 
 
 def write_plots(stimuli: StimulusSet, folder: Path) -> Iterator[Path]:
     """Draw what a set predicts, for each of its tips and frictions under its largest load."""
     grid = stimuli.prediction
-    parts = [part for part in stimuli.stimuli if part.crossed]
-    faces = {part.id: part.counterface() for part in parts}
-    steps = {name: face for name, face in faces.items() if isinstance(face, Step)}
-    margins = {name: face for name, face in faces.items() if isinstance(face, Margin)}
+    steps: dict[str, Step] = {}
+    margins: list[Margin] = []
+    for part in stimuli.stimuli:
+        face = part.counterface() if part.crossed else None
+        if isinstance(face, Step):
+            steps[part.id] = face
+        elif isinstance(face, Margin):
+            margins.append(face)
     for radius, friction in product(grid.tip_radii, grid.coefficients):
         point = OperatingPoint(radius, max(grid.normal_loads), friction, grid.as_tool())
-        name = f"R{radius * 1e6:g}.mu{point.friction:g}".replace("mu0.", "mu0p")
+        condition = f"R{radius * 1e6:g}.mu{point.friction:g}".replace("mu0.", "mu0p")
         if steps:
-            path = folder / f"{stimuli.name}.energy-of-height.{name}.png"
-            first = next(part for part in parts if part.id in steps)
-            uncertainty = collect_uncertainties(
-                first, grid, find_tip(grid, radius), point.normal_load
-            )
-            top = 1.25 * max(step.height for step in steps.values())
-            curve = [
-                Step(height, steps[first.id].edge_radius)
-                for height in np.linspace(0.02 * top, top, 80)
-            ]
-            draw_energy_of_height(
-                curve, point, uncertainty, path, [step.height for step in steps.values()]
-            )
+            path = folder / f"{stimuli.name}.energy-of-height.{condition}.png"
+            _plot_steps(stimuli, steps, point, path)
             yield path
         if margins:
-            path = folder / f"{stimuli.name}.margin-map.{name}.png"
-            gap = 1.25 * max(margin.opening for margin in margins.values())
-            rise = 1.25 * max(*(abs(margin.rise) for margin in margins.values()), 20e-6)
-            draw_margin_map(
-                np.linspace(0.0, max(gap, 100e-6), 76),
-                np.linspace(-rise, rise, 81),
-                point,
-                path,
-                [(max(one.opening, 0.0), -one.rise) for one in margins.values()],
-            )
+            path = folder / f"{stimuli.name}.margin-map.{condition}.png"
+            _plot_margins(margins, point, path)
             yield path
+
+
+def _plot_steps(
+    stimuli: StimulusSet, steps: Mapping[str, Step], point: OperatingPoint, path: Path
+) -> None:
+    """Draw the energy against the height for the edge and the tolerances of a set's first step."""
+    grid = stimuli.prediction
+    first = next(part for part in stimuli.stimuli if part.id in steps)
+    uncertainty = collect_uncertainties(
+        first, grid, find_tip(grid, point.ball_radius), point.normal_load
+    )
+    heights = [step.height for step in steps.values()]
+    top = 1.25 * max(heights)
+    edge_radius = steps[first.id].edge_radius
+    curve = [Step(height, edge_radius) for height in np.linspace(0.02 * top, top, 80)]
+    draw_energy_of_height(curve, point, uncertainty, path, heights)
+
+
+def _plot_margins(margins: Sequence[Margin], point: OperatingPoint, path: Path) -> None:
+    """Draw the map of peak forces round the margins of a set."""
+    largest_gap = 1.25 * max(margin.opening for margin in margins)
+    largest_rise = 1.25 * max(*(abs(margin.rise) for margin in margins), _LEAST_RISE)
+    marks = [(max(margin.opening, 0.0), -margin.rise) for margin in margins]
+    draw_margin_map(
+        np.linspace(0.0, max(largest_gap, _LEAST_GAP), 76),
+        np.linspace(-largest_rise, largest_rise, 81),
+        point,
+        path,
+        marks,
+    )
 
 
 def draw_energy_of_height(
@@ -84,41 +108,38 @@ def draw_energy_of_height(
 ) -> None:
     """Draw E_v against H with its 95 % interval and the locking height; `marks` in m."""
     heights = 1e6 * np.array([step.height for step in steps])
-    intervals = [estimate_interval(step, point, uncertainty, draws=4000) for step in steps]
+    intervals = [estimate_interval(step, point, uncertainty, draws=_DRAWS) for step in steps]
+    is_released = np.array([interval.status is Status.RELEASES for interval in intervals])
+    if not is_released.any():
+        raise ContactError(
+            "a figure of energy against height needs a height that releases, got none"
+        )
+    energy = 1e6 * np.array([interval.energy for interval in intervals])
+    low = 1e6 * np.array([interval.energy_low for interval in intervals])
+    high = 1e6 * np.array([interval.energy_high for interval in intervals])
+    top = 10.0 * energy[is_released].max()
+    is_shown = np.isfinite(low)
     figure, axis = make_figure()
-    released = np.array([one.status is Status.RELEASES for one in intervals])
-    ContactError.require(
-        released.any(), "a figure of energy against height needs a height that releases, got none"
-    )
-    energy, low, high = (
-        1e6 * np.array([getattr(one, name) for one in intervals])
-        for name in ("energy", "energy_low", "energy_high")
-    )
-    top = 10.0 * energy[released].max()
-    shown = np.isfinite(low)
     axis.fill_between(
-        heights[shown],
-        low[shown],
-        np.minimum(high[shown], top),
+        heights[is_shown],
+        low[is_shown],
+        np.minimum(high[is_shown], top),
         alpha=0.3,
         lw=0,
         color=_BLUE,
         label="95 % interval",
     )
     axis.plot(
-        heights[released], energy[released], color=_BLUE, label="$E_v$, equations (1) and (2)"
+        heights[is_released], energy[is_released], color=_BLUE, label="$E_v$, equations (1) and (2)"
     )
-    limit = 1e6 * float(
-        kernels.compute_locking_height(point.ball_radius + steps[0].edge_radius, point.friction)
-    )
+    effective_radius = point.ball_radius + steps[0].edge_radius
+    limit = 1e6 * float(kernels.compute_locking_height(effective_radius, point.friction))
     axis.axvline(limit, color=_RED, ls="--", lw=1, label=f"locks from {limit:.1f} um")
     axis.set(xlabel="step height H [um]", ylabel="vibration energy $E_v$ [uJ]", yscale="log")
     axis.set_ylim(top=top)
     axis.set_title(
-        (
-            f"R {point.ball_radius * 1e6:g} um, {point.normal_load:g} N, mu {point.friction:g}, "
-            f"C_v {point.tool.conversion:g}"
-        ),
+        f"R {point.ball_radius * 1e6:g} um, {point.normal_load:g} N, mu {point.friction:g}, "
+        f"C_v {point.tool.conversion:g}",
         fontsize=9,
     )
     axis.plot(
@@ -148,28 +169,23 @@ def draw_margin_map(
     from matplotlib.colors import LogNorm
 
     figure, axes = make_figure(1, 2, width=9.0, height=4.0)
-    forces = compute_margin_map(gaps, discrepancies, point)
+    to_tooth, to_crown = compute_margin_map(gaps, discrepancies, point)
     across, along = discrepancies * 1e6, gaps * 1e6
-    finite = np.concatenate([f[np.isfinite(f) & (f > 0)] for f in forces])
+    caught = [force[np.isfinite(force) & (force > 0)] for force in (to_tooth, to_crown)]
+    finite = np.concatenate(caught)
     norm = LogNorm(max(float(finite.min()), 1e-2), min(float(finite.max()), 50.0))
-    for axis, force, name in zip(axes, forces, ("crown to tooth", "tooth to crown"), strict=True):
+    marked_gaps, marked_discrepancies = 1e6 * np.array(marks).reshape(-1, 2).T
+    for axis, force, name in (
+        (axes[0], to_tooth, "crown to tooth"),
+        (axes[1], to_crown, "tooth to crown"),
+    ):
+        is_blank = ~np.isfinite(force) | (force <= 0.0)
         mesh = axis.pcolormesh(
-            across,
-            along,
-            np.ma.masked_where(~np.isfinite(force) | (force <= 0.0), force),
-            norm=norm,
-            shading="nearest",
+            across, along, np.ma.masked_where(is_blank, force), norm=norm, shading="nearest"
         )
-        axis.contourf(
-            across,
-            along,
-            np.where(np.isinf(force), 1.0, np.nan),
-            levels=[0.5, 1.5],
-            colors="none",
-            hatches=["//"],
-        )
+        is_held = np.where(np.isinf(force), 1.0, np.nan)
+        axis.contourf(across, along, is_held, levels=[0.5, 1.5], colors="none", hatches=["//"])
         axis.axhline(100.0, color=_RED, lw=0.8, ls="--")
-        marked_gaps, marked_discrepancies = 1e6 * np.array(marks).reshape(-1, 2).T
         axis.plot(marked_discrepancies, marked_gaps, "o", ms=4, mfc="none", color="k")
         axis.set(xlabel="discrepancy, tooth over crown [um]", ylabel="gap [um]")
         axis.set_title(f"{name} (white: no catch, hatched: held)", fontsize=9)

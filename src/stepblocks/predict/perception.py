@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 
-from stepblocks.predict.predictions import Prediction
+from stepblocks.predict.predictions import Model, Prediction
 
 # Just noticeable difference of power [dB] at the fingertip, 250-350 Hz (Weber fraction 0.41 of
 # energy, 0.19 of amplitude). It was not measured on a hand-held explorer: a median of 0.20 of
@@ -18,10 +18,17 @@ LEVEL_DIFFERENCE = 1.5
 def choose_energies(compared: Sequence[Prediction]) -> tuple[list[float], str]:
     """Choose the energies [J] that a person compares, by the formula or by the drag.
 
-    An energy is NaN where nothing slips; the second value says which of both counts.
+    Where one of them is felt by the drag, all are: a change of model between two blocks would be
+    felt as a difference. An energy is NaN where nothing slips; the second value says which model
+    counts.
     """
-    # by the drag where one of them differs: a change of model between two blocks would be felt as a
-    # difference
-    if any(one.differs for one in compared):
-        return [math.nan if one.in_time is None else one.in_time.energy for one in compared], "drag"
-    return [one.release.vibration_energy for one in compared], "formula"
+    if not any(prediction.differs for prediction in compared):
+        energies = [prediction.release.vibration_energy for prediction in compared]
+        return energies, Model.FORMULA.value
+    energies = []
+    for prediction in compared:
+        if prediction.in_time is None:
+            energies.append(math.nan)
+        else:
+            energies.append(prediction.in_time.energy)
+    return energies, Model.DRAG.value

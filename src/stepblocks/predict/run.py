@@ -11,7 +11,8 @@ from stepblocks.declaration.set import StimulusSet
 from stepblocks.errors import PipelineError
 from stepblocks.mistakes import shorten_value
 from stepblocks.predict.as_built import predict_as_built
-from stepblocks.predict.predictions import predict_all, tabulate_prediction
+from stepblocks.predict.columns import tabulate_prediction
+from stepblocks.predict.predictions import predict_all
 from stepblocks.records.as_built import read_records
 
 
@@ -48,16 +49,14 @@ def predict_set(
     StepblocksError
         If the file cannot be read or declares something impossible.
     """
-    PipelineError.require(
-        isinstance(stimuli, StimulusSet | str | Path),
-        f"stimuli must be a set or its file, got {shorten_value(stimuli)}",
-    )
+    if not isinstance(stimuli, StimulusSet | str | Path):
+        raise PipelineError(f"stimuli must be a set or its file, got {shorten_value(stimuli)}")
     if not isinstance(stimuli, StimulusSet):
         stimuli = load_set(Path(stimuli))
     if as_built:
-        return pd.DataFrame(
-            predict_as_built(
-                stimuli, read_records([Path(path) for path in as_built]), dragged, speed
-            )[1]
-        )
-    return pd.DataFrame([tabulate_prediction(one) for one in predict_all(stimuli, dragged, speed)])
+        records = read_records([Path(path) for path in as_built])
+        _, rows = predict_as_built(stimuli, records, dragged, speed)
+    else:
+        predictions = predict_all(stimuli, dragged, speed)
+        rows = [tabulate_prediction(prediction) for prediction in predictions]
+    return pd.DataFrame(rows)

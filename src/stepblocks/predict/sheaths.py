@@ -3,6 +3,7 @@
 import json
 import math
 from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
 
 import numpy as np
@@ -27,12 +28,34 @@ from stepblocks.parts.conditions import ProbeSpec
 from stepblocks.parts.kinds.sheath import Sheath
 
 _RECORD = 5.0  # time constants: all but 5e-5 of the energy is recorded
+_LEAST_SAMPLES = 8  # of a record, for a fit of four parameters
+_LEAST_RATE = 4.0  # samples per period
+_LEAST_SIGNAL = 3.0  # displacement over the noise [1]
+_SURE = 3.0  # standard uncertainties between two decrements that are told apart
 _MOST_RELEASES = 10_000
-# of the columns of a planned test
-_DIGITS = ["g", ".3g", ".3g", ".1f", ".2g", ".4f", ".2g", ".2f", "d", ".4g", "d", "d"]
+# columns of a planned test, and how each is written
+_TEST_DIGITS = {
+    "displacement_um": "g",
+    "holding_force_n": ".3g",
+    "peak_acceleration_m_s2": ".3g",
+    "frequency_hz": ".1f",
+    "frequency_std_hz": ".2g",
+    "log_decrement": ".4f",
+    "log_decrement_std": ".2g",
+    "decay_time_ms": ".2f",
+    "periods_above_noise": "d",
+    "record_ms": ".4g",
+    "samples": "d",
+    "releases": "d",
+}
 
-# How a probe is used: without a sheath, with one beyond the clamp, clamped by the outside of one
-BARE, ON_SHANK, HELD = "bare", "on the shank", "held through it"
+
+class Use(StrEnum):
+    """How a probe is used."""
+
+    BARE = "bare"
+    ON_SHANK = "on the shank"  # with a sheath beyond the clamp
+    HELD = "held through it"  # clamped by the outside of a sheath
 
 
 @dataclass(frozen=True)
@@ -40,32 +63,54 @@ class Condition:
     """One way of using the probe, and how it then rings."""
 
     sheath: str  # identity; empty for the bare probe
-    use: str  # how the probe is used
+    use: Use
     mass: float  # of the sheath [kg]
     ring: RodRing
-    sensed: (
-        float  # square of the force at a sensor between rod or sheath and clamp, over the ring [s]
-    )
+    # square of the force at a sensor between rod or sheath and clamp, over the ring [N^2 s]
+    sensed: float
     finger: float  # share of the stored energy that the grasp takes up as vibration [1]
 
 
-def _predict_condition(probe: ProbeSpec, use: str, sheath: Sheath | None = None) -> Condition:
-    worn: Sleeve | Hold | None = sheath.sleeve if sheath else None
-    if sheath and use == HELD:
-        material = sheath.material
-        bore, outer = sheath.bore.nominal, sheath.outer_diameter.nominal
-        worn = Hold(
-            sheath.length.nominal,
-            compute_bush_stiffness(bore, outer, material.modulus.value, material.poisson.value),
-            material.loss_factor.value,
-        )
+def predict_conditions(stimuli: StimulusSet) -> list[Condition]:
+    """Predict the ring of a set's probe, bare and with each sheath, on the shank or in hand."""
+    probe = stimuli.probe
+    if probe is None or not stimuli.sheath:
+        return []
+    conditions = [_predict_condition(probe, Use.BARE)]
+    for use in (Use.ON_SHANK, Use.HELD):
+        for sheath in stimuli.sheath:
+            conditions.append(_predict_condition(probe, use, sheath))
+    return conditions
+
+
+def _predict_condition(probe: ProbeSpec, use: Use, sheath: Sheath | None = None) -> Condition:
+    """Ring of a probe in one use, with a sheath or bare."""
+    worn = None if sheath is None else _wear_sheath(sheath, use)
     rod = probe.rod()
     ring = compute_rod_ring(rod, worn)
     modes = compute_modes(rod, worn)
-    what = (sheath.id, use, sheath.mass) if sheath else ("", use, 0.0)
     return Condition(
-        *what, ring, compute_sensed_energy(modes), compute_finger_share(rod, ring.stiffness, modes)
+        sheath="" if sheath is None else sheath.id,
+        use=use,
+        mass=0.0 if sheath is None else sheath.mass,
+        ring=ring,
+        sensed=compute_sensed_energy(modes),
+        finger=compute_finger_share(rod, ring.stiffness, modes),
     )
+
+
+def _wear_sheath(sheath: Sheath, use: Use) -> Sleeve | Hold | None:
+    """Turn a sheath into what the rod meets: a sleeve on its shank, or the bush that holds it."""
+    if use is not Use.HELD:
+        return sheath.sleeve
+    material = sheath.material
+    stiffness = compute_bush_stiffness(
+        sheath.bore.nominal,
+        sheath.outer_diameter.nominal,
+        material.modulus.value,
+        material.poisson.value,
+    )
+    return Hold(sheath.length.nominal, stiffness, material.loss_factor.value)
 
 
 def find_damping(source: str | Path) -> dict[str, float]:
@@ -75,30 +120,15 @@ def find_damping(source: str | Path) -> dict[str, float]:
     """
     from stepblocks.declaration.read import load_set
 
-    found = predict_conditions(load_set(Path(source)))
-    PipelineError.require(
-        found, f"damping needs a set with a probe and sheaths, got none [{source}]"
-    )
-    return {"bare": 1.0} | {
-        one.sheath.removeprefix("sheath-"): one.sensed / found[0].sensed
-        for one in found
-        if one.use == HELD
-    }
-
-
-def predict_conditions(stimuli: StimulusSet) -> list[Condition]:
-    """Predict the ring of a set's probe, bare and with each sheath, on the shank or in hand."""
-    probe = stimuli.probe
-    if probe is None or not stimuli.sheath:
-        return []
-    return [
-        _predict_condition(probe, BARE),
-        *(
-            _predict_condition(probe, use, one)
-            for use in (ON_SHANK, HELD)
-            for one in stimuli.sheath
-        ),
-    ]
+    conditions = predict_conditions(load_set(Path(source)))
+    if not conditions:
+        raise PipelineError(f"damping needs a set with a probe and sheaths, got none [{source}]")
+    bare = conditions[0]
+    shares = {"bare": 1.0}
+    for condition in conditions:
+        if condition.use is Use.HELD:
+            shares[condition.sheath.removeprefix("sheath-")] = condition.sensed / bare.sensed
+    return shares
 
 
 def tabulate_rings(stimuli: StimulusSet) -> list[dict[str, str]]:
@@ -106,30 +136,34 @@ def tabulate_rings(stimuli: StimulusSet) -> list[dict[str, str]]:
     conditions = predict_conditions(stimuli)
     if not conditions:
         return []
-    bare = conditions[0].ring
+    bare = conditions[0]
     tool = stimuli.prediction.as_tool()
-    last = tool.ring_duration
+    return [_tabulate_ring(condition, bare, tool) for condition in conditions]
+
+
+def _tabulate_ring(condition: Condition, bare: Condition, tool: Tool) -> dict[str, str]:
+    """One row: a ring beside that of the bare probe."""
+    ring = condition.ring
+    duration = tool.ring_duration
     spread = tool.frequency_deviation / tool.frequency
-    bare_work = bare.stiffness / bare.mean_energy(last)
-    return [
-        {
-            "sheath": one.sheath or "none",
-            "use": one.use,
-            "mass_g": f"{one.mass * 1e3:.4g}",
-            "stiffness_n_mm": f"{ring.stiffness * 1e-3:.4g}",
-            "frequency_hz": f"{ring.frequency:.1f}",
-            "frequency_deviation_hz": f"{spread * ring.frequency:.1f}",
-            "frequency_shift_hz": f"{ring.frequency - bare.frequency:+.1f}",
-            "decay_time_ms": f"{ring.decay_time * 1e3:.2f}",
-            "decay_shift_ms": f"{(ring.decay_time - bare.decay_time) * 1e3:+.2f}",
-            "log_decrement": f"{ring.log_decrement:.4f}",
-            "sheath_share_of_strain_energy": f"{ring.sheath_share:.2g}",
-            "ring_energy_ratio": f"{bare_work * ring.mean_energy(last) / ring.stiffness:.3f}",
-            "sensor_energy_ratio": f"{one.sensed / conditions[0].sensed:.3f}",
-            "finger_share": f"{one.finger:.4f}",
-        }
-        for one, ring in ((one, one.ring) for one in conditions)
-    ]
+    bare_work = bare.ring.stiffness / bare.ring.mean_energy(duration)
+    energy_ratio = bare_work * ring.mean_energy(duration) / ring.stiffness
+    return {
+        "sheath": condition.sheath or "none",
+        "use": condition.use.value,
+        "mass_g": f"{condition.mass * 1e3:.4g}",
+        "stiffness_n_mm": f"{ring.stiffness * 1e-3:.4g}",
+        "frequency_hz": f"{ring.frequency:.1f}",
+        "frequency_deviation_hz": f"{spread * ring.frequency:.1f}",
+        "frequency_shift_hz": f"{ring.frequency - bare.ring.frequency:+.1f}",
+        "decay_time_ms": f"{ring.decay_time * 1e3:.2f}",
+        "decay_shift_ms": f"{(ring.decay_time - bare.ring.decay_time) * 1e3:+.2f}",
+        "log_decrement": f"{ring.log_decrement:.4f}",
+        "sheath_share_of_strain_energy": f"{ring.sheath_share:.2g}",
+        "ring_energy_ratio": f"{energy_ratio:.3f}",
+        "sensor_energy_ratio": f"{condition.sensed / bare.sensed:.3f}",
+        "finger_share": f"{condition.finger:.4f}",
+    }
 
 
 def tabulate_decay_test(stimuli: StimulusSet) -> list[dict[str, str]]:
@@ -137,27 +171,32 @@ def tabulate_decay_test(stimuli: StimulusSet) -> list[dict[str, str]]:
     rig = stimuli.damping_rig
     if rig is None:
         return []
-    asked = rig.displacement.value, rig.noise.value, rig.sample_rate.value, rig.uncertainty.value
-    tests = [
-        (one, plan_decay_test(one.ring.as_tool(), *asked)) for one in predict_conditions(stimuli)
-    ]
-    return [
-        {"sheath": one.sheath or "none", "use": one.use}
-        | {
-            name: f"{value:{digits}}"
-            for (name, value), digits in zip(test.items(), _DIGITS, strict=True)
-        }
-        | {"releases_to_tell_from_bare": _count_releases_needed(tests[0][1], test)}
-        for one, test in tests
-    ]
+    rows: list[dict[str, str]] = []
+    bare: dict[str, float] | None = None
+    for condition in predict_conditions(stimuli):
+        test = plan_decay_test(
+            condition.ring.as_tool(),
+            rig.displacement.value,
+            rig.noise.value,
+            rig.sample_rate.value,
+            rig.uncertainty.value,
+        )
+        row = {"sheath": condition.sheath or "none", "use": condition.use.value}
+        for name, digits in _TEST_DIGITS.items():
+            row[name] = f"{test[name]:{digits}}"
+        row["releases_to_tell_from_bare"] = "" if bare is None else _count_releases(bare, test)
+        bare = bare or test
+        rows.append(row)
+    return rows
 
 
-def _count_releases_needed(bare: dict[str, float], test: dict[str, float]) -> str:
+def _count_releases(bare: dict[str, float], test: dict[str, float]) -> str:
+    """Releases that tell a decrement from the bare probe's; nothing where both are equal."""
     difference = abs(test["log_decrement"] - bare["log_decrement"])
-    if test is bare or difference == 0.0:
+    if difference == 0.0:
         return ""
     spread = math.hypot(bare["log_decrement_std"], test["log_decrement_std"])
-    return f"{math.ceil((3.0 * spread / difference) ** 2)}"
+    return f"{math.ceil((_SURE * spread / difference) ** 2)}"
 
 
 def plan_decay_test(
@@ -167,42 +206,32 @@ def plan_decay_test(
 
     `wanted` is the relative uncertainty of the logarithmic decrement.
     """
-    for name, value in (
-        ("displacement", displacement),
-        ("noise", noise),
-        ("rate", rate),
-        ("wanted", wanted),
-    ):
-        require_positive(name, value)
+    require_positive("displacement", displacement)
+    require_positive("noise", noise)
+    require_positive("rate", rate)
+    require_positive("wanted", wanted)
     frequency, decay_time = tool.frequency, tool.decay_time
-    ContactError.require(
-        rate >= 4.0 * frequency,
-        f"rate must be at least four samples per period ({4.0 * frequency:.4g} Hz), got "
-        f"{rate:g} Hz",
-    )
-    ContactError.require(
-        displacement > 3.0 * noise,
-        f"displacement must exceed three times the noise ({3e6 * noise:g} um), got "
-        f"{displacement * 1e6:g} um",
-    )
-    count = max(math.ceil(_RECORD * decay_time * rate), 8)
+    least_rate = _LEAST_RATE * frequency
+    if rate < least_rate:
+        raise ContactError(
+            f"rate must be at least four samples per period ({least_rate:.4g} Hz), got {rate:g} Hz"
+        )
+    if displacement <= _LEAST_SIGNAL * noise:
+        raise ContactError(
+            f"displacement must exceed three times the noise ({3e6 * noise:g} um), got "
+            f"{displacement * 1e6:g} um"
+        )
+    count = max(math.ceil(_RECORD * decay_time * rate), _LEAST_SAMPLES)
     decrement = 1.0 / (decay_time * frequency)
-    # the Cramer-Rao bound of a damped sine: least standard uncertainties of its angular frequency
-    # and decay rate [1/s]
-    time = np.arange(count) / rate
-    envelope = np.exp(-time / decay_time)
-    phase = math.tau * frequency * time
-    cosine, sine = envelope * np.cos(phase), envelope * np.sin(phase)
-    scaled = time / decay_time  # so that all columns are of order one
-    slopes = np.column_stack([cosine, -sine, -scaled * sine, -scaled * cosine]) * displacement
-    least = np.sqrt(np.diag(np.linalg.inv(slopes.T @ slopes) * noise**2)[2:]) / decay_time
-    frequency_std, rate_std = float(least[0]) / math.tau, float(least[1])
-    decrement_std = math.hypot(rate_std / frequency, decrement * frequency_std / frequency)
+    frequency_std, decay_rate_std = _bound_ring_uncertainty(tool, displacement, noise, rate, count)
+    decrement_std = math.hypot(decay_rate_std / frequency, decrement * frequency_std / frequency)
     releases = max(math.ceil((decrement_std / (wanted * decrement)) ** 2), 1)
-    ContactError.require(
-        releases <= _MOST_RELEASES,
-        f"an uncertainty of {wanted:g} would take {releases} releases, more than {_MOST_RELEASES}",
-    )
+    if releases > _MOST_RELEASES:
+        raise ContactError(
+            f"an uncertainty of {wanted:g} would take {releases} releases, more than "
+            f"{_MOST_RELEASES}"
+        )
+    time_above_noise = decay_time * math.log(displacement / (_LEAST_SIGNAL * noise))
     return {
         "displacement_um": displacement * 1e6,
         "holding_force_n": tool.stiffness * displacement,
@@ -212,13 +241,31 @@ def plan_decay_test(
         "log_decrement": decrement,
         "log_decrement_std": decrement_std,
         "decay_time_ms": decay_time * 1e3,
-        "periods_above_noise": math.floor(
-            decay_time * math.log(displacement / (3.0 * noise)) * frequency
-        ),
+        "periods_above_noise": math.floor(time_above_noise * frequency),
         "record_ms": count / rate * 1e3,
         "samples": count,
         "releases": releases,
     }
+
+
+def _bound_ring_uncertainty(
+    tool: Tool, displacement: float, noise: float, rate: float, count: int
+) -> tuple[float, float]:
+    """Least standard uncertainties of a damped sine's frequency [Hz] and decay rate [1/s].
+
+    They are the Cramer-Rao bound of one record with white noise.
+    """
+    decay_time = tool.decay_time
+    time = np.arange(count) / rate
+    envelope = np.exp(-time / decay_time)
+    phase = math.tau * tool.frequency * time
+    cosine = envelope * np.cos(phase)
+    sine = envelope * np.sin(phase)
+    scaled = time / decay_time  # so that all columns are of order one
+    slopes = np.column_stack([cosine, -sine, -scaled * sine, -scaled * cosine]) * displacement
+    covariance = np.linalg.inv(slopes.T @ slopes) * noise**2
+    angular_frequency_std, decay_rate_std = np.sqrt(np.diag(covariance)[2:]) / decay_time
+    return float(angular_frequency_std) / math.tau, float(decay_rate_std)
 
 
 def write_sheath_files(stimuli: StimulusSet, folder: Path) -> list[Path]:
@@ -227,7 +274,7 @@ def write_sheath_files(stimuli: StimulusSet, folder: Path) -> list[Path]:
     if not rings or stimuli.probe is None or stimuli.damping_rig is None:
         return []
     rod = stimuli.probe.rod()
-    content = {
+    probe = {
         "schema": 1,
         "probe": stimuli.probe.record(),
         "follows": {
@@ -240,7 +287,7 @@ def write_sheath_files(stimuli: StimulusSet, folder: Path) -> list[Path]:
     texts = {
         "rings.csv": format_csv(rings),
         "damping-test.csv": format_csv(tabulate_decay_test(stimuli)),
-        "probe.json": json.dumps(content, indent=2, allow_nan=False) + "\n",
+        "probe.json": json.dumps(probe, indent=2, allow_nan=False) + "\n",
     }
     for name, text in texts.items():
         replace_text(folder / name, text)

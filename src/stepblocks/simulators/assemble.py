@@ -1,6 +1,5 @@
 """From a stimulus to its scene: surface, solids and pieces, turned so that drags run along x."""
 
-import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -30,11 +29,13 @@ from stepblocks.records.model import LearnedModel
 from stepblocks.simulators.scene import Frame, Scene
 
 if TYPE_CHECKING:
-    from stepblocks.predict.table import LearnedDrag
+    from stepblocks.predict.learned import LearnedDrag
 
 Ring = Literal["exponential", "drag"]
 _RATE = 96e3  # of the simulated force [Hz]; WAV files are interpolated from it
 _LENGTH = 0.1  # recorded after the release [s]
+_OVERLAP = 1.02  # width of a section over the largest distance of neighbouring stations [1]
+_DEPTH = 1.5  # of a piece under its section, over the depth of the gap [1]
 
 
 @dataclass(frozen=True)
@@ -59,27 +60,34 @@ class Contact:
 
 def build_plain_step(height: float, name: str = "step") -> StepBlock:
     """Build the sharp step that a declared tip is dragged over."""
-
-    def declare(**sizes: str) -> dict[str, object]:
-        return {field: {"nominal": size, "tolerance": "1 um"} for field, size in sizes.items()}
-
-    mounting = {"kind": "tapped", "thread": "M2", **declare(spacing="6 mm", depth="2 mm")}
-    body = {
-        **declare(length="12 mm", width="12 mm", thickness="4 mm", edge_break="0.3 mm"),
-        "mounting": mounting,
-        "engraving": declare(height="0.5 mm", depth="0.05 mm"),
+    mounting = {
+        "kind": "tapped",
+        "thread": "M2",
+        **_declare_dimensions(spacing="6 mm", depth="2 mm"),
     }
-    groove = {"kind": "groove", **declare(width="0.4 mm", lane="3 mm", distance="1 mm")}
-    edge = declare(height=f"{height * 1e6:.9g} um", edge_radius="0 um")
+    body = {
+        **_declare_dimensions(length="12 mm", width="12 mm", thickness="4 mm", edge_break="0.3 mm"),
+        "mounting": mounting,
+        "engraving": _declare_dimensions(height="0.5 mm", depth="0.05 mm"),
+    }
+    groove = {
+        "kind": "groove",
+        **_declare_dimensions(width="0.4 mm", lane="3 mm", distance="1 mm"),
+    }
+    edge = _declare_dimensions(height=f"{height * 1e6:.9g} um", edge_radius="0 um")
     try:
         return StepBlock.model_validate(
             {"id": name, "material": "steel", "body": body, "metrology": groove, **edge}
         )
     except ValidationError as error:
-        rule = (
-            error.errors(include_url=False)[0]["msg"].removeprefix("Value error, ").splitlines()[0]
-        )
+        message = error.errors(include_url=False)[0]["msg"]
+        rule = message.removeprefix("Value error, ").splitlines()[0]
         raise HapticsError(f"the step under a tip is impossible: {rule} [{name}]") from error
+
+
+def _declare_dimensions(**sizes: str) -> dict[str, object]:
+    """Declare dimensions; their tolerance is no matter where nothing is made."""
+    return {name: {"nominal": size, "tolerance": "1 um"} for name, size in sizes.items()}
 
 
 def build_scene(
@@ -93,19 +101,26 @@ def build_scene(
     if scale is not None and not (math.isfinite(scale) and scale > 0.0):
         raise HapticsError(f"scale must be positive and finite, got {scale:g}")
     surface, point = contact.surface, contact.point
-    plan = None if device is None else plan_rendering(device, contact.events[0], point, scale)
-    size = plan.scale if plan else scale or 1.0
+    plan = None
+    magnification = scale or 1.0
+    if device is not None:
+        plan = plan_rendering(device, contact.events[0], point, scale)
+        magnification = plan.scale
     frame = _choose_frame(surface)
-    solids = [frame.place(mesh_solid(surface, *solid), size) for solid in build_solids(surface)]
+    solids = []
+    for solid in build_solids(surface):
+        solids.append(frame.place(mesh_solid(surface, *solid), magnification))
+    pieces = build_convex_pieces(surface)
+    path = surface.counterface().centre_path(point.ball_radius)
     return Scene(
         stimulus=surface if contact.stimulus.ball is None else contact.stimulus,
         surface=surface,
         point=point,
-        scale=size,
+        scale=magnification,
         frame=frame,
         whole=_join_meshes(surface.id, solids),
-        pieces=tuple(frame.place(piece, size) for piece in build_convex_pieces(surface)),
-        path=surface.counterface().centre_path(point.ball_radius).scaled(size),
+        pieces=tuple(frame.place(piece, magnification) for piece in pieces),
+        path=path.scaled(magnification),
         events=contact.events,
         plan=plan,
         full_scale=full_scale,
@@ -117,37 +132,40 @@ def lay_out_teeth(scenes: Sequence[Scene], folder: Path) -> Iterator[tuple[Mesh,
 
     The meshes lie in `folder`.
     """
-    margins = [(one, one.surface) for one in scenes if isinstance(one.surface, ScannedMargin)]
-    for _, some in itertools.groupby(margins, key=lambda pair: pair[1].id.rpartition("-")[0]):
-        stations = list(some)
-        places = np.array([part.station.place_m for _, part in stations])
+    teeth: dict[str, list[tuple[Scene, ScannedMargin]]] = {}
+    for scene in scenes:
+        if isinstance(scene.surface, ScannedMargin):
+            tooth, _, _ = scene.surface.id.rpartition("-")
+            teeth.setdefault(tooth, []).append((scene, scene.surface))
+    for stations in teeth.values():
+        places = np.array([margin.station.place_m for _, margin in stations])
         apart = np.linalg.norm(places - np.roll(places, 1, axis=0), axis=1).max()
-        scan = stations[0][1].read_tooth(folder, stations[0][0].scale)
-        yield scan, [_place_section(scene, part, 1.02 * apart) for scene, part in stations]
+        first_scene, first_margin = stations[0]
+        scan = first_margin.read_tooth(folder, first_scene.scale)
+        width = _OVERLAP * apart
+        yield scan, [_place_section(scene, margin, width) for scene, margin in stations]
 
 
-def _place_section(scene: Scene, part: ScannedMargin, width: float) -> Scene:
-    # Lay a section at its station, without the level ends of the bar, which a tooth has not, and no
-    # deeper than under its gap: a thick one comes out on the other side of a small tooth
-    at = part.station
+def _place_section(scene: Scene, margin: ScannedMargin, width: float) -> Scene:
+    """Lay a section, so wide along the margin [m], at its station.
+
+    The level ends of the bar, which a tooth has not, are left out. A piece reaches no deeper than
+    under its gap: a thick one comes out on the other side of a small tooth.
+    """
+    station = margin.station
+    along = np.cross(station.outward, station.across)
     frame = Frame(
-        np.column_stack([at.across, np.cross(at.outward, at.across), at.outward]),
-        np.array(at.place_m),
-        "those of the scan",
+        turn=np.column_stack([station.across, along, station.outward]),
+        shift=np.array(station.place_m),
+        words="those of the scan",
     )
-    size = np.array([1.0, width / part.width.nominal, 1.0]) / scene.scale
-    pieces = [
-        replace(
-            one,
-            vertices=np.maximum(
-                one.vertices * size, [-np.inf, -np.inf, -1.5 * part.gap_depth.nominal]
-            ),
-        )
-        for one in scene.pieces[1:-1]
-    ]
-    return replace(
-        scene, frame=frame, pieces=tuple(frame.place(piece, scene.scale) for piece in pieces)
-    )
+    size = np.array([1.0, width / margin.width.nominal, 1.0]) / scene.scale
+    deepest = np.array([-np.inf, -np.inf, -_DEPTH * margin.gap_depth.nominal])
+    pieces = []
+    for piece in scene.pieces[1:-1]:
+        cut = replace(piece, vertices=np.maximum(piece.vertices * size, deepest))
+        pieces.append(frame.place(cut, scene.scale))
+    return replace(scene, frame=frame, pieces=tuple(pieces))
 
 
 def resolve_contact(
@@ -176,14 +194,14 @@ def resolve_contact(
     if ring == "drag":
         face = surface.counterface()
         events = (
-            simulate_ring_of(events[0], face, point),
-            simulate_ring_of(events[1], face, point),
+            replace_ring_by_drag(events[0], face, point),
+            replace_ring_by_drag(events[1], face, point),
         )
     return Contact(stimulus, surface, point, events)
 
 
 def _choose_frame(surface: Part) -> Frame:
-    # Choose the frame: what is turned about the drag lies on its side, its axis below
+    """Choose the frame: what is turned about the drag lies on its side, its axis below."""
     if surface.turn_radius is None:
         return Frame(np.eye(3), np.zeros(3), surface.axes)
     return Frame(
@@ -194,17 +212,16 @@ def _choose_frame(surface: Part) -> Frame:
 
 
 def _join_meshes(name: str, meshes: Sequence[Mesh]) -> Mesh:
-    # Put separate closed bodies into one mesh
+    """Put separate closed bodies into one mesh."""
     if len(meshes) == 1:
         return meshes[0]
-    first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
-    return Mesh(
-        name,
-        np.concatenate([mesh.vertices for mesh in meshes]),
-        np.concatenate(
-            [mesh.triangles + start for mesh, start in zip(meshes, first, strict=False)]
-        ),
-    )
+    triangles = []
+    first_vertex = 0
+    for mesh in meshes:
+        triangles.append(mesh.triangles + first_vertex)
+        first_vertex += len(mesh.vertices)
+    vertices = np.concatenate([mesh.vertices for mesh in meshes])
+    return Mesh(name, vertices, np.concatenate(triangles))
 
 
 def apply_learned_model(
@@ -220,46 +237,43 @@ def apply_learned_model(
         edge = replace(edge, nominal=min(known.edge_radius, surface.counterface().far_side))
         surface = surface.model_copy(update={"edge_radius": edge})
     up, down = list_vibration_events(surface.counterface(), learned_point, surface.id)
-    return (
-        surface,
-        learned_point,
-        (
-            _apply_learned_energy(learned, up, surface, learned_point),
-            _apply_learned_energy(learned, down, surface, learned_point),
-        ),
+    events = (
+        _apply_learned_energy(learned, up, surface, learned_point),
+        _apply_learned_energy(learned, down, surface, learned_point),
     )
+    return surface, learned_point, events
 
 
 def _apply_learned_energy(
     learned: LearnedModel, event: VibrationEvent, surface: Part, point: OperatingPoint
 ) -> VibrationEvent:
+    """Give an event the energy that the model predicts for it, where it predicts one."""
     if event.status is not Status.RELEASES:
         return event
     known = _predict_with_model(learned, surface, point, event.direction)
-    return replace(
-        event,
-        energy=known.energy[0] if math.isfinite(known.energy[0]) else event.energy,
-        learned=known,
-    )
+    energy, _, _ = known.energy
+    if not math.isfinite(energy):
+        energy = event.energy
+    return replace(event, energy=energy, learned=known)
 
 
 def _predict_with_model(
     learned: LearnedModel, surface: Part, point: OperatingPoint, direction: int
 ) -> "LearnedDrag":
-    # Predict the drag over this edge as over a step: of its height, or of its critical angle
-    from stepblocks.predict.table import make_learned_drag
+    """Predict the drag over this edge as over a step: of its height, or of its critical angle."""
+    from stepblocks.predict.learned import make_learned_drag
 
     face = surface.counterface()
-    height = (
-        face.far_side
-        if direction >= 0 and face.ways[0] == "up"
-        else point.ball_radius
-        * (1.0 - math.cos(face.centre_path(point.ball_radius).find_notch(float(direction))[2]))
-    )
+    if direction >= 0 and face.ways[0] == "up":
+        height = face.far_side
+    else:
+        path = face.centre_path(point.ball_radius)
+        _, _, angle = path.find_notch(float(direction))
+        height = point.ball_radius * (1.0 - math.cos(angle))
     return make_learned_drag(learned, surface.id, height, point)
 
 
-def simulate_ring_of(
+def replace_ring_by_drag(
     event: VibrationEvent, face: Counterface, point: OperatingPoint
 ) -> VibrationEvent:
     """Replace the exponential by the ring of a drag in time: the force below that of sliding.
@@ -278,29 +292,27 @@ def simulate_ring_of(
         settings={"sample_rate": _RATE, "ring_time": _LENGTH},
     )
     name = f"[{event.stimulus} {event.drag}]"
-    HapticsError.require(
-        trace.status is Status.RELEASES,
-        f"the time-domain drag must release to give a ring, got {trace.status.value} {name}",
-    )
+    if trace.status is not Status.RELEASES:
+        raise HapticsError(
+            f"the time-domain drag must release to give a ring, got {trace.status.value} {name}"
+        )
     time, pull = trace.column("time_s"), trace.column("fx_n")
     level = trace.sliding_force
-    after = np.flatnonzero((time >= trace.release_time) & (pull <= level))
-    HapticsError.require(
-        len(after) >= 2,
-        f"the pulling force must fall to that of sliding ({level:g} N) to ring, got none that "
-        f"low {name}",
-    )
-    force = level - pull[after[0] :]
-    delay = float(time[after[0]] - trace.release_time)
+    below = np.flatnonzero((time >= trace.release_time) & (pull <= level))
+    if len(below) < 2:
+        raise HapticsError(
+            f"the pulling force must fall to that of sliding ({level:g} N) to ring, got none that "
+            f"low {name}"
+        )
+    first = below[0]
+    force = level - pull[first:]
     factor = math.sqrt(event.energy / compute_ring_energy(force, _RATE, event.tool))
-    return replace(
-        event,
-        waveform=Waveform(
-            force * factor,
-            _RATE,
-            delay,
-            trace.peak_force,
-            measure_ring(trace, spectra=False).energy,
-            factor,
-        ),
+    waveform = Waveform(
+        force * factor,
+        _RATE,
+        float(time[first] - trace.release_time),
+        trace.peak_force,
+        measure_ring(trace, spectra=False).energy,
+        factor,
     )
+    return replace(event, waveform=waveform)

@@ -1,6 +1,8 @@
 """How real a recorded step is: how far from its stimulus, in just noticeable differences."""
 
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +16,7 @@ from stepblocks.contact.event import (
     compute_ring_force,
     list_vibration_events,
 )
+from stepblocks.contact.operating_point import Tool
 from stepblocks.declaration.read import load_set
 from stepblocks.declaration.set import choose_operating_point
 from stepblocks.errors import HapticsError
@@ -26,6 +29,11 @@ _BEFORE = 0.1  # in which the peak force before the release is sought [s]
 _SAMPLES = 4.0  # least samples of a record in a cycle of the ring
 _TREND = 6  # terms of the polynomial that stands for the pull behind the release
 _EXPLAINED = 0.5  # least share of a tail that the fitted ring must explain
+_LEAST_LENGTH = 0.8  # of the ring that is compared, which a record must hold
+_LEAST_ROWS = 16
+_STARTS = (0.7, 0.85, 1.0, 1.15, 1.3)  # frequencies that a fit begins with, over the tool's
+_LEAST_FIGURE = 1e-12  # what stands for zero where a logarithm is taken
+_LEAST_POWER = 1e-300
 _HAPTIC = "doi 10.1109/HAPTIC.2006.1627110"
 # Just noticeable differences as shares of the value, and where they stand. That of a decay was not
 # found for rings this short: an assumption, twice that of the energy which it changes
@@ -85,74 +93,87 @@ def compare_record(
         If the record cannot be read or holds no ring, or the stimulus does not release the probe.
     """
     check_overrides(overrides)
-    event = (
-        stimulus
-        if isinstance(stimulus, VibrationEvent)
-        else _predict_event(Path(stimulus), overrides, backward)
-    )
+    if isinstance(stimulus, VibrationEvent):
+        event = stimulus
+    else:
+        event = _predict_event(Path(stimulus), overrides, backward)
     place = "table" if isinstance(record, pd.DataFrame) else str(record)
     force, rate, has_pull = _read_record(record, place, event)
     start = _find_release(force, rate, event)
-    length = math.ceil(_LENGTH * event.tool.decay_time * rate)
-    tail = force[start : start + length]
-    HapticsError.require(
-        len(tail) >= 0.8 * length,
-        f"a record must go on for {1e3 * length / rate:.3g} ms after the release, got "
-        f"{1e3 * len(tail) / rate:.3g} ms [{place}]",
-    )
-    found, explained = _measure_ring(tail, rate, event)
-    HapticsError.require(
-        explained >= _EXPLAINED,
-        f"a record must hold a ring near {event.tool.frequency:g} Hz after the release, got "
-        f"none: a decaying sine explains {100.0 * explained:.0f} % of what follows [{place}]",
-    )
+    tail = _cut_ring(force[start:], rate, event, place)
+    recorded, explained = _measure_ring(tail, rate, event)
+    if explained < _EXPLAINED:
+        raise HapticsError(
+            f"a record must hold a ring near {event.tool.frequency:g} Hz after the release, got "
+            f"none: a decaying sine explains {100.0 * explained:.0f} % of what follows [{place}]"
+        )
     ideal, _ = _measure_ring(compute_ring_force(event, rate)[: len(tail)], rate, event)
     if has_pull:
         before = np.abs(force[max(0, start - math.ceil(_BEFORE * rate)) : start])
-        found["peak force"] = before.max(initial=0.0)
+        recorded["peak force"] = before.max(initial=0.0)
         ideal["peak force"] = event.critical_force
-    table = pd.DataFrame(
-        [
-            {
-                "part": name,
-                "recorded": found[name],
-                "ideal": ideal[name],
-                "difference_jnd": abs(math.log(max(found[name], 1e-12) / ideal[name]))
-                / math.log1p(share),
-                "jnd_ratio": share,
-                "source": source,
-            }
-            for name, (share, source) in JND.items()
-            if name in found
-        ]
-    )
-    table.loc[len(table)] = {
-        "part": "score",
-        "difference_jnd": np.linalg.norm(table["difference_jnd"]),
-    }
+    table = _tabulate_differences(recorded, ideal)
     if output is not None:
         write_table(table, Path(output), "%.6g")
     return table
 
 
+def _cut_ring(force: Array, rate: float, event: VibrationEvent, place: str) -> Array:
+    """Cut the ring from what follows a release; a record that ends too soon is refused."""
+    length = math.ceil(_LENGTH * event.tool.decay_time * rate)
+    tail = force[:length]
+    if len(tail) < _LEAST_LENGTH * length:
+        raise HapticsError(
+            f"a record must go on for {1e3 * length / rate:.3g} ms after the release, got "
+            f"{1e3 * len(tail) / rate:.3g} ms [{place}]"
+        )
+    return tail
+
+
+def _tabulate_differences(
+    recorded: Mapping[str, float], ideal: Mapping[str, float]
+) -> pd.DataFrame:
+    """Put each figure beside its ideal, in just noticeable differences; the score stands last."""
+    rows = []
+    for name, (share, source) in JND.items():
+        if name not in recorded:
+            continue
+        ratio = max(recorded[name], _LEAST_FIGURE) / ideal[name]
+        rows.append(
+            {
+                "part": name,
+                "recorded": recorded[name],
+                "ideal": ideal[name],
+                "difference_jnd": abs(math.log(ratio)) / math.log1p(share),
+                "jnd_ratio": share,
+                "source": source,
+            }
+        )
+    table = pd.DataFrame(rows)
+    score = np.linalg.norm(table["difference_jnd"])
+    table.loc[len(table)] = {"part": "score", "difference_jnd": score}
+    return table
+
+
 def _predict_event(stimulus: Path, overrides: dict[str, float], backward: bool) -> VibrationEvent:
-    # Predict the event of a stimulus that is named by its file and identity
-    declared = load_set(stimulus.parent if stimulus.parent.name else stimulus)
-    part = next((one for one in declared.stimuli if one.id == stimulus.name), None)
-    if part is None:
-        known = ", ".join(one.id for one in declared.stimuli)
+    """Predict the event of a stimulus that is named by its file and identity."""
+    stimuli = load_set(stimulus.parent if stimulus.parent.name else stimulus)
+    parts = {part.id: part for part in stimuli.stimuli}
+    if stimulus.name not in parts:
+        known = ", ".join(parts)
         raise HapticsError(
             f"the stimulus must be one of {known}, got {stimulus.name!r} [{stimulus.parent}]"
         )
-    point = choose_operating_point(declared, part, overrides)
-    event = list_vibration_events(
-        part.counterface(next(iter(declared.prediction.step_heights), None)), point, part.id
-    )[int(backward)]
+    part = parts[stimulus.name]
+    point = choose_operating_point(stimuli, part, overrides)
+    step_height = next(iter(stimuli.prediction.step_heights), None)
+    events = list_vibration_events(part.counterface(step_height), point, part.id)
+    event = events[int(backward)]
     if event.status is not Status.RELEASES:
-        other = "" if backward else "; --backward takes the drag towards -x"
+        advice = "" if backward else "; --backward takes the drag towards -x"
         raise HapticsError(
             f"the stimulus must release the probe to be compared, it is {event.status.value}"
-            f"{other} [{stimulus}]"
+            f"{advice} [{stimulus}]"
         )
     return event
 
@@ -160,50 +181,62 @@ def _predict_event(stimulus: Path, overrides: dict[str, float], backward: bool) 
 def _read_record(
     record: str | Path | pd.DataFrame, place: str, event: VibrationEvent
 ) -> tuple[Array, float, bool]:
-    # Read force along the drag [N], rate of its samples [Hz], and whether it holds the pull
+    """Read force along the drag [N], rate of its samples [Hz], and whether it holds the pull."""
     if isinstance(record, str | Path) and Path(record).suffix in (".h5", ".hdf5"):
-        import h5py
-
-        try:
-            with h5py.File(record) as file:
-                force = np.asarray(file["force_x_n"][:], dtype=np.float64)
-                return force, float(file.attrs["rate_hz"]), True
-        except (OSError, ValueError, KeyError) as error:
-            raise HapticsError(f"the record cannot be read: {error} [{place}]") from error
+        force, rate = _read_motion(record, place)
+        return force, rate, True
     frame = record if isinstance(record, pd.DataFrame) else read_table(Path(record))
-    accelerates = "acceleration_m_s2" in frame
-    wanted = (
-        {"time": ["time"]} if accelerates else {"time": ["time"], "force": ["force", "force_x"]}
-    )
-    columns = read_si_columns(
-        frame, {name: (names, name, None) for name, names in wanted.items()}, place
-    )
-    steps = np.diff(columns["time"])
-    HapticsError.require(
-        len(steps) >= 15 and (steps > 0.0).all(),
-        f"time_s must rise in at least 16 rows, got {len(steps) + 1} [{place}]",
-    )
+    has_pull = "acceleration_m_s2" not in frame
+    wanted: dict[str, tuple[tuple[str, ...], str, None]] = {"time": (("time",), "time", None)}
+    if has_pull:
+        wanted["force"] = (("force", "force_x"), "force", None)
+    columns = read_si_columns(frame, wanted, place)
+    rate = _find_sample_rate(columns["time"], event, place)
+    if has_pull:
+        force = columns["force"]
+    else:
+        acceleration = frame["acceleration_m_s2"].to_numpy(dtype=np.float64)
+        force = acceleration * event.tool.effective_mass
+    if not np.isfinite(force).all():
+        raise HapticsError(f"the record must have finite samples, got others [{place}]")
+    return force, rate, has_pull
+
+
+def _read_motion(record: str | Path, place: str) -> tuple[Array, float]:
+    """Read force along the drag [N] and rate [Hz] of a trial as ``study run`` writes it."""
+    import h5py
+
+    try:
+        with h5py.File(record) as file:
+            force = np.asarray(file["force_x_n"][:], dtype=np.float64)
+            return force, float(file.attrs["rate_hz"])
+    except (OSError, ValueError, KeyError) as error:
+        raise HapticsError(f"the record cannot be read: {error} [{place}]") from error
+
+
+def _find_sample_rate(time: Array, event: VibrationEvent, place: str) -> float:
+    """Find the rate of samples [Hz]; times that do not rise, or too slowly, are refused."""
+    steps = np.diff(time)
+    if len(steps) < _LEAST_ROWS - 1 or not (steps > 0.0).all():
+        raise HapticsError(
+            f"time_s must rise in at least {_LEAST_ROWS} rows, got {len(steps) + 1} [{place}]"
+        )
     step = float(np.median(steps))
-    HapticsError.require(
-        step * event.tool.frequency * _SAMPLES <= 1.0,
-        f"time_s must rise by at most {1e3 / (_SAMPLES * event.tool.frequency):.2g} ms to show "
-        f"a ring of {event.tool.frequency:g} Hz, got steps of {1e3 * step:.3g} ms; a column in "
-        f"milliseconds is called time_ms [{place}]",
-    )
-    force = (
-        frame["acceleration_m_s2"].to_numpy(dtype=np.float64) * event.tool.effective_mass
-        if accelerates
-        else columns["force"]
-    )
-    HapticsError.require(
-        np.isfinite(force).all(), f"the record must have finite samples, got others [{place}]"
-    )
-    return force, 1.0 / step, not accelerates
+    frequency = event.tool.frequency
+    if not step * frequency * _SAMPLES <= 1.0:
+        raise HapticsError(
+            f"time_s must rise by at most {1e3 / (_SAMPLES * frequency):.2g} ms to show a ring of "
+            f"{frequency:g} Hz, got steps of {1e3 * step:.3g} ms; a column in milliseconds is "
+            f"called time_ms [{place}]"
+        )
+    return 1.0 / step
 
 
 def _find_release(force: Array, rate: float, event: VibrationEvent) -> int:
-    # Find where the ring begins: where the changes of the force resemble those of the ideal most.
-    # The fall of the pull at the release is a change at the same place, and no part of the ring.
+    """Find where the ring begins: where the changes of the force resemble those of the ideal most.
+
+    The fall of the pull at the release is a change at the same place, and no part of the ring.
+    """
     from scipy.signal import correlate
 
     ideal = compute_ring_force(event, rate)[: max(len(force) - 1, 2)]
@@ -220,53 +253,88 @@ def _find_release(force: Array, rate: float, event: VibrationEvent) -> int:
 def _measure_ring(
     force: Array, rate: float, event: VibrationEvent
 ) -> tuple[dict[str, float], float]:
-    # Measure energy, frequency, decay and band of a ring by a decaying sine and by its spectrum.
-    # The second value is the share of the ring and its noise that the sine explains. What changes
-    # slowly beside the ring, as the pull of a moving hand does, is taken off. The first cycle is
-    # left out, for there the pull falls; the energy is carried back to where the sine begins.
-    from scipy.optimize import least_squares
+    """Measure energy, frequency, decay and band of a ring by a decaying sine and by its spectrum.
 
+    The second value is the share of the ring and its noise that the sine explains. What changes
+    slowly beside the ring, as the pull of a moving hand does, is taken off. The first cycle is left
+    out, for there the pull falls; the energy is carried back to where the sine begins.
+    """
     tool = event.tool
     first = math.ceil(rate / tool.frequency)
     time = np.arange(first, len(force)) / rate
-    force = force[first:]
+    sine = _fit_decaying_sine(time, force[first:], tool)
+    # the zero of the sine that is nearest to the release
+    phase = math.remainder(math.atan2(sine.cosine, sine.sine), math.pi)
+    start = -phase / (math.tau * sine.frequency)
+    carried = math.exp(2.0 * (time[0] - start) / sine.decay)
+    explained = max(1.0 - 2.0 * sine.cost / max(float(np.sum(sine.ring**2)), _LEAST_POWER), 0.0)
+    figures = {
+        "ring energy": compute_ring_energy(sine.ring, rate, tool) * carried,
+        "ring frequency": sine.frequency,
+        "ring decay": sine.decay,
+        "energy in the ring's band": _measure_band_share(sine.ring, rate, tool),
+    }
+    return figures, explained
+
+
+@dataclass(frozen=True)
+class _DecayingSine:
+    """A decaying sine that was fitted to a ring beside a slow trend."""
+
+    frequency: float  # Hz
+    decay: float  # s
+    sine: float  # amplitudes [N]
+    cosine: float
+    cost: float  # half the sum of squares of what is left [N^2]
+    ring: Array  # the force without the trend [N]
+
+
+def _fit_decaying_sine(time: Array, force: Array, tool: Tool) -> _DecayingSine:
+    """Fit a decaying sine, from several frequencies about that of the tool; the best is taken."""
+    from scipy.optimize import least_squares
+
     slow = np.vander(time / time[-1], _TREND)
 
-    def shape(p: Array) -> Array:
-        wave = math.tau * p[0] * time
-        decay = np.exp(-time / np.exp(p[1]))
-        return np.column_stack([slow, decay * np.sin(wave), decay * np.cos(wave)])
+    def build_columns(parameters: Array) -> Array:
+        frequency, log_decay = parameters
+        wave = math.tau * frequency * time
+        envelope = np.exp(-time / np.exp(log_decay))
+        return np.column_stack([slow, envelope * np.sin(wave), envelope * np.cos(wave)])
 
-    def solve(p: Array) -> Array:
-        return np.asarray(np.linalg.lstsq(shape(p), force, rcond=None)[0])
+    def solve(parameters: Array) -> Array:
+        return np.asarray(np.linalg.lstsq(build_columns(parameters), force, rcond=None)[0])
 
-    best = min(
-        (
-            least_squares(
-                lambda p: force - shape(p) @ solve(p),
-                (tool.frequency * share, math.log(tool.decay_time)),
-                x_scale=(10.0, 0.1),
-                bounds=((0.3 * tool.frequency, -12.0), (3.0 * tool.frequency, 3.0)),
-            )
-            for share in (0.7, 0.85, 1.0, 1.15, 1.3)
-        ),
-        key=lambda one: float(one.cost),
-    )
+    def find_residual(parameters: Array) -> Array:
+        return np.asarray(force - build_columns(parameters) @ solve(parameters))
+
+    best = None
+    for share in _STARTS:
+        fit = least_squares(
+            find_residual,
+            (tool.frequency * share, math.log(tool.decay_time)),
+            x_scale=(10.0, 0.1),
+            bounds=((0.3 * tool.frequency, -12.0), (3.0 * tool.frequency, 3.0)),
+        )
+        if best is None or fit.cost < best.cost:
+            best = fit
+    assert best is not None
     *trend, sine, cosine = solve(best.x)
-    ring = force - slow @ np.array(trend)
-    # the zero of the sine that is nearest to the release
-    decay = float(np.exp(best.x[1]))
-    start = -math.remainder(math.atan2(cosine, sine), math.pi) / (math.tau * best.x[0])
-    carried = math.exp(2.0 * (time[0] - start) / decay)
-    explained = max(1.0 - 2.0 * best.cost / max(float(np.sum(ring**2)), 1e-300), 0.0)
-    power = np.abs(np.fft.rfft(ring, 2 ** math.ceil(math.log2(len(ring)) + 2))) ** 2
-    band = np.fft.rfftfreq(2 * (len(power) - 1), 1.0 / rate)
-    # the paper's 250 to 350 Hz
-    low, high = (edge / 300.0 * tool.frequency for edge in (250.0, 350.0))
-    inside = (band >= low) & (band <= high)
-    return {
-        "ring energy": compute_ring_energy(ring, rate, tool) * carried,
-        "ring frequency": float(best.x[0]),
-        "ring decay": decay,
-        "energy in the ring's band": float(power[inside].sum() / max(power.sum(), 1e-300)),
-    }, explained
+    return _DecayingSine(
+        frequency=float(best.x[0]),
+        decay=float(np.exp(best.x[1])),
+        sine=sine,
+        cosine=cosine,
+        cost=float(best.cost),
+        ring=force - slow @ np.array(trend),
+    )
+
+
+def _measure_band_share(ring: Array, rate: float, tool: Tool) -> float:
+    """Measure the share of power in the ring's band: the paper's is 250 to 350 Hz of 300."""
+    length = 2 ** math.ceil(math.log2(len(ring)) + 2)
+    power = np.abs(np.fft.rfft(ring, length)) ** 2
+    frequencies = np.fft.rfftfreq(2 * (len(power) - 1), 1.0 / rate)
+    low = 250.0 / 300.0 * tool.frequency
+    high = 350.0 / 300.0 * tool.frequency
+    is_inside = (frequencies >= low) & (frequencies <= high)
+    return float(power[is_inside].sum() / max(power.sum(), _LEAST_POWER))

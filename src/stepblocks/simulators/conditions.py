@@ -11,10 +11,9 @@ OVERRIDES = ("normal_load", "friction", "ball_radius", "speed")
 def check_overrides(overrides: Mapping[str, object]) -> None:
     """Refuse what is no quantity of an operating point, or no number."""
     for name, value in overrides.items():
-        PipelineError.require(
-            name in OVERRIDES, f"an option must be one of {', '.join(OVERRIDES)}, got {name!r}"
-        )
-        PipelineError.require(
-            not isinstance(value, bool) and isinstance(value, int | float) and math.isfinite(value),
-            f"{name} must be a finite number in SI units, got {' '.join(repr(value).split()):.40}",
-        )
+        if name not in OVERRIDES:
+            raise PipelineError(f"an option must be one of {', '.join(OVERRIDES)}, got {name!r}")
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        if not is_number or not math.isfinite(value):  # type: ignore[arg-type]
+            shown = " ".join(repr(value).split())
+            raise PipelineError(f"{name} must be a finite number in SI units, got {shown:.40}")

@@ -2,7 +2,7 @@
 
 import errno
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -13,6 +13,7 @@ from stepblocks.declaration.set import StimulusSet, choose_operating_point
 from stepblocks.errors import PipelineError
 from stepblocks.files.atomic import make_draft_folder, sync_folder
 from stepblocks.haptics.devices import (
+    Device,
     RenderingPlan,
     choose_common_scale,
     find_device,
@@ -115,70 +116,127 @@ def export_scenes(
         If a file, a device or a value is wrong, nothing matches, or the device does not render a
         stimulus that is meant.
     """
-    PipelineError.require(
-        simulator in SCENE_FORMATS,
-        f"--for must be one of {', '.join(SCENE_FORMATS)}, got {simulator!r}",
-    )
-    PipelineError.require(
-        ring in ("exponential", "drag"), f"--ring must be one of exponential, drag, got {ring!r}"
-    )
+    if simulator not in SCENE_FORMATS:
+        known = ", ".join(SCENE_FORMATS)
+        raise PipelineError(f"--for must be one of {known}, got {simulator!r}")
+    if ring not in ("exponential", "drag"):
+        raise PipelineError(f"--ring must be one of exponential, drag, got {ring!r}")
     check_overrides(overrides)
-    known = load_devices(devices)  # a missing file is named even where no device is asked for
-    chosen = None if device is None else find_device(device, known)
+    profiles = load_devices(devices)  # a missing file is named even where no device is asked for
+    order = _Order(
+        form=SCENE_FORMATS[simulator],
+        device=None if device is None else find_device(device, profiles),
+        scale=scale,
+        only=only,
+    )
     learned = None if model is None else read_model(Path(model))
-    sets = load_sets(files)
-    contacts = [_resolve_set(one, learned, step_height, ring, overrides) for one, _ in sets]
-    form = SCENE_FORMATS[simulator]
-    name = simulator if chosen is None else f"{simulator}-{chosen.id}"
-    meant = [
-        {
-            part.id: contact
-            for part, contact in zip(stimuli.stimuli, each, strict=True)
-            if only is None or matches_pattern(only, stimuli.name, part.id)
-        }
-        for (stimuli, _), each in zip(sets, contacts, strict=True)
-    ]
-    scales = [
-        scale
-        if chosen is None or scale is not None
-        else choose_common_scale(chosen, [(one.events[0], one.point) for one in each])
-        for each in contacts
-    ]
-    if chosen is not None:
-        require_renderable(
-            plan_rendering(chosen, one.events[0], one.point, size)
-            for some, size in zip(meant, scales, strict=True)
-            for one in some.values()
-        )
-    done: list[Exported] = []
+    batches = []
+    for stimuli, source in load_sets(files):
+        contacts = _resolve_set(stimuli, learned, step_height, ring, overrides)
+        batches.append(_gather_batch(stimuli, source, contacts, order))
+    if order.device is not None:
+        require_renderable(_list_plans(order.device, batches))
+    exported: list[Exported] = []
     with make_draft_folder(Path(output)) as draft:
-        for (stimuli, source), each, some, size in zip(sets, contacts, meant, scales, strict=True):
-            loudest = max((find_full_scale_force(one.events) for one in each), default=0.0)
-            scenes = [build_scene(one, chosen, size, full_scale=loudest) for one in some.values()]
-            for identity, scene in zip(some, scenes, strict=True):
-                folder = Path(stimuli.name) / identity / name
+        for batch in batches:
+            scenes = _build_scenes(batch, order)
+            for identity, scene in scenes.items():
+                folder = Path(batch.stimuli.name) / identity / order.folder_name
                 (draft / folder).mkdir(parents=True)
-                write_scene(draft / folder, scene, form)
-                one = Exported(f"{stimuli.name}/{identity}", Path(output) / folder, scene.plan)
-                done.append(one)
+                write_scene(draft / folder, scene, order.form)
+                written = Exported(
+                    f"{batch.stimuli.name}/{identity}", Path(output) / folder, scene.plan
+                )
+                exported.append(written)
                 if progress is not None:
-                    progress(one)
-            _write_set(draft / stimuli.name / f"{name}-blocks", scenes, form, name)
-            if form.write_tooth and Path(source).is_file():
-                for scan, stations in lay_out_teeth(scenes, Path(source).parent):
-                    folder = draft / stimuli.name / scan.name / f"{name}-tooth"
-                    write_tooth(folder, scan, stations, form)
-        PipelineError.require(done, f"--only must match at least one stimulus, got {only!r}")
+                    progress(written)
+            _write_whole_set(draft, batch, list(scenes.values()), order)
+        if not exported:
+            raise PipelineError(f"--only must match at least one stimulus, got {only!r}")
         _move_into_place(draft, Path(output))
-    return done
+    return exported
+
+
+@dataclass(frozen=True)
+class _Order:
+    """What is to be written of every set."""
+
+    form: SceneFormat
+    device: Device | None
+    scale: float | None  # asked for; None leaves it to the device, or is 1
+    only: str | None  # pattern of the stimuli that are meant
+
+    @property
+    def folder_name(self) -> str:
+        """Name of each stimulus's folder."""
+        if self.device is None:
+            return self.form.name
+        return f"{self.form.name}-{self.device.id}"
+
+
+@dataclass(frozen=True)
+class _Batch:
+    """A set with the contacts of all its stimuli, and of those that are meant."""
+
+    stimuli: StimulusSet
+    source: str  # file of the set, or what stands for it
+    contacts: list[Contact]  # of all stimuli: scale and loudness belong to the set
+    meant: dict[str, Contact]  # by identity, those that are written
+    scale: float | None
+
+
+def _gather_batch(
+    stimuli: StimulusSet, source: str, contacts: list[Contact], order: _Order
+) -> _Batch:
+    """Choose what is written of a set, and the scale of all its scenes."""
+    meant = {}
+    for part, contact in zip(stimuli.stimuli, contacts, strict=True):
+        if order.only is None or matches_pattern(order.only, stimuli.name, part.id):
+            meant[part.id] = contact
+    scale = order.scale
+    if scale is None and order.device is not None:
+        drags = [(contact.events[0], contact.point) for contact in contacts]
+        scale = choose_common_scale(order.device, drags)
+    return _Batch(stimuli, source, contacts, meant, scale)
+
+
+def _list_plans(device: Device, batches: list[_Batch]) -> Iterator[RenderingPlan]:
+    """Plan how a device renders each stimulus that is meant."""
+    for batch in batches:
+        for contact in batch.meant.values():
+            yield plan_rendering(device, contact.events[0], contact.point, batch.scale)
+
+
+def _build_scenes(batch: _Batch, order: _Order) -> dict[str, Scene]:
+    """Build the scenes that are meant; the loudest ring of the set is the full scale of all."""
+    loudness = [find_full_scale_force(contact.events) for contact in batch.contacts]
+    full_scale = max(loudness, default=0.0)
+    return {
+        identity: build_scene(contact, order.device, batch.scale, full_scale=full_scale)
+        for identity, contact in batch.meant.items()
+    }
+
+
+def _write_whole_set(draft: Path, batch: _Batch, scenes: list[Scene], order: _Order) -> None:
+    """Write what holds several stimuli at once: all blocks of a set, and scanned teeth."""
+    form, name = order.form, order.folder_name
+    folder = draft / batch.stimuli.name
+    _write_set(folder / f"{name}-blocks", scenes, form, name)
+    if form.write_tooth is None or not Path(batch.source).is_file():
+        return
+    for scan, stations in lay_out_teeth(scenes, Path(batch.source).parent):
+        write_tooth(folder / scan.name / f"{name}-tooth", scan, stations, form)
 
 
 def _write_set(folder: Path, scenes: list[Scene], form: SceneFormat, name: str) -> None:
-    # Write what holds all stimuli of a set, where the format has it and their probes allow it
-    alike = {(one.ball_radius, one.stiffness, one.point.friction) for one in scenes}
-    if form.write_set and len(scenes) > 1 and (len(alike) == 1 or not form.shares_probe):
-        folder.mkdir(parents=True)
-        form.write_set(folder, scenes, name)
+    """Write what holds all stimuli of a set, where the format has it and their probes allow it."""
+    if form.write_set is None or len(scenes) < 2:
+        return
+    probes = {(scene.ball_radius, scene.stiffness, scene.point.friction) for scene in scenes}
+    if len(probes) > 1 and form.shares_probe:
+        return
+    folder.mkdir(parents=True)
+    form.write_set(folder, scenes, name)
 
 
 def _resolve_set(
@@ -188,10 +246,11 @@ def _resolve_set(
     ring: Literal["exponential", "drag"],
     overrides: dict[str, float],
 ) -> list[Contact]:
-    # Resolve the contacts of all stimuli of a set, those that are not written as well
+    """Resolve the contacts of all stimuli of a set, those that are not written as well."""
     height = step_height or next(iter(stimuli.prediction.step_heights), None)
-    return [
-        resolve_contact(
+    contacts = []
+    for part in stimuli.stimuli:
+        contact = resolve_contact(
             part,
             choose_operating_point(stimuli, part, overrides),
             height,
@@ -199,20 +258,25 @@ def _resolve_set(
             keep_friction="friction" in overrides,
             ring=ring,
         )
-        for part in stimuli.stimuli
-    ]
+        contacts.append(contact)
+    return contacts
 
 
 def _move_into_place(draft: Path, output: Path) -> None:
-    # Move prepared files into their places, after it is sure that each can have its own
+    """Move prepared files into their places, after it is sure that each can have its own."""
     sync_folder(draft)
     files = [path.relative_to(draft) for path in sorted(draft.rglob("*")) if path.is_file()]
     for file in files:
-        target = output / file
-        if target.is_dir():
-            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(target))
-        if blocked := [one for one in target.parents if one.exists() and not one.is_dir()]:
-            raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(blocked[0]))
+        _require_free_place(output / file)
     for file in files:
         (output / file).parent.mkdir(parents=True, exist_ok=True)
         (draft / file).replace(output / file)
+
+
+def _require_free_place(target: Path) -> None:
+    """Refuse a place where a folder stands, or below which a file stands for a folder."""
+    if target.is_dir():
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(target))
+    for parent in target.parents:
+        if parent.exists() and not parent.is_dir():
+            raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(parent))

@@ -17,6 +17,7 @@ from stepblocks.artefacts.rings import (
 from stepblocks.contact.energy import Status
 from stepblocks.contact.event import (
     Events,
+    VibrationEvent,
     build_event_record,
     compute_ring_energy,
     compute_ring_force,
@@ -51,9 +52,8 @@ class Frame:
 
     def place(self, mesh: Mesh, scale: float) -> Mesh:
         """Turn, shift and magnify a mesh."""
-        return Mesh(
-            mesh.name, (mesh.vertices @ self.turn.T + self.shift + 0.0) * scale, mesh.triangles
-        )
+        vertices = mesh.vertices @ self.turn.T + self.shift + 0.0  # 0.0 turns -0.0 into 0.0
+        return Mesh(mesh.name, vertices * scale, mesh.triangles)
 
 
 @dataclass(frozen=True)
@@ -110,14 +110,10 @@ class Scene:
     @property
     def ring_ratio(self) -> float:
         """Amplitude of the ring over the force at the release [1]: sqrt(C_v), or of a model."""
-        return next(
-            (
-                event.amplitude / event.critical_force
-                for event in self.events
-                if event.status is Status.RELEASES
-            ),
-            math.sqrt(self.point.tool.conversion),
-        )
+        for event in self.events:
+            if event.status is Status.RELEASES:
+                return event.amplitude / event.critical_force
+        return math.sqrt(self.point.tool.conversion)
 
     @property
     def tip_mass(self) -> float:
@@ -140,7 +136,9 @@ class Scene:
 
         In the notch itself where the ball would slide down into it, as in a gap.
         """
-        before, notch = ((self.events[0].trigger_position - d) * self.scale for d in (_APPROACH, 0))
+        trigger = self.events[0].trigger_position
+        notch = trigger * self.scale
+        before = (trigger - _APPROACH) * self.scale
         slope = self.path.slope_end[np.searchsorted(self.path.x, before) - 1]
         x = before if abs(slope) <= self.point.friction else notch
         return x, float(np.interp(x, self.path.x, self.path.z))
@@ -203,10 +201,8 @@ class SceneFormat:
 
 def find_full_scale_force(events: Events) -> float:
     """Return the largest force of the rings of both drags [N]; 0 where nothing rings."""
-    return max(
-        (find_largest_force(event) for event in events if event.status is Status.RELEASES),
-        default=0.0,
-    )
+    rings = [event for event in events if event.status is Status.RELEASES]
+    return max((find_largest_force(event) for event in rings), default=0.0)
 
 
 def write_scene(folder: Path, scene: Scene, form: SceneFormat) -> None:
@@ -215,34 +211,37 @@ def write_scene(folder: Path, scene: Scene, form: SceneFormat) -> None:
     write_json(folder / "event.json", scene.parameters())
     if scene.plan is not None:
         write_json(folder / "plan.json", scene.plan.as_record())
-    for event in (one for one in scene.events if one.status is Status.RELEASES):
-        stem = f"ring-{'up' if event.direction > 0 else 'down'}"
-        full = scene.full_scale or find_largest_force(event)
-        ends = (f"full-scale-{full:.4g}n.wav", f"full-scale-{full:.4g}n-int16.wav")
-        waves = {f"{stem}-{rate // 1000}khz-{end}": rate for rate in WAV_RATES for end in ends}
-        for name, rate in waves.items():
-            write_wav(folder / name, event, rate, full)
-        write_json(
-            folder / f"{stem}.json",
-            {
-                "full_scale_n": dict.fromkeys(waves, full),
-                "energy_j": event.energy,
-                "energy_in_file_j": {
-                    name: compute_ring_energy(compute_ring_force(event, rate), rate, event.tool)
-                    for name, rate in waves.items()
-                },
-            },
-        )
+    for event in scene.events:
+        if event.status is Status.RELEASES:
+            _write_ring(folder, event, scene.full_scale or find_largest_force(event))
+    files = [path for path in folder.rglob("*") if path.is_file()]
     write_from_template(
         folder / "README.md",
         scene=scene,
         form=form,
-        names=sorted(
-            path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()
-        ),
+        names=sorted(path.relative_to(folder).as_posix() for path in files),
         math=math,
         Status=Status,
     )
+
+
+def _write_ring(folder: Path, event: VibrationEvent, full_scale: float) -> None:
+    """Write the ring of a drag as WAV files at every rate, and what they hold; full scale in N."""
+    direction = "up" if event.direction > 0 else "down"
+    stem = f"ring-{direction}"
+    energies = {}
+    for rate in WAV_RATES:
+        energy = compute_ring_energy(compute_ring_force(event, rate), rate, event.tool)
+        for kind in ("", "-int16"):
+            name = f"{stem}-{rate // 1000}khz-full-scale-{full_scale:.4g}n{kind}.wav"
+            write_wav(folder / name, event, rate, full_scale)
+            energies[name] = energy
+    content = {
+        "full_scale_n": dict.fromkeys(energies, full_scale),
+        "energy_j": event.energy,
+        "energy_in_file_j": energies,
+    }
+    write_json(folder / f"{stem}.json", content)
 
 
 def write_tooth(folder: Path, scan: Mesh, stations: Sequence[Scene], form: SceneFormat) -> None:
@@ -250,24 +249,19 @@ def write_tooth(folder: Path, scan: Mesh, stations: Sequence[Scene], form: Scene
     assert form.write_tooth is not None
     folder.mkdir(parents=True)
     form.write_tooth(folder, scan, stations)
-    content = [
-        # the centre of the ball at both releases, in the axes of the scan
-        one.parameters()
-        | {
-            "trigger_places_m": [
-                (
-                    one.frame.turn @ [event.trigger_position, 0.0, event.trigger_height]
-                    + one.frame.shift
-                )
-                .dot(one.scale)
-                .tolist()
-                for event in one.events
-            ]
-        }
-        for one in stations
-    ]
+    content = []
+    for station in stations:
+        places = [_place_trigger(station, event) for event in station.events]
+        content.append({**station.parameters(), "trigger_places_m": places})
     write_json(folder / "tooth.json", {"stations": content})
     write_from_template(folder / "README.md", "tooth.md", stations=stations, form=form)
+
+
+def _place_trigger(station: Scene, event: VibrationEvent) -> list[float]:
+    """Find the centre of the ball at the release [m], in the axes of the scan."""
+    frame = station.frame
+    place = frame.turn @ [event.trigger_position, 0.0, event.trigger_height] + frame.shift
+    return place.dot(station.scale).tolist()  # type: ignore[no-any-return]
 
 
 def write_from_template(path: Path, template: str = "", **values: object) -> None:
@@ -283,15 +277,19 @@ def write_from_template(path: Path, template: str = "", **values: object) -> Non
         # code and Markdown; in XML stand only numbers, and names that are lower-case words
         autoescape=False,
     )
-    environment.filters["numbers"] = lambda values: " ".join(
-        f"{value:.12g}" for value in values.ravel()
-    )
+    environment.filters["numbers"] = _join_numbers
     text = environment.get_template(f"{template or path.name}.j2").render(**values)
-    path.write_text(format_units(text) if path.suffix == ".md" else text, encoding="utf-8")
+    if path.suffix == ".md":
+        text = format_units(text)
+    path.write_text(text, encoding="utf-8", newline="\n")
+
+
+def _join_numbers(values: NDArray[np.float64]) -> str:
+    """Write the numbers of an array of any shape in a row."""
+    return " ".join(f"{value:.12g}" for value in values.ravel())
 
 
 def write_json(path: Path, content: Mapping[str, object]) -> None:
     """Write JSON with the version of its keys that every reader takes: no NaN."""
-    path.write_text(
-        json.dumps({"schema": 1, **content}, indent=2, allow_nan=False) + "\n", encoding="utf-8"
-    )
+    text = json.dumps({"schema": 1, **content}, indent=2, allow_nan=False) + "\n"
+    path.write_text(text, encoding="utf-8", newline="\n")

@@ -19,6 +19,11 @@ from stepblocks.predict.predictions import drag_in_time
 from stepblocks.predict.sweep.plan import DIRECTIONS, PARAMETERS, SURFACES, SweepPlan
 
 Column = Array | NDArray[np.int64] | NDArray[np.str_] | NDArray[np.object_]
+Inputs = Mapping[str, Array]  # by name, one value for each row [SI]
+
+# streams of random numbers, so that the design does not hang on the draws
+_DESIGN = 0
+_TOLERANCES = 1
 
 _UNITS = {
     "length": "_m",
@@ -29,63 +34,10 @@ _UNITS = {
     "ratio": "",
     "direction": "",
 }
-# after ``drag_``
-_DRAG = ("peak_force_n", "vibration_energy_j", "share", "ring_s", "ledger_error")
+# columns of a drag in time, after ``drag_``
+_DRAG_FIGURES = ("peak_force_n", "vibration_energy_j", "share", "ring_s", "ledger_error")
+_STATUS_TYPE = "U16"  # as long as the longest status
 _SIGNED = ("horizontal_discrepancy", "vertical_discrepancy")
-
-
-def draw_inputs(plan: SweepPlan, rows: range) -> dict[str, Array]:
-    """Draw the inputs [SI] of neighbouring rows, by name; NaN where a part lacks the size."""
-    names = list(PARAMETERS[plan.surface])
-    points = np.arange(rows.start, rows.stop) // plan.draws
-    first = rows.start // plan.draws
-    drawn = _draw_uniform(plan.seed, 0, range(first, int(points[-1]) + 1), len(names) + 1)
-    share = drawn[points - first] if plan.draws > 1 else drawn
-    inputs: dict[str, Array] = {}
-    left = points
-    for place, name in enumerate(names):
-        if name in plan.ranges:
-            low, high = plan.ranges[name]
-            inputs[name] = low + (high - low) * share[:, place]
-        elif name in plan.values:
-            choices = np.array(plan.values[name])
-            left, turn = np.divmod(left, len(choices))
-            chosen = (share[:, place] * len(choices)).astype(np.int64)
-            inputs[name] = choices[turn if plan.kind == "grid" else chosen]
-    spreads: dict[str, Array] = {}
-    if plan.stimuli:
-        which = left if plan.kind == "grid" else (share[:, -1] * len(plan.stimuli)).astype(int)
-        inputs["stimulus"] = which.astype(np.float64)
-        inputs |= _take_column([one["values"] for one in plan.stimuli], which, math.nan)
-        spreads = _take_column([one["spreads"] for one in plan.stimuli], which, 0.0)
-    spreads |= {
-        **{name: np.full(len(rows), spread) for name, spread in plan.spreads.items()},
-        **{name: part * inputs[name] for name, part in plan.shares.items()},
-    }
-    if spreads:
-        from scipy.special import ndtri
-
-        uniform = _draw_uniform(plan.seed, 1, rows, len(names))
-        for name in (name for name in spreads if name in inputs):
-            drawn = inputs[name] + spreads[name] * ndtri(uniform[:, names.index(name)])
-            inputs[name] = drawn if name in _SIGNED else np.maximum(drawn, 0.0)
-    return inputs
-
-
-def _draw_uniform(seed: int, stream: int, rows: range, columns: int) -> Array:
-    # Draw numbers between 0 and 1, shape (rows, columns), each by the number of its row
-    blocks = -(-columns // 4)  # the generator counts in blocks of four
-    random = np.random.Philox(key=np.array([seed, stream], dtype=np.uint64))
-    random.advance(rows.start * blocks)
-    raw = random.random_raw(4 * blocks * len(rows)).reshape(len(rows), -1)[:, :columns]
-    return ((raw >> np.uint64(11)).astype(np.float64) + 0.5) * 2.0**-53
-
-
-def _take_column(
-    records: Sequence[Mapping[str, float]], which: NDArray[np.int64], missing: float
-) -> dict[str, Array]:
-    names = dict.fromkeys(name for one in records for name in one)
-    return {name: np.array([one.get(name, missing) for one in records])[which] for name in names}
 
 
 def compute_table(plan: SweepPlan, rows: range) -> pa.Table:
@@ -94,185 +46,289 @@ def compute_table(plan: SweepPlan, rows: range) -> pa.Table:
     laws = build_laws(plan.laws)
     if "friction" in laws:
         law = laws["friction"]
-        inputs["friction"] = np.array(
-            [law.coefficient(0.0, one, 0.0, 0.0) for one in inputs["normal_load"].tolist()]
-        )
+        loads = inputs["normal_load"].tolist()
+        inputs["friction"] = np.array([law.coefficient(0.0, load, 0.0, 0.0) for load in loads])
+    is_backward = inputs.get("direction", np.zeros(len(rows))) > 0.0
+    columns = _list_input_columns(plan, rows, inputs, is_backward)
+    columns |= _predict_rows(plan, inputs, is_backward, laws)
+    if plan.mode == "drag":
+        columns |= _drag_rows(plan, inputs, is_backward, columns, laws)
+    arrays = {}
+    for name, column in columns.items():
+        is_text = column.dtype.kind in "UO"
+        arrays[name] = _encode_texts(column) if is_text else pa.array(column)
+    return pa.table(arrays)
+
+
+def _list_input_columns(
+    plan: SweepPlan, rows: range, inputs: Inputs, is_backward: NDArray[np.bool_]
+) -> dict[str, Column]:
+    """Columns that say which row it is and what was asked of it."""
     numbers = np.arange(rows.start, rows.stop)
     columns: dict[str, Column] = {"row": numbers, "draw": numbers % plan.draws}
     if plan.stimuli:
-        columns["stimulus"] = np.array([one["id"] for one in plan.stimuli])[
-            inputs["stimulus"].astype(int)
-        ]
+        identities = np.array([stimulus.id for stimulus in plan.stimuli])
+        columns["stimulus"] = identities[inputs["stimulus"].astype(int)]
     nothing = np.full(len(rows), math.nan)
-    columns |= {
-        name + _UNITS[dimension]: inputs.get(name, nothing)
-        for name, (dimension, _) in PARAMETERS[plan.surface].items()
-    }
-    backward = inputs.get("direction", np.zeros(len(rows))) > 0.0
+    for name, (dimension, _) in PARAMETERS[plan.surface].items():
+        columns[name + _UNITS[dimension]] = inputs.get(name, nothing)
     if plan.surface == "margin":
-        columns["direction"] = np.array(DIRECTIONS)[backward.astype(int)]
-    columns |= _predict_rows(plan, inputs, backward, laws)
-    if plan.mode == "drag":
-        columns |= _drag_rows(plan, inputs, backward, columns, laws)
-    return pa.table(
-        {
-            name: _encode_texts(column) if column.dtype.kind in "UO" else pa.array(column)
-            for name, column in columns.items()
-        }
-    )
+        columns["direction"] = np.array(DIRECTIONS)[is_backward.astype(int)]
+    return columns
 
 
 def _encode_texts(column: Column) -> pa.Array:
-    # Hand over texts by their codes: most of a column are alike
+    """Hand over texts by their codes: most of a column are alike."""
     codes, names = pd.factorize(column.astype(object))
     return pa.DictionaryArray.from_arrays(codes, list(names)).cast(pa.string())
 
 
+def draw_inputs(plan: SweepPlan, rows: range) -> dict[str, Array]:
+    """Draw the inputs [SI] of neighbouring rows, by name; NaN where a part lacks the size."""
+    points = np.arange(rows.start, rows.stop) // plan.draws
+    uniform = _draw_design(plan, points)
+    inputs, places_left = _place_parameters(plan, points, uniform)
+    spreads: dict[str, Array] = {}
+    if plan.stimuli:
+        which = places_left
+        if plan.kind == "random":
+            which = (uniform[:, -1] * len(plan.stimuli)).astype(int)
+        inputs["stimulus"] = which.astype(np.float64)
+        values = [stimulus.values for stimulus in plan.stimuli]
+        inputs |= _take_stimuli(values, which, math.nan)
+        spreads = _take_stimuli([stimulus.spreads for stimulus in plan.stimuli], which, 0.0)
+    for name, spread in plan.spreads.items():
+        spreads[name] = np.full(len(rows), spread)
+    for name, share in plan.shares.items():
+        spreads[name] = share * inputs[name]
+    if spreads:
+        _draw_within_tolerances(plan, rows, spreads, inputs)
+    return inputs
+
+
+def _draw_design(plan: SweepPlan, points: NDArray[np.int64]) -> Array:
+    """Uniform numbers of the design, shape (rows, parameters + 1), equal for draws of one point."""
+    columns = len(PARAMETERS[plan.surface]) + 1
+    first, last = int(points[0]), int(points[-1])
+    drawn = _draw_uniform(plan.seed, _DESIGN, range(first, last + 1), columns)
+    if plan.draws == 1:
+        return drawn
+    return drawn[points - first]
+
+
+def _place_parameters(
+    plan: SweepPlan, points: NDArray[np.int64], uniform: Array
+) -> tuple[dict[str, Array], NDArray[np.int64]]:
+    """Parameters of each point, and its place along the axes that are left: the stimuli's."""
+    inputs: dict[str, Array] = {}
+    places_left = points
+    for column, name in enumerate(PARAMETERS[plan.surface]):
+        if name in plan.ranges:
+            low, high = plan.ranges[name]
+            inputs[name] = low + (high - low) * uniform[:, column]
+        elif name in plan.values:
+            choices = np.array(plan.values[name])
+            places_left, chosen = np.divmod(places_left, len(choices))
+            if plan.kind == "random":
+                chosen = (uniform[:, column] * len(choices)).astype(np.int64)
+            inputs[name] = choices[chosen]
+    return inputs, places_left
+
+
+def _draw_within_tolerances(
+    plan: SweepPlan, rows: range, spreads: Inputs, inputs: dict[str, Array]
+) -> None:
+    """Add to the inputs what normal distributions of these standard deviations give."""
+    from scipy.special import ndtri
+
+    names = list(PARAMETERS[plan.surface])
+    uniform = _draw_uniform(plan.seed, _TOLERANCES, rows, len(names))
+    for name, spread in spreads.items():
+        if name not in inputs:
+            continue
+        drawn = inputs[name] + spread * ndtri(uniform[:, names.index(name)])
+        inputs[name] = drawn if name in _SIGNED else np.maximum(drawn, 0.0)
+
+
+def _draw_uniform(seed: int, stream: int, rows: range, columns: int) -> Array:
+    """Draw numbers between 0 and 1, shape (rows, columns), each by the number of its row."""
+    blocks = -(-columns // 4)  # the generator counts in blocks of four
+    generator = np.random.Philox(key=np.array([seed, stream], dtype=np.uint64))
+    generator.advance(rows.start * blocks)
+    raw = generator.random_raw(4 * blocks * len(rows)).reshape(len(rows), -1)[:, :columns]
+    # 53 bits of each, in the middle of their cell: neither 0 nor 1 is drawn
+    return ((raw >> np.uint64(11)).astype(np.float64) + 0.5) * 2.0**-53
+
+
+def _take_stimuli(
+    records: Sequence[Mapping[str, float]], which: NDArray[np.int64], missing: float
+) -> dict[str, Array]:
+    """Columns of the stimuli's figures for rows that name a stimulus by its place."""
+    names: dict[str, None] = {}
+    for record in records:
+        names |= dict.fromkeys(record)
+    columns = {}
+    for name in names:
+        figures = np.array([record.get(name, missing) for record in records])
+        columns[name] = figures[which]
+    return columns
+
+
 def _predict_rows(
-    plan: SweepPlan,
-    inputs: Mapping[str, Array],
-    backward: NDArray[np.bool_],
-    laws: Mapping[str, Any],
+    plan: SweepPlan, inputs: Inputs, is_backward: NDArray[np.bool_], laws: Mapping[str, Any]
 ) -> dict[str, Column]:
-    # Predict all rows inside the equations at once, and the others one by one
-    count = len(backward)
-    status = np.full(count, "invalid", dtype="U16")
+    """Predict all rows inside the equations at once, and the others one by one."""
+    count = len(is_backward)
+    status = np.full(count, "invalid", dtype=_STATUS_TYPE)
     problem = np.full(count, "", dtype=object)
-    figures = np.full((3, count), math.nan)
-    inside = _find_rows_in_domain(plan.surface, inputs)
+    angle, force = np.full(count, math.nan), np.full(count, math.nan)
+    is_inside = _find_rows_in_domain(plan.surface, inputs)
     if plan.stimuli:
         # sides of a scan are not level: their angle is found by dilation, one by one
-        scanned = np.array(["crown_slope" in one["face"] for one in plan.stimuli])
-        inside &= ~scanned[inputs["stimulus"].astype(int)]
+        is_scanned = np.array(["crown_slope" in stimulus.face for stimulus in plan.stimuli])
+        is_inside &= ~is_scanned[inputs["stimulus"].astype(int)]
     try:
-        angle, release = _release_at_once(plan, inputs, backward, inside)
-        status[inside] = release.status
-        figures[:2, inside] = angle, release.pull_force
+        release = _release_at_once(plan, inputs, is_backward, is_inside)
+        status[is_inside] = release.status
+        angle[is_inside] = release.angle
+        force[is_inside] = release.pull_force
     except ContactError:  # a limit that is not among ours: say in each row which
-        inside = np.zeros(count, dtype=bool)
-    for row in np.flatnonzero(~inside):
+        is_inside = np.zeros(count, dtype=bool)
+    for row in np.flatnonzero(~is_inside):
         try:
             face, point = _make_condition(plan, inputs, int(row), laws)
-            one = face.release(point, bool(backward[row]))
-            status[row] = str(one.status)
-            figures[:2, row] = one.angle, one.pull_force
+            found = face.release(point, bool(is_backward[row]))
         except ContactError as error:
             problem[row] = str(error)
+            continue
+        status[row] = str(found.status)
+        angle[row] = found.angle
+        force[row] = found.pull_force
     with np.errstate(divide="ignore", invalid="ignore"):
-        stored = kernels.compute_stored_energy(figures[1], inputs["stiffness"])
-    figures[2] = np.where(status == Status.RELEASES, inputs["conversion"] * stored, math.nan)
+        stored = kernels.compute_stored_energy(force, inputs["stiffness"])
+    energy = np.where(status == Status.RELEASES, inputs["conversion"] * stored, math.nan)
     return {
         "status": status,
-        "critical_angle_rad": figures[0],
-        "peak_force_n": figures[1],
-        "vibration_energy_j": figures[2],
+        "critical_angle_rad": angle,
+        "peak_force_n": force,
+        "vibration_energy_j": energy,
         "problem": problem,
     }
 
 
-def _find_rows_in_domain(surface: str, inputs: Mapping[str, Array]) -> NDArray[np.bool_]:
-    # Tell for each row whether all of its inputs lie where the equations hold
-    inside = np.ones(len(inputs["friction"]), dtype=bool)
+def _find_rows_in_domain(surface: str, inputs: Inputs) -> NDArray[np.bool_]:
+    """Tell for each row whether all of its inputs lie where the equations hold."""
+    is_inside = np.ones(len(inputs["friction"]), dtype=bool)
     for name in ("tip_radius", "normal_load", "stiffness", "conversion"):
-        inside &= (inputs[name] > 0.0) & np.isfinite(inputs[name])
-    inside &= (inputs["friction"] >= 0.0) & np.isfinite(inputs["friction"])
+        is_inside &= (inputs[name] > 0.0) & np.isfinite(inputs[name])
+    is_inside &= (inputs["friction"] >= 0.0) & np.isfinite(inputs["friction"])
     for name in SURFACES[surface].values():
         size = np.nan_to_num(inputs.get(name, np.zeros(1)), nan=0.0, posinf=math.inf)
-        inside &= np.isfinite(size) & ((size >= 0.0) | (name in _SIGNED))
-    return inside
+        is_inside &= np.isfinite(size)
+        if name not in _SIGNED:
+            is_inside &= size >= 0.0
+    return is_inside
 
 
 def _release_at_once(
     plan: SweepPlan,
-    inputs: Mapping[str, Array],
-    backward: NDArray[np.bool_],
-    inside: NDArray[np.bool_],
-) -> tuple[Array, Release[NDArray[np.str_], Array]]:
-    sizes = {
-        name: inputs[column][inside]
-        for name, column in SURFACES[plan.surface].items()
-        if column in inputs
-    }
-    ball = inputs["tip_radius"][inside]
+    inputs: Inputs,
+    is_backward: NDArray[np.bool_],
+    is_inside: NDArray[np.bool_],
+) -> Release[NDArray[np.str_], Array]:
+    """Releases of the rows inside the equations, by the closed forms of their surface."""
+    sizes = {}
+    for name, column in SURFACES[plan.surface].items():
+        if column in inputs:
+            sizes[name] = inputs[column][is_inside]
+    ball = inputs["tip_radius"][is_inside]
     if plan.surface == "step":
-        ways = Step(1e-5).angles(
-            ball,
-            height=sizes["height"],
-            edge_radius=np.nan_to_num(sizes.get("edge_radius", np.zeros(len(ball)))),
-        )
+        edge_radius = np.nan_to_num(sizes.get("edge_radius", np.zeros(len(ball))))
+        forward, backward = Step(1e-5).angles(ball, height=sizes["height"], edge_radius=edge_radius)
     else:
+        # the end of a crown is square where no vertical discrepancy is given
         opening = sizes.get("opening", sizes["gap"])
         sizes["opening"] = np.where(np.isnan(opening), sizes["gap"], opening)
-        ways = Margin(1e-5, 1e-5, 0.0).angles(ball, **sizes)
-    angle = np.where(backward[inside], *(np.asarray(one, float) for one in reversed(ways)))
-    load, friction = inputs["normal_load"][inside], inputs["friction"][inside]
-    return angle, find_release(angle, load, friction, Tool(limits=Limits(**plan.limits)))
+        forward, backward = Margin(1e-5, 1e-5, 0.0).angles(ball, **sizes)
+    angle = np.where(
+        is_backward[is_inside], np.asarray(backward, float), np.asarray(forward, float)
+    )
+    load, friction = inputs["normal_load"][is_inside], inputs["friction"][is_inside]
+    return find_release(angle, load, friction, Tool(limits=Limits(**plan.limits)))
 
 
 def _make_condition(
-    plan: SweepPlan, inputs: Mapping[str, Array], row: int, laws: Mapping[str, Any]
+    plan: SweepPlan, inputs: Inputs, row: int, laws: Mapping[str, Any]
 ) -> tuple[Counterface, OperatingPoint]:
-    # Return the counterface and the operating point of one row
-    one = {name: float(column[row]) for name, column in inputs.items()}
-    sizes = {
-        name: one[column]
-        for name, column in SURFACES[plan.surface].items()
-        if column in one and not math.isnan(one[column])
-    }
+    """Counterface and operating point of one row."""
+    values = {name: float(column[row]) for name, column in inputs.items()}
     tool = Tool(
-        one["stiffness"],
-        one["conversion"],
-        frequency=one["frequency"],
+        values["stiffness"],
+        values["conversion"],
+        frequency=values["frequency"],
         limits=Limits(**plan.limits),
         overtones=laws.get("tool", ()),
     )
+    stimulus = plan.stimuli[int(values["stimulus"])] if plan.stimuli else None
     tissue = Tissue()
-    if plan.stimuli:
-        stimulus = plan.stimuli[int(one["stimulus"])]
-        sizes |= stimulus["face"]
-        wall, damping, rubbed = stimulus["tissue"]
-        tissue = Tissue(wall, damping / tool.frequency, rubbed)
+    if stimulus is not None:
+        stiffness, damping, friction = stimulus.tissue
+        tissue = Tissue(stiffness, damping / tool.frequency, friction)
     point = OperatingPoint(
-        one["tip_radius"],
-        one["normal_load"],
-        laws.get("friction", one["friction"]),
+        values["tip_radius"],
+        values["normal_load"],
+        laws.get("friction", values["friction"]),
         tool,
         tissue=tissue,
         contact=laws.get("contact"),
     )
-    if plan.surface == "step":
-        return Step(**sizes), point
+    sizes = {}
+    for name, column in SURFACES[plan.surface].items():
+        if column in values and not math.isnan(values[column]):
+            sizes[name] = values[column]
+    if stimulus is not None:
+        sizes |= stimulus.face
+    return _make_counterface(plan.surface, sizes), point
+
+
+def _make_counterface(surface: str, sizes: Mapping[str, float]) -> Counterface:
+    """Make a step or a margin; the end of a crown is square where no opening is given."""
+    if surface == "step":
+        return Step(**sizes)
     kind = ProfiledMargin if "crown_slope" in sizes else Margin
-    # the end of a crown is square where no vertical discrepancy is given
-    return kind(**{"opening": sizes["gap"]} | sizes), point
+    return kind(**{"opening": sizes["gap"], **sizes})
 
 
 def _drag_rows(
     plan: SweepPlan,
-    inputs: Mapping[str, Array],
-    backward: NDArray[np.bool_],
+    inputs: Inputs,
+    is_backward: NDArray[np.bool_],
     columns: Mapping[str, Column],
     laws: Mapping[str, Any],
 ) -> dict[str, Column]:
-    # Drag every row in time that the equations let slip or lock
-    found = columns["status"].astype("U16")
-    figures = np.full((len(_DRAG), len(found)), math.nan)
-    for row in np.flatnonzero(np.isin(found, [str(Status.RELEASES), str(Status.LOCKED)])):
+    """Drag every row in time that the equations let slip or lock."""
+    status = columns["status"].astype(_STATUS_TYPE)
+    figures = {name: np.full(len(status), math.nan) for name in _DRAG_FIGURES}
+    is_dragged = np.isin(status, [str(Status.RELEASES), str(Status.LOCKED)])
+    for row in np.flatnonzero(is_dragged):
+        face, point = _make_condition(plan, inputs, int(row), laws)
         try:
             trace, ring = drag_in_time(
-                *_make_condition(plan, inputs, int(row), laws),
-                bool(backward[row]),
+                face,
+                point,
+                bool(is_backward[row]),
                 float(inputs["speed"][row]),
                 damping_ratio=float(inputs["damping_ratio"][row]),
             )
         except ContactError as error:
-            found[row] = "invalid"
+            status[row] = "invalid"
             columns["problem"][row] = str(error)
             continue
-        found[row] = str(trace.status)
-        figures[-1, row] = trace.ledger_error
-        if ring:
-            figures[:-1, row] = trace.peak_force, ring.energy, ring.share, ring.duration
-    return {"drag_status": found} | {
-        f"drag_{name}": column for name, column in zip(_DRAG, figures, strict=True)
-    }
+        status[row] = str(trace.status)
+        figures["ledger_error"][row] = trace.ledger_error
+        if ring is not None:
+            figures["peak_force_n"][row] = trace.peak_force
+            figures["vibration_energy_j"][row] = ring.energy
+            figures["share"][row] = ring.share
+            figures["ring_s"][row] = ring.duration
+    return {"drag_status": status} | {f"drag_{name}": figures[name] for name in _DRAG_FIGURES}

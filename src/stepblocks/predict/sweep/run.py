@@ -18,7 +18,8 @@ from stepblocks.errors import PipelineError
 from stepblocks.files.atomic import lock_folder, replace_bytes, replace_text
 from stepblocks.files.figures import Axes, take_axes
 from stepblocks.files.text import is_file, measure_file_size
-from stepblocks.predict.sweep.plan import SweepPlan, load_sweep
+from stepblocks.predict.sweep.plan import SweepPlan
+from stepblocks.predict.sweep.read import load_sweep
 from stepblocks.quantities import format_column_label, format_units
 
 try:
@@ -31,6 +32,7 @@ except ImportError as error:
 
 PLAN_FILE = "_sweep.json"  # pandas and Dask pass over a name that begins so
 _SHOWN = 5  # rows that a notebook shows
+_MOST_JOBS = 1024
 
 
 @dataclass(frozen=True)
@@ -65,11 +67,11 @@ class SweepResult:
     def read(self, columns: list[str] | None = None) -> pd.DataFrame:
         """Read the table, or some of its columns; units stand at the end of their names."""
         known = pq.read_schema(_find_path(self.folder, 0)).names
-        if unknown := [name for name in columns or () if name not in known]:
-            raise PipelineError(f"columns must be of {', '.join(known)}, got {unknown[0]!r}")
-        return pq.read_table(
-            [_find_path(self.folder, k) for k in range(self.plan.partitions)], columns=columns
-        ).to_pandas()
+        for name in columns or ():
+            if name not in known:
+                raise PipelineError(f"columns must be of {', '.join(known)}, got {name!r}")
+        partitions = [_find_path(self.folder, number) for number in range(self.plan.partitions)]
+        return pq.read_table(partitions, columns=columns).to_pandas()
 
     def _repr_html_(self) -> str:
         rows = pq.read_table(_find_path(self.folder, 0)).slice(0, _SHOWN)
@@ -96,11 +98,12 @@ class SweepResult:
         """
         if x is not None and not isinstance(x, str):
             return self.plot(None, y, x)
-        across = x or ("height_m" if self.plan.surface == "step" else "marginal_gap_m")
-        table = self.read([across, y])
+        if x is None:
+            x = "height_m" if self.plan.surface == "step" else "marginal_gap_m"
+        table = self.read([x, y])
         axes = take_axes(ax)
-        axes.plot(table[across], table[y], ".", markersize=3.0)
-        axes.set_xlabel(format_units(format_column_label(across)))
+        axes.plot(table[x], table[y], ".", markersize=3.0)
+        axes.set_xlabel(format_units(format_column_label(x)))
         axes.set_ylabel(format_units(format_column_label(y)))
         return axes
 
@@ -138,60 +141,68 @@ def run_sweep(
         If the plan cannot be read, the folder belongs to another one, pyarrow is not installed, or
         a process was ended from outside.
     """
-    PipelineError.require(
-        isinstance(jobs, int) and not isinstance(jobs, bool) and 1 <= jobs <= 1024,
-        "jobs must be a whole number from 1 to 1024, got "
-        f"{' '.join(repr(jobs).split()):.40}",  # the text of a table has lines
-    )
-    PipelineError.require(
-        isinstance(plan, SweepPlan | str | Path),
-        f"plan must be a SweepPlan or a path, got {type(plan).__name__}",
-    )
+    _require_jobs(jobs)
+    if not isinstance(plan, SweepPlan | str | Path):
+        raise PipelineError(f"plan must be a SweepPlan or a path, got {type(plan).__name__}")
     if not isinstance(plan, SweepPlan):
         plan = load_sweep(Path(plan))
     folder = Path(output)
-    report = on_partition or (lambda _: None)
     with lock_folder(folder):
         _claim_folder(plan, folder)
-        missing = [k for k in range(plan.partitions) if not _is_whole(plan, k, folder)]
-        # a damaged file is ours, whatever it holds: the plan beside it says so
-        for damaged in filter(is_file, (_find_path(folder, k) for k in missing)):
-            damaged.unlink()
-        for number in run_in_processes(
-            write_partition, ((plan, k, folder.absolute()) for k in missing), jobs, in_order=False
-        ):
-            report(number)
+        missing = [
+            number for number in range(plan.partitions) if not _is_whole(plan, number, folder)
+        ]
+        for number in missing:
+            # a damaged file is ours, whatever it holds: the plan beside it says so
+            damaged = _find_path(folder, number)
+            if is_file(damaged):
+                damaged.unlink()
+        calls = ((plan, number, folder.absolute()) for number in missing)
+        for number in run_in_processes(write_partition, calls, jobs, in_order=False):
+            if on_partition is not None:
+                on_partition(number)
     return SweepResult(folder, plan, len(missing), plan.partitions - len(missing))
+
+
+def _require_jobs(jobs: object) -> None:
+    """Refuse what is no number of processes."""
+    is_whole = isinstance(jobs, int) and not isinstance(jobs, bool)
+    if not is_whole or not 1 <= jobs <= _MOST_JOBS:  # type: ignore[operator]
+        shown = " ".join(repr(jobs).split())  # the text of a table has lines
+        raise PipelineError(f"jobs must be a whole number from 1 to {_MOST_JOBS}, got {shown:.40}")
 
 
 def write_partition(plan: SweepPlan, number: int, folder: Path) -> int:
     """Compute one partition and put its file in place; return its number."""
     from stepblocks.predict.sweep.rows import compute_table
 
-    replace_bytes(
-        _find_path(folder, number), _format_parquet(compute_table(plan, _list_rows(plan, number)))
-    )
+    table = compute_table(plan, _list_rows(plan, number))
+    replace_bytes(_find_path(folder, number), _format_parquet(table))
     return number
 
 
 def _list_rows(plan: SweepPlan, number: int) -> range:
-    return range(plan.rows)[number * plan.rows_per_partition :][: plan.rows_per_partition]
+    """Numbers of the rows of a partition."""
+    first = number * plan.rows_per_partition
+    return range(plan.rows)[first : first + plan.rows_per_partition]
 
 
 def _is_whole(plan: SweepPlan, number: int, folder: Path) -> bool:
-    # Tell whether a partition is there, and to the byte what is written for its rows
+    """Tell whether a partition is there, and to the byte what is written for its rows."""
+    path = _find_path(folder, number)
     try:
-        measure_file_size(_find_path(folder, number))  # refuses a pipe
-        content = _find_path(folder, number).read_bytes()
+        measure_file_size(path)  # refuses a pipe
+        content = path.read_bytes()
         table = pq.ParquetFile(pa.BufferReader(content), page_checksum_verification=True).read()
     except (OSError, ValueError, pa.ArrowException):
         return False
-    return bool(
-        table.num_rows == len(_list_rows(plan, number)) and _format_parquet(table) == content
-    )
+    if table.num_rows != len(_list_rows(plan, number)):
+        return False
+    return _format_parquet(table) == content
 
 
 def _format_parquet(table: pa.Table) -> bytes:
+    """Write a table as the bytes of its file."""
     stream = io.BytesIO()
     pq.write_table(
         table,
@@ -204,29 +215,34 @@ def _format_parquet(table: pa.Table) -> bytes:
 
 
 def _claim_folder(plan: SweepPlan, folder: Path) -> None:
-    # Write the resolved plan into the folder, or make sure that the same one lies there
+    """Write the resolved plan into the folder, or make sure that the same one lies there."""
     path = folder / PLAN_FILE
     if path.exists():
-        try:
-            measure_file_size(path)  # refuses a pipe, which would be waited for
-            known = json.loads(path.read_text(encoding="utf-8")).get("digest")
-        except (OSError, ValueError, AttributeError, RecursionError) as error:
+        if _read_digest(path, folder) != plan.digest:
             raise PipelineError(
-                f"{PLAN_FILE} cannot be read; choose another folder [{folder}]"
-            ) from error
-        PipelineError.require(
-            known == plan.digest,
-            "folder holds the result of another sweep, or of another version of "
-            f"stepblocks; choose another folder [{folder}]",
+                "folder holds the result of another sweep, or of another version of "
+                f"stepblocks; choose another folder [{folder}]"
+            )
+        return
+    if any(folder.glob("part-*.parquet")):
+        raise PipelineError(
+            f"folder holds partitions without {PLAN_FILE}; choose another folder [{folder}]"
         )
-    else:
-        PipelineError.require(
-            not any(folder.glob("part-*.parquet")),
-            f"folder holds partitions without {PLAN_FILE}; choose another folder [{folder}]",
-        )
-        record = {"schema": 1, "digest": plan.digest, "rows": plan.rows, "plan": asdict(plan)}
-        replace_text(path, json.dumps(record, indent=1, sort_keys=True) + "\n")
+    record = {"schema": 1, "digest": plan.digest, "rows": plan.rows, "plan": asdict(plan)}
+    replace_text(path, json.dumps(record, indent=1, sort_keys=True) + "\n")
+
+
+def _read_digest(path: Path, folder: Path) -> object:
+    """Digest of the plan that a folder was filled by."""
+    try:
+        measure_file_size(path)  # refuses a pipe, which would be waited for
+        return json.loads(path.read_text(encoding="utf-8")).get("digest")
+    except (OSError, ValueError, AttributeError, RecursionError) as error:
+        raise PipelineError(
+            f"{PLAN_FILE} cannot be read; choose another folder [{folder}]"
+        ) from error
 
 
 def _find_path(folder: Path, number: int) -> Path:
+    """Where a partition stands."""
     return folder / f"part-{number:08d}.parquet"

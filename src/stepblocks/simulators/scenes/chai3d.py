@@ -18,38 +18,43 @@ def _write(folder: Path, scene: Scene) -> None:
 
 
 def _write_set(folder: Path, scenes: Sequence[Scene], name: str) -> None:
-    # Write a program that switches the blocks of a set
-    if not any(scene.stimulus.ball for scene in scenes):  # a tip drags over a step of its own
-        _write_program(
-            folder,
-            folder.parent.name,
-            {f"../{scene.stimulus.id}/{name}/block.obj": scene for scene in scenes},
-        )
+    """Write a program that switches the blocks of a set."""
+    if any(scene.stimulus.ball for scene in scenes):  # a tip drags over a step of its own
+        return
+    files = {f"../{scene.stimulus.id}/{name}/block.obj": scene for scene in scenes}
+    _write_program(folder, folder.parent.name, files)
 
 
 def _write_program(folder: Path, name: str, scenes: Mapping[str, Scene]) -> None:
-    # Write a program that takes a device, or drags by a virtual hand
-    blocks = [
-        {
-            "file": file,
-            # of the virtual hand where the formula knows no release [N]
-            "pull": (0.5 if one.events[0].status is Status.NO_CATCH else 10.0)
-            * one.point.normal_load,
-            "height": _find_height(one),
-            "scene": one,
-        }
-        for file, one in scenes.items()
-    ]
+    """Write a program that takes a device, or drags by a virtual hand; scenes by their meshes."""
+    blocks = []
+    for file, scene in scenes.items():
+        blocks.append(
+            {
+                "file": file,
+                "pull": _choose_pull(scene),
+                "height": _find_height(scene),
+                "scene": scene,
+            }
+        )
     for file in ("CMakeLists.txt", "ReleaseRing.h", "SessionLog.h", "StepBlock.h", "blocks.cpp"):
         write_from_template(folder / file, name=name, blocks=blocks)
 
 
+def _choose_pull(scene: Scene) -> float:
+    """Choose the pull of the virtual hand where the formula knows no release [N]."""
+    if scene.events[0].status is Status.NO_CATCH:
+        return 0.5 * scene.point.normal_load
+    return 10.0 * scene.point.normal_load
+
+
 def _find_height(scene: Scene) -> float:
-    # Of a step, or of the step that has the same critical angle [m]
+    """Find the height of a step, or of the step that has the same critical angle [m]."""
     face = scene.surface.counterface()
     if isinstance(face, Step):
         return face.height
-    return scene.point.ball_radius * max(1.0 - math.cos(e.critical_angle) for e in scene.events)
+    rises = [1.0 - math.cos(event.critical_angle) for event in scene.events]
+    return scene.point.ball_radius * max(rises)
 
 
 CHAI3D = SceneFormat(

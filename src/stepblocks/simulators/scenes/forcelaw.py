@@ -7,6 +7,7 @@ import numpy as np
 
 from stepblocks.contact import Array
 from stepblocks.contact.energy import Status
+from stepblocks.contact.event import VibrationEvent
 from stepblocks.haptics import proxy_kernel
 from stepblocks.haptics.renderer import Renderer
 from stepblocks.simulators.scene import Scene, SceneFormat, write_from_template
@@ -23,52 +24,56 @@ _PATH = {
 
 
 def _write(folder: Path, scene: Scene) -> None:
-    load = scene.point.normal_load
-    renderer = Renderer(
-        scene.path.scaled(1.0 / scene.scale), scene.point, scale=scene.scale, event=False
-    )
+    path = scene.path.scaled(1.0 / scene.scale)
+    renderer = Renderer(path, scene.point, scale=scene.scale, event=False)
     for event in scene.events:
-        force = event.critical_force if event.status is Status.RELEASES else 3.0 * load
-        record = renderer.drag(
-            load,
-            1.3 * force / scene.stiffness + scene.ball_radius,
-            float(event.direction),
-            1e-3 * scene.scale,
-        )
-        keep = np.unique(np.linspace(0, len(record.hand) - 1, _ROWS).astype(int))
-        columns = {"hand_along_drag_m": record.hand[keep], "pulling_force_n": record.pull[keep]}
-        _write_columns(
-            folder / f"force-{'up' if event.direction > 0 else 'down'}.csv",
-            columns | {"normal_load_n": np.full(len(keep), load)},
-        )
+        _write_force(folder, scene, renderer, event)
     knots = renderer.knots
     _write_columns(folder / "path.csv", {column: knots[name] for column, name in _PATH.items()})
+    source = _read_tick_source()
     for name in ("force_law.py", "force_law.h", "force_law_path.h", "force_law_demo.c"):
         write_from_template(
-            folder / name,
-            scene=scene,
-            ring=scene.ring_ratio,
-            knots=knots,
-            kernel=_read_tick_source(),
+            folder / name, scene=scene, ring=scene.ring_ratio, knots=knots, kernel=source
         )
+
+
+def _write_force(folder: Path, scene: Scene, renderer: Renderer, event: VibrationEvent) -> None:
+    """Write the pulling force over the hand's position, past the release of one direction."""
+    load = scene.point.normal_load
+    force = 3.0 * load
+    if event.status is Status.RELEASES:
+        force = event.critical_force
+    travel = 1.3 * force / scene.stiffness + scene.ball_radius
+    record = renderer.drag(load, travel, float(event.direction), 1e-3 * scene.scale)
+    kept = np.unique(np.linspace(0, len(record.hand) - 1, _ROWS).astype(int))
+    direction = "up" if event.direction > 0 else "down"
+    columns = {
+        "hand_along_drag_m": record.hand[kept],
+        "pulling_force_n": record.pull[kept],
+        "normal_load_n": np.full(len(kept), load),
+    }
+    _write_columns(folder / f"force-{direction}.csv", columns)
 
 
 def _read_tick_source() -> str:
-    # Source of the compiled tick, as it runs uncompiled
+    """Read the source of the compiled tick, as it runs uncompiled."""
     source = inspect.getsource(proxy_kernel)
     tick = source[source.index("@numba") : source.index("@numba.njit(cache=True)\ndef drag")]
-    return "".join(line for line in tick.splitlines(keepends=True) if not line.startswith("@numba"))
+    lines = tick.splitlines(keepends=True)
+    return "".join(line for line in lines if not line.startswith("@numba"))
 
 
 def _write_columns(path: Path, columns: dict[str, Array]) -> None:
-    np.savetxt(
-        path,
-        np.column_stack(list(columns.values())),
-        fmt="%.12g",
-        delimiter=",",
-        header=",".join(columns),
-        comments="",
-    )
+    """Write columns of numbers as CSV."""
+    with path.open("w", encoding="utf-8", newline="\n") as file:
+        np.savetxt(
+            file,
+            np.column_stack(list(columns.values())),
+            fmt="%.12g",
+            delimiter=",",
+            header=",".join(columns),
+            comments="",
+        )
 
 
 FORCELAW = SceneFormat(

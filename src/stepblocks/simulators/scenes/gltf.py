@@ -22,58 +22,62 @@ ENGINE_FROM_PART: dict[str, tuple[str, float, Array]] = {
 
 def _write(folder: Path, scene: Scene) -> None:
     pieces = {f"{piece.name}.glb": piece for piece in scene.pieces}
-    for name, mesh in {"block.glb": scene.whole, **pieces}.items():
-        write_glb(folder / name, mesh)
-    write_json(
-        folder / "scene.json",
-        {
-            **scene.parameters(),
-            "whole": "block.glb",
-            "convex_pieces": list(pieces),
-            "contact_gap_m": 1e-6 * scene.scale,
-            "engines": {
-                name: _describe_engine(scene, *engine) for name, engine in ENGINE_FROM_PART.items()
-            },
-        },
-    )
+    write_glb(folder / "block.glb", scene.whole)
+    for name, piece in pieces.items():
+        write_glb(folder / name, piece)
+    engines = {name: _describe_engine(scene, *engine) for name, engine in ENGINE_FROM_PART.items()}
+    content = {
+        **scene.parameters(),
+        "whole": "block.glb",
+        "convex_pieces": list(pieces),
+        "contact_gap_m": 1e-6 * scene.scale,
+        "engines": engines,
+    }
+    write_json(folder / "scene.json", content)
 
 
 def _write_tooth(folder: Path, scan: Mesh, stations: Sequence[Scene]) -> None:
-    # Write the scan and its margin line as one picture; y is up
+    """Write the scan and its margin line as one picture; y is up."""
     import trimesh
 
-    seen = trimesh.Scene(
+    closed = [*stations, stations[0]]
+    margin = np.array([station.frame.shift * station.scale for station in closed])
+    picture = trimesh.Scene(
         {
             "tooth": trimesh.Trimesh(scan.vertices, scan.triangles, process=False),
-            "margin": trimesh.load_path(
-                np.array([one.frame.shift * one.scale for one in [*stations, stations[0]]])
-            ),
+            "margin": trimesh.load_path(margin),
         }
     )
-    seen.apply_transform(np.pad(GLB_FROM_PART, (0, 1)) + np.diag([0.0, 0.0, 0.0, 1.0]))
-    (folder / "tooth.glb").write_bytes(seen.export(file_type="glb"))
+    turn = np.eye(4)
+    turn[:3, :3] = GLB_FROM_PART
+    picture.apply_transform(turn)
+    (folder / "tooth.glb").write_bytes(picture.export(file_type="glb"))
 
 
 def _describe_engine(scene: Scene, axes: str, unit: float, matrix: Array) -> dict[str, object]:
+    """Describe the axes of an engine, and the triggers in them."""
+    triggers = []
+    for event in scene.events:
+        position = np.array([event.trigger_position, 0.0, event.trigger_height])
+        direction = np.array([float(event.direction), 0.0, 0.0])
+        triggers.append(
+            {
+                "drag": event.drag,
+                "position": _list_coordinates(unit * matrix @ position * scene.scale),
+                "direction": _list_coordinates(matrix @ direction),
+            }
+        )
     return {
         "axes": axes,
         "units_per_metre": unit,
         "from_part_rows": (unit * matrix).tolist(),
-        "triggers": [
-            {
-                "drag": event.drag,
-                "position": _turn_point(
-                    unit * matrix, event.trigger_position, event.trigger_height, scene.scale
-                ),
-                "direction": _turn_point(matrix, float(event.direction), 0.0, 1.0),
-            }
-            for event in scene.events
-        ],
+        "triggers": triggers,
     }
 
 
-def _turn_point(matrix: Array, x: float, z: float, scale: float) -> list[float]:
-    return [float(value) + 0.0 for value in matrix @ np.array([x, 0.0, z]) * scale]
+def _list_coordinates(place: Array) -> list[float]:
+    """List coordinates for JSON, without a negative zero."""
+    return [float(value) + 0.0 for value in place]
 
 
 GLTF = SceneFormat(

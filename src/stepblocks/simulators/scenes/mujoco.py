@@ -22,44 +22,48 @@ def _write(folder: Path, scene: Scene) -> None:
 
 
 def _write_set(folder: Path, scenes: Sequence[Scene], _: str) -> None:
-    # Write one scene with all blocks of a set side by side; each has its tip
-    wide = 1.2 * max(float(np.ptp(one.whole.vertices[:, 1])) for one in scenes)
-    blocks = [
-        {"scene": one, "y": -number * wide, "prefix": f"{one.stimulus.id}-"}
-        for number, one in enumerate(scenes)
-    ]
-    forces = [
-        one.events[0].critical_force for one in scenes if one.events[0].status is Status.RELEASES
-    ]
-    # what the sliders of the viewer span: the spring past every release, the load up to twice its
-    # own
-    reach = (
-        1.3 * max(forces, default=scenes[0].point.normal_load) / scenes[0].stiffness
-        + 2.0 * scenes[0].ball_radius
-    )
-    clip = scenes[0].ball_radius / (len(scenes) * wide)  # nearer to a camera nothing is drawn
+    """Write one scene with all blocks of a set side by side; each has its tip."""
+    first = scenes[0]
+    spacing = 1.2 * max(float(np.ptp(scene.whole.vertices[:, 1])) for scene in scenes)
+    blocks = []
+    for number, scene in enumerate(scenes):
+        prefix = f"{scene.stimulus.id}-"
+        blocks.append({"scene": scene, "y": -number * spacing, "prefix": prefix})
     write_from_template(
         folder / "scene.xml",
         name=folder.parent.name,
         blocks=blocks,
-        reach=reach,
-        clip=clip,
+        reach=_find_reach(scenes),
+        clip=first.ball_radius / (len(scenes) * spacing),  # nearer to a camera nothing is drawn
     )
     write_from_template(
         folder / "README.md", "mujoco-blocks.md", name=folder.parent.name, scenes=scenes
     )
 
 
+def _find_reach(scenes: Sequence[Scene]) -> float:
+    """Find what the sliders of the viewer span [m]: past every release, and twice the load."""
+    first = scenes[0]
+    forces = []
+    for scene in scenes:
+        event = scene.events[0]
+        if event.status is Status.RELEASES:
+            forces.append(event.critical_force)
+    force = max(forces, default=first.point.normal_load)
+    return 1.3 * force / first.stiffness + 2.0 * first.ball_radius
+
+
 def _write_tooth(folder: Path, scan: Mesh, stations: Sequence[Scene]) -> None:
-    # Write one scene with the whole tooth: a tip that keyframes put before each station
+    """Write one scene with the whole tooth: a tip that keyframes put before each station."""
     from scipy.spatial.transform import Rotation
 
+    turns = Rotation.from_matrix([station.frame.turn for station in stations])
     write_obj(folder / "tooth.obj", scan)
     write_from_template(
         folder / "scene.xml",
         "tooth.xml",
         stations=stations,
-        turns=Rotation.from_matrix([one.frame.turn for one in stations]).as_quat(scalar_first=True),
+        turns=turns.as_quat(scalar_first=True),
     )
     write_from_template(folder / "drag.py", "drag_tooth.py", stations=stations)
 

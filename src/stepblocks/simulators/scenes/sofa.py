@@ -13,14 +13,22 @@ _OBJ_UNITS = 1e3
 
 def _write(folder: Path, scene: Scene) -> None:
     for piece in scene.pieces:
-        write_obj(
-            folder / f"{piece.name}.obj",
-            Mesh(piece.name, piece.vertices * (_CM / _OBJ_UNITS), piece.triangles),
-        )
+        vertices = piece.vertices * (_CM / _OBJ_UNITS)
+        write_obj(folder / f"{piece.name}.obj", Mesh(piece.name, vertices, piece.triangles))
+    alarm = 0.1 * scene.scale * _CM * _find_smallest_height(scene)
+    write_from_template(folder / "scene.scn", scene=scene, alarm=alarm)
+
+
+def _find_smallest_height(scene: Scene) -> float:
+    """Find the smallest height that is to be felt [m]: of a step, else of a gap, else the ball."""
     z = scene.path.z / scene.scale
-    # to be felt [m]
-    smallest = abs(float(z[-1] - z[0])) or abs(float(z.min() - z[0])) or scene.point.ball_radius
-    write_from_template(folder / "scene.scn", scene=scene, alarm=0.1 * scene.scale * _CM * smallest)
+    step = abs(float(z[-1] - z[0]))
+    if step > 0.0:
+        return step
+    gap = abs(float(z.min() - z[0]))
+    if gap > 0.0:
+        return gap
+    return scene.point.ball_radius
 
 
 SOFA = SceneFormat(

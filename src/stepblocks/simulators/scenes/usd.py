@@ -8,12 +8,11 @@ from stepblocks.simulators.scene import Scene, SceneFormat, write_from_template
 
 def _write(folder: Path, scene: Scene) -> None:
     start, height = scene.start
+    events = json.dumps(scene.parameters()["events"], allow_nan=False)
     write_from_template(
         folder / "scene.usda",
         scene=scene,
-        events=json.dumps(scene.parameters()["events"], allow_nan=False)
-        .replace("\\", "\\\\")
-        .replace("'", "\\'"),
+        events=events.replace("\\", "\\\\").replace("'", "\\'"),
         gap=1e-6 * scene.scale,
         start=start,
         height=height,
