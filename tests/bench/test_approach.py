@@ -7,13 +7,9 @@ import numpy as np
 import pytest
 
 from oracles.traces import Course, hum
-from stepblocks.bench.signal.approach import (
-    LandmarkError,
-    estimate_white_noise,
-    find_landmarks,
-    find_mains,
-    fit_approach,
-)
+from stepblocks.bench.faults import LandmarkError
+from stepblocks.bench.signal.approach import find_mains, fit_approach
+from stepblocks.bench.signal.landmarks import estimate_white_noise, find_landmarks
 
 COURSE = Course()
 TIME = COURSE.clock()

@@ -10,10 +10,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from stepblocks.bench.conditions import insert_conditions, read_conditions
 from stepblocks.bench.measure import measure_session, write_features
 from stepblocks.bench.session import open_session
 from stepblocks.bench.signal.features import FEATURE_COLUMNS, average_tool
-from stepblocks.bench.trials import insert_conditions, read_conditions
 from stepblocks.errors import PipelineError
 
 SCRIPT = """

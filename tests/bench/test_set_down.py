@@ -5,8 +5,9 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from oracles.virtual_bench import Bench, drag
-from stepblocks.bench.signal import Trace, find_set_down
+from stepblocks.bench.signal import Trace
 from stepblocks.bench.signal.features import measure_trace
+from stepblocks.bench.signal.set_down import find_set_down
 
 RATE, K = 10e3, 9810.0
 TIME, FORCE, NORMAL, _ = drag(Bench(conversion=0.2), 40e-6, 0.5, 5e-3, np.random.default_rng(1))
