@@ -188,7 +188,7 @@ def test_a_version_5_file_that_is_cut_off_is_said_to_be_and_where(tmp_path):
     mat_struct(tmp_path)
     path = tmp_path / "all.mat"
     whole = path.read_bytes()
-    assert set(find_mat_variables(path).places) == {"trial_2", "notes"}
+    assert set(find_mat_variables(path).extents) == {"trial_2", "notes"}
     path.write_bytes(whole[:-10])
     with pytest.raises(TraceError, match=r"all\.mat is damaged or truncated at byte"):
         find_mat_variables(path)
@@ -197,7 +197,7 @@ def test_a_version_5_file_that_is_cut_off_is_said_to_be_and_where(tmp_path):
 def test_bytes_that_turned_within_a_variable_cost_that_trial(tmp_path):
     traces, channels, extra = mat_struct(tmp_path)
     path = tmp_path / "all.mat"
-    place, length = find_mat_variables(path).places["trial_2"]
+    place, length = find_mat_variables(path).extents["trial_2"]
     data = bytearray(path.read_bytes())
     data[place + length // 2 : place + length // 2 + 40] = bytes(40)
     path.write_bytes(bytes(data))
