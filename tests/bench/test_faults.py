@@ -50,7 +50,7 @@ def test_rows_come_back_from_a_file_as_they_were_more_than_once():
         FeatureRow(1, "1", TrialStatus.OK, None, ("a",), values),
         FeatureRow(2, "2", TrialStatus.EXCLUDED, fault, ("b",), ()),
     ]
-    spool = RowSpool(io.BytesIO())
+    spool = RowSpool(io.StringIO())
     for row in rows:
         spool.append(row)
     assert list(spool) == list(spool) == rows

@@ -2,13 +2,12 @@
 
 import csv
 import io
+import json
 import math
-import pickle
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import IO, NamedTuple, Protocol
+from typing import IO, Protocol
 
 import pandas as pd
 
@@ -16,8 +15,6 @@ from stepblocks.bench.examine import TrialResult, TrialStatus
 from stepblocks.bench.faults import FaultKind, TrialFault
 from stepblocks.bench.labels import find_shared_faults
 from stepblocks.bench.signal.features import FEATURE_COLUMNS
-from stepblocks.bench.trials import TrialTable
-from stepblocks.errors import PipelineError
 from stepblocks.files.tables import escape_formula
 
 LEADING_COLUMNS = ("trial", "status", "reason")
@@ -89,71 +86,55 @@ class RowSpool:
 
     Parameters
     ----------
-    file : binary file
-        Empty, to write to and to read from.
+    file : text file
+        Empty, to write to and to read from; it gets a line of JSON for each row.
     """
 
-    def __init__(self, file: IO[bytes]) -> None:
+    def __init__(self, file: IO[str]) -> None:
         self._file = file
-        self._count = 0
 
     def append(self, row: FeatureRow) -> None:
         """Add a row at the end."""
-        pickle.dump(row, self._file)
-        self._count += 1
+        self._file.write(_serialise(row) + "\n")
 
     def __iter__(self) -> Iterator[FeatureRow]:
         """Go through the rows from the first; none may be added meanwhile."""
         self._file.seek(0)
-        for _ in range(self._count):
-            yield pickle.load(self._file)
+        for line in self._file:
+            yield _parse(line)
 
 
-class _Outcome(NamedTuple):
-    """A status with the heading of its reason."""
+def _serialise(row: FeatureRow) -> str:
+    """Return a row as JSON; the digits of its numbers are all there."""
+    fault = None
+    if row.fault is not None:
+        fault = {"kind": row.fault.kind.name, "details": row.fault.details}
+    return json.dumps(
+        {
+            "row": row.row,
+            "trial": row.trial,
+            "status": row.status.name,
+            "fault": fault,
+            "conditions": row.conditions,
+            "values": row.values,
+        }
+    )
 
-    status: TrialStatus
-    heading: str
 
-
-@dataclass
-class OutcomeCounts:
-    """Counts what became of the trials of a session.
-
-    Attributes
-    ----------
-    counts : Counter
-        Of each status with the heading of its reason.
-    examples : dict of str to str
-        First reason of each heading, in full.
-    """
-
-    counts: Counter[_Outcome] = field(default_factory=Counter)
-    examples: dict[str, str] = field(default_factory=dict)
-
-    def add(self, row: FeatureRow) -> None:
-        """Count one row that is not in order."""
-        if row.fault is None:
-            return
-        heading = row.fault.heading
-        self.counts[_Outcome(row.status, heading)] += 1
-        self.examples.setdefault(heading, row.reason)
-
-    def count_excluded(self) -> Counter[str]:
-        """Return how many trials are excluded, by the heading of the reason."""
-        excluded: Counter[str] = Counter()
-        for outcome, count in self.counts.items():
-            if outcome.status is TrialStatus.EXCLUDED:
-                excluded[outcome.heading] = count
-        return excluded
-
-    def list_notes(self) -> list[str]:
-        """Say how many trials are flagged or censored, and why."""
-        notes = []
-        for (status, heading), count in self.counts.items():
-            if status is not TrialStatus.EXCLUDED:
-                notes.append(f"{count} {status.value}: {heading}")
-        return notes
+def _parse(line: str) -> FeatureRow:
+    """Return the row of a line of JSON; what its fault bounds is no part of the table."""
+    fields = json.loads(line)
+    fault = None
+    if fields["fault"] is not None:
+        fault = TrialFault(FaultKind[fields["fault"]["kind"]], fields["fault"]["details"])
+    return FeatureRow(
+        fields["row"],
+        fields["trial"],
+        TrialStatus[fields["status"]],
+        fault,
+        tuple(fields["conditions"]),
+        tuple(fields["values"]),
+    )
 
 
 class LabelledRows:
@@ -162,73 +143,42 @@ class LabelledRows:
     Parameters
     ----------
     rows : RowStore
-    table : TrialTable
+    covariates : sequence of str
+        Columns of the conditions of the rows.
     faults : mapping of int to TrialFault
         Contradictions between a trace and its row, by row.
+
+    Attributes
+    ----------
+    shared : dict of int to str
+        Rows that contradict their traces together and stay as data, with the name of their group.
     """
 
-    def __init__(self, rows: RowStore, table: TrialTable, faults: Mapping[int, TrialFault]) -> None:
+    def __init__(
+        self, rows: RowStore, covariates: Sequence[str], faults: Mapping[int, TrialFault]
+    ) -> None:
         self._rows = rows
-        self._table = table
         self._faults = faults
-        self._shared = find_shared_faults(self._list_measured(), faults)
-        self.outcomes = OutcomeCounts()
-
-    def _list_measured(self) -> Iterator[tuple[int, dict[str, str]]]:
-        """Yield row and conditions of each trial that was measured whole."""
-        covariates = self._table.covariates
-        for row in self._rows:
-            if row.status is TrialStatus.OK:
-                yield row.row, dict(zip(covariates, row.conditions, strict=True))
+        self.shared = find_shared_faults(_list_measured(rows, covariates), faults)
 
     def __iter__(self) -> Iterator[FeatureRow]:
-        """Go through the rows and count their outcomes.
-
-        Raises
-        ------
-        PipelineError
-            At the end, if not one trial was measured.
-        """
-        self.outcomes = OutcomeCounts()
         for row in self._rows:
-            labelled = self._label(row)
-            self.outcomes.add(labelled)
-            yield labelled
-        self._require_measured()
+            yield self._label(row)
 
     def _label(self, row: FeatureRow) -> FeatureRow:
         fault = self._faults.get(row.row)
-        if fault is None or row.status is not TrialStatus.OK or row.row in self._shared:
+        if fault is None or row.status is not TrialStatus.OK or row.row in self.shared:
             return row
         return row.mark(fault)
 
-    def _require_measured(self) -> None:
-        excluded = self.outcomes.count_excluded()
-        if excluded.total() < self._table.count:
-            return
-        ((heading, count),) = excluded.most_common(1)
-        raise PipelineError(
-            f"no trial of {self._table.count} could be measured; {count} times "
-            f"{self.outcomes.examples[heading]} [{self._table.session.folder}]"
-        )
 
-    def list_notes(self) -> list[str]:
-        """Say what a reader should know of the session; to be called after going through it."""
-        notes = [f"all trials have one {name}" for name in _find_constant_conditions(self._table)]
-        notes += self.outcomes.list_notes()
-        for group, count in Counter(self._shared.values()).items():
-            notes.append(f"{count} {group} are unlike their labels together and stay as data")
-        return notes
-
-
-def _find_constant_conditions(table: TrialTable) -> list[str]:
-    """Return what the session does not vary, and of which it shows no effect."""
-    levels: dict[str, set[str]] = {"block": set(), "speed": set(), "load": set()}
-    for trial in table:
-        levels["block"].add(trial.block)
-        levels["speed"].add(str(trial.speed))
-        levels["load"].add(str(trial.load))
-    return [name for name, values in levels.items() if len(values) == 1]
+def _list_measured(
+    rows: RowStore, covariates: Sequence[str]
+) -> Iterator[tuple[int, dict[str, str]]]:
+    """Yield row and conditions of each trial that was measured whole."""
+    for row in rows:
+        if row.status is TrialStatus.OK:
+            yield row.row, dict(zip(covariates, row.conditions, strict=True))
 
 
 def write_rows(rows: Iterable[FeatureRow], covariates: Sequence[str], path: Path) -> None:

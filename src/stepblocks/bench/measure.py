@@ -26,6 +26,7 @@ from stepblocks.bench.feature_table import (
     write_rows,
 )
 from stepblocks.bench.labels import LabelCheck
+from stepblocks.bench.outcome import count_outcomes, list_notes
 from stepblocks.bench.session import open_session
 from stepblocks.bench.signal import Tool
 from stepblocks.bench.signal.features import FEATURE_COLUMNS, average_tool
@@ -114,6 +115,7 @@ def measure_session(
     table = _open_table(Path(session), path)
     store: list[FeatureRow] = []
     rows = list(_measure_rows(table, store, jobs, progress, tool))
+    count_outcomes(rows, table)
     if path is not None:
         with write_atomically(path) as draft:
             write_rows(rows, table.covariates, draft)
@@ -134,13 +136,14 @@ def write_features(
     """
     path = Path(output)
     table = _open_table(Path(session), path)
-    with tempfile.TemporaryFile(prefix="stepblocks-measure-") as file:
+    with tempfile.TemporaryFile("w+", encoding="utf-8", prefix="stepblocks-measure-") as file:
         rows = _measure_rows(table, RowSpool(file), jobs, progress, tool)
+        outcomes = count_outcomes(rows, table)
         with write_atomically(path) as draft:
             write_rows(rows, table.covariates, draft)
-        notes = tuple(rows.list_notes())
-    excluded = rows.outcomes.count_excluded()
-    return MeasureSummary(table.count, excluded.total(), dict(excluded), notes)
+    excluded = outcomes.count_excluded()
+    notes = list_notes(table, outcomes, rows.shared)
+    return MeasureSummary(table.count, excluded.total(), dict(excluded), tuple(notes))
 
 
 def _open_table(session: Path, output: Path | None) -> TrialTable:
@@ -172,7 +175,7 @@ def _measure_rows(
         store.append(build_row(result, table.covariates))
         if progress is not None:
             progress(done, table.count)
-    return LabelledRows(store, table, check.find_faults())
+    return LabelledRows(store, table.covariates, check.find_faults())
 
 
 def _count_processes(jobs: int | None) -> int:

@@ -172,7 +172,7 @@ def fit_aftermath(
         bell = fit_bell(time, force, top, approach.mains, marks.noise, cosine)
         if rubbing is None or _is_bell(time, bell, rubbing, marks):
             return bell
-    swing = _measure_swing(time, force, marks, approach, rubbing, tool, saw)
+    swing = _measure_swing(time, force, marks, approach, rubbing, tool=tool, saw=saw)
     sample = float(np.median(np.diff(time)))
     return _measure_aftermath_of_rubbing(rubbing, swing, sample, tool)
 
@@ -208,6 +208,7 @@ def _measure_swing(
     marks: Landmarks,
     approach: Approach,
     rubbing: RubbingRing,
+    *,
     tool: Tool | None,
     saw: Sawtooth | None,
 ) -> Swing:

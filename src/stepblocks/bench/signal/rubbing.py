@@ -173,7 +173,7 @@ def fit_rubbing_ring(
     spread : Tool
         Relative uncertainties of the guess of the tool.
     """
-    problem = _RubbingProblem.set_up(time, force, level, tool, slope, noise, spread)
+    problem = _RubbingProblem.set_up(time, force, level, tool, slope, noise, spread=spread)
     best = None
     for gap in problem.list_gaps():
         search = problem.search(gap)
@@ -231,6 +231,7 @@ class _RubbingProblem:
         tool: Tool,
         slope: float,
         noise: float,
+        *,
         spread: Tool,
     ) -> "_RubbingProblem":
         """Set up a fit; see `fit_rubbing_ring`."""

@@ -79,12 +79,15 @@ class _Teeth:
         Shape (m,), time from bottom to top [s].
     last_bottom : int
         Sample from which the ramp of the edge climbs.
+    last_force : float
+        Force there [N].
     """
 
     teeth: list[_Tooth]
     rises: Array
     times: Array
     last_bottom: int
+    last_force: float
 
 
 def find_saw(
@@ -113,7 +116,7 @@ def find_saw(
     teeth = _find_teeth(time, smooth, marks.noise)
     if teeth is None or not _climb_like_ramp(teeth, slope):
         return None
-    return _measure_saw(time, force, smooth, marks, tool, stiffness, slope, teeth)
+    return _measure_saw(time, force, marks, teeth, tool=tool, stiffness=stiffness, slope=slope)
 
 
 def _measure_ramp(time: Array, force: Array, smooth: Array, marks: Landmarks) -> float:
@@ -146,7 +149,8 @@ def _find_teeth(time: Array, smooth: Array, noise: float) -> _Teeth | None:
         return None
     rises = np.array([smooth[tooth.top] - smooth[tooth.bottom] for tooth in teeth])
     times = np.array([time[tooth.top] - time[tooth.bottom] for tooth in teeth])
-    return _Teeth(teeth, rises, times, int(bottoms[-1]))
+    last = int(bottoms[-1])
+    return _Teeth(teeth, rises, times, last, float(smooth[last]))
 
 
 def _find_tops(force: Array, noise: float) -> NDArray[np.intp]:
@@ -168,12 +172,12 @@ def _climb_like_ramp(teeth: _Teeth, slope: float) -> bool:
 def _measure_saw(
     time: Array,
     force: Array,
-    smooth: Array,
     marks: Landmarks,
+    teeth: _Teeth,
+    *,
     tool: Tool,
     stiffness: float,
     slope: float,
-    teeth: _Teeth,
 ) -> Sawtooth:
     """Measure amplitude, time of sticking and both frictions; see `find_saw`.
 
@@ -200,9 +204,8 @@ def _measure_saw(
     unseen = _compute_friction_of_speed(static - kinetic, omega * (top - kinetic), slope, stiffness)
     kinetic_std = math.hypot(0.5 * math.hypot(top_std, bottom_std), 0.5 * unseen)
     kinetic -= unseen
-    last = teeth.last_bottom
-    climb = max(kinetic - float(smooth[last]), 0.0)
-    onset = int(np.searchsorted(time, time[last] + climb / slope))
+    climb = max(kinetic - teeth.last_force, 0.0)
+    onset = int(np.searchsorted(time, time[teeth.last_bottom] + climb / slope))
     stick_std = float(np.std(teeth.times)) / root + float(np.median(np.diff(time)))
     return Sawtooth(
         amplitude=Estimate(top - bottom, math.hypot(top_std, bottom_std)),
