@@ -314,7 +314,7 @@ def _shows_start_up(time: Array, fit: SeparableFit, start_up: Tool) -> bool:
     with_ring = compute_rest(ring, residuals)
     # two parameters more explain 2/n of white noise by chance
     least_share = max(_START_UP_GAIN, 20.0 / max(since.size, 1))
-    return without_ring - with_ring > least_share * without_ring
+    return bool(without_ring - with_ring > least_share * without_ring)
 
 
 def _find_end_of_line(misses: Array, noise: float, line_std: float) -> int | None:

@@ -139,7 +139,7 @@ def _find_peak_sample(force: Array, smooth: Array, noise: float) -> int:
     # on a gentle ramp noise lifts an earlier sample over the last one
     high = force[peak : peak + _TOP_SAMPLES] > force[peak] - _TOP_NOISE * noise
     if high.all():
-        return peak + high.size - 1
+        return peak + len(high) - 1
     return peak + int(np.argmin(high)) - 1
 
 

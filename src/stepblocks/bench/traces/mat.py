@@ -95,7 +95,8 @@ class MatReader(TraceReader[Any, Any]):
     def open(self, path: Path, layout: TextLayout) -> AbstractContextManager[object]:
         """Open a file; of a version 5 file the variables are listed."""
         if _is_hdf5(path):
-            return self._hdf5.open(path, layout)
+            file: AbstractContextManager[object] = self._hdf5.open(path, layout)
+            return file
         return nullcontext(find_mat_variables(path))
 
     def find_group(self, file: object, place: TrialPlace) -> object:
@@ -147,8 +148,8 @@ def _read_field(fields: Mapping[str, object], name: str | int) -> object:
 
 
 def _read_matrix_column(matrix: "np.ndarray[Any, Any]", index: str | int) -> ArrayLike:
-    is_column = isinstance(index, int) and matrix.ndim == 2 and 0 <= index < matrix.shape[1]
-    if not is_column:
+    is_matrix = matrix.ndim == 2
+    if not isinstance(index, int) or not is_matrix or not 0 <= index < matrix.shape[1]:
         raise TraceError(
             FaultKind.UNKNOWN_CHANNEL,
             f"no column {index!r} in a matrix of shape {matrix.shape}",
