@@ -115,7 +115,8 @@ def _apply_law(
     values = {parameter.name: parameter.start for parameter in law.parameters}
     values |= effect.parameters
     covariate = select_covariate(design, state, law.covariate)
-    return law.apply(state, covariate, values)
+    planted: DragState = law.apply(state, covariate, values)
+    return planted
 
 
 def _apply_form(
