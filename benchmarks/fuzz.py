@@ -26,7 +26,7 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests"))  # for a model that might be learned
 
-from stepblocks.bench.signal import TraceError  # noqa: E402
+from stepblocks.bench.faults import TraceError  # noqa: E402
 from stepblocks.errors import StepblocksError  # noqa: E402
 from stepblocks.files.confined import MEMORY  # noqa: E402
 
@@ -341,7 +341,7 @@ def _traces(work: Path) -> Iterator[Kind]:
     from stepblocks.bench.session import FORMATS, open_session
     from stepblocks.bench.signal import Trace
     from stepblocks.bench.traces import Traces
-    from stepblocks.rehearse import TRACE_FILES, open_writer
+    from stepblocks.rehearse.trace_files import TRACE_FILES, open_writer
 
     time = np.arange(600) / 1e4
     trace = Trace(time, np.sin(60.0 * time), np.cos(50.0 * time))

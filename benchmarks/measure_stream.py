@@ -18,7 +18,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from stepblocks.rehearse import Rig, Truth, record_trial
+from stepblocks.rehearse.record import Rig, Truth, record_trial
 
 HEAD = """schema = 1
 [probe]

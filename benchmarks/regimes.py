@@ -16,8 +16,8 @@ import pandas as pd
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from oracles.virtual_bench import Bench, drag
+from stepblocks.bench.faults import LandmarkError
 from stepblocks.bench.signal import Trace
-from stepblocks.bench.signal.approach import LandmarkError
 from stepblocks.bench.signal.features import measure_trace
 
 HEIGHTS, LOADS = 1e-6 * np.arange(10, 90, 10), (0.3, 0.5, 0.8, 1.1)

@@ -28,7 +28,7 @@ from stepblocks.bench.signal.features import measure_trace
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.operating_point import OperatingPoint, Tool
 from stepblocks.loop.session_table import build_session_table
-from stepblocks.rehearse import Rig, Truth, record_drag, record_trial
+from stepblocks.rehearse.record import Rig, Truth, record_drag, record_trial
 from stepblocks.rig.state import CHANNELS
 
 K = 9810.0

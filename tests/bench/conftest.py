@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stepblocks.rehearse import TRACE_FILES, Rig, Truth, open_writer, record_trial
+from stepblocks.rehearse.record import Rig, Truth, record_trial
+from stepblocks.rehearse.trace_files import TRACE_FILES, open_writer
 
 K = 9810.0
 HEIGHTS = (20, 40, 60)

@@ -7,13 +7,9 @@ import numpy as np
 import pytest
 
 from oracles.traces import Course, hum
-from stepblocks.bench.signal.approach import (
-    LandmarkError,
-    estimate_white_noise,
-    find_landmarks,
-    find_mains,
-    fit_approach,
-)
+from stepblocks.bench.faults import LandmarkError
+from stepblocks.bench.signal.approach import find_mains, fit_approach
+from stepblocks.bench.signal.landmarks import estimate_white_noise, find_landmarks
 
 COURSE = Course()
 TIME = COURSE.clock()
@@ -101,8 +97,8 @@ def test_a_drift_tilts_the_line_and_leaves_the_slope_of_the_ramp():
     found = approached(COURSE.force(TIME) + drift * TIME)
     assert found.slope == pytest.approx(COURSE.slope, rel=1e-6)
     # the level is that in the middle of sliding
-    assert found.level == pytest.approx(COURSE.level + drift * found.center, rel=1e-6)
-    assert found.center == pytest.approx(0.5 * COURSE.onset, abs=2e-4)
+    assert found.level == pytest.approx(COURSE.level + drift * found.clock.center, rel=1e-6)
+    assert found.clock.center == pytest.approx(0.5 * COURSE.onset, abs=2e-4)
 
 
 def test_a_ring_of_the_starting_handle_is_fitted_along_and_one_that_is_not_there_is_not():

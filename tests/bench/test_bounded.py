@@ -10,9 +10,9 @@ import zlib
 import h5py
 import pytest
 
+from stepblocks.bench.faults import TraceError
 from stepblocks.bench.measure import write_features
 from stepblocks.bench.session import open_session
-from stepblocks.bench.signal import TraceError
 from stepblocks.bench.traces import Traces
 
 KINDS = [("t", "f8"), ("x", "f8"), ("y", "f8")]

@@ -8,11 +8,11 @@ import pandas as pd
 import pytest
 
 from oracles.virtual_bench import Bench, drag
+from stepblocks.bench.conditions import insert_conditions, read_conditions
 from stepblocks.bench.figures import draw_trials
 from stepblocks.bench.measure import measure_session
 from stepblocks.bench.session import open_session
 from stepblocks.bench.traces import Traces
-from stepblocks.bench.trials import insert_conditions, read_conditions
 from stepblocks.cli import main
 from stepblocks.errors import BenchError
 

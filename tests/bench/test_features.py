@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from stepblocks.bench.faults import LandmarkError
 from stepblocks.bench.signal import Trace
-from stepblocks.bench.signal.approach import LandmarkError
-from stepblocks.bench.signal.features import FEATURE_COLUMNS, compute_band_share, measure_trace
-from stepblocks.bench.signal.ring import compute_rubbing_force, fit_rubbing_ring
-from stepblocks.rehearse import Rig, Truth, record_trial
+from stepblocks.bench.signal.features import FEATURE_COLUMNS, measure_trace
+from stepblocks.bench.signal.rubbing import compute_rubbing_force, fit_rubbing_ring
+from stepblocks.bench.signal.spectrum import compute_band_share
+from stepblocks.rehearse.record import Rig, Truth, record_trial
 
 K = 9810.0
 PLAIN = Truth(

@@ -13,8 +13,9 @@ from scipy.integrate import solve_ivp
 from oracles.traces import Course
 from oracles.virtual_bench import Bench, drag
 from stepblocks.bench.signal import Trace
-from stepblocks.bench.signal.approach import find_landmarks, fit_approach
+from stepblocks.bench.signal.approach import fit_approach
 from stepblocks.bench.signal.features import measure_trace
+from stepblocks.bench.signal.landmarks import find_landmarks
 from stepblocks.bench.signal.ring import fit_ring
 
 K, CUBIC = 9810.0, 1.5e7  # F = K (x + CUBIC x^3)

@@ -8,8 +8,9 @@ import pytest
 
 from oracles.traces import Course, hum
 from stepblocks.bench.signal.aftermath import fit_aftermath
-from stepblocks.bench.signal.approach import find_landmarks, fit_approach
-from stepblocks.bench.signal.features import find_peak
+from stepblocks.bench.signal.approach import fit_approach
+from stepblocks.bench.signal.landmarks import find_landmarks
+from stepblocks.bench.signal.peak import find_peak
 
 
 def peak(time, force):

@@ -11,7 +11,7 @@ import pytest
 from oracles.traces import Course
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.operating_point import OperatingPoint, Tool
-from stepblocks.rehearse import Rig, Truth, record_drag, record_trial
+from stepblocks.rehearse.record import Rig, Truth, record_drag, record_trial
 
 TRUTH = Truth(0.8, 0.12, 98.1, 1.2, 0.53, 287.0, 17e-3)
 IDEAL = Rig(noise=0.0, quantum=0.0, hum=0.0)

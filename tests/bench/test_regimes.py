@@ -6,16 +6,12 @@ import numpy as np
 import pytest
 
 from oracles.virtual_bench import Bench, drag
-from stepblocks.bench.signal import Trace
-from stepblocks.bench.signal.approach import find_landmarks
+from stepblocks.bench.signal import Estimate, Trace
 from stepblocks.bench.signal.features import measure_trace
-from stepblocks.bench.signal.regimes import (
-    Motion,
-    Sawtooth,
-    classify_regime,
-    find_first_swing,
-    find_saw,
-)
+from stepblocks.bench.signal.landmarks import find_landmarks
+from stepblocks.bench.signal.motion import Motion, find_first_swing
+from stepblocks.bench.signal.regimes import classify_regime
+from stepblocks.bench.signal.saw import Sawtooth, find_saw
 
 K, TOOL = 9810.0, (300.0, 1.0 / (0.025 * 2.0 * np.pi * 300.0))
 
@@ -161,13 +157,13 @@ def test_a_tip_flies_while_its_load_is_gone_and_not_where_it_only_touches_zero(l
     normal[peak + 20 : peak + 41] = 0.5 * np.maximum(dip - lowest, 0.0) / (1.0 - lowest)
     motion = Motion(time, force, normal, peak, 0.1, 0.5, 50.0, 1e-3, 300.0)
     assert np.count_nonzero(normal < 0.125) >= 5
-    assert classify_regime(motion, None, False) == regime
+    assert classify_regime(motion, None, is_bell=False) == regime
 
 
 def test_a_record_without_its_teeth_keeps_its_noise():
     # white noise of 1 mN; what five samples have in common is taken for motion
     force = 0.3 + 1e-3 * np.random.default_rng(4).standard_normal(20_000)
-    saw = SimpleNamespace(kinetic=(0.2, 1e-3), onset=18_000)
+    saw = SimpleNamespace(kinetic=Estimate(0.2, 1e-3), onset=18_000)
     calm = Sawtooth.remove_saw(saw, force)
     assert calm[10:17_990].mean() == pytest.approx(0.2, abs=1e-4)
     assert calm[10:17_990].std() == pytest.approx(1e-3, rel=0.03)

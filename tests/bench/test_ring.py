@@ -5,12 +5,8 @@ import pytest
 from scipy.optimize import curve_fit
 
 from oracles.traces import Course, hum
-from stepblocks.bench.signal.ring import (
-    KNOWN_SPREAD,
-    compute_rubbing_force,
-    fit_ring,
-    fit_rubbing_ring,
-)
+from stepblocks.bench.signal.ring import fit_ring
+from stepblocks.bench.signal.rubbing import KNOWN_SPREAD, compute_rubbing_force, fit_rubbing_ring
 from stepblocks.bench.signal.separable import guess_ring
 
 COURSE = Course(phase=0.4)

@@ -8,16 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from stepblocks.bench.session import (
-    FORMATS,
-    Channel,
-    check_pattern,
-    fill_pattern,
-    find_unit_in_name,
-    open_session,
-    resolve_inside,
-)
-from stepblocks.bench.signal import TraceError
+from stepblocks.bench.channel import Channel, find_unit_in_name
+from stepblocks.bench.faults import TraceError
+from stepblocks.bench.patterns import check_pattern, fill_pattern, resolve_inside
+from stepblocks.bench.session import FORMATS, open_session
 from stepblocks.errors import BenchError
 
 TEXT = """schema = 1

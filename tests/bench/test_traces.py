@@ -11,12 +11,13 @@ from nptdms import ChannelObject, TdmsWriter
 from scipy.io import savemat
 
 from oracles.traces import Course
+from stepblocks.bench.faults import TraceError
 from stepblocks.bench.session import open_session
-from stepblocks.bench.signal import Trace, TraceError
+from stepblocks.bench.signal import Trace
 from stepblocks.bench.traces import READERS, Traces
 from stepblocks.bench.traces.mat import find_mat_variables
 from stepblocks.errors import BenchError
-from stepblocks.rehearse import TRACE_FILES, open_writer
+from stepblocks.rehearse.trace_files import TRACE_FILES, open_writer
 
 TIME = Course().clock()
 COLUMNS = {"t": TIME, "x": Course().force(TIME), "y": 0.8 + 0.1 * TIME}
@@ -187,7 +188,7 @@ def test_a_version_5_file_that_is_cut_off_is_said_to_be_and_where(tmp_path):
     mat_struct(tmp_path)
     path = tmp_path / "all.mat"
     whole = path.read_bytes()
-    assert set(find_mat_variables(path).places) == {"trial_2", "notes"}
+    assert set(find_mat_variables(path).extents) == {"trial_2", "notes"}
     path.write_bytes(whole[:-10])
     with pytest.raises(TraceError, match=r"all\.mat is damaged or truncated at byte"):
         find_mat_variables(path)
@@ -196,7 +197,7 @@ def test_a_version_5_file_that_is_cut_off_is_said_to_be_and_where(tmp_path):
 def test_bytes_that_turned_within_a_variable_cost_that_trial(tmp_path):
     traces, channels, extra = mat_struct(tmp_path)
     path = tmp_path / "all.mat"
-    place, length = find_mat_variables(path).places["trial_2"]
+    place, length = find_mat_variables(path).extents["trial_2"]
     data = bytearray(path.read_bytes())
     data[place + length // 2 : place + length // 2 + 40] = bytes(40)
     path.write_bytes(bytes(data))
@@ -252,9 +253,8 @@ def test_text_among_numbers_and_tables_are_no_samples(tmp_path):
 
 @pytest.mark.parametrize("way", ["external link", "external group", "external storage", "virtual"])
 def test_nothing_outside_the_session_is_read_through_an_hdf5_file(tmp_path, way):
-    from types import SimpleNamespace
-
-    from stepblocks.bench.traces.hdf5 import find_hdf5_group, open_hdf5, read_hdf5_column
+    from stepblocks.bench.traces.hdf5 import Hdf5Reader
+    from stepblocks.bench.traces.reader import TrialPlace
 
     with h5py.File(tmp_path / "secret.h5", "w") as secret:
         secret["group/fx"] = np.arange(8.0)
@@ -274,9 +274,10 @@ def test_nothing_outside_the_session_is_read_through_an_hdf5_file(tmp_path, way)
                 layout = h5py.VirtualLayout((8,), "f8")
                 layout[:] = h5py.VirtualSource(str(tmp_path / "secret.h5"), "group/fx", (8,))
                 group.create_virtual_dataset("fx", layout)
-    place = SimpleNamespace(is_file=False, groups=("0001",), trial="1")
+    place = TrialPlace("1", ("0001",), has_own_file=False, is_whole_file=False)
+    reader = Hdf5Reader()
     with (
-        open_hdf5(path, None) as file,
+        reader.open(path) as file,
         pytest.raises(TraceError, match="lies in another file, which is not read"),
     ):
-        read_hdf5_column(find_hdf5_group(file, place), "fx")
+        reader.read_column(reader.find_group(file, place), "fx")

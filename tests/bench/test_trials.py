@@ -4,6 +4,7 @@ import math
 
 import pytest
 
+from stepblocks.bench.faults import FaultKind
 from stepblocks.bench.session import open_session
 from stepblocks.bench.trials import open_trials
 from stepblocks.errors import BenchError
@@ -37,7 +38,7 @@ def test_conditions_are_read_into_si_and_every_cell_is_kept_as_written(tmp_path)
         "speed_mm_s": "2",
         "room": "A 12",
     }
-    assert (second.cells["room"], second.fault) == ("", "")
+    assert (second.cells["room"], second.fault) == ("", None)
 
 
 def test_a_table_can_be_gone_through_more_than_once(tmp_path):
@@ -49,7 +50,7 @@ def test_without_columns_for_load_speed_and_block_they_are_not_known(tmp_path):
     (trial,) = table(tmp_path, "trial,humidity\n7,40\n")
     assert math.isnan(trial.load)
     assert math.isnan(trial.speed)
-    assert (trial.block, trial.fault) == ("", "")
+    assert (trial.block, trial.fault) == ("", None)
 
 
 def test_a_byte_order_mark_spaces_empty_lines_and_quotes_are_read_over(tmp_path):
@@ -63,8 +64,8 @@ def test_remarks_in_a_log_are_skipped_and_a_trial_numbered_with_a_hash_is_none(t
     text = "# bench 2, week 34\ntrial,load_n\n1,0.5\n  # tip changed, new weights\n#2,0.8\n"
     found = table(tmp_path, text)
     assert [(trial.name, trial.load, trial.fault) for trial in found] == [
-        ("1", 0.5, ""),
-        ("#2", 0.8, ""),
+        ("1", 0.5, None),
+        ("#2", 0.8, None),
     ]
 
 
@@ -95,16 +96,18 @@ def test_columns_may_be_counted_instead_of_named(tmp_path):
 )
 def test_a_row_that_cannot_be_used_says_why_and_the_next_goes_on(row, fault, tmp_path):
     bad, good = table(tmp_path, f"trial,block,load_n,speed_mm_s,room\n{row}\n8,a,0.5,2,A\n")
-    assert bad.fault == fault
-    assert (good.row, good.fault) == (2, "")
+    assert str(bad.fault) == fault
+    assert (good.row, good.fault) == (2, None)
 
 
 def test_of_equal_rows_the_first_counts_and_of_contradicting_ones_none(tmp_path):
     found = table(tmp_path, "trial,load_n\n1,0.5\n1,0.5\n2,0.5\n2,0.8\n3,0.5\n")
-    faults = [trial.fault.partition(":")[2].strip() for trial in found]
+    faults = [trial.fault for trial in found]
     earlier = "an earlier row has this trial with the same conditions"
     other = "another row has this trial with other conditions"
-    assert faults == ["", earlier, other, other, ""]
+    assert [faults[0], faults[4]] == [None, None]
+    assert {fault.kind for fault in faults[1:4]} == {FaultKind.DUPLICATE}
+    assert [fault.details for fault in faults[1:4]] == [earlier, other, other]
 
 
 @pytest.mark.parametrize(

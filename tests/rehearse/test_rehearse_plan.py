@@ -11,7 +11,8 @@ from pydantic import ValidationError
 
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.errors import PipelineError
-from stepblocks.rehearse.plan import PlantedEffect, name_block, read_plan
+from stepblocks.rehearse.effects import PlantedEffect
+from stepblocks.rehearse.plan import name_block, read_plan
 
 PLAN = """schema = 1
 seed = 4

@@ -10,7 +10,7 @@ import pytest
 
 from stepblocks.errors import PipelineError
 from stepblocks.rehearse.plan import SessionPlan, name_block
-from stepblocks.rehearse.run import (
+from stepblocks.rehearse.truth import (
     build_rig,
     compute_planted_state,
     compute_truth,

@@ -17,7 +17,7 @@ from stepblocks.bench.measure import measure_session
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.declaration.read import load_set
 from stepblocks.loop.run import loop_session
-from stepblocks.rehearse import Rig, Truth, record_trial
+from stepblocks.rehearse.record import Rig, Truth, record_trial
 from stepblocks.simulators.compare import compare_record
 from stepblocks.simulators.export import export_scenes
 from stepblocks.simulators.scene import write_scene

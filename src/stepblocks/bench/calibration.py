@@ -1,4 +1,4 @@
-"""What is known of probe and gauges before the trials, as a session declares it."""
+"""Constants of probe and gauges that are known before the trials, as a session declares them."""
 
 from functools import partial
 from typing import Annotated, Any
@@ -22,21 +22,27 @@ _Gain = Annotated[_Ratio, Field(gt=0.0)]
 
 
 class Strict(BaseModel):
-    """A table that may hold nothing but its fields."""
+    """A table without unknown fields."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 def _require_law(kind: str, declared: dict[str, Any]) -> dict[str, Any]:
+    """Refuse a law that cannot be built; `kind` is ``friction`` or ``contact``."""
     build_laws({kind: declared})
     return declared
 
 
 def _refuse_tool(_: object) -> None:
+    """Refuse a law of the tool."""
     raise ValueError(
         "must be left out: `loop` fits spring, ring and decay of a tool of one mode, and what "
         "overtones do to a release is no law of equations (1) and (2)"
     )
+
+
+_FrictionLaw = Annotated[dict[str, Any], AfterValidator(partial(_require_law, "friction"))]
+_ContactLaw = Annotated[dict[str, Any], AfterValidator(partial(_require_law, "contact"))]
 
 
 class Probe(Strict):
@@ -49,64 +55,76 @@ class Probe(Strict):
     tip_radius : _Length | None
         [m].
     friction, contact : dict or None
-        Laws that are known beforehand: the name of each under ``law``, and its numbers.
+        Laws that are known before the session: the name of each under ``law``, and its numbers.
     tool : None
-        What a set and a sweep know as a law of the tool is refused, with the reason.
+        A law of the tool, which a set and a sweep accept, is refused with the reason.
     """
 
     spring_constant: Stiffness
     tip_radius: _Length | None = None
-    friction: (
-        Annotated[dict[str, Any], AfterValidator(partial(_require_law, "friction"))] | None
-    ) = None
-    contact: Annotated[dict[str, Any], AfterValidator(partial(_require_law, "contact"))] | None = (
-        None
-    )
+    friction: _FrictionLaw | None = None
+    contact: _ContactLaw | None = None
     tool: Annotated[None, BeforeValidator(_refuse_tool)] = None
 
 
+def _take_logarithm(known: tuple[float, float]) -> tuple[float, float]:
+    """Return the logarithm of a gain with its standard uncertainty: the law has the logarithm."""
+    gain, std = known
+    return float(np.log(gain)), std / gain
+
+
+def _convert_to_time_constant(known: tuple[float, float]) -> tuple[float, float]:
+    """Return the time constant of a corner frequency with its standard uncertainty [s]."""
+    frequency, std = known
+    return 0.5 / np.pi / frequency, 0.5 / np.pi * std / frequency**2
+
+
+# pairs of a value and its standard uncertainty
 _KnownZero = tuple[_Force, Annotated[_Force, Field(gt=0.0)]] | None
 _KnownShare = tuple[_Ratio, _Gain] | None
-# of gains the law has the logarithm
-_KnownGain = (
-    Annotated[
-        tuple[_Gain, _Gain],
-        AfterValidator(lambda known: (float(np.log(known[0])), known[1] / known[0])),
-    ]
-    | None
-)
-# and of a corner frequency the time constant
+_KnownGain = Annotated[tuple[_Gain, _Gain], AfterValidator(_take_logarithm)] | None
 _KnownBandwidth = (
-    Annotated[
-        tuple[Frequency, Frequency],
-        AfterValidator(
-            lambda known: (0.5 / np.pi / known[0], 0.5 / np.pi * known[1] / known[0] ** 2)
-        ),
-    ]
-    | None
+    Annotated[tuple[Frequency, Frequency], AfterValidator(_convert_to_time_constant)] | None
 )
+_KnownStiffness = tuple[Stiffness, Stiffness] | None
 
 
 class Calibration(Strict):
     """Value and standard uncertainty of each constant, by its parameter in the laws.
 
     None where it is not known.
+
+    Attributes
+    ----------
+    tangential_zero, normal_zero : pair of forces
+        Readings of the gauges without load [N].
+    tangential_gain, normal_gain : pair of ratios
+        Logarithm of the gains of the gauges [1].
+    cross_talk : pair of ratios
+        Share of the normal force in the tangential gauge [1].
+    normal_cross_talk : pair of ratios
+        Share of the tangential force in the normal gauge [1].
+    bandwidth : pair of frequencies
+        Time constant of the tangential gauge [s].
+    clock : pair of ratios
+        Logarithm of the shown over the true time [1].
+    spring_constant : pair of stiffnesses
+        With the error of the handle's speed [N/m].
+    load_error : pair of forces
+        Difference between the load and what is set, alike in all trials [N].
     """
 
     tangential_zero: _KnownZero = Field(default=None, serialization_alias="zero_n")
     normal_zero: _KnownZero = Field(default=None, serialization_alias="normal_zero_n")
     tangential_gain: _KnownGain = Field(default=None, serialization_alias="ln_gain")
     normal_gain: _KnownGain = Field(default=None, serialization_alias="normal_ln_gain")
-    cross_talk: _KnownShare = None  # normal force in the tangential gauge
-    normal_cross_talk: _KnownShare = None  # tangential force in the normal one
+    cross_talk: _KnownShare = None
+    normal_cross_talk: _KnownShare = None
     bandwidth: _KnownBandwidth = Field(default=None, serialization_alias="time_constant_s")
-    clock: _KnownGain = Field(default=None, serialization_alias="ln_clock")  # shown over true time
-    spring_constant: tuple[Stiffness, Stiffness] | None = (
-        None  # with the error of the handle's speed
-    )
-    # by which the load differs from what is set, in all trials alike
+    clock: _KnownGain = Field(default=None, serialization_alias="ln_clock")
+    spring_constant: _KnownStiffness = None
     load_error: _KnownZero = Field(default=None, serialization_alias="load_bias_n")
 
     def list_known(self) -> dict[str, tuple[float, float]]:
-        """Return what is known by the names of parameters."""
+        """Return value and standard uncertainty of what is known, by the parameters of the laws."""
         return self.model_dump(by_alias=True, exclude_none=True)

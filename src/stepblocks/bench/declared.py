@@ -1,16 +1,19 @@
 """Compares a session with its declarations before it is measured: sign, channels, gain, spring."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
+from enum import Enum
+from typing import NamedTuple
 
 import numpy as np
 
+from stepblocks.bench.conditions import find_heights
+from stepblocks.bench.examine import MEASURING_ERRORS
 from stepblocks.bench.session import Session
-from stepblocks.bench.signal import Trace, TraceError
-from stepblocks.bench.signal.approach import LandmarkError
-from stepblocks.bench.signal.features import measure_trace
+from stepblocks.bench.signal import Array, Trace
+from stepblocks.bench.signal.features import Features, measure_trace
 from stepblocks.bench.traces import Traces
-from stepblocks.bench.trials import Trial, find_heights, open_trials
+from stepblocks.bench.trials import Trial, open_trials
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.errors import BenchError, StepblocksError
 from stepblocks.rig.forward import read_tip_radii
@@ -20,149 +23,219 @@ _HIGHEST_FRICTION = 3.0
 _FEWEST = 3  # trials that must be measured before a declaration is called wrong
 _TRIED = 4  # trials in which each likely slip is tried
 _CLEARLY = 0.5  # share of the misfit that a gain must leave to be named instead of the spring
-
-# what each likely slip does to a record, and what to correct in session.toml
-_SLIPS: dict[str, Callable[[Trace], Trace]] = {
-    "the sign of `acquisition.channels.tangential.factor` is reversed": lambda t: Trace(
-        t.time, -t.tangential, t.normal
-    ),
-    "the sign of `acquisition.channels.normal.factor` is reversed": lambda t: Trace(
-        t.time, t.tangential, -t.normal
-    ),
-    "the signs of both channels are reversed": lambda t: Trace(t.time, -t.tangential, -t.normal),
-    "the columns of `acquisition.channels` tangential and normal are exchanged": lambda t: Trace(
-        t.time, t.normal, t.tangential
-    ),
-}
+_UNIT_DECADES = 2.0  # powers of ten from which on a wrong spring is a matter of units
+_STEEPEST = 1.5  # angle up to which equation (1) is evaluated [rad]
+_LEAST_FORCE = 1e-9  # below which no logarithm is taken [N]
 
 
-def check_declarations(traces: Traces, pilots: Sequence[tuple[Trial, Mapping[str, float]]]) -> None:
-    """Raise `BenchError` where some measured trials contradict session.toml as a whole.
+class Pilot(NamedTuple):
+    """One of the trials that show whether a session is what it declares.
+
+    Attributes
+    ----------
+    trial : Trial
+    features : Features
+        Empty where it could not be measured whole.
+    """
+
+    trial: Trial
+    features: Features
+
+
+class Slip(Enum):
+    """A likely slip of session.toml; the value names what to correct."""
+
+    TANGENTIAL_SIGN = "the sign of `acquisition.channels.tangential.factor` is reversed"
+    NORMAL_SIGN = "the sign of `acquisition.channels.normal.factor` is reversed"
+    BOTH_SIGNS = "the signs of both channels are reversed"
+    EXCHANGED_CHANNELS = "the columns of `acquisition.channels` tangential and normal are exchanged"
+
+    def correct(self, trace: Trace) -> Trace:
+        """Return a trace as it reads without the slip."""
+        if self is Slip.TANGENTIAL_SIGN:
+            return Trace(trace.time, -trace.tangential, trace.normal)
+        if self is Slip.NORMAL_SIGN:
+            return Trace(trace.time, trace.tangential, -trace.normal)
+        if self is Slip.BOTH_SIGNS:
+            return Trace(trace.time, -trace.tangential, -trace.normal)
+        return Trace(trace.time, trace.normal, trace.tangential)
+
+
+class Agreement(NamedTuple):
+    """Medians over trials of what is measured beside what is declared.
+
+    Attributes
+    ----------
+    spring : float
+        Measured over declared spring constant [1].
+    load : float
+        Normal force over declared load [1].
+    friction : float
+        Sliding friction [1].
+    """
+
+    spring: float
+    load: float
+    friction: float
+
+    def is_plausible(self) -> bool:
+        """Tell whether spring and load are about as declared, and friction is possible."""
+        if not 1.0 / _FAR < self.spring < _FAR:
+            return False
+        if not 1.0 / _FAR < self.load < _FAR:
+            return False
+        return 0.0 < self.friction < _HIGHEST_FRICTION
+
+
+def check_declarations(traces: Traces, pilots: Sequence[Pilot]) -> None:
+    """Compare some measured trials with session.toml as a whole.
 
     Parameters
     ----------
     traces : Traces
         Traces of the session, open for reading.
-    pilots : sequence of (Trial, mapping)
-        Trials spread over the session with their features, empty where none were measured.
+    pilots : sequence of Pilot
+        Trials spread over the session.
+
+    Raises
+    ------
+    BenchError
+        If the trials contradict session.toml; the message names the likely slip.
     """
     session = traces.session
+    _check_tip_radii(session, pilots)
+    measured = [pilot for pilot in pilots if pilot.features]
+    is_enough = len(measured) * 2 >= len(pilots) and len(measured) >= _FEWEST
+    agreement = None
+    if is_enough:
+        agreement = _compare_with_declared(session, measured)
+        if agreement.is_plausible():
+            return
+    slip = _find_slip(traces, pilots)
+    if slip is not None:
+        raise BenchError(f"{slip.value}: once corrected, the traces agree [{session.folder}]")
+    if agreement is not None:
+        _refuse_disagreement(session, measured, agreement)
+
+
+def _check_tip_radii(session: Session, pilots: Sequence[Pilot]) -> None:
+    """Refuse labels of tips that contradict the declared radius."""
     if session.probe.tip_radius:
-        read_tip_radii(
-            (trial.cells.get("tip", "") for trial, _ in pilots),
-            1e6 * session.probe.tip_radius,
-            f" [{session.table}]",
+        labels = (pilot.trial.cells.get("tip", "") for pilot in pilots)
+        read_tip_radii(labels, 1e6 * session.probe.tip_radius, f" [{session.table}]")
+
+
+def _find_slip(traces: Traces, pilots: Sequence[Pilot]) -> Slip | None:
+    """Find the slip without which the trials agree with session.toml."""
+    least = min(len(pilots), _TRIED)
+    for slip in Slip:
+        corrected = _measure_corrected(traces, pilots, slip.correct)
+        if len(corrected) * 2 > least:
+            agreement = _compare_with_declared(traces.session, corrected)
+            if agreement.is_plausible():
+                return slip
+    return None
+
+
+def _measure_corrected(
+    traces: Traces, pilots: Sequence[Pilot], correct: Callable[[Trace], Trace]
+) -> list[Pilot]:
+    """Measure some of the trials again, with corrected traces; those that fail are left out."""
+    spring_constant = traces.session.probe.spring_constant
+    stride = max(len(pilots) // _TRIED, 1)
+    measured = []
+    for pilot in pilots[::stride][:_TRIED]:
+        trial = pilot.trial
+        try:
+            trace = correct(traces.read(trial.name))
+            features = measure_trace(trace, spring_constant, trial.speed).features
+        except MEASURING_ERRORS:
+            continue
+        measured.append(Pilot(trial, features))
+    return measured
+
+
+def _compare_with_declared(session: Session, measured: Sequence[Pilot]) -> Agreement:
+    ratios = []
+    for trial, features in measured:
+        spring = features["spring_constant_n_per_m"] / session.probe.spring_constant
+        load = features["normal_load_n"] / trial.load
+        ratios.append((spring, load, features["sliding_friction"]))
+    springs, loads, frictions = np.array(ratios, dtype=float).reshape(-1, 3).T
+    return Agreement(_find_median(springs), _find_median(loads), _find_median(frictions))
+
+
+def _find_median(ratios: Array) -> float:
+    """Return the median of what is known; 1 where nothing is."""
+    known = ratios[np.isfinite(ratios)]
+    if not known.size:
+        return 1.0
+    return float(np.median(known))
+
+
+def _refuse_disagreement(session: Session, measured: Sequence[Pilot], agreement: Agreement) -> None:
+    """Raise `BenchError` with what is wrong where no single slip explains the trials."""
+    if not 1.0 / _FAR < agreement.load < _FAR:
+        raise BenchError(
+            f"the normal force is {agreement.load:.3g} times the load of the table: correct factor "
+            "or units of `acquisition.channels.normal`, or the unit of the load "
+            f"[{session.table}]"
         )
-    measured = [(trial, features) for trial, features in pilots if features]
-    enough = len(measured) * 2 >= len(pilots) and len(measured) >= _FEWEST
-    if enough and _is_plausible(*_compare_with_declared(session, measured)):
-        return
-    for slip, correct in _SLIPS.items():
-        again = _measure_corrected(traces, pilots, correct)
-        if len(again) * 2 > min(len(pilots), _TRIED) and _is_plausible(
-            *_compare_with_declared(session, again)
-        ):
-            raise BenchError(f"{slip}: once corrected, the traces agree [{session.folder}]")
-    if not enough:
-        return
-    spring, load, _ = _compare_with_declared(session, measured)
-    BenchError.require(
-        1.0 / _FAR < load < _FAR,
-        f"the normal force is {load:.3g} times the load of the table: correct factor or "
-        f"units of `acquisition.channels.normal`, or the unit of the load [{session.table}]",
-    )
     declared = session.probe.spring_constant
     raise BenchError(
-        f"the ramps show a spring of {1e-3 * declared * spring:.3g} N/mm, "
+        f"the ramps show a spring of {1e-3 * declared * agreement.spring:.3g} N/mm, "
         f"`probe.spring_constant` is {1e-3 * declared:.3g} N/mm: "
-        f"{_name_slip(session, measured, spring)} [{session.folder}]"
+        f"{_name_wrong_factor(session, measured, agreement.spring)} [{session.folder}]"
     )
 
 
-def _name_slip(
-    session: Session, measured: Sequence[tuple[Trial, Mapping[str, float]]], spring: float
-) -> str:
-    # Say which of gain, spring and speed is wrong: a wrong gain contradicts the blocks too
+def _name_wrong_factor(session: Session, measured: Sequence[Pilot], spring: float) -> str:
+    """Say which of gain, spring and speed is wrong: a wrong gain contradicts the blocks too.
+
+    `spring` is the measured over the declared spring constant [1].
+    """
     times = f"{float(f'{1.0 / spring:.2g}'):g}"
-    as_is, divided = (_measure_misfit_of_blocks(session, measured, gain) for gain in (1.0, spring))
-    if divided < _CLEARLY * as_is:
+    misfit = _measure_misfit_of_blocks(session, measured, 1.0)
+    misfit_with_gain = _measure_misfit_of_blocks(session, measured, spring)
+    if misfit_with_gain < _CLEARLY * misfit:
         return (
             f"`acquisition.channels.tangential.factor` is {spring:.3g} times the right one (forces "
             f"divided by {spring:.3g} agree with the blocks)"
         )
-    if abs(math.log10(spring)) > 2.0:
+    if abs(math.log10(spring)) > _UNIT_DECADES:
         return f"correct the unit of `trials.columns.speed`, which is {times} times the right one"
-    return f"correct it, or `trials.columns.speed`: one of them is {times} times the right one" + (
-        f"; or `acquisition.channels.tangential.factor` is {spring:.3g} times the right one, "
-        "which the heights of the blocks would tell"
-        if math.isnan(as_is)
-        else ""
-    )
-
-
-def _compare_with_declared(
-    session: Session, measured: Sequence[tuple[Trial, Mapping[str, float]]]
-) -> tuple[float, float, float]:
-    # Compare spring and normal force with what is declared: medians, with the friction
-    ratios = [
-        (
-            one["spring_constant_n_per_m"] / session.probe.spring_constant,
-            one["normal_load_n"] / trial.load,
-            one["sliding_friction"],
+    advice = f"correct it, or `trials.columns.speed`: one of them is {times} times the right one"
+    if math.isnan(misfit):
+        advice += (
+            f"; or `acquisition.channels.tangential.factor` is {spring:.3g} times the right one, "
+            "which the heights of the blocks would tell"
         )
-        for trial, one in measured
-    ]
-    spring, load, friction = (
-        float(np.median(known)) if (known := column[np.isfinite(column)]).size else 1.0
-        for column in np.array(ratios, dtype=float).reshape(-1, 3).T
-    )
-    return spring, load, friction
+    return advice
 
 
-def _is_plausible(spring: float, load: float, friction: float) -> bool:
-    return (
-        1.0 / _FAR < spring < _FAR
-        and 1.0 / _FAR < load < _FAR
-        and 0.0 < friction < _HIGHEST_FRICTION
-    )
+def _measure_misfit_of_blocks(session: Session, measured: Sequence[Pilot], gain: float) -> float:
+    """Return the median of ``|ln F_px - ln (1)|`` with the tangential force divided by a gain.
 
-
-def _measure_corrected(
-    traces: Traces,
-    pilots: Sequence[tuple[Trial, Mapping[str, float]]],
-    correct: Callable[[Trace], Trace],
-) -> list[tuple[Trial, Mapping[str, float]]]:
-    found: list[tuple[Trial, Mapping[str, float]]] = []
-    for trial, _ in pilots[:: max(len(pilots) // _TRIED, 1)][:_TRIED]:
-        try:
-            seen = measure_trace(
-                correct(traces.read(trial.name)),
-                traces.session.probe.spring_constant,
-                trial.speed,
-            )
-        except (TraceError, LandmarkError, ValueError, np.linalg.LinAlgError):
-            continue
-        found.append((trial, seen.features))
-    return found
-
-
-def _measure_misfit_of_blocks(
-    session: Session, measured: Sequence[tuple[Trial, Mapping[str, float]]], gain: float
-) -> float:
-    # Median of ``|ln F_px - ln (1)|`` with the tangential force divided by a gain
+    It is not-a-number where the heights of the blocks are not known.
+    """
     table = open_trials(session)
+    trials = [pilot.trial for pilot in measured]
     try:
-        heights = find_heights(session, table.header, [trial for trial, _ in measured])[1]
+        _, heights = find_heights(session, table.header, trials)
     except StepblocksError:
         return math.nan
     radius = session.probe.tip_radius or PAPER.ball_radius
-    friction, peak, load = np.array(
-        [
-            (one["sliding_friction"], one["peak_force_n"], one["normal_load_n"])
-            for _, one in measured
-        ]
-    ).T
+    figures = []
+    for _, features in measured:
+        figures.append(
+            (features["sliding_friction"], features["peak_force_n"], features["normal_load_n"])
+        )
+    friction, peak, load = np.array(figures).T
     cosine = np.maximum(1.0 - 1e-6 * np.array(heights) / radius, 0.0)
-    pull = load * np.tan(np.minimum(np.arccos(cosine) + np.arctan(friction / gain), 1.5))
-    misses = np.abs(np.log(np.maximum(peak / gain, 1e-9) / np.maximum(pull, 1e-9)))
-    return float(np.nanmedian(misses)) if np.isfinite(misses).any() else math.nan
+    angle = np.arccos(cosine) + np.arctan(friction / gain)
+    expected = load * np.tan(np.minimum(angle, _STEEPEST))
+    log_peak = np.log(np.maximum(peak / gain, _LEAST_FORCE))
+    misfits = np.abs(log_peak - np.log(np.maximum(expected, _LEAST_FORCE)))
+    if not np.isfinite(misfits).any():
+        return math.nan
+    return float(np.nanmedian(misfits))

@@ -7,12 +7,13 @@ import itertools
 import math
 from array import array
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stepblocks.bench.faults import Evidence, FaultKind, LabelFault, TrialFault
 from stepblocks.bench.signal import Array
 from stepblocks.bench.trials import Trial
 
@@ -22,13 +23,19 @@ _WILD_FACTOR = 3.0  # the session as a whole: more than this is a matter of unit
 _UNIT_FACTOR = 100.0  # one trial: more than this may be a matter of units
 _ANGLE_SIGMAS = 8.0
 _ANGLE_SHARE = 0.12  # least relative deviation of the sine of half the angle
+_CLOSE_SHARE = 0.25  # of the deviation from the own block, within which another block fits
+_SIGMA_PER_MEDIAN = 0.6745  # median of the absolute deviation of normal noise, in sigmas
 _EXCHANGED = 1.15  # within which a record fits the row of another
 _FEWEST = 5  # trials of a block, to know its angle
 _FEATURES = ("normal_load_n", "loading_slope_n_per_s", "peak_force_n", "sliding_friction")
 _FEW = 3  # trials under a load, to know its usual force
+_FEWEST_LEVELS = 3  # loads, to fit a line through their usual forces
+_LEAST_GAIN = 0.2  # of the line through the origin, below which no load line falls
 _MOST_LEVELS = 12  # of a column whose trials may have something in common
 _RUN = 4  # trials that fail together
 _TOGETHER = 0.5  # share of a group
+
+Labels = tuple[tuple[str, str], ...]  # columns of the table of trials, each with a value
 
 
 @dataclass
@@ -52,90 +59,227 @@ class LabelCheck:
     names: dict[str, int] = field(default_factory=dict)
     trials: list[str] = field(default_factory=list)
 
-    def add(self, trial: Trial, features: dict[str, float], digest: int) -> None:
+    def add(self, trial: Trial, features: Mapping[str, float], digest: int) -> None:
         """Take note of one measured trial; `digest` identifies the samples of its trace."""
+        block = self.names.setdefault(trial.block, len(self.names))
         self.trials.append(trial.name)
-        self.labels.extend((trial.row, self.names.setdefault(trial.block, len(self.names)), digest))
-        self.numbers.extend(
-            (trial.load, trial.speed, *(features.get(name, math.nan) for name in _FEATURES))
-        )
+        self.labels.extend((trial.row, block, digest))
+        self.numbers.extend((trial.load, trial.speed))
+        self.numbers.extend(features.get(name, math.nan) for name in _FEATURES)
 
-    def faults(self) -> dict[int, str]:
-        """Reasons by row, for every trial whose trace belongs elsewhere."""
+    def find_faults(self) -> dict[int, LabelFault]:
+        """Find every trial whose trace belongs elsewhere; the result has its fault by its row."""
+        trials = self._list_trials()
+        faults: dict[int, LabelFault] = {}
+        _add_load_faults(trials, faults)
+        _add_unit_faults(trials, faults)
+        _add_ramp_faults(trials, faults)
+        _add_duplicates(trials, faults)
+        _add_block_faults(trials, faults)
+        _suggest_exchanges(trials, faults)
+        return faults
+
+    def _list_trials(self) -> "_LabelledTrials":
         rows, blocks, digests = np.array(self.labels, dtype=np.uint64).reshape(-1, 3).T
-        load, speed, normal, slope, peak, friction = (
-            np.array(self.numbers, dtype=float).reshape(-1, 6).T
-        )
-        found: dict[int, str] = {}
+        numbers = np.array(self.numbers, dtype=float).reshape(-1, 2 + len(_FEATURES)).T
+        return _LabelledTrials(self.trials, rows, blocks, digests, list(self.names), *numbers)
 
-        def add_faults(ratio: Array, factor: float, describe: Callable[[int, float], str]) -> None:
-            finite = ratio[np.isfinite(ratio)]
-            usual = float(np.median(finite)) if finite.size else math.nan
-            units = _is_off(ratio, usual, _UNIT_FACTOR)
-            for index in np.flatnonzero(_is_off(ratio, usual, factor)).tolist():
-                wrong = "units changed or mislabelled" if units[index] else "mislabelled"
-                found.setdefault(int(rows[index]), f"{wrong}: {describe(index, usual)}")
 
-        def describe_load(i: int, _: float) -> str:
-            return f"the normal force is {normal[i]:.3g} N, the load of this row is {load[i]:.3g} N"
+@dataclass(frozen=True)
+class _LabelledTrials:
+    """Labels and measured figures of n trials, each of shape (n,) and in SI."""
 
-        # a zero or a gain of the gauge shifts all trials along one line, and is no matter of labels
-        add_faults(normal / fit_load_line(load, normal)(load), _LOAD_FACTOR, describe_load)
-        known = np.flatnonzero(np.isfinite(normal / load))
-        usual = np.median((normal / load)[known]) if known.size else math.nan
-        if _is_off(np.array([usual]), 1.0, _WILD_FACTOR)[0]:
-            found |= {int(rows[i]): f"units: {describe_load(i, usual)}" for i in known.tolist()}
-        add_faults(
-            slope / speed,
-            _SLOPE_FACTOR,
-            lambda i, usual: (
-                f"the ramp of {slope[i]:.3g} N/s means {slope[i] / usual * 1e3:.3g} mm/s, the "
-                f"speed of this row is {speed[i] * 1e3:.3g} mm/s"
-            ),
+    names: Sequence[str]
+    rows: NDArray[np.uint64]
+    blocks: NDArray[np.uint64]  # by their place in `block_names`
+    digests: NDArray[np.uint64]
+    block_names: Sequence[str]
+    load: Array
+    speed: Array
+    normal: Array
+    slope: Array
+    peak: Array
+    friction: Array
+
+    def describe_load(self, index: int) -> str:
+        """Say that the normal force of a trial contradicts its load."""
+        normal, load = self.normal[index], self.load[index]
+        return f"the normal force is {normal:.3g} N, the load of this row is {load:.3g} N"
+
+    def find_usual_stiffness(self) -> float:
+        """Return the median of ramp over speed [N/m]; not-a-number where none is known."""
+        ratios = self.slope / self.speed
+        return _find_median(ratios[np.isfinite(ratios)])
+
+
+def _find_median(values: Array) -> float:
+    """Return the median, or not-a-number where there are no values."""
+    if not values.size:
+        return math.nan
+    return float(np.median(values))
+
+
+def _is_off(ratio: Array, usual: float, factor: float) -> NDArray[np.bool_]:
+    """Tell which finite ratios differ from the usual one by more than a factor."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.isfinite(ratio) & ((ratio > usual * factor) | (ratio < usual / factor))
+
+
+def _add_ratio_faults(
+    trials: _LabelledTrials,
+    faults: dict[int, LabelFault],
+    ratio: Array,
+    factor: float,
+    evidence: Evidence,
+    describe: Callable[[int], str],
+) -> None:
+    """Note the trials whose ratio is off the median of the session by more than a factor."""
+    usual = _find_median(ratio[np.isfinite(ratio)])
+    may_be_units = _is_off(ratio, usual, _UNIT_FACTOR)
+    for index in np.flatnonzero(_is_off(ratio, usual, factor)).tolist():
+        kind = FaultKind.MISLABELLED
+        if may_be_units[index]:
+            kind = FaultKind.UNITS_CHANGED
+        fault = LabelFault(kind, describe(index), evidence=evidence)
+        faults.setdefault(int(trials.rows[index]), fault)
+
+
+def _add_load_faults(trials: _LabelledTrials, faults: dict[int, LabelFault]) -> None:
+    """Note the trials whose normal force does not follow the load as that of the session does."""
+    # a zero or a gain of the gauge shifts all trials along one line, and is no matter of labels
+    usual_force = fit_load_line(trials.load, trials.normal)
+    ratio = trials.normal / usual_force(trials.load)
+    _add_ratio_faults(trials, faults, ratio, _LOAD_FACTOR, Evidence.LOAD, trials.describe_load)
+
+
+def _add_unit_faults(trials: _LabelledTrials, faults: dict[int, LabelFault]) -> None:
+    """Note all trials where the session as a whole has another unit of force than its table."""
+    ratio = trials.normal / trials.load
+    known = np.flatnonzero(np.isfinite(ratio))
+    usual = _find_median(ratio[known])
+    if not _is_off(np.array([usual]), 1.0, _WILD_FACTOR)[0]:
+        return
+    for index in known.tolist():
+        details = trials.describe_load(index)
+        fault = LabelFault(FaultKind.WRONG_UNITS, details, evidence=Evidence.LOAD)
+        faults[int(trials.rows[index])] = fault
+
+
+def _add_ramp_faults(trials: _LabelledTrials, faults: dict[int, LabelFault]) -> None:
+    """Note the trials whose ramp does not follow the speed as that of the session does."""
+    usual = trials.find_usual_stiffness()
+
+    def describe_ramp(index: int) -> str:
+        slope = trials.slope[index]
+        speed_of_ramp = slope / usual * 1e3
+        speed_of_row = trials.speed[index] * 1e3
+        return (
+            f"the ramp of {slope:.3g} N/s means {speed_of_ramp:.3g} mm/s, the speed of this row "
+            f"is {speed_of_row:.3g} mm/s"
         )
-        clean = np.array(
-            [i for i in np.argsort(rows, kind="stable") if rows[i] not in found], dtype=np.intp
+
+    ratio = trials.slope / trials.speed
+    _add_ratio_faults(trials, faults, ratio, _SLOPE_FACTOR, Evidence.RAMP, describe_ramp)
+
+
+def _add_duplicates(trials: _LabelledTrials, faults: dict[int, LabelFault]) -> None:
+    """Note the trials without another fault whose samples stand for two rows."""
+    first_rows: dict[int, int] = {}  # first row of each digest
+    for index in np.argsort(trials.rows, kind="stable"):
+        row = int(trials.rows[index])
+        if row in faults:
+            continue
+        first = first_rows.setdefault(int(trials.digests[index]), row)
+        if first != row:
+            faults[row] = _describe_duplicate(first)
+            faults[first] = _describe_duplicate(row)
+
+
+def _describe_duplicate(row: int) -> LabelFault:
+    details = f"the same samples stand for row {row}"
+    return LabelFault(FaultKind.DUPLICATE, details, evidence=Evidence.SAMPLES)
+
+
+def _add_block_faults(trials: _LabelledTrials, faults: dict[int, LabelFault]) -> None:
+    """Note the trials without another fault whose critical angle is that of another block."""
+    # inverse of equation (1): a = atan(F_px / F_py) - atan(mu)
+    angle = np.arctan(trials.peak / trials.normal) - np.arctan(trials.friction)
+    faulty = np.isin(trials.rows, list(faults))
+    angle = np.where(faulty, math.nan, angle)
+    for index, block in _find_other_blocks(angle, trials.blocks).items():
+        measured = trials.block_names[block]
+        declared = trials.block_names[int(trials.blocks[index])]
+        details = f"the forces are those of block {measured}, the row says {declared}"
+        fault = LabelFault(FaultKind.MISLABELLED, details, evidence=Evidence.BLOCK)
+        faults.setdefault(int(trials.rows[index]), fault)
+
+
+def _find_other_blocks(angle: Array, block: NDArray[np.uint64]) -> dict[int, int]:
+    """Find the trials whose angle fits another block and not their own.
+
+    Angles [rad] and blocks have shape (n,); the result has the other block by the trial's index.
+    """
+    size = np.sin(0.5 * angle)
+    known = np.isfinite(size)
+    names, counts = np.unique(block[known], return_counts=True)
+    names = names[counts >= _FEWEST]
+    if len(names) < 2:
+        return {}
+    medians = np.array([np.median(size[known & (block == name)]) for name in names])
+    trials = np.flatnonzero(known & np.isin(block, names))
+    of_own_block = medians[np.searchsorted(names, block[trials])]
+    miss = np.abs(size[trials] - of_own_block)
+    spread = float(np.median(miss / _SIGMA_PER_MEDIAN))
+    distances = np.abs(size[trials, None] - medians)
+    nearest = names[distances.argmin(axis=1)]
+    is_elsewhere = nearest != block[trials]
+    fits_elsewhere = distances.min(axis=1) < _CLOSE_SHARE * miss
+    least_miss = np.maximum(_ANGLE_SIGMAS * spread, _ANGLE_SHARE * of_own_block)
+    wrong = is_elsewhere & fits_elsewhere & (miss > least_miss)
+    indices = trials[wrong].tolist()
+    return dict(zip(indices, map(int, nearest[wrong]), strict=True))
+
+
+def _suggest_exchanges(trials: _LabelledTrials, faults: dict[int, LabelFault]) -> None:
+    """Add to the faults of two rows that an exchange of their records would agree with both."""
+    usual = trials.find_usual_stiffness()
+    places = {int(row): index for index, row in enumerate(trials.rows)}
+    contradicting = []
+    for row, fault in faults.items():
+        if fault.evidence in (Evidence.LOAD, Evidence.RAMP):
+            contradicting.append(row)
+    for couple in itertools.combinations(contradicting, 2):
+        pair = np.array([places[row] for row in couple])
+        exchanged = pair[::-1]
+        ramps = trials.slope[pair] / usual / trials.speed[exchanged]
+        loads = trials.normal[pair] / trials.load[exchanged]
+        disagrees = _is_off(ramps, 1.0, _EXCHANGED) | _is_off(loads, 1.0, _EXCHANGED)
+        if np.any(disagrees):
+            continue
+        names = ", ".join(trials.names[index] for index in pair)
+        hint = (
+            f"; exchanged rows? in [trials] of session.toml `swap = [[{names}]]` makes load and "
+            f"ramp agree, `exclude = [{names}]` leaves both out"
         )
-        _, first, which = np.unique(digests[clean], return_index=True, return_inverse=True)
-        for copy in np.flatnonzero(first[which] != np.arange(len(clean))):
-            pair = int(rows[clean[copy]]), int(rows[clean[first[which[copy]]]])
-            for one, other in (pair, pair[::-1]):
-                found[one] = f"duplicate: the same samples stand for row {other}"
-        # inverse of equation (1): a = atan(F_px / F_py) - atan(mu)
-        angle = np.where(
-            np.isin(rows, list(found)), math.nan, np.arctan(peak / normal) - np.arctan(friction)
-        )
-        names = list(self.names)
-        for index, other in _find_other_blocks(angle, blocks).items():
-            found.setdefault(
-                int(rows[index]),
-                (
-                    f"mislabelled: the forces are those of block {names[other]}, the row says "
-                    f"{names[int(blocks[index])]}"
-                ),
-            )
-        # two rows that contradict their records and would not after an exchange
-        ratios = (slope / speed)[np.isfinite(slope / speed)]
-        usual = float(np.median(ratios)) if ratios.size else math.nan
-        place = {int(row): i for i, row in enumerate(rows)}
-        wrong = [row for row, reason in found.items() if reason.endswith(("mm/s", "N"))]
-        for couple in itertools.combinations(wrong, 2):
-            at = np.array([place[row] for row in couple])
-            ramps, loads = slope[at] / usual / speed[at[::-1]], normal[at] / load[at[::-1]]
-            if not np.any(_is_off(ramps, 1.0, _EXCHANGED) | _is_off(loads, 1.0, _EXCHANGED)):
-                both = ", ".join(self.trials[i] for i in at)
-                for row in couple:
-                    found[row] += (
-                        f"; exchanged rows? in [trials] of session.toml `swap = [[{both}]]` makes "
-                        f"load and ramp agree, `exclude = [{both}]` leaves both out"
-                    )
-        return found
+        for row in couple:
+            fault = faults[row]
+            faults[row] = replace(fault, details=fault.details + hint)
 
 
 def fit_load_line(load: Array, normal: Array) -> Callable[[Array], Array]:
-    """Return the line of the normal forces of a session against their loads.
+    """Fit the normal forces of a session against their loads by a line.
 
     A minority of wrong rows does not move it.
+
+    Parameters
+    ----------
+    load, normal : Array
+        Shape (n,), declared load and measured normal force [N]; not-a-number where unknown.
+
+    Returns
+    -------
+    callable
+        From loads to usual normal forces [N].
     """
     from scipy.stats import theilslopes
 
@@ -145,85 +289,106 @@ def fit_load_line(load: Array, normal: Array) -> Callable[[Array], Array]:
     levels = levels[counts >= _FEW]
     if levels.size > _MOST_LEVELS:
         levels = np.quantile(load, np.linspace(0.0, 1.0, _MOST_LEVELS))
-    if levels.size < 3:
-        gain = float(np.median(normal / load)) if known.any() else 1.0
-        return lambda at: gain * at
+    if levels.size < _FEWEST_LEVELS:
+        usual_gain = 1.0
+        if known.any():
+            usual_gain = float(np.median(normal / load))
+        return lambda loads: usual_gain * loads
     nearest = np.abs(load[:, None] - levels).argmin(axis=1)
-    middles = [
-        (np.median(load[nearest == i]), np.median(normal[nearest == i])) for i in range(levels.size)
-    ]
-    gain, zero = theilslopes(*np.array(middles).T[::-1])[:2]
-    return lambda at: np.maximum(zero + gain * at, 0.2 * gain * at)
+    usual_loads, usual_forces = [], []
+    for level in range(levels.size):
+        usual_loads.append(np.median(load[nearest == level]))
+        usual_forces.append(np.median(normal[nearest == level]))
+    line = theilslopes(np.array(usual_forces), np.array(usual_loads))
+    gain, zero = line.slope, line.intercept
+    return lambda loads: np.maximum(zero + gain * loads, _LEAST_GAIN * gain * loads)
 
 
 def find_shared_faults(
-    rows: Iterable[tuple[int, Mapping[str, str]]], faults: Mapping[int, str]
+    rows: Iterable[tuple[int, Mapping[str, str]]], faults: Mapping[int, TrialFault]
 ) -> dict[int, str]:
-    """Find rows whose faults are shared by their like, and what these have in common.
+    """Find mislabelled trials that share a label or two, or follow one another.
 
-    Such rows are data.
+    What so many trials have in common is no slip of a label: such trials are data.
+
+    Parameters
+    ----------
+    rows : iterable of (int, mapping)
+        Row of each measured trial, and its cells by their columns.
+    faults : mapping of int to TrialFault
+        Faults by row.
+
+    Returns
+    -------
+    dict of int to str
+        Rows that are data, each with the name of its group, such as ``trials of operator B``.
     """
-    # `rows` are the measured ones with their cells. Like are trials that share a label or two, or
-    # that follow one another.
-    flagged = {row for row, reason in faults.items() if reason.startswith("mislabelled")}
-    counts: Counter[tuple[tuple[str, str], ...]] = Counter()
-    failing = counts.copy()
-    levels: dict[str, set[str]] = {}
-    cells: dict[int, dict[str, str]] = {}
-    run: list[int] = []
-    found: dict[int, str] = {}
-    for row, named in rows:
-        for name, value in named.items():
-            levels.setdefault(name, set()).add(value)
-        if row in flagged:
-            cells[row] = dict(named)
-            run.append(row)
-        else:
-            run = []
-        if len(run) >= _RUN:
-            found |= dict.fromkeys(run, f"trials of the rows {run[0]} to {run[-1]}")
-        usable = sorted(name for name in named if len(levels[name]) <= _MOST_LEVELS)
-        for size in (1, 2):
-            shared_by = [
-                tuple((name, named[name]) for name in names)
-                for names in itertools.combinations(usable, size)
-            ]
-            counts.update(shared_by)
-            failing.update(shared_by if row in flagged else ())
-    for labels in sorted(
-        counts, key=lambda labels: (-failing[labels] / counts[labels], len(labels))
-    ):
-        apart = all(1 < len(levels[name]) <= _MOST_LEVELS for name, _ in labels)
-        if apart and failing[labels] >= max(_RUN, _TOGETHER * counts[labels]):
-            shared = ", ".join(f"{name} {value}" for name, value in labels)
-            like = {row for row, own in cells.items() if own.items() >= set(labels)}
-            found |= dict.fromkeys(like - found.keys(), f"trials of {shared}")
-    return found
+    flagged = {row for row, fault in faults.items() if fault.kind is FaultKind.MISLABELLED}
+    groups = _TrialGroups()
+    for row, cells in rows:
+        groups.add(row, cells, is_flagged=row in flagged)
+    return groups.find_shared()
 
 
-def _find_other_blocks(angle: Array, block: NDArray[np.uint64]) -> dict[int, int]:
-    # Find trials whose angle fits another block and not their own.
-    size = np.sin(0.5 * angle)
-    known = np.isfinite(size)
-    names, counts = np.unique(block[known], return_counts=True)
-    names = names[counts >= _FEWEST]
-    if len(names) < 2:
-        return {}
-    medians = np.array([np.median(size[known & (block == name)]) for name in names])
-    rows = np.flatnonzero(known & np.isin(block, names))
-    own = medians[np.searchsorted(names, block[rows])]
-    miss = np.abs(size[rows] - own)
-    spread = float(np.median(miss / 0.6745))
-    apart = np.abs(size[rows, None] - medians)
-    nearest = names[apart.argmin(axis=1)]
-    other = (
-        (nearest != block[rows])
-        & (apart.min(axis=1) < 0.25 * miss)
-        & (miss > np.maximum(_ANGLE_SIGMAS * spread, _ANGLE_SHARE * own))
-    )
-    return dict(zip(rows[other].tolist(), map(int, nearest[other]), strict=True))
+class _TrialGroups:
+    """Counts trials, and flagged ones among them, by the labels that they share."""
 
+    def __init__(self) -> None:
+        self._counts: Counter[Labels] = Counter()
+        self._flagged_counts: Counter[Labels] = Counter()
+        self._levels: dict[str, set[str]] = {}  # values of each column
+        self._flagged_cells: dict[int, dict[str, str]] = {}
+        self._run: list[int] = []  # flagged rows that followed one another up to now
+        self._shared: dict[int, str] = {}
 
-def _is_off(ratio: Array, usual: float, factor: float) -> NDArray[np.bool_]:
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.isfinite(ratio) & ((ratio > usual * factor) | (ratio < usual / factor))
+    def add(self, row: int, cells: Mapping[str, str], *, is_flagged: bool) -> None:
+        """Count one trial; trials come in the order of the table."""
+        for name, value in cells.items():
+            self._levels.setdefault(name, set()).add(value)
+        self._follow_run(row, is_flagged=is_flagged)
+        labels = self._list_labels(cells)
+        self._counts.update(labels)
+        if is_flagged:
+            self._flagged_cells[row] = dict(cells)
+            self._flagged_counts.update(labels)
+
+    def _follow_run(self, row: int, *, is_flagged: bool) -> None:
+        """Note the flagged trials that follow one another without a sound one between."""
+        if not is_flagged:
+            self._run = []
+            return
+        self._run.append(row)
+        if len(self._run) >= _RUN:
+            name = f"trials of the rows {self._run[0]} to {self._run[-1]}"
+            self._shared |= dict.fromkeys(self._run, name)
+
+    def _list_labels(self, cells: Mapping[str, str]) -> list[Labels]:
+        """List the labels of a trial, and the pairs of them, that others may share."""
+        usable = sorted(name for name in cells if len(self._levels[name]) <= _MOST_LEVELS)
+        labels: list[Labels] = [((name, cells[name]),) for name in usable]
+        for first, second in itertools.combinations(usable, 2):
+            labels.append(((first, cells[first]), (second, cells[second])))
+        return labels
+
+    def find_shared(self) -> dict[int, str]:
+        """Find the flagged rows whose group is mostly flagged; the most flagged names them."""
+
+        def rank(labels: Labels) -> tuple[float, int]:
+            return -self._flagged_counts[labels] / self._counts[labels], len(labels)
+
+        shared = dict(self._shared)
+        for labels in sorted(self._counts, key=rank):
+            if not self._is_mostly_flagged(labels):
+                continue
+            name = "trials of " + ", ".join(f"{column} {value}" for column, value in labels)
+            for row, cells in self._flagged_cells.items():
+                if cells.items() >= set(labels):
+                    shared.setdefault(row, name)
+        return shared
+
+    def _is_mostly_flagged(self, labels: Labels) -> bool:
+        for name, _ in labels:
+            if not 1 < len(self._levels[name]) <= _MOST_LEVELS:
+                return False
+        least = max(_RUN, _TOGETHER * self._counts[labels])
+        return self._flagged_counts[labels] >= least

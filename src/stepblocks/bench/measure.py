@@ -1,50 +1,51 @@
 """A session in, a table of features out: over all cores, in bounded memory."""
 
-import csv
-import math
 import os
 import tempfile
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
-from hashlib import blake2b
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from stepblocks.bench.declared import check_declarations
-from stepblocks.bench.labels import LabelCheck, find_shared_faults
-from stepblocks.bench.session import open_session
-from stepblocks.bench.signal import Tool, Trace, TraceError, screen_trace
-from stepblocks.bench.signal.approach import LandmarkError
-from stepblocks.bench.signal.features import (
-    FEATURE_COLUMNS,
-    Features,
-    Measurement,
-    average_tool,
-    measure_censored,
-    measure_trace,
+from stepblocks.bench.declared import Pilot, check_declarations
+from stepblocks.bench.examine import TrialResult, measure_trial
+from stepblocks.bench.faults import FaultKind
+from stepblocks.bench.feature_table import (
+    LEADING_COLUMNS,
+    FeatureRow,
+    LabelledRows,
+    RowSpool,
+    RowStore,
+    build_frame,
+    build_row,
+    write_rows,
 )
+from stepblocks.bench.labels import LabelCheck
+from stepblocks.bench.outcome import count_outcomes, list_notes
+from stepblocks.bench.session import open_session
+from stepblocks.bench.signal import Tool
+from stepblocks.bench.signal.features import FEATURE_COLUMNS, average_tool
 from stepblocks.bench.traces import Traces
 from stepblocks.bench.trials import Trial, TrialTable, open_trials
 from stepblocks.compute.processes import die_with_parent
 from stepblocks.errors import BenchError, PipelineError
 from stepblocks.files.atomic import write_atomically
-from stepblocks.files.tables import escape_formula
+
+if TYPE_CHECKING:
+    from concurrent.futures import Future
 
 _CHUNK = 16  # trials that a worker takes at a time
 _AHEAD = 4  # chunks per worker that wait for it at most
 _PILOTS = 16  # trials that tell of the tool
 _MOST_JOBS = 256
-_LEADING = ("trial", "status", "reason")
-_OK, _FLAGGED, _CENSORED, _EXCLUDED = "ok", "flagged", "censored", "excluded"
-# the blank cells of an excluded trial must not turn names that look like numbers into numbers
-_TEXT_COLUMNS = {"trial": str, "block": str, "tip": str, "reason": str}
+_THREAD_LIMITS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
-Progress = Callable[[int, int], None]  # told how many of how many trials are done
+Progress = Callable[[int, int], None]  # called with the numbers of trials that are done and of all
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,7 @@ class MeasureSummary:
         Trials in the table.
     excluded : int
     reasons : dict[str, int]
-        How often each kind of reason came up.
+        Number of excluded trials by the kind of the reason.
     notes : tuple[str, ...]
         What a reader should know of the design.
     """
@@ -66,34 +67,6 @@ class MeasureSummary:
     excluded: int
     reasons: dict[str, int]
     notes: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class TrialResult:
-    """What became of one trial.
-
-    Attributes
-    ----------
-    trial : Trial
-    reason : str
-        Why it is excluded or censored; empty where it was measured whole.
-    features : Features
-        Empty where it is excluded.
-    digest : int
-        Two traces share it only if they have the same samples.
-    """
-
-    trial: Trial
-    reason: str = ""
-    features: Features = field(default_factory=dict)
-    digest: int = 0
-
-    @property
-    def status(self) -> str:
-        """What the table says of it."""
-        if not self.reason:
-            return _OK
-        return _CENSORED if self.features else _EXCLUDED
 
 
 def measure_session(
@@ -116,7 +89,7 @@ def measure_session(
         Processes; as many as cores where omitted. The script that calls needs no main guard for
         them.
     progress : callable, optional
-        Told how many of how many trials are done.
+        Called after each trial with the number of trials that are done and the number of all.
     tool : tuple of float, optional
         Frequency [Hz] and decay time [s] of its ring; estimated from the session where omitted.
 
@@ -136,10 +109,17 @@ def measure_session(
     PipelineError
         If the output cannot be written, or not one trial could be measured.
     """
-    with tempfile.TemporaryDirectory(prefix="stepblocks-features-") as scratch:
-        table = Path(output) if output is not None else Path(scratch) / "features.csv"
-        write_features(session, table, jobs=jobs, progress=progress, tool=tool)
-        return pd.read_csv(table, dtype=_TEXT_COLUMNS).fillna({"reason": ""})
+    path = None
+    if output is not None:
+        path = Path(output)
+    table = _open_table(Path(session), path)
+    store: list[FeatureRow] = []
+    rows = list(_measure_rows(table, store, jobs, progress, tool))
+    count_outcomes(rows, table)
+    if path is not None:
+        with write_atomically(path) as draft:
+            write_rows(rows, table.covariates, draft)
+    return build_frame(rows, table.covariates)
 
 
 def write_features(
@@ -152,195 +132,136 @@ def write_features(
 ) -> MeasureSummary:
     """Measure every trial of a session into a file, however many there are.
 
-    See `measure_session`, which also reads it back.
+    Parameters and errors are those of `measure_session`, which returns the table itself.
     """
-    folder, output = Path(session), Path(output)
-    table = open_trials(open_session(folder), frozenset((*_LEADING, *FEATURE_COLUMNS)))
-    jobs = len(os.sched_getaffinity(0)) if jobs is None else jobs
-    PipelineError.require(
-        1 <= jobs <= _MOST_JOBS, f"`jobs` must lie between 1 and {_MOST_JOBS}, got {jobs}"
-    )
-    PipelineError.require(
-        not output.is_dir(), f"output must be a file, got the folder {str(output)!r}"
-    )
-    PipelineError.require(
-        not (output.exists() and folder.resolve() in output.resolve().parents),
-        f"output must not replace a file of the session, got {str(output)!r}",
-    )
+    path = Path(output)
+    table = _open_table(Path(session), path)
+    with tempfile.TemporaryFile("w+", encoding="utf-8", prefix="stepblocks-measure-") as file:
+        rows = _measure_rows(table, RowSpool(file), jobs, progress, tool)
+        outcomes = count_outcomes(rows, table)
+        with write_atomically(path) as draft:
+            write_rows(rows, table.covariates, draft)
+    excluded = outcomes.count_excluded()
+    notes = list_notes(table, outcomes, rows.shared)
+    return MeasureSummary(table.count, excluded.total(), dict(excluded), tuple(notes))
+
+
+def _open_table(session: Path, output: Path | None) -> TrialTable:
+    """Open the table of trials; refuse an output that cannot be, before anything is measured."""
+    reserved = frozenset((*LEADING_COLUMNS, *FEATURE_COLUMNS))
+    table = open_trials(open_session(session), reserved)
+    if output is None:
+        return table
+    if output.is_dir():
+        raise PipelineError(f"output must be a file, got the folder {str(output)!r}")
+    if output.exists() and session.resolve() in output.resolve().parents:
+        raise PipelineError(f"output must not replace a file of the session, got {str(output)!r}")
+    return table
+
+
+def _measure_rows(
+    table: TrialTable,
+    store: RowStore,
+    jobs: int | None,
+    progress: Progress | None,
+    tool: Tool | None,
+) -> LabelledRows:
+    """Measure all trials into a store; return its rows with the faults of their labels."""
     check = LabelCheck()
-    with tempfile.TemporaryDirectory(prefix="stepblocks-measure-") as scratch:
-        draft = Path(scratch) / "draft.csv"
-        with draft.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow([*_LEADING, *map(escape_formula, table.covariates), *FEATURE_COLUMNS])
-            for done, result in enumerate(_iterate_results(table, jobs, tool), start=1):
-                if not result.reason:
-                    check.add(result.trial, result.features, result.digest)
-                writer.writerow(
-                    [
-                        *map(escape_formula, (result.trial.name, result.status, result.reason)),
-                        *(
-                            escape_formula(result.trial.cells.get(name, ""))
-                            for name in table.covariates
-                        ),
-                        *(
-                            value
-                            if isinstance(value, str)
-                            else f"{value:.9g}"
-                            if math.isfinite(value)
-                            else ""
-                            for value in (result.features.get(n, math.nan) for n in FEATURE_COLUMNS)
-                        ),
-                    ]
-                )
-                if progress is not None:
-                    progress(done, table.count)
-        return _apply_label_faults(draft, output, table, check.faults())
+    results = _iterate_results(table, _count_processes(jobs), tool)
+    for done, result in enumerate(results, start=1):
+        if result.fault is None:
+            check.add(result.trial, result.features, result.digest)
+        store.append(build_row(result, table.covariates))
+        if progress is not None:
+            progress(done, table.count)
+    return LabelledRows(store, table.covariates, check.find_faults())
 
 
-def measure_trial(traces: Traces, trial: Trial, tool: Tool | None = None) -> TrialResult:
-    """Read, screen and measure one trial."""
-    if trial.fault:
-        return TrialResult(trial, trial.fault)
-    try:
-        trace, measured, reason = measure_or_refuse(traces, trial, tool)
-    except TraceError as fault:
-        return TrialResult(trial, " ".join(str(fault).split()))
-    if measured is None:
-        known = "saturated" in reason or reason.startswith("no release")
-        seen = (
-            measure_censored(trace, traces.session.probe.spring_constant, trial.speed, reason)
-            if known
-            else {}
-        )
-        return TrialResult(trial, reason, seen)
-    samples = blake2b(trace.tangential.tobytes() + trace.normal.tobytes(), digest_size=7)
-    return TrialResult(trial, "", measured.features, int.from_bytes(samples.digest()))
-
-
-def measure_or_refuse(
-    traces: Traces, trial: Trial, tool: Tool | None
-) -> tuple[Trace, Measurement | None, str]:
-    """Read, screen and measure one trace; where it cannot be measured, say why."""
-    session = traces.session
-    trace = traces.read(trial.record or trial.name)
-    reason = screen_trace(trace, session.acquisition.sample_rate, session.acquisition.range)
-    if reason:
-        return trace, None, reason
-    try:
-        return trace, measure_trace(trace, session.probe.spring_constant, trial.speed, tool), ""
-    except LandmarkError as fault:
-        return trace, None, str(fault)
+def _count_processes(jobs: int | None) -> int:
+    if jobs is None:
+        return len(os.sched_getaffinity(0))
+    if not 1 <= jobs <= _MOST_JOBS:
+        raise PipelineError(f"`jobs` must lie between 1 and {_MOST_JOBS}, got {jobs}")
+    return jobs
 
 
 def estimate_tool(traces: Traces, table: TrialTable) -> Tool | None:
     """Estimate frequency [Hz] and decay time [s] of the tool from trials spread over the session.
 
-    The same trials show whether the session is what session.toml declares; else `BenchError`.
+    The result is None where too few trials show them.
+
+    Raises
+    ------
+    BenchError
+        If the same trials show that the session is not what session.toml declares.
     """
     # which trials depends on their number alone, so that every run and any number of workers
     # measure alike
     stride = max(table.count // _PILOTS, 1)
-    results = [measure_trial(traces, trial) for trial in islice(table, 0, _PILOTS * stride, stride)]
-    if results and all(one.reason.startswith("wrong rate") for one in results):
-        raise BenchError(f"{results[0].reason} [{traces.session.folder}]")
-    check_declarations(
-        traces,
-        [(one.trial, {} if one.reason else one.features) for one in results if not one.trial.fault],
-    )
-    return average_tool(result.features for result in results if not result.reason)
+    trials = islice(table, 0, _PILOTS * stride, stride)
+    results = [measure_trial(traces, trial) for trial in trials]
+    _check_rates(traces, results)
+    pilots = []
+    for result in results:
+        if result.trial.fault is None:
+            features = {}
+            if result.fault is None:
+                features = result.features
+            pilots.append(Pilot(result.trial, features))
+    check_declarations(traces, pilots)
+    return average_tool(result.features for result in results if result.fault is None)
+
+
+def _check_rates(traces: Traces, results: list[TrialResult]) -> None:
+    """Refuse a session whose trials all have another sample rate than is declared."""
+    for result in results:
+        if result.fault is None or result.fault.kind is not FaultKind.WRONG_RATE:
+            return
+    if results:
+        raise BenchError(f"{results[0].fault} [{traces.session.folder}]")
 
 
 def _iterate_results(table: TrialTable, jobs: int, tool: Tool | None) -> Iterator[TrialResult]:
-    # Results in the order of the table. No more than a few chunks per worker are under way at any
-    # time.
+    """Yield the results in the order of the table, measured by so many processes."""
     with Traces(table.session) as traces:  # what is wrong with the whole is said here, once
         tool = tool or estimate_tool(traces, table)
-        waiting_trials = iter(table)
         if jobs == 1 or table.count <= _CHUNK:
-            yield from (measure_trial(traces, trial, tool) for trial in waiting_trials)
+            for trial in table:
+                yield measure_trial(traces, trial, tool)
             return
+    yield from _iterate_over_processes(table, jobs, tool)
+
+
+def _iterate_over_processes(
+    table: TrialTable, jobs: int, tool: Tool | None
+) -> Iterator[TrialResult]:
+    """Yield the results in the order of the table; few chunks per worker are under way."""
     # its workers do not load the calling script again, which then needs no main guard, and share no
     # open file
     from joblib.externals.loky import ProcessPoolExecutor
 
-    waiting: deque[Any] = deque()
-    environment = {
-        name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS") if name not in os.environ
-    }
+    trials = iter(table)
+    waiting: deque[Future[list[TrialResult]]] = deque()
+    environment = {name: "1" for name in _THREAD_LIMITS if name not in os.environ}
     with ProcessPoolExecutor(jobs, initializer=die_with_parent, env=environment) as pool:
         while True:
-            while len(waiting) < jobs * _AHEAD and (chunk := list(islice(waiting_trials, _CHUNK))):
+            while len(waiting) < jobs * _AHEAD:
+                chunk = list(islice(trials, _CHUNK))
+                if not chunk:
+                    break
                 waiting.append(pool.submit(_measure_chunk, table.session.folder, tool, chunk))
             if not waiting:
                 return
             yield from waiting.popleft().result()
 
 
-# of the one session of a worker, by its folder: notes in it cannot be hashed
-_opened = cache(lambda folder: Traces(open_session(folder)))
+@cache
+def _open_traces(folder: Path) -> Traces:
+    """Open the one session of a worker; its folder stands for it, as notes cannot be hashed."""
+    return Traces(open_session(folder))
 
 
 def _measure_chunk(folder: Path, tool: Tool | None, trials: list[Trial]) -> list[TrialResult]:
-    return [measure_trial(_opened(folder), trial, tool) for trial in trials]
-
-
-def _apply_label_faults(
-    draft: Path, output: Path, table: TrialTable, faults: dict[int, str]
-) -> MeasureSummary:
-    # Put the faults of labels into the draft, and the draft into its place
-    counts: Counter[tuple[str, str]] = Counter()
-    first: dict[str, str] = {}  # reason of each kind, in full
-    with write_atomically(output) as whole:
-        with (
-            draft.open(newline="", encoding="utf-8") as source,
-            whole.open("w", newline="", encoding="utf-8") as sink,
-        ):
-            named = (
-                (row, dict(zip(table.covariates, cells[len(_LEADING) :], strict=False)))
-                for row, cells in enumerate(csv.reader(source))
-                if cells[1] == _OK
-            )
-            data = find_shared_faults(named, faults)
-            source.seek(0)
-            writer = csv.writer(sink, lineterminator="\n")
-            for row, cells in enumerate(csv.reader(source)):
-                if row in faults and cells[1] == _OK and row not in data:
-                    throw = not faults[row].startswith("mislabelled")
-                    cells[1:3] = [_EXCLUDED if throw else _FLAGGED, faults[row]]
-                    if throw:
-                        cells[-len(FEATURE_COLUMNS) :] = [""] * len(FEATURE_COLUMNS)
-                if row:
-                    kind = cells[2].split(":")[0][:60]
-                    counts[cells[1], kind] += 1
-                    first.setdefault(kind, cells[2])
-                writer.writerow(cells)
-        reasons = Counter({kind: n for (status, kind), n in counts.items() if status == _EXCLUDED})
-        if reasons.total() == table.count:
-            commonest, times = reasons.most_common(1)[0]
-            raise PipelineError(
-                f"no trial of {table.count} could be measured; {times} times "
-                f"{first[commonest]} [{table.session.folder}]"
-            )
-    conditions = {(t.block, str(t.speed), str(t.load)) for t in table}
-    # what the session does not vary shows no effect
-    alike = [
-        name
-        for name, values in zip(
-            ("block", "speed", "load"), zip(*conditions, strict=True), strict=True
-        )
-        if len(set(values)) == 1
-    ]
-    notes = (
-        *(f"all trials have one {name}" for name in alike),
-        *(
-            f"{n} {status}: {kind}"
-            for (status, kind), n in counts.items()
-            if status in (_FLAGGED, _CENSORED)
-        ),
-        *(
-            f"{n} {shared} are unlike their labels together and stay as data"
-            for shared, n in Counter(data.values()).items()
-        ),
-    )
-    return MeasureSummary(table.count, reasons.total(), dict(reasons), notes)
+    traces = _open_traces(folder)
+    return [measure_trial(traces, trial, tool) for trial in trials]

@@ -1,38 +1,23 @@
-"""The table of trials, row by row.
-
-Columns have the names and units that an analysis asks for.
-"""
+"""The table of trials, row by row, with the conditions of each trial in SI."""
 
 import csv
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import islice
-from pathlib import Path
+from typing import NamedTuple
 
-import pandas as pd
-
-from stepblocks.bench.session import (
-    Channel,
-    Session,
-    TrialColumns,
-    find_unit_in_name,
-    resolve_inside,
-)
+from stepblocks.bench.faults import FaultKind, TrialFault
+from stepblocks.bench.session import Session
 from stepblocks.errors import BenchError
-from stepblocks.files.tables import escape_formula
-from stepblocks.files.text import is_file
 from stepblocks.mistakes import Mistake, collect_mistakes, format_mistakes
 
-_HEIGHT = re.compile(r"(step_?)?height", re.IGNORECASE)
-_STAMP = (
-    r"\d{4}-\d\d?-\d\d?|\d\d?[./]\d\d?[./]\d{2,4}|\d\d?:\d\d"  # how a date or a time of day begins
-)
-_STAMPS = 0.9  # share of the cells of a column that must be date and time
-_NAMES = {"block": "block", "load": "load_n", "speed": "speed_mm_s", "height": "height_um"}
 _COMMENT = re.compile(r"\s*#\D")
 _MOST_COLUMNS = 1000
+_SHOWN_COLUMNS = 12  # that a message lists
+_SHOWN_LETTERS = 40  # of a cell that a message shows
+_OPTIONAL_COLUMNS = ("speed", "load", "block", "height")  # of `TrialColumns`
 
 
 @dataclass(frozen=True)
@@ -52,8 +37,8 @@ class Trial:
     load : float
         Normal load that the weights set [N].
     block : str
-    fault : str
-        Why the row cannot be used; empty where it can.
+    fault : TrialFault or None
+        Why the row cannot be used; None where it can.
     record : str
         Name of the trial whose record belongs to the row: another where session.toml swaps them.
     """
@@ -64,8 +49,16 @@ class Trial:
     speed: float = math.nan
     load: float = math.nan
     block: str = ""
-    fault: str = ""
+    fault: TrialFault | None = None
     record: str = ""
+
+
+class _NumberColumn(NamedTuple):
+    """A column of positive numbers with factor and offset to SI."""
+
+    name: str
+    scale: float
+    offset: float
 
 
 @dataclass(frozen=True)
@@ -79,8 +72,8 @@ class TrialTable:
     key : str
         Name of the column that names the trial.
     count : int
-        Of its rows.
-    repeated : dict[int, str]
+        Number of rows.
+    repeated : dict[int, TrialFault]
         Rows, from 1, whose trial another row has, and what is wrong with that.
     excluded : frozenset of str
         Trials that session.toml leaves out.
@@ -92,7 +85,7 @@ class TrialTable:
     header: tuple[str, ...]
     key: str
     count: int
-    repeated: dict[int, str]
+    repeated: dict[int, TrialFault]
     excluded: frozenset[str] = frozenset()
     swapped: Mapping[str, str] = field(default_factory=dict)
 
@@ -103,287 +96,277 @@ class TrialTable:
 
     def __iter__(self) -> Iterator[Trial]:
         columns = self.session.trials.columns
-        read = [
-            (
-                str(one.column),
-                one.scale(dimension, "trials.columns"),
-                one.offset_in_si(dimension, "trials.columns"),
-            )
-            for one, dimension in ((columns.speed, "speed"), (columns.load, "force"))
-        ]
-        for number, cells in _read_rows(self.session):
-            named = dict(zip(self.header, cells + [""] * len(self.header), strict=False))
-            name = named[self.key].strip()
-            fault = (
-                self.repeated.get(
-                    number, "" if name else f"row {number} of the table names no trial"
-                )
-                if len(cells) == len(self.header)
-                else f"row {number} of the table has {len(cells)} cells, the header has "
-                f"{len(self.header)}"
-            )
-            if name in self.excluded:
-                fault = "left out by `trials.exclude` of session.toml"
-            trial = Trial(
-                name,
-                number,
-                named,
-                block=named.get(str(columns.block.column), "").strip(),
-                fault=fault,
-                record=self.swapped.get(name, name),
-            )
+        place = "trials.columns"
+        speed_column = _NumberColumn(
+            str(columns.speed.column),
+            columns.speed.scale("speed", place),
+            columns.speed.offset_in_si("speed", place),
+        )
+        load_column = _NumberColumn(
+            str(columns.load.column),
+            columns.load.scale("force", place),
+            columns.load.offset_in_si("force", place),
+        )
+        for row, cells in _read_rows(self.session):
+            trial = self._build_trial(row, cells)
             try:
-                speed, load = (self._read_number(named, *one) for one in read)
-                yield replace(trial, speed=speed, load=load)
+                speed = self._read_number(trial.cells, speed_column)
+                load = self._read_number(trial.cells, load_column)
             except ValueError as error:
-                yield replace(trial, fault=fault or str(error))
+                fault = trial.fault or TrialFault(FaultKind.WITHOUT_HEADING, str(error))
+                yield replace(trial, fault=fault)
+            else:
+                yield replace(trial, speed=speed, load=load)
 
-    def _read_number(
-        self, cells: dict[str, str], column: str, scale: float, offset: float
-    ) -> float:
-        if column not in cells:
+    def _build_trial(self, row: int, cells: list[str]) -> Trial:
+        """Return a trial without its conditions in SI."""
+        padded = cells + [""] * len(self.header)
+        named = dict(zip(self.header, padded, strict=False))
+        name = named[self.key].strip()
+        block_column = str(self.session.trials.columns.block.column)
+        return Trial(
+            name,
+            row,
+            named,
+            block=named.get(block_column, "").strip(),
+            fault=self._find_fault(row, name, len(cells)),
+            record=self.swapped.get(name, name),
+        )
+
+    def _find_fault(self, row: int, name: str, cell_count: int) -> TrialFault | None:
+        """Say why a row cannot be used; None where it can."""
+        if name in self.excluded:
+            details = "left out by `trials.exclude` of session.toml"
+            return TrialFault(FaultKind.WITHOUT_HEADING, details)
+        if cell_count != len(self.header):
+            return TrialFault(
+                FaultKind.WITHOUT_HEADING,
+                f"row {row} of the table has {cell_count} cells, the header has {len(self.header)}",
+            )
+        if row in self.repeated:
+            return self.repeated[row]
+        if not name:
+            details = f"row {row} of the table names no trial"
+            return TrialFault(FaultKind.WITHOUT_HEADING, details)
+        return None
+
+    def _read_number(self, cells: Mapping[str, str], column: _NumberColumn) -> float:
+        """Return a condition in SI; not-a-number without its column, `ValueError` if unsound."""
+        if column.name not in cells:
             return math.nan
-        text = cells[column].strip().replace(self.session.trials.decimal, ".")
+        text = cells[column.name].strip().replace(self.session.trials.decimal, ".")
+        shown = text[:_SHOWN_LETTERS]
         try:
             value = float(text)
         except ValueError:
-            raise ValueError(f"{column} must be a number, got {text[:40]!r}") from None
+            raise ValueError(f"{column.name} must be a number, got {shown!r}") from None
         if not math.isfinite(value) or value <= 0.0:
-            raise ValueError(f"{column} must be positive and finite, got {text[:40]}")
-        return value * scale - offset
+            raise ValueError(f"{column.name} must be positive and finite, got {shown}")
+        return value * column.scale - column.offset
 
 
 def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> TrialTable:
     """Read the table of trials once: header, number of rows, duplicates.
 
     Only the names of its rows are kept.
+
+    Parameters
+    ----------
+    session : Session
+    reserved : frozenset of str
+        Names that no column but that of the trial may have.
+
+    Raises
+    ------
+    BenchError
+        With all that is wrong with header or rows.
     """
-    columns = session.trials.columns
-    header = tuple(cell.strip() for cell in next(_read_lines(session), []))
-    BenchError.require(any(header), f"table of trials is empty [{session.table}]")
-    BenchError.require(
-        len(header) <= _MOST_COLUMNS,
-        f"table of trials must have at most {_MOST_COLUMNS} columns, got {len(header)}",
-    )
-    required = (
-        "trial",
-        *(
-            part
-            for part in ("speed", "load", "block", "height")
-            if part in columns.model_fields_set
-        ),
-    )
-    found: dict[str, str] = {}
-    mistakes: list[Mistake] = [
-        ("", f"table of trials names the column {name!r} twice")
-        for name in dict.fromkeys(name for name in header if header.count(name) > 1)
-    ]
-    for part in required:
-        with collect_mistakes(mistakes):
-            found[part] = find_column(getattr(columns, part).column, header, part)
-    mistakes += [
-        ("", f"column `{name}` of the table of trials has a name that features use")
-        for name in sorted(set(header) & reserved - {found.get("trial")})
-    ]
-    BenchError.require(not mistakes, format_mistakes(mistakes, session.table))
-    count = 0
-    index = header.index(found["trial"])
-    homes: dict[
-        str, tuple[int, int]
-    ] = {}  # of a trial its first row, and what tells that from another
-    repeated: dict[int, str] = {}
-    for count, cells in _read_rows(session):
-        if index >= len(cells) or not (name := cells[index].strip()):
-            continue
-        whole = hash(tuple(cells))
-        home, first = homes.setdefault(name, (count, whole))
-        if home != count and first == whole:
-            repeated[count] = "duplicate: an earlier row has this trial with the same conditions"
-        elif home != count:
-            repeated |= dict.fromkeys(
-                (home, count), "duplicate: another row has this trial with other conditions"
-            )
-    BenchError.require(count != 0, f"table of trials has no rows [{session.table}]")
-    excluded, swap = session.trials.exclude, session.trials.swap
-    named = {
-        # 73 may be written 0073 in the table; empty where no trial is called so
-        name: next(
-            (
-                one
-                for one in homes
-                if one == str(name) or (one.isdigit() and one.lstrip("0") == str(name))
-            ),
-            "",
-        )
-        for name in (*excluded, *(one for pair in swap for one in pair))
-    }
-    pairs = [(named[one], named[other]) for one, other in swap]
-    known = [name for pair in pairs for name in pair if name]
-    mistakes = [
-        ("", f"`trials.exclude` and `trials.swap` must name trials of the table, got {name!r}")
-        for name in named
-        if not named[name]
-    ]
-    if len(set(known)) < len(known):
-        rule = "`trials.swap` must be pairs of two trials, none of them in two pairs"
-        mistakes.append(("", f"{rule}, got {[list(pair) for pair in swap]}"))
-    BenchError.require(not mistakes, format_mistakes(mistakes, session.folder / "session.toml"))
+    header = _read_header(session)
+    key = _check_header(session, header, reserved)
+    rows = _scan_rows(session, header.index(key))
+    if rows.count == 0:
+        raise BenchError(f"table of trials has no rows [{session.table}]")
+    declared_names = _find_declared_names(session, rows.names)
+    swapped: dict[str, str] = {}
+    for first, second in session.trials.swap:
+        swapped[declared_names[first]] = declared_names[second]
+        swapped[declared_names[second]] = declared_names[first]
     return TrialTable(
         session,
         header,
-        found["trial"],
-        count,
-        repeated,
-        excluded=frozenset(named[name] for name in excluded),
-        swapped={one: other for pair in pairs for one, other in (pair, pair[::-1])},
+        key,
+        rows.count,
+        rows.repeated,
+        excluded=frozenset(declared_names[name] for name in session.trials.exclude),
+        swapped=swapped,
     )
+
+
+def _read_header(session: Session) -> tuple[str, ...]:
+    header = tuple(cell.strip() for cell in next(_read_lines(session), []))
+    if not any(header):
+        raise BenchError(f"table of trials is empty [{session.table}]")
+    if len(header) > _MOST_COLUMNS:
+        raise BenchError(
+            f"table of trials must have at most {_MOST_COLUMNS} columns, got {len(header)}"
+        )
+    return header
+
+
+def _check_header(session: Session, header: tuple[str, ...], reserved: frozenset[str]) -> str:
+    """Refuse a header with repeated, missing or reserved names; return the column of the trial."""
+    columns = session.trials.columns
+    mistakes: list[Mistake] = []
+    repeated = [name for name in header if header.count(name) > 1]
+    for name in dict.fromkeys(repeated):
+        mistakes.append(("", f"table of trials names the column {name!r} twice"))
+    key = None
+    with collect_mistakes(mistakes):
+        key = find_column(columns.trial.column, header, "trial")
+    for part in _OPTIONAL_COLUMNS:
+        if part in columns.model_fields_set:
+            with collect_mistakes(mistakes):
+                find_column(getattr(columns, part).column, header, part)
+    for name in sorted(set(header) & reserved - {key}):
+        text = f"column `{name}` of the table of trials has a name that features use"
+        mistakes.append(("", text))
+    if mistakes or key is None:
+        raise BenchError(format_mistakes(mistakes, session.table))
+    return key
 
 
 def find_column(column: str | int, header: tuple[str, ...], part: str) -> str:
-    """Name of a declared column, or say which there are."""
+    """Return the name of a declared column.
+
+    Parameters
+    ----------
+    column : str or int
+        Name, or index from 0.
+    header : tuple of str
+    part : str
+        What the column holds, for the message.
+
+    Raises
+    ------
+    BenchError
+        If the table has no such column; the message lists those that it has.
+    """
     if isinstance(column, int) and 0 <= column < len(header):
         return header[column]
-    BenchError.require(
-        column in header,
-        f"table of trials must have a column {column!r} for the {part}, it has "
-        + ", ".join(map(repr, header[:12])),
-    )
+    if column not in header:
+        shown = ", ".join(map(repr, header[:_SHOWN_COLUMNS]))
+        raise BenchError(
+            f"table of trials must have a column {column!r} for the {part}, it has {shown}"
+        )
     return str(column)
 
 
+@dataclass
+class _RowScan:
+    """What one pass over the rows shows.
+
+    Attributes
+    ----------
+    names : dict
+        First row of each trial, and the hash of its cells.
+    repeated : dict of int to TrialFault
+    count : int
+        Number of rows.
+    """
+
+    names: dict[str, tuple[int, int]] = field(default_factory=dict)
+    repeated: dict[int, TrialFault] = field(default_factory=dict)
+    count: int = 0
+
+    def add(self, row: int, name: str, cells: list[str]) -> None:
+        """Note one row with a name."""
+        content = hash(tuple(cells))
+        first_row, first_content = self.names.setdefault(name, (row, content))
+        if first_row == row:
+            return
+        if first_content == content:
+            details = "an earlier row has this trial with the same conditions"
+            self.repeated[row] = TrialFault(FaultKind.DUPLICATE, details)
+            return
+        details = "another row has this trial with other conditions"
+        fault = TrialFault(FaultKind.DUPLICATE, details)
+        self.repeated[first_row] = fault
+        self.repeated[row] = fault
+
+
+def _scan_rows(session: Session, key: int) -> _RowScan:
+    """Look through the rows for repeated trials; `key` is the index of the trial's column."""
+    scan = _RowScan()
+    for row, cells in _read_rows(session):
+        scan.count = row
+        if key >= len(cells):
+            continue
+        name = cells[key].strip()
+        if name:
+            scan.add(row, name, cells)
+    return scan
+
+
+def _find_declared_names(session: Session, names: Iterable[str]) -> dict[str | int, str]:
+    """Find the trials that session.toml excludes or swaps, as the table writes them.
+
+    Raises
+    ------
+    BenchError
+        If the table has no such trial, or two pairs share one.
+    """
+    swap = session.trials.swap
+    declared = [*session.trials.exclude]
+    for pair in swap:
+        declared += pair
+    found: dict[str | int, str] = {}
+    mistakes: list[Mistake] = []
+    for number in dict.fromkeys(declared):
+        name = _find_name(number, names)
+        if name is None:
+            rule = "`trials.exclude` and `trials.swap` must name trials of the table"
+            mistakes.append(("", f"{rule}, got {number!r}"))
+        else:
+            found[number] = name
+    swapped = []
+    for pair in swap:
+        swapped += [found[number] for number in pair if number in found]
+    if len(set(swapped)) < len(swapped):
+        rule = "`trials.swap` must be pairs of two trials, none of them in two pairs"
+        mistakes.append(("", f"{rule}, got {[list(pair) for pair in swap]}"))
+    if mistakes:
+        raise BenchError(format_mistakes(mistakes, session.folder / "session.toml"))
+    return found
+
+
+def _find_name(declared: str | int, names: Iterable[str]) -> str | None:
+    """Find a trial by its declared name; 73 may be written 0073 in the table."""
+    text = str(declared)
+    for name in names:
+        if name == text:
+            return name
+        if name.isdigit() and name.lstrip("0") == text:
+            return name
+    return None
+
+
 def _read_rows(session: Session) -> Iterator[tuple[int, list[str]]]:
-    # Rows below the header, from 1; empty lines are none
-    yield from enumerate(
-        (
-            cells
-            for cells in islice(_read_lines(session), 1, None)
-            if any(cell.strip() for cell in cells)
-        ),
-        start=1,
-    )
+    """Yield the rows below the header, from 1; empty lines do not count."""
+    row = 0
+    for cells in islice(_read_lines(session), 1, None):
+        if any(cell.strip() for cell in cells):
+            row += 1
+            yield row, cells
 
 
 def _read_lines(session: Session) -> Iterator[list[str]]:
+    """Yield the cells of each line that is no comment."""
     with session.table.open(newline="", encoding="utf-8-sig") as file:
         try:
-            yield from (
-                cells
-                for cells in csv.reader(file, delimiter=session.trials.delimiter)
-                if not _COMMENT.match("".join(cells[:1]))
-            )
+            for cells in csv.reader(file, delimiter=session.trials.delimiter):
+                if not _COMMENT.match("".join(cells[:1])):
+                    yield cells
         except (csv.Error, UnicodeDecodeError) as error:
             raise BenchError(
                 f"table of trials must be CSV in UTF-8: {error} [{session.table}]"
             ) from error
-
-
-def read_conditions(session: Session) -> dict[str, tuple[str, pd.Series]]:
-    """Read what an analysis needs beside the forces.
-
-    The result gives, by name, the column that it replaces and one value per trial.
-    """
-    # What the table already has under that name and in that unit is left out.
-
-    table = open_trials(session)
-    columns = session.trials.columns
-    usual = TrialColumns()
-    rows = list(table)
-    named = {
-        key: find_column(getattr(columns, key).column, table.header, key)
-        for key in _NAMES
-        if key != "height"
-    }
-    named["height"], heights = find_heights(session, table.header, rows)
-    values = pd.DataFrame(
-        {
-            "block": [row.block for row in rows],
-            "load": [row.load for row in rows],
-            "height": heights,
-            "speed": [1e3 * row.speed for row in rows],
-        }
-    )
-    found = {
-        name: (named[part], values[part])
-        for part, name in _NAMES.items()
-        if named[part] != name
-        or getattr(columns, part) != getattr(usual, part)
-        or session.trials.decimal != "."
-    }
-    for column in (name for name in table.covariates if name not in named.values()):
-        text = pd.Series([row.cells.get(column, "").strip() for row in rows])
-        if (
-            session.trials.decimal == ","
-            and text.str.fullmatch(r"[-+]?\d*,?\d+([eE][-+]?\d+)?|").all()
-        ):
-            found[column] = (column, pd.to_numeric(text.str.replace(",", ".")))
-        elif text.str.match(_STAMP).mean() > _STAMPS:
-            stamps = pd.to_datetime(
-                text,
-                errors="coerce",
-                format="mixed",
-                dayfirst=bool(text.str.match(r"\d\d?\.").any()),
-            )
-            if stamps.notna().mean() > _STAMPS:
-                found[f"{column}_elapsed_s"] = (column, (stamps - stamps.min()).dt.total_seconds())
-    return found
-
-
-def insert_conditions(
-    features: pd.DataFrame, conditions: dict[str, tuple[str, pd.Series]]
-) -> pd.DataFrame:
-    """Return a table of features with `conditions` in place of the columns they come from."""
-    table = features.copy()
-    for name, (column, values) in conditions.items():
-        source = escape_formula(column)
-        there = list(table.columns)
-        place = there.index(source) if source in there else there.index("sliding_friction")
-        table = table.drop(columns=[one for one in {source, name} if one in there])
-        table.insert(min(place, len(table.columns)), name, values.to_numpy())
-    return table
-
-
-def find_heights(
-    session: Session, header: tuple[str, ...], rows: list[Trial]
-) -> tuple[str, list[float]]:
-    """Column of the heights and their values [um]; of the stimulus set where the table has none."""
-    channel = session.trials.columns.height
-    if "height" in session.trials.columns.model_fields_set:
-        find_column(channel.column, header, "height")
-    elif channel.column not in header:
-        others = [
-            name for name in header if _HEIGHT.match(name) and find_unit_in_name(name, "length")
-        ]
-        if not others:
-            heights = _read_declared_heights(session)
-            return "", [heights.get(row.block, math.nan) for row in rows]
-        channel = Channel(column=others[0])
-    name = find_column(channel.column, header, "height")
-    place = "trials.columns.height"
-    scale, off = (
-        1e6 * channel.scale("length", place),
-        1e6 * channel.offset_in_si("length", place),
-    )
-    texts = [row.cells.get(name, "").strip().replace(session.trials.decimal, ".") for row in rows]
-    return name, (pd.to_numeric(pd.Series(texts), errors="coerce") * scale - off).tolist()
-
-
-def _read_declared_heights(session: Session) -> dict[str, float]:
-    # Heights of the blocks of the stimulus set by their names [um]
-    from stepblocks.contact.counterface import Step
-    from stepblocks.declaration.read import load_set
-
-    stimuli = session.stimuli
-    path = (
-        resolve_inside(session.folder, stimuli.file, "stimuli.file")
-        if stimuli.file
-        else Path("stimuli") / f"{stimuli.set}.toml"
-    )
-    named = stimuli.set or stimuli.file
-    BenchError.require(
-        named and is_file(path),
-        "table of trials must have a column 'height_um' or another length that begins with height, "
-        f"or `stimuli.file` the stimulus set{f', and there is no {path}' if named else ''} "
-        f"[{session.table}]",
-    )
-    faces = {part.id: part.counterface() for part in load_set(path).stimuli if part.crossed}
-    return {name: 1e6 * face.height for name, face in faces.items() if isinstance(face, Step)}

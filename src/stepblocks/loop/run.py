@@ -104,11 +104,12 @@ def loop_session(
     StepblocksError
         If the session cannot be read, holds too few good trials, or the output cannot be written.
     """
+    from stepblocks.bench.conditions import insert_conditions, read_conditions
     from stepblocks.bench.figures import draw_trials
     from stepblocks.bench.measure import estimate_tool, measure_session
     from stepblocks.bench.session import open_session
     from stepblocks.bench.traces import Traces
-    from stepblocks.bench.trials import insert_conditions, open_trials, read_conditions
+    from stepblocks.bench.trials import open_trials
 
     inspected = (
         list_measured_edges(read_records([Path(path) for path in as_built])) if as_built else {}

@@ -296,8 +296,9 @@ def _derive_covariates(features: pd.DataFrame) -> dict[str, NDArray[np.generic]]
 
 def read_trial_table(session: Path) -> pd.DataFrame:
     """Read the log of a session as the table of trials that a learned model predicts from."""
+    from stepblocks.bench.conditions import insert_conditions, read_conditions
     from stepblocks.bench.session import open_session
-    from stepblocks.bench.trials import insert_conditions, open_trials, read_conditions
+    from stepblocks.bench.trials import open_trials
 
     declared = open_session(session)
     rows = [{"trial": row.name, **row.cells} for row in open_trials(declared)]

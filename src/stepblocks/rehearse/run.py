@@ -4,56 +4,34 @@ Its truth comes from equations (1) and (2) or from the drag in time.
 """
 
 import csv
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from stepblocks.bench.signal import Trace
-from stepblocks.contact import Array
 from stepblocks.contact.counterface import Step
-from stepblocks.contact.operating_point import OperatingPoint, Tool
 from stepblocks.errors import PipelineError
 from stepblocks.files.atomic import make_draft_folder, sync_folder
 from stepblocks.files.tables import escape_formula
-from stepblocks.rehearse import (
-    TRACE_FILES,
-    RecordedTrial,
-    Rig,
-    Truth,
-    open_writer,
-    record_drag,
-    record_trial,
+from stepblocks.rehearse.effects import PlantedEffect
+from stepblocks.rehearse.plan import SessionPlan, name_block, read_plan
+from stepblocks.rehearse.record import record_drag, record_trial
+from stepblocks.rehearse.trace_files import TRACE_FILES, open_writer
+from stepblocks.rehearse.truth import (
+    build_rig,
+    compute_planted_state,
+    compute_truth,
+    record_true_drag,
 )
-from stepblocks.rehearse.plan import NUMBERS, SessionPlan, name_block, read_plan
-from stepblocks.rig.effects.named import list_named_laws
-from stepblocks.rig.forward import (
-    BenchDesign,
-    build_nominal_state,
-    format_height_name,
-    select_covariate,
-)
-from stepblocks.rig.state import DragState, compute_channels
+from stepblocks.rig.state import DragState
 
 _SCAN_REACH, _SCAN_STEP, _SCAN_NOISE = 600.0, 0.25, 0.05  # [um]
-_LEAST_RISE = 0.02  # [N] a lower peak is no catch
-_NOT_IN_TIME = ("tilt", "climb_load", "lost_energy", "climb_drag")
-# slots of the state, where they are not named like those of an effect
-_SLOTS = {
-    "contact_geometry": ("radius",),
-    "normal_load": ("load",),
-    "stiffness": ("stiffness", "ring_stiffness"),
-    "sensor": ("gain",),
-}
-_FIGURES = (
-    "sliding_friction",
-    "normal_load_n",
-    "peak_force_n",
-    "vibration_energy_j",
-    "release_time_s",
-)
+_LARGEST_OFFSET = 3.0  # of a scan [um]
+_TILT = 3e-4  # standard deviation of the tilt of a scan [1]
+_LEAST_HEIGHT = 1e-7  # that scatter leaves a block [m]
 
 
 @dataclass(frozen=True)
@@ -69,6 +47,24 @@ class SimulationSummary:
 
     planned: int
     locked: int
+
+
+class _TrueFigures(NamedTuple):
+    """Figures of a trial in ``truth.csv``, in SI and named like its columns."""
+
+    sliding_friction: float
+    normal_load_n: float
+    peak_force_n: float
+    vibration_energy_j: float
+    release_time_s: float
+
+
+@dataclass(frozen=True)
+class _SimulatedTrial:
+    """A record and what is true of it."""
+
+    trace: Trace
+    figures: _TrueFigures
 
 
 def simulate_session(plan: str | Path, output: str | Path) -> SimulationSummary:
@@ -93,10 +89,9 @@ def simulate_session(plan: str | Path, output: str | Path) -> SimulationSummary:
     """
     declared = read_plan(Path(plan))
     output = Path(output)
-    PipelineError.require(
-        not (output.exists() and (not output.is_dir() or any(output.iterdir()))),
-        f"output must be a new or empty folder, got {str(output)!r}",
-    )
+    is_free = not output.exists() or (output.is_dir() and not any(output.iterdir()))
+    if not is_free:
+        raise PipelineError(f"output must be a new or empty folder, got {str(output)!r}")
     with make_draft_folder(output) as draft:
         summary = write_session(declared, draft)
         sync_folder(draft)
@@ -105,109 +100,162 @@ def simulate_session(plan: str | Path, output: str | Path) -> SimulationSummary:
 
 
 def write_session(plan: SessionPlan, folder: Path) -> SimulationSummary:
-    """Write a simulated session into an empty folder."""
-    random = np.random.default_rng([plan.seed, 2])
-    heights = {
-        h: max(h + plan.scatter.height * random.standard_normal(), 1e-7)
-        for h in sorted(plan.design.heights)
-    }
-    # the rounding that a scan would show: what is added to the contact geometry as a constant
-    added = [
-        e.parameters.get("edge_radius_m", 0.0) if e.law else e.size
-        for e in plan.effects
-        if e.law == "edge_rounding"
-        or (e.slot, e.change, e.form) == ("contact_geometry", "add", "constant")
-    ]
-    (folder / "scans").mkdir()
-    for number, (nominal, true) in enumerate(heights.items()):
-        _write_scan(
-            folder / "scans" / f"{name_block(nominal)}.csv",
-            Step(true, max(sum(added), 0.0)),
-            np.random.default_rng([plan.seed, 3, number]),
-        )
+    """Write a simulated session into an empty folder.
+
+    Raises
+    ------
+    PipelineError
+        If every trial locks.
+    """
+    heights = _draw_heights(plan)
+    _write_scans(plan, heights, folder / "scans")
     (folder / "session.toml").write_text(format_session(plan), encoding="utf-8")
+    summary = _write_trials(plan, heights, folder)
+    if summary.locked == summary.planned:
+        raise PipelineError("every trial of the plan locks; lower the friction or the heights")
+    return summary
+
+
+def _draw_heights(plan: SessionPlan) -> dict[float, float]:
+    """Return the true height of each block by its nominal one [m]."""
+    random = np.random.default_rng([plan.seed, 2])
+    heights = {}
+    for nominal in sorted(plan.design.heights):
+        error = plan.scatter.height * random.standard_normal()
+        heights[nominal] = max(nominal + error, _LEAST_HEIGHT)
+    return heights
+
+
+def _write_scans(plan: SessionPlan, heights: Mapping[float, float], folder: Path) -> None:
+    """Write a scan of each block, with the rounding of its edge."""
+    folder.mkdir()
+    rounding = max(sum(_find_rounding(effect) for effect in plan.effects), 0.0)
+    for number, (nominal, height) in enumerate(heights.items()):
+        path = folder / f"{name_block(nominal)}.csv"
+        random = np.random.default_rng([plan.seed, 3, number])
+        _write_scan(path, Step(height, rounding), random)
+
+
+def _find_rounding(effect: PlantedEffect) -> float:
+    """Return what an effect adds to the contact geometry as a constant [m]: a scan shows it."""
+    if effect.law == "edge_rounding":
+        return effect.parameters.get("edge_radius_m", 0.0)
+    if effect.law:
+        return 0.0
+    adds_constant = effect.change == "add" and effect.form == "constant"
+    if effect.slot == "contact_geometry" and adds_constant:
+        return effect.size
+    return 0.0
+
+
+def _write_scan(path: Path, step: Step, random: np.random.Generator) -> None:
+    """Write a profilometer line across the edge with tilt and offset, as an instrument does."""
+    x = np.arange(-_SCAN_REACH, _SCAN_REACH + _SCAN_STEP / 2.0, _SCAN_STEP)
+    profile = 1e6 * np.maximum(step.heights(1e-6 * x), 0.0)
+    offset = random.uniform(-_LARGEST_OFFSET, _LARGEST_OFFSET)
+    tilt = random.normal(0.0, _TILT)
+    noise = random.normal(0.0, _SCAN_NOISE, x.size)
+    z = profile + offset + tilt * x + noise
+    np.savetxt(
+        path, np.column_stack([x, z]), fmt="%.3f", delimiter=",", header="x_um,z_um", comments=""
+    )
+
+
+def _write_trials(
+    plan: SessionPlan, heights: Mapping[float, float], folder: Path
+) -> SimulationSummary:
+    """Write the table of trials, their traces, and what is true of them."""
     rows = plan.rows()
     locked = 0
     with (
-        open_writer(folder, plan.format) as write,
+        open_writer(folder, plan.format) as write_trace,
         (folder / "trials.csv").open("w", newline="", encoding="utf-8") as trials,
         (folder / "truth.csv").open("w", newline="", encoding="utf-8") as truths,
     ):
         table = csv.DictWriter(trials, list(rows[0]), lineterminator="\n")
-        truth_writer = csv.writer(truths, lineterminator="\n")
         table.writeheader()
-        truth_writer.writerow(["trial", "status", *_FIGURES])
+        truth_table = csv.writer(truths, lineterminator="\n")
+        truth_table.writerow(["trial", "status", *_TrueFigures._fields])
         for number, row in enumerate(rows, start=1):
-            trial = _record_row(plan, row, heights, np.random.default_rng([plan.seed, 4, number]))
+            chance = np.random.default_rng([plan.seed, 4, number])
+            trial = _simulate_trial(plan, row, heights, chance)
             if trial is None:
                 locked += 1
-                truth_writer.writerow([row["trial"], "locked", *[""] * len(_FIGURES)])
+                blanks = [""] * len(_TrueFigures._fields)
+                truth_table.writerow([row["trial"], "locked", *blanks])
                 continue
-            trace, figures = trial
-            write(number, trace)
+            write_trace(number, trial.trace)
             table.writerow({name: escape_formula(cell) for name, cell in row.items()})
-            truth_writer.writerow([row["trial"], "ok", *(f"{value:.9g}" for value in figures)])
-    PipelineError.require(
-        locked != len(rows),
-        "every trial of the plan locks; lower the friction or the heights",
-    )
+            figures = [f"{value:.9g}" for value in trial.figures]
+            truth_table.writerow([row["trial"], "ok", *figures])
     return SimulationSummary(len(rows), locked)
 
 
-def _record_row(
-    plan: SessionPlan, row: dict[str, str], heights: dict[float, float], chance: np.random.Generator
-) -> tuple[Trace, tuple[float, ...]] | None:
-    # Record of one trial and what is true of it, or None where the probe locks
+def _simulate_trial(
+    plan: SessionPlan,
+    row: Mapping[str, str],
+    heights: Mapping[float, float],
+    chance: np.random.Generator,
+) -> _SimulatedTrial | None:
+    """Record one trial; None where the probe locks."""
     state = compute_planted_state(plan, row, heights, chance)
     if state is None:
         return None
-    rig = build_rig(plan, state)
-    gain = float(state.gain[0])
     if plan.source == "drag":
-        step, point, pull = record_true_drag(plan, state)
-        done = record_drag(
-            step,
-            point,
-            rig,
-            chance,
-            gain=gain,
-            pull=pull,
-            hardening=float(state.hardening[0]) * point.tool.stiffness**3,
-        )
-        load, sliding = (
-            float(state.load[0]),
-            float(state.friction[0] * state.load[0] + state.drag[0]),
-        )
-    else:
-        truth = compute_truth(plan, state)
-        if truth is None:
-            return None
-        trace, _, release = record_trial(truth, rig, chance, gain)
-        done = RecordedTrial(trace, truth.peak_force, truth.amplitude, release)
-        load, sliding = truth.load, truth.sliding_force
-    if done is None:
+        return _simulate_drag(plan, state, chance)
+    return _simulate_equations(plan, state, chance)
+
+
+def _simulate_drag(
+    plan: SessionPlan, state: DragState, chance: np.random.Generator
+) -> _SimulatedTrial | None:
+    """Record one trial as a drag in time; None where the tip does not slip over."""
+    step, point, pull = record_true_drag(plan, state)
+    record = record_drag(
+        step,
+        point,
+        build_rig(plan, state),
+        chance,
+        gain=float(state.gain[0]),
+        pull=pull,
+        hardening=float(state.hardening[0]) * point.tool.stiffness**3,
+    )
+    if record is None:
         return None
-    return done.trace, (
+    load = float(state.load[0])
+    sliding = float(state.friction[0] * state.load[0] + state.drag[0])
+    figures = _TrueFigures(
         sliding / load,
         load,
-        done.peak_force,
-        done.amplitude**2 / (2.0 * plan.model.spring_constant),
-        done.release,
+        record.peak_force,
+        _compute_energy(plan, record.amplitude),
+        record.release,
     )
+    return _SimulatedTrial(record.trace, figures)
 
 
-def _write_scan(path: Path, step: Step, random: np.random.Generator) -> None:
-    # Write a profilometer line across the edge with a tilt and an offset, as an instrument does.
-    x = np.arange(-_SCAN_REACH, _SCAN_REACH + _SCAN_STEP / 2.0, _SCAN_STEP)
-    z = (
-        1e6 * np.maximum(step.heights(1e-6 * x), 0.0)
-        + random.uniform(-3.0, 3.0)
-        + random.normal(0.0, 3e-4) * x
-        + random.normal(0.0, _SCAN_NOISE, x.size)
+def _simulate_equations(
+    plan: SessionPlan, state: DragState, chance: np.random.Generator
+) -> _SimulatedTrial | None:
+    """Record one trial by equations (1) and (2); None where nothing catches or rings."""
+    truth = compute_truth(plan, state)
+    if truth is None:
+        return None
+    rig = build_rig(plan, state)
+    record = record_trial(truth, rig, chance, float(state.gain[0]))
+    figures = _TrueFigures(
+        truth.sliding_force / truth.load,
+        truth.load,
+        truth.peak_force,
+        _compute_energy(plan, truth.amplitude),
+        record.release,
     )
-    np.savetxt(
-        path, np.column_stack([x, z]), fmt="%.3f", delimiter=",", header="x_um,z_um", comments=""
-    )
+    return _SimulatedTrial(record.trace, figures)
+
+
+def _compute_energy(plan: SessionPlan, amplitude: float) -> float:
+    """Return the energy of an amplitude [N] on the spring of the plan [J]."""
+    return amplitude**2 / (2.0 * plan.model.spring_constant)
 
 
 def format_session(plan: SessionPlan) -> str:
@@ -229,136 +277,3 @@ channels = {{ time = "time_s", tangential = "fx_n", normal = "fy_n" }}
 set = "simulated"
 scans = "scans/{{block}}.csv"
 """
-
-
-def compute_planted_state(
-    plan: SessionPlan,
-    row: Mapping[str, str],
-    heights: Mapping[float, float],
-    chance: np.random.Generator,
-) -> DragState | None:
-    """Slots of one trial with its effects and its scatter, or None where the probe locks."""
-    scatter = plan.scatter
-    nominal = min(heights, key=lambda height: abs(height * 1e6 - float(row["height_um"])))
-    numbers = {name: np.array([float(row[name])]) for name in NUMBERS if name in row}
-    design = BenchDesign(
-        np.array([row["block"]]),
-        np.array([nominal]),
-        numbers["load_n"],
-        numbers["speed_mm_s"] / 1e3,
-        np.array([plan.model.tip_radius]),
-        plan.model.spring_constant,
-        numbers,
-    )
-    values = {
-        "friction": plan.model.friction,
-        "ln_conversion": math.log(plan.model.conversion),
-        "stiffness_ratio": 1.0,
-        "ln_ring_frequency": math.log(plan.model.ring_frequency),
-        "ln_decay_time": math.log(plan.model.decay_time),
-    }
-    bare = build_nominal_state(design, values)
-    if bool(bare.locked()[0]):
-        return None
-    covariates: dict[str, float | str] = dict(row) | {"peak_force_n": float(bare.peak_force()[0])}
-    state = build_nominal_state(
-        design, values | {format_height_name(row["block"]): heights[nominal] - nominal}
-    )
-    for effect in plan.effects:
-        if effect.law:
-            law = next(one for one in list_named_laws(plan.blocks()) if one.id == effect.law)
-            state = law.apply(
-                state,
-                select_covariate(design, state, law.covariate),
-                {p.name: p.start for p in law.parameters} | effect.parameters,
-            )
-        else:
-            names = _SLOTS.get(str(effect.slot), (str(effect.slot),))
-            changed: dict[str, Array] = {
-                n: np.array([effect.apply(float(getattr(state, n)[0]), covariates)]) for n in names
-            }
-            if effect.slot == "normal_load":
-                # a load that is not the one set is weighed by the gauge all the same
-                changed["sensed_offset"] = state.sensed_offset + changed["load"] - state.load
-            state = state.changed(**changed)
-    stray = scatter.friction * chance.standard_normal(), scatter.load * chance.standard_normal()
-    state = state.changed(
-        friction=state.friction + stray[0],
-        load=state.load * (1.0 + stray[1]),
-        sensed_offset=state.sensed_offset + stray[1] * (state.set_load + state.sensed_offset),
-        conversion=state.conversion * math.exp(scatter.energy * chance.standard_normal()),
-    )
-    positive = np.stack(
-        [state.load, state.friction, state.stiffness, state.conversion, state.height]
-    )
-    return None if bool(state.locked()[0]) or not bool(np.all(positive > 0.0)) else state
-
-
-def build_rig(plan: SessionPlan, state: DragState) -> Rig:
-    """Return the rig of a plan; a gauge that lags has a bandwidth."""
-    declared = plan.rig.model_dump()
-    lag = float(state.lag[0])
-    return Rig(
-        drift=declared.pop("drift_n_per_s"),
-        bandwidth=min(
-            declared.pop("bandwidth") or math.inf,
-            1.0 / (2.0 * math.pi * lag) if lag > 0.0 else math.inf,
-        ),
-        **declared,
-    )
-
-
-def compute_truth(plan: SessionPlan, state: DragState) -> Truth | None:
-    """Figures of a trial by equations (1) and (2), before gauge and rig.
-
-    The result is None where nothing catches or rings.
-    """
-    one = np.ones(1)
-    shown = compute_channels(state.changed(gain=one, lag=0.0 * one))[0]
-    load = float(state.set_load[0] + state.sensed_offset[0])
-    energy, peak = math.exp(shown[0]), math.exp(shown[1])
-    sliding = float(shown[2]) * load
-    if peak - sliding < _LEAST_RISE or not energy > 0.0:
-        return None
-    spring = plan.model.spring_constant
-    return Truth(
-        load=load,
-        sliding_force=sliding,
-        slope=float(shown[3]) * spring * float(state.speed[0]),
-        peak_force=peak,
-        amplitude=math.sqrt(2.0 * spring * energy),
-        frequency=math.exp(shown[4]),
-        decay_time=math.exp(shown[5]),
-        sympathetic=plan.model.sympathetic,
-        gap=2.0 * float(state.friction[0]) * load if plan.model.ring == "rubbing" else 0.0,
-    )
-
-
-def record_true_drag(plan: SessionPlan, state: DragState) -> tuple[Step, OperatingPoint, float]:
-    """Return the same trial for the drag in time.
-
-    Beside the force of the tip it has the steady force along the drag [N].
-    """
-    if changed_slots := [name for name in _NOT_IN_TIME if np.any(getattr(state, name) != 0.0)]:
-        raise PipelineError(
-            f"an effect changes {changed_slots[0]}, for which the drag in time has no place"
-        )
-    slots = {
-        name: float(value[0])
-        for name, value in vars(state).items()
-        if isinstance(value, np.ndarray)
-    }
-    ball_radius = min(plan.model.tip_radius, slots["radius"])
-    point = OperatingPoint(
-        ball_radius,
-        slots["load"],
-        slots["friction"],
-        Tool(
-            stiffness=slots["stiffness"],
-            frequency=slots["frequency"]
-            * math.sqrt(slots["ring_stiffness"] / plan.model.spring_constant),
-            decay_time=slots["decay_time"] / slots["damping"],
-        ),
-        slots["speed"],
-    )
-    return Step(slots["height"], slots["radius"] - ball_radius), point, slots["drag"]

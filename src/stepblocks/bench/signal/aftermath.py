@@ -5,25 +5,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stepblocks.bench.signal import Array, Estimate, Tool
-from stepblocks.bench.signal.approach import Approach, Landmarks
-from stepblocks.bench.signal.regimes import USUAL_TOOL, Motion, Sawtooth, find_first_swing
-from stepblocks.bench.signal.ring import (
+from stepblocks.bench.signal import USUAL_TOOL, Array, Estimate, Tool
+from stepblocks.bench.signal.approach import Approach
+from stepblocks.bench.signal.landmarks import Landmarks
+from stepblocks.bench.signal.motion import Motion, find_first_swing
+from stepblocks.bench.signal.ring import Ring, fit_cosine, fit_ring
+from stepblocks.bench.signal.rubbing import (
     GUESSED_SPREAD,
     KNOWN_SPREAD,
-    Ring,
     RubbingRing,
-    fit_cosine,
-    fit_ring,
     fit_rubbing_ring,
 )
-from stepblocks.bench.signal.separable import (
-    build_damped_wave_columns,
-    build_wave_columns,
-    fit_with_covariance,
-    guess_ring,
-    propagate_std,
-)
+from stepblocks.bench.signal.saw import Sawtooth
+from stepblocks.bench.signal.separable import guess_ring
 from stepblocks.contact.kernels import compute_softened_force
 
 # [s] first samples after the peak, in which the sensor itself follows; no tie with a sample
@@ -34,25 +28,21 @@ _GOOD = 5.0  # misfit up to which a fit is taken at once
 _SLIGHT = 0.005
 _GAP = 0.1  # of the sliding level, likewise, from which a gap is friction: a bent gauge makes 0.007
 _BETTER = 0.85  # a second kind of fit must leave this share of the squared residuals at most
-_TAIL_SHARE = (
-    0.35  # last share of the record after the slip, in which only the tool's own ring is left
-)
+# last share of the record after the slip, in which only the tool's own ring is left
+_TAIL_SHARE = 0.35
+_LATE_SHARE = 0.25  # of the record after the slip, from which on it shows the tool
 _SETTLED = 7.0  # misfit up to which a trough is taken for the begin of the free ring
-_MUCH_BETTER = (
-    0.5  # a later trough must leave this share at most: some of the ring is lost with each
-)
+# a later trough must leave this share at most: some of the ring is lost with each
+_MUCH_BETTER = 0.5
 _MOST_COLOUR = 3.0  # the noise while sliding counts up to this many times the white noise
 _MOST_TROUGHS = 8
-_KNOWN_DECAY_SPREAD = (
-    0.01  # by which the median of a session's clear trials misses the decay time of its tool
-)
+# by which the median of a session's clear trials misses the decay time of its tool
+_KNOWN_DECAY_SPREAD = 0.01
 _FAR = 2.5  # spreads of the tool's figures within which a fit is still of that tool
 _FIRST_SWINGS = 25e-3  # [s]
 _HEARD = 1.3
 _USUAL_DECAY = 25e-3  # [s] first guess where nothing says better
-_SETTLE = 0.8e-3  # [s] after the slip in which the normal channel shows the release itself
-_ONSET_GUARD = 1e-3  # [s]
-_NOT_KNOWN = (math.nan, math.nan)
+_NOT_KNOWN = Estimate(math.nan, math.nan)
 
 
 @dataclass(frozen=True)
@@ -62,13 +52,13 @@ class Swing:
     Attributes
     ----------
     depth : Estimate
-        Level less the force in the trough, and its standard uncertainty [N].
+        Level less the force in the trough [N].
     instant : float
         When the trough was reached [s].
     decay_time : Estimate
-        Of the tool, and its standard uncertainty [s].
+        Of the tool [s].
     half : float
-        Of the tool's period [s].
+        Half a period of the tool [s].
     """
 
     depth: Estimate
@@ -77,20 +67,22 @@ class Swing:
     half: float = 0.0
 
     def amplitude(self, instant: float) -> Estimate:
-        """Amplitude carried back to `instant`, and its standard uncertainty [N].
+        """Return the amplitude carried back to `instant` [N].
 
         Viscous decay alone is taken into account.
         """
-        (depth, depth_std), (decay, decay_std) = self.depth, self.decay_time
-        reach = self.instant - instant
-        growth = float(np.exp(reach / decay))
+        depth, depth_std = self.depth
+        decay_time, decay_std = self.decay_time
+        since = self.instant - instant
+        growth = float(np.exp(since / decay_time))
         carried = depth * growth
-        return carried, float(np.hypot(depth_std * growth, carried * reach / decay**2 * decay_std))
+        std_of_decay = carried * since / decay_time**2 * decay_std
+        return Estimate(carried, float(np.hypot(depth_std * growth, std_of_decay)))
 
 
 @dataclass(frozen=True)
 class Aftermath:
-    """Figures of the ring at the release instant, each with its standard uncertainty.
+    """Figures of the ring at the release instant.
 
     Attributes
     ----------
@@ -149,83 +141,111 @@ def fit_aftermath(
     *,
     saw: Sawtooth | None = None,
 ) -> Aftermath:
-    """Fit the ring after a slip, as that of a bell or of a tool whose tip rubs."""
+    """Fit the ring after a slip, as that of a bell or of a tool whose tip rubs.
+
+    Parameters
+    ----------
+    time, force : Array
+        Shape (n,), instants [s] and tangential force [N].
+    marks : Landmarks
+    approach : Approach
+    tool : Tool or None
+        None where it is not known.
+    saw : Sawtooth or None
+        What the tip drew before the edge.
+    """
     marks = replace(marks, noise=estimate_sliding_noise(time, approach, marks))
     top = float(time[marks.peak])
-    # it is no bell, and what the tip draws when the ring has died is no part of that
-    if saw is not None:
+    cosine = None
+    if saw is None:
+        first = int(np.searchsorted(time, top + _RELEASE_TIME))
+        cosine = fit_cosine(time[first:], force[first:], top, approach.mains, marks.noise)
+    else:
+        # it is no bell, and what the tip draws when the ring has died is no part of that
         end = int(np.searchsorted(time, top + _FIRST_SWINGS))
         time, force = time[:end], force[:end]
-    first = int(np.searchsorted(time, top + _RELEASE_TIME))
-    cosine = (
-        fit_cosine(time[first:], force[first:], top, approach.mains, marks.noise)
-        if saw is None
-        else None
-    )
-    rubbing = (
-        None
-        if cosine and cosine.misfit < _GOOD
-        else _fit_best_rubbing(time, force, marks, approach, tool)
-    )
+    rubbing = None
+    if cosine is None or not cosine.misfit < _GOOD:
+        rubbing = _fit_best_rubbing(time, force, marks, approach, tool)
     # a tip that clearly slips back is no bell that hardens, or that its gauge bends
-    if rubbing is None or (
-        saw is None
-        and not (
-            rubbing.misfit < _GOOD
-            and rubbing.knows_gap
-            and rubbing.values[1] > _GAP * rubbing.values[0]
-        )
-    ):
+    if rubbing is None or (saw is None and not _clearly_slips_back(rubbing)):
         bell = fit_bell(time, force, top, approach.mains, marks.noise, cosine)
-        assert isinstance(bell.ring, Ring)
-        if rubbing is None or bell.ring.misfit < _GOOD:
+        if rubbing is None or _is_bell(time, bell, rubbing, marks):
             return bell
-        left = bell.ring.fit.residuals[time[first:] >= rubbing.origin]
-        # what misses a bell in its first swing alone hardly weighs in the sum
-        if (
-            rubbing.misfit > _GOOD
-            and float(np.sum(rubbing.residuals**2)) > _BETTER * float(np.sum(left**2))
-        ) or (
-            rubbing.values[1] < _SLIGHT * rubbing.values[0]
-            and float(np.std(bell.ring.fit.residuals))
-            < _SLIGHT * min(bell.amplitude[0], marks.rise)
-        ):
-            return bell
-    frequency, decay = tool or (float(rubbing.values[2]), float(rubbing.values[3]))
-    known = KNOWN_SPREAD[1] if tool is USUAL_TOOL else _KNOWN_DECAY_SPREAD
-    spread = min(known * decay, rubbing.std(3)) if tool else rubbing.std(3)
+    swing = _measure_swing(time, force, marks, approach, rubbing, tool=tool, saw=saw)
+    sample = float(np.median(np.diff(time)))
+    return _measure_aftermath_of_rubbing(rubbing, swing, sample, tool)
+
+
+def _clearly_slips_back(rubbing: RubbingRing) -> bool:
+    """Tell whether a tip clearly rubs, by the misfit and the gap of its fit."""
+    if not rubbing.misfit < _GOOD or not rubbing.knows_gap:
+        return False
+    return rubbing.gap.value > _GAP * rubbing.level.value
+
+
+def _is_bell(time: Array, bell: Aftermath, rubbing: RubbingRing, marks: Landmarks) -> bool:
+    """Tell whether a ring is rather that of a bell than that of a tip that rubs."""
+    ring = bell.ring
+    assert isinstance(ring, Ring)
+    if ring.misfit < _GOOD:
+        return True
+    residuals = ring.fit.residuals
+    fitted = time[time.size - residuals.size :]
+    # what misses a bell in its first swing alone hardly weighs in the sum
+    of_bell = float(np.sum(residuals[fitted >= rubbing.origin] ** 2))
+    of_rubbing = float(np.sum(rubbing.residuals**2))
+    if rubbing.misfit > _GOOD and of_rubbing > _BETTER * of_bell:
+        return True
+    has_no_gap = rubbing.gap.value < _SLIGHT * rubbing.level.value
+    slight_miss = _SLIGHT * min(bell.amplitude.value, marks.rise)
+    return has_no_gap and float(np.std(residuals)) < slight_miss
+
+
+def _measure_swing(
+    time: Array,
+    force: Array,
+    marks: Landmarks,
+    approach: Approach,
+    rubbing: RubbingRing,
+    *,
+    tool: Tool | None,
+    saw: Sawtooth | None,
+) -> Swing:
+    """Measure the first swing of a tip that rubs; see `fit_aftermath`."""
+    frequency = rubbing.frequency.value
+    decay_time = rubbing.decay_time
+    if tool is not None:
+        frequency, known_decay_time = tool
+        known_spread = _KNOWN_DECAY_SPREAD
+        if tool is USUAL_TOOL:
+            known_spread = KNOWN_SPREAD.decay_time
+        spread = min(known_spread * known_decay_time, rubbing.decay_time.std)
+        decay_time = Estimate(known_decay_time, spread)
     clean = force - approach.hum(time)
-    reach = top - approach.center
-    drift = float(approach.fit.weights[1]) * reach
-    depth, std, instant = find_first_swing(
-        Motion(
-            time,
-            clean,
-            clean,
-            marks.peak,
-            approach.level + drift,
-            0.0,
-            approach.slope,
-            marks.noise,
-            frequency,
-        )
+    drift = approach.drift(float(time[marks.peak]))
+    level = approach.level + drift.value
+    motion = Motion(
+        time,
+        clean,
+        normal=clean,
+        peak=marks.peak,
+        level=level,
+        load=0.0,
+        slope=approach.slope,
+        noise=marks.noise,
+        frequency=frequency,
     )
+    bottom = find_first_swing(motion)
     # a tool that hardens swings less far below its level than above it, where it was let go
-    swung = compute_softened_force(max(depth, 0.0), approach.hardening)
+    swung = compute_softened_force(max(bottom.depth, 0.0), approach.hardening)
+    depth = bottom.depth
     depth += 3.0 * approach.hardening * approach.level * swung * (swung - approach.level)
-    level_std = approach.level_std if saw is None else saw.kinetic[1]
-    drift_std = approach.fit.std(approach.fit.shape.size + 1) * reach
-    return _measure_aftermath_of_rubbing(
-        rubbing,
-        Swing(
-            (depth, math.hypot(std, level_std, drift_std)),
-            instant,
-            (decay, spread),
-            0.5 / frequency,
-        ),
-        float(np.median(np.diff(time))),
-        tool,
-    )
+    level_std = approach.level_std
+    if saw is not None:
+        level_std = saw.kinetic.std
+    depth_std = math.hypot(bottom.std, level_std, drift.std)
+    return Swing(Estimate(depth, depth_std), bottom.instant, decay_time, 0.5 / frequency)
 
 
 def fit_bell(
@@ -236,7 +256,21 @@ def fit_bell(
     noise: float,
     cosine: Ring | None = None,
 ) -> Aftermath:
-    """Fit a damped ring, counted from the release."""
+    """Fit a damped ring, counted from the release.
+
+    Parameters
+    ----------
+    time, force : Array
+        Shape (n,), instants [s] and tangential force [N].
+    release : float
+        [s].
+    mains : float
+        Mains frequency [Hz].
+    noise : float
+        Standard deviation of a sample [N].
+    cosine : Ring, optional
+        The damped cosine, where it is fitted already.
+    """
     first = int(np.searchsorted(time, release + _RELEASE_TIME))
     bell = fit_ring(time[first:], force[first:], release, mains, noise, cosine)
     return Aftermath(
@@ -245,43 +279,74 @@ def fit_bell(
 
 
 def estimate_sliding_noise(time: Array, approach: Approach, marks: Landmarks) -> float:
-    """Noise while sliding, be it white or coloured [N]."""
+    """Estimate the noise while sliding, be it white or coloured [N]."""
     before = approach.fit.residuals[: int(np.searchsorted(time, approach.onset))]
     return min(max(float(np.std(before)), marks.noise), _MOST_COLOUR * marks.noise)
 
 
 def _measure_aftermath_of_rubbing(
-    fit: RubbingRing, swing: Swing, sample: float, tool: Tool | None
+    rubbing: RubbingRing, swing: Swing, sample: float, tool: Tool | None
 ) -> Aftermath:
-    level, gap, frequency, decay = (float(v) for v in fit.values[:4])
-    # a fit of few swings may find another tool: then it knows no better than that
-    far = (
-        (abs(frequency - tool[0]), abs(decay - tool[1]))
-        if tool is not None
-        and any(abs(fit.values[2 + i] - tool[i]) > _FAR * KNOWN_SPREAD[i] * tool[i] for i in (0, 1))
-        else (0.0, 0.0)
+    """Return the figures of a tip that rubs; `sample` is the time between two samples [s]."""
+    frequency, decay_time = rubbing.frequency, rubbing.decay_time
+    knows_gap = rubbing.knows_gap
+    if tool is not None and _is_far(rubbing, tool):
+        # a fit of few swings may find another tool: then it knows no better than that
+        known_frequency, known_decay_time = tool
+        frequency = _widen(frequency, known_frequency)
+        decay_time = _widen(decay_time, known_decay_time)
+        knows_gap = False
+    friction_decay = _NOT_KNOWN
+    if knows_gap:
+        loss = 2.0 * rubbing.gap.value * rubbing.frequency.value
+        friction_decay = Estimate(loss, 2.0 * rubbing.frequency.value * rubbing.gap.std)
+    aftermath = Aftermath(
+        rubbing,
+        -math.inf,
+        _NOT_KNOWN,
+        frequency,
+        decay_time,
+        rubbing.level,
+        friction_decay,
+        swing,
+        sample,
     )
-    known = fit.knows_gap and not any(far)
-    seen = (
-        (frequency, float(np.hypot(fit.std(2), far[0]))),
-        (decay, float(np.hypot(fit.std(3), far[1]))),
-    )
-    loss = (2.0 * gap * frequency, 2.0 * frequency * fit.std(1)) if known else _NOT_KNOWN
-    return Aftermath(
-        fit, -math.inf, _NOT_KNOWN, *seen, (level, fit.std(0)), loss, swing, sample
-    ).carry_to(-math.inf)
+    return aftermath.carry_to(-math.inf)
+
+
+def _is_far(rubbing: RubbingRing, tool: Tool) -> bool:
+    """Tell whether a fit found another tool than the known one."""
+    frequency, decay_time = tool
+    far_frequency = _FAR * KNOWN_SPREAD.frequency * frequency
+    far_decay_time = _FAR * KNOWN_SPREAD.decay_time * decay_time
+    if abs(rubbing.frequency.value - frequency) > far_frequency:
+        return True
+    return abs(rubbing.decay_time.value - decay_time) > far_decay_time
+
+
+def _widen(estimate: Estimate, known: float) -> Estimate:
+    """Return an estimate whose uncertainty reaches to what is known."""
+    miss = abs(estimate.value - known)
+    return Estimate(estimate.value, float(np.hypot(estimate.std, miss)))
 
 
 def _fit_best_rubbing(
     time: Array, force: Array, marks: Landmarks, approach: Approach, tool: Tool | None
 ) -> RubbingRing | None:
-    # Fit from one trough after the other, until the tip no longer climbs
+    """Fit a tip that rubs from one trough after the other, until the tip no longer climbs.
+
+    The result is None where the force has no trough after the slip.
+    """
     clean = force - approach.hum(time)
     after = clean[marks.peak :]
     level = float(np.median(after[int(after.size * (1.0 - _TAIL_SHARE)) :]))
+    spread = GUESSED_SPREAD
+    if tool is not None:
+        spread = KNOWN_SPREAD
     best: RubbingRing | None = None
     for guess in _guess_tools(time, clean, marks, approach, tool):
-        for trough in _find_troughs(time, clean, marks, level, guess[0]):
+        frequency, _ = guess
+        for trough in _find_troughs(time, clean, marks, level, frequency):
             fit = fit_rubbing_ring(
                 time[trough:],
                 clean[trough:],
@@ -289,7 +354,7 @@ def _fit_best_rubbing(
                 guess,
                 approach.slope,
                 marks.noise,
-                spread=KNOWN_SPREAD if tool else GUESSED_SPREAD,
+                spread=spread,
             )
             if best is None or fit.misfit < _MUCH_BETTER * best.misfit:
                 best = fit
@@ -301,88 +366,53 @@ def _fit_best_rubbing(
 def _guess_tools(
     time: Array, clean: Array, marks: Landmarks, approach: Approach, tool: Tool | None
 ) -> list[Tool]:
-    # Frequency and decay time of the tool. Told, from its start-up, from its late ring, from its
-    # first swings.
-    if told := tool or approach.start_up:
-        return [told]
-    late = marks.peak + int((time.size - marks.peak) * 0.25)
-    frequency, decay = guess_ring(time[late:], clean[late:])
-    early = slice(marks.peak, int(np.searchsorted(time, time[marks.peak] + _FIRST_SWINGS)))
-    swings = guess_ring(time[early], np.gradient(clean[early]))[0]
+    """Return the tool as known, or as its start-up, its late ring and its first swings show it.
+
+    `clean` is the tangential force without hum, shape (n,) [N].
+    """
+    known = tool or approach.start_up
+    if known is not None:
+        return [known]
+    late = marks.peak + int((time.size - marks.peak) * _LATE_SHARE)
+    late_ring = guess_ring(time[late:], clean[late:])
+    end = int(np.searchsorted(time, time[marks.peak] + _FIRST_SWINGS))
+    early = slice(marks.peak, end)
+    first_swings = guess_ring(time[early], np.gradient(clean[early]))
     # where the tip came to rest there is nothing to hear late, and what is heard of decay then is
     # noise
-    heard = float(np.std(clean[late:])) > _HEARD * marks.noise
-    return (
-        [(frequency, decay), (swings, decay)]
-        if heard
-        else [(swings, _USUAL_DECAY), (frequency, _USUAL_DECAY)]
-    )
+    is_heard = float(np.std(clean[late:])) > _HEARD * marks.noise
+    if is_heard:
+        return [late_ring, first_swings._replace(decay_time=late_ring.decay_time)]
+    return [
+        first_swings._replace(decay_time=_USUAL_DECAY),
+        late_ring._replace(decay_time=_USUAL_DECAY),
+    ]
 
 
 def _find_troughs(
     time: Array, clean: Array, marks: Landmarks, level: float, frequency: float
 ) -> list[int]:
-    # Troughs after the slip
-    half = max(int(0.5 * (time.size - 1) / (time[-1] - time[0]) / frequency), 2)
+    """Return the samples of the troughs below a level after the slip, eight at most.
+
+    `clean` is the tangential force without hum, shape (n,) [N], `frequency` that of the tool [Hz].
+    """
+    rate = (time.size - 1) / (time[-1] - time[0])
+    half_period = max(int(0.5 * rate / frequency), 2)
     smooth = np.convolve(clean, np.full(5, 0.2), mode="same")
-    found: list[int] = []
+    usable = smooth[: smooth.size - 2]
+    troughs: list[int] = []
     index = marks.peak
-    while len(found) < _MOST_TROUGHS:
-        below = np.flatnonzero(smooth[index : smooth.size - 2] < level)
+    while len(troughs) < _MOST_TROUGHS:
+        below = np.flatnonzero(usable[index:] < level)
         if not below.size:
             break
         crossing = index + int(below[0])
-        trough = crossing + int(np.argmin(smooth[crossing : crossing + half]))
-        found.append(trough)
-        above = np.flatnonzero(smooth[trough : smooth.size - 2] > level)
-        if not above.size or trough + int(above[0]) + 4 * half >= time.size:
+        trough = crossing + int(np.argmin(smooth[crossing : crossing + half_period]))
+        troughs.append(trough)
+        above = np.flatnonzero(usable[trough:] > level)
+        if not above.size:
             break
         index = trough + int(above[0])
-    return found
-
-
-def measure_normal_level(time: Array, normal: Array, approach: Approach) -> Estimate:
-    """Return the normal force while sliding, without hum and drift.
-
-    Its standard uncertainty stands beside it [N].
-    """
-    end = int(np.searchsorted(time, approach.onset - _ONSET_GUARD))
-    weights, covariance = fit_with_covariance(
-        _build_still_columns(time[:end], approach), normal[:end]
-    )
-    return float(weights[0]), float(np.sqrt(covariance[0, 0]))
-
-
-def _build_still_columns(t: Array, approach: Approach) -> Array:
-    return np.column_stack([np.ones_like(t), t - t.mean(), build_wave_columns(t, approach.mains)])
-
-
-def measure_sympathetic_force(
-    time: Array, normal: Array, approach: Approach, after: Aftermath
-) -> Estimate:
-    """Amplitude at the release of the ring in the normal force [N].
-
-    The ring has the frequency and the decay of the tangential force.
-    """
-    begin = int(np.searchsorted(time, max(after.start + _SETTLE, after.ring.origin)))
-    still = _build_still_columns(time[begin:], approach)
-    since = time[begin:] - after.start
-
-    def ringing(frequency: float, decay_time: float) -> Estimate:
-        columns = np.column_stack([build_damped_wave_columns(since, frequency, decay_time), still])
-        weights, covariance = fit_with_covariance(columns, normal[begin:])
-        size = float(np.hypot(weights[0], weights[1]))
-        if size == 0.0:
-            return 0.0, float(np.sqrt(covariance[0, 0]))
-        return size, propagate_std(weights[:2] / size, covariance[:2, :2])
-
-    (frequency, frequency_std), (decay, decay_std) = after.frequency, after.decay_time
-    amplitude, own = ringing(frequency, decay)
-    errors = [
-        own,
-        # what is uncertain of the tangential ring, whose course this one is taken to follow
-        ringing(frequency + frequency_std, decay)[0] - amplitude,
-        ringing(frequency, decay + decay_std)[0] - amplitude,
-        amplitude * after.sample / decay if decay > 0.0 else 0.0,
-    ]
-    return amplitude, float(np.linalg.norm(errors))
+        if index + 4 * half_period >= time.size:
+            break
+    return troughs

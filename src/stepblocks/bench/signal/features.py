@@ -4,204 +4,109 @@ Each has its standard uncertainty.
 """
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.ndimage import label
 
-from stepblocks.bench.signal import Array, Estimate, Tool, Trace, find_set_down
+from stepblocks.bench.faults import Bound, LandmarkError
+from stepblocks.bench.signal import USUAL_TOOL, Array, Estimate, Tool, Trace
 from stepblocks.bench.signal.aftermath import (
     Aftermath,
     estimate_sliding_noise,
     fit_aftermath,
     fit_bell,
-    measure_normal_level,
-    measure_sympathetic_force,
 )
-from stepblocks.bench.signal.approach import (
-    Approach,
-    LandmarkError,
-    Landmarks,
-    find_bounded_landmarks,
-    find_landmarks,
-    fit_approach,
-)
-from stepblocks.bench.signal.regimes import (
-    USUAL_TOOL,
-    Motion,
-    Sawtooth,
-    classify_regime,
-    find_extremum,
-    find_saw,
-)
-from stepblocks.bench.signal.ring import Ring
-from stepblocks.bench.signal.separable import fit_with_covariance, guess_ring, propagate_std
+from stepblocks.bench.signal.approach import Approach, fit_approach
+from stepblocks.bench.signal.extremum import find_extremum
+from stepblocks.bench.signal.landmarks import Landmarks, find_bounded_landmarks, find_landmarks
+from stepblocks.bench.signal.motion import Motion
+from stepblocks.bench.signal.normal import measure_normal_level, measure_sympathetic_force
+from stepblocks.bench.signal.peak import Peak, find_peak
+from stepblocks.bench.signal.regimes import Regime, classify_regime
+from stepblocks.bench.signal.saw import Sawtooth, find_saw
+from stepblocks.bench.signal.separable import guess_ring
+from stepblocks.bench.signal.set_down import find_set_down
+from stepblocks.bench.signal.spectrum import BandShares, compute_band_shares
 
 Features = dict[str, Any]  # one value for each of `FEATURE_COLUMNS`, a number or a word
-LOADING_BAND = (0.0, 100.0)  # in which the paper finds more than 64 % of the energy of loading [Hz]
-# in which the paper finds about 86 % of the energy of the vibration [Hz]
-VIBRATION_BAND = (
-    250.0,
-    350.0,
+
+# of a table of features, after trial, status, reason and the covariates
+FEATURE_COLUMNS = (
+    "sliding_friction",
+    "sliding_friction_std",
+    "normal_load_n",
+    "normal_load_std_n",
+    "loading_onset_s",
+    "loading_slope_n_per_s",
+    "loading_slope_std_n_per_s",
+    "spring_constant_n_per_m",
+    "spring_constant_std_n_per_m",
+    "peak_force_n",
+    "peak_force_std_n",
+    "release_time_s",
+    "release_level_n",
+    "release_level_std_n",
+    "ring_frequency_hz",
+    "ring_frequency_std_hz",
+    "decay_time_s",
+    "decay_time_std_s",
+    "friction_decay_n_per_s",
+    "friction_decay_std_n_per_s",
+    "ring_amplitude_n",
+    "ring_amplitude_std_n",
+    "vibration_energy_j",
+    "vibration_energy_std_j",
+    "ln_vibration_energy_std",
+    "sympathetic_force_n",
+    "sympathetic_force_std_n",
+    "loading_share_0_100hz",
+    "vibration_share_250_350hz",
+    "stick_slip_amplitude_n",
+    "stick_slip_amplitude_std_n",
+    "stick_time_s",
+    "stick_time_std_s",
+    "static_friction",
+    "static_friction_std",
+    "tangential_zero_n",
+    "tangential_zero_std_n",
+    "normal_zero_n",
+    "normal_zero_std_n",
+    "regime",
 )
-
-_FEWEST_CLEAR = 3
-_RING_TIMES = 5.0  # decay times after which the ring counts as over
-_CORNER_REACH = 3.5  # samples about the highest one in which a corner may lie
-_FALL_SAMPLES = 6
-_CLEAR_FALL = 0.02  # of the rise: the first sample after a corner has fallen by this at least
-_TOP_SHARE = (
-    0.06  # of the rise: a rounded peak is fitted where the force is within this of the highest
+# features over the normal force of sliding
+_OVER_LOAD = (
+    "sliding_friction",
+    "sliding_friction_std",
+    "normal_load_n",
+    "normal_load_std_n",
+    "static_friction",
+    "static_friction_std",
 )
-_TOP_REACH = 6e-3  # [s] at most this far from the highest sample
-_FALL_AT_ONCE = 0.5  # of the rise
-_ROUND_SPREAD = (
-    1.3  # a cubic is not the law of a rounded peak: pulls on drags in time are wider by this
-)
+_CUT_SHARE = 0.05  # of the samples while sliding, which noise alone does not put at the very top
+_LATE_SHARE = 4  # part of the record after the peak, from which on it shows the tool
+_FEWEST_CLEAR = 3  # trials that show the tool well
+_CLEAR_FREQUENCY = 0.01  # relative uncertainty up to which a trial shows it well
+_CLEAR_DECAY = 0.1
+_NOT_KNOWN = Estimate(math.nan, math.nan)
 
 
-@dataclass(frozen=True)
-class Peak:
-    """Peak of the tangential force.
+class Zeros(NamedTuple):
+    """What the gauges read while nothing was loaded [N]."""
 
-    Attributes
-    ----------
-    time : float
-        Release instant [s].
-    force : float
-        [N].
-    force_std : float
-        [N].
-    corner : bool
-        Whether the ramp ran into the release in a corner; otherwise the peak is rounded.
-    """
-
-    time: float
-    force: float
-    force_std: float
-    corner: bool
+    tangential: Estimate
+    normal: Estimate
 
 
-def find_peak(
-    time: Array, force: Array, marks: Landmarks, approach: Approach, after: Aftermath
-) -> Peak:
-    """Find the peak: the corner of ramp and release, both fitted.
-
-    Where the corner is rounded, it is the top of a cubic.
-    """
-    # the highest sample is no measure of it: noise lifts it, and the release falls between two
-    # samples
-    corner = None
-    if approach.end >= marks.peak - 1:
-        corner = (
-            _find_corner(time, marks, approach, after.ring)
-            if isinstance(after.ring, Ring)
-            else _find_corner_of_fall(time, force, marks, approach)
-        )
-    return corner or _find_rounded_peak(time, force, marks, approach)
+def _name(estimate: Estimate, name: str, name_of_std: str) -> Features:
+    """Return value and standard uncertainty of an estimate by their names."""
+    value, std = estimate
+    return {name: value, name_of_std: std}
 
 
-def _find_corner(time: Array, marks: Landmarks, approach: Approach, ring: Ring) -> Peak | None:
-    from scipy.optimize import brentq
-
-    top = float(time[marks.peak])
-    step = float(np.median(np.diff(time)))
-
-    def excess(instant: float) -> float:
-        at = np.array([instant])
-        return float(ring.curve(at)[0] - approach.line(at)[0])
-
-    low, high = top - _CORNER_REACH * step, top + _CORNER_REACH * step
-    if not excess(low) > 0.0 > excess(high):
-        return None
-    instant = float(brentq(excess, low, high, xtol=1e-9))
-    fall = (excess(instant + 0.1 * step) - excess(instant - 0.1 * step)) / (0.2 * step)
-    if fall >= 0.0:
-        return None
-    # the force at the corner moves along the ramp by slope * dt, dt = (errors of both) /
-    # (difference of slopes)
-    share = approach.slope / -fall
-    force, std = approach.ramp(instant)
-    return Peak(
-        instant,
-        force,
-        math.hypot((1.0 - share) * std, share * ring.curve_std(instant)),
-        corner=True,
-    )
-
-
-def _find_corner_of_fall(
-    time: Array, force: Array, marks: Landmarks, approach: Approach
-) -> Peak | None:
-    # Corner of the ramp and a parabola through the first samples after it
-    # noise decides which of the samples about a corner is the highest; the fall begins where the
-    # line is left
-    below = approach.line(time) - force
-    deep = max(_CLEAR_FALL * marks.rise, 5.0 * marks.noise)
-    end = marks.peak + 4
-    first = next(
-        (i for i in range(marks.peak - 1, end) if below[i] > deep and below[i + 1] > below[i]), end
-    )
-    last = first + _FALL_SAMPLES
-    if last > time.size or first == end or abs(below[first - 1]) > deep:
-        return None
-    step = float(np.median(np.diff(time)))
-    y = force[first:last] - approach.line(time[first:last])
-    columns = np.vander((time[first:last] - time[first]) / step, 3, increasing=True)
-    weights, covariance = fit_with_covariance(columns, y)
-    grid = np.linspace(-_CORNER_REACH, 0.0, 701)
-    excess = np.vander(grid, 3, increasing=True) @ weights
-    above = np.flatnonzero(excess > 0.0)
-    if not above.size or excess[-1] >= 0.0:
-        return None
-    at = float(grid[above[-1]])
-    fall = (weights[1] + 2.0 * weights[2] * at) / step
-    if fall >= 0.0:
-        return None
-    gradient = np.asarray(at ** np.arange(3), dtype=float)
-    noise = max(
-        propagate_std(gradient, covariance),
-        propagate_std(gradient, np.asarray(np.linalg.inv(columns.T @ columns), dtype=float))
-        * marks.noise,
-    )
-    instant = float(time[first]) + at * step
-    # how a fall begins between two samples is not seen
-    unseen = approach.slope * step / math.sqrt(12.0)
-    top, std = approach.ramp(instant)
-    return Peak(instant, top, math.hypot(std, approach.slope / -fall * noise, unseen), corner=True)
-
-
-def _find_rounded_peak(time: Array, force: Array, marks: Landmarks, approach: Approach) -> Peak:
-    clean = force - approach.hum(time)
-    near = np.convolve(clean, np.full(5, 0.2), mode="same")
-    close = near > near[marks.peak] - max(_TOP_SHARE * marks.rise, 3.0 * marks.noise)
-    parts, _ = label(close & (np.abs(time - time[marks.peak]) < _TOP_REACH))
-    top = np.flatnonzero(parts == parts[marks.peak])
-    first, last = min(int(top[0]), marks.peak - 3), max(int(top[-1]), marks.peak + 3)
-    # no cubic follows a fall between two samples, as of a simulated tip without mass
-    if np.diff(clean[marks.peak : last + 1]).min() < -_FALL_AT_ONCE * marks.rise:
-        last = marks.peak
-    t = time[first : last + 1] - time[marks.peak]
-    reach = float(np.abs(t).max())
-    weights, covariance = fit_with_covariance(
-        np.vander(t / reach, 4, increasing=True), clean[first : last + 1]
-    )
-    grid = np.linspace(t[0], t[-1], 801) / reach
-    heights = np.vander(grid, 4, increasing=True) @ weights
-    best = int(np.argmax(heights))
-    return Peak(
-        float(time[marks.peak] + grid[best] * reach),
-        float(heights[best]),
-        _ROUND_SPREAD
-        * propagate_std(np.asarray(grid[best] ** np.arange(4), dtype=float), covariance),
-        corner=False,
-    )
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Loading:
     """Figures of a record up to its peak, with the fits behind them.
 
@@ -214,12 +119,11 @@ class Loading:
     approach : Approach
     peak : Peak
     load : Estimate
-        Normal force while sliding, and its standard uncertainty [N].
-    zeros : tuple[Estimate, Estimate]
-        Of both gauges while nothing was loaded [N].
+        Normal force while sliding [N].
+    zeros : Zeros
     speed : float
         Of the handle [m/s]; not-a-number where it is not known.
-    saw : Saw | None
+    saw : Sawtooth | None
         What it drew before the edge where it stuck and slipped.
     """
 
@@ -227,20 +131,49 @@ class Loading:
     approach: Approach
     peak: Peak
     load: Estimate
-    zeros: tuple[Estimate, Estimate]
+    zeros: Zeros
     speed: float
     saw: Sawtooth | None = None
 
     def slope(self) -> Estimate:
-        """Slope of the ramp, and its standard uncertainty [N/s]."""
+        """Return the slope of the ramp [N/s]."""
         return self.approach.mean_slope(self.peak.time)
 
+    def spring_constant_of_ramp(self) -> Estimate:
+        """Return the spring constant that the ramp shows [N/m]."""
+        slope = self.slope()
+        return Estimate(slope.value / self.speed, slope.std / self.speed)
+
     def friction(self) -> Estimate:
-        """Sliding over normal force, and its standard uncertainty [1]."""
+        """Return sliding over normal force [1]."""
         load, load_std = self.load
-        friction = self.approach.level / load if load > 0.0 else float("nan")
-        own = self.approach.level_std if self.saw is None else self.saw.kinetic[1]
-        return friction, float(np.hypot(own, friction * load_std) / load)
+        friction = math.nan
+        if load > 0.0:
+            friction = self.approach.level / load
+        level_std = self.approach.level_std
+        if self.saw is not None:
+            level_std = self.saw.kinetic.std
+        return Estimate(friction, float(np.hypot(level_std, friction * load_std) / load))
+
+    def list_loading_features(self) -> Features:
+        """Return the features that no saturation after the peak spoils."""
+        peak = self.peak
+        features: Features = {}
+        features |= _name(self.friction(), "sliding_friction", "sliding_friction_std")
+        features |= _name(self.load, "normal_load_n", "normal_load_std_n")
+        features["loading_onset_s"] = self.approach.onset + self.start
+        features |= _name(self.slope(), "loading_slope_n_per_s", "loading_slope_std_n_per_s")
+        features |= _name(
+            self.spring_constant_of_ramp(),
+            "spring_constant_n_per_m",
+            "spring_constant_std_n_per_m",
+        )
+        force = Estimate(peak.force, peak.force_std)
+        features |= _name(force, "peak_force_n", "peak_force_std_n")
+        features["release_time_s"] = peak.time + self.start
+        features |= _name(self.zeros.tangential, "tangential_zero_n", "tangential_zero_std_n")
+        features |= _name(self.zeros.normal, "normal_zero_n", "normal_zero_std_n")
+        return features
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -251,19 +184,17 @@ class Measurement(Loading):
     ----------
     aftermath : Aftermath
     sympathetic : Estimate
-        Amplitude of the normal force that rings along, and its standard uncertainty [N].
-    shares : tuple[float, float]
-        Of the energy of loading and of vibration in their bands [1].
-    regime : str
-        Snap, climb-down, flight, rubbing or stick-slip.
+        Amplitude of the normal force that rings along [N].
+    shares : BandShares
+    regime : Regime
     spring_constant : float
         Of the explorer, as declared [N/m].
     """
 
     aftermath: Aftermath
     sympathetic: Estimate
-    shares: tuple[float, float]
-    regime: str
+    shares: BandShares
+    regime: Regime
     spring_constant: float
 
     @cached_property
@@ -272,225 +203,228 @@ class Measurement(Loading):
 
         A value is not-a-number where the trace does not show it.
         """
-        return _compute_features(_FIGURES, self)
+        after = self.aftermath
+        features = self.list_loading_features()
+        features |= _name(after.level, "release_level_n", "release_level_std_n")
+        features |= _name(after.frequency, "ring_frequency_hz", "ring_frequency_std_hz")
+        features |= _name(after.decay_time, "decay_time_s", "decay_time_std_s")
+        features |= _name(
+            after.friction_decay, "friction_decay_n_per_s", "friction_decay_std_n_per_s"
+        )
+        features |= _name(after.amplitude, "ring_amplitude_n", "ring_amplitude_std_n")
+        features |= self._list_energy_features()
+        features |= _name(self.sympathetic, "sympathetic_force_n", "sympathetic_force_std_n")
+        features["loading_share_0_100hz"] = self.shares.loading
+        features["vibration_share_250_350hz"] = self.shares.vibration
+        features |= self._list_sticking_features()
+        features["regime"] = self.regime.value
+        return {name: features[name] for name in FEATURE_COLUMNS}
 
-    def sticking(self) -> tuple[float, ...]:
-        """Amplitude and time of sticking, and static friction, from the saw before the edge.
-
-        They are not-a-number without a saw.
-        """
-        if self.saw is None:
-            return (math.nan,) * 6
-        load, load_std = self.load
-        static = self.saw.static[0] / load
-        spread = math.hypot(self.saw.static[1], static * load_std) / load
-        return (*self.saw.amplitude, *self.saw.stick_time, static, spread)
-
-    def energy(self) -> tuple[float, float, float]:
-        """Energy of the amplitude at the release on the declared spring [J].
-
-        Its standard uncertainty [J] and their ratio follow.
-        """
+    def _list_energy_features(self) -> Features:
+        """Return the energy of the amplitude at the release on the declared spring."""
         amplitude, std = self.aftermath.amplitude
         energy = amplitude**2 / (2.0 * self.spring_constant)
-        relative = 2.0 * (std / amplitude if amplitude > 0.0 else float("nan"))
-        return energy, energy * relative, relative
+        relative_std = math.nan
+        if amplitude > 0.0:
+            relative_std = 2.0 * (std / amplitude)
+        return {
+            "vibration_energy_j": energy,
+            "vibration_energy_std_j": energy * relative_std,
+            "ln_vibration_energy_std": relative_std,
+        }
 
-
-# columns, and what stands in them
-_Figures = dict[tuple[str, ...], Callable[[Any], tuple[object, ...]]]
-
-
-def _compute_features(functions: _Figures, loading: Loading) -> Features:
-    return {
-        name: value
-        for names, compute in functions.items()
-        for name, value in zip(names, compute(loading), strict=True)
-    }
-
-
-_FIGURES: _Figures = {
-    ("sliding_friction", "sliding_friction_std"): Loading.friction,
-    ("normal_load_n", "normal_load_std_n"): lambda m: m.load,
-    ("loading_onset_s",): lambda m: (m.approach.onset + m.start,),
-    ("loading_slope_n_per_s", "loading_slope_std_n_per_s"): Loading.slope,
-    ("spring_constant_n_per_m", "spring_constant_std_n_per_m"): lambda m: tuple(
-        one / m.speed for one in m.slope()
-    ),
-    ("peak_force_n", "peak_force_std_n"): lambda m: (m.peak.force, m.peak.force_std),
-    ("release_time_s",): lambda m: (m.peak.time + m.start,),
-    ("release_level_n", "release_level_std_n"): lambda m: m.aftermath.level,
-    ("ring_frequency_hz", "ring_frequency_std_hz"): lambda m: m.aftermath.frequency,
-    ("decay_time_s", "decay_time_std_s"): lambda m: m.aftermath.decay_time,
-    ("friction_decay_n_per_s", "friction_decay_std_n_per_s"): lambda m: m.aftermath.friction_decay,
-    ("ring_amplitude_n", "ring_amplitude_std_n"): lambda m: m.aftermath.amplitude,
-    ("vibration_energy_j", "vibration_energy_std_j", "ln_vibration_energy_std"): Measurement.energy,
-    ("sympathetic_force_n", "sympathetic_force_std_n"): lambda m: m.sympathetic,
-    ("loading_share_0_100hz", "vibration_share_250_350hz"): lambda m: m.shares,
-    (
-        "stick_slip_amplitude_n",
-        "stick_slip_amplitude_std_n",
-        "stick_time_s",
-        "stick_time_std_s",
-        "static_friction",
-        "static_friction_std",
-    ): Measurement.sticking,
-    ("tangential_zero_n", "tangential_zero_std_n"): lambda m: m.zeros[0],
-    ("normal_zero_n", "normal_zero_std_n"): lambda m: m.zeros[1],
-    ("regime",): lambda m: (m.regime,),
-}
-# what no saturation after the peak spoils
-_SPARED = ("sliding", "normal_", "loading", "spring", "peak", "release_time", "tangential")
-_OF_LOADING = {
-    names: features for names, features in _FIGURES.items() if names[0].startswith(_SPARED)
-}
-_OVER_LOAD = ("sliding", "normal_load", "static")  # what counts by the normal force of sliding
-_CUT_SHARE = 0.05  # of the samples while sliding, which noise alone does not put at the very top
-del _OF_LOADING["loading_share_0_100hz", "vibration_share_250_350hz"]
-# of a table of features, after trial, status, reason and the covariates
-FEATURE_COLUMNS = tuple(name for names in _FIGURES for name in names)
+    def _list_sticking_features(self) -> Features:
+        """Return what the saw before the edge tells; not-a-number without a saw."""
+        amplitude = stick_time = static_friction = _NOT_KNOWN
+        if self.saw is not None:
+            load, load_std = self.load
+            static = self.saw.static.value / load
+            std = math.hypot(self.saw.static.std, static * load_std) / load
+            amplitude = self.saw.amplitude
+            stick_time = self.saw.stick_time
+            static_friction = Estimate(static, std)
+        features = _name(amplitude, "stick_slip_amplitude_n", "stick_slip_amplitude_std_n")
+        features |= _name(stick_time, "stick_time_s", "stick_time_std_s")
+        features |= _name(static_friction, "static_friction", "static_friction_std")
+        return features
 
 
 def measure_trace(
-    trace: Trace, spring_constant: float, speed: float = float("nan"), tool: Tool | None = None
+    trace: Trace, spring_constant: float, speed: float = math.nan, tool: Tool | None = None
 ) -> Measurement:
-    """Measure one trace."""
-    loaded, zeros = find_set_down(trace)
-    trace = Trace(trace.time[loaded:], trace.tangential[loaded:], trace.normal[loaded:])
-    time = trace.time - trace.time[0]
-    force = trace.tangential
+    """Measure one trace.
+
+    Parameters
+    ----------
+    trace : Trace
+    spring_constant : float
+        Of the explorer, as declared [N/m].
+    speed : float
+        Of the handle [m/s]; not-a-number where it is not known.
+    tool : Tool, optional
+        Its ring, where it is known.
+
+    Raises
+    ------
+    LandmarkError
+        If the trace does not show sliding, loading and slip.
+    """
+    set_down = find_set_down(trace)
+    start = float(trace.time[set_down.first])
+    normal = trace.normal[set_down.first :]
+    force = trace.tangential[set_down.first :]
+    time = trace.time[set_down.first :] - start
     marks = find_landmarks(time, force)
     saw = find_saw(time, force, marks, tool or USUAL_TOOL, spring_constant)
     if saw is not None:
         force = saw.remove_saw(force)
         marks = find_landmarks(time, force)
-    late = marks.peak + (time.size - marks.peak) // 4
-    # the ramp of a tip that stuck begins with its last tooth
-    approach = fit_approach(
-        time, force, marks, tool or guess_ring(time[late:], force[late:]), straight=saw is not None
-    )
-    after = fit_aftermath(
-        time, force, marks, approach, tool or (USUAL_TOOL if saw else None), saw=saw
-    )
-    peak = find_peak(time, force, marks, approach, after)
-    if saw is not None:  # static friction gives way at once, and no straight ramp led up to it
-        top, std, instant = find_extremum(
-            time, force, marks.peak, 0.1 / after.frequency[0], marks.noise
-        )
-        peak = Peak(instant, top, std, corner=False)
-    if peak.corner and after.damped:  # which sample is the highest is a matter of noise
-        after = fit_bell(
-            time, force, peak.time, approach.mains, estimate_sliding_noise(time, approach, marks)
-        )
-        peak = find_peak(time, force, marks, approach, after)
-    if peak.corner:
-        after = after.carry_to(peak.time)
-    load = measure_normal_level(time, trace.normal, approach)
-    clean = force - approach.hum(time)
-    frequency, decay = tool or (after.frequency[0], after.decay_time[0])
+    approach = _fit_approach(time, force, marks, tool, saw)
+    after, peak = _fit_release(time, force, marks, approach, tool, saw)
+    load = measure_normal_level(time, normal, approach)
+    frequency, decay_time = tool or (after.frequency.value, after.decay_time.value)
     motion = Motion(
         time,
-        clean,
-        trace.normal,
-        int(np.searchsorted(time, peak.time)),
-        approach.level,
-        load[0],
-        approach.slope,
-        marks.noise,
-        frequency,
-        1.0 / (2.0 * math.pi * frequency * decay),
+        force - approach.hum(time),
+        normal,
+        peak=int(np.searchsorted(time, peak.time)),
+        level=approach.level,
+        load=load.value,
+        slope=approach.slope,
+        noise=marks.noise,
+        frequency=frequency,
+        damping=1.0 / (2.0 * math.pi * frequency * decay_time),
     )
-    speed = speed if speed > 0.0 else math.nan  # a handle at rest has no ramp
+    if not speed > 0.0:  # a handle at rest has no ramp
+        speed = math.nan
     return Measurement(
-        *(float(trace.time[0]), approach, peak, load, zeros, speed, saw),
+        start=start,
+        approach=approach,
+        peak=peak,
+        load=load,
+        zeros=Zeros(set_down.tangential_zero, set_down.normal_zero),
+        speed=speed,
+        saw=saw,
         aftermath=after,
-        sympathetic=measure_sympathetic_force(time, trace.normal, approach, after),
-        shares=_compute_band_shares(time, force, approach, after, peak),
-        regime=classify_regime(motion, saw, after.damped),
+        sympathetic=measure_sympathetic_force(time, normal, approach, after),
+        shares=compute_band_shares(time, force, approach, after, peak),
+        regime=classify_regime(motion, saw, is_bell=after.damped),
         spring_constant=spring_constant,
     )
 
 
-def measure_censored(trace: Trace, spring_constant: float, speed: float, reason: str) -> Features:
-    """Say what a record shows whose gauge saturated or whose tip never slipped.
+def _fit_approach(
+    time: Array, force: Array, marks: Landmarks, tool: Tool | None, saw: Sawtooth | None
+) -> Approach:
+    """Fit sliding and ramp; the ring of the start is that of the tool, known or guessed."""
+    start_up = tool
+    if start_up is None:
+        late = marks.peak + (time.size - marks.peak) // _LATE_SHARE
+        start_up = guess_ring(time[late:], force[late:])
+    # the ramp of a tip that stuck begins with its last tooth
+    return fit_approach(time, force, marks, start_up, straight=saw is not None)
 
-    Its peak force is a lower bound.
+
+def _fit_release(
+    time: Array,
+    force: Array,
+    marks: Landmarks,
+    approach: Approach,
+    tool: Tool | None,
+    saw: Sawtooth | None,
+) -> tuple[Aftermath, Peak]:
+    """Fit the ring after the slip and the peak before it, each of which helps the other."""
+    if saw is not None:
+        after = fit_aftermath(time, force, marks, approach, tool or USUAL_TOOL, saw=saw)
+        # static friction gives way at once, and no straight ramp led up to it
+        reach = 0.1 / after.frequency.value
+        top = find_extremum(time, force, marks.peak, reach, marks.noise)
+        return after, Peak(top.instant, top.force, top.std, corner=False)
+    after = fit_aftermath(time, force, marks, approach, tool)
+    peak = find_peak(time, force, marks, approach, after)
+    if peak.corner and after.damped:  # which sample is the highest is a matter of noise
+        noise = estimate_sliding_noise(time, approach, marks)
+        after = fit_bell(time, force, peak.time, approach.mains, noise)
+        peak = find_peak(time, force, marks, approach, after)
+    if peak.corner:
+        after = after.carry_to(peak.time)
+    return after, peak
+
+
+def measure_censored(trace: Trace, spring_constant: float, speed: float, bound: Bound) -> Features:
+    """Measure a record whose gauge saturated or whose tip never slipped.
+
+    Parameters
+    ----------
+    trace : Trace
+    spring_constant : float
+        Of the explorer, as declared [N/m].
+    speed : float
+        Of the handle [m/s].
+    bound : Bound
+        What the record only bounds.
+
+    Returns
+    -------
+    Features
+        What the record shows; empty where it does not even show a ramp.
     """
-    # Empty where it does not even show a ramp. What saturates after the slip, or only along the
-    # normal, leaves the peak whole.
     try:
-        if "normal force" in reason or "lowest" in reason:
-            features = measure_trace(trace, spring_constant, speed).features
-            if "normal force" not in reason:
-                return {n: v for n, v in features.items() if n.startswith(_SPARED)}
-            slid = np.abs(trace.normal[trace.time < features["loading_onset_s"]])
-            # a level at which the gauge stood still is less than the force, and friction over it is
-            # no friction
-            cut = slid.size and np.mean(slid >= np.abs(trace.normal).max()) > _CUT_SHARE
-            return {n: v for n, v in features.items() if not (cut and n.startswith(_OVER_LOAD))}
-        loaded, zeros = find_set_down(trace)
-        time = trace.time[loaded:] - trace.time[loaded]
-        force = trace.tangential[loaded:]
-        marks = find_bounded_landmarks(time, force)
-        approach = fit_approach(time, force, marks, None)
-        load = measure_normal_level(time, trace.normal[loaded:], approach)
+        if bound is Bound.PEAK_FORCE:
+            return _measure_loading(trace, speed).list_loading_features()
+        # what saturates after the slip, or only along the normal, leaves the peak whole
+        measurement = measure_trace(trace, spring_constant, speed)
     except (LandmarkError, ValueError, np.linalg.LinAlgError):
         return {}
-    return _compute_features(
-        _OF_LOADING,
-        Loading(
-            float(trace.time[loaded]),
-            approach,
-            Peak(math.nan, float(force[marks.peak]), math.nan, corner=False),
-            load,
-            zeros,
-            speed,
-        ),
+    if bound is Bound.NORMAL_FORCE:
+        return _list_features_without_load(trace, measurement.features)
+    features = measurement.list_loading_features()
+    features["loading_share_0_100hz"] = measurement.shares.loading
+    return features
+
+
+def _measure_loading(trace: Trace, speed: float) -> Loading:
+    """Measure a record up to its highest sample, which is a lower bound of the peak."""
+    set_down = find_set_down(trace)
+    start = trace.time[set_down.first]
+    time = trace.time[set_down.first :] - start
+    force = trace.tangential[set_down.first :]
+    marks = find_bounded_landmarks(time, force)
+    approach = fit_approach(time, force, marks, None)
+    return Loading(
+        start=float(start),
+        approach=approach,
+        peak=Peak(math.nan, float(force[marks.peak]), math.nan, corner=False),
+        load=measure_normal_level(time, trace.normal[set_down.first :], approach),
+        zeros=Zeros(set_down.tangential_zero, set_down.normal_zero),
+        speed=speed,
     )
 
 
-def _compute_band_shares(
-    time: Array, force: Array, approach: Approach, after: Aftermath, peak: Peak
-) -> tuple[float, float]:
-    rate = (time.size - 1) / (time[-1] - time[0])
-    clean = force - approach.hum(time)
-    over = after.start + _RING_TIMES * after.decay_time[0]
-    onset, release, begin, end = np.searchsorted(
-        time, (approach.onset, peak.time, max(after.start, peak.time), over)
-    )
-    return (
-        compute_band_share(clean[onset:release] - approach.level, rate, LOADING_BAND),
-        compute_band_share(clean[begin:end] - after.level[0], rate, VIBRATION_BAND),
-    )
+def _list_features_without_load(trace: Trace, features: Features) -> Features:
+    """Leave out what counts by the load where the normal gauge stood still while sliding."""
+    # a level at which the gauge stood still is less than the force, and friction over it is no
+    # friction
+    sliding = np.abs(trace.normal[trace.time < features["loading_onset_s"]])
+    limit = np.abs(trace.normal).max()
+    is_cut = sliding.size and np.mean(sliding >= limit) > _CUT_SHARE
+    if not is_cut:
+        return features
+    return {name: value for name, value in features.items() if name not in _OVER_LOAD}
 
 
-def compute_band_share(values: Array, rate: float, band: tuple[float, float]) -> float:
-    """Share of the energy of a transient that lies in a band, by Parseval's theorem.
-
-    Figures 4 and 5 of the paper show it.
-    """
-    # no window: a transient ends by itself, and a window would move energy from the release into
-    # the band
-    from scipy.signal import periodogram
-
-    if values.size < 2 or not np.any(values):
-        return float("nan")
-    size = max(1 << (4 * values.size - 1).bit_length(), 1 << int(np.ceil(np.log2(rate))))
-    frequency, density = periodogram(
-        values, fs=rate, window="boxcar", detrend=False, nfft=size, scaling="density"
-    )
-    return float(density[(frequency >= band[0]) & (frequency < band[1])].sum() / density.sum())
-
-
-def average_tool(features: Iterable[dict[str, float]]) -> Tool | None:
-    """Average frequency [Hz] and decay time [s] of the tool over trials that show them well.
+def average_tool(features: Iterable[Mapping[str, float]]) -> Tool | None:
+    """Average the ring of the tool over trials that show it well.
 
     The result is None where too few do.
     """
-    clear = [
-        (row["ring_frequency_hz"], row["decay_time_s"])
-        for row in features
-        if row["ring_frequency_std_hz"] < 0.01 * row["ring_frequency_hz"]
-        and row["decay_time_std_s"] < 0.1 * row["decay_time_s"]
-    ]
-    return tuple(np.median(clear, axis=0).tolist()) if len(clear) >= _FEWEST_CLEAR else None
+    frequencies, decay_times = [], []
+    for row in features:
+        frequency, decay_time = row["ring_frequency_hz"], row["decay_time_s"]
+        shows_frequency = row["ring_frequency_std_hz"] < _CLEAR_FREQUENCY * frequency
+        if shows_frequency and row["decay_time_std_s"] < _CLEAR_DECAY * decay_time:
+            frequencies.append(frequency)
+            decay_times.append(decay_time)
+    if len(frequencies) < _FEWEST_CLEAR:
+        return None
+    return Tool(float(np.median(frequencies)), float(np.median(decay_times)))

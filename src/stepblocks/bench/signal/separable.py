@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,6 +21,9 @@ _CLEAR = 12.0  # chi squared of one to three columns that noise alone hardly giv
 _UNSEEN = 1e-7
 _STEP = 1e-6  # of differences, in units of the scale of a shape
 _LOWEST = 80.0  # [Hz] below lie hum and its first harmonic
+_FEWEST_CORRELATED = 16  # residuals, fewer show no correlation
+_CORRELATION_OF_NOISE = 2.5  # that noise alone can give, times the root of the number of residuals
+_RANK_OF_SEARCH = 1e-12  # singular values of columns below this share count as zero
 _DECAYS = (5e-3, 12e-3, 25e-3, 60e-3)  # [s] first guesses of the decay time
 
 
@@ -53,14 +57,12 @@ class SeparableFit:
 
     def would_gain_from(self, columns: Array) -> bool:
         """Whether further columns would clearly explain more: one Gauss-Newton step."""
-        weights, covariance = fit_with_covariance(
-            np.column_stack([self.jacobian, columns]), self.residuals
-        )
-        own = slice(-columns.shape[1], None)
-        return bool(
-            weights[own] @ np.linalg.pinv(covariance[own, own], hermitian=True) @ weights[own]
-            > _CLEAR
-        )
+        extended = np.column_stack([self.jacobian, columns])
+        weights, covariance = fit_with_covariance(extended, self.residuals)
+        added = slice(-columns.shape[1], None)
+        precision = np.linalg.pinv(covariance[added, added], hermitian=True)
+        chi_squared = weights[added] @ precision @ weights[added]
+        return bool(chi_squared > _CLEAR)
 
 
 def fit_separable(
@@ -73,25 +75,42 @@ def fit_separable(
 ) -> SeparableFit:
     """Fit ``values = basis(shape) @ weights``.
 
-    The shape moves in steps of `scale` between its bounds.
+    Parameters
+    ----------
+    basis : callable
+        From a shape (q,) to columns (n, p).
+    values : Array
+        Shape (n,).
+    start, lower, upper : Array
+        Shape (q,), where the search for a shape begins and its bounds.
+    scale : Array
+        Shape (q,), steps in which the shape moves.
     """
     from scipy.optimize import least_squares
 
     @lru_cache(maxsize=1)
-    def solve(shape: bytes) -> tuple[Array, Array, Array]:
+    def solve(shape: bytes) -> _LinearFit:
         columns = basis(np.frombuffer(shape))
-        return columns, *fit_linear(columns, values, rcond=1e-12)
+        weights, residuals = fit_linear(columns, values, rcond=_RANK_OF_SEARCH)
+        return _LinearFit(columns, weights, residuals)
+
+    def compute_residuals(shape: Array) -> Array:
+        return solve(shape.tobytes()).residuals
 
     def differentiate(shape: Array) -> Array:
         # the columns as a shape moves them, less what their own weights take up at once
         # (Kaufman 1975, doi:10.1007/bf01932995)
-        columns, weights, _ = solve(shape.tobytes())
+        fit = solve(shape.tobytes())
         step = np.where(shape + _STEP * scale > upper, -_STEP, _STEP) * scale
-        moved = [(basis(shape + one) - columns) @ weights for one in np.diag(step)]
-        return -fit_linear(columns, np.stack(moved, axis=1) / step, rcond=1e-12)[1]
+        changes = []
+        for move in np.diag(step):
+            changes.append((basis(shape + move) - fit.columns) @ fit.weights)
+        slopes = np.stack(changes, axis=1) / step
+        _, remainder = fit_linear(fit.columns, slopes, rcond=_RANK_OF_SEARCH)
+        return -remainder
 
-    shape = least_squares(
-        lambda p: solve(p.tobytes())[2],
+    search = least_squares(
+        compute_residuals,
         np.clip(start, lower, upper),
         jac=differentiate,
         bounds=(lower, upper),
@@ -99,26 +118,40 @@ def fit_separable(
         xtol=1e-9,
         ftol=1e-9,
         max_nfev=60,
-    ).x
-    columns, weights, residuals = solve(shape.tobytes())
-    slopes = compute_numeric_jacobian(
-        lambda p: basis(p) @ weights, shape, scale * 1e-4, lower, upper
     )
-    jacobian = np.column_stack([slopes, columns])
-    return SeparableFit(
-        shape, weights, estimate_covariance(jacobian, residuals), residuals, jacobian
-    )
+    shape = search.x
+    fit = solve(shape.tobytes())
+
+    def compute_model(shape: Array) -> Array:
+        return np.asarray(basis(shape) @ fit.weights, dtype=float)
+
+    slopes = compute_numeric_jacobian(compute_model, shape, scale * 1e-4, lower, upper)
+    jacobian = np.column_stack([slopes, fit.columns])
+    covariance = estimate_covariance(jacobian, fit.residuals)
+    return SeparableFit(shape, fit.weights, covariance, fit.residuals, jacobian)
+
+
+class _LinearFit(NamedTuple):
+    """Columns (n, p), their weights (p,), and what they leave of the values (n,)."""
+
+    columns: Array
+    weights: Array
+    residuals: Array
 
 
 def fit_linear(columns: Array, values: Array, rcond: float | None = None) -> tuple[Array, Array]:
-    """Return weights and residuals of ``values = columns @ weights``."""
-    weights = np.linalg.lstsq(columns, values, rcond=rcond)[0]
-    return np.asarray(weights, dtype=float), np.asarray(values - columns @ weights, dtype=float)
+    """Return weights and residuals of ``values = columns @ weights``.
+
+    Singular values below `rcond` times the largest count as zero.
+    """
+    weights, *_ = np.linalg.lstsq(columns, values, rcond=rcond)
+    residuals = values - columns @ weights
+    return np.asarray(weights, dtype=float), np.asarray(residuals, dtype=float)
 
 
 def compute_rest(columns: Array, values: Array) -> float:
     """Return the sum of squares that columns leave of values."""
-    residuals = fit_linear(columns, values)[1]
+    _, residuals = fit_linear(columns, values)
     return float(residuals @ residuals)
 
 
@@ -130,9 +163,8 @@ def fit_with_covariance(columns: Array, values: Array) -> tuple[Array, Array]:
 
 def build_damped_wave_columns(time: Array, frequency: float, decay_time: float) -> Array:
     """Columns of a cosine and a sine that die away."""
-    return np.asarray(
-        np.exp(-time / decay_time)[:, None] * build_wave_columns(time, frequency), dtype=float
-    )
+    decay = np.exp(-time / decay_time)[:, None]
+    return np.asarray(decay * build_wave_columns(time, frequency), dtype=float)
 
 
 def build_wave_columns(time: Array, frequency: float) -> Array:
@@ -142,24 +174,27 @@ def build_wave_columns(time: Array, frequency: float) -> Array:
 
 
 def guess_ring(time: Array, values: Array) -> Tool:
-    """Frequency [Hz] and decay time [s] of the strongest ring in `values`, roughly."""
+    """Guess frequency [Hz] and decay time [s] of the strongest ring in `values`."""
+    since = time - time[0]
+    frequency = _find_strongest_frequency(time, values)
+
+    def compute_rest_of_ring(decay_time: float) -> float:
+        ring = build_damped_wave_columns(since, frequency, decay_time)
+        return compute_rest(np.column_stack([np.ones_like(since), ring]), values)
+
+    return Tool(frequency, min(_DECAYS, key=compute_rest_of_ring))
+
+
+def _find_strongest_frequency(time: Array, values: Array) -> float:
+    """Return the frequency of the highest line of the spectrum above hum [Hz]."""
     count = values.size
     rate = (count - 1) / (time[-1] - time[0])
     size = 1 << (4 * count - 1).bit_length()
-    spectrum = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(2 * count)[count:], size))
+    falling_window = np.hanning(2 * count)[count:]
+    spectrum = np.abs(np.fft.rfft((values - values.mean()) * falling_window, size))
     frequencies = np.fft.rfftfreq(size, 1.0 / rate)
     spectrum[frequencies < _LOWEST] = 0.0
-    frequency = float(frequencies[int(np.argmax(spectrum))])
-    since = time - time[0]
-    return frequency, min(
-        _DECAYS,
-        key=lambda decay: compute_rest(
-            np.column_stack(
-                [np.ones_like(since), build_damped_wave_columns(since, frequency, decay)]
-            ),
-            values,
-        ),
-    )
+    return float(frequencies[int(np.argmax(spectrum))])
 
 
 def compute_numeric_jacobian(
@@ -170,21 +205,38 @@ def compute_numeric_jacobian(
     upper: Array | float = math.inf,
 ) -> Array:
     """Differentiate `model` by differences that stay inside the bounds; shape (n, q)."""
-    highest, lowest = np.minimum(point + step, upper), np.maximum(point - step, lower)
-    columns = [
-        (model(np.where(own, highest, point)) - model(np.where(own, lowest, point)))
-        / (highest - lowest)[own]
-        for own in np.identity(point.size, dtype=np.bool_)
-    ]
+    highest = np.minimum(point + step, upper)
+    lowest = np.maximum(point - step, lower)
+    columns = []
+    for index in range(point.size):
+        above = np.array(point, dtype=float)
+        below = np.array(point, dtype=float)
+        above[index] = highest[index]
+        below[index] = lowest[index]
+        width = highest[index] - lowest[index]
+        columns.append((model(above) - model(below)) / width)
     return np.column_stack(columns)
 
 
 def estimate_covariance(jacobian: Array, residuals: Array, known: Array | None = None) -> Array:
-    """Covariance of the parameters, widened by the autocorrelation of the residuals.
+    """Estimate the covariance of the parameters, widened by the autocorrelation of the residuals.
 
     Correlated residuals say less than their number.
+
+    Parameters
+    ----------
+    jacobian : Array
+        Shape (n, q), of the model.
+    residuals : Array
+        Shape (n,).
+    known : Array, optional
+        Shape (m, q), in the unit of the data per parameter: further exact measurements.
+
+    Returns
+    -------
+    Array
+        Shape (q, q).
     """
-    # Rows of `known`, in the unit of the data per parameter, count as further exact measurements.
     count, parameters = jacobian.shape
     noise = float(np.sqrt(residuals @ residuals / max(count - parameters, 1)))
     if known is not None:
@@ -194,23 +246,21 @@ def estimate_covariance(jacobian: Array, residuals: Array, known: Array | None =
     # from the rows, not from their squares: those lose half the digits, and with them the rank
     root = np.linalg.pinv(jacobian / size, rcond=_UNSEEN)
     inverse = root @ root.T
-    return np.asarray(
-        inverse / np.outer(size, size) * noise**2 * compute_correlation_inflation(residuals),
-        dtype=float,
-    )
+    covariance = inverse / np.outer(size, size) * noise**2
+    return np.asarray(covariance * compute_correlation_inflation(residuals), dtype=float)
 
 
 def compute_correlation_inflation(residuals: Array) -> float:
-    """Factor by which correlation between neighbours widens a variance.
+    """Return the factor by which correlation between neighbours widens a variance.
 
     ``1 + 2 sum rho_k``, up to what noise can give.
     """
     count = residuals.size
     power = float(residuals @ residuals)
-    total = 0.0
-    if count < 16 or power == 0.0:
+    if count < _FEWEST_CORRELATED or power == 0.0:
         return 1.0
-    limit = 2.5 / np.sqrt(count)
+    limit = _CORRELATION_OF_NOISE / np.sqrt(count)
+    total = 0.0
     for lag in range(1, count // 4):
         rho = float(residuals[:-lag] @ residuals[lag:]) / power
         if rho < limit:
@@ -225,21 +275,37 @@ def propagate_std(gradient: Array, covariance: Array) -> float:
     The gradient is taken in the parameters of a covariance.
     """
     variance = float(gradient @ covariance @ gradient)
-    return math.sqrt(variance) if variance > 0.0 else 0.0
+    if variance > 0.0:
+        return math.sqrt(variance)
+    return 0.0
 
 
 def compute_misfit(residuals: Array, parameters: int, begin: int, noise: float) -> float:
     """Return by how many standard errors a fit misses its noise.
 
     It is that of the whole or of its beginning, whichever is worse.
+
+    Parameters
+    ----------
+    residuals : Array
+        Shape (n,).
+    parameters : int
+        Number of fitted values.
+    begin : int
+        Number of samples of the beginning.
+    noise : float
+        Standard deviation, in the unit of the residuals.
     """
     # a fit of a ring that is wrong is wrong where the ring is largest; over the whole record that
     # goes under
     if noise <= 0.0:
         return math.inf
+    whole = _compute_misfit_of_part(residuals, parameters, noise)
+    beginning = _compute_misfit_of_part(residuals[:begin], 0, noise)
+    return max(whole, beginning)
 
-    def missed(part: Array, used: int) -> float:
-        freedom = max(part.size - used, 1)
-        return (float(part @ part) / freedom / noise**2 - 1.0) / math.sqrt(2.0 / freedom)
 
-    return max(missed(residuals, parameters), missed(residuals[:begin], 0))
+def _compute_misfit_of_part(residuals: Array, parameters: int, noise: float) -> float:
+    freedom = max(residuals.size - parameters, 1)
+    reduced_chi_squared = float(residuals @ residuals) / freedom / noise**2
+    return (reduced_chi_squared - 1.0) / math.sqrt(2.0 / freedom)

@@ -1,79 +1,115 @@
 """Traces in HDF5: a group per trial with a dataset per channel, or a table per trial."""
 
+from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import h5py
+import numpy as np
+from numpy.typing import ArrayLike
 
-from stepblocks.bench.session import Place
-from stepblocks.bench.signal import MOST_SAMPLES, TraceError, check_size, join_first
+from stepblocks.bench.faults import FaultKind, TraceError
+from stepblocks.bench.signal import MOST_SAMPLES, check_size, join_first
+from stepblocks.bench.traces.reader import TextLayout, TraceReader, TrialPlace
 
 _CACHE = 256 * 2**10  # descriptions of groups that are kept, in their size on disk [bytes]
+_MOST_COLUMNS = 64  # of a table with the most samples that a trace may have
 
 
-def open_hdf5(path: Path, layout: object) -> "h5py.File":
-    """Open a file, of a MATLAB file from version 7.3 on too."""
-    try:
-        file = h5py.File(path, "r", locking=False)
-    except OSError as error:
-        raise TraceError(f"{path.name} is no readable HDF5 file") from error
-    # the library would hold 30 MiB of descriptions of groups, each of which is read once
-    cache = file.id.get_mdc_config()
-    cache.set_initial_size = True
-    cache.initial_size = cache.min_size = cache.max_size = _CACHE
-    file.id.set_mdc_config(cache)
-    return file
+class Hdf5Reader(TraceReader["h5py.File", "h5py.Group | h5py.Dataset"]):
+    """Reads groups of datasets, compound tables and plain ones."""
+
+    def open(self, path: Path, layout: TextLayout | None = None) -> "h5py.File":
+        """Open a file, of a MATLAB file from version 7.3 on too."""
+        try:
+            file = h5py.File(path, "r", locking=False)
+        except OSError as error:
+            raise TraceError(
+                FaultKind.WITHOUT_HEADING, f"{path.name} is no readable HDF5 file"
+            ) from error
+        # the library would hold 30 MiB of descriptions of groups, each of which is read once
+        cache = file.id.get_mdc_config()
+        cache.set_initial_size = True
+        cache.initial_size = cache.min_size = cache.max_size = _CACHE
+        file.id.set_mdc_config(cache)
+        return file
+
+    def find_group(self, file: "h5py.File", place: TrialPlace) -> "h5py.Group | h5py.Dataset":
+        """Find the group or the table of one trial."""
+        if place.is_whole_file:
+            return file
+        for name in place.groups:
+            if name in file:
+                group = file[name]
+                _require_inside(group, file)
+                return group
+        raise TraceError(FaultKind.MISSING, f"no group {place.groups[0]!r} among the traces")
+
+    def read_column(self, group: "h5py.Group | h5py.Dataset", name: str | int) -> ArrayLike:
+        """Read one channel of a group of datasets, of a compound table or of a plain one."""
+        if isinstance(group, h5py.Dataset):
+            return _read_table_column(group, name)
+        if isinstance(name, int) or name not in group:
+            raise TraceError(
+                FaultKind.UNKNOWN_CHANNEL,
+                f"no {name!r} in the group, it has {join_first(group)}",
+            )
+        dataset = group[name]
+        if not isinstance(dataset, h5py.Dataset):
+            raise TraceError(FaultKind.WITHOUT_HEADING, f"channel {name!r} is a group, no dataset")
+        _require_inside(dataset, group)
+        check_size(dataset.size, name)
+        return np.asarray(dataset[()])
+
+    def read_attributes(
+        self, group: "h5py.Group | h5py.Dataset", names: Sequence[str | int]
+    ) -> dict[str, object]:
+        """Return the attributes of a trial and of its channels."""
+        attributes: dict[str, object] = {}
+        with suppress(Exception):  # the library raises anything on damaged attributes
+            attributes |= dict(group.attrs)
+        if isinstance(group, h5py.Dataset):
+            return attributes
+        for name in names:
+            with suppress(Exception):
+                attributes |= dict(group[name].attrs)
+        return attributes
 
 
-def find_hdf5_group(file: "h5py.File", place: Place) -> "h5py.Group | h5py.Dataset":
-    """Find the group or the table of one trial."""
-    group = (
-        file if place.is_file else next((file[name] for name in place.groups if name in file), None)
-    )
-    if group is None:
-        raise TraceError(f"missing: no group {place.groups[0]!r} among the traces")
-    _require_own(group, file)
-    return group
+def _require_inside(item: "h5py.HLObject", container: "h5py.HLObject") -> None:
+    """Refuse what lies in another file, by a link or by storage outside.
 
-
-def read_hdf5_column(group: "h5py.Group | h5py.Dataset", name: str | int) -> "h5py.Dataset":
-    """Read one channel of a group of datasets, of a compound table or of a plain one."""
-    if isinstance(group, h5py.Dataset):
-        return _read_table_column(group, name)
-    if isinstance(name, int) or name not in group:
-        raise TraceError(f"unknown channel: no {name!r} in the group, it has {join_first(group)}")
-    dataset = group[name]
-    TraceError.require(
-        isinstance(dataset, h5py.Dataset), f"channel {name!r} is a group, no dataset"
-    )
-    _require_own(dataset, group)
-    check_size(dataset.size, name)
-    return dataset[()]
-
-
-def _require_own(item: "h5py.HLObject", container: "h5py.HLObject") -> None:
-    # Refuse what lies in another file, by a link or by storage outside. A session is what its
-    # folder holds.
-    TraceError.require(
-        item.file.filename == container.file.filename
-        and not (isinstance(item, h5py.Dataset) and (item.external or item.is_virtual)),
-        f"{item.name} lies in another file, which is not read",
-    )
-
-
-def _read_table_column(table: "h5py.Dataset", name: str | int) -> "h5py.Dataset":
-    TraceError.require(
-        table.size <= 64 * MOST_SAMPLES,
-        f"table of shape {table.shape} is too large",
-    )
-    if isinstance(name, int):
-        TraceError.require(
-            table.ndim == 2 and 0 <= name < min(table.shape),
-            f"unknown channel: no column {name} in a table of shape {table.shape}",
+    A session is what its folder holds.
+    """
+    is_inside = item.file.filename == container.file.filename
+    if isinstance(item, h5py.Dataset) and (item.external or item.is_virtual):
+        is_inside = False
+    if not is_inside:
+        raise TraceError(
+            FaultKind.WITHOUT_HEADING, f"{item.name} lies in another file, which is not read"
         )
-        # MATLAB's columns are HDF5's rows
-        return table[:, name] if table.shape[1] <= table.shape[0] else table[name, :]
-    TraceError.require(
-        name in (table.dtype.names or ()),
-        f"unknown channel: the table has no {name!r}, it has {table.dtype.names}",
-    )
-    return table[name]
+
+
+def _read_table_column(table: "h5py.Dataset", name: str | int) -> ArrayLike:
+    """Read a column of a table, by its name in a compound one, by its index in a plain one."""
+    if table.size > _MOST_COLUMNS * MOST_SAMPLES:
+        raise TraceError(FaultKind.WITHOUT_HEADING, f"table of shape {table.shape} is too large")
+    if isinstance(name, int):
+        return _read_plain_column(table, name)
+    if name not in (table.dtype.names or ()):
+        raise TraceError(
+            FaultKind.UNKNOWN_CHANNEL,
+            f"the table has no {name!r}, it has {table.dtype.names}",
+        )
+    return np.asarray(table[name])
+
+
+def _read_plain_column(table: "h5py.Dataset", index: int) -> ArrayLike:
+    if table.ndim != 2 or not 0 <= index < min(table.shape):
+        raise TraceError(
+            FaultKind.UNKNOWN_CHANNEL, f"no column {index} in a table of shape {table.shape}"
+        )
+    rows, columns = table.shape
+    if columns > rows:  # MATLAB's columns are HDF5's rows
+        return np.asarray(table[index, :])
+    return np.asarray(table[:, index])

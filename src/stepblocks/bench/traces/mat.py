@@ -5,21 +5,39 @@ A file of one trial may also hold a variable per channel.
 
 import io
 import struct
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, BinaryIO, NamedTuple
 
+import h5py
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.io import loadmat, whosmat
 
-from stepblocks.bench.session import Place
-from stepblocks.bench.signal import TraceError, join_first
-from stepblocks.bench.traces.hdf5 import find_hdf5_group, open_hdf5, read_hdf5_column
+from stepblocks.bench.faults import FaultKind, TraceError
+from stepblocks.bench.signal import join_first
+from stepblocks.bench.traces.hdf5 import Hdf5Reader
+from stepblocks.bench.traces.reader import TextLayout, TraceReader, TrialPlace
 
-_HEADER = 128
+_HEADER = 128  # bytes of a version 5 file before its first variable
+_MARK = slice(126, 128)  # of the header, which tells the order of bytes
+_BYTE_ORDERS = {b"IM": "<", b"MI": ">"}  # of the `struct` module, by the mark
+_TAG = 8  # bytes before a variable, with its type and length
 _NAMED = 4096  # bytes of a variable in which its name lies
 _HDF5_MARK = b"\x89HDF\r\n\x1a\n"
+_USER_BLOCK = 512  # bytes before the HDF5 part of a MATLAB file
 _MOST_BYTES = 1 << 30  # of one variable
+_LONGEST_REASON = 120  # letters of a message of SciPy
+_LONGEST_REASON_OF_DAMAGE = 80
+
+
+class Extent(NamedTuple):
+    """Where a variable lies in a file [bytes]."""
+
+    start: int
+    length: int
 
 
 @dataclass(frozen=True)
@@ -29,102 +47,166 @@ class Variables:
     Attributes
     ----------
     path : Path
-    places : dict[str, tuple[int, int]]
-        First byte and length of each.
+    extents : dict[str, Extent]
+        Of each variable.
     """
 
     path: Path
-    places: dict[str, tuple[int, int]]
+    extents: dict[str, Extent]
 
     def load(self, names: tuple[str, ...]) -> object:
-        """Read the first of `names` that is there."""
-        name = next((name for name in names if name in self.places), None)
-        if name is None:
-            raise TraceError(f"missing: no variable {names[0]!r} among the traces")
-        place, length = self.places[name]
-        TraceError.require(
-            length <= _MOST_BYTES,
-            f"variable {name!r} has more than {_MOST_BYTES} bytes",
-        )
+        """Read the first of `names` that is there: a struct as a dict, else an array."""
+        for name in names:
+            if name in self.extents:
+                return self._load_variable(name, self.extents[name])
+        raise TraceError(FaultKind.MISSING, f"no variable {names[0]!r} among the traces")
+
+    def _load_variable(self, name: str, extent: Extent) -> object:
+        """Read one variable."""
+        if extent.length > _MOST_BYTES:
+            raise TraceError(
+                FaultKind.WITHOUT_HEADING,
+                f"variable {name!r} has more than {_MOST_BYTES} bytes",
+            )
         try:
-            return loadmat(_extract_variable(self.path, place, length), simplify_cells=True)[name]
+            variables = loadmat(_extract_variable(self.path, extent), simplify_cells=True)
+            return variables[name]
         except MemoryError:
             raise
-        except (
-            Exception
-        ) as error:  # SciPy lets zlib, type and key errors of a damaged variable through
-            raise TraceError(f"unreadable: variable {name!r}: {str(error)[:120]}") from error
+        except Exception as error:  # zlib, type and key errors of a damaged variable
+            reason = str(error)[:_LONGEST_REASON]
+            raise TraceError(FaultKind.UNREADABLE, f"variable {name!r}: {reason}") from error
 
 
-def _extract_variable(path: Path, place: int, length: int) -> io.BytesIO:
-    # Return a file of one variable alone
+def _extract_variable(path: Path, extent: Extent) -> io.BytesIO:
+    """Return a file of one variable alone."""
     with path.open("rb") as file:
         header = file.read(_HEADER)
-        file.seek(place)
-        return io.BytesIO(header + file.read(length))
+        file.seek(extent.start)
+        return io.BytesIO(header + file.read(extent.length))
 
 
-def open_mat(path: Path, layout: object) -> AbstractContextManager[object]:
-    """Open a file of any version."""
+class MatReader(TraceReader[Any, Any]):
+    """Reads files of any version; those from 7.3 on are HDF5."""
+
+    def __init__(self) -> None:
+        self._hdf5 = Hdf5Reader()
+
+    def open(self, path: Path, layout: TextLayout) -> AbstractContextManager[object]:
+        """Open a file; of a version 5 file the variables are listed."""
+        if _is_hdf5(path):
+            file: AbstractContextManager[object] = self._hdf5.open(path, layout)
+            return file
+        return nullcontext(find_mat_variables(path))
+
+    def find_group(self, file: object, place: TrialPlace) -> object:
+        """Find the struct or the matrix of one trial; a file of its own is the group itself."""
+        if not isinstance(file, Variables):
+            return self._hdf5.find_group(file, place)
+        if place.is_whole_file:
+            return file
+        value = file.load(place.groups)
+        if isinstance(value, dict):
+            return value
+        return np.asarray(value)
+
+    def read_column(self, group: object, name: str | int) -> ArrayLike:
+        """Read one channel."""
+        if isinstance(group, Variables):
+            return np.asarray(group.load((str(name),)))
+        if isinstance(group, dict):
+            return np.asarray(_read_field(group, name))
+        if isinstance(group, np.ndarray):
+            return _read_matrix_column(group, name)
+        return self._hdf5.read_column(group, name)
+
+    def read_attributes(self, group: object, names: Sequence[str | int]) -> Mapping[str, object]:
+        """Return the attributes of an HDF5 group; other groups have none."""
+        if isinstance(group, h5py.HLObject):
+            return self._hdf5.read_attributes(group, names)
+        return {}
+
+
+def _is_hdf5(path: Path) -> bool:
+    """Tell whether a file is HDF5, with or without the block that MATLAB puts before it."""
+    length = len(_HDF5_MARK)
     with path.open("rb") as file:
-        head = file.read(8)
-        file.seek(512)
-        is_hdf5 = _HDF5_MARK in (head, file.read(8))
-    return open_hdf5(path, layout) if is_hdf5 else nullcontext(find_mat_variables(path))
+        begin = file.read(length)
+        file.seek(_USER_BLOCK)
+        after_block = file.read(length)
+    return _HDF5_MARK in (begin, after_block)
 
 
-def find_mat_group(file: object, place: Place) -> object:
-    """Find the struct or the matrix of one trial; a file of its own is the group itself."""
-    if not isinstance(file, Variables):
-        return find_hdf5_group(file, place)
-    value = file if place.is_file else file.load(place.groups)
-    return value if isinstance(value, dict | Variables) else np.asarray(value)
-
-
-def read_mat_column(group: object, name: str | int) -> object:
-    """Read one channel."""
-    if isinstance(group, Variables):
-        return group.load((str(name),))
-    if isinstance(group, dict):
-        TraceError.require(
-            name in group,
-            f"unknown channel: no {name!r} in the struct, it has {join_first(group)}",
+def _read_field(fields: Mapping[str, object], name: str | int) -> object:
+    """Return a field of a struct."""
+    if name not in fields:
+        raise TraceError(
+            FaultKind.UNKNOWN_CHANNEL,
+            f"no {name!r} in the struct, it has {join_first(fields)}",
         )
-        return group[name]
-    if not isinstance(group, np.ndarray):
-        return read_hdf5_column(group, name)
-    if not isinstance(name, int) or group.ndim != 2 or not 0 <= name < group.shape[1]:
-        raise TraceError(f"unknown channel: no column {name!r} in a matrix of shape {group.shape}")
-    return group[:, name]
+    return fields[str(name)]
+
+
+def _read_matrix_column(matrix: "np.ndarray[Any, Any]", index: str | int) -> ArrayLike:
+    is_matrix = matrix.ndim == 2
+    if not isinstance(index, int) or not is_matrix or not 0 <= index < matrix.shape[1]:
+        raise TraceError(
+            FaultKind.UNKNOWN_CHANNEL,
+            f"no column {index!r} in a matrix of shape {matrix.shape}",
+        )
+    return np.asarray(matrix[:, index])
 
 
 def find_mat_variables(path: Path) -> Variables:
     """Look through a version 5 file for the names of its variables, once.
 
     SciPy reads through all of them to find one.
+
+    Raises
+    ------
+    TraceError
+        If the file is none, damaged or truncated.
     """
-    places: dict[str, tuple[int, int]] = {}
+    extents: dict[str, Extent] = {}
     size = path.stat().st_size
-    place = _HEADER
     with path.open("rb") as file:
-        mark = file.read(_HEADER)[126:]
-        TraceError.require(
-            mark in (b"IM", b"MI"),
-            f"{path.name} is no MATLAB file of version 5 to 7.3",
-        )
-        while place + 8 <= size:
-            file.seek(place)
-            _, length = struct.unpack("<II" if mark == b"IM" else ">II", file.read(8))
-            try:
-                ((name, *_),) = whosmat(_extract_variable(path, place, min(8 + length, _NAMED)))
-            except Exception as error:  # as above
-                raise TraceError(
-                    f"{path.name} is damaged at byte {place}: {str(error)[:80]}"
-                ) from error
-            TraceError.require(
-                place + 8 + length <= size,
-                f"{path.name} is damaged or truncated at byte {place}",
+        mark = file.read(_HEADER)[_MARK]
+        if mark not in _BYTE_ORDERS:
+            raise TraceError(
+                FaultKind.WITHOUT_HEADING,
+                f"{path.name} is no MATLAB file of version 5 to 7.3",
             )
-            places[name] = place, 8 + length
-            place += 8 + length
-    return Variables(path, places)
+        start = _HEADER
+        while start + _TAG <= size:
+            length = _read_length(file, start, _BYTE_ORDERS[mark])
+            extent = Extent(start, length)
+            name = _read_name(path, extent)
+            if start + length > size:
+                raise TraceError(
+                    FaultKind.WITHOUT_HEADING,
+                    f"{path.name} is damaged or truncated at byte {start}",
+                )
+            extents[name] = extent
+            start += length
+    return Variables(path, extents)
+
+
+def _read_length(file: BinaryIO, start: int, byte_order: str) -> int:
+    """Return the length of the variable at a place, with its tag [bytes]."""
+    file.seek(start)
+    _, length = struct.unpack(f"{byte_order}II", file.read(_TAG))
+    return _TAG + int(length)
+
+
+def _read_name(path: Path, extent: Extent) -> str:
+    """Return the name of a variable from its first bytes."""
+    begin = Extent(extent.start, min(extent.length, _NAMED))
+    try:
+        ((name, _shape, _kind),) = whosmat(_extract_variable(path, begin))
+    except Exception as error:  # zlib, type and key errors of a damaged variable
+        reason = str(error)[:_LONGEST_REASON_OF_DAMAGE]
+        raise TraceError(
+            FaultKind.WITHOUT_HEADING,
+            f"{path.name} is damaged at byte {extent.start}: {reason}",
+        ) from error
+    return str(name)

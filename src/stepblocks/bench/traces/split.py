@@ -1,89 +1,135 @@
 """One long record of many drags, cut into one trace per trial."""
 
 import itertools
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stepblocks.bench.signal import Array, Trace
 from stepblocks.errors import BenchError
 
 _FALL = 4e-3  # [s] in which a release falls
-_APART = 30e-3  # [s] releases are apart by more
+_LEAST_DISTANCE = 30e-3  # [s] between two releases
 _CLEAR = 1.5  # the least release falls by this many times what else falls
 _RING = 0.1  # [s] left to a ring
 _LEAD = 0.08  # [s] of sliding, or of the tip in the air, that go with a drag
 _AIR = 0.02  # [s] a tip that is lifted stays lifted
-_SMOOTH = 5
+_LOADED = 0.2  # share of the median normal force above which the tip is on the block
+_SLIDING = 0.1  # share of the rise to the next release up to which the tip slides
+_SMOOTH = 5  # samples
+_MOST_POINTS = 200_000  # of a curve that is drawn
+_MOST_NAMES = 40  # that are written beside it
+_LEAST_FALL = 1e-12  # by which no fall is divided less [N]
+_LINE, _CUT = "#1f4e79", "#b03030"
 
 
 def cut_drags(trace: Trace, count: int) -> list[slice]:
     """Find `count` drags, by the lifted tip where it is lifted between them.
 
     Otherwise the releases that fall most are their ends.
+
+    Raises
+    ------
+    BenchError
+        If the record does not show so many releases.
+    """
+    rate = (trace.time.size - 1) / float(trace.time[-1] - trace.time[0])
+    releases = _find_releases(trace.tangential, rate, count)
+    loaded = _find_loaded(trace.normal, rate)
+    smooth = _smooth(trace.tangential)
+    cuts = [0]
+    for release, following in itertools.pairwise(releases):
+        # a cut lies in the middle of what is between the ring and the next ramp, at the end of the
+        # air where there is some
+        after_ring = release + min(round(_RING * rate), (following - release) // 2)
+        in_air = np.flatnonzero(~loaded[after_ring:following])
+        if in_air.size:
+            lead = after_ring + int(in_air[-1]) - round(_LEAD * rate)
+            cuts.append(max(after_ring + int(in_air[0]), lead))
+        else:
+            cuts.append(_find_cut_of_sliding(smooth, after_ring, following, rate))
+    cuts.append(trace.time.size)
+    return [slice(first, last) for first, last in itertools.pairwise(cuts)]
+
+
+def _smooth(force: Array) -> Array:
+    return np.convolve(force, np.full(_SMOOTH, 1.0 / _SMOOTH), mode="same")
+
+
+def _find_loaded(normal: Array, rate: float) -> NDArray[np.bool_]:
+    """Tell the samples at which the tip is on the block.
+
+    All of them are where the normal force never rests near none.
     """
     from scipy.ndimage import uniform_filter1d
 
-    rate = (trace.time.size - 1) / float(trace.time[-1] - trace.time[0])
-    releases = _find_releases(trace.tangential, rate, count)
-    # a cut lies in the middle of what is between the ring and the next ramp, at the end of the air
-    # where there is some; all of the record is loaded where the normal force never rests near none
-    loaded = uniform_filter1d(trace.normal, max(round(_AIR * rate), 1)) > 0.2 * float(
-        np.median(trace.normal)
-    )
-    smooth = np.convolve(trace.tangential, np.full(_SMOOTH, 1.0 / _SMOOTH), mode="same")
-    cuts = [0]
-    for one, other in itertools.pairwise(releases):
-        free = one + min(round(_RING * rate), (other - one) // 2)
-        air = np.flatnonzero(~loaded[free:other])
-        if air.size:
-            cuts.append(max(free + int(air[0]), free + int(air[-1]) - round(_LEAD * rate)))
-            continue
-        level = float(np.median(smooth[free : free + max((other - free) // 4, 1)]))
-        low = np.flatnonzero(smooth[free:other] < level + 0.1 * (smooth[other] - level))
-        cuts.append(free + max(0, (int(low[-1]) if low.size else 0) - round(_LEAD * rate)))
-    return list(itertools.starmap(slice, itertools.pairwise([*cuts, trace.time.size])))
+    mean = uniform_filter1d(normal, max(round(_AIR * rate), 1))
+    loaded: NDArray[np.bool_] = mean > _LOADED * float(np.median(normal))
+    return loaded
+
+
+def _find_cut_of_sliding(smooth: Array, after_ring: int, following: int, rate: float) -> int:
+    """Return the sample at which a drag begins whose tip stayed on the block.
+
+    `smooth` is the tangential force [N], `following` the sample of its release.
+    """
+    begin = smooth[after_ring : after_ring + max((following - after_ring) // 4, 1)]
+    level = float(np.median(begin))
+    highest = level + _SLIDING * (smooth[following] - level)
+    sliding = np.flatnonzero(smooth[after_ring:following] < highest)
+    last = 0
+    if sliding.size:
+        last = int(sliding[-1])
+    return after_ring + max(0, last - round(_LEAD * rate))
 
 
 def _find_releases(force: Array, rate: float, count: int) -> list[int]:
+    """Return the samples at which the tangential force [N] falls most."""
     from scipy.signal import find_peaks
 
     width = max(round(_FALL * rate), 2)
-    fall = np.convolve(force, np.full(_SMOOTH, 1.0 / _SMOOTH), mode="same")
-    fall = np.maximum(fall[:-width] - fall[width:], 0.0)
-    found, properties = find_peaks(fall, distance=max(round(_APART * rate), 1), prominence=0.0)
+    smooth = _smooth(force)
+    fall = np.maximum(smooth[:-width] - smooth[width:], 0.0)
+    distance = max(round(_LEAST_DISTANCE * rate), 1)
+    peaks, properties = find_peaks(fall, distance=distance, prominence=0.0)
     order = np.argsort(-properties["prominences"], kind="stable")
-    heights = fall[found[order]]
-    if found.size < count or (found.size > count and heights[count - 1] < _CLEAR * heights[count]):
-        clear = (
-            int(np.argmax(heights[:-1] / np.maximum(heights[1:], 1e-12))) + 1
-            if found.size > 1
-            else found.size
-        )
+    heights = fall[peaks[order]]
+    is_ambiguous = peaks.size > count and heights[count - 1] < _CLEAR * heights[count]
+    if peaks.size < count or is_ambiguous:
         raise BenchError(
             f"`acquisition.split` must find one drag for each of the {count} trials of the table, "
-            f"the record shows {clear} releases that stand out"
+            f"the record shows {_count_clear(heights)} releases that stand out"
         )
-    return sorted(found[order[:count]].tolist())
+    return sorted(peaks[order[:count]].tolist())
 
 
-def draw_cuts(trace: Trace, cuts: list[slice], names: list[str], path: Path) -> None:
+def _count_clear(heights: Array) -> int:
+    """Return how many falls stand out, by the largest ratio of one to the next lower [N]."""
+    if heights.size < 2:
+        return heights.size
+    ratios = heights[:-1] / np.maximum(heights[1:], _LEAST_FALL)
+    return int(np.argmax(ratios)) + 1
+
+
+def draw_cuts(trace: Trace, cuts: Sequence[slice], names: Sequence[str], path: Path) -> None:
     """Draw the record with its cuts, and which trial each piece is."""
     from stepblocks.files.figures import make_figure, save_figure
 
-    figure, axes = make_figure(2, 1, sharex=True, height=5.0)
-    step = max(trace.time.size // 200_000, 1)
-    for axis, values, label in (
-        (axes[0], trace.tangential, "tangential"),
-        (axes[1], trace.normal, "normal"),
-    ):
-        axis.plot(trace.time[::step], values[::step], lw=0.5, color="#1f4e79")
-        axis.set_ylabel(f"{label} force [N]")
+    figure, (tangential_axes, normal_axes) = make_figure(2, 1, sharex=True, height=5.0)
+    tangential_axes.set_ylabel("tangential force [N]")
+    normal_axes.set_ylabel("normal force [N]")
+    step = max(trace.time.size // _MOST_POINTS, 1)
+    for axes, values in ((tangential_axes, trace.tangential), (normal_axes, trace.normal)):
+        axes.plot(trace.time[::step], values[::step], lw=0.5, color=_LINE)
         for cut in cuts[1:]:
-            axis.axvline(trace.time[cut.start], color="#b03030", lw=0.6, ls="--")
+            axes.axvline(trace.time[cut.start], color=_CUT, lw=0.6, ls="--")
     top = float(trace.tangential.max())
-    for cut, name in list(zip(cuts, names, strict=True))[:: max(len(cuts) // 40, 1)]:
-        axes[0].text(trace.time[cut.start], top, f" {name}", fontsize=6, va="top", rotation=90)
-    axes[1].set_xlabel("time [s]")
-    axes[0].set_title(f"{len(cuts)} drags of one record", fontsize=10)
+    stride = max(len(cuts) // _MOST_NAMES, 1)
+    for cut, name in zip(cuts[::stride], names[::stride], strict=True):
+        start = trace.time[cut.start]
+        tangential_axes.text(start, top, f" {name}", fontsize=6, va="top", rotation=90)
+    normal_axes.set_xlabel("time [s]")
+    tangential_axes.set_title(f"{len(cuts)} drags of one record", fontsize=10)
     save_figure(figure, path)

@@ -1,57 +1,83 @@
 """Traces in TDMS (LabVIEW): channel by channel; only the index of the file is held."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from stepblocks.bench.session import Place
-from stepblocks.bench.signal import TraceError, check_size, join_first
-from stepblocks.contact import Array
+from stepblocks.bench.faults import FaultKind, TraceError
+from stepblocks.bench.signal import check_size, join_first
+from stepblocks.bench.traces.reader import TextLayout, TraceReader, TrialPlace
 
 if TYPE_CHECKING:
-    from nptdms import TdmsFile, TdmsGroup
+    from nptdms import TdmsChannel, TdmsFile, TdmsGroup
+
+_LONGEST_REASON = 120  # letters of a message of npTDMS
 
 
-@contextmanager
-def open_tdms(path: Path, layout: object) -> "Iterator[TdmsFile]":
-    """Open a file and read its index."""
-    from nptdms import TdmsFile
+class TdmsReader(TraceReader["TdmsFile", "TdmsGroup"]):
+    """Reads a group per trial with a channel per column."""
 
-    # npTDMS leaves a file open whose index it could not read, so it is given an open one
-    with path.open("rb") as handle:
+    @contextmanager
+    def open(self, path: Path, layout: TextLayout) -> "Iterator[TdmsFile]":
+        """Open a file and read its index."""
+        from nptdms import TdmsFile
+
+        # npTDMS leaves a file open whose index it could not read, so it is given an open one
+        with path.open("rb") as handle:
+            try:
+                file = TdmsFile.open(handle)
+            except Exception as error:  # struct, key and value errors of a damaged index
+                reason = str(error)[:_LONGEST_REASON]
+                raise TraceError(
+                    FaultKind.WITHOUT_HEADING,
+                    f"{path.name} is no readable TDMS file: {reason}",
+                ) from error
+            yield file
+
+    def find_group(self, file: "TdmsFile", place: TrialPlace) -> "TdmsGroup":
+        """Find the group of one trial; a file of its own may call its one group anything."""
+        if place.has_own_file:
+            groups = file.groups()
+            if len(groups) == 1:
+                return groups[0]
+        for name in place.groups:
+            with suppress(KeyError):
+                return file[name]
+        raise TraceError(FaultKind.MISSING, f"no group {place.groups[0]!r} among the traces")
+
+    def read_column(self, group: "TdmsGroup", name: str | int) -> ArrayLike:
+        """Read one channel."""
+        channel = _find_channel(group, name)
+        check_size(len(channel), name)
         try:
-            file = TdmsFile.open(handle)
-        except (
-            Exception
-        ) as error:  # npTDMS lets struct, key and value errors of a damaged index through
-            raise TraceError(f"{path.name} is no readable TDMS file: {str(error)[:120]}") from error
-        yield file
+            return np.asarray(channel[:])
+        except (OSError, ValueError, EOFError) as error:
+            reason = str(error)[:_LONGEST_REASON]
+            raise TraceError(FaultKind.UNREADABLE, f"channel {name!r}: {reason}") from error
+
+    def read_attributes(self, group: "TdmsGroup", names: Sequence[str | int]) -> dict[str, object]:
+        """Return the properties of a trial and of the channels that are named."""
+        properties: dict[str, object] = dict(group.properties)
+        for name in names:
+            if isinstance(name, str):
+                with suppress(KeyError):
+                    properties |= dict(group[name].properties)
+        return properties
 
 
-def read_tdms_column(group: "TdmsGroup", name: str | int) -> Array:
-    """Read one channel."""
+def _find_channel(group: "TdmsGroup", name: str | int) -> "TdmsChannel":
+    """Return the channel of a group by its name or index."""
     try:
-        channel = group.channels()[name] if isinstance(name, int) else group[name]
+        if isinstance(name, int):
+            return group.channels()[name]
+        return group[name]
     except (KeyError, IndexError):
+        known = join_first(channel.name for channel in group.channels())
         raise TraceError(
-            f"unknown channel: no {name!r} in group {group.name!r}, it has "
-            + join_first(channel.name for channel in group.channels())
+            FaultKind.UNKNOWN_CHANNEL,
+            f"no {name!r} in group {group.name!r}, it has {known}",
         ) from None
-    check_size(len(channel), name)
-    try:
-        return np.asarray(channel[:])
-    except (OSError, ValueError, EOFError) as error:
-        raise TraceError(f"unreadable: channel {name!r}: {str(error)[:120]}") from error
-
-
-def find_tdms_group(file: "TdmsFile", place: Place) -> "TdmsGroup":
-    """Find the group of one trial; a file of its own may call its one group anything."""
-    if place.own_file and len(groups := file.groups()) == 1:
-        return groups[0]
-    for name in place.groups:
-        with suppress(KeyError):
-            return file[name]
-    raise TraceError(f"missing: no group {place.groups[0]!r} among the traces")

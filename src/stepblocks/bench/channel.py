@@ -1,0 +1,209 @@
+"""One column of numbers in a file of a laboratory, and how it becomes SI."""
+
+import math
+import re
+from collections.abc import Mapping
+from typing import Annotated, NamedTuple
+
+from pydantic import BeforeValidator, model_validator
+
+from stepblocks.bench.calibration import Strict
+from stepblocks.errors import BenchError, QuantityError
+from stepblocks.mistakes import Mistake, collect_mistakes
+from stepblocks.quantities import parse_quantity
+
+# unit that a column has by the end of its name; the gram of a weight is a gram-force
+_SUFFIX_UNITS = {
+    "force": {
+        "n": "N",
+        "mn": "mN",
+        "un": "uN",
+        "kn": "kN",
+        "gf": "gf",
+        "g": "gf",
+        "kg": "kgf",
+        "v": "V",
+        "mv": "mV",
+    },
+    "length": {"um": "um", "mm": "mm", "nm": "nm", "m": "m"},
+    "time": {"s": "s", "ms": "ms", "us": "us"},
+    "speed": {
+        "mm_s": "mm/s",
+        "m_s": "m/s",
+        "um_s": "um/s",
+        "mm_per_s": "mm/s",
+        "m_per_s": "m/s",
+        "um_per_s": "um/s",
+    },
+}
+_WEIGHTS = {"g": "gf", "kg": "kgf", "mg": "mgf"}
+_VOLTS = {"V": 1.0, "mV": 1e-3, "uV": 1e-6}
+_PER_VOLT = re.compile(r"\s*(?P<quantity>\S.*?)\s*/\s*(?P<unit>V|mV|uV)\s*")
+_VOLTAGE = re.compile(r"\s*(?P<number>[-+.\deE]+)\s*(?P<unit>V|mV|uV)\s*")
+_BRACKETED = re.compile(r"[(\[](?P<unit>[^()\[\]]+)[)\]]\s*$")  # a unit as in ``Fx (mV)``
+_TARE = re.compile(r"\s*first\s+(?P<duration>\S.*?)\s*")
+
+
+def find_unit_in_name(name: str, dimension: str) -> str | None:
+    """Return the unit at the end of a column name, or None."""
+    units = _SUFFIX_UNITS[dimension]
+    bracketed = _BRACKETED.search(name.lower())
+    if bracketed:
+        return units.get(bracketed["unit"].strip().replace("/", "_"))
+    lowered = name.lower().rsplit("/", 1)[-1]
+    fitting = [suffix for suffix in units if f"_{lowered}".endswith(f"_{suffix}")]
+    if not fitting:
+        return None
+    return units[max(fitting, key=len)]
+
+
+def _parse(text: str, dimension: str, place: str) -> float:
+    """Parse a quantity into SI; what is wrong with it is said with its place in session.toml."""
+    try:
+        return parse_quantity(text, dimension)
+    except QuantityError as error:
+        raise BenchError(f"`{place}` {error}") from error
+
+
+def _require_finite(value: object) -> object:
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ValueError("input should be a finite number")
+    return value
+
+
+_Gain = Annotated[float | str, BeforeValidator(_require_finite)]
+
+
+class Channel(Strict):
+    """One column of a trace or of the table of trials.
+
+    Attributes
+    ----------
+    column : str | int
+        Name, or index from 0 where the columns have no names.
+    unit : str | None
+        Of its numbers; by default what the end of the name says (``fx_mn``), else SI.
+    factor : _Gain
+        Gain or sign that the numbers are multiplied with; ``"2.35 N/V"`` of a gauge in volts.
+    offset : _Gain
+        Reading at zero, which is subtracted: in the unit of the numbers, or a quantity such as
+        ``"5 mN"``.
+    tare : str | None
+        ``"first 0.1 s"``: the mean of the record over this time is its zero.
+    """
+
+    column: str | int
+    unit: str | None = None
+    factor: _Gain = 1.0
+    offset: _Gain = 0.0
+    tare: str | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _short_form(cls, value: object) -> object:
+        """Accept the column alone in place of a table."""
+        is_column = isinstance(value, str | int) and not isinstance(value, bool)
+        if is_column:
+            return {"column": value}
+        return value
+
+    def _find_unit(self, dimension: str) -> str | None:
+        return self.unit or find_unit_in_name(str(self.column), dimension)
+
+    def scale(self, dimension: str, place: str) -> float:
+        """Return the factor from the numbers in the file to SI.
+
+        Parameters
+        ----------
+        dimension : str
+            Such as ``force``.
+        place : str
+            Of the channel in session.toml, for messages.
+
+        Raises
+        ------
+        BenchError
+            If factor and unit do not go together.
+        """
+        unit = self._find_unit(dimension)
+        if isinstance(self.factor, str):
+            return self._scale_volts(self.factor, unit or "V", dimension, place)
+        if unit in _VOLTS:
+            raise BenchError(
+                f"`{place}.factor` must say what a volt is, such as '2.35 N/V', for a column in "
+                f"{unit}"
+            )
+        if unit is None:
+            return self.factor
+        if dimension == "force":
+            unit = _WEIGHTS.get(unit, unit)
+        try:
+            return self.factor * parse_quantity(f"1 {unit}", dimension)
+        except QuantityError as error:
+            raise BenchError(f"`{place}` must have a unit of {dimension}, got {unit!r}") from error
+
+    def _scale_volts(self, factor: str, unit: str, dimension: str, place: str) -> float:
+        """Return the factor to SI of numbers in a unit of voltage, from a quantity per volt."""
+        per_volt = _PER_VOLT.fullmatch(factor)
+        if per_volt is None or unit not in _VOLTS:
+            raise BenchError(
+                f"`{place}.factor` must be a number, or a {dimension} per volt such as "
+                f"'2.35 N/V' of a column in V or mV, got {factor!r}"
+            )
+        quantity = _parse(per_volt["quantity"], dimension, f"{place}.factor")
+        return quantity / _VOLTS[per_volt["unit"]] * _VOLTS[unit]
+
+    def offset_in_si(self, dimension: str, place: str) -> float:
+        """Return the reading at zero in SI; parameters and errors are those of `scale`."""
+        if not isinstance(self.offset, str):
+            return self.offset * self.scale(dimension, place)
+        voltage = _VOLTAGE.fullmatch(self.offset)
+        if voltage is None or not isinstance(self.factor, str):
+            return _parse(self.offset, dimension, f"{place}.offset")
+        unit = self._find_unit(dimension) or "V"
+        number = float(voltage["number"])
+        return number * _VOLTS[voltage["unit"]] / _VOLTS[unit] * self.scale(dimension, place)
+
+    def read_tare_duration(self, place: str) -> float:
+        """Return how long the record shows zero at its begin [s]; 0 without a tare."""
+        if self.tare is None:
+            return 0.0
+        tare = _TARE.fullmatch(self.tare)
+        if tare is None:
+            raise BenchError(
+                f"`{place}.tare` must say how long, such as 'first 0.1 s', got {self.tare!r}"
+            )
+        return _parse(tare["duration"], "time", f"{place}.tare")
+
+
+class DimensionedChannel(NamedTuple):
+    """A channel with the dimension of its quantity, such as ``force``."""
+
+    channel: Channel
+    dimension: str
+
+
+def check_channels(channels: Mapping[str, DimensionedChannel], *, have_time: bool) -> None:
+    """Refuse units, factors, offsets and tares that cannot be read, all at once.
+
+    Parameters
+    ----------
+    channels : mapping of str to DimensionedChannel
+        Channels by their places in session.toml.
+    have_time : bool
+        Whether they are records in time, of which a tare can be taken.
+
+    Raises
+    ------
+    ValueError
+        With one line for each mistake; pydantic reports it with its place.
+    """
+    mistakes: list[Mistake] = []
+    for place, (channel, dimension) in channels.items():
+        with collect_mistakes(mistakes):
+            channel.scale(dimension, place)
+            channel.offset_in_si(dimension, place)
+            if channel.read_tare_duration(place) and not have_time:
+                raise BenchError(f"`{place}` has no time to take a tare from")
+    if mistakes:
+        raise ValueError("\n".join(text for _, text in mistakes))

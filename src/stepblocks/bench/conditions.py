@@ -1,0 +1,195 @@
+"""The conditions of the trials under the names and in the units that an analysis asks for."""
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import pandas as pd
+
+from stepblocks.bench.channel import Channel, find_unit_in_name
+from stepblocks.bench.patterns import resolve_inside
+from stepblocks.bench.session import Session, TrialColumns
+from stepblocks.bench.trials import Trial, find_column, open_trials
+from stepblocks.errors import BenchError
+from stepblocks.files.tables import escape_formula
+from stepblocks.files.text import is_file
+
+_HEIGHT = re.compile(r"(step_?)?height", re.IGNORECASE)
+# how a date or a time of day begins
+_STAMP = r"\d{4}-\d\d?-\d\d?|\d\d?[./]\d\d?[./]\d{2,4}|\d\d?:\d\d"
+_DAY_FIRST = r"\d\d?\."  # how a date begins that has the day before the month
+_COMMA_NUMBER = r"[-+]?\d*,?\d+([eE][-+]?\d+)?|"  # or an empty cell
+_STAMPS = 0.9  # share of the cells of a column that must be date and time
+# names that an analysis asks for, by the fields of `TrialColumns`
+_NAMES = {"block": "block", "load": "load_n", "speed": "speed_mm_s", "height": "height_um"}
+_FIRST_FEATURE = "sliding_friction"  # before which a condition stands that replaces no column
+
+
+class Condition(NamedTuple):
+    """One condition of all trials.
+
+    Attributes
+    ----------
+    column : str
+        Column of the table of trials that it replaces; empty where it replaces none.
+    values : Series
+        One value per trial.
+    """
+
+    column: str
+    values: pd.Series
+
+
+def read_conditions(session: Session) -> dict[str, Condition]:
+    """Read what an analysis needs beside the forces.
+
+    Returns
+    -------
+    dict of str to Condition
+        By the name that the analysis asks for. What the table has already under that name and in
+        that unit is left out.
+    """
+    table = open_trials(session)
+    columns = session.trials.columns
+    trials = list(table)
+    sources = {}
+    for part in ("block", "load", "speed"):
+        sources[part] = find_column(getattr(columns, part).column, table.header, part)
+    sources["height"], heights = find_heights(session, table.header, trials)
+    values = pd.DataFrame(
+        {
+            "block": [trial.block for trial in trials],
+            "load": [trial.load for trial in trials],
+            "height": heights,
+            "speed": [1e3 * trial.speed for trial in trials],
+        }
+    )
+    usual = TrialColumns()
+    conditions = {}
+    for part, name in _NAMES.items():
+        is_usual = getattr(columns, part) == getattr(usual, part)
+        if sources[part] != name or not is_usual or session.trials.decimal != ".":
+            conditions[name] = Condition(sources[part], values[part])
+    for column in table.covariates:
+        if column not in sources.values():
+            texts = pd.Series([trial.cells.get(column, "").strip() for trial in trials])
+            conditions |= _read_covariate(session, column, texts)
+    return conditions
+
+
+def _read_covariate(session: Session, column: str, texts: pd.Series) -> dict[str, Condition]:
+    """Read numbers with a decimal comma, or dates as the time since the first of them [s].
+
+    The result is empty where the cells are neither.
+    """
+    if session.trials.decimal == "," and texts.str.fullmatch(_COMMA_NUMBER).all():
+        numbers = pd.to_numeric(texts.str.replace(",", "."))
+        return {column: Condition(column, numbers)}
+    if not texts.str.match(_STAMP).mean() > _STAMPS:
+        return {}
+    day_first = bool(texts.str.match(_DAY_FIRST).any())
+    stamps = pd.to_datetime(texts, errors="coerce", format="mixed", dayfirst=day_first)
+    if not stamps.notna().mean() > _STAMPS:
+        return {}
+    elapsed = (stamps - stamps.min()).dt.total_seconds()
+    return {f"{column}_elapsed_s": Condition(column, elapsed)}
+
+
+def insert_conditions(features: pd.DataFrame, conditions: Mapping[str, Condition]) -> pd.DataFrame:
+    """Return a table of features with `conditions` in place of the columns they come from."""
+    table = features.copy()
+    for name, (column, values) in conditions.items():
+        source = escape_formula(column)
+        present = list(table.columns)
+        neighbour = source if source in present else _FIRST_FEATURE
+        place = present.index(neighbour)
+        replaced = [old for old in {source, name} if old in present]
+        table = table.drop(columns=replaced)
+        table.insert(min(place, len(table.columns)), name, values.to_numpy())
+    return table
+
+
+def find_heights(
+    session: Session, header: tuple[str, ...], trials: Sequence[Trial]
+) -> tuple[str, list[float]]:
+    """Find the heights of the blocks of trials.
+
+    Parameters
+    ----------
+    session : Session
+    header : tuple of str
+        Of the table of trials.
+    trials : sequence of Trial
+
+    Returns
+    -------
+    column : str
+        Column of the heights; empty where they are those of the stimulus set.
+    heights : list of float
+        One per trial [um]; not-a-number where unknown.
+
+    Raises
+    ------
+    BenchError
+        If the table has no column of heights and the session no stimulus set.
+    """
+    channel = _find_height_channel(session, header)
+    if channel is None:
+        declared = _read_declared_heights(session)
+        return "", [declared.get(trial.block, math.nan) for trial in trials]
+    column = find_column(channel.column, header, "height")
+    place = "trials.columns.height"
+    scale = 1e6 * channel.scale("length", place)
+    offset = 1e6 * channel.offset_in_si("length", place)
+    texts = []
+    for trial in trials:
+        text = trial.cells.get(column, "").strip()
+        texts.append(text.replace(session.trials.decimal, "."))
+    numbers = pd.to_numeric(pd.Series(texts), errors="coerce")
+    return column, (numbers * scale - offset).tolist()
+
+
+def _find_height_channel(session: Session, header: tuple[str, ...]) -> Channel | None:
+    """Return the column of the heights: declared, usual, or one named like it."""
+    columns = session.trials.columns
+    if "height" in columns.model_fields_set or columns.height.column in header:
+        return columns.height
+    for name in header:
+        if _HEIGHT.match(name) and find_unit_in_name(name, "length"):
+            return Channel(column=name)
+    return None
+
+
+def _read_declared_heights(session: Session) -> dict[str, float]:
+    """Return the heights of the blocks of the stimulus set by their names [um]."""
+    from stepblocks.contact.counterface import Step
+    from stepblocks.declaration.read import load_set
+
+    path = _find_stimulus_file(session)
+    if path is None or not is_file(path):
+        missing = ""
+        if path is not None:
+            missing = f", and there is no {path}"
+        raise BenchError(
+            "table of trials must have a column 'height_um' or another length that begins with "
+            f"height, or `stimuli.file` the stimulus set{missing} [{session.table}]"
+        )
+    heights = {}
+    for part in load_set(path).stimuli:
+        if part.crossed:
+            counterface = part.counterface()
+            if isinstance(counterface, Step):
+                heights[part.id] = 1e6 * counterface.height
+    return heights
+
+
+def _find_stimulus_file(session: Session) -> Path | None:
+    """Return where the stimulus set should lie; None where the session names none."""
+    stimuli = session.stimuli
+    if stimuli.file:
+        return resolve_inside(session.folder, stimuli.file, "stimuli.file")
+    if stimuli.set:
+        return Path("stimuli") / f"{stimuli.set}.toml"
+    return None

@@ -1,0 +1,241 @@
+"""The table of features: one row per trial, in a file or as a DataFrame."""
+
+import csv
+import io
+import json
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import IO, Protocol
+
+import pandas as pd
+
+from stepblocks.bench.examine import TrialResult, TrialStatus
+from stepblocks.bench.faults import FaultKind, TrialFault
+from stepblocks.bench.labels import find_shared_faults
+from stepblocks.bench.signal.features import FEATURE_COLUMNS
+from stepblocks.files.tables import escape_formula
+
+LEADING_COLUMNS = ("trial", "status", "reason")
+# names that look like numbers stay texts, beside blank cells too
+_TEXT_CONDITIONS = {"trial": str, "block": str, "tip": str}
+
+
+@dataclass(frozen=True)
+class FeatureRow:
+    """One row of the table of features.
+
+    Attributes
+    ----------
+    row : int
+        Of the table of trials, from 1.
+    trial : str
+    status : TrialStatus
+    fault : TrialFault or None
+        Reason for the status; None where the trial is in order.
+    conditions : tuple of str
+        Cells of the table of trials, as written, one for each of its covariates.
+    values : tuple
+        One for each of `FEATURE_COLUMNS`, a number or a word; not-a-number where the trial does
+        not show it.
+    """
+
+    row: int
+    trial: str
+    status: TrialStatus
+    fault: TrialFault | None
+    conditions: tuple[str, ...]
+    values: tuple[float | str, ...]
+
+    @property
+    def reason(self) -> str:
+        """Reason for the status, as the table shows it."""
+        if self.fault is None:
+            return ""
+        return str(self.fault)
+
+    def mark(self, fault: TrialFault) -> "FeatureRow":
+        """Return the row of a trial whose trace contradicts its label: flagged or excluded."""
+        if fault.kind is FaultKind.MISLABELLED:
+            return replace(self, status=TrialStatus.FLAGGED, fault=fault)
+        nothing = (math.nan,) * len(FEATURE_COLUMNS)
+        return replace(self, status=TrialStatus.EXCLUDED, fault=fault, values=nothing)
+
+
+def build_row(result: TrialResult, covariates: Sequence[str]) -> FeatureRow:
+    """Return the row of one result."""
+    trial = result.trial
+    conditions = tuple(trial.cells.get(name, "") for name in covariates)
+    values = tuple(result.features.get(name, math.nan) for name in FEATURE_COLUMNS)
+    return FeatureRow(trial.row, trial.name, result.status, result.fault, conditions, values)
+
+
+class RowStore(Protocol):
+    """Rows in the order of the table, which can be gone through more than once."""
+
+    def append(self, row: FeatureRow, /) -> None:
+        """Add a row at the end."""
+
+    def __iter__(self) -> Iterator[FeatureRow]:
+        """Go through the rows from the first."""
+
+
+class RowSpool:
+    """Rows in a temporary file: a session of any number of trials needs little memory.
+
+    Parameters
+    ----------
+    file : text file
+        Empty, to write to and to read from; it gets a line of JSON for each row.
+    """
+
+    def __init__(self, file: IO[str]) -> None:
+        self._file = file
+
+    def append(self, row: FeatureRow) -> None:
+        """Add a row at the end."""
+        self._file.write(_serialise(row) + "\n")
+
+    def __iter__(self) -> Iterator[FeatureRow]:
+        """Go through the rows from the first; none may be added meanwhile."""
+        self._file.seek(0)
+        for line in self._file:
+            yield _parse(line)
+
+
+def _serialise(row: FeatureRow) -> str:
+    """Return a row as JSON; the digits of its numbers are all there."""
+    fault = None
+    if row.fault is not None:
+        fault = {"kind": row.fault.kind.name, "details": row.fault.details}
+    return json.dumps(
+        {
+            "row": row.row,
+            "trial": row.trial,
+            "status": row.status.name,
+            "fault": fault,
+            "conditions": row.conditions,
+            "values": row.values,
+        }
+    )
+
+
+def _parse(line: str) -> FeatureRow:
+    """Return the row of a line of JSON; what its fault bounds is no part of the table."""
+    fields = json.loads(line)
+    fault = None
+    if fields["fault"] is not None:
+        fault = TrialFault(FaultKind[fields["fault"]["kind"]], fields["fault"]["details"])
+    return FeatureRow(
+        fields["row"],
+        fields["trial"],
+        TrialStatus[fields["status"]],
+        fault,
+        tuple(fields["conditions"]),
+        tuple(fields["values"]),
+    )
+
+
+class LabelledRows:
+    """Rows with the faults of their labels, but for those that a group of trials shares.
+
+    Parameters
+    ----------
+    rows : RowStore
+    covariates : sequence of str
+        Columns of the conditions of the rows.
+    faults : mapping of int to TrialFault
+        Contradictions between a trace and its row, by row.
+
+    Attributes
+    ----------
+    shared : dict of int to str
+        Rows that contradict their traces together and stay as data, with the name of their group.
+    """
+
+    def __init__(
+        self, rows: RowStore, covariates: Sequence[str], faults: Mapping[int, TrialFault]
+    ) -> None:
+        self._rows = rows
+        self._faults = faults
+        self.shared = find_shared_faults(_list_measured(rows, covariates), faults)
+
+    def __iter__(self) -> Iterator[FeatureRow]:
+        for row in self._rows:
+            yield self._label(row)
+
+    def _label(self, row: FeatureRow) -> FeatureRow:
+        fault = self._faults.get(row.row)
+        if fault is None or row.status is not TrialStatus.OK or row.row in self.shared:
+            return row
+        return row.mark(fault)
+
+
+def _list_measured(
+    rows: RowStore, covariates: Sequence[str]
+) -> Iterator[tuple[int, dict[str, str]]]:
+    """Yield row and conditions of each trial that was measured whole."""
+    for row in rows:
+        if row.status is TrialStatus.OK:
+            yield row.row, dict(zip(covariates, row.conditions, strict=True))
+
+
+def write_rows(rows: Iterable[FeatureRow], covariates: Sequence[str], path: Path) -> None:
+    """Write a table of features as CSV."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        conditions = [escape_formula(name) for name in covariates]
+        writer.writerow([*LEADING_COLUMNS, *conditions, *FEATURE_COLUMNS])
+        for row in rows:
+            texts = [row.trial, row.status.value, row.reason, *row.conditions]
+            cells = [escape_formula(text) for text in texts]
+            cells += [_format_value(value) for value in row.values]
+            writer.writerow(cells)
+
+
+def _format_value(value: float | str) -> str:
+    """Write a feature to nine significant digits; empty where it is not known."""
+    if isinstance(value, str):
+        return value
+    if not math.isfinite(value):
+        return ""
+    return f"{value:.9g}"
+
+
+def build_frame(rows: Sequence[FeatureRow], covariates: Sequence[str]) -> pd.DataFrame:
+    """Return a table of features, with the values that its file holds."""
+    leading = pd.DataFrame(
+        {
+            "status": [row.status.value for row in rows],
+            "reason": [escape_formula(row.reason) for row in rows],
+        }
+    )
+    conditions = _build_conditions(rows, covariates)
+    columns = {}
+    for index, name in enumerate(FEATURE_COLUMNS):
+        columns[name] = pd.Series([_round_value(row.values[index]) for row in rows])
+    features = pd.DataFrame(columns)
+    return pd.concat(
+        [conditions.iloc[:, :1], leading, conditions.iloc[:, 1:], features], axis="columns"
+    )
+
+
+def _round_value(value: float | str) -> float | str:
+    """Round a feature to the nine significant digits of the file; infinities are not known."""
+    if isinstance(value, str):
+        return value
+    if not math.isfinite(value):
+        return math.nan
+    return float(_format_value(value))
+
+
+def _build_conditions(rows: Sequence[FeatureRow], covariates: Sequence[str]) -> pd.DataFrame:
+    """Return the trials and their conditions, with the types that pandas finds in their texts."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["trial", *(escape_formula(name) for name in covariates)])
+    for row in rows:
+        writer.writerow([escape_formula(cell) for cell in (row.trial, *row.conditions)])
+    text.seek(0)
+    return pd.read_csv(text, dtype=_TEXT_CONDITIONS)

@@ -1,0 +1,65 @@
+"""Patterns of names such as ``traces/{trial:04d}.csv``, and paths inside a session."""
+
+import re
+from pathlib import Path, PurePosixPath
+
+from stepblocks.bench.faults import FaultKind, TraceError
+from stepblocks.errors import BenchError
+
+_FIELD = re.compile(r"\{(?P<name>[a-z_]+)(?::(?P<zero>0?)(?P<width>\d{1,2})d)?\}")
+_WHOLE_NUMBER = re.compile(r"[+-]?\d{1,18}")
+_DRIVE = re.compile(r"\s*[A-Za-z]:")
+
+
+def check_pattern(pattern: str, field: str, place: str) -> None:
+    """Allow no braces in `pattern` but those of `field`, such as ``{trial}`` or ``{trial:04d}``.
+
+    Raises
+    ------
+    BenchError
+        With the place of the pattern in session.toml.
+    """
+
+    def remove_field(match: re.Match[str]) -> str:
+        if match["name"] == field:
+            return ""
+        return match[0]
+
+    remainder = _FIELD.sub(remove_field, pattern)
+    if "{" in remainder or "}" in remainder or not pattern.strip():
+        raise BenchError(
+            f"`{place}` may hold {{{field}}}, {{{field}:04d}} and no other braces, got {pattern!r}"
+        )
+
+
+def fill_pattern(pattern: str, **values: str) -> str:
+    """Fill a checked pattern; `TraceError` where it wants a whole number and the value is none."""
+
+    def fill_field(match: re.Match[str]) -> str:
+        name, width = match["name"], match["width"]
+        value = values[name]
+        if not width:
+            return value
+        if not _WHOLE_NUMBER.fullmatch(value):
+            raise TraceError(
+                FaultKind.WITHOUT_HEADING,
+                f"{name} {value!r} is no whole number, as {match[0]} needs",
+            )
+        return format(int(value), f"{match['zero']}{width}d")
+
+    return _FIELD.sub(fill_field, pattern)
+
+
+def resolve_inside(folder: Path, relative: str, place: str) -> Path:
+    """Return a path below `folder`, whichever slashes it is written with.
+
+    Raises
+    ------
+    BenchError
+        If the path would lead out of the folder; with its place in session.toml.
+    """
+    path = PurePosixPath(relative.replace("\\", "/"))
+    leads_out = path.is_absolute() or ".." in path.parts
+    if leads_out or "\0" in relative or _DRIVE.match(relative):
+        raise BenchError(f"`{place}` must lie inside the session, got {relative!r}")
+    return folder.joinpath(*path.parts)

@@ -1,0 +1,196 @@
+"""Motions of a tool step by step and piece by piece, compiled when they are first wanted.
+
+The functions are written for a compiler and check nothing.
+"""
+
+import cmath
+import math
+
+import numpy as np
+from numba import njit
+
+from stepblocks.bench.signal import Array
+
+FINE_STEP = 1e-5  # of the motion of a tool that hardens [s]
+_MOST_PHASES = 5000  # half cycles, after which a tip chatters without end
+_EVEN = 1e-9  # of the time between two samples, within which they are even
+_STEPS_PER_CYCLE = 20.0  # in which a turn of the tip is looked for
+_NEWTON_STEPS = 6  # to the last digit
+_NO_MODEL = 1e6  # force where there is no model, which a fit sees by its size [N]
+
+
+@njit(cache=True, error_model="numpy")
+def integrate_swing(
+    count: int, tool: tuple[float, float, float], about: float, begin: float, at_rest: float
+) -> Array:
+    """Integrate the swing of a tool with ``F = u + g u^3`` that is let go.
+
+    Parameters
+    ----------
+    count : int
+        Number of steps of `FINE_STEP`.
+    tool : tuple of float
+        Pulsation [rad/s], decay time [s], and g.
+    about : float
+        Force at rest.
+    begin, at_rest : float
+        Deflection u when it is let go over that at rest, and that at rest.
+
+    Returns
+    -------
+    Array
+        Shape (count, 2), force over its level and its rate.
+    """
+    omega, decay, cubic = tool
+    result = np.empty((count, 2))
+    kick = 0.5 * FINE_STEP * omega**2
+    shrink = math.exp(-FINE_STEP / decay)
+    u = at_rest + begin
+    v = -begin / decay
+    for n in range(count):
+        over = u + cubic * u**3 - about
+        result[n, 0] = over
+        result[n, 1] = (1.0 + 3.0 * cubic * u**2) * v
+        u += FINE_STEP * (v * shrink - kick * over)
+        v = (v * shrink - kick * over - kick * (u + cubic * u**3 - about)) * shrink
+    return result
+
+
+@njit(cache=True, error_model="numpy")
+def compute_rubbing(
+    time: Array,
+    levels: tuple[float, float],
+    tool: tuple[float, float],
+    start: tuple[float, float],
+    slope: float,
+) -> Array:
+    """Compute the force of a tool whose tip rubs, half cycle by half cycle.
+
+    In each the force over its level is the real part of a swing that turns and dies, e^(pole t).
+
+    Parameters
+    ----------
+    time : Array
+        Shape (n,), instants from 0 on [s].
+    levels : tuple of float
+        Level while the tip slips forward, and by how much it is lower while it slips back [N].
+    tool : tuple of float
+        Frequency [Hz] and decay time [s].
+    start : tuple of float
+        Force [N] and its rate [N/s] at 0.
+    slope : float
+        Rate of the force while the tip sticks [N/s].
+
+    Returns
+    -------
+    Array
+        Shape (n,) [N].
+    """
+    level, gap = levels
+    frequency, decay = tool
+    force, rate = start
+    omega = 2.0 * math.pi * frequency
+    result = np.empty_like(time)
+    count = time.size
+    pole = complex(-1.0 / decay, omega)
+    step = 2.0 * math.pi / omega / _STEPS_PER_CYCLE
+    # at the speed of the ramp the damping alone pulls as much as this deflection; it shifts where
+    # the tip sticks
+    shift = 2.0 / decay * slope / (omega * omega + 1.0 / (decay * decay))
+    begin = 0.0
+    done = 0
+    forward = rate < slope
+    for _ in range(_MOST_PHASES):
+        about = level if forward else level - gap
+        swing = complex(force - about, -(rate + (force - about) / decay) / omega)
+        moved = pole * swing  # its real part is the rate of the force
+        # the tip turns where the force climbs as fast as the ramp; too small a ring never does
+        turn = math.inf
+        if gap > 0.0 and not (forward and abs(moved) <= slope):
+            turn = _find_turn(moved, pole, step, slope, forward, time[count - 1] - begin)
+        done = _fill_swing(result, time, done, begin, turn, about, swing, pole)
+        if done >= count:
+            return result
+        swing *= cmath.exp(pole * turn)
+        force = about + swing.real
+        rate = (pole * swing).real
+        begin += turn
+        if forward and force >= level - gap - shift and slope > 0.0:
+            # it sticks, and is loaded along the ramp until it slips forward again
+            wait = max(level - shift - force, 0.0) / slope
+            done = _fill_ramp(result, time, done, begin, wait, force, slope)
+            force = max(level - shift, force)
+            rate = slope * (1.0 - 1e-9)
+            begin += wait
+        else:
+            forward = not forward
+    # not-a-number, or a tip that chatters without end
+    result[done:] = _NO_MODEL
+    return result
+
+
+@njit(cache=True, error_model="numpy")
+def _find_turn(
+    moved: complex, pole: complex, step: float, slope: float, forward: bool, duration: float
+) -> float:
+    """Return when the tip turns: where the force climbs as fast as the ramp [s].
+
+    It is infinite where the tip does not turn within the duration [s]. The rate of the force
+    [N/s] is the real part of `moved`, which turns with the pole.
+    """
+    onward = cmath.exp(pole * step)
+    low = 0.0
+    later = moved * onward
+    while low <= duration + step:
+        if later.real > slope if forward else later.real < slope:
+            turn = low + 0.5 * step
+            for _ in range(_NEWTON_STEPS):
+                later = moved * cmath.exp(pole * turn)
+                left = (later.real - slope) / (pole * later).real
+                turn = min(max(turn - left, low), low + step)
+            return turn
+        low += step
+        later *= onward
+    return math.inf
+
+
+@njit(cache=True, error_model="numpy")
+def _fill_swing(
+    result: Array,
+    time: Array,
+    done: int,
+    begin: float,
+    turn: float,
+    about: float,
+    swing: complex,
+    pole: complex,
+) -> int:
+    """Fill in the samples up to a turn; return how many samples are filled in.
+
+    `about` is the level of the force [N], `swing` its motion about it at `begin` [s].
+    """
+    since = 0.0
+    stride = 0.0
+    factor = complex(1.0, 0.0)
+    later = swing
+    while done < time.size and time[done] - begin < turn:
+        ahead = time[done] - begin - since
+        if abs(ahead - stride) > _EVEN * abs(stride):
+            stride = ahead
+            factor = cmath.exp(pole * ahead)
+        since += ahead
+        later *= factor
+        result[done] = about + later.real
+        done += 1
+    return done
+
+
+@njit(cache=True, error_model="numpy")
+def _fill_ramp(
+    result: Array, time: Array, done: int, begin: float, wait: float, force: float, slope: float
+) -> int:
+    """Fill in the samples while the tip sticks; return how many samples are filled in."""
+    while done < time.size and time[done] - begin < wait:
+        result[done] = force + slope * (time[done] - begin)
+        done += 1
+    return done

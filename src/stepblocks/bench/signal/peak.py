@@ -1,0 +1,196 @@
+"""The peak of the tangential force: the corner of ramp and release, or a rounded top."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import label
+
+from stepblocks.bench.signal import Array
+from stepblocks.bench.signal.aftermath import Aftermath
+from stepblocks.bench.signal.approach import Approach
+from stepblocks.bench.signal.landmarks import Landmarks
+from stepblocks.bench.signal.ring import Ring
+from stepblocks.bench.signal.separable import fit_with_covariance, propagate_std
+
+_CORNER_REACH = 3.5  # samples about the highest one in which a corner may lie
+_FALL_SAMPLES = 6
+_CLEAR_FALL = 0.02  # of the rise: the first sample after a corner has fallen by this at least
+_CLEAR_NOISE = 5.0  # and by this many standard deviations of the noise
+_FIRST_SAMPLES = 5  # about the highest one, among which the fall begins
+# of the rise: a rounded peak is fitted where the force is within this of the highest
+_TOP_SHARE = 0.06
+_TOP_NOISE = 3.0  # or within this many standard deviations of the noise
+_TOP_REACH = 6e-3  # [s] at most this far from the highest sample
+_FALL_AT_ONCE = 0.5  # of the rise
+# a cubic is not the law of a rounded peak: pulls on drags in time are wider by this
+_ROUND_SPREAD = 1.3
+
+
+@dataclass(frozen=True)
+class Peak:
+    """Peak of the tangential force.
+
+    Attributes
+    ----------
+    time : float
+        Release instant [s].
+    force : float
+        [N].
+    force_std : float
+        [N].
+    corner : bool
+        Whether the ramp ran into the release in a corner; otherwise the peak is rounded.
+    """
+
+    time: float
+    force: float
+    force_std: float
+    corner: bool
+
+
+def find_peak(
+    time: Array, force: Array, marks: Landmarks, approach: Approach, after: Aftermath
+) -> Peak:
+    """Find the peak: the corner of ramp and release, both fitted.
+
+    Where the corner is rounded, it is the top of a cubic. `time` [s] and `force` [N] have shape
+    (n,).
+    """
+    # the highest sample is no measure of it: noise lifts it, and the release falls between two
+    # samples
+    corner = None
+    if approach.end >= marks.peak - 1:
+        if isinstance(after.ring, Ring):
+            corner = _find_corner(time, marks, approach, after.ring)
+        else:
+            corner = _find_corner_of_fall(time, force, marks, approach)
+    if corner is None:
+        return _find_rounded_peak(time, force, marks, approach)
+    return corner
+
+
+def _find_corner(time: Array, marks: Landmarks, approach: Approach, ring: Ring) -> Peak | None:
+    """Find where the line of the ramp meets the curve of a bell; None where they do not."""
+    from scipy.optimize import brentq
+
+    top = float(time[marks.peak])
+    step = float(np.median(np.diff(time)))
+
+    def compute_excess(instant: float) -> float:
+        instants = np.array([instant])
+        return float(ring.curve(instants)[0] - approach.line(instants)[0])
+
+    low = top - _CORNER_REACH * step
+    high = top + _CORNER_REACH * step
+    if not compute_excess(low) > 0.0 > compute_excess(high):
+        return None
+    instant = float(brentq(compute_excess, low, high, xtol=1e-9))
+    before = compute_excess(instant - 0.1 * step)
+    after = compute_excess(instant + 0.1 * step)
+    fall = (after - before) / (0.2 * step)
+    if fall >= 0.0:
+        return None
+    # the force at the corner moves along the ramp by slope * dt, dt = (errors of both) /
+    # (difference of slopes)
+    share = approach.slope / -fall
+    ramp = approach.ramp(instant)
+    std = math.hypot((1.0 - share) * ramp.std, share * ring.curve_std(instant))
+    return Peak(instant, ramp.value, std, corner=True)
+
+
+def _find_corner_of_fall(
+    time: Array, force: Array, marks: Landmarks, approach: Approach
+) -> Peak | None:
+    """Find where the line of the ramp meets a parabola through the first samples after it."""
+    first = _find_begin_of_fall(time, force, marks, approach)
+    if first is None:
+        return None
+    fall = slice(first, first + _FALL_SAMPLES)
+    step = float(np.median(np.diff(time)))
+    excess = force[fall] - approach.line(time[fall])
+    steps = (time[fall] - time[first]) / step
+    columns = np.vander(steps, 3, increasing=True)
+    weights, covariance = fit_with_covariance(columns, excess)
+    place = _find_crossing(weights)
+    if place is None:
+        return None
+    rate = (weights[1] + 2.0 * weights[2] * place) / step
+    if rate >= 0.0:
+        return None
+    gradient = np.asarray(place ** np.arange(3), dtype=float)
+    of_residuals = propagate_std(gradient, covariance)
+    unit_covariance = np.asarray(np.linalg.inv(columns.T @ columns), dtype=float)
+    of_noise = propagate_std(gradient, unit_covariance) * marks.noise
+    instant = float(time[first]) + place * step
+    # how a fall begins between two samples is not seen
+    unseen = approach.slope * step / math.sqrt(12.0)
+    ramp = approach.ramp(instant)
+    std_of_fall = approach.slope / -rate * max(of_residuals, of_noise)
+    return Peak(instant, ramp.value, math.hypot(ramp.std, std_of_fall, unseen), corner=True)
+
+
+def _find_begin_of_fall(
+    time: Array, force: Array, marks: Landmarks, approach: Approach
+) -> int | None:
+    """Find the first sample after a corner; None where the force leaves the ramp gently."""
+    # noise decides which of the samples about a corner is the highest; the fall begins where the
+    # line is left
+    below = approach.line(time) - force
+    deep = max(_CLEAR_FALL * marks.rise, _CLEAR_NOISE * marks.noise)
+    candidates = range(marks.peak - 1, marks.peak - 1 + _FIRST_SAMPLES)
+    for first in candidates:
+        if below[first] > deep and below[first + 1] > below[first]:
+            break
+    else:
+        return None
+    if first + _FALL_SAMPLES > time.size or abs(below[first - 1]) > deep:
+        return None
+    return first
+
+
+def _find_crossing(weights: Array) -> float | None:
+    """Return where a parabola last falls through zero before its begin, in samples from it."""
+    grid = np.linspace(-_CORNER_REACH, 0.0, 701)
+    excess = np.vander(grid, 3, increasing=True) @ weights
+    above = np.flatnonzero(excess > 0.0)
+    if not above.size or excess[-1] >= 0.0:
+        return None
+    return float(grid[above[-1]])
+
+
+def _find_rounded_peak(time: Array, force: Array, marks: Landmarks, approach: Approach) -> Peak:
+    """Return the top of a cubic about the highest sample."""
+    clean = force - approach.hum(time)
+    top = _find_top(time, clean, marks)
+    since = time[top] - time[marks.peak]
+    reach = float(np.abs(since).max())
+    columns = np.vander(since / reach, 4, increasing=True)
+    weights, covariance = fit_with_covariance(columns, clean[top])
+    grid = np.linspace(since[0], since[-1], 801) / reach
+    heights = np.vander(grid, 4, increasing=True) @ weights
+    best = int(np.argmax(heights))
+    gradient = np.asarray(grid[best] ** np.arange(4), dtype=float)
+    return Peak(
+        float(time[marks.peak] + grid[best] * reach),
+        float(heights[best]),
+        _ROUND_SPREAD * propagate_std(gradient, covariance),
+        corner=False,
+    )
+
+
+def _find_top(time: Array, clean: Array, marks: Landmarks) -> slice:
+    """Return the samples of a rounded peak; `clean` is the force without hum [N]."""
+    smooth = np.convolve(clean, np.full(5, 0.2), mode="same")
+    tolerance = max(_TOP_SHARE * marks.rise, _TOP_NOISE * marks.noise)
+    is_high = smooth > smooth[marks.peak] - tolerance
+    is_near = np.abs(time - time[marks.peak]) < _TOP_REACH
+    parts, _ = label(is_high & is_near)
+    top = np.flatnonzero(parts == parts[marks.peak])
+    first = min(int(top[0]), marks.peak - 3)
+    last = max(int(top[-1]), marks.peak + 3)
+    # no cubic follows a fall between two samples, as of a simulated tip without mass
+    steepest = np.diff(clean[marks.peak : last + 1]).min()
+    if steepest < -_FALL_AT_ONCE * marks.rise:
+        last = marks.peak
+    return slice(first, last + 1)

@@ -1,0 +1,151 @@
+"""Whether a trace can be measured at all: its samples, its clock, and the range of its gauges."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepblocks.bench.faults import Bound, FaultKind, TrialFault
+from stepblocks.bench.signal import Array, Trace
+
+_FEWEST_SAMPLES = 200
+_RATE_TOLERANCE = 0.01
+_GAP_STEPS = 1.6  # a step of the clock this many times the usual one is a gap
+_FLAT_SAMPLES = 4  # equal samples in a row at the extreme of a record that was still moving
+# steps of the converter, or of the noise from sample to sample, that the movement would have made
+# meanwhile
+_FLAT_STEPS = 7.0
+_LOWEST_RATE = 1500.0  # [Hz] five samples per cycle of a ring at 300 Hz
+_SHORTEST = 1e-300  # duration of a sample that a rate is computed of [s]
+
+
+def screen_trace(trace: Trace, sample_rate: float, limit: float | None = None) -> TrialFault | None:
+    """Find what makes a trace unusable.
+
+    Parameters
+    ----------
+    trace : Trace
+    sample_rate : float
+        As declared [Hz].
+    limit : float, optional
+        Force at which the gauges saturate [N].
+
+    Returns
+    -------
+    TrialFault or None
+        The first fault; None where the trace can be measured.
+    """
+    fault = _find_unsound_samples(trace)
+    if fault is None:
+        fault = _find_clock_fault(trace.time, sample_rate)
+    if fault is None:
+        fault = _find_dead_channel(trace)
+    if fault is None:
+        fault = _find_saturation("tangential", trace.tangential, limit)
+    if fault is None:
+        fault = _find_saturation("normal", trace.normal, limit)
+    return fault
+
+
+def _find_unsound_samples(trace: Trace) -> TrialFault | None:
+    """Find too few samples, or samples that are no numbers."""
+    count = trace.time.size
+    if count == 0:
+        return TrialFault(FaultKind.TRUNCATED, "the trace is empty")
+    if count < _FEWEST_SAMPLES:
+        details = f"{count} samples are too few (at least {_FEWEST_SAMPLES})"
+        return TrialFault(FaultKind.TRUNCATED, details)
+    for name, values in vars(trace).items():
+        bad = count - np.count_nonzero(np.isfinite(values))
+        if bad:
+            details = f"{bad} of {count} samples of the {name} channel"
+            return TrialFault(FaultKind.NOT_A_NUMBER, details)
+    return None
+
+
+def _find_clock_fault(time: Array, sample_rate: float) -> TrialFault | None:
+    """Find a clock that stands still, goes back, has gaps, or another rate [Hz] than declared."""
+    steps = np.diff(time)
+    first_back = int(np.argmax(steps <= 0.0))
+    if steps[first_back] <= 0.0:
+        details = f"time does not ascend after {time[first_back]:.6g} s"
+        return TrialFault(FaultKind.WRONG_CLOCK, details)
+    widest = int(np.argmax(steps))
+    if steps[widest] > _GAP_STEPS * float(np.median(steps)):
+        gap = steps[widest] * 1e3
+        details = f"{gap:.3g} ms without samples after {time[widest]:.6g} s"
+        return TrialFault(FaultKind.GAP, details)
+    rate = 1.0 / max(float((time[-1] - time[0]) / steps.size), _SHORTEST)
+    if abs(rate / sample_rate - 1.0) > _RATE_TOLERANCE:
+        details = f"{rate:.6g} Hz, declared are {sample_rate:.6g} Hz"
+        return TrialFault(FaultKind.WRONG_RATE, details)
+    if rate < _LOWEST_RATE:
+        details = f"{rate:.6g} Hz cannot show a ring, at least {_LOWEST_RATE:.0f} Hz are needed"
+        return TrialFault(FaultKind.WRONG_RATE, details)
+    return None
+
+
+def _find_dead_channel(trace: Trace) -> TrialFault | None:
+    """Find a gauge that shows nothing; an ideal one shows a weight as one number throughout."""
+    if float(np.ptp(trace.tangential)) == 0.0:
+        details = f"the tangential force is {trace.tangential[0]:.4g} N throughout"
+        return TrialFault(FaultKind.DEAD_CHANNEL, details)
+    if not np.any(trace.normal):
+        return TrialFault(FaultKind.DEAD_CHANNEL, "the normal force is 0 throughout")
+    return None
+
+
+def _find_saturation(name: str, values: Array, limit: float | None) -> TrialFault | None:
+    """Find a force [N] at the declared limit, or one that stands at its extreme while it moves."""
+    at_top = Bound.PEAK_FORCE
+    at_bottom = Bound.RING
+    if name == "normal":
+        at_top = at_bottom = Bound.NORMAL_FORCE
+    if limit is not None and float(np.abs(values).max()) >= limit:
+        details = f"the {name} force reaches the range of {limit:g} N"
+        return TrialFault(FaultKind.SATURATED, details, at_top)
+    run = _find_flat_top(values)
+    if run is not None:
+        details = _describe_flat(run, f"highest {name}", float(values.max()))
+        return TrialFault(FaultKind.SATURATED, details, at_top)
+    run = _find_flat_top(-1.0 * values)
+    if run is not None:
+        details = _describe_flat(run, f"lowest {name}", float(values.min()))
+        return TrialFault(FaultKind.SATURATED, details, at_bottom)
+    return None
+
+
+def _describe_flat(run: "_Run", extreme: str, force: float) -> str:
+    return f"{run.length} samples in a row at the {extreme} force, {force:.4g} N"
+
+
+class _Run(NamedTuple):
+    """Samples in a row: the number of them, and the first."""
+
+    length: int
+    start: int
+
+
+def _find_flat_top(values: Array) -> _Run | None:
+    """Find samples in a row at the highest value, to which the record was still moving."""
+    moves = np.abs(np.diff(values))
+    step = float(np.min(moves, where=moves > 0.0, initial=np.inf))
+    top = float(values.max())
+    run = _find_longest_run(values >= top)
+    if run.length < _FLAT_SAMPLES or run.start < _FLAT_SAMPLES:
+        return None
+    # noise may touch the top before it stays there: a stretch twice as long tells how far the
+    # force had still to go
+    least_move = _FLAT_STEPS * (step + float(np.mean(moves[: run.start])))
+    before = values[max(run.start - 2 * run.length, 0) : run.start]
+    if top - float(np.median(before)) > least_move:
+        return run
+    return None
+
+
+def _find_longest_run(mask: NDArray[np.bool_]) -> _Run:
+    """Find the longest run of True; of equal ones, the first."""
+    edges = np.flatnonzero(np.diff(mask, prepend=False, append=False))
+    starts, ends = edges[::2], edges[1::2]
+    longest = int(np.argmax(ends - starts))
+    return _Run(int(ends[longest] - starts[longest]), int(starts[longest]))

@@ -1,0 +1,143 @@
+"""Columns of one trial, read in a process of its own.
+
+The functions of this module are called by `stepblocks.files.confined`: their arguments are what
+JSON holds, and so are their results, but for arrays.
+"""
+
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack, nullcontext
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stepblocks.bench.faults import FaultKind, TraceError, TrialFault
+from stepblocks.bench.signal import check_size
+from stepblocks.bench.traces.formats import READERS
+from stepblocks.bench.traces.reader import TextLayout, TraceReader, TrialPlace
+from stepblocks.contact import Array
+
+# attributes that say the time between two samples, or their rate, with the power of the time
+_INCREMENTS = {"dt": 1, "wf_increment": 1, "increment": 1, "sample_rate": -1, "fs": -1}
+_LONGEST_REASON = 120  # letters of a message of a library
+_LONGEST_FAULT = 300  # letters of a message, of names in the file too
+
+
+def read_columns(
+    path: Path,
+    kind: str,
+    layout: Mapping[str, Any],
+    place: Mapping[str, Any],
+    names: Sequence[str | int],
+) -> dict[str, object]:
+    """Read columns of one trial.
+
+    Parameters
+    ----------
+    path : Path
+    kind : str
+        Format of the file, one of `READERS`.
+    layout, place : mapping
+        Fields of `TextLayout` and `TrialPlace`.
+    names : sequence of str or int
+        Columns; without any it is only seen whether the file can be read.
+
+    Returns
+    -------
+    dict
+        Each column, shape (n,), by its number in `names`, and the array ``increments`` of times
+        between two samples that the file states; or else ``fault`` and ``details`` of a
+        `TraceError`.
+    """
+    trial_place = TrialPlace(
+        place["trial"], tuple(place["groups"]), place["has_own_file"], place["is_whole_file"]
+    )
+    try:
+        return _read_columns(path, kind, TextLayout(**layout), trial_place, names)
+    except TraceError as error:
+        fault = error.fault
+    except MemoryError:
+        raise
+    except Exception as error:  # the readers of damaged files raise whatever they meet
+        reason = str(error)[:_LONGEST_REASON] or type(error).__name__
+        fault = TrialFault(FaultKind.UNREADABLE, f"trial {trial_place.trial}: {reason}")
+    excess = max(len(str(fault)) - _LONGEST_FAULT, 0)
+    return {
+        "fault": fault.kind.name,
+        "details": fault.details[: len(fault.details) - excess],
+    }
+
+
+def close_traces(path: Path) -> dict[str, object]:
+    """Let a container go."""
+    _open_container.cache_clear()
+    return {}
+
+
+def _read_columns(
+    path: Path, kind: str, layout: TextLayout, place: TrialPlace, names: Sequence[str | int]
+) -> dict[str, object]:
+    """Read columns and increments; see `read_columns`."""
+    reader = READERS[kind]
+    if place.has_own_file:
+        opened = reader.open(path, layout)
+    else:
+        opened = nullcontext(_find_container(path, kind, layout))
+    with opened as file:
+        if not names:
+            return {}
+        group = reader.find_group(file, place)
+        columns: dict[str, object] = {}
+        for number, name in enumerate(names):
+            columns[str(number)] = _convert_samples(reader.read_column(group, name), name)
+        columns["increments"] = _read_increments(reader, group, names)
+        return columns
+
+
+def _find_container(path: Path, kind: str, layout: TextLayout) -> object:
+    """Return a container, opened anew where the file has changed."""
+    status = path.stat()
+    stamp = (status.st_ino, status.st_size, status.st_mtime_ns)
+    file, _ = _open_container(kind, path, stamp, layout)
+    return file
+
+
+@lru_cache(maxsize=1)
+def _open_container(
+    kind: str, path: Path, _stamp: tuple[int, ...], layout: TextLayout
+) -> tuple[object, ExitStack]:
+    """Open a file that stays open for the trials that follow, as long as its holder is kept."""
+    holder = ExitStack()
+    file = holder.enter_context(READERS[kind].open(path, layout))
+    return file, holder
+
+
+def _convert_samples(values: object, name: str | int) -> Array:
+    """Return the samples of one channel, shape (n,); refuse what are no numbers in a row."""
+    array = np.asarray(values)
+    if array.dtype.kind not in "fiub":
+        raise TraceError(
+            FaultKind.WITHOUT_HEADING,
+            f"channel {name!r} holds no numbers but {array.dtype}",
+        )
+    check_size(array.size, name)
+    if array.ndim > 1 and max(array.shape) != array.size:
+        raise TraceError(
+            FaultKind.WITHOUT_HEADING,
+            f"channel {name!r} is a table of shape {array.shape}, no column",
+        )
+    return np.asarray(array, dtype=float).ravel()
+
+
+def _read_increments(
+    reader: TraceReader[Any, Any], group: object, names: Sequence[str | int]
+) -> Array:
+    """Return the times between two samples that the attributes of a trial state."""
+    attributes = reader.read_attributes(group, names)
+    increments = []
+    for key, power in _INCREMENTS.items():
+        value: Any = attributes.get(key)
+        if value is not None and np.isreal(value) and np.size(value) == 1 and value > 0:
+            increments.append(float(value) ** power)
+    return np.array(increments)

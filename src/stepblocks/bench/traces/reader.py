@@ -1,0 +1,82 @@
+"""What a format of traces has to do: open a file, find a trial in it, read its columns.
+
+A format is one file with one subclass of `TraceReader`, named in ``READERS`` and, with its
+suffixes, in ``FORMATS`` of the declaration of a session.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Generic, TypeVar
+
+from numpy.typing import ArrayLike
+
+File = TypeVar("File")
+Group = TypeVar("Group")
+
+
+@dataclass(frozen=True)
+class TextLayout:
+    """How the text of traces is written.
+
+    Attributes
+    ----------
+    delimiter, decimal : str
+        One letter each.
+    skip_lines : int
+        Lines before the header.
+    is_named : bool
+        Whether the first line names the columns.
+    """
+
+    delimiter: str
+    decimal: str
+    skip_lines: int
+    is_named: bool
+
+
+@dataclass(frozen=True)
+class TrialPlace:
+    """Where in a file a trial is to be looked for.
+
+    Attributes
+    ----------
+    trial : str
+    groups : tuple of str
+        Names that its group may have, the likeliest first.
+    has_own_file : bool
+        Whether the file holds this trial alone.
+    is_whole_file : bool
+        Whether the file itself is the group.
+    """
+
+    trial: str
+    groups: tuple[str, ...]
+    has_own_file: bool
+    is_whole_file: bool
+
+
+class TraceReader(ABC, Generic[File, Group]):
+    """Reads the traces of one format; every method raises `TraceError`.
+
+    ``File`` is what the library of the format calls an open file, ``Group`` what holds the columns
+    of one trial.
+    """
+
+    @abstractmethod
+    def open(self, path: Path, layout: TextLayout) -> AbstractContextManager[File]:
+        """Open a file; `layout` concerns formats of text alone."""
+
+    @abstractmethod
+    def find_group(self, file: File, place: TrialPlace) -> Group:
+        """Find the columns of one trial."""
+
+    @abstractmethod
+    def read_column(self, group: Group, name: str | int) -> ArrayLike:
+        """Read one column by its name, or by its index from 0, in the units of the file."""
+
+    def read_attributes(self, group: Group, names: Sequence[str | int]) -> Mapping[str, object]:
+        """Return what the file says of a trial and its columns beside the samples."""
+        return {}
