@@ -204,7 +204,7 @@ def _tables(work: Path) -> Iterator[Kind]:
     from stepblocks.predict.table import predict_table
     from stepblocks.quantities import DIMENSIONS, parse_quantity
     from stepblocks.scans.read import read_scan
-    from stepblocks.study.design.sheet import read_answers
+    from stepblocks.study.design.read import read_answers
     from stepblocks.study.run import design_study, simulate_study
 
     table = (

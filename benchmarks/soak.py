@@ -36,7 +36,7 @@ from pathlib import Path
 from typing import Any
 
 from stepblocks.cli import main as command_line
-from stepblocks.study.conduct import run as conduct
+from stepblocks.study.conduct.run import open_run
 
 # what a user does: the words of a command, and its folder or file
 WORDS = {
@@ -85,7 +85,7 @@ def answer_study(participant: str) -> tuple[int, str]:
     from stepblocks.errors import StepblocksError
 
     try:
-        run = conduct.open_run("study", participant)
+        run = open_run("study", participant)
         try:
             for _ in range(3):
                 if run.now is not None:

@@ -11,7 +11,8 @@ import sys
 from dataclasses import replace
 
 from stepblocks.study.analysis.accuracy import MEASURES
-from stepblocks.study.design.simulate import Observer, SimulatedStudy, estimate_power
+from stepblocks.study.design.simulate import Observer
+from stepblocks.study.power import SimulatedStudy, estimate_power
 
 CHANGES = {"nothing": (1.0, 1.0), "noise, 2.5 times": (1.0, 2.5), "bias, a fifth": (0.8, 1.0)}
 
@@ -48,8 +49,8 @@ def main() -> None:
                         jobs,
                     )
                     said = (
-                        f"{found['power_ratio']:.3f}  {found['low_95_ratio']:.3f} to "
-                        f"{found['high_95_ratio']:.3f}"
+                        f"{found.power_ratio:.3f}  {found.low_95_ratio:.3f} to "
+                        f"{found.high_95_ratio:.3f}"
                     )
                     alike = "differently" if spread else "alike"
                     print(

@@ -9,7 +9,8 @@ import math
 import sys
 
 from oracles.noncentral_f import closed_form_power
-from stepblocks.study.design.simulate import Observer, SimulatedStudy, estimate_power
+from stepblocks.study.design.simulate import Observer
+from stepblocks.study.power import SimulatedStudy, estimate_power
 
 NOISE = 6e-6
 # energy in proportion to height: a share of 0.9 lowers estimates by a tenth
@@ -55,10 +56,10 @@ def main() -> None:
                     if response == 0.0
                     else "in level and response"
                 )
-                interval = f"{found['low_95_ratio']:.3f} to {found['high_95_ratio']:.3f}"
+                interval = f"{found.low_95_ratio:.3f} to {found.high_95_ratio:.3f}"
                 print(
                     f"{analysis:8}  {kind:22}  {1.0 - share:6.2f}  {exact:11.3f}  "
-                    f"{found['power_ratio']:9.3f}  {interval}",
+                    f"{found.power_ratio:9.3f}  {interval}",
                     flush=True,
                 )
 

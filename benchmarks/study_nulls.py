@@ -19,6 +19,7 @@ import gc
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -30,7 +31,7 @@ from scipy.special import ndtr
 from statsmodels.stats.libqsturng import psturng, qsturng
 from statsmodels.stats.proportion import proportion_confint
 
-from stepblocks.study.analysis import accuracy, population
+from stepblocks.study.analysis import accuracy, comparisons, population
 from stepblocks.study.analysis.accuracy import (
     MEASURES,
     analyse_measure,
@@ -42,8 +43,7 @@ from stepblocks.study.analysis.anova import Interval, run_f_test
 from stepblocks.study.analysis.ordinal import fit_ordinal_model
 from stepblocks.study.analysis.psychometric import compute_weber, find_crossing
 from stepblocks.study.analysis.repeated import average_participants, compare_participants
-from stepblocks.study.analysis.results import StudyResult
-from stepblocks.study.design import experiments
+from stepblocks.study.experiments.registry import EXPERIMENTS
 
 OUT = Path(__file__).parents[1] / "out" / "study-nulls"
 CHUNK = 25  # studies of one analysis before the next has its turn
@@ -125,10 +125,10 @@ def true_changes() -> dict[str, float]:
 def judge_estimates(random: Random, effect: float, bad: bool) -> Found:
     """Two conditions: bias, absolute error and spread, and the realism of ratings."""
     frame = estimates(random, effect, bad=bad)
-    analysed = experiments._analyse_estimates(frame, math.nan)
+    analysis = EXPERIMENTS["estimates"].analyse(frame, math.nan)
     ordinal = fit_ordinal_model(frame, "rating", "condition", "participant")
-    result = StudyResult("virtual", (), frame, ordinal={"realism": ordinal}, **analysed)
-    found: Found = {"p": {one.name: one.p for one in result.findings()}, "held": {}}
+    result = replace(analysis, ordinal={"realism": ordinal})
+    found: Found = {"p": {one.name: one.p for one in result.find_tested()}, "held": {}}
     if effect:
         for one in result.measures:
             truth = true_changes()[one.name]
@@ -260,9 +260,8 @@ def judge_pairs_of_groups(random: Random, effect: float, bad: bool) -> Found:
 
 def judge_comparisons(frame: pd.DataFrame, effect: float) -> Found:
     """Analyse comparisons; the curves of single participants are left out, the group's count."""
-    analysed = experiments._analyse_comparisons(frame, math.nan)
-    result = StudyResult("constant", (), frame, **analysed)
-    found: Found = {"p": {one.name: one.p for one in result.findings()}, "held": {}}
+    result = EXPERIMENTS["constant"].analyse(frame, math.nan)
+    found: Found = {"p": {one.name: one.p for one in result.find_tested()}, "held": {}}
     if effect:
         truths = dict(zip(QUANTITIES, SHIFTS, strict=True))
         for quantity, (gap,) in result.contrasts.items():
@@ -303,8 +302,8 @@ def judge_magnitudes(random: Random, effect: float, bad: bool) -> Found:
         }
     )
     frame = drop(frame, random, ("participant", "condition", "height"))
-    result = StudyResult("magnitude", (), frame, **experiments._analyse_magnitudes(frame, math.nan))
-    found: Found = {"p": {one.name: one.p for one in result.findings()}, "held": {}}
+    result = EXPERIMENTS["magnitude"].analyse(frame, math.nan)
+    found: Found = {"p": {one.name: one.p for one in result.find_tested()}, "held": {}}
     if effect:  # a lapse has no exponent: on average 5 % of it are lost
         (gap,) = result.exponents
         found["held"]["exponent, change"] = gap.low < -0.95 * STEEPER < gap.high
@@ -346,7 +345,7 @@ def leave_out() -> None:
     def test(data: Any, response: str, first: str, second: str = "", **more: Any) -> Any:
         return None if second else run_f_test(data, response, first, second, **more)
 
-    population._fit_curve = lambda who, own: population.Curve(who, (), (), (), None, "")
+    comparisons.fit_curve = lambda who, own: comparisons.Curve(who, (), (), (), None, "")
     accuracy.run_f_test = test
     stats.studentized_range = Approximation()
 

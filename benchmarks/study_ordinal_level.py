@@ -50,7 +50,7 @@ def main() -> None:
                 "condition",
                 "participant",
             )
-            hits += fit.participants["p"] < 0.05
+            hits += fit.participants.p < 0.05
         low, high = proportion_confint(hits, runs, method="wilson")
         print(f"{name:24}  {hits / runs:.3f}  {low:.3f} to {high:.3f}", flush=True)
 

@@ -143,7 +143,7 @@ def by_hand(server: RunServer, seconds: float) -> None:
 
 def checked(run: Run) -> tuple[np.ndarray, float, float]:
     """Return lateness [s], deviation of logged forces [N], and the share of E_v in the ring."""
-    servo = run._running
+    servo = run.servo
     assert servo is not None
     assert run.blocks is not None
     servo.stop()

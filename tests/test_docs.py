@@ -278,11 +278,11 @@ def test_a_benchmark_asks_for_nothing_that_is_not_there(tmp_path):
     wrong = tmp_path / "wrong_benchmark.py"
     wrong.write_text(
         "from stepblocks.contact.operating_point import OperatingPoint\n"
-        "from stepblocks.study.design import experiments\n"
+        "from stepblocks.study.experiments import comparisons\n"
         "from stepblocks.study.analysis.population import Nobody\n\n\n"
         "def main():\n"
         "    point = OperatingPoint(125e-6, 1.0, 0.15, normal=1.0)\n"
-        "    experiments.fit_setting = None\n"
+        "    comparisons.fit_setting = None\n"
         "    print(point.radius, undeclared)\n"
     )
     said = page_types.check_programs([*page_types.list_programs(), wrong])

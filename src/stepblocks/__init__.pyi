@@ -80,11 +80,11 @@ from .simulators.compare import compare_record as compare_record
 from .simulators.export import export_scenes as export_scenes
 from .study.analysis.exchange import share_study as share_study
 from .study.conduct.run import open_run as open_run
+from .study.power import study_power as study_power
 from .study.run import (
     analyse_study as analyse_study,
     design_study as design_study,
     simulate_study as simulate_study,
-    study_power as study_power,
     write_sheets as write_sheets,
 )
 from .workshop.run import order_parts as order_parts

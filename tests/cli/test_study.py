@@ -330,7 +330,7 @@ def test_where_it_is_felt_can_be_chosen_and_is_checked(folder, capsys):
 
 
 def test_every_kind_of_experiment_can_be_asked_for(capsys):
-    from stepblocks.study.design.experiments import EXPERIMENTS
+    from stepblocks.study.experiments.registry import EXPERIMENTS
 
     assert main(["study", "design", "--help"]) == 0
     text = "".join(capsys.readouterr().out.split())

@@ -1,7 +1,13 @@
-"""Designs that tests write in one line."""
+"""Designs and answers that tests write in one line."""
 
-from stepblocks.study.design.experiments import EXPERIMENTS
+from stepblocks.study.design.read import SheetRow
 from stepblocks.study.design.trials import design_trials
+from stepblocks.study.experiments.registry import EXPERIMENTS
+
+
+def lined(rows, file="answers.csv"):
+    """Answers as they are read from a file, whose first line is the header."""
+    return [SheetRow(row, file, number) for number, row in enumerate(rows, start=2)]
 
 
 def crossed(experiment, participants, items, repetitions, seed, probes=()):

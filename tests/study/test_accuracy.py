@@ -18,12 +18,8 @@ from stepblocks.study.analysis.accuracy import (
     compute_measure,
 )
 from stepblocks.study.analysis.anova import Interval
-from stepblocks.study.design.simulate import (
-    Observer,
-    SimulatedStudy,
-    compute_p_value,
-    estimate_power,
-)
+from stepblocks.study.design.simulate import Observer
+from stepblocks.study.power import SimulatedStudy, compute_p_value, estimate_power
 
 DATA = Path(__file__).parent / "data"
 # by accuracy.R beside it; "origin" says with which versions
@@ -176,7 +172,7 @@ def test_power_is_of_the_statistic_that_is_asked_for():
     for name, low, high in (("bias", 0.0, 0.3), ("absolute error", 0.9, 1.0), ("spread", 0.9, 1.0)):
         assert (
             low
-            <= estimate_power(plan(noise=2.5, measure=name), "mixed", runs=10)["power_ratio"]
+            <= estimate_power(plan(noise=2.5, measure=name), "mixed", runs=10).power_ratio
             <= high
         )
     with pytest.raises(

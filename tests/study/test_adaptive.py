@@ -15,13 +15,13 @@ from stepblocks.study.analysis.population import Grid, Population
 from stepblocks.study.analysis.psychometric import Z75, compute_weber
 from stepblocks.study.conduct.run import open_run
 from stepblocks.study.design.adaptive import (
-    PRIOR,
+    Prior,
     complete_prior,
     compute_expected_entropy,
     order_trials,
     tabulate_prior,
 )
-from stepblocks.study.design.sheet import read_answers, read_design
+from stepblocks.study.design.read import read_answers, read_design
 
 LEVELS = np.log(np.array([10, 20, 30, 35, 40, 45, 55, 60, 65, 70, 85, 100, 140]) / 50)
 HEIGHTS = [h * 1e-6 for h in (30, 40, 45, 50, 55, 60, 70)]
@@ -29,7 +29,7 @@ HEIGHTS = [h * 1e-6 for h in (30, 40, 45, 50, 55, 60, 70)]
 
 def believe(prior, answers):
     """Return the posterior after answers, with the probabilities and axes of its grid."""
-    posterior, higher, *axes = tabulate_prior(tuple(LEVELS), tuple(prior.values()))
+    posterior, higher, *axes = tabulate_prior(tuple(LEVELS), prior)
     for index, said in answers:
         posterior = posterior * (higher[index] if said else 1.0 - higher[index])
     return posterior / posterior.sum(), higher, axes
@@ -42,7 +42,7 @@ def test_the_posterior_is_that_of_direct_integration():
     answers += [(7, True), (4, False), (5, False), (8, True), (3, False)]
     posterior, _, axes = believe(prior, answers)
     middle, wide = math.log(1.1), math.log(math.log1p(0.25) / Z75)
-    widths = math.log(prior["equal_factor"]), math.log(prior["weber_factor"])
+    widths = math.log(prior.equal_factor), math.log(prior.weber_factor)
 
     def moment(weigh):
         def density(s, m):
@@ -70,7 +70,7 @@ def test_the_posterior_is_that_of_direct_integration():
 
 def test_the_block_that_is_chosen_leaves_the_least_entropy():
     # every block tried, with the entropy of each posterior by scipy.stats.entropy
-    start, higher, _ = believe(PRIOR, [(1, False), (10, True), (5, True)])
+    start, higher, _ = believe(Prior(), [(1, False), (10, True), (5, True)])
     expected = []
     for likelihood in higher:
         parts = (start * likelihood, start * (1.0 - likelihood))
@@ -88,7 +88,7 @@ def test_observers_who_lapse_are_measured_without_bias():
     # 0.242, 0.255). Where lapse rates ended at 0.05 it was 0.33. The prior's median is 0.2.
     random, sigma = np.random.default_rng(12345), math.log1p(0.25) / Z75
     hits, totals, own = np.zeros((60, len(LEVELS))), np.zeros((60, len(LEVELS))), []
-    before, higher, middles, spreads = tabulate_prior(tuple(LEVELS), tuple(PRIOR.values()))
+    before, higher, middles, spreads = tabulate_prior(tuple(LEVELS), Prior())
     for person in range(60):
         posterior, last = before, -1
         for _ in range(80):
@@ -124,9 +124,9 @@ def test_two_settings_go_from_the_design_to_one_comparison(tmp_path):
         (row["participant"], row["trial"]): row for row in read_design(tmp_path / "design.csv")
     }
     done = read_answers(answers, "adaptive")
-    settings = [planned[row["participant"], row["trial"]]["factor_probe"] for row in done]
+    settings = [planned[row.key]["factor_probe"] for row in done]
     assert settings[:4] in (["bare", "soft"] * 2, ["soft", "bare"] * 2)  # they take turns
-    heights = [planned[row["participant"], row["trial"]]["height_um"] for row in done]
+    heights = [planned[row.key]["height_um"] for row in done]
     assert all(one != two for one, two in itertools.pairwise(heights[:40]))
     result = stepblocks.analyse_study(tmp_path, [answers])
     assert [one.setting for one in result.comparisons] == ["bare", "soft"]
@@ -248,7 +248,7 @@ def test_an_answer_to_one_setting_moves_that_setting_alone():
     assert len(again) == 4
     # setting b knows nothing yet: its block is the best one but for that of the trial before
     levels = tuple(math.log(height / 50) for height in (40, 60, 70))
-    before, higher, *_ = tabulate_prior(levels, tuple(prior.values()))
+    before, higher, *_ = tabulate_prior(levels, prior)
     best = compute_expected_entropy(before, higher).argsort()
     assert first["height_um"] == ("40", "60", "70")[best[0]]
     assert again[1]["height_um"] == ("40", "60", "70")[best[1]]

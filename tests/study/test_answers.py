@@ -4,32 +4,23 @@ filled in silently.
 
 import csv
 import io
+from dataclasses import replace
 
 import pytest
 
-from oracles.designs import compared, crossed
+from oracles.designs import compared, crossed, lined
 from stepblocks.errors import StudyError
 from stepblocks.files.tables import format_csv
-from stepblocks.study.analysis.results import COLUMNS
-from stepblocks.study.design.sheet import (
-    blind_row,
-    format_key,
-    join_answers,
-    read_answers,
-    read_design,
-    simulate_answers,
-)
+from stepblocks.study.analysis.judgements import join_answers
+from stepblocks.study.analysis.result_table import COLUMNS
+from stepblocks.study.design.blocks import Item
+from stepblocks.study.design.read import SheetRow, read_answers, read_design
+from stepblocks.study.design.sheet import blind_row, format_key
 from stepblocks.study.design.simulate import Observer
-from stepblocks.study.design.trials import Item
+from stepblocks.study.design.simulated_answers import simulate_answers
 
 BLOCKS = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in (25, 50, 75)]
 ENERGIES = {"step-025": 10e-6, "step-050": 35e-6, "step-075": 141e-6}
-
-
-def lined(rows):
-    return [
-        row | {"line": f"answers.csv, line {number}"} for number, row in enumerate(rows, start=2)
-    ]
 
 
 @pytest.fixture
@@ -54,11 +45,11 @@ def test_a_complete_table_is_joined_in_si(study):
 
 def test_missing_cells_are_counted_and_named(study):
     design, answers = study
-    answers[3]["estimate_um"] = ""
+    answers[3].cells["estimate_um"] = ""
     table = join_answers(design, answers[:10] + answers[11:])
     assert list(table.missing) == [
-        (answers[3]["participant"], answers[3]["trial"]),
-        (answers[10]["participant"], answers[10]["trial"]),
+        answers[3].key,
+        answers[10].key,
     ]
     assert "2 missing judgements" in " ".join(table.notes())
     result = table.analyse()
@@ -68,12 +59,12 @@ def test_missing_cells_are_counted_and_named(study):
 
 def test_a_participant_who_left_is_left_out_and_named(study):
     design, answers = study
-    half = [row for row in answers if row["participant"] != "3" or int(row["trial"]) <= 6]
+    half = [row for row in answers if row.key.participant != "3" or int(row.key.trial) <= 6]
     table = join_answers(design, half)
     assert table.left == ("3",)
     assert "3" not in set(table.frame["participant"])
     assert "participant 3" in " ".join(table.notes())
-    gone = join_answers(design, [row for row in answers if row["participant"] != "2"])
+    gone = join_answers(design, [row for row in answers if row.key.participant != "2"])
     assert gone.left == ("2",)
 
 
@@ -81,7 +72,7 @@ def test_a_trial_answered_twice_is_refused_with_both_places(study):
     design, answers = study
     refused(
         design,
-        [*answers, answers[5] | {"line": "other.csv, line 9"}],
+        [*answers, replace(answers[5], file="other.csv", line=9)],
         r"twice \[other.csv, line 9; first answers.csv, line 7\]",
     )
 
@@ -89,7 +80,7 @@ def test_a_trial_answered_twice_is_refused_with_both_places(study):
 @pytest.mark.parametrize("value", ["-1", "nan", "inf", "fifty", "1e6", "5_0", "0x10"])
 def test_an_impossible_estimate_is_refused_with_its_line(study, value):
     design, answers = study
-    answers[7]["estimate_um"] = value
+    answers[7].cells["estimate_um"] = value
     refused(
         design,
         answers,
@@ -99,21 +90,22 @@ def test_an_impossible_estimate_is_refused_with_its_line(study, value):
 
 def test_a_wrong_code_is_refused_and_the_right_one_named(study):
     design, answers = study
-    answers[0]["code"] = next(row["code"] for row in answers if row["code"] != answers[0]["code"])
+    code = answers[0].cells["code"]
+    others = [row.cells["code"] for row in answers if row.cells["code"] != code]
+    answers[0].cells["code"] = others[0]
     refused(design, answers, "code must be .* in this trial, as planned")
 
 
 def test_another_probe_than_planned_is_refused(study):
     design, answers = study
-    answers[0]["condition"] = "hard"
+    answers[0].cells["condition"] = "hard"
     refused(design, answers, "condition must be")
 
 
 def test_a_trial_outside_the_design_is_refused(study):
     design, answers = study
-    refused(
-        design, [*answers, answers[0] | {"participant": "99"}], "must be in the design, got '99'"
-    )
+    stranger = replace(answers[0], cells={**answers[0].cells, "participant": "99"})
+    refused(design, [*answers, stranger], "must be in the design, got '99'")
 
 
 def test_a_block_that_nobody_judged_is_refused(study):
@@ -123,16 +115,18 @@ def test_a_block_that_nobody_judged_is_refused(study):
         for row in design
         if (row["stimulus"], row["condition"]) == ("step-050", "soft")
     }
-    kept = [row for row in answers if (row["participant"], row["trial"]) not in gone]
+    kept = [row for row in answers if row.key not in gone]
     refused(design, kept, "no answer for step-050 with soft")
-    refused(design, [row | {"estimate_um": ""} for row in answers], "at least one participant")
+    for row in answers:
+        row.cells["estimate_um"] = ""
+    refused(design, answers, "at least one participant")
 
 
 @pytest.mark.parametrize("value", ["0", "8", "2.5", "good"])
 def test_a_rating_off_its_scale_is_refused(value):
     design = crossed("virtual", 2, BLOCKS, 1, 1).trials
     answers = lined(simulate_answers(design, ENERGIES, {}, Observer(), seed=2))
-    answers[0]["realism_rating"] = value
+    answers[0].cells["realism_rating"] = value
     refused(design, answers, "realism_rating must be a whole number from 1 to 7")
 
 
@@ -163,7 +157,7 @@ def test_files_come_back_as_they_were_written(tmp_path):
     path = tmp_path / "design.csv"
     path.write_text(format_csv(design.trials))
     rows = read_design(path)
-    assert [{name: row[name] for name in row if name != "line"} for row in rows] == design.trials
+    assert rows == design.trials
     sheet = tmp_path / "sheet.csv"
     sheet.write_text(format_csv(map(blind_row, rows)))
     assert len(read_answers(sheet, "constant")) == len(rows)
@@ -208,12 +202,11 @@ def test_every_figure_of_the_results_has_a_unit(study):
 
 def test_all_that_is_wrong_with_a_table_of_answers_is_reported_at_once_by_its_lines(study):
     design, answers = study
-    answers[0]["condition"] = "hard"
-    answers[7]["estimate_um"] = answers[9]["estimate_um"] = "fifty"
+    answers[0].cells["condition"] = "hard"
+    answers[7].cells["estimate_um"] = answers[9].cells["estimate_um"] = "fifty"
+    stranger = SheetRow({**answers[3].cells, "participant": "99"}, "answers.csv", 50)
     with pytest.raises(StudyError) as caught:
-        join_answers(
-            design, [*answers, answers[3] | {"participant": "99", "line": "answers.csv, line 50"}]
-        )
+        join_answers(design, [*answers, stranger])
     head, *lines = str(caught.value).splitlines()
     assert head == "3 mistakes [answers.csv]"
     assert [line.rsplit("[", 1)[1] for line in lines] == [

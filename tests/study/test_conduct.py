@@ -71,7 +71,9 @@ def test_a_clock_that_is_set_anew_changes_no_time_of_an_answer(real, monkeypatch
     run = open_run(real, "1")
     for jump in (-3.0e8, 3.0e8, -3600.0):
         moment = time.time() + jump
-        monkeypatch.setattr("stepblocks.study.conduct.run.time.time", lambda moment=moment: moment)
+        monkeypatch.setattr(
+            "stepblocks.study.conduct.clock.time.time", lambda moment=moment: moment
+        )
         run.answer(run.now["trial"], {"estimate_um": "40"})
     run.close()
     with (real / "runs" / "participant-1.csv").open() as stream:
@@ -159,7 +161,7 @@ def test_a_virtual_trial_leaves_motion_and_forces_and_needs_to_be_felt(virtual):
         run.answer("1", {"estimate_um": "30", "realism_rating": "4"})
     run.hand = Replay(np.tile([0.0, 0.0, 0.0115], (50, 1)))
     run.begin()
-    while run._running.ticks < 40:
+    while run.servo.ticks < 40:
         pass
     run.answer("1", {"estimate_um": "30", "realism_rating": "4"})
     with h5py.File(virtual / "runs" / "participant-1" / "trial-0001.h5") as file:

@@ -10,16 +10,14 @@ from scipy import stats
 
 from oracles.designs import compared, crossed
 from stepblocks.errors import StudyError
-from stepblocks.study.design.trials import (
-    MAX_CODES,
+from stepblocks.study.design.blocks import MAX_CODES, Item, assign_codes
+from stepblocks.study.design.orders import (
     MAX_CONDITIONS,
-    Item,
     allocate_orders,
-    assign_codes,
-    design_trials,
     make_williams_square,
     measure_balance,
 )
+from stepblocks.study.design.trials import design_trials
 from stepblocks.study.run import analyse_study, design_study, simulate_study, write_sheets
 
 FOUR = [Item(f"apparatus-{h:03}", f"APPARATUS-{h:03}", h * 1e-6) for h in (25, 50, 75, 100)]
@@ -118,7 +116,7 @@ def test_the_same_seed_gives_the_same_design_and_another_seed_another():
 
 
 def test_a_slip_of_the_pen_is_never_another_block():
-    codes = assign_codes([FOUR[0]] * MAX_CODES, np.random.default_rng(1))
+    codes = assign_codes([FOUR[0]] * MAX_CODES, np.random.default_rng(1)).judged
     assert len(codes) == MAX_CODES
     known = set(codes)
     letters = sorted({letter for code in known for letter in code})
@@ -130,7 +128,8 @@ def test_a_slip_of_the_pen_is_never_another_block():
 
 def test_codes_say_nothing_about_the_height():
     ranks = [
-        list(np.argsort(list(assign_codes(TEN, np.random.default_rng(s))))) for s in range(200)
+        list(np.argsort(list(assign_codes(TEN, np.random.default_rng(s)).judged)))
+        for s in range(200)
     ]
     assert np.all(np.abs(np.mean(ranks, axis=0) - 4.5) < 4 * 2.87 / np.sqrt(200))
 

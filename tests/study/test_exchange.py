@@ -18,7 +18,8 @@ from stepblocks.study.analysis.exchange import share_study
 from stepblocks.study.analysis.page import render_study
 from stepblocks.study.analysis.prose import format_apa_p, write_headline
 from stepblocks.study.conduct.run import open_run
-from stepblocks.study.run import analyse_study, design_study, simulate_study, study_power
+from stepblocks.study.power import study_power
+from stepblocks.study.run import analyse_study, design_study, simulate_study
 
 HEIGHTS = (20e-6, 40e-6, 60e-6, 80e-6)
 COLUMNS = {

@@ -17,7 +17,8 @@ from stepblocks.study.analysis.repeated import (
     compare_participants,
     compute_bayes_factor,
 )
-from stepblocks.study.design.trials import Item, design_trials
+from stepblocks.study.design.blocks import Item
+from stepblocks.study.design.trials import design_trials
 
 seeds = st.integers(0, 10_000)
 bounded = settings(max_examples=4, deadline=None)

@@ -104,19 +104,19 @@ def test_the_test_over_participants_keeps_its_level_where_they_respond_different
         for seed in range(runs)
     ]
     most = binom.ppf(0.9995, runs, 0.05)
-    assert sum(fit.participants["p"] < 0.05 for fit in found) <= most
+    assert sum(fit.participants.p < 0.05 for fit in found) <= most
 
 
 def test_intervals_are_those_of_student_over_participants_and_the_test_is_the_same_statement():
     fit = fit_ordinal_model(ratings(4, 7, 6, 0.4), "rating", "condition", "participant")
     (effect,) = fit.effects
-    assert fit.participants["statistic"] == pytest.approx(
+    assert fit.participants.statistic == pytest.approx(
         (effect.difference / effect.error) ** 2, rel=1e-9
     )
-    assert (fit.participants["df"], fit.participants["df_error"]) == (1.0, 6.0)
+    assert (fit.participants.df, fit.participants.df_error) == (1.0, 6.0)
     # two-sided 95 % point of Student's t with 6 degrees of freedom: 2.4469 (any table)
     assert effect.high - effect.low == pytest.approx(2.0 * 2.446912 * effect.error, rel=1e-6)
-    assert (effect.low < 0.0 < effect.high) == (fit.participants["p"] > 0.05)
+    assert (effect.low < 0.0 < effect.high) == (fit.participants.p > 0.05)
 
 
 def test_too_few_participants_are_refused():
@@ -168,9 +168,9 @@ def test_each_of_several_factors_is_tested_beside_the_others_where_cells_outnumb
         for name in factors
     }
     loud = fits["amplitude"]
-    assert (loud.participants["df"], loud.participants["df_error"]) == (2.0, 8.0)
-    assert loud.participants["p"] < 1e-3
-    assert min(fits["frequency"].participants["p"], fits["block"].participants["p"]) > 0.05
+    assert (loud.participants.df, loud.participants.df_error) == (2.0, 8.0)
+    assert loud.participants.p < 1e-3
+    assert min(fits["frequency"].participants.p, fits["block"].participants.p) > 0.05
     found = {(one.first, one.second): one for one in loud.effects}
     for pair, logit in {("1", "0.5"): 1.0, ("2", "1"): 1.0, ("2", "0.5"): 2.0}.items():
         assert found[pair].low < logit < found[pair].high

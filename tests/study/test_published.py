@@ -7,10 +7,10 @@ import pandas as pd
 import pytest
 
 from stepblocks.study.analysis.anova import run_f_test
+from stepblocks.study.analysis.magnitudes import fit_power_law
 from stepblocks.study.analysis.mixed import fit_mixed_model
 from stepblocks.study.analysis.ordinal import fit_proportional_odds
 from stepblocks.study.analysis.psychometric import fit_psychometric
-from stepblocks.study.design.experiments import fit_power_law
 
 
 def nist(name):

@@ -7,28 +7,20 @@ import math
 import numpy as np
 import pytest
 
-from oracles.designs import compared, crossed
+from oracles.designs import compared, crossed, lined
 from oracles.noncentral_f import closed_form_power
 from stepblocks.errors import StudyError
+from stepblocks.study.analysis.judgements import join_answers
 from stepblocks.study.analysis.ordinal import fit_ordinal_model
 from stepblocks.study.analysis.psychometric import MAX_LAPSE, compute_weber, fit_psychometric
-from stepblocks.study.design.sheet import join_answers, simulate_answers
-from stepblocks.study.design.simulate import (
-    Observer,
-    SimulatedStudy,
-    compute_p_value,
-    estimate_power,
-    read_off_height,
-)
-from stepblocks.study.design.trials import Item
+from stepblocks.study.design.blocks import Item
+from stepblocks.study.design.simulate import Observer, read_off_height
+from stepblocks.study.design.simulated_answers import simulate_answers
+from stepblocks.study.power import SimulatedStudy, compute_p_value, estimate_power
 
 HEIGHTS = np.arange(30, 75, 5)
 BLOCKS = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in HEIGHTS]
 FLAT = {"heights": (20e-6, 40e-6), "energies": (1e-5, 2e-5)}
-
-
-def lined(rows):
-    return [row | {"line": f"line {number}"} for number, row in enumerate(rows, start=2)]
 
 
 @pytest.mark.long
@@ -198,7 +190,7 @@ def test_power_is_the_same_in_one_process_and_in_two():
     )
     one, two = (estimate_power(plan, "f-test", runs=12, seed=4, jobs=jobs) for jobs in (1, 2))
     assert one == two
-    assert one["low_95_ratio"] <= one["power_ratio"] <= one["high_95_ratio"]
+    assert one.low_95_ratio <= one.power_ratio <= one.high_95_ratio
 
 
 @pytest.mark.parametrize(

@@ -13,16 +13,19 @@ import statsmodels.formula.api as smf
 from matplotlib.figure import Figure
 from scipy import stats
 
-from oracles.designs import compared, crossed
+from oracles.designs import compared, crossed, lined
 from stepblocks.study.analysis.figures import _draw_participants, draw_study_figures
+from stepblocks.study.analysis.judgements import join_answers
 from stepblocks.study.analysis.ordinal import fit_ordinal_model
 from stepblocks.study.analysis.page import render_study
 from stepblocks.study.analysis.repeated import compute_bayes_factor
-from stepblocks.study.analysis.results import COLUMNS, StudyResult
-from stepblocks.study.design.experiments import EXPERIMENTS
-from stepblocks.study.design.sheet import join_answers, simulate_answers
+from stepblocks.study.analysis.result_table import COLUMNS
+from stepblocks.study.analysis.results import StudyResult
+from stepblocks.study.design.blocks import Item
 from stepblocks.study.design.simulate import Observer
-from stepblocks.study.design.trials import Item, design_trials
+from stepblocks.study.design.simulated_answers import simulate_answers
+from stepblocks.study.design.trials import design_trials
+from stepblocks.study.experiments.registry import EXPERIMENTS
 from stepblocks.study.run import analyse_study, design_study, simulate_study
 
 BLOCKS = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in (25, 50, 75)]
@@ -32,9 +35,7 @@ ENERGIES = {item.identity: item.height for item in BLOCKS}
 def result_of(design):
     rows = design.trials
     answers = simulate_answers(rows, ENERGIES, {"soft <b>": 0.5}, Observer(), seed=2)
-    return join_answers(
-        rows, [row | {"line": f"line {n}"} for n, row in enumerate(answers, start=2)]
-    ).analyse()
+    return join_answers(rows, lined(answers)).analyse()
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +55,7 @@ def compared_twice():
     rows = design_trials("constant", 4, blocks, 6, 1, factors=probes, standard="step-050").trials
     energies = {item.identity: item.height for item in blocks}
     answers = simulate_answers(rows, energies, {}, Observer(weber=0.3), seed=5)
-    return join_answers(rows, [row | {"line": "line"} for row in answers]).analyse()
+    return join_answers(rows, lined(answers)).analyse()
 
 
 def row_of(result, analysis, quantity, measure="bias"):
@@ -110,10 +111,10 @@ def test_ratings_are_tested_over_participants(virtual):
     row = row_of(virtual, "ordinal model", "realism, F over participants", "")
     wald = virtual.ordinal["realism"].participants
     assert (row["statistic"], row["df"], row["df_error"], row["p"]) == (
-        wald["statistic"],
+        wald.statistic,
         1.0,
         4.0,
-        wald["p"],
+        wald.p,
     )
 
 
@@ -139,7 +140,7 @@ def test_a_difference_of_comparisons_is_shown_without_each_participant_and_its_b
     # the same study without its second participant
     alone = EXPERIMENTS["constant"].analyse(result.frame.query("participant != '2'"), math.nan)
     for row, (quantity, (other,)) in zip(
-        rows.to_dict("records")[1::4], alone["contrasts"].items(), strict=True
+        rows.to_dict("records")[1::4], alone.contrasts.items(), strict=True
     ):
         assert row["quantity"] == f"{quantity}, bare over soft, without 2"
         assert (row["estimate"], row["p"]) == pytest.approx(
@@ -168,7 +169,7 @@ def test_judgements_keep_every_column_and_say_the_unit_of_lengths(virtual):
 def test_who_cannot_be_fitted_is_named_with_the_reason():
     rows = compared(2, BLOCKS, 2, 1, "step-050").trials
     sure = Observer(weber=0.0)
-    answers = [row | {"line": "line"} for row in simulate_answers(rows, ENERGIES, {}, sure, seed=2)]
+    answers = lined(simulate_answers(rows, ENERGIES, {}, sure, seed=2))
     result = join_answers(rows, answers).analyse()
     (found,) = result.comparisons
     assert [curve.fit for curve in found.curves] == [None, None]
@@ -247,8 +248,8 @@ def test_conditions_of_a_figure_differ_without_colours(tmp_path, experiment, opt
     simulate_study(tmp_path, None, tmp_path / "answers.csv", seed=2)
     result = analyse_study(tmp_path, [tmp_path / "answers.csv"])
     conditions = len(options.get("probes", "ab"))
-    for name, _, figure, _ in draw_study_figures(result):
-        axes = figure.axes[0]
+    for drawn in draw_study_figures(result):
+        name, axes = drawn.name, drawn.figure.axes[0]
         if name == "ratings":
             looks = {bars.patches[0].get_hatch() for bars in axes.containers}
         elif name == "participants":
@@ -270,7 +271,7 @@ def test_a_figure_of_participants_names_their_groups(tmp_path):
     design_study((30e-6, 60e-6), tmp_path, seed=1, participants=4, repetitions=2, **options)
     simulate_study(tmp_path, None, tmp_path / "answers.csv", seed=2)
     result = analyse_study(tmp_path, [tmp_path / "answers.csv"])
-    (figure,) = [one for name, _, one, _ in draw_study_figures(result) if name == "participants"]
+    (figure,) = [one.figure for one in draw_study_figures(result) if one.name == "participants"]
     (legend,) = figure.legends
     assert [text.get_text() for text in legend.get_texts()] == ["none", "some"]
     looks = {line.get_color() for line in legend.get_lines()}
@@ -297,9 +298,8 @@ def test_each_factor_has_a_bayes_factor_and_groups_have_a_bound():
             "error": error,
         }
     )
-    result = StudyResult(
-        "estimates", (), frame, **EXPERIMENTS["estimates"].analyse(frame, math.nan)
-    )
+    analysis = EXPERIMENTS["estimates"].analyse(frame, math.nan)
+    result = StudyResult.from_analysis(analysis, "estimates")
     means = frame.groupby(["participant", "factor_u"])["error"].mean().unstack()
     found = row_of(result, "Bayes factor", "u, no effect over an effect")
     t = stats.ttest_rel(means[0], means[1]).statistic

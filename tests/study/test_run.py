@@ -12,15 +12,10 @@ import pytest
 from stepblocks.declaration.read import load_set
 from stepblocks.errors import ContactError, PipelineError, StudyError
 from stepblocks.predict.predictions import predict_one
+from stepblocks.study.design.blocks import choose_blocks
 from stepblocks.study.design.simulate import Observer
-from stepblocks.study.design.trials import choose_blocks
-from stepblocks.study.run import (
-    analyse_study,
-    design_study,
-    simulate_study,
-    study_power,
-    write_sheets,
-)
+from stepblocks.study.power import study_power
+from stepblocks.study.run import analyse_study, design_study, simulate_study, write_sheets
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 FOUR = str(STIMULI / "paper-four.toml")

@@ -15,7 +15,6 @@ import pytest
 
 from oracles.browser import browser
 from oracles.page_policy import ATTEMPTS, TRY, counting_server
-from stepblocks.haptics.hands import Mouse
 from stepblocks.study.conduct.run import open_run
 from stepblocks.study.conduct.server import RunServer, _Handler
 from stepblocks.study.run import design_study
@@ -178,9 +177,7 @@ def test_what_is_no_request_of_the_page_is_answered_and_prints_nothing(server, p
 @pytest.mark.parametrize("x", ["1" + "0" * 400, "NaN", "-Infinity"])
 def test_a_hand_that_is_nowhere_is_refused_and_does_not_move(server, x, monkeypatch):
     places = []
-    mouse = Mouse(1.0, 1.0, 1.0)
-    monkeypatch.setattr(mouse, "post", lambda x, held: places.append(x))
-    monkeypatch.setattr(server.experiment, "hand", mouse)
+    monkeypatch.setattr(server.experiment, "move", lambda x, held: places.append(x))
     assert statuses(post(server, "/hand", f'{{"x": {x}, "held": true}}'.encode())) == [400]
     assert statuses(post(server, "/hand", b'{"x": 1e999, "held": true}')) == [200]
     assert places == [1.0]  # the end of the screen

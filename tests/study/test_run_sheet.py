@@ -6,8 +6,8 @@ import pytest
 
 from oracles.designs import compared, crossed
 from stepblocks.study.analysis.page import render_run_sheets
+from stepblocks.study.design.blocks import Item
 from stepblocks.study.design.sheet import blind_row
-from stepblocks.study.design.trials import Item
 
 BLOCKS = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in (25, 50, 75)]
 DESIGNS = {

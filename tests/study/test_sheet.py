@@ -7,14 +7,15 @@ import pytest
 
 from oracles.designs import compared, crossed
 from stepblocks.errors import PipelineError
-from stepblocks.study.design.experiments import EXPERIMENTS
+from stepblocks.study.design.blocks import Item
 from stepblocks.study.design.sheet import (
     blind_row,
     format_key,
     list_answer_columns,
     write_new_files,
 )
-from stepblocks.study.design.trials import DESIGN_COLUMNS, Item
+from stepblocks.study.design.trials import DESIGN_COLUMNS
+from stepblocks.study.experiments.registry import EXPERIMENTS
 
 BLOCKS = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in (10, 25, 50)]
 BY_CODE = {"VTK": BLOCKS[2], "ABE": BLOCKS[0]}
@@ -65,10 +66,10 @@ def test_the_key_of_a_comparison_names_the_standard_too():
 
 
 def test_a_file_that_somebody_changed_stays_and_nothing_beside_it_is_written(tmp_path):
-    write_new_files(tmp_path / "new", {"one.csv": "1\n", "two.pdf": b"\x00\xff"})
-    assert (tmp_path / "new" / "two.pdf").read_bytes() == b"\x00\xff"
+    write_new_files(tmp_path / "new", {"one.csv": "1\n", "two.html": "\u00fc\n"})
+    assert (tmp_path / "new" / "two.html").read_bytes() == "\u00fc\n".encode()
     write_new_files(tmp_path / "new", {"one.csv": "1\n"})  # the same content is no conflict
     with pytest.raises(PipelineError, match=r"one\.csv has another content already; move it away"):
         write_new_files(tmp_path / "new", {"three.csv": "3\n", "one.csv": "changed\n"})
-    assert sorted(path.name for path in (tmp_path / "new").iterdir()) == ["one.csv", "two.pdf"]
+    assert sorted(path.name for path in (tmp_path / "new").iterdir()) == ["one.csv", "two.html"]
     assert (tmp_path / "new" / "one.csv").read_text() == "1\n"

@@ -88,7 +88,7 @@ def test_levels_between_participants_are_those_of_the_run(tmp_path, monkeypatch)
         rendered.append(event)
         return Renderer(*given, event=event, **more)
 
-    monkeypatch.setattr("stepblocks.study.conduct.run.Renderer", render)
+    monkeypatch.setattr("stepblocks.study.conduct.virtual_blocks.Renderer", render)
     factors = {"vibration": ("vibration-off", "vibration-on"), "training": ("some", "none")}
     options = {"factors": factors, "between": tuple(factors), "experiment": "virtual"}
     design_study(HEIGHTS, tmp_path, seed=1, participants=8, repetitions=1, **options)
@@ -211,7 +211,7 @@ def test_every_rule_of_the_page_s_policy_is_kept(tmp_path):
     for rule in ("default-src 'none'", "frame-ancestors 'none'", "form-action 'none'"):
         assert rule in headers["Content-Security-Policy"]
     assert "unsafe-inline'; script" in headers["Content-Security-Policy"]  # of styles alone
-    server._second, server._asked = 10**9, 0
+    server._second, server._requests = 10**9, 0
     server.is_too_busy = lambda: True
     assert ask()[0] == 429
     server.shutdown()

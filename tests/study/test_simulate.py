@@ -3,29 +3,22 @@
 import numpy as np
 import pytest
 
-from oracles.designs import compared, crossed
+from oracles.designs import compared, crossed, lined
 from stepblocks.errors import StudyError
 from stepblocks.files.tables import format_csv
 from stepblocks.study.analysis.accuracy import analyse_measure
+from stepblocks.study.analysis.judgements import join_answers
 from stepblocks.study.analysis.ordinal import fit_ordinal_model
 from stepblocks.study.analysis.page import render_study
-from stepblocks.study.analysis.results import COLUMNS
-from stepblocks.study.design.experiments import EXPERIMENTS
-from stepblocks.study.design.sheet import (
-    join_answers,
-    list_answer_columns,
-    read_answers,
-    read_design,
-    simulate_answers,
-)
-from stepblocks.study.design.simulate import (
-    Observer,
-    SimulatedStudy,
-    compute_p_value,
-    estimate_power,
-    simulate_frame,
-)
-from stepblocks.study.design.trials import Item, design_trials
+from stepblocks.study.analysis.result_table import COLUMNS
+from stepblocks.study.design.blocks import Item
+from stepblocks.study.design.read import read_answers, read_design
+from stepblocks.study.design.sheet import list_answer_columns
+from stepblocks.study.design.simulate import Observer
+from stepblocks.study.design.simulated_answers import simulate_answers
+from stepblocks.study.design.trials import design_trials
+from stepblocks.study.experiments.registry import EXPERIMENTS
+from stepblocks.study.power import SimulatedStudy, compute_p_value, estimate_power, simulate_frame
 
 BLOCKS = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in range(30, 75, 5)]
 ENERGIES = {item.identity: item.height for item in BLOCKS}  # in proportion to the height
@@ -87,7 +80,7 @@ def test_without_noise_the_higher_of_two_is_always_named():
 def test_without_noise_magnitudes_grow_with_the_square_root_of_the_energy():
     rows = crossed("magnitude", 3, BLOCKS, 1, 1).trials
     answers = simulate_answers(rows, ENERGIES, {}, STILL, 3)
-    table = join_answers(rows, [row | {"line": "line"} for row in answers])
+    table = join_answers(rows, lined(answers))
     (law,) = table.analyse().power_laws
     assert law.exponent == pytest.approx(0.5, abs=0.01)  # three digits are written down
     assert all(
@@ -127,9 +120,9 @@ def test_a_study_is_decided_by_its_own_seed():
 
 def test_a_difference_that_nobody_can_miss_is_always_found():
     estimate = estimate_power(plan(observer=Observer(response_noise=1e-6)), "f-test", runs=10)
-    assert (estimate["power_ratio"], estimate["high_95_ratio"]) == (1.0, 1.0)
+    assert (estimate.power_ratio, estimate.high_95_ratio) == (1.0, 1.0)
     # Wilson's interval of n of n: n / (n + z^2)
-    assert estimate["low_95_ratio"] == pytest.approx(10.0 / (10.0 + 1.959964**2), rel=1e-6)
+    assert estimate.low_95_ratio == pytest.approx(10.0 / (10.0 + 1.959964**2), rel=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -167,7 +160,7 @@ def test_vibration_raises_ratings_also_where_other_factors_cross_it():
 def test_the_power_of_ratings_is_that_of_the_ordinal_model_and_the_level_without_a_gain():
     given = {"measure": "realism", "participants": 8, "repetitions": 4}
     strong = estimate_power(plan(**given, observer=Observer(realism_gain=3.0)), runs=10)
-    assert strong["power_ratio"] == 1.0
+    assert strong.power_ratio == 1.0
     none = [
         compute_p_value(plan(**given, observer=Observer(realism_gain=0.0)), "mixed", seed)
         for seed in range(40)

@@ -1,52 +1,40 @@
 """The experiments on people, from a stimulus file to a report."""
 
 import html
-import itertools
-import json
 import math
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 
 import pandas as pd
 
-from stepblocks.errors import PipelineError
+from stepblocks.errors import PipelineError, StudyError
 from stepblocks.files.atomic import replace_text
 from stepblocks.files.pages import render_page
-from stepblocks.files.tables import format_csv, write_table
-from stepblocks.study import RATINGS, require
-from stepblocks.study.analysis.accuracy import ANSWER
-from stepblocks.study.analysis.exchange import read_foreign_judgements
+from stepblocks.files.tables import format_csv
+from stepblocks.study.analysis.foreign import read_foreign_judgements
+from stepblocks.study.analysis.judgements import Judgements, join_answers, split_groups
 from stepblocks.study.analysis.page import render_run_sheets, render_study, write_figures
 from stepblocks.study.analysis.results import StudyResult
-from stepblocks.study.design import sheet
-from stepblocks.study.design.adaptive import complete_prior
-from stepblocks.study.design.experiments import (
-    ALIASES,
-    EXPERIMENTS,
-    list_outcomes,
-    refuse_unused_options,
-)
-from stepblocks.study.design.simulate import (
-    REALISM,
-    TYPICAL_OBSERVER,
-    Observer,
-    SimulatedStudy,
-    estimate_detection_power,
-    estimate_power,
-)
-from stepblocks.study.design.trials import (
-    REPETITIONS,
-    VIRTUAL_FACTORS,
-    Declared,
-    Design,
-    check_virtual_factor,
-    choose_blocks,
-    design_trials,
-    find_designed_blocks,
-    list_levels,
-)
+from stepblocks.study.columns import RATINGS, Row, group_by_participant, list_levels
+from stepblocks.study.design.adaptive import Prior, complete_prior
+from stepblocks.study.design.blocks import Declared, choose_blocks, find_designed_blocks
+from stepblocks.study.design.plan import FILE_NAME, Plan, read_plan, read_prior
+from stepblocks.study.design.read import read_all_answers, read_design
+from stepblocks.study.design.sheet import blind_row, format_key, write_new_files
+from stepblocks.study.design.simulate import TYPICAL_OBSERVER, Observer
+from stepblocks.study.design.simulated_answers import choose_answers, simulate_answers
+from stepblocks.study.design.trials import REPETITIONS, Design, Factors, design_trials
+from stepblocks.study.design.virtual import VIRTUAL_FACTORS, check_virtual_factor
+from stepblocks.study.experiments.kind import Experiment
+from stepblocks.study.experiments.registry import ALIASES, EXPERIMENTS, refuse_unused_options
+
+_DESIGN = "design.csv"
+# Of an adaptive design: a repetition for every four trials, with each block in either order of a
+# pair, leaves enough of each block for any placement
+_TRIALS_OF_REPETITION = 4
 
 
 def design_study(
@@ -119,12 +107,19 @@ def design_study(
     ------
     StepblocksError
         If the set has no step blocks, the design is impossible, or another stands there already.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import stepblocks
+    >>> stepblocks.design_study([20e-6, 50e-6], tempfile.mkdtemp(), seed=1, participants=2)
+    <Design estimates: 2 participants, 36 trials>
     """
     experiment = ALIASES.get(experiment, experiment)
-    PipelineError.require(
-        experiment in EXPERIMENTS,
-        f"experiment must be one of {', '.join(EXPERIMENTS)}, got {experiment!r}",
-    )
+    if experiment not in EXPERIMENTS:
+        raise PipelineError(
+            f"experiment must be one of {', '.join(EXPERIMENTS)}, got {experiment!r}"
+        )
     kind = EXPERIMENTS[experiment]
     refuse_unused_options(
         experiment,
@@ -138,19 +133,17 @@ def design_study(
         repetitions=repetitions != REPETITIONS,
     )
     blocks = choose_blocks(source, only=only)
-    require(
-        standard or not kind.paired,
-        f"standard must be one of {', '.join(item.identity for item in blocks.items)}, got "
-        f"{standard!r}",
-    )
-    declared = ({"probe": tuple(probes)} if probes else {}) | dict(factors) or dict(kind.factors)
-    for name, levels in factors.items() if experiment == "virtual" else ():
-        # what the program does not change is a property of participants, such as their training
-        if name in VIRTUAL_FACTORS or name not in between:
-            check_virtual_factor(name, levels)
-    known_before = complete_prior(({"trials": trials} if trials else {}) | dict(prior))
-    if kind.adaptive:  # enough of each block for any order, each block in either order of a pair
-        repetitions = math.ceil(known_before["trials"] / 4)
+    if kind.paired and not standard:
+        identities = ", ".join(item.identity for item in blocks.items)
+        raise StudyError(f"standard must be one of {identities}, got {standard!r}")
+    declared = _declare_factors(kind, probes, factors)
+    if experiment == "virtual":
+        _check_virtual_factors(factors, between)
+    stated_prior = _state_prior(prior, trials)
+    plan = Plan(primary, reference)
+    if kind.adaptive:
+        repetitions = math.ceil(stated_prior.trials / _TRIALS_OF_REPETITION)
+        plan = Plan(primary, reference, stated_prior)
     design = design_trials(
         experiment,
         participants,
@@ -162,24 +155,8 @@ def design_study(
         standard=standard,
         interleaved=interleaved,
     )
-    table = sheet.split_groups(pd.DataFrame(design.trials))
-    conditions = sorted(set(table["condition"]))
-    require(
-        not reference or reference in conditions,
-        f"reference must be one of {', '.join(conditions)}, got {reference!r}",
-    )
-    tests = list_outcomes(experiment, table)
-    require(
-        not primary or primary in tests,
-        f"primary must be one of {'; '.join(tests) or 'none'}, got {primary!r}",
-    )
-    plan: dict[str, object] = {
-        "schema": 1,
-        "primary": primary,
-        "reference": reference,
-        "prior": known_before if kind.adaptive else {},
-    }
-    text = render_page(
+    _check_outcomes(design, primary, reference)
+    preregistration = render_page(
         "stepblocks.study",
         "preregistration.txt",
         design=design,
@@ -190,16 +167,57 @@ def design_study(
         blocks=blocks.items,
         repetitions=repetitions,
         seed=seed,
-        **plan,
+        primary=plan.primary,
+        reference=plan.reference,
+        prior=plan.prior,
     )
     files = {
-        "design.csv": format_csv(design.trials),
-        "key.csv": sheet.format_key(design.blocks),
-        "plan.json": json.dumps(plan, indent=1) + "\n",
-        "preregistration.md": html.unescape(text),
+        _DESIGN: format_csv(design.trials),
+        "key.csv": format_key(design.blocks),
+        FILE_NAME: plan.to_json(),
+        "preregistration.md": html.unescape(preregistration),
     }
-    sheet.write_new_files(Path(folder), files)
+    write_new_files(Path(folder), files)
     return design
+
+
+def _declare_factors(
+    kind: Experiment, probes: Sequence[str], factors: Mapping[str, Sequence[str]]
+) -> Factors:
+    """Return all factors of a design; without any, those of the kind of experiment."""
+    declared = dict[str, Sequence[str]]()
+    if probes:
+        declared["probe"] = tuple(probes)
+    declared.update(factors)
+    return declared or dict(kind.factors)
+
+
+def _check_virtual_factors(factors: Mapping[str, Sequence[str]], between: Sequence[str]) -> None:
+    """Reject factors of virtual blocks that the program cannot change."""
+    for name, levels in factors.items():
+        # what the program does not change is a property of participants, such as their training
+        if name in VIRTUAL_FACTORS or name not in between:
+            check_virtual_factor(name, levels)
+
+
+def _state_prior(prior: Mapping[str, float], trials: int) -> Prior:
+    """Return what is known before the first trial, with the most trials if they are stated."""
+    stated = dict[str, object]()
+    if trials:
+        stated["trials"] = trials
+    stated.update(prior)
+    return complete_prior(stated)
+
+
+def _check_outcomes(design: Design, primary: str, reference: str) -> None:
+    """Reject a primary outcome or a reference that the trials of a design do not have."""
+    table = split_groups(pd.DataFrame(design.trials))
+    conditions = sorted(set(table["condition"]))
+    if reference and reference not in conditions:
+        raise StudyError(f"reference must be one of {', '.join(conditions)}, got {reference!r}")
+    tests = EXPERIMENTS[design.experiment].list_outcomes(table)
+    if primary and primary not in tests:
+        raise StudyError(f"primary must be one of {'; '.join(tests) or 'none'}, got {primary!r}")
 
 
 def write_sheets(folder: str | Path) -> int:
@@ -219,27 +237,35 @@ def write_sheets(folder: str | Path) -> int:
     ------
     StepblocksError
         If there is no design, or somebody has written into a sheet already.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import stepblocks
+    >>> folder = tempfile.mkdtemp()
+    >>> design = stepblocks.design_study([20e-6, 50e-6], folder, seed=1, participants=2)
+    >>> stepblocks.write_sheets(folder)
+    2
     """
     folder = Path(folder)
-    design = sheet.read_design(folder / "design.csv")
-    require(
-        not EXPERIMENTS[design[0]["experiment"]].adaptive,
-        "an adaptive design has no sheets: 'study run' chooses each block by the answers",
-    )
-    sheets = sheet.group_by_participant(map(sheet.blind_row, design))
-    for person in sheets:  # it becomes the name of a file
-        require(
-            re.fullmatch(r"[\w.-]{1,40}", person),
-            f"participant must be one word of at most 40 characters, got {person!r:.60} "
-            f"[{folder / 'design.csv'}]",
+    design = read_design(folder / _DESIGN)
+    kind = EXPERIMENTS[design[0]["experiment"]]
+    if kind.adaptive:
+        raise StudyError(
+            "an adaptive design has no sheets: 'study run' chooses each block by the answers"
         )
+    sheets = group_by_participant(map(blind_row, design))
     digits = len(str(len(sheets)))
-    texts = {
-        f"sheets/participant-{person:0>{digits}}.csv": format_csv(rows)
-        for person, rows in sheets.items()
-    }
-    title = EXPERIMENTS[design[0]["experiment"]].sheet_title
-    sheet.write_new_files(folder, texts | {"run-sheets.html": render_run_sheets(title, sheets)})
+    files = {}
+    for participant, rows in sheets.items():
+        if not re.fullmatch(r"[\w.-]{1,40}", participant):  # it becomes the name of a file
+            raise StudyError(
+                f"participant must be one word of at most 40 characters, got {participant!r:.60} "
+                f"[{folder / _DESIGN}]"
+            )
+        files[f"sheets/participant-{participant:0>{digits}}.csv"] = format_csv(rows)
+    files["run-sheets.html"] = render_run_sheets(kind.sheet_title, sheets)
+    write_new_files(folder, files)
     return len(sheets)
 
 
@@ -254,7 +280,7 @@ def simulate_study(
     observer: Observer = TYPICAL_OBSERVER,
     **felt: float,
 ) -> int:
-    """Let simulated participants fill in the run sheets of a design.
+    """Fill in the run sheets of a design with the answers of simulated participants.
 
     Parameters
     ----------
@@ -284,29 +310,44 @@ def simulate_study(
     ------
     StepblocksError
         If a block has no energy there, a name is unknown, or the answers have no response noise.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import stepblocks
+    >>> folder = tempfile.mkdtemp()
+    >>> design = stepblocks.design_study([20e-6, 50e-6], folder, seed=1, participants=2)
+    >>> stepblocks.simulate_study(folder, None, f"{folder}/answers.csv", seed=2)
+    36
     """
-    design = sheet.read_design(Path(folder) / "design.csv")
-    known = sorted({level for row in design for level in list_levels(row)} - {""})
-    for option, given in (("damping", damping), ("noise", noise)):
-        unknown = sorted(set(given or {}) - set(known))
-        PipelineError.require(
-            not unknown,
-            f"{option} must name conditions of the design ({', '.join(known)}), got "
-            f"{next(iter(unknown), '')!r}",
-        )
-    refuse_unused_options(design[0]["experiment"], noise=noise)
-    answers = sheet.simulate_answers(
-        design,
-        find_designed_blocks(design, source, felt).energies(),
-        damping or {},
-        observer,
-        seed,
-        noise or {},
+    design = read_design(Path(folder) / _DESIGN)
+    _check_conditions("damping", damping or {}, design)
+    _check_conditions("noise", noise or {}, design)
+    experiment = design[0]["experiment"]
+    refuse_unused_options(experiment, noise=noise)
+    blocks = find_designed_blocks(design, source, felt)
+    answers = simulate_answers(
+        design, blocks.energies(), damping or {}, observer, seed, noise or {}
     )
-    if EXPERIMENTS[design[0]["experiment"]].adaptive:
-        answers = [*sheet.choose_answers(design, answers, sheet.read_plan(Path(folder))[1])]
-    sheet.write_new_files(Path(output).parent, {Path(output).name: format_csv(answers)})
+    if EXPERIMENTS[experiment].adaptive:
+        answers = list(choose_answers(design, answers, read_prior(Path(folder))))
+    output = Path(output)
+    write_new_files(output.parent, {output.name: format_csv(answers)})
     return len(answers)
+
+
+def _check_conditions(option: str, named: Mapping[str, float], design: Sequence[Row]) -> None:
+    """Reject an option that names conditions which a design does not have."""
+    known = set[str]()
+    for row in design:
+        known |= list_levels(row)
+    known.discard("")
+    unknown = sorted(set(named) - known)
+    if unknown:
+        raise PipelineError(
+            f"{option} must name conditions of the design ({', '.join(sorted(known))}), got "
+            f"{unknown[0]!r}"
+        )
 
 
 def analyse_study(
@@ -361,146 +402,52 @@ def analyse_study(
     ------
     StepblocksError
         If the answers do not belong to the design or cannot carry the analysis.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import stepblocks
+    >>> folder = tempfile.mkdtemp()
+    >>> design = stepblocks.design_study([20e-6, 50e-6], folder, seed=1, participants=4)
+    >>> answers = f"{folder}/answers.csv"
+    >>> number = stepblocks.simulate_study(folder, None, answers, seed=2)
+    >>> result = stepblocks.analyse_study(folder, [answers])
+    >>> [finding.name for finding in result.findings()]
+    ['absolute error', 'bias', 'spread']
     """
-    plan: dict[str, str] = {}
+    plan = Plan()
     if folder is None:
-        found = read_foreign_judgements(answers, columns, experiment, ratings)
+        judgements = read_foreign_judgements(answers, columns, experiment, ratings)
     else:
-        design = sheet.read_design(Path(folder) / "design.csv")
-        rows = [
-            row
-            for path in sheet.find_sheets(answers)
-            for row in sheet.read_answers(path, design[0]["experiment"])
-        ]
-        found = sheet.join_answers(design, rows, ratings)
-        plan, _ = sheet.read_plan(Path(folder))
+        judgements = _read_judgements(Path(folder), answers, ratings)
+        plan = read_plan(Path(folder))
     refuse_unused_options(
-        found.experiment,
+        judgements.experiment,
         equivalent=not math.isnan(equivalent),
         ratings=ratings != RATINGS,
         reference=reference,
     )
-    stated = (("primary", primary), ("reference", reference))
-    plan |= {name: text for name, text in stated if text}
-    result = found.assign_groups(groups).analyse(equivalent, **plan)
+    plan = replace(plan, primary=primary or plan.primary, reference=reference or plan.reference)
+    grouped = judgements.assign_groups(groups)
+    result = grouped.analyse(equivalent, plan.primary, plan.reference)
     if output is not None:
-        output = Path(output)
-        page = render_study(result)
-        write_figures(result, output / "figures")
-        replace_text(output / "judgements.csv", result.judgements_csv())
-        replace_text(output / "results.csv", result.results_csv())
-        replace_text(output / "report.html", page)
+        _write_report(result, Path(output))
     return result
 
 
-def study_power(
-    source: Declared | Sequence[float],
-    output: str | Path | None = None,
-    *,
-    seed: int,
-    experiment: str = "estimates",
-    probes: Sequence[str] = (),
-    damping: Mapping[str, float] | None = None,
-    noise: Mapping[str, float] | None = None,
-    measure: str = ANSWER,
-    standard: str = "",
-    participants: Sequence[int] = (10,),
-    repetitions: Sequence[int] = (REPETITIONS,),
-    observer: Observer = TYPICAL_OBSERVER,
-    analysis: str = "mixed",
-    runs: int = 200,
-    jobs: int = 1,
-    only: str | None = None,
-    **felt: float,
-) -> pd.DataFrame:
-    """Estimate the power of studies of several sizes.
+def _read_judgements(
+    folder: Path, answers: Sequence[str | Path], ratings: tuple[int, int]
+) -> Judgements:
+    """Read the answers to the trials of a design."""
+    design = read_design(folder / _DESIGN)
+    rows = read_all_answers(answers, design[0]["experiment"])
+    return join_answers(design, rows, ratings)
 
-    Parameters
-    ----------
-    source : str, Path, StimulusSet or sequence of float
-        Stimulus file, its set, or heights [m].
-    output : str or Path, optional
-        CSV to write.
-    experiment : str
-        ``"estimates"``; ``"virtual"``, with vibration off and on; or ``"constant"``, also as
-        ``"2afc"``: each block against `standard`, by a t-test of the participants' shares of right
-        answers against one half.
-    seed, runs, jobs : int
-        Seed of all chance, simulated studies per size, processes (on which the outcome does not
-        depend).
-    probes : sequence of str
-        The conditions that are compared; those of `damping` and `noise` if left out.
-    damping, noise : mapping of float
-        Share of the energy that a condition lets through, and how many times the response noise it
-        has [1]; 1 where not named.
-    measure : str
-        ``"absolute error"``, which the report reads for accuracy, ``"bias"`` or ``"spread"``; of
-        ``"virtual"`` also ``"realism"``, by the ordinal model, whatever `analysis` is: vibration
-        moves ratings by the observer's `realism_gain`.
-    standard : str
-        Block of ``"constant"`` that all others are compared with.
-    participants, repetitions : sequence of int
-        Sizes; every combination.
-    observer, only, **felt
-        As in `simulate_study` and `design_study`.
-    analysis : str
-        ``"mixed"`` or ``"f-test"``.
 
-    Returns
-    -------
-    DataFrame
-        One row per size: share of the studies that find a difference between conditions, and its 95
-        % interval [1].
-
-    Raises
-    ------
-    StepblocksError
-        If an option is out of range, or a block does not release the probe.
-    """
-    blocks = choose_blocks(source, felt, only)
-    energies = blocks.energies()
-    heights = {item.identity: item.height for item in blocks.items}
-    rows = []
-    kind = ALIASES.get(experiment, experiment)
-    require(
-        kind in ("estimates", "virtual", "constant"),
-        "power is known of the experiments estimates, virtual, constant and 2afc, got "
-        f"{experiment!r}",
-    )
-    vibration = tuple(EXPERIMENTS["virtual"].factors["vibration"]) if kind == "virtual" else ()
-    names = tuple(dict.fromkeys((*vibration, *probes, *(damping or {}), *(noise or {}))))
-    require(
-        measure != REALISM or (vibration and names == vibration),
-        "realism must be rated in the experiment virtual, with vibration off and on, got "
-        f"{experiment} with {', '.join(names) or 'no conditions'}",
-    )
-    factors = tuple((name, (damping or {}).get(name, 1.0)) for name in names)
-    noises = tuple((noise or {}).get(name, 1.0) for name in names)
-    sizes = (tuple(heights.values()), tuple(energies.values()), factors, observer, noises, measure)
-    for people, times in itertools.product(participants, repetitions):
-        size: dict[str, object] = {"participants": people, "repetitions": times}
-        if kind == "constant":
-            require(
-                standard in energies,
-                f"standard must be one of the blocks {', '.join(energies)}, got {standard!r}",
-            )
-            for name in (name for name in energies if name != standard):
-                ratio = energies[name] / energies[standard]
-                found = estimate_detection_power(people, 2 * times, ratio, observer, runs, seed)
-                size |= {
-                    "judgements_each": 2 * times,
-                    "stimulus": name,
-                    "height_um": heights[name] * 1e6,
-                }
-                rows.append({"analysis": "2afc"} | size | found | {"runs": runs})
-            continue
-        found = estimate_power(SimulatedStudy(people, times, *sizes), analysis, runs, seed, jobs)
-        tested = {"measure": measure, "analysis": "ordinal" if measure == REALISM else analysis}
-        rows.append(
-            {**tested, **size, "judgements_each": times * len(heights) * len(names)}
-            | {**found, "runs": runs}
-        )
-    table = pd.DataFrame(rows)
-    if output is not None:
-        write_table(table, Path(output), "%.3f")
-    return table
+def _write_report(result: StudyResult, folder: Path) -> None:
+    """Write the report, its tables and its figures."""
+    page = render_study(result)
+    write_figures(result, folder / "figures")
+    replace_text(folder / "judgements.csv", result.judgements_csv())
+    replace_text(folder / "results.csv", result.results_csv())
+    replace_text(folder / "report.html", page)

@@ -1,1 +1,1 @@
-"""From the answers that were written down to what they say."""
+"""From recorded answers to findings and the report."""

@@ -1,4 +1,4 @@
-"""How far estimates are off: their bias, their absolute error, and their spread."""
+"""The accuracy of estimates: their bias, absolute error and spread."""
 
 # The paper asks whether heights are estimated "less accurately": that is the absolute error. The
 # signed error that its F-test takes is the bias, which noise leaves where it is; the spread says
@@ -6,13 +6,15 @@
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 from scipy import linalg, stats
 
+from stepblocks.errors import StudyError
+from stepblocks.files.tables import Table
 from stepblocks.quantities import format_column_label
-from stepblocks.study import Table, require
 from stepblocks.study.analysis.anova import (
     FTest,
     Interval,
@@ -28,9 +30,12 @@ from stepblocks.study.analysis.repeated import (
     average_participants,
     compare_participants,
 )
+from stepblocks.study.columns import FACTOR
 
+BIAS = "bias"
 ANSWER = "absolute error"  # the measure that answers the paper's question
-MEASURES = ("bias", ANSWER, "spread")
+SPREAD = "spread"
+MEASURES = (BIAS, ANSWER, SPREAD)
 
 
 @dataclass(frozen=True)
@@ -81,126 +86,260 @@ class Measure:
     @property
     def logarithmic(self) -> bool:
         """Whether differences are logarithms of ratios."""
-        return self.name == "spread"
+        return self.name == SPREAD
 
     @property
     def label(self) -> str:
-        """Its name with its unit, as people write it."""
-        return "ln(spread / um)" if self.logarithmic else format_column_label(f"{self.name}_um")
+        """Name with unit, as it stands on an axis."""
+        if self.logarithmic:
+            return "ln(spread / um)"
+        return format_column_label(f"{self.name}_um")
 
 
-def compute_measure(frame: Table, name: str) -> tuple[Table, str]:
-    """Return a table with a column ``value``, and the column of its blocks, if it has one."""
-    # The spread is the logarithm of a participant's standard deviation in a condition, pooled over
-    # the blocks, within which the judgements are repeated: a block's own bias is not in it.
-    if name != "spread":
-        value = frame["error"].abs() if name == ANSWER else frame["error"]
-        return frame.assign(value=value), "stimulus" if frame["stimulus"].nunique() > 1 else ""
+class MeasuredTable(NamedTuple):
+    """Judgements with a column ``value``, and the column of their blocks; empty without one."""
+
+    data: Table
+    block: str
+
+
+class ConditionTest(NamedTuple):
+    """A test of conditions, and the sphericity that its degrees of freedom are corrected for."""
+
+    term: Term | None
+    sphericity: Sphericity | None
+
+
+class GroupComparison(NamedTuple):
+    """Tests of groups of participants, and the differences of every two groups."""
+
+    terms: tuple[Term, ...]
+    intervals: tuple[Interval, ...]
+
+
+class Equivalence(NamedTuple):
+    """Two one-sided tests of a difference.
+
+    Attributes
+    ----------
+    bound : float
+        What two conditions differ by less than at the 5 % level, in the unit of the difference.
+    statistic, p : float
+        Student's t of the worse side against a margin, and its probability; not-a-number without
+        a margin.
+    """
+
+    bound: float
+    statistic: float
+    p: float
+
+
+class _GroupedMeans(NamedTuple):
+    """Means of participants (rows) in each condition (columns), and the group of each row."""
+
+    table: Table
+    group: pd.Series
+
+
+def compute_measure(frame: Table, name: str) -> MeasuredTable:
+    """Compute one measure of accuracy of every judgement, or of every cell.
+
+    The spread is the logarithm of a participant's standard deviation in a condition, pooled over
+    the blocks, within which the judgements are repeated: a block's own bias is not in it.
+
+    Parameters
+    ----------
+    frame : DataFrame
+        participant, condition, stimulus, error [m].
+    name : str
+        One of `MEASURES`.
+
+    Raises
+    ------
+    StudyError
+        If fewer than two participants have a spread.
+    """
+    if name == SPREAD:
+        return MeasuredTable(_compute_spread(frame), "")
+    value = frame["error"]
+    if name == ANSWER:
+        value = value.abs()
+    block = ""
+    if frame["stimulus"].nunique() > 1:
+        block = "stimulus"
+    return MeasuredTable(frame.assign(value=value), block)
+
+
+def _compute_spread(frame: Table) -> Table:
+    """Return ln(spread / m) of each participant in each condition, in a column ``value``.
+
+    Columns of factors and groups are kept. Participants who never vary, or judged each block once,
+    have no spread and are left out.
+    """
     cell = ["participant", "condition"]
-    apart = frame["error"] - frame.groupby([*cell, "stimulus"])["error"].transform("mean")
-    cells = frame.assign(square=apart**2).groupby(cell, sort=False)
-    left = cells.size() - cells["stimulus"].nunique()
-    variance = cells["square"].sum() / left.where(left > 0)
-    # who never varies, or judged each block once, has no spread; the others keep theirs
-    lacking = set(variance[~(variance > 0.0)].index.get_level_values("participant"))
-    others = ~variance.index.get_level_values("participant").isin(lacking)
-    require(
-        variance[others].index.get_level_values("participant").nunique() >= 2,
-        "spread needs judgements of a block that are repeated and differ, by every "
-        "participant in every condition",
-    )
-    kept = {
-        column: cells[column].first()
-        for column in frame
-        if column == "group" or str(column).startswith("factor_")
-    }
-    return (0.5 * np.log(variance[others])).to_frame("value").assign(**kept).reset_index(), ""
+    means = frame.groupby([*cell, "stimulus"])["error"].transform("mean")
+    residuals = frame["error"] - means
+    cells = frame.assign(square=residuals**2).groupby(cell, sort=False)
+    freedom = cells.size() - cells["stimulus"].nunique()
+    variance = cells["square"].sum() / freedom.where(freedom > 0)
+    constant = variance[~(variance > 0.0)].index.get_level_values("participant")
+    varying = variance[~variance.index.get_level_values("participant").isin(set(constant))]
+    if varying.index.get_level_values("participant").nunique() < 2:
+        raise StudyError(
+            "spread needs judgements of a block that are repeated and differ, by every "
+            "participant in every condition"
+        )
+    spread = (0.5 * np.log(varying)).to_frame("value")
+    for column in frame:
+        if column == "group" or str(column).startswith(FACTOR):
+            spread[column] = cells[column].first()
+    return spread.reset_index()
 
 
 def analyse_measure(frame: Table, name: str, margin: float = math.nan) -> Measure:
-    """Analyse one measure; conditions that differ by less than `margin` [m] are equivalent."""
-    require(not margin <= 0.0, f"a margin of equivalence must be positive, got {margin:g}")
+    """Analyse one measure; conditions that differ by less than `margin` [m] are equivalent.
+
+    Parameters
+    ----------
+    frame : DataFrame
+        participant, condition, stimulus, error [m]; factors and groups, where there are any.
+    name : str
+        One of `MEASURES`.
+    margin : float, optional
+        Of the spread, which is no length, there is none.
+
+    Raises
+    ------
+    StudyError
+        If the margin is not positive, or the judgements cannot carry the analysis.
+    """
+    if margin <= 0.0:
+        raise StudyError(f"a margin of equivalence must be positive, got {margin:g}")
+    if name == SPREAD:
+        margin = math.nan
     data, block = compute_measure(frame, name)
     tested = run_f_test(data, "value", "condition", block)
     mixed = fit_mixed_model(data, "value", "condition", "participant", block)
     table = average_participants(data)
+    corrected, sphericity = correct_conditions(data, mixed.condition)
+    paired = compare_participants(table)
+    factors = assess_declared_factors(data, table.dropna())
+    groups = GroupComparison((), ())
+    if "group" in data:
+        groups = compare_groups(data)
+    without = set(frame["participant"]) - set(data["participant"])
     return Measure(
-        name,
-        data,
-        tested,
-        mixed,
-        *correct_conditions(data, mixed.condition),
-        compare_participants(table),
-        assess_declared_factors(data, table.dropna()),
-        margin if name != "spread" else math.nan,
-        *(compare_groups(data) if "group" in data else ((), ())),
-        left=tuple(sorted(set(frame["participant"]) - set(data["participant"]))),
+        name=name,
+        frame=data,
+        f_test=tested,
+        mixed=mixed,
+        corrected=corrected,
+        sphericity=sphericity,
+        paired=paired,
+        factors=factors,
+        margin=margin,
+        groups=groups.terms,
+        group_intervals=groups.intervals,
+        left=tuple(sorted(without)),
     )
 
 
-def correct_conditions(data: Table, term: Term | None) -> tuple[Term | None, Sphericity | None]:
+def correct_conditions(data: Table, term: Term | None) -> ConditionTest:
     """Multiply the degrees of freedom of a test of conditions by Huynh and Feldt's epsilon.
 
-    It is that of the participants who judged in every condition, within their groups.
+    It is that of the participants who judged in every condition, within their groups, as car and
+    afex of R have it. Too few participants, or one condition, leave the test as it is.
     """
-    # as car and afex of R have it
     table, group = _join_groups(data)
     if term is None or table.shape[1] < 2 or len(table) < group.nunique() + 2:
-        return term, None
-    sphericity = assess_effect(
-        "condition", table.to_numpy(), linalg.helmert(table.shape[1]), group
-    )[1]
-    df, df_error = (sphericity.huynh_feldt * count for count in (term.df, term.df_error))
-    return make_term("condition", df, df_error, math.nan, term.f), sphericity
+        return ConditionTest(term, None)
+    contrasts = linalg.helmert(table.shape[1])
+    sphericity = assess_effect("condition", table.to_numpy(), contrasts, group).sphericity
+    df = sphericity.huynh_feldt * term.df
+    df_error = sphericity.huynh_feldt * term.df_error
+    return ConditionTest(make_term("condition", df, df_error, math.nan, term.f), sphericity)
 
 
-def _join_groups(data: Table) -> tuple[Table, pd.Series]:
-    # Return the means of participants who judged in every condition, and the group of each
+def _join_groups(data: Table) -> _GroupedMeans:
+    """Return the means of participants who judged in every condition, and the group of each."""
     table = average_participants(data).dropna()
-    own = data.assign(group=data.get("group", "")).groupby("participant")["group"].first()
-    return table, own[table.index]
+    groups = data.assign(group=data.get("group", "")).groupby("participant")["group"].first()
+    return _GroupedMeans(table, groups[table.index])
 
 
 def assess_declared_factors(data: Table, complete: Table) -> tuple[Term, ...]:
-    """Test the factors within participants that a design declares, where it has several."""
-    names = [name for name in data if str(name).startswith("factor_")]
-    own = data.groupby("participant")[names].nunique().max() if names else {}
-    within = [name for name in names if own[name] > 1]
-    cells = data.groupby("condition")[within].first().reindex(complete.columns)
-    levels = {name.removeprefix("factor_"): sorted(cells[name].unique()) for name in within}
-    crossed = cells.sort_values(within).index if within else []
-    if len(within) < 2 or math.prod(map(len, levels.values())) != len(cells) or len(complete) < 3:
+    """Test the factors within participants that a design declares, where it has several.
+
+    Parameters
+    ----------
+    data : DataFrame
+        participant, condition, value, and a column for each declared factor.
+    complete : DataFrame
+        Means of the participants who judged in every condition (rows) in each condition (columns).
+
+    Returns
+    -------
+    tuple of Term
+        Empty unless at least two factors are crossed and there are three participants.
+    """
+    names = [name for name in data if str(name).startswith(FACTOR)]
+    if len(names) < 2 or len(complete) < 3:
         return ()
+    most_levels = data.groupby("participant")[names].nunique().max()
+    within = [name for name in names if most_levels[name] > 1]
+    if len(within) < 2:
+        return ()
+    cells = data.groupby("condition")[within].first().reindex(complete.columns)
+    levels = {name.removeprefix(FACTOR): sorted(cells[name].unique()) for name in within}
+    if math.prod(map(len, levels.values())) != len(cells):
+        return ()
+    crossed = cells.sort_values(within).index
     return tuple(assess_factors(complete[crossed], levels))
 
 
-def assess_equivalence(one: Interval, margin: float = math.nan) -> tuple[float, float, float]:
+def assess_equivalence(interval: Interval, margin: float = math.nan) -> Equivalence:
     """Assess by two one-sided tests how much two conditions can differ.
 
-    Return what they differ by less than at the 5 % level, and Student's t of the worse side against
-    the margin with its probability; not-a-number without one.
+    Parameters
+    ----------
+    interval : Interval
+        Their difference.
+    margin : float, optional
+        In the unit of the difference.
+
+    References
+    ----------
+    Schuirmann, D. J. (1987), J. Pharmacokinetics and Biopharmaceutics 15, 657-680,
+    doi:10.1007/BF01068419.
     """
-    # Schuirmann, D. J. (1987), J. Pharmacokinetics and Biopharmaceutics 15, 657-680,
-    # doi:10.1007/BF01068419.
-    bound = abs(one.difference) + float(stats.t.ppf(0.95, one.df)) * one.error
-    statistic = (margin - abs(one.difference)) / one.error
-    return bound, statistic, float(stats.t.sf(statistic, one.df))
+    size = abs(interval.difference)
+    bound = size + float(stats.t.ppf(0.95, interval.df)) * interval.error
+    statistic = (margin - size) / interval.error
+    return Equivalence(bound, statistic, float(stats.t.sf(statistic, interval.df)))
 
 
-def compare_groups(data: Table) -> tuple[tuple[Term, ...], tuple[Interval, ...]]:
-    """Compare groups of participants by a split-plot analysis of the participants' means."""
-    # Winer, B. J. (1971), Statistical Principles in Experimental Design, 2nd ed., 7.2. Groups may
-    # differ in size.
-    # a participant without a condition is named in the notes
+def compare_groups(data: Table) -> GroupComparison:
+    """Compare groups of participants by a split-plot analysis of the participants' means.
+
+    Groups may differ in size. A participant without a condition is left out; the notes name her.
+
+    Raises
+    ------
+    StudyError
+        If there are fewer than two groups of at least two participants each.
+
+    References
+    ----------
+    Winer, B. J. (1971), Statistical Principles in Experimental Design, 2nd ed., 7.2.
+    """
     table, group = _join_groups(data)
     sizes = group.value_counts().sort_index()
-    require(
-        len(sizes) >= 2 and sizes.min() >= 2,
-        f"groups must be at least two of at least two participants each, got {dict(sizes)}",
-    )
+    if len(sizes) < 2 or not sizes.min() >= 2:
+        raise StudyError(
+            f"groups must be at least two of at least two participants each, got {dict(sizes)}"
+        )
     level = table.mean(axis=1).to_frame("value").assign(group=group)
     between = run_f_test(level, "value", "group")
-    within, _ = assess_effect(
-        "condition:group", table.to_numpy(), linalg.helmert(table.shape[1]), group
-    )
-    return (*between.terms, within), between.intervals
+    contrasts = linalg.helmert(table.shape[1])
+    within = assess_effect("condition:group", table.to_numpy(), contrasts, group).term
+    return GroupComparison((*between.terms, within), between.intervals)

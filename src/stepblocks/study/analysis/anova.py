@@ -6,11 +6,17 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import stats
 
-from stepblocks.study import Array, Table, require
+from stepblocks.contact import Array
+from stepblocks.errors import StudyError
+from stepblocks.files.tables import Table
+from stepblocks.study.analysis.bounded import Bounded
+
+_NO_ERROR = 1e-20  # residual sum of squares of a standardised response that counts as none [1]
 
 
 @dataclass(frozen=True)
@@ -70,6 +76,15 @@ class Interval:
     error: float
     df: float
 
+    @property
+    def bounds(self) -> Bounded:
+        """The difference with its interval."""
+        return Bounded(self.difference, self.low, self.high)
+
+    def involves(self, condition: str) -> bool:
+        """Return whether a condition is one of the two."""
+        return condition in (self.first, self.second)
+
 
 @dataclass(frozen=True)
 class FTest:
@@ -87,6 +102,29 @@ class FTest:
     intervals: tuple[Interval, ...]
 
 
+class StandardisedResponse(NamedTuple):
+    """A table whose response has mean 0 and standard deviation 1.
+
+    Attributes
+    ----------
+    data : DataFrame
+        Columns of letters for the factors, as texts, and ``y`` for the response [1].
+    scale, shift : float
+        Standard deviation and mean of the response, in its unit.
+    """
+
+    data: Table
+    scale: float
+    shift: float
+
+
+class LinearEstimate(NamedTuple):
+    """Parameters of a linear model of a standardised response, with their covariance [1]."""
+
+    parameters: Array
+    covariance: Array
+
+
 def run_f_test(
     frame: Table,
     response: str,
@@ -96,143 +134,227 @@ def run_f_test(
     interaction: bool = True,
     intervals: bool = True,
 ) -> FTest:
-    """Test one or two factors and compare the levels of the first."""
-    import statsmodels.formula.api as smf
-    from statsmodels.stats.anova import anova_lm
+    """Test one or two factors and compare the levels of the first.
 
-    names = {letter: name for letter, name in (("a", first), ("b", second)) if name}
-    data, scale, _ = standardise_response(frame, response, **names)
-    for letter, name in names.items():
-        require(
-            data[letter].nunique() >= 2,
-            f"{name} must have at least two levels to be tested, got {data[letter].nunique()}",
-        )
-    require(
-        len(data.groupby(list(names))) == math.prod(data[letter].nunique() for letter in names),
-        f"every combination of {first} and {second} must have a judgement; at least one has none",
-    )
-    formula = "y ~ " + (" * " if interaction else " + ").join(
-        f"C({letter}, Sum)" for letter in names
-    )
-    fit = smf.ols(formula, data).fit()
-    require(
-        fit.df_resid >= 1 and fit.ssr > 1e-20,
-        "the error must be estimable: more than one judgement per cell, not all alike, got "
-        f"{len(data)} rows",
-    )
-    with warnings.catch_warnings(action="ignore", category=FutureWarning):
-        table = anova_lm(fit, typ=2)
-    terms = []
-    for label, row in table.drop("Residual").iterrows():
-        name = ":".join(names[part.split("(")[1][0]] for part in str(label).split(":"))
-        df, squares, f = (float(row[column]) for column in ("df", "sum_sq", "F"))
-        terms.append(make_term(name, df, fit.df_resid, squares * scale**2, f))
+    Parameters
+    ----------
+    frame : DataFrame
+        One row per judgement.
+    response, first, second : str
+        Columns of the response and of the factors; without a second factor, one is tested.
+    interaction : bool
+        Whether the model has an interaction of the two factors.
+    intervals : bool
+        Whether the levels of the first factor are compared.
+
+    Returns
+    -------
+    FTest
+        Type II tests, and Tukey's intervals in the unit of the response.
+
+    Raises
+    ------
+    StudyError
+        If a factor has one level, a cell has no judgement, or the error cannot be estimated.
+    """
+    names = {"a": first}
+    if second:
+        names["b"] = second
+    standardised = standardise_response(frame, response, **names)
+    data = standardised.data
+    _check_cells(data, names)
+    fit = _fit_factors(data, list(names), interaction)
+    terms = tuple(_list_terms(fit, names, standardised.scale))
+    if not intervals:
+        return FTest(terms, ())
     levels = sorted(data["a"].unique())
     family = compare_all_pairs(
         levels,
         find_mean_rows(fit.model, data, levels),
-        (fit.params.to_numpy(), fit.cov_params().to_numpy()),
-        lambda _: float(fit.df_resid),
+        LinearEstimate(fit.params.to_numpy(), fit.cov_params().to_numpy()),
+        lambda contrast: float(fit.df_resid),
         spread=math.sqrt(fit.mse_resid),
-        scale=scale,
+        scale=standardised.scale,
     )
-    return FTest(tuple(terms), tuple(family) if intervals else ())
+    return FTest(terms, tuple(family))
 
 
-def standardise_response(frame: Table, response: str, **names: str) -> tuple[Table, float, float]:
-    """Rename columns and standardise the response; return its scale and shift as well."""
+def _check_cells(data: Table, names: dict[str, str]) -> None:
+    """Reject a factor of one level, and a combination of levels without a judgement."""
+    cells = 1
+    for letter, name in names.items():
+        levels = data[letter].nunique()
+        if levels < 2:
+            raise StudyError(f"{name} must have at least two levels to be tested, got {levels}")
+        cells *= levels
+    if len(data.groupby(list(names))) != cells:
+        combination = " and ".join((names["a"], names.get("b", "")))
+        raise StudyError(
+            f"every combination of {combination} must have a judgement; at least one has none"
+        )
+
+
+def _fit_factors(data: Table, letters: Sequence[str], interaction: bool) -> Any:
+    """Fit a linear model of ``y`` with sum contrasts; return the results of statsmodels."""
+    import statsmodels.formula.api as smf
+
+    joined = " * " if interaction else " + "
+    predictors = joined.join(f"C({letter}, Sum)" for letter in letters)
+    fit = smf.ols(f"y ~ {predictors}", data).fit()
+    if not (fit.df_resid >= 1 and fit.ssr > _NO_ERROR):
+        raise StudyError(
+            "the error must be estimable: more than one judgement per cell, not all alike, got "
+            f"{len(data)} rows"
+        )
+    return fit
+
+
+def _list_terms(fit: Any, names: dict[str, str], scale: float) -> Iterator[Term]:
+    """Yield the type II tests of a fit; `names` are the factors by their letters."""
+    from statsmodels.stats.anova import anova_lm
+
+    with warnings.catch_warnings(action="ignore", category=FutureWarning):
+        table = anova_lm(fit, typ=2)
+    for label, row in table.drop("Residual").iterrows():
+        factors = []
+        for part in str(label).split(":"):  # such as C(a, Sum):C(b, Sum)
+            letter = part.removeprefix("C(")[0]
+            factors.append(names[letter])
+        squares = float(row["sum_sq"]) * scale**2
+        yield make_term(":".join(factors), float(row["df"]), fit.df_resid, squares, float(row["F"]))
+
+
+def standardise_response(frame: Table, response: str, **names: str) -> StandardisedResponse:
+    """Rename the columns of factors to letters and standardise the response.
+
+    `names` give the column of each letter; a letter without a column is left out.
+    """
     # a large offset costs the digits of squares
     import pandas as pd
 
-    data = pd.DataFrame(
-        {letter: frame[name].astype(str).to_numpy() for letter, name in names.items() if name}
-    )
+    columns = {}
+    for letter, name in names.items():
+        if name:
+            columns[letter] = frame[name].astype(str).to_numpy()
     values = frame[response].to_numpy(dtype=np.float64)
-    require(np.isfinite(values).all(), f"{response} must be finite in every row")
-    scale, shift = float(values.std(ddof=1)), float(values.mean())
-    return data.assign(y=(values - shift) / (scale or 1.0)), scale, shift
+    if not np.isfinite(values).all():
+        raise StudyError(f"{response} must be finite in every row")
+    scale = float(values.std(ddof=1))
+    shift = float(values.mean())
+    standardised = (values - shift) / (scale or 1.0)
+    return StandardisedResponse(pd.DataFrame(columns).assign(y=standardised), scale, shift)
 
 
 def make_term(name: str, df: float, df_error: float, squares: float, f: float) -> Term:
-    """Complete a line of an analysis of variance from its statistic."""
-    # Steiger, J. H. (2004), Psychological Methods 9, 164-182, doi:10.1037/1082-989X.9.2.164.
+    """Complete a line of an analysis of variance from its statistic.
+
+    The interval of eta squared follows Steiger, J. H. (2004), Psychological Methods 9, 164-182,
+    doi:10.1037/1082-989X.9.2.164.
+    """
     from statsmodels.stats.oneway import confint_noncentrality
 
-    low, high = (float(value) for value in confint_noncentrality(f, (df, df_error), alpha=0.05))
+    interval = confint_noncentrality(f, (df, df_error), alpha=0.05)
+    low, high = map(float, interval)
     total = df + df_error + 1.0
     return Term(
-        name,
-        df,
-        float(df_error),
-        squares,
-        f,
-        float(stats.f.sf(f, df, df_error)),
-        df * f / (df * f + df_error),
-        low / (low + total),
-        high / (high + total),
+        name=name,
+        df=df,
+        df_error=float(df_error),
+        sum_of_squares=squares,
+        f=f,
+        p=float(stats.f.sf(f, df, df_error)),
+        eta_squared=df * f / (df * f + df_error),
+        eta_low=low / (low + total),
+        eta_high=high / (high + total),
     )
 
 
 @cache
 def _find_range_limit(levels: int, df: float) -> float:
-    # Return the limit of a family of pairs; it costs half a second
+    """Return the 95 % point of the studentized range; it costs half a second."""
     return float(stats.studentized_range.ppf(0.95, levels, df))
 
 
 def make_interval(
-    names: tuple[str, str],
-    found: tuple[float, float],
+    first: str,
+    second: str,
+    difference: float,
+    error: float,
     df: float,
+    *,
     levels: int,
     effect_size: float,
-    scale: float = 1.0,
 ) -> Interval:
-    """Complete a comparison, one of all pairs of some levels, from difference and error."""
-    # Tukey's family; with unequal numbers: Kramer, C. Y. (1956), Biometrics 12, 307-310.
-    difference, error = (value * scale for value in found)
-    size = abs(difference) / error
-    limit, p = (
-        (stats.t.ppf(0.975, df), 2.0 * stats.t.sf(size, df))  # two levels: no integral is needed
-        if levels == 2
-        else (
-            _find_range_limit(levels, df) / math.sqrt(2.0),
-            stats.studentized_range.sf(size * math.sqrt(2.0), levels, df),
-        )
+    """Complete a comparison, one of all pairs of some levels, from difference and error.
+
+    All intervals of the family hold together (Tukey); with unequal numbers after Kramer, C. Y.
+    (1956), Biometrics 12, 307-310.
+    """
+    statistic = abs(difference) / error
+    if levels == 2:  # no integral is needed
+        limit = float(stats.t.ppf(0.975, df))
+        p = float(2.0 * stats.t.sf(statistic, df))
+    else:
+        limit = float(_find_range_limit(levels, df) / math.sqrt(2.0))
+        p = float(stats.studentized_range.sf(statistic * math.sqrt(2.0), levels, df))
+    return Interval(
+        first,
+        second,
+        difference,
+        difference - limit * error,
+        difference + limit * error,
+        min(p, 1.0),
+        effect_size,
+        error,
+        df,
     )
-    ends = (difference, difference - float(limit) * error, difference + float(limit) * error)
-    return Interval(*names, *ends, min(float(p), 1.0), effect_size, error, df)
 
 
 def compare_all_pairs(
     levels: Sequence[str],
     rows: Sequence[Array],
-    parameters: tuple[Array, Array],
+    estimate: LinearEstimate,
     count_freedom: Callable[[Array], float],
     *,
     spread: float,
     scale: float,
 ) -> Iterator[Interval]:
-    """Compare every two levels of a linear model so that all 95 % intervals hold together."""
-    # `rows` give the mean of each level from the parameters (values, covariance); `spread` is the
-    # residual standard deviation, `scale` the unit of all these in that of the response.
-    beta, covariance = parameters
-    for one, two in itertools.combinations(range(len(levels)), 2):
-        contrast = rows[one] - rows[two]
-        found = (float(contrast @ beta), math.sqrt(contrast @ covariance @ contrast))
+    """Compare every two levels of a linear model so that all 95 % intervals hold together.
+
+    Parameters
+    ----------
+    levels : sequence of str
+        Of the first factor.
+    rows : sequence of ndarray, shape (n,)
+        What gives the mean of each level from the `n` parameters.
+    estimate : LinearEstimate
+        Of the parameters.
+    count_freedom : callable
+        Takes a contrast of the parameters, returns its degrees of freedom.
+    spread : float
+        Residual standard deviation [1].
+    scale : float
+        Unit of all these in the unit of the response.
+    """
+    means = dict(zip(levels, rows, strict=True))
+    for first, second in itertools.combinations(levels, 2):
+        contrast = means[first] - means[second]
+        difference = float(contrast @ estimate.parameters)
+        error = math.sqrt(contrast @ estimate.covariance @ contrast)
         yield make_interval(
-            (levels[one], levels[two]),
-            found,
+            first,
+            second,
+            difference * scale,
+            error * scale,
             count_freedom(contrast),
-            len(levels),
-            found[0] / spread,
-            scale,
+            levels=len(levels),
+            effect_size=difference / spread,
         )
 
 
-def find_mean_rows(model: Table, data: Table, levels: Sequence[str]) -> list[Array]:
+def find_mean_rows(model: Any, data: Table, levels: Sequence[str]) -> list[Array]:
     """Return a row of the design matrix for each level, averaged over the second factor."""
-    first = data.reset_index(drop=True).drop_duplicates(
-        [letter for letter in "ab" if letter in data]
-    )
+    factors = [letter for letter in ("a", "b") if letter in data]
+    cells = data.reset_index(drop=True).drop_duplicates(factors)
     exog = np.asarray(model.exog)
-    return [exog[first.index[first["a"] == one]].mean(axis=0) for one in levels]
+    return [exog[cells.index[cells["a"] == level]].mean(axis=0) for level in levels]

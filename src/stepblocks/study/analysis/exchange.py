@@ -1,143 +1,125 @@
-"""Tables of other studies, and studies for others: BIDS."""
+"""Studies for others: BIDS datasets."""
 
 import json
 import re
-from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
-from stepblocks.study import RATINGS, require
-from stepblocks.study.design import sheet
-from stepblocks.study.design.experiments import ALIASES, EXPERIMENTS, Row, read_number
-from stepblocks.study.design.trials import FACTOR
+from stepblocks.errors import StudyError
+from stepblocks.study.analysis.foreign import DESCRIPTIONS
+from stepblocks.study.analysis.judgements import STAMPS
+from stepblocks.study.columns import FACTOR, Row, group_by_participant
+from stepblocks.study.design.read import SheetRow, TrialKey, read_all_answers, read_design
+from stepblocks.study.design.sheet import write_new_files
+from stepblocks.study.experiments.registry import EXPERIMENTS
 
 FORMATS = ("bids",)
-HEIGHTS = (0.1, 5000.0)  # of the steps of blocks; what lies outside is in another unit [um]
-_UNITS = {"um": 1.0, "mm": 1e3, "m": 1e6}  # micrometres in one
-_DEFAULTS = {
-    "estimates": "",
-    "virtual": "",
-    "constant": "standard-first",
-    "adaptive": "standard-first",
-    "magnitude": "free-modulus",
-}
+_BIDS_VERSION = "1.9.0"
 _ROWS = "Judgements of step blocks, one file per participant, one row per trial."
-_DESCRIPTIONS = {
-    "participant": "participant",
-    "trial": "number of the trial in the participant's session",
-    "condition": "probe, vibration, or which block of a pair came first",
-    "repetition": "set of blocks within the condition",
-    "stimulus": "identity of the block",
-    "height_um": "height of its step, micrometres",
-    "standard_height_um": "height of the block that it was compared with, micrometres",
-    "estimate_um": "height that the participant estimated, micrometres",
-    "realism_rating": "rating of realism",
-    "second_is_higher": "whether the second block of the pair was called higher, y or n",
-    "magnitude_ratio": "number given to the felt magnitude",
-    "group": "group of the participant",
-    "shown_utc": "when the trial was shown, UTC",
-    "answered_utc": "when it was answered, UTC",
-    "reaction_s": "time from the question to the answer, seconds",
-}
 
 
-def read_foreign_judgements(
-    tables: Sequence[str | Path],
-    columns: Mapping[str, str],
-    experiment: str,
-    ratings: tuple[int, int] = RATINGS,
-) -> sheet.Judgements:
-    """Read judgements from tables or a dataset of a study that was not designed here.
+@dataclass(frozen=True)
+class _Credit:
+    """Who made a dataset, and how it may be used; empty where nobody says so."""
 
-    `columns` gives the name of each of their columns for one of ours.
+    authors: str
+    licence: str
+
+
+@dataclass(frozen=True)
+class _Dataset:
+    """Judgements as BIDS has them.
+
+    Attributes
+    ----------
+    experiment : str
+        Its kind.
+    people : mapping of list of dict
+        Rows of each participant, all with the same columns.
+    labels : mapping of str
+        Label of each participant: letters and digits.
+    credit : _Credit
+        Of the description.
     """
-    # The lengths may be in um, mm or m: ``height_mm=h`` reads the column ``h`` in millimetres. What
-    # is not there is numbered (trial, repetition) or found by the height (stimulus).
-    experiment = ALIASES.get(experiment, experiment)
-    require(
-        experiment in EXPERIMENTS,
-        f"experiment must be one of {', '.join(EXPERIMENTS)}, got {experiment!r}",
-    )
-    kind = EXPERIMENTS[experiment]
-    named = dict(columns)
-    for mine in named:
-        require(
-            re.sub("_(mm|m)$", "_um", mine) in _DESCRIPTIONS,
-            f"columns must be named for {', '.join(_DESCRIPTIONS)}, got {mine!r}",
-        )
-    needed = [named.get("participant", "participant")]
-    rows = [row for path in sheet.find_sheets(tables) for row in sheet.read_rows(path, needed)]
-    _refuse_duplicates(rows, needed[0], {named.get("trial", "trial"), "repetition", "time"})
-    keys: Counter[tuple[str, ...]] = Counter()
-    planned = []
-    for row in rows:
-        known = {mine: _format_cell(row, mine, named) for mine in _DESCRIPTIONS}
-        one = {
-            "condition": _DEFAULTS[experiment],
-            **{mine: text for mine, text in known.items() if text is not None},
-            **{name: row[name] for name in row if name == "line" or name.startswith(FACTOR)},
+
+    experiment: str
+    people: Mapping[str, Sequence[Row]]
+    labels: Mapping[str, str]
+    credit: _Credit
+
+    @property
+    def title(self) -> str:
+        """Name of the dataset."""
+        return EXPERIMENTS[self.experiment].title
+
+    @property
+    def columns(self) -> list[str]:
+        """Columns of all rows."""
+        first, *_ = self.people.values()
+        return list(first[0])
+
+    def write(self) -> dict[str, str]:
+        """Return the texts of all files by their names."""
+        files = {
+            "dataset_description.json": self._describe(),
+            "README": f"{self.title}. {_ROWS} Lengths are in micrometres.\n",
+            "participants.tsv": self._list_participants(),
+            "participants.json": _format_json(
+                {"name": {"Description": "name of the participant in the design"}}
+            ),
+            f"task-{self.experiment}_beh.json": self._describe_columns(),
         }
-        needed = ["participant", "condition", "height_um", *kind.answers]
-        lacking = [
-            name
-            for name in needed
-            if not one.get(name) and (name not in one or name not in kind.answers)
-        ]
-        at = f"[{row['line']}]"
-        require(
-            not lacking,
-            f"a table must have {', '.join(needed)} (name yours by --columns), got no "
-            f"{', '.join(lacking)} {at}",
-        )
-        low, high = HEIGHTS
-        for name in ("height_um", "standard_height_um"):
-            require(
-                low <= read_number(one.get(name, one["height_um"])) <= high,
-                f"{name} must be a number from {low:g} to {high:g} um, got {one.get(name)!r}; is "
-                f"the unit of its column right? {at}",
-            )
-        one.setdefault("stimulus", f"step-{read_number(one['height_um']):03.6g}")
-        own, cell = (one["participant"],), (one["participant"], one["condition"], one["stimulus"])
-        keys.update([own, cell])
-        planned.append(
-            {
-                "standard_height_um": one["height_um"],
-                "trial": str(keys[own]),
-                "repetition": str(keys[cell]),
-                **one,
-            }
-        )
-    return sheet.join_rows(experiment, [(row, row) for row in planned], ratings)
+        for who, rows in self.people.items():
+            label = f"sub-{self.labels[who]}"
+            name = f"{label}/beh/{label}_task-{self.experiment}_beh.tsv"
+            files[name] = self._format_rows(rows)
+        return files
+
+    def _describe(self) -> str:
+        """Write dataset_description.json."""
+        description: dict[str, object] = {
+            "Name": self.title,
+            "BIDSVersion": _BIDS_VERSION,
+            "DatasetType": "raw",
+        }
+        if self.credit.authors:
+            authors = self.credit.authors.split(",")
+            description["Authors"] = [author.strip() for author in authors]
+        if self.credit.licence:
+            description["License"] = self.credit.licence
+        description["GeneratedBy"] = [{"Name": "stepblocks", "Version": version("stepblocks")}]
+        return _format_json(description)
+
+    def _list_participants(self) -> str:
+        """Write participants.tsv."""
+        lines = ["participant_id\tname\n"]
+        for who, label in self.labels.items():
+            lines.append(f"sub-{label}\t{who}\n")
+        return "".join(lines)
+
+    def _describe_columns(self) -> str:
+        """Write the description of the columns of judgements."""
+        description: dict[str, object] = {"TaskName": self.experiment}
+        for name in self.columns:
+            column = {"Description": DESCRIPTIONS.get(name, "level of a declared factor")}
+            if name.endswith(("_um", "_s")):
+                column["Units"] = name.rpartition("_")[2]
+            description[name] = column
+        return _format_json(description)
+
+    def _format_rows(self, rows: Sequence[Row]) -> str:
+        """Write the judgements of one participant."""
+        lines = [self.columns]
+        for row in rows:
+            lines.append([row[name] or "n/a" for name in self.columns])
+        return "".join("\t".join(line) + "\n" for line in lines)
 
 
-def _refuse_duplicates(rows: Sequence[Row], participant: str, numbers: set[str]) -> None:
-    # Refuse numbered rows that stand twice, and tables in which everybody's rows follow twice:
-    # without numbers, rows of one participant that are alike may be judgements that agree
-    first, people = dict[tuple[str, ...], str](), dict[str, list[tuple[str, ...]]]()
-    for row in rows:
-        key = tuple(text for name, text in row.items() if name != "line")
-        people.setdefault(row[participant], []).append(key)
-        require(
-            key not in first or not numbers & {*row},
-            f"a row must not stand twice [{row['line']}; first {first.get(key, '')}]",
-        )
-        first.setdefault(key, row["line"])
-    require(
-        any(len(own) < 6 or own != own[: len(own) // 2] * 2 for own in people.values()),
-        f"the {len(rows) // 2} rows of a table must not stand twice",
-    )
-
-
-def _format_cell(row: Row, mine: str, named: Mapping[str, str]) -> str | None:
-    # Text of one of our columns in a foreign row; lengths in micrometres
-    stem, _, unit = mine.rpartition("_")
-    for end, factor in _UNITS.items() if unit == "um" else (("", 1.0),):
-        ours = f"{stem}_{end}" if end else mine
-        text = row.get(named.get(ours, ours))
-        if text is not None:
-            return text if factor == 1.0 or not text else f"{read_number(text) * factor:.12g}"
-    return None
+def _format_json(document: Mapping[str, object]) -> str:
+    """Write a description as the text of its file."""
+    return json.dumps(document, indent=1)
 
 
 def share_study(
@@ -174,83 +156,69 @@ def share_study(
     StepblocksError
         If the form is unknown, answers do not belong to the design, or another dataset stands
         there.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import stepblocks
+    >>> folder = tempfile.mkdtemp()
+    >>> design = stepblocks.design_study([20e-6, 50e-6], folder, seed=1, participants=1)
+    >>> answers = f"{folder}/answers.csv"
+    >>> number = stepblocks.simulate_study(folder, None, answers, seed=2)
+    >>> files = stepblocks.share_study(folder, [answers], f"{folder}/dataset")
+    >>> files[-1]
+    'task-estimates_beh.json'
     """
-    require(form in FORMATS, f"form must be one of {', '.join(FORMATS)}, got {form!r}")
-    design = sheet.read_design(Path(folder) / "design.csv")
+    if form not in FORMATS:
+        raise StudyError(f"form must be one of {', '.join(FORMATS)}, got {form!r}")
+    design = read_design(Path(folder) / "design.csv")
     experiment = design[0]["experiment"]
-    kind = EXPERIMENTS[experiment]
-    given = {
-        (row["participant"], row["trial"]): row
-        for path in sheet.find_sheets(answers)
-        for row in sheet.read_answers(path, experiment)
-    }
-    columns = [
-        name
-        for name in _DESCRIPTIONS
-        if name in design[0] and (kind.paired or not name.startswith("standard"))
-    ] + [name for name in design[0] if name.startswith(FACTOR)]
-    stamps = [name for name in sheet.STAMPS if any(row.get(name) for row in given.values())]
-    people = sheet.group_by_participant(
-        {name: row[name] for name in columns}
-        | {name: answer.get(name, "") for name in (*kind.answers, *stamps)}
-        for row in design
-        if (answer := given.get((row["participant"], row["trial"])))
-    )
-    require(people, "the answers must belong to the design, got none that does")
-    labels = {who: re.sub(r"[^0-9A-Za-z]", "", who) for who in people}  # as both forms allow them
-    require(
-        len(set(labels.values())) == len(labels) and all(labels.values()),
-        f"participants must differ in letters and digits, got {list(people)[:5]}",
-    )
-    files = _write_bids(experiment, people, labels, {"Authors": authors, "License": licence})
-    sheet.write_new_files(Path(output), files)
+    people = _list_judgements(design, read_all_answers(answers, experiment))
+    if not people:
+        raise StudyError("the answers must belong to the design, got none that does")
+    credit = _Credit(authors, licence)
+    files = _Dataset(experiment, people, _label_participants(people), credit).write()
+    write_new_files(Path(output), files)
     return sorted(files)
 
 
-def _write_bids(
-    experiment: str,
-    people: Mapping[str, Sequence[Row]],
-    labels: Mapping[str, str],
-    credit: Mapping[str, str],
-) -> dict[str, str]:
-    columns = list(next(iter(people.values()))[0])
-    title = EXPERIMENTS[experiment].title
-    description = {
-        name: {
-            "Description": _DESCRIPTIONS.get(name, "level of a declared factor"),
-            **({"Units": name.rpartition("_")[2]} if name.endswith(("_um", "_s")) else {}),
-        }
-        for name in columns
-    }
-    named = {
-        name: [one.strip() for one in text.split(",")] if name == "Authors" else text
-        for name, text in credit.items()
-        if text
-    }
-    files = {
-        "dataset_description.json": json.dumps(
-            {
-                "Name": title,
-                "BIDSVersion": "1.9.0",
-                "DatasetType": "raw",
-                **named,
-                "GeneratedBy": [{"Name": "stepblocks", "Version": version("stepblocks")}],
-            },
-            indent=1,
-        ),
-        "README": f"{title}. {_ROWS} Lengths are in micrometres.\n",
-        "participants.tsv": "participant_id\tname\n"
-        + "".join(f"sub-{label}\t{who}\n" for who, label in labels.items()),
-        "participants.json": json.dumps(
-            {"name": {"Description": "name of the participant in the design"}}, indent=1
-        ),
-        f"task-{experiment}_beh.json": json.dumps(
-            {"TaskName": experiment, **description}, indent=1
-        ),
-    }
-    for who, rows in people.items():
-        lines = [columns, *([row[name] or "n/a" for name in columns] for row in rows)]
-        files[f"sub-{labels[who]}/beh/sub-{labels[who]}_task-{experiment}_beh.tsv"] = "".join(
-            "\t".join(line) + "\n" for line in lines
-        )
-    return files
+def _list_judgements(
+    design: Sequence[Row], answers: Sequence[SheetRow]
+) -> dict[str, list[dict[str, str]]]:
+    """Return the answered trials of each participant, each with its answers and stamps."""
+    answer_to = {answer.key: answer.cells for answer in answers}
+    stamps = []
+    for name in STAMPS:
+        if any(cells.get(name) for cells in answer_to.values()):
+            stamps.append(name)
+    columns = _choose_columns(design[0])
+    kind = EXPERIMENTS[design[0]["experiment"]]
+    rows = []
+    for trial in design:
+        answer = answer_to.get(TrialKey(trial["participant"], trial["trial"]))
+        if answer is None:
+            continue
+        row = {name: trial[name] for name in columns}
+        for name in (*kind.answers, *stamps):
+            row[name] = answer.get(name, "")
+        rows.append(row)
+    return group_by_participant(rows)
+
+
+def _choose_columns(trial: Row) -> list[str]:
+    """Return the columns of a design that a dataset has; without a standard, none of it."""
+    paired = EXPERIMENTS[trial["experiment"]].paired
+    columns = []
+    for name in DESCRIPTIONS:
+        if name in trial and (paired or not name.startswith("standard")):
+            columns.append(name)
+    columns += [name for name in trial if name.startswith(FACTOR)]
+    return columns
+
+
+def _label_participants(people: Mapping[str, object]) -> dict[str, str]:
+    """Return the label of each participant: the letters and digits of the name."""
+    labels = {who: re.sub(r"[^0-9A-Za-z]", "", who) for who in people}
+    if len(set(labels.values())) != len(labels) or not all(labels.values()):
+        raise StudyError(f"participants must differ in letters and digits, got {list(people)[:5]}")
+    return labels

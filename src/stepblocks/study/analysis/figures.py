@@ -1,53 +1,145 @@
 """The figures of a study, each with the data that it draws."""
 
-from collections.abc import Iterator
+import itertools
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import pandas as pd
 
+from stepblocks.contact import Array
 from stepblocks.files.figures import Axes, take_axes
+from stepblocks.files.tables import Table
 from stepblocks.quantities import format_column_label
-from stepblocks.study import Table
+from stepblocks.study.analysis.accuracy import Measure
+from stepblocks.study.analysis.comparisons import Comparisons, Curve
+from stepblocks.study.analysis.findings import Analysis
+from stepblocks.study.analysis.psychometric import Psychometric
 from stepblocks.study.analysis.repeated import average_participants
 
-Panels: TypeAlias = Any  # a figure of matplotlib, which is loaded when it draws, or its axes
-Result: TypeAlias = Any  # a `StudyResult`, whose own method draws its first figure by this file
+Figure: TypeAlias = Any  # a figure of matplotlib, which is loaded when it draws
 
-_COLOURS = ("#1f6f8b", "#c8553d", "#588157", "#7b4fa3", "#b08900", "#5b6b79")
-# beside the colours, so that nobody needs them: marker and dash of lines, hatch of bars
-_STYLES = ("o-", "s--", "^-.", "D:", "v-", "P--")
-_HATCHES = ("", "////", "....", "xxxx", "----", "ooo")
 _INK, _LINE = "#1d2a36", "#999999"
 _SIZE = (7.0, 3.0)  # of a figure across both columns of a journal [inch]
+_SIDE_BY_SIDE = 0.006  # distance of conditions at one height, over the largest height
+_CURVE_POINTS = 200
 
 
-def draw_study_figures(result: Result) -> Iterator[tuple[str, str, Panels, Table]]:
-    """Draw what a study found: name, caption, figure, and the data that are drawn."""
+class _Look(NamedTuple):
+    """How a condition is drawn, so that it differs from others with and without colour.
+
+    Attributes
+    ----------
+    colour : str
+        Of lines and bars.
+    marker, dash : str
+        Of lines, as matplotlib writes them.
+    hatch : str
+        Of bars.
+    """
+
+    colour: str
+    marker: str
+    dash: str
+    hatch: str
+
+    @property
+    def line(self) -> str:
+        """Marker and dash as one format of matplotlib."""
+        return self.marker + self.dash
+
+
+_LOOKS = (
+    _Look("#1f6f8b", "o", "-", ""),
+    _Look("#c8553d", "s", "--", "////"),
+    _Look("#588157", "^", "-.", "...."),
+    _Look("#7b4fa3", "D", ":", "xxxx"),
+    _Look("#b08900", "v", "-", "----"),
+    _Look("#5b6b79", "P", "--", "ooo"),
+)
+
+
+@dataclass(frozen=True)
+class StudyFigure:
+    """A figure of a study.
+
+    Attributes
+    ----------
+    name : str
+        Of its files.
+    caption : str
+        What it shows.
+    figure : matplotlib Figure
+        As drawn.
+    data : DataFrame
+        What is drawn, with units in the names of the columns.
+    """
+
+    name: str
+    caption: str
+    figure: Figure
+    data: Table
+
+
+class _Drawing(NamedTuple):
+    """A kind of figure.
+
+    Attributes
+    ----------
+    name, caption : str
+        As in `StudyFigure`.
+    has_data : callable
+        Tells whether an analysis has what the figure shows.
+    draw : callable
+        Draws an analysis into a figure and returns the data.
+    """
+
+    name: str
+    caption: str
+    has_data: Callable[[Analysis], bool]
+    draw: Callable[[Figure, Analysis], Table]
+
+
+def draw_study_figures(result: Analysis) -> Iterator[StudyFigure]:
+    """Draw what a study found."""
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from matplotlib.rcsetup import cycler
 
-    for name, (draw, part, caption) in _FIGURES.items():
-        if getattr(result, part):
-            with mpl.rc_context({"font.size": 8, "axes.prop_cycle": cycler(color=_COLOURS)}):
-                figure = Figure(figsize=_SIZE, layout="constrained")
-                FigureCanvasAgg(figure)
-                data = draw(figure, result)
-            yield name, caption, figure, data
+    colours = cycler(color=[look.colour for look in _LOOKS])
+    for drawing in _list_drawings(result):
+        with mpl.rc_context({"font.size": 8, "axes.prop_cycle": colours}):
+            figure = Figure(figsize=_SIZE, layout="constrained")
+            FigureCanvasAgg(figure)
+            data = drawing.draw(figure, result)
+        yield StudyFigure(drawing.name, drawing.caption, figure, data)
 
 
-def draw_main_figure(result: Result, ax: "Axes | None" = None) -> "Axes":
+def draw_main_figure(result: Analysis, ax: "Axes | None" = None) -> "Axes":
     """Draw the first figure of a study, which has one pair of axes, where it is wanted."""
     axes = take_axes(ax)
-    draws = [draw for draw, part, _ in _FIGURES.values() if getattr(result, part)]
-    draws[0](SimpleNamespace(subplots=lambda: axes), result)
+    main = next(_list_drawings(result))
+    main.draw(SimpleNamespace(subplots=lambda: axes), result)
     return axes
 
 
-def _draw_estimates(figure: Panels, result: Result) -> Table:
+def _list_drawings(result: Analysis) -> Iterator[_Drawing]:
+    """Yield the kinds of figures that an analysis has data for."""
+    for drawing in _DRAWINGS:
+        if drawing.has_data(result):
+            yield drawing
+
+
+def _take_look(index: int) -> _Look:
+    """Return the look of a condition by its number; they repeat."""
+    return _LOOKS[index % len(_LOOKS)]
+
+
+def _draw_estimates(figure: Figure, result: Analysis) -> Table:
+    """Draw means and standard deviations of estimates against the height."""
     axes = figure.subplots()
     frame = result.frame
     top = float(max(frame["height"].max(), frame["estimate"].max())) * 1e6
@@ -55,12 +147,12 @@ def _draw_estimates(figure: Panels, result: Result) -> Table:
     cells = (1e6 * frame["estimate"]).groupby([frame["condition"], _convert_heights(frame)])
     means = cells.agg(mean_um="mean", sd_um="std").reset_index()
     middle = 0.5 * (means["condition"].nunique() - 1)
-    for index, (name, own) in enumerate(means.groupby("condition")):
+    for index, (name, condition) in enumerate(means.groupby("condition")):
         axes.errorbar(
-            own["height_um"] + (index - middle) * 0.006 * top,  # side by side
-            own["mean_um"],
-            own["sd_um"].fillna(0.0),
-            fmt=_STYLES[index % len(_STYLES)],
+            condition["height_um"] + (index - middle) * _SIDE_BY_SIDE * top,
+            condition["mean_um"],
+            condition["sd_um"].fillna(0.0),
+            fmt=_take_look(index).line,
             ms=4,
             lw=1.2,
             capsize=3,
@@ -72,26 +164,19 @@ def _draw_estimates(figure: Panels, result: Result) -> Table:
 
 
 def _convert_heights(frame: Table) -> pd.Series:
+    """Return the heights of judgements in micrometres."""
     return (1e6 * frame["height"]).rename("height_um")
 
 
-def _draw_participants(figure: Panels, result: Result) -> Table:
-    rows = []
+def _draw_participants(figure: Figure, result: Analysis) -> Table:
+    """Draw each measure of every participant over the conditions, a panel for each measure."""
+    tables = []
     panels = np.atleast_1d(figure.subplots(1, len(result.measures)))
     for axes, measure in zip(panels, result.measures, strict=True):
-        shift, factor = (np.log(1e6), 1.0) if measure.logarithmic else (0.0, 1e6)
-        table = average_participants(measure.frame) * factor + shift
-        x = np.arange(table.shape[1])
-        keys = measure.frame.groupby("participant").first()
-        places, groups = pd.factorize(keys.get("group", keys.index == ""), sort=True)
-        for place, (who, row) in zip(places, table.iterrows(), strict=True):
-            colour, style = (kinds[place % len(kinds)] for kinds in (_COLOURS, _STYLES))
-            axes.plot(x, row, style, color=colour, ms=3, lw=0.8, alpha=0.7, label=groups[place])
-            axes.text(x[-1] + 0.06, row.iloc[-1], str(who), fontsize=6, color=colour, va="center")
-        axes.plot(x, table.mean(), "s-", color=_INK, ms=5, lw=2)
-        axes.set_xticks(x, table.columns, rotation=20 if len(x) > 3 else 0)
-        axes.set(ylabel=measure.label, xlim=(-0.4, len(x) - 0.4))
-        rows.append(table.stack().rename("value").reset_index().assign(measure=measure.label))
+        table = _average_in_micrometres(measure)
+        groups = _draw_participant_lines(axes, measure, table)
+        axes.set(ylabel=measure.label, xlim=(-0.4, table.shape[1] - 0.4))
+        tables.append(table.stack().rename("value").reset_index().assign(measure=measure.label))
     if len(groups) > 1:
         by_group = {line.get_label(): line for line in axes.lines}
         figure.legend(
@@ -101,20 +186,52 @@ def _draw_participants(figure: Panels, result: Result) -> Table:
             ncols=len(groups),
             frameon=False,
         )
-    return pd.concat(rows)
+    return pd.concat(tables)
 
 
-def _draw_ratings(figure: Panels, result: Result) -> Table:
+def _average_in_micrometres(measure: Measure) -> Table:
+    """Return the mean of each participant (rows) in each condition (columns), in um or ln(um)."""
+    means = average_participants(measure.frame)
+    if measure.logarithmic:
+        return means + np.log(1e6)
+    return means * 1e6
+
+
+def _draw_participant_lines(axes: Any, measure: Measure, table: Table) -> pd.Index:
+    """Draw a line for each participant, in the look of her group, and one for the mean.
+
+    Returns the names of the groups.
+    """
+    x = np.arange(table.shape[1])
+    firsts = measure.frame.groupby("participant").first()
+    groups_of_rows = firsts.get("group", firsts.index == "")
+    numbers, groups = pd.factorize(groups_of_rows, sort=True)
+    for number, (who, row) in zip(numbers, table.iterrows(), strict=True):
+        look = _take_look(number)
+        axes.plot(
+            x, row, look.line, color=look.colour, ms=3, lw=0.8, alpha=0.7, label=groups[number]
+        )
+        end = row.iloc[-1]
+        axes.text(x[-1] + 0.06, end, str(who), fontsize=6, color=look.colour, va="center")
+    axes.plot(x, table.mean(), "s-", color=_INK, ms=5, lw=2)
+    rotation = 20 if len(x) > 3 else 0
+    axes.set_xticks(x, table.columns, rotation=rotation)
+    return groups
+
+
+def _draw_ratings(figure: Figure, result: Analysis) -> Table:
+    """Draw the share of each rating in each condition."""
     axes = figure.subplots()
     shares = pd.crosstab(result.frame["rating"], result.frame["condition"], normalize="columns")
     width = 0.8 / shares.shape[1]
+    middle = 0.5 * (shares.shape[1] - 1)
     for index, name in enumerate(shares):
         axes.bar(
-            shares.index + (index - 0.5 * (shares.shape[1] - 1)) * width,
+            shares.index + (index - middle) * width,
             shares[name],
             width,
             label=str(name),
-            hatch=_HATCHES[index % len(_HATCHES)],
+            hatch=_take_look(index).hatch,
             edgecolor="white",
         )
     axes.set_xticks(shares.index)
@@ -123,92 +240,110 @@ def _draw_ratings(figure: Panels, result: Result) -> Table:
     return shares.reset_index()
 
 
-def _draw_curves(figure: Panels, result: Result) -> Table:
-    from scipy.special import ndtr
-
+def _draw_curves(figure: Figure, result: Analysis) -> Table:
+    """Draw the psychometric functions of all participants and settings."""
     axes = figure.subplots()
     rows = []
-    for index, found in enumerate(result.comparisons):
-        colour, style = (kinds[index % len(kinds)] for kinds in (_COLOURS, _STYLES))
-        levels = np.array(sorted({level for one in found.curves for level in one.levels}))
-        x = np.geomspace(0.8 * levels.min(), 1.2 * levels.max(), 200)
-        for curve in found.curves:
-            axes.plot(
-                np.array(curve.levels) * 1e6,
-                np.array(curve.hits) / np.array(curve.totals),
-                style[0],
-                ms=3,
-                alpha=0.5,
-                color=colour,
-            )
-            rows += [
-                (found.setting, curve.who, level * 1e6, hits, total)
-                for level, hits, total in zip(curve.levels, curve.hits, curve.totals, strict=True)
-            ]
-            if fit := curve.fit:
-                y = fit.lapse + (1.0 - 2.0 * fit.lapse) * ndtr(
-                    np.log(x / fit.threshold[0]) / fit.spread
-                )
-                axes.plot(x * 1e6, y, color=colour, lw=0.7, alpha=0.6)
-                axes.text(x[-1] * 1e6, y[-1], f" {curve.who}", fontsize=6, va="center")
-        if found.equal and found.spread:
-            away = (np.log(x / found.standard) - found.equal.value) / np.exp(found.spread.value)
-            axes.plot(
-                x * 1e6,
-                ndtr(away),
-                style[1:],
-                color=colour,
-                lw=2.4,
-                label=found.setting or "mean participant",
-            )
+    for index, setting in enumerate(result.comparisons):
+        look = _take_look(index)
+        levels = np.array(sorted(_list_levels(setting)))
+        x = np.geomspace(0.8 * levels.min(), 1.2 * levels.max(), _CURVE_POINTS)
+        for curve in setting.curves:
+            _draw_curve(axes, curve, x, look)
+            for level, hits, total in zip(curve.levels, curve.hits, curve.totals, strict=True):
+                rows.append((setting.setting, curve.who, level * 1e6, hits, total))
+        _draw_mean_curve(axes, setting, x, look)
     axes.set(xlabel=format_column_label("height_um"), ylabel='share of answers "higher"')
-    if axes.get_legend_handles_labels()[1]:
+    _, labels = axes.get_legend_handles_labels()
+    if labels:
         axes.legend(frameon=False)
     return pd.DataFrame(rows, columns=["setting", "participant", "height_um", "higher", "trials"])
 
 
-def _draw_magnitudes(figure: Panels, result: Result) -> Table:
+def _list_levels(setting: Comparisons) -> set[float]:
+    """Return all heights of a setting [m]."""
+    return set(itertools.chain.from_iterable(curve.levels for curve in setting.curves))
+
+
+def _draw_curve(axes: Any, curve: Curve, x: Array, look: _Look) -> None:
+    """Draw the answers of a participant, and the curve over heights `x` [m] if it is fitted."""
+    shares = np.array(curve.hits) / np.array(curve.totals)
+    heights = np.array(curve.levels) * 1e6
+    axes.plot(heights, shares, look.marker, ms=3, alpha=0.5, color=look.colour)
+    if curve.fit is None:
+        return
+    y = _predict(curve.fit, x)
+    axes.plot(x * 1e6, y, color=look.colour, lw=0.7, alpha=0.6)
+    axes.text(x[-1] * 1e6, y[-1], f" {curve.who}", fontsize=6, va="center")
+
+
+def _predict(fit: Psychometric, x: Array) -> Array:
+    """Return the probability of an answer "higher" at heights `x` [m]."""
+    from scipy.special import ndtr
+
+    rising = ndtr(np.log(x / fit.threshold.value) / fit.spread)
+    return np.asarray(fit.lapse + (1.0 - 2.0 * fit.lapse) * rising)
+
+
+def _draw_mean_curve(axes: Any, setting: Comparisons, x: Array, look: _Look) -> None:
+    """Draw the curve of the mean participant over heights `x` [m], if there is one."""
+    from scipy.special import ndtr
+
+    if setting.equal is None or setting.spread is None:
+        return
+    distance = (np.log(x / setting.standard) - setting.equal.value) / np.exp(setting.spread.value)
+    label = setting.setting or "mean participant"
+    axes.plot(x * 1e6, ndtr(distance), look.dash, color=look.colour, lw=2.4, label=label)
+
+
+def _draw_magnitudes(figure: Figure, result: Analysis) -> Table:
+    """Draw the geometric means of magnitudes against the height, a line for each participant."""
     axes = figure.subplots()
     frame = result.frame
-    means = np.exp(
-        np.log(frame["magnitude"])
-        .groupby([frame["condition"], frame["participant"], _convert_heights(frame)])
-        .mean()
-    ).reset_index()
-    for index, (condition, some) in enumerate(means.groupby("condition")):
-        place = index % len(_COLOURS)
-        look = {"color": _COLOURS[place], "ms": 3, "lw": 1}
-        axes.plot([], [], _STYLES[place], label=condition, **look)
-        for _, own in some.groupby("participant"):
-            axes.loglog(own["height_um"], own["magnitude"], _STYLES[place], **look)
+    cells = [frame["condition"], frame["participant"], _convert_heights(frame)]
+    means = np.exp(np.log(frame["magnitude"]).groupby(cells).mean()).reset_index()
+    for index, (name, condition) in enumerate(means.groupby("condition")):
+        look = _take_look(index)
+        style = {"color": look.colour, "ms": 3, "lw": 1}
+        axes.plot([], [], look.line, label=name, **style)
+        for _, participant in condition.groupby("participant"):
+            axes.loglog(participant["height_um"], participant["magnitude"], look.line, **style)
     axes.set(xlabel=format_column_label("height_um"), ylabel="geometric mean of magnitudes")
     if means["condition"].nunique() > 1:
         axes.legend(frameon=False)
     return means
 
 
-# by the name of the file: what draws, the part of the result that it needs, and the caption
-_FIGURES = {
-    "estimates": (
-        _draw_estimates,
-        "measures",
+_DRAWINGS = (
+    _Drawing(
+        "estimates",
         "Estimates against height; bars: standard deviation of the judgements.",
+        lambda result: bool(result.measures),
+        _draw_estimates,
     ),
-    "curves": (
-        _draw_curves,
-        "comparisons",
+    _Drawing(
+        "curves",
         'Share of answers "higher": thin, with its name, each participant; bold, the mean '
         "participant.",
+        lambda result: bool(result.comparisons),
+        _draw_curves,
     ),
-    "magnitudes": (
-        _draw_magnitudes,
-        "power_laws",
+    _Drawing(
+        "magnitudes",
         "Magnitudes against height, one line per participant.",
+        lambda result: bool(result.power_laws),
+        _draw_magnitudes,
     ),
-    "participants": (
-        _draw_participants,
-        "measures",
+    _Drawing(
+        "participants",
         "Every participant: a line each, with its name; black: the mean.",
+        lambda result: bool(result.measures),
+        _draw_participants,
     ),
-    "ratings": (_draw_ratings, "ordinal", "Share of each rating of realism."),
-}
+    _Drawing(
+        "ratings",
+        "Share of each rating of realism.",
+        lambda result: bool(result.ordinal),
+        _draw_ratings,
+    ),
+)

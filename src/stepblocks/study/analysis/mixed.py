@@ -10,7 +10,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -18,9 +18,12 @@ from numpy.typing import NDArray
 from scipy import linalg, optimize
 from statsmodels.tools.numdiff import approx_fprime_cs, approx_hess_cs
 
-from stepblocks.study import Array, Table, require
+from stepblocks.contact import Array
+from stepblocks.errors import StudyError
+from stepblocks.files.tables import Table
 from stepblocks.study.analysis.anova import (
     Interval,
+    LinearEstimate,
     Term,
     compare_all_pairs,
     find_mean_rows,
@@ -30,6 +33,20 @@ from stepblocks.study.analysis.anova import (
 
 Indices = NDArray[np.int64]
 
+_NEWTON_STEPS = 3
+_NEAR_OPTIMUM = 1e-2  # slope of the loss below which Newton's step is taken
+_AT_OPTIMUM = 1e-3  # largest slope of the loss at what counts as an optimum
+_NO_VARIANCE = 1e-6  # variance over the residual one below which it counts as zero [1]
+_ALIKE = 1e-6  # relative range of degrees of freedom that count as equal
+
+
+class ConditionMean(NamedTuple):
+    """Mean of a condition over the blocks with equal weight, and its standard error."""
+
+    condition: str
+    mean: float
+    error: float
+
 
 @dataclass(frozen=True)
 class MixedFit:
@@ -37,8 +54,8 @@ class MixedFit:
 
     Attributes
     ----------
-    means : tuple of (str, float, float)
-        Condition, its mean over the blocks with equal weight, and the standard error.
+    means : tuple of ConditionMean
+        In the unit of the response.
     condition : Term or None
         F-test of the conditions, with Satterthwaite's degrees of freedom; None where there is one.
     intervals : tuple of Interval
@@ -52,7 +69,7 @@ class MixedFit:
         On variances that are estimated as zero or less.
     """
 
-    means: tuple[tuple[str, float, float], ...]
+    means: tuple[ConditionMean, ...]
     condition: Term | None
     intervals: tuple[Interval, ...]
     sd_participant: float
@@ -62,83 +79,168 @@ class MixedFit:
     remarks: tuple[str, ...]
 
 
+class _Variances(NamedTuple):
+    """Variances of a mixed model, and what they make of its cells.
+
+    Attributes
+    ----------
+    person, response : float or complex
+        Between participants, and of their responses to conditions, over the residual variance [1].
+    shrunk : ndarray, shape (cells,)
+        Residual variance over that of a judgement of the cell [1].
+    weights : ndarray, shape (participants,)
+        Judgements of each participant, as far as they are independent.
+    """
+
+    person: Any
+    response: Any
+    shrunk: Array
+    weights: Array
+
+
+class _Products(NamedTuple):
+    """What a likelihood needs of a table, at given variances.
+
+    Attributes
+    ----------
+    matrix : ndarray, shape (n + 1, n + 1)
+        Weighted products of the n predictors and the response, which comes last.
+    log_det : float or complex
+        ln |V| of the covariance of the judgements.
+    """
+
+    matrix: Array
+    log_det: Any
+
+
+class _Optimum(NamedTuple):
+    """Parameters at the maximum of a likelihood, with their covariance."""
+
+    point: Array
+    covariance: Array
+
+
 class _Likelihood:
-    # Restricted likelihood of a table whose rows belong to cells, and cells to participants
-    # Every step is analytic, so that a complex step differentiates it to the last digits.
+    """Restricted likelihood of a table whose rows belong to cells, and cells to participants.
+
+    A point is ln(1 + variance) between participants and, where judgements are repeated, of their
+    responses, both scaled, then the logarithm of the residual variance. Every step is analytic, so
+    that a complex step differentiates it to the last digits.
+
+    Parameters
+    ----------
+    y : ndarray, shape (judgements,)
+        Standardised response [1].
+    x : ndarray, shape (judgements, n)
+        Design matrix of the fixed effects.
+    cell : ndarray of int, shape (judgements,)
+        Cell of each judgement.
+    owner : ndarray of int, shape (cells,)
+        Participant of each cell.
+    """
 
     def __init__(self, y: Array, x: Array, cell: Indices, owner: Indices) -> None:
-        both = np.column_stack([x, y])
-        self.free, self.squares = len(y) - x.shape[1], both.T @ both
+        columns = np.column_stack([x, y])
+        self.free = len(y) - x.shape[1]
+        self.squares = columns.T @ columns
         self.sizes = np.bincount(cell).astype(float)
         self.persons = np.eye(owner.max() + 1)[owner]
-        self.sums = np.zeros((len(owner), both.shape[1]))
-        np.add.at(self.sums, cell, both)
+        self.sums = np.zeros((len(owner), columns.shape[1]))
+        np.add.at(self.sums, cell, columns)
 
-    def variances(self, point: Array) -> tuple[Any, Any, Array, Array]:
-        # Return both variances over the residual one, and the weights of cells and persons
+    def variances(self, point: Array) -> _Variances:
+        """Return the variances at a point, and the weights of cells and participants."""
         # exponentials keep the covariance positive; a parameter of zero is a variance of zero
-        response = np.expm1(point[1]) / self.sizes.max() if len(point) > 2 else 0.0
+        response = 0.0
+        if len(point) > 2:
+            response = np.expm1(point[1]) / self.sizes.max()
         shrunk = 1.0 / (1.0 + response * self.sizes)
         weights = self.persons.T @ (self.sizes * shrunk)
-        return np.expm1(point[0]) / weights.max(), response, shrunk, weights
+        person = np.expm1(point[0]) / weights.max()
+        return _Variances(person, response, shrunk, weights)
 
-    def products(self, point: Array) -> tuple[Array, Any]:
-        # Return the products of predictors and response, weighted, and ln |V|
+    def products(self, point: Array) -> _Products:
+        """Return the weighted products of predictors and response, and ln |V|."""
         person, response, shrunk, weights = self.variances(point)
-        own = self.persons.T @ (self.sums * shrunk[:, np.newaxis])
-        found = self.squares - (self.sums.T * (response * shrunk)) @ self.sums
-        found = found - (own.T * (person / (1.0 + person * weights))) @ own
-        return found, np.log(1.0 + person * weights).sum() - np.log(shrunk).sum()
+        by_person = self.persons.T @ (self.sums * shrunk[:, np.newaxis])
+        matrix = self.squares - (self.sums.T * (response * shrunk)) @ self.sums
+        matrix = matrix - (by_person.T * (person / (1.0 + person * weights))) @ by_person
+        log_det = np.log(1.0 + person * weights).sum() - np.log(shrunk).sum()
+        return _Products(matrix, log_det)
 
     def loss(self, point: Array) -> Any:
-        # Return minus the restricted log likelihood; a point ends with ln residual variance
-        found, log_det = self.products(point)
-        factors = linalg.lu_factor(found[:-1, :-1], check_finite=False)
-        diagonal = np.diag(factors[0])
+        """Return minus the restricted log likelihood; a point ends with ln residual variance."""
+        matrix, log_det = self.products(point)
+        predictors = matrix[:-1, :-1]
+        factors = linalg.lu_factor(predictors, check_finite=False)
         # of a singular matrix infinite, not an error: a line search may pass by one
-        left = found[-1, -1] - found[-1, :-1] @ linalg.lu_solve(
-            factors, found[:-1, -1], check_finite=False
-        )
-        whole = self.free * (math.log(2.0 * math.pi) + point[-1]) + left * np.exp(-point[-1])
-        return 0.5 * (whole + log_det + np.log(diagonal * np.sign(diagonal.real)).sum())
+        explained = matrix[-1, :-1] @ linalg.lu_solve(factors, matrix[:-1, -1], check_finite=False)
+        residual = matrix[-1, -1] - explained
+        normal = self.free * (math.log(2.0 * math.pi) + point[-1]) + residual * np.exp(-point[-1])
+        triangular, _ = factors
+        diagonal = np.diag(triangular)
+        log_predictors = np.log(diagonal * np.sign(diagonal.real)).sum()
+        return 0.5 * (normal + log_det + log_predictors)
+
+    def slope(self, point: Array) -> Array:
+        """Return the derivative of the loss by each parameter."""
+        return np.asarray(approx_fprime_cs(point, self.loss)).ravel()
 
     @np.errstate(divide="ignore", invalid="ignore", over="ignore")  # beyond the bounds
-    def fit(self, repeated: bool) -> tuple[Array, Array]:
-        # Return the optimum and the covariance of its parameters
+    def fit(self, repeated: bool) -> _Optimum:
+        """Maximise the likelihood; `repeated` says whether a response to conditions is fitted.
+
+        Raises
+        ------
+        StudyError
+            If the likelihood has no maximum.
+        """
+        start = [1.0, -0.5]
+        if repeated:
+            start = [1.0, 0.3, -0.5]
         with warnings.catch_warnings(action="ignore", category=linalg.LinAlgWarning):
             point = optimize.minimize(
-                lambda at: float(self.loss(at)),
-                [1.0, 0.3, -0.5] if repeated else [1.0, -0.5],
-                jac=lambda at: approx_fprime_cs(at, self.loss).ravel(),
-                method="BFGS",
+                lambda trial: float(self.loss(trial)), start, jac=self.slope, method="BFGS"
             ).x
-        for _ in range(3):  # Newton's steps: a line search ends at half the digits
-            slope = approx_fprime_cs(point, self.loss).ravel()
-            # where the likelihood is no number, zeros: some solvers stop at what is no number
-            spread = np.linalg.pinv(
-                np.nan_to_num(approx_hess_cs(point, self.loss), posinf=0.0, neginf=0.0),
-                hermitian=True,
+        for _ in range(_NEWTON_STEPS):  # a line search ends at half the digits
+            slope = self.slope(point)
+            covariance = self._invert_curvature(point)
+            if np.abs(slope).max() < _NEAR_OPTIMUM:
+                point = point - covariance @ slope
+        found = np.isfinite(point).all() and covariance.any()
+        if not (found and np.abs(slope).max() < _AT_OPTIMUM):
+            raise StudyError(
+                f"the mixed model cannot be fitted to these {self.free} degrees of freedom: its "
+                "likelihood has no maximum"
             )
-            point = point - spread @ slope if np.abs(slope).max() < 1e-2 else point
-        require(
-            np.isfinite(point).all() and spread.any() and np.abs(slope).max() < 1e-3,
-            f"the mixed model cannot be fitted to these {self.free} degrees of freedom: its "
-            "likelihood has no maximum",
-        )
-        return np.asarray(point), np.asarray(spread)
+        return _Optimum(np.asarray(point), np.asarray(covariance))
+
+    def _invert_curvature(self, point: Array) -> Array:
+        """Return the inverse of the second derivatives of the loss."""
+        # where the likelihood is no number, zeros: some solvers stop at what is no number
+        curvature = np.nan_to_num(approx_hess_cs(point, self.loss), posinf=0.0, neginf=0.0)
+        return np.asarray(np.linalg.pinv(curvature, hermitian=True))
+
+    def estimate_effects(self, point: Array) -> Array:
+        """Return the fixed effects, shape (n,)."""
+        matrix = self.products(point).matrix
+        return np.asarray(np.linalg.solve(matrix[:-1, :-1], matrix[:-1, -1]), dtype=float)
 
     def covariance(self, point: Array) -> Array:
-        # Return the covariance of the fixed effects
-        return np.asarray(np.linalg.inv(self.products(point)[0][:-1, :-1]) * np.exp(point[-1]))
+        """Return the covariance of the fixed effects, shape (n, n)."""
+        predictors = self.products(point).matrix[:-1, :-1]
+        return np.asarray(np.linalg.inv(predictors) * np.exp(point[-1]))
 
-    def count_freedom(self, point: Array, spread: Array, contrast: Array) -> float:
-        # Return Satterthwaite's degrees of freedom of a contrast of the fixed effects
-        # Fai, A. H.-T., Cornelius, P. L. (1996), J. Statist. Comput. Simul. 54, 363-378.
+    def count_freedom(self, optimum: _Optimum, contrast: Array) -> float:
+        """Return Satterthwaite's degrees of freedom of a contrast of the fixed effects.
 
+        Fai, A. H.-T., Cornelius, P. L. (1996), J. Statist. Comput. Simul. 54, 363-378.
+        """
         slope = approx_fprime_cs(
-            point, lambda at: np.log(contrast @ self.covariance(at) @ contrast)
+            optimum.point, lambda trial: np.log(contrast @ self.covariance(trial) @ contrast)
         ).ravel()
-        return round(float(2.0 / max(slope @ spread @ slope, 2.0 / self.free)), 6)
+        variance = max(slope @ optimum.covariance @ slope, 2.0 / self.free)
+        return round(float(2.0 / variance), 6)
 
 
 def fit_mixed_model(
@@ -149,83 +251,149 @@ def fit_mixed_model(
     block: str = "",
     intervals: bool = True,
 ) -> MixedFit:
-    """Fit conditions, and blocks where given, as fixed and participants as random effects."""
-    # Laird, N. M., Ware, J. H. (1982), Biometrics 38, 963-974, doi:10.2307/2529876.
-    import statsmodels.formula.api as smf
+    """Fit conditions, and blocks where given, as fixed and participants as random effects.
 
+    Parameters
+    ----------
+    frame : DataFrame
+        One row per judgement.
+    response, condition, participant, block : str
+        Columns; without a block, conditions are the only fixed effect.
+    intervals : bool
+        Whether every two conditions are compared.
+
+    Returns
+    -------
+    MixedFit
+        In the unit of the response.
+
+    Raises
+    ------
+    StudyError
+        If there are fewer than two participants, the response is the same in all rows, or the
+        likelihood has no maximum.
+
+    References
+    ----------
+    Laird, N. M., Ware, J. H. (1982), Biometrics 38, 963-974, doi:10.2307/2529876.
+    """
     data, scale, shift = standardise_response(frame, response, a=condition, b=block, g=participant)
     people = data["g"].nunique()
     conditions = sorted(data["a"].unique())
-    require(
-        people >= 2, f"{participant}: a mixed model needs at least two participants, got {people}"
-    )
-    require(scale > 0.0, f"{response} must not be the same in all {len(data)} rows")
+    if people < 2:
+        raise StudyError(
+            f"{participant}: a mixed model needs at least two participants, got {people}"
+        )
+    if not scale > 0.0:
+        raise StudyError(f"{response} must not be the same in all {len(data)} rows")
+    model = _make_fixed_effects(data)
+    likelihood = _make_likelihood(model, data)
     compared = len(conditions) > 1
-    factors = [
-        f"C({letter}, Sum)" for letter in "ab" if letter in data and data[letter].nunique() > 1
-    ]
-    model = smf.ols(f"y ~ {' * '.join(factors) or '1'}", data)
-    cells = data.groupby(["g", "a"])
-    x, y = np.asarray(model.exog), np.asarray(model.endog)
-    likelihood = _Likelihood(y, x, cells.ngroup().to_numpy(), pd.factorize(cells["g"].first())[0])
-    require(
-        likelihood.free > 1, f"more judgements than cells of a mixed model are needed, got {len(y)}"
-    )
     # a response to conditions is only apart from single judgements where these are repeated, and
     # from the participant where one meets several conditions
-    repeated = compared and likelihood.sizes.max() > 1 and len(likelihood.sizes) > people
-    point, spread = likelihood.fit(repeated)
-    products, _ = likelihood.products(point)
-    covariance = likelihood.covariance(point)
-    beta: Array = np.asarray(np.linalg.solve(products[:-1, :-1], products[:-1, -1]), dtype=float)
-    person, response_, _, _ = likelihood.variances(point)
-    residual = math.exp(0.5 * point[-1])
+    several_cells = len(likelihood.sizes) > people
+    repeated = compared and likelihood.sizes.max() > 1 and several_cells
+    optimum = likelihood.fit(repeated)
+    effects = LinearEstimate(
+        likelihood.estimate_effects(optimum.point), likelihood.covariance(optimum.point)
+    )
     rows = find_mean_rows(model, data, conditions)
-    count = partial(likelihood.count_freedom, point, spread)
-    family = compare_all_pairs(
-        conditions, rows, (beta, covariance), count, spread=residual, scale=scale
-    )
-    variances = {
-        "between participants": person,
-        "of participants' response to the condition": response_ if repeated else 1.0,
-    }
+    count = partial(likelihood.count_freedom, optimum)
+    variances = likelihood.variances(optimum.point)
+    residual = math.exp(0.5 * optimum.point[-1])
+    family: tuple[Interval, ...] = ()
+    if intervals:
+        family = tuple(
+            compare_all_pairs(conditions, rows, effects, count, spread=residual, scale=scale)
+        )
+    means = []
+    for name, row in zip(conditions, rows, strict=True):
+        mean = float(row @ effects.parameters) * scale + shift
+        error = math.sqrt(row @ effects.covariance @ row) * scale
+        means.append(ConditionMean(name, mean, error))
+    test = None
+    if compared:
+        test = _test_conditions(condition, rows, effects, count)
+    standardised_loss = float(likelihood.loss(optimum.point))
     return MixedFit(
-        means=tuple(
-            (name, float(row @ beta) * scale + shift, math.sqrt(row @ covariance @ row) * scale)
-            for name, row in zip(conditions, rows, strict=True)
-        ),
-        condition=_test_conditions(condition, rows, beta, covariance, count) if compared else None,
-        intervals=tuple(family) if intervals else (),
-        sd_participant=math.sqrt(max(person, 0.0)) * residual * scale,
-        sd_condition=math.sqrt(max(response_, 0.0)) * residual * scale,
+        means=tuple(means),
+        condition=test,
+        intervals=family,
+        sd_participant=math.sqrt(max(variances.person, 0.0)) * residual * scale,
+        sd_condition=math.sqrt(max(variances.response, 0.0)) * residual * scale,
         sd_residual=residual * scale,
-        log_likelihood=-float(likelihood.loss(point)) - likelihood.free * math.log(scale),
-        remarks=tuple(
-            f"The variance {name} is estimated as zero."
-            for name, value in variances.items()
-            if value < 1e-6
-        ),
+        log_likelihood=-standardised_loss - likelihood.free * math.log(scale),
+        remarks=_describe_variances(variances, repeated),
     )
+
+
+def _make_fixed_effects(data: Table) -> Any:
+    """Return the linear model of statsmodels whose design matrix has the fixed effects."""
+    import statsmodels.formula.api as smf
+
+    factors = []
+    for letter in ("a", "b"):
+        if letter in data and data[letter].nunique() > 1:
+            factors.append(f"C({letter}, Sum)")
+    return smf.ols(f"y ~ {' * '.join(factors) or '1'}", data)
+
+
+def _make_likelihood(model: Any, data: Table) -> _Likelihood:
+    """Return the likelihood of a table; refuse one with as many fixed effects as judgements."""
+    cells = data.groupby(["g", "a"])
+    owner, _ = pd.factorize(cells["g"].first())
+    response = np.asarray(model.endog)
+    likelihood = _Likelihood(response, np.asarray(model.exog), cells.ngroup().to_numpy(), owner)
+    if likelihood.free <= 1:
+        raise StudyError(
+            f"more judgements than cells of a mixed model are needed, got {len(response)}"
+        )
+    return likelihood
+
+
+def _describe_variances(variances: _Variances, repeated: bool) -> tuple[str, ...]:
+    """Name the variances that are estimated as zero."""
+    remarks = []
+    if variances.person < _NO_VARIANCE:
+        remarks.append("The variance between participants is estimated as zero.")
+    if repeated and variances.response < _NO_VARIANCE:
+        remarks.append(
+            "The variance of participants' response to the condition is estimated as zero."
+        )
+    return tuple(remarks)
 
 
 def _test_conditions(
-    name: str,
-    rows: Sequence[Array],
-    beta: Array,
-    covariance: Array,
-    count: Callable[[Array], float],
+    name: str, rows: Sequence[Array], effects: LinearEstimate, count: Callable[[Array], float]
 ) -> Term:
-    # Test all conditions at once, with the degrees of freedom of lmerTest
+    """Test all conditions at once, with the degrees of freedom of lmerTest.
+
+    Parameters
+    ----------
+    name : str
+        Of the term.
+    rows : sequence of ndarray, shape (n,)
+        What gives the mean of each condition from the fixed effects.
+    effects : LinearEstimate
+        The n fixed effects.
+    count : callable
+        Takes a contrast of the fixed effects, returns its degrees of freedom.
+    """
     contrasts = np.array([row - rows[0] for row in rows[1:]])
-    sizes, axes = np.linalg.eigh(contrasts @ covariance @ contrasts.T)
-    turned = axes.T @ contrasts
-    free = np.array([count(one) for one in turned])
-    spent = float((free[free > 2.0] / (free[free > 2.0] - 2.0)).sum())
-    alike = np.ptp(free) < 1e-6 * free.mean() or spent <= len(free)
-    return make_term(
-        name,
-        float(len(free)),
-        float(free.mean()) if alike else 2.0 * spent / (spent - len(free)),
-        math.nan,
-        float(np.mean((turned @ beta) ** 2 / sizes)),
-    )
+    variances, axes = np.linalg.eigh(contrasts @ effects.covariance @ contrasts.T)
+    independent = axes.T @ contrasts
+    free = np.array([count(contrast) for contrast in independent])
+    f = float(np.mean((independent @ effects.parameters) ** 2 / variances))
+    return make_term(name, float(len(free)), _pool_freedom(free), math.nan, f)
+
+
+def _pool_freedom(free: Array) -> float:
+    """Return the denominator's degrees of freedom of an F-test of independent contrasts.
+
+    `free`, shape (contrasts,), are those of each contrast.
+    """
+    known = free[free > 2.0]
+    expected = float((known / (known - 2.0)).sum())
+    if np.ptp(free) < _ALIKE * free.mean() or expected <= len(free):
+        return float(free.mean())
+    return 2.0 * expected / (expected - len(free))

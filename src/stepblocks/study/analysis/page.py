@@ -1,82 +1,119 @@
-"""What a study prints: the report with its figures, and the run sheets."""
+"""The printed pages of a study: the report with its figures, and the run sheets."""
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
+from typing import NamedTuple
 
 from stepblocks.files.atomic import replace_bytes
 from stepblocks.files.pages import render_page
 from stepblocks.files.tables import format_csv
-from stepblocks.study.analysis.figures import Panels, draw_study_figures
+from stepblocks.study.analysis.figures import Figure, draw_study_figures
 from stepblocks.study.analysis.prose import write_headline
-from stepblocks.study.analysis.results import FIGURES, StudyResult
-from stepblocks.study.design.experiments import EXPERIMENTS
+from stepblocks.study.analysis.result_table import FIGURES
+from stepblocks.study.analysis.results import StudyResult
+from stepblocks.study.columns import Row
+from stepblocks.study.experiments.registry import EXPERIMENTS
 
-Sheets = Mapping[str, Sequence[Mapping[str, str]]]  # rows of a blinded run sheet by participant
+Sheets = Mapping[str, Sequence[Row]]  # rows of a blinded run sheet by participant
+
+# Digits that are read on the page; all of them stand in results.csv
+_DIGITS = 4
+_DIGITS_OF_FREEDOM = 8  # of degrees of freedom, which are whole numbers of trials or nearly so
+
+
+class _PageTable(NamedTuple):
+    """A table of the page: its heading, and its rows by column."""
+
+    name: str
+    rows: list[dict[str, object]]
+
+
+class _PageFigure(NamedTuple):
+    """A figure of the page: its caption, and its SVG."""
+
+    caption: str
+    svg: str
 
 
 def render_study(result: StudyResult) -> str:
     """Draw the report: figures, tables, checks; one file that needs no network."""
-    table = result.table()
-    for name in FIGURES:  # four digits are read; all of them stand in results.csv
-        digits = 8 if name.startswith("df") else 4
-        table[name] = ["" if value != value else f"{value:.{digits}g}" for value in table[name]]
+    figures = []
+    for study_figure in draw_study_figures(result):
+        svg = _save(study_figure.figure, "svg").decode()
+        figures.append(_PageFigure(study_figure.caption, svg))
+    tools = [f"{name} {version(name)}" for name in ("stepblocks", "statsmodels", "scipy")]
     return render_page(
         "stepblocks.study",
         "study.html",
         title=EXPERIMENTS[result.experiment].title,
         headline=write_headline(result),
-        notes=[
-            *result.notes,
-            *result.remarks,
-            *(
-                f"{one.name.capitalize()}: {remark[0].lower()}{remark[1:]}"
-                for one in result.measures
-                for remark in one.mixed.remarks
-            ),
-        ],
-        figures=[
-            (caption, _save(figure, "svg").decode())
-            for _, caption, figure, _ in draw_study_figures(result)
-        ],
-        tables=[
-            (": ".join(filter(None, name)), own.to_dict("records"))
-            for name, own in table.groupby(["measure", "analysis"], sort=False)
-        ],
+        notes=[*result.notes, *result.remarks, *_list_remarks(result)],
+        figures=figures,
+        tables=list(_split_table(result)),
         conditions=sorted(result.frame["condition"].unique()),
         people=result.frame["participant"].nunique(),
         judgements=len(result.frame),
         stimuli=result.frame["stimulus"].nunique(),
-        measures=[one.name for one in result.measures],
-        groups=any(one.groups for one in result.measures),
+        measures=[measure.name for measure in result.measures],
+        groups=any(measure.groups for measure in result.measures),
         ordinal=bool(result.ordinal),
         comparisons=bool(result.comparisons),
         power_laws=bool(result.power_laws),
-        tools=", ".join(
-            f"{name} {version(name)}" for name in ("stepblocks", "statsmodels", "scipy")
-        ),
+        tools=", ".join(tools),
     )
+
+
+def _list_remarks(result: StudyResult) -> Iterator[str]:
+    """Yield what the mixed models remark, each with its measure."""
+    for measure in result.measures:
+        for remark in measure.mixed.remarks:
+            yield f"{measure.name.capitalize()}: {remark[0].lower()}{remark[1:]}"
+
+
+def _split_table(result: StudyResult) -> Iterator[_PageTable]:
+    """Yield the table of a result by measure and analysis, figures as texts."""
+    table = result.table()
+    for name in FIGURES:
+        digits = _DIGITS_OF_FREEDOM if name.startswith("df") else _DIGITS
+        table[name] = [_format_figure(value, digits) for value in table[name]]
+    for (measure, analysis), rows in table.groupby(["measure", "analysis"], sort=False):
+        name = f"{measure}: {analysis}" if measure else analysis
+        yield _PageTable(name, rows.to_dict("records"))
+
+
+def _format_figure(value: float, digits: int) -> str:
+    """Write a figure; nothing where there is none."""
+    if value != value:  # not a number
+        return ""
+    return f"{value:.{digits}g}"
 
 
 def write_figures(result: StudyResult, folder: Path) -> None:
     """Write every figure as SVG and PDF at the width of a page, with its data as CSV."""
-    for name, _, figure, data in draw_study_figures(result):
+    for study_figure in draw_study_figures(result):
         for form in ("svg", "pdf"):
-            replace_bytes(folder / f"{name}.{form}", _save(figure, form))
-        replace_bytes(folder / f"{name}.csv", format_csv(data, None, "%.8g").encode())
+            path = folder / f"{study_figure.name}.{form}"
+            replace_bytes(path, _save(study_figure.figure, form))
+        text = format_csv(study_figure.data, None, "%.8g")
+        replace_bytes(folder / f"{study_figure.name}.csv", text.encode())
 
 
-def _save(figure: Panels, form: str) -> bytes:
-    # Return a figure as a file: the same bytes from the same data
+def _save(figure: Figure, form: str) -> bytes:
+    """Return a figure as a file, SVG or PDF: the same bytes from the same data."""
     import matplotlib as mpl
 
     stream = io.BytesIO()
-    dates = {"Date": None, "Creator": None} if form == "svg" else {"CreationDate": None}
+    dates = {"CreationDate": None}
+    if form == "svg":
+        dates = {"Date": None, "Creator": None}
     with mpl.rc_context({"svg.hashsalt": "study", "svg.fonttype": "path", "pdf.fonttype": 42}):
         figure.savefig(stream, format=form, metadata=dates)
     content = stream.getvalue()
-    return content[content.index(b"<svg") :] if form == "svg" else content
+    if form == "svg":
+        return content[content.index(b"<svg") :]
+    return content
 
 
 def render_run_sheets(title: str, sheets: Sheets) -> str:

@@ -1,69 +1,116 @@
-"""Participants who answer unlike the others: constant, the wrong way round, in haste, alone."""
+"""Participants whose answers stand out: constant, reversed, copied, hasty or far off."""
 
 import itertools
 from collections.abc import Iterator
 
 import numpy as np
 
-from stepblocks.study import Table
+from stepblocks.files.tables import Table
 
 HASTE = 0.3  # median reaction time below which nobody can have dragged over an edge [s]
+_SURE = 1e-3  # probability of a rank correlation that is no chance
+_ROBUST = 1.4826  # standard deviations in a median absolute deviation of normal values
+# Robust standard deviations of a mean answer that is alone: Iglewicz, B., Hoaglin, D. C. (1993)
+_ALONE = 3.5
+_FEWEST_OF_GROUP = 5  # participants of whom one may be alone
+_SWAPPED_FAR = 5.0  # robust standard deviations of a swapped difference from the others
+_SWAPPED_NEAR = 2.0  # ... and from theirs with its sign changed
 
 
 def describe_unlike_participants(frame: Table, answer: str) -> list[str]:
-    """Say which participants answer unlike the others, and how.
+    """Describe participants whose answers stand out.
 
     Parameters
     ----------
     frame : DataFrame
-        participant, height, the answers, and ``reaction_s`` where it was recorded.
+        participant, height [m], the answers, and ``reaction_s`` where it was recorded.
     answer : str
         Column of the answers.
     """
+    remarks = list[str]()
+    means = {}
+    for name, judgements in frame.groupby("participant", sort=False):
+        means[name] = float(np.mean(judgements[answer].to_numpy(float)))
+        remarks += _describe_trend(name, judgements, answer)
+        remarks += _describe_copies(name, judgements, answer)
+        remarks += _describe_haste(name, judgements)
+    return remarks + _describe_levels(means)
+
+
+def _describe_trend(name: object, judgements: Table, answer: str) -> Iterator[str]:
+    """Report a participant who always gives one answer, or lower answers to higher blocks."""
     from scipy.stats import spearmanr
 
-    found, middles = list[str](), {}
-    for name, own in frame.groupby("participant", sort=False):
-        values, heights = own[answer].to_numpy(float), own["height"].to_numpy(float)
-        middles[name] = float(np.mean(values))
-        if np.ptp(values) == 0.0 and len(values) > 2:
-            found.append(f"Participant {name} gave the same answer in all {len(values)} trials.")
-        elif np.ptp(heights) > 0.0:
-            trend = spearmanr(heights, values)
-            if trend.statistic < 0.0 and trend.pvalue < 1e-3:
-                found.append(
-                    f"Participant {name} gave lower answers to higher blocks (rank correlation "
-                    f"{trend.statistic:.2f}): are the answers or the blocks swapped?"
-                )
-        answers = own.filter(["condition", "height", answer]).to_numpy().tolist()
-        half = len(answers) // 2
-        if half > 2 and answers == answers[:half] * 2:
-            found.append(
-                f"Participant {name} gave {half} answers twice, in the same order: were they "
-                "copied?"
+    values = judgements[answer].to_numpy(float)
+    heights = judgements["height"].to_numpy(float)
+    if np.ptp(values) == 0.0 and len(values) > 2:
+        yield f"Participant {name} gave the same answer in all {len(values)} trials."
+        return
+    if not np.ptp(heights) > 0.0:
+        return
+    trend = spearmanr(heights, values)
+    if trend.statistic < 0.0 and trend.pvalue < _SURE:
+        yield (
+            f"Participant {name} gave lower answers to higher blocks (rank correlation "
+            f"{trend.statistic:.2f}): are the answers or the blocks swapped?"
+        )
+
+
+def _describe_copies(name: object, judgements: Table, answer: str) -> Iterator[str]:
+    """Report a participant whose second half of answers repeats the first."""
+    answers = judgements.filter(["condition", "height", answer]).to_numpy().tolist()
+    half = len(answers) // 2
+    if half > 2 and answers == answers[:half] * 2:
+        yield (
+            f"Participant {name} gave {half} answers twice, in the same order: were they copied?"
+        )
+
+
+def _describe_haste(name: object, judgements: Table) -> Iterator[str]:
+    """Report a participant who answered faster than anybody can feel."""
+    if "reaction_s" not in judgements:
+        return
+    median = float(judgements["reaction_s"].median())
+    if median < HASTE:
+        yield f"Participant {name} answered in haste: median {median:.2f} s."
+
+
+def _describe_levels(means: dict[object, float]) -> list[str]:
+    """Report participants whose mean answer is far from the median; `means` are by participant."""
+    if len(means) < _FEWEST_OF_GROUP:
+        return []
+    levels = np.array(list(means.values()))
+    distances = np.abs(levels - np.median(levels))
+    wide = _ROBUST * float(np.median(distances))
+    if not wide > 0.0:
+        return []
+    remarks = []
+    for name, distance in zip(means, distances, strict=True):
+        if distance > _ALONE * wide:
+            remarks.append(
+                f"Participant {name}'s mean answer is {distance / wide:.1f} robust standard "
+                "deviations from the median of all."
             )
-        if "reaction_s" in own and (haste := float(own["reaction_s"].median())) < HASTE:
-            found.append(f"Participant {name} answered in haste: median {haste:.2f} s.")
-    level = np.array(list(middles.values()))
-    apart = np.abs(level - np.median(level))
-    # Iglewicz, B., Hoaglin, D. C. (1993): 3.5 robust standard deviations
-    wide = 1.4826 * float(np.median(apart))
-    return found + [
-        f"Participant {name}'s mean answer is {far / wide:.1f} robust standard deviations from "
-        "the median of all."
-        for name, far in zip(middles, apart, strict=True)
-        if len(level) > 4 and far > 3.5 * wide > 0.0
-    ]
+    return remarks
 
 
 def find_swapped_conditions(table: Table, outcome: str) -> Iterator[str]:
-    """Say who differs between two conditions (columns) as all others do the other way round."""
+    """Report participants whose difference between two conditions has the opposite sign.
+
+    Parameters
+    ----------
+    table : DataFrame
+        An outcome of each participant (rows) in each condition (columns).
+    outcome : str
+        Its name.
+    """
     for first, second in itertools.combinations(table.columns, 2):
-        apart = (table[first] - table[second]).dropna()
-        middle = apart.median()
-        wide = 1.4826 * (apart - middle).abs().median()
-        turned = (apart - middle).abs() > 5.0 * wide
-        for who in apart.index[turned & ((apart + middle).abs() < 2.0 * wide)]:
+        differences = (table[first] - table[second]).dropna()
+        middle = differences.median()
+        wide = _ROBUST * (differences - middle).abs().median()
+        far = (differences - middle).abs() > _SWAPPED_FAR * wide
+        turned = (differences + middle).abs() < _SWAPPED_NEAR * wide
+        for who in differences.index[far & turned]:
             yield (
                 f"Participant {who}'s {outcome} differs between {first} and {second} as that of "
                 "the others, the other way round: are the conditions swapped?"

@@ -8,9 +8,10 @@
 # doi:10.1167/5.5.8.
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,21 +19,22 @@ from scipy.optimize import OptimizeResult, minimize
 from scipy.special import gammainccinv, gammaincinv, ndtr
 from scipy.stats import t
 
+from stepblocks.contact import Array
 from stepblocks.errors import StudyError
-from stepblocks.study import Array, Table, require
-from stepblocks.study.analysis.anova import Interval
-from stepblocks.study.analysis.psychometric import (
-    MAX_LAPSE,
-    Psychometric,
-    compute_weber,
-    find_crossing,
-    fit_psychometric,
-)
-
-# what is compared, and its axis in the model of a group
-QUANTITIES = {"spread of comparisons": 1, "point of subjective equality": 0}
+from stepblocks.study.analysis.bounded import Bounded
+from stepblocks.study.analysis.psychometric import MAX_LAPSE, find_crossing
 
 _LAPSES = np.linspace(0.0, MAX_LAPSE, 6)
+_TINY = 1e-300  # probability of which the logarithm is still finite
+
+# Grid of a likelihood
+_MIDDLES, _SPREADS = 80, 40  # values of the threshold and of the spread
+_MOST_VALUES = 301
+_TRIALS_OF_GRID = 150.0  # of a participant; more trials make a finer grid
+
+# Mean over participants
+_ON_BOUND = 0.01  # distance of ln(spread) from its lower bound that counts as none
+_LIKELY = 0.05  # probability at the ends of a 95 % interval
 
 
 @dataclass(frozen=True)
@@ -58,62 +60,10 @@ class Estimate:
     p: float
     df: float
 
-
-@dataclass(frozen=True)
-class Curve:
-    """Psychometric function of one participant.
-
-    Attributes
-    ----------
-    who : str
-        Participant.
-    levels : tuple of float
-        Heights compared with the standard [m].
-    hits, totals : tuple of int
-        Answers "higher", and trials, of each height.
-    fit : Psychometric or None
-        None where the answers do not determine one.
-    reason : str
-        Why not; empty with a fit.
-    """
-
-    who: str
-    levels: tuple[float, ...]
-    hits: tuple[int, ...]
-    totals: tuple[int, ...]
-    fit: Psychometric | None
-    reason: str
-
-
-@dataclass(frozen=True)
-class Comparisons:
-    """Comparisons with a standard in one setting.
-
-    Attributes
-    ----------
-    setting : str
-        Levels of the declared factors; empty where there are none.
-    curves : tuple of Curve
-        Of each participant.
-    standard : float
-        Height of the standard [m].
-    equal, spread : Estimate or None
-        Means over participants of ln(point of subjective equality / standard) and of ln(sigma);
-        None with fewer than two participants.
-    people : tuple of (str, float, float)
-        Participant, point of subjective equality [m] and Weber fraction [1], drawn towards the
-        group by the model.
-    model : Population or None
-        Of these participants, in the same order.
-    """
-
-    setting: str
-    curves: tuple[Curve, ...]
-    standard: float
-    equal: Estimate | None
-    spread: Estimate | None
-    people: tuple[tuple[str, float, float], ...] = ()
-    model: "Population | None" = None
+    @property
+    def bounds(self) -> Bounded:
+        """The mean with its interval."""
+        return Bounded(self.value, self.low, self.high)
 
 
 class Grid:
@@ -125,26 +75,81 @@ class Grid:
         Natural logarithm of each level.
     hits, totals : array_like, shape (participants, n)
         Answers "higher", and trials, of each participant at each level.
+
+    Attributes
+    ----------
+    middles, spreads : ndarray
+        ln(threshold) and ln(spread), equally spaced.
+    axes : tuple of ndarray
+        `middles`, `spreads` and lapse rates.
+    likelihood : ndarray, shape (participants, middles, spreads, lapses)
+        Over its largest value of each participant.
+
+    Raises
+    ------
+    StudyError
+        If there are fewer than three levels.
     """
 
     def __init__(self, levels: ArrayLike, hits: ArrayLike, totals: ArrayLike) -> None:
-        x, k, n = (np.asarray(values, dtype=np.float64) for values in (levels, hits, totals))
-        require(len(x) >= 3, f"a psychometric function needs three levels, got {len(x)}")
-        finer = math.sqrt(max(float(n.sum(axis=1).max()) / 150.0, 1.0))
-        sizes = [min(int(size * finer), 301) for size in (80, 40)]
-        span, gap = float(np.ptp(x)), float(np.diff(np.sort(x)).min())
-        self.middles = np.linspace(x.min() - 0.3 * span, x.max() + 0.3 * span, sizes[0])
-        self.spreads = np.linspace(math.log(0.25 * gap), math.log(3.0 * span), sizes[1])
+        x = np.asarray(levels, dtype=np.float64)
+        k = np.asarray(hits, dtype=np.float64)
+        n = np.asarray(totals, dtype=np.float64)
+        if len(x) < 3:
+            raise StudyError(f"a psychometric function needs three levels, got {len(x)}")
+        finer = math.sqrt(max(float(n.sum(axis=1).max()) / _TRIALS_OF_GRID, 1.0))
+        middles = min(int(_MIDDLES * finer), _MOST_VALUES)
+        spreads = min(int(_SPREADS * finer), _MOST_VALUES)
+        span = float(np.ptp(x))
+        gap = float(np.diff(np.sort(x)).min())
+        self.middles = np.linspace(x.min() - 0.3 * span, x.max() + 0.3 * span, middles)
+        self.spreads = np.linspace(math.log(0.25 * gap), math.log(3.0 * span), spreads)
+        self.axes = (self.middles, self.spreads, _LAPSES)
         rising = ndtr((x - self.middles[:, None, None]) / np.exp(self.spreads)[:, None])
         lapse = _LAPSES[:, None]
         p = np.clip(lapse + (1.0 - 2.0 * lapse) * rising[:, :, None, :], 1e-12, 1.0 - 1e-12)
         log = np.tensordot(k, np.log(p), (1, 3)) + np.tensordot(n - k, np.log1p(-p), (1, 3))
-        self.axes = (self.middles, self.spreads, _LAPSES)
         self.likelihood: Array = np.exp(log - log.max(axis=(1, 2, 3), keepdims=True))
+
+
+class _Moments(NamedTuple):
+    """Moments of a population and of its participants, in spreads from the middle.
+
+    Attributes
+    ----------
+    likelihood : ndarray, shape (participants,)
+        Of each participant.
+    posterior : ndarray, shape (axes, 2, participants)
+        Mean and mean square along each axis, of each participant.
+    prior : ndarray, shape (axes, 2, 1)
+        The same of the distribution of all.
+    """
+
+    likelihood: Array
+    posterior: Array
+    prior: Array
+
+
+class _Informants(NamedTuple):
+    """Effective number of participants behind a mean, and their share in its variance.
+
+    Attributes
+    ----------
+    people : float
+        Effective number of participants, at least two.
+    share : float
+        Share of the observed variance that lies between participants [1]; the remainder is the
+        uncertainty of their answers.
+    """
+
+    people: float
+    share: float
 
 
 class Population:
     """Independent normal distributions of the participants along the axes of their likelihoods.
+
+    A point is the middle and ln(spread) of the distribution along each axis.
 
     Parameters
     ----------
@@ -152,36 +157,59 @@ class Population:
         One axis for each of `axes`.
     axes : sequence of ndarray
         Equally spaced values.
+
+    Attributes
+    ----------
+    best : OptimizeResult
+        Maximum of the likelihood.
+    estimate : callable
+        Takes the index of an axis and returns the mean over participants along it, an `Estimate`.
+
+    Raises
+    ------
+    StudyError
+        If there are fewer than two participants.
     """
 
     def __init__(self, likelihood: Array, axes: Sequence[Array]) -> None:
-        require(len(likelihood) > 1, "a population must have at least two participants, got one")
-        self.likelihood, self.axes = likelihood, axes
+        if len(likelihood) < 2:
+            raise StudyError("a population must have at least two participants, got one")
+        self.likelihood = likelihood
+        self.axes = axes
         # Participants come last: each axis is then summed over long rows of memory
         self._rows = np.ascontiguousarray(np.moveaxis(likelihood, 0, -1))
-        start, bounds = list[float](), list[tuple[float, float]]()
+        start = list[float]()
+        bounds = list[tuple[float, float]]()
         for index, axis in enumerate(axes):
-            own = likelihood.sum(axis=tuple(n for n in range(1, likelihood.ndim) if n != index + 1))
-            means = own @ axis / own.sum(axis=1)
+            means = self._average_along(index)
             step = float(axis[1] - axis[0])
             start += [float(means.mean()), math.log(max(means.std(), 2.0 * step))]
             # a narrower normal would fall between the points of the grid
-            bounds += [(axis[0], axis[-1]), (math.log(0.6 * step), math.log(np.ptp(axis)))]
+            narrowest, widest = math.log(0.6 * step), math.log(np.ptp(axis))
+            bounds += [(axis[0], axis[-1]), (narrowest, widest)]
         self._bounds = np.array(bounds)
         self.best = self.maximise(np.array(start))
         # the table, the contrasts and the page ask for the same means
-        self.estimate = cache(self._estimate_mean)
+        self.estimate: Callable[[int], Estimate] = cache(self._estimate_mean)
+
+    def _average_along(self, index: int) -> Array:
+        """Return the mean of each participant's likelihood along an axis, shape (participants,)."""
+        summed = tuple(n for n in range(1, self.likelihood.ndim) if n != index + 1)
+        profiles = self.likelihood.sum(axis=summed)
+        return np.asarray(profiles @ self.axes[index] / profiles.sum(axis=1))
 
     def _weigh(self, point: Array, index: int) -> Array:
-        # Return the distribution along an axis, times the powers 0, 1 and 2 of how many spreads
-        # its values are from the middle
-        away = (self.axes[index] - point[2 * index]) / math.exp(point[2 * index + 1])
-        weight = np.exp(0.5 * (np.min(away**2) - away**2))
-        return np.asarray([np.ones_like(away), away, away**2] * (weight / weight.sum()))
+        """Return the distribution along an axis, shape (3, n).
 
-    def _find_moments(self, point: Array) -> tuple[Array, Array, Array]:
-        # Return each participant's likelihood; mean and mean square along each axis, in spreads
-        # from the middle, of each participant's posterior; and the same of the distribution
+        It is multiplied by the powers 0, 1 and 2 of how many spreads each value is from the middle.
+        """
+        distance = (self.axes[index] - point[2 * index]) / math.exp(point[2 * index + 1])
+        weight = np.exp(0.5 * (np.min(distance**2) - distance**2))
+        powers = [np.ones_like(distance), distance, distance**2]
+        return np.asarray(powers * (weight / weight.sum()))
+
+    def _find_moments(self, point: Array) -> _Moments:
+        """Return likelihoods and moments of the participants, and moments of the distribution."""
         weights = [self._weigh(point, index) for index in range(len(self.axes))]
         sums = self._rows
         for index, rows in enumerate(weights):
@@ -189,18 +217,16 @@ class Population:
         # the last axis stands first, so that the powers of each axis are 3 times as far apart
         places = 3 ** np.arange(len(weights))[:, np.newaxis] * np.arange(3)
         along = sums.reshape(3 ** len(weights), -1)[places]
-        return (
-            along[0, 0],
-            along[:, 1:] / along[0, 0],
-            np.array([rows[1:].sum(axis=1, keepdims=True) for rows in weights]),
-        )
+        likelihood = along[0, 0]
+        prior = [rows[1:].sum(axis=1, keepdims=True) for rows in weights]
+        return _Moments(likelihood, along[:, 1:] / likelihood, np.array(prior))
 
     def _loss(self, point: Array) -> tuple[float, Array]:
-        # Return minus the log likelihood, and its gradient
-        whole, seen, prior = self._find_moments(point)
-        slopes = (seen - prior).sum(axis=2)
+        """Return minus the log likelihood, and its gradient, shape (2 axes,)."""
+        moments = self._find_moments(point)
+        slopes = (moments.posterior - moments.prior).sum(axis=2)
         slopes[:, 0] /= np.exp(point[1::2])
-        return -float(np.log(whole).sum()), -slopes.ravel()
+        return -float(np.log(moments.likelihood).sum()), -slopes.ravel()
 
     def maximise(self, start: Array, place: int = -1, value: float = 0.0) -> OptimizeResult:
         """Maximise the likelihood, with one parameter held at a value where a place is given."""
@@ -217,62 +243,84 @@ class Population:
         )
 
     def _estimate_mean(self, index: int) -> Estimate:
-        # Return the mean over participants along an axis
+        """Return the mean over participants along an axis."""
         place = 2 * index
         point = self.best.x
-        middle, spread = float(point[place]), math.exp(point[place + 1])
-        climbed = {middle: point}
+        middle = float(point[place])
+        spread = math.exp(point[place + 1])
+        assess = self._make_profile(index)
+
+        def excess(value: float) -> float:
+            """Return a number that is positive outside the 95 % interval."""
+            return math.log(_LIKELY / max(assess(value), _TINY))
+
+        informants = self._count_participants(point, index)
+        error = spread / math.sqrt(informants.people * informants.share)
+        lowest, highest = self._bounds[place]
+        low = find_crossing(excess, middle, lowest, -2.5 * error)
+        high = find_crossing(excess, middle, highest, 2.5 * error)
+        p = math.nan
+        if lowest < 0.0 < highest:
+            p = assess(0.0)
+        return Estimate(middle, low, high, spread, p, informants.people - 1.0)
+
+    def _make_profile(self, index: int) -> Callable[[float], float]:
+        """Return a function of the mean along an axis.
+
+        It gives the probability of a likelihood ratio as large as the observed one if that is the
+        mean.
+        """
+        place = 2 * index
+        middle = float(self.best.x[place])
+        spread = math.exp(self.best.x[place + 1])
+        climbed = {middle: self.best.x}  # points of the profile by their mean
 
         @cache
         def assess(value: float) -> float:
-            """Return how probable a likelihood ratio as large is if the mean is `value`."""
-            nearest = climbed[min(climbed, key=lambda known: abs(known - value))]
-            found = self.maximise(nearest, place, value)
-            if found.x[place + 1] < self._bounds[place + 1, 0] + 0.01:
+            """Return the probability of a likelihood ratio as large if the mean is `value`."""
+            nearest = min(climbed, key=lambda known: abs(known - value))
+            found = self.maximise(climbed[nearest], place, value)
+            if found.x[place + 1] < self._bounds[place + 1, 0] + _ON_BOUND:
                 # participants who seem alike may lie on another hill than ones who differ
-                apart = found.x.copy()
-                apart[place + 1] = math.log(math.hypot(spread, value - middle))
-                found = min(found, self.maximise(apart, place, value), key=lambda one: one.fun)
+                start = found.x.copy()
+                start[place + 1] = math.log(math.hypot(spread, value - middle))
+                wider = self.maximise(start, place, value)
+                found = min(found, wider, key=lambda fit: fit.fun)
             climbed[value] = found.x
-            people, share = self._count_participants(found.x, index)
-            return find_tail(2.0 * (float(found.fun) - float(self.best.fun)), people, share)
+            informants = self._count_participants(found.x, index)
+            ratio = 2.0 * (float(found.fun) - float(self.best.fun))
+            return find_tail(ratio, informants.people, informants.share)
 
-        people, share = self._count_participants(point, index)
-        error = spread / math.sqrt(people * share)
-        low, high = (
-            find_crossing(
-                lambda value: math.log(0.05 / max(assess(value), 1e-300)), middle, end, step
-            )
-            for end, step in zip(self._bounds[place], (-2.5 * error, 2.5 * error), strict=True)
-        )
-        return Estimate(
-            middle,
-            low,
-            high,
-            spread,
-            assess(0.0) if self._bounds[place, 0] < 0.0 < self._bounds[place, 1] else math.nan,
-            people - 1.0,
-        )
+        return assess
 
-    def _count_participants(self, point: Array, index: int) -> tuple[float, float]:
-        # Return the number of participants who tell the mean along an axis, and which share of the
-        # variance of what they tell is theirs: the rest is the uncertainty of their answers
-        _, seen, prior = self._find_moments(point)
-        shares = prior[index, 1] - prior[index, 0] ** 2 - seen[index, 1] + seen[index, 0] ** 2
+    def _count_participants(self, point: Array, index: int) -> _Informants:
+        """Return the effective number of participants along an axis, and their share."""
+        moments = self._find_moments(point)
+        prior_mean, prior_square = moments.prior[index]
+        mean, square = moments.posterior[index]
+        shares = prior_square - prior_mean**2 - square + mean**2
         shares = np.clip(shares, 1e-6, 1.0 - 1e-6)
-        whole, squares = float(shares.sum()), float((shares**2).sum())
-        return max(whole**2 / squares, 2.0), squares / whole
+        total = float(shares.sum())
+        squares = float((shares**2).sum())
+        return _Informants(max(total**2 / squares, 2.0), squares / total)
 
     def predict_participants(self, index: int) -> Array:
-        """Return the mean of each participant's posterior along an axis."""
-        middle, log_spread = self.best.x[2 * index : 2 * index + 2]
-        return np.asarray(
-            middle + math.exp(log_spread) * self._find_moments(self.best.x)[1][index, 0]
-        )
+        """Return the mean of each participant's posterior along an axis, shape (participants,)."""
+        middle = self.best.x[2 * index]
+        spread = math.exp(self.best.x[2 * index + 1])
+        means = self._find_moments(self.best.x).posterior[index, 0]
+        return np.asarray(middle + spread * means)
 
     def profile(self, index: int) -> Array:
-        """Return the likelihood of each participant along one of two axes and the lapse rates."""
-        return np.tensordot(self.likelihood, self._weigh(self.best.x, 1 - index)[0], (2 - index, 0))
+        """Return the likelihood of each participant along one of two axes and the lapse rates.
+
+        Returns
+        -------
+        ndarray, shape (participants, n, lapses)
+            Summed over the other axis, weighted by its distribution.
+        """
+        weights = self._weigh(self.best.x, 1 - index)[0]
+        return np.tensordot(self.likelihood, weights, (2 - index, 0))
 
 
 def find_tail(ratio: float, people: float, share: float) -> float:
@@ -283,23 +331,24 @@ def find_tail(ratio: float, people: float, share: float) -> float:
     """
     # The ratio follows from the mean and the variance of a sample, which are independent. The
     # spread is the one that fits the tested mean: what the sample has by itself is too narrow.
-    half, known = 0.5 * (people - 1.0), 1.0 - share
+    half = 0.5 * (people - 1.0)
+    known = 1.0 - share
     squares = 2.0 * np.geomspace(gammaincinv(half, 1e-13), gammainccinv(half, 1e-13), 300)
     weight = np.exp(half * np.log(squares) - 0.5 * squares)
     variance = squares / people
-    seen = np.maximum(variance, known)
-    least = ratio / people + np.log(seen / known) + variance / seen
+    fitted = np.maximum(variance, known)
+    least = ratio / people + np.log(fitted / known) + variance / fitted
     square = known * np.where(least < 1.0, least, np.exp(np.minimum(least - 1.0, 700.0)))
-    away = np.sqrt(people * np.maximum(square - variance, 0.0))
-    return float(weight @ (2.0 * ndtr(-away)) / weight.sum())
+    distance = np.sqrt(people * np.maximum(square - variance, 0.0))
+    return float(weight @ (2.0 * ndtr(-distance)) / weight.sum())
 
 
-def compare_within(one: Array, other: Array, axis: Array) -> Estimate:
-    """Compare two conditions by the same participants, `one` minus `other`.
+def compare_within(first: Array, second: Array, axis: Array) -> Estimate:
+    """Compare two conditions by the same participants, `first` minus `second`.
 
     Parameters
     ----------
-    one, other : ndarray, shape (participants, n, lapses)
+    first, second : ndarray, shape (participants, n, lapses)
         Likelihoods along an axis and lapse rates, as `Population.profile` returns them.
     axis : ndarray, shape (n,)
         Equally spaced values.
@@ -307,27 +356,36 @@ def compare_within(one: Array, other: Array, axis: Array) -> Estimate:
     # The mean of a participant's two values is free: it is summed over the whole axis. A lapse rate
     # is the participant's in both conditions: with one for each condition, what that of all takes
     # in one of them from the spread of everybody would count as a difference.
-    apart = np.array(
-        [
-            [np.correlate(*pair, "full") for pair in zip(first.T, second.T, strict=True)]
-            for first, second in zip(one, other, strict=True)
-        ]
+    likelihood = np.array(
+        [_correlate_lapses(*participant) for participant in zip(first, second, strict=True)]
     ).swapaxes(1, 2)
     steps = (axis[1] - axis[0]) * np.arange(1 - len(axis), len(axis))
-    return Population(apart / apart.max(axis=(1, 2), keepdims=True), (steps, _LAPSES)).estimate(0)
+    scaled = likelihood / likelihood.max(axis=(1, 2), keepdims=True)
+    return Population(scaled, (steps, _LAPSES)).estimate(0)
 
 
-def compare_between(one: Estimate, other: Estimate) -> Estimate:
-    """Compare two groups of participants, `one` minus `other`."""
-    # Half widths of both intervals after Zou, G. Y., Donner, A. (2008), Statistics in Medicine 27,
-    # 1693-1702, doi:10.1002/sim.3095, taken as errors with the degrees of freedom of Welch, B. L.
-    # (1947), Biometrika 34, 28-35, doi:10.1093/biomet/34.1-2.28: of means this is his test. They go
-    # by participants; more, for the share of the error that is known, claim too few differences.
-    apart = one.value - other.value
-    freedom = np.array([one.df, other.df])
+def _correlate_lapses(first: Array, second: Array) -> list[Array]:
+    """Return the likelihood of the difference of one participant's values, for each lapse rate.
+
+    Both likelihoods have the shape (n, lapses); each result has the shape (2 n - 1,).
+    """
+    pairs = zip(first.T, second.T, strict=True)
+    return [np.correlate(likelihood, facing, "full") for likelihood, facing in pairs]
+
+
+def compare_between(first: Estimate, second: Estimate) -> Estimate:
+    """Compare two groups of participants, `first` minus `second`.
+
+    Half widths of both intervals follow Zou, G. Y., Donner, A. (2008), Statistics in Medicine 27,
+    1693-1702, doi:10.1002/sim.3095, taken as errors with the degrees of freedom of Welch, B. L.
+    (1947), Biometrika 34, 28-35, doi:10.1093/biomet/34.1-2.28: of means this is his test. They go
+    by participants; more, for the share of the error that is known, claim too few differences.
+    """
+    difference = first.value - second.value
+    freedom = np.array([first.df, second.df])
     widths = [
-        (one.value - one.low, other.high - other.value),
-        (one.high - one.value, other.value - other.low),
+        (first.value - first.low, second.high - second.value),
+        (first.high - first.value, second.value - second.low),
     ]
     squares = (np.array(widths) / t.ppf(0.975, freedom)) ** 2
     with np.errstate(invalid="ignore"):  # an end that the answers leave open has all of the error
@@ -335,88 +393,13 @@ def compare_between(one: Estimate, other: Estimate) -> Estimate:
     errors = np.sqrt(squares.sum(axis=1))
     df = 1.0 / (shares**2 @ (1.0 / freedom))
     below, above = (errors * t.ppf(0.975, df)).tolist()
-    facing = 0 if apart > 0.0 else 1  # the end on the side of zero
+    facing_zero = 0 if difference > 0.0 else 1  # the end on the side of zero
+    statistic = abs(difference) / errors[facing_zero]
     return Estimate(
-        apart,
-        apart - below,
-        apart + above,
+        difference,
+        difference - below,
+        difference + above,
         math.nan,
-        2.0 * float(t.sf(abs(apart) / errors[facing], df[facing])),
-        float(df[facing]),
+        2.0 * float(t.sf(statistic, df[facing_zero])),
+        float(df[facing_zero]),
     )
-
-
-def fit_setting(setting: str, own: Table, standard: float) -> Comparisons:
-    """Fit the curve of each participant in one setting, and the population of several."""
-    curves = tuple(
-        _fit_curve(str(name), one) for name, one in own.groupby("participant", sort=False)
-    )
-    tables = own.pivot_table(
-        index="participant", columns="height", values="higher", aggfunc=["sum", "count"]
-    ).fillna(0.0)
-    if len(curves) < 2 or tables["sum"].shape[1] < 3:
-        return Comparisons(setting, curves, standard, None, None)
-    grid = Grid(
-        np.log(tables["sum"].columns.to_numpy(float) / standard), tables["sum"], tables["count"]
-    )
-    model = Population(grid.likelihood, grid.axes)
-    middles, widths = (model.predict_participants(index) for index in (0, 1))
-    people = tuple(
-        (str(who), standard * math.exp(middle), compute_weber(wide))
-        for who, middle, wide in zip(tables.index, middles, widths, strict=True)
-    )
-    return Comparisons(
-        setting, curves, standard, model.estimate(0), model.estimate(1), people, model
-    )
-
-
-def compare_settings(quantity: str, one: Comparisons, other: Comparisons) -> Interval:
-    """Compare the logarithm of a quantity, within participants where they met both settings."""
-    index = QUANTITIES[quantity]
-    model, same = one.model, other.model
-    assert model is not None
-    assert same is not None
-    own, facing = ([who for who, _, _ in found.people] for found in (one, other))
-    both = sorted(set(own) & set(facing))
-    if len(both) > 1 and np.array_equal(model.axes[index], same.axes[index]):
-        rows, facing_rows = ([people.index(who) for who in both] for people in (own, facing))
-        gap = compare_within(
-            model.profile(index)[rows], same.profile(index)[facing_rows], model.axes[index]
-        )
-    else:
-        gap = compare_between(model.estimate(index), same.estimate(index))
-    return Interval(
-        one.setting,
-        other.setting,
-        gap.value,
-        gap.low,
-        gap.high,
-        gap.p,
-        effect_size=math.nan,
-        error=0.5 * (gap.high - gap.low) / float(t.ppf(0.975, gap.df)),
-        df=gap.df,
-    )
-
-
-def leave_out(found: Comparisons, who: str) -> Comparisons:
-    """Return what all others say; what the group of all says is not among it."""
-    assert found.model is not None
-    kept = [place for place, (name, _, _) in enumerate(found.people) if name != who]
-    return replace(
-        found,
-        equal=None,
-        spread=None,
-        people=tuple(found.people[place] for place in kept),
-        model=Population(found.model.likelihood[kept], found.model.axes),
-    )
-
-
-def _fit_curve(who: str, own: Table) -> Curve:
-    by_level = own.groupby("height")["higher"].agg(["sum", "count"])
-    levels, hits, totals = (
-        tuple(column.tolist()) for column in (by_level.index, by_level["sum"], by_level["count"])
-    )
-    try:
-        return Curve(who, levels, hits, totals, fit_psychometric(levels, hits, totals), "")
-    except StudyError as error:
-        return Curve(who, levels, hits, totals, None, str(error))

@@ -1,119 +1,190 @@
-"""What a study says in words: the sentence that its report opens with, and a journal's table."""
+"""The headline of a report: its findings in sentences."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from stepblocks.quantities import format_units
 from stepblocks.study.analysis.accuracy import Measure, assess_equivalence
 from stepblocks.study.analysis.anova import Interval
+from stepblocks.study.analysis.bounded import Bounded
+from stepblocks.study.analysis.comparisons import Comparisons
+from stepblocks.study.analysis.findings import (
+    ContrastTest,
+    Finding,
+    MeasureTest,
+    RatingTest,
+)
+from stepblocks.study.analysis.magnitudes import PowerLaw
 from stepblocks.study.analysis.psychometric import compute_weber
 from stepblocks.study.analysis.repeated import compute_bayes_factor
-from stepblocks.study.analysis.results import EXPONENT, Finding, StudyResult
+from stepblocks.study.analysis.results import StudyResult
 
 _LEVEL = 0.05
+_LARGEST_LOG_ODDS = 700.0  # of which the exponential is still finite
 
 
 def write_headline(result: StudyResult) -> str:
-    """Say what the primary outcome is; the others only where it shows a difference."""
+    """Write the primary outcome in a sentence; secondary ones only where it shows a difference."""
     # Only the primary test may claim a difference first, so that the level of the headline is 5 %.
     sentences = [*_describe_levels(result)]
     for finding in result.findings():
-        text = _describe_finding(result, finding)
         if finding.primary:
+            text = _describe_finding(finding, result.reference)
             sentences.append(f"primary outcome, {finding.name}: {text}")
             if not finding.p < _LEVEL:
                 break
         elif finding.corrected < _LEVEL:
+            text = _describe_finding(finding, result.reference)
             sentences.append(f"secondary, corrected for their number, {finding.name}: {text}")
     return format_units(" ".join(f"{text[0].upper()}{text[1:]}." for text in sentences))
 
 
-def _describe_finding(result: StudyResult, finding: Finding) -> str:
-    # Say what one planned test found
-    p = f"p {format_apa_p(finding.corrected)}"
-    if (measure := result.measure(finding.name)) is not None:
-        return _describe_measure(measure, finding, result.reference, p)
-    if finding.name in result.ordinal:
-        pairs = result.ordinal[finding.name].effects
-        ratios = "; ".join(
-            f"{math.exp(one.difference):.2g} (95 % {math.exp(one.low):.2g} to "
-            f"{math.exp(min(one.high, 700.0)):.2g}) with {one.first} over {one.second}"
-            for one in pairs
-            if result.reference in ("", one.first, one.second)
-            and (len(pairs) == 1 or one.p < _LEVEL)
-        )
-        return f"odds ratios of a higher rating of realism: {ratios or 'no pair differs'} ({p})"
-    one = result.differences()[finding.name]
-    convert = float if finding.name.startswith(EXPONENT) else math.exp
-    middle, low, high = (convert(value) for value in (one.difference, one.low, one.high))
-    return (
-        f"{middle:.3g}{' times' if convert is math.exp else ''} (95 % {low:.3g} to {high:.3g}, {p})"
-    )
+def _describe_finding(finding: Finding, reference: str) -> str:
+    """Describe what one planned test found, against a reference condition if there is one."""
+    if isinstance(finding.test, MeasureTest):
+        return _describe_measure(finding.test.measure, finding, reference)
+    if isinstance(finding.test, RatingTest):
+        return _describe_ratings(finding.test, finding, reference)
+    return _describe_contrast(finding.test, finding)
 
 
-def _describe_measure(measure: Measure, finding: Finding, reference: str, p: str) -> str:
-    pairs, modelled = (
-        [one for one in family if reference in ("", one.first, one.second)]
-        for family in (measure.paired, measure.mixed.intervals)
-    )
-    if finding.corrected < _LEVEL:
-        # where each condition has its own participants, nobody has differences
-        found = [_describe_pair(measure, one) for one in pairs or modelled if one.p < _LEVEL]
-        return "; ".join(found or ["conditions differ, no single pair does"]) + f" ({p})"
-    bound = max((assess_equivalence(one)[0] for one in modelled), default=math.nan)
-    less = f"a factor of {math.exp(bound):.2g}" if measure.logarithmic else f"{bound * 1e6:.2g} um"
-    factors = sorted(
-        compute_bayes_factor(one.difference / one.error, one.df + 1.0) for one in pairs
-    )
-    ends = " to ".join(dict.fromkeys(f"{value:.2g}" for value in (*factors[:1], *factors[-1:])))
-    return f"no difference between conditions was found ({p}); they differ by less than {less}" + (
-        f"; no difference is {ends} times as likely as one" if factors else ""
-    )
+def _describe_contrast(test: ContrastTest, finding: Finding) -> str:
+    """Describe how a quantity differs between two settings."""
+    p = _describe_p(finding)
+    bounds, times = test.interval.bounds, ""
+    if test.logarithmic:
+        bounds, times = bounds.transform(math.exp), " times"
+    return f"{bounds.value:.3g}{times} (95 % {bounds.low:.3g} to {bounds.high:.3g}, {p})"
 
 
-def _describe_pair(measure: Measure, one: Interval) -> str:
-    # Say how the condition with the larger value differs from the other
-    sign = 1.0 if one.difference > 0.0 else -1.0
-    names = (one.first, one.second)[:: int(sign)]
-    ends = (sign * one.difference, *sorted((sign * one.low, sign * one.high)))
+def _describe_ratings(test: RatingTest, finding: Finding, reference: str) -> str:
+    """Describe which conditions raise ratings, and by what odds."""
+    effects = test.fit.effects
+    ratios = []
+    for effect in effects:
+        significant = len(effects) == 1 or effect.p < _LEVEL
+        if significant and _is_compared(effect, reference):
+            ratios.append(_describe_odds(effect))
+    text = "; ".join(ratios) or "no pair differs"
+    return f"odds ratios of a higher rating of realism: {text} ({_describe_p(finding)})"
+
+
+def _describe_odds(effect: Interval) -> str:
+    """Describe by what odds one condition is rated higher than another."""
+    ratio = math.exp(effect.difference)
+    low = math.exp(effect.low)
+    high = math.exp(min(effect.high, _LARGEST_LOG_ODDS))
+    names = f"{effect.first} over {effect.second}"
+    return f"{ratio:.2g} (95 % {low:.2g} to {high:.2g}) with {names}"
+
+
+def _is_compared(interval: Interval, reference: str) -> bool:
+    """Return whether a difference is one against the reference; without one, all are."""
+    return not reference or interval.involves(reference)
+
+
+def _describe_p(finding: Finding) -> str:
+    """Write the corrected probability of a finding."""
+    return f"p {format_apa_p(finding.corrected)}"
+
+
+def _describe_measure(measure: Measure, finding: Finding, reference: str) -> str:
+    """Describe how conditions differ in a measure, or by how little."""
+    paired = [interval for interval in measure.paired if _is_compared(interval, reference)]
+    modelled = [
+        interval for interval in measure.mixed.intervals if _is_compared(interval, reference)
+    ]
+    p = _describe_p(finding)
+    if not finding.corrected < _LEVEL:
+        return _describe_no_difference(measure, paired, modelled, p)
+    differences = []
+    # where each condition has its own participants, nobody has differences
+    for interval in paired or modelled:
+        if interval.p < _LEVEL:
+            differences.append(_describe_pair(interval, measure.logarithmic))
+    text = "; ".join(differences) or "conditions differ, no single pair does"
+    return f"{text} ({p})"
+
+
+def _describe_no_difference(
+    measure: Measure, paired: Sequence[Interval], modelled: Sequence[Interval], p: str
+) -> str:
+    """Describe by how little conditions differ, and the Bayes factor for no difference.
+
+    The bound is of the model's differences, the Bayes factor of the participants' own.
+    """
+    bounds = [assess_equivalence(interval).bound for interval in modelled]
+    bound = max(bounds, default=math.nan)
     if measure.logarithmic:
-        ratio, low, high = (math.exp(value) for value in ends)
+        less = f"a factor of {math.exp(bound):.2g}"
+    else:
+        less = f"{bound * 1e6:.2g} um"
+    text = f"no difference between conditions was found ({p}); they differ by less than {less}"
+    if not paired:
+        return text
+    factors = [
+        compute_bayes_factor(interval.difference / interval.error, interval.df + 1.0)
+        for interval in paired
+    ]
+    smallest, largest = f"{min(factors):.2g}", f"{max(factors):.2g}"
+    times = smallest if smallest == largest else f"{smallest} to {largest}"
+    return f"{text}; no difference is {times} times as likely as one"
+
+
+def _describe_pair(interval: Interval, logarithmic: bool) -> str:
+    """Describe how the condition with the larger value differs from the other."""
+    if interval.difference > 0.0:
+        larger, smaller = interval.first, interval.second
+        bounds = interval.bounds
+    else:
+        larger, smaller = interval.second, interval.first
+        bounds = Bounded(-interval.difference, -interval.high, -interval.low)
+    if logarithmic:
+        ratio, low, high = bounds.transform(math.exp)
         size = f"a factor of {ratio:#.2g} (95 % {low:#.2g} to {high:#.2g})"
     else:
-        size = f"{ends[0] * 1e6:.2g} um (95 % {ends[1] * 1e6:.2g} to {ends[2] * 1e6:.2g})"
-    return f"with {names[0]} it is larger by {size} than with {names[1]}"
+        length, low, high = bounds.transform(lambda metres: metres * 1e6)
+        size = f"{length:.2g} um (95 % {low:.2g} to {high:.2g})"
+    return f"with {larger} it is larger by {size} than with {smaller}"
 
 
 def _describe_levels(result: StudyResult) -> Iterator[str]:
-    # Say what comparisons and magnitudes measured, which claims no difference
-    for found in result.comparisons:
-        where = f"with {found.setting}, " if found.setting else ""
-        if found.equal and found.spread:
-            middle, low, high = (
-                found.standard * math.exp(value) * 1e6
-                for value in (found.equal.value, found.equal.low, found.equal.high)
-            )
-            weber, least, most = (
-                100.0 * compute_weber(value)
-                for value in (found.spread.value, found.spread.low, found.spread.high)
-            )
-            yield (
-                f"{where}a block of {middle:.3g} um feels as high as the standard (95 % {low:.3g} "
-                f"to {high:.3g}), and a height must differ by {weber:.2g} % to be told apart "
-                f"(95 % {least:.2g} to {most:.2g}), means over {len(found.people)} participants"
-            )
-        for curve in found.curves if not found.equal else ():
-            yield (
-                f"{where}comparisons of participant {curve.who}: {curve.reason or 'see the table'}"
-            )
+    """Describe levels of comparisons and magnitudes, which claims no difference."""
+    for setting in result.comparisons:
+        yield from _describe_setting(setting)
     for law in result.power_laws:
-        where = f"with {law.condition}, " if len(result.power_laws) > 1 else ""
-        yield (
-            f"{where}the perceived magnitude grows with the height to the power of "
-            f"{law.exponent:.2g} (95 % {law.low:.2g} to {law.high:.2g})"
-        )
+        yield _describe_power_law(law, named=len(result.power_laws) > 1)
+
+
+def _describe_setting(setting: Comparisons) -> Iterator[str]:
+    """Describe the comparisons in one setting, of the group or of each participant."""
+    where = f"with {setting.setting}, " if setting.setting else ""
+    equal, spread = setting.equal, setting.spread
+    if equal is None or spread is None:
+        for curve in setting.curves:
+            reason = curve.reason or "see the table"
+            yield f"{where}comparisons of participant {curve.who}: {reason}"
+        return
+    height, low, high = equal.bounds.transform(lambda log: setting.standard * math.exp(log) * 1e6)
+    weber, low_weber, high_weber = spread.bounds.transform(lambda log: 100.0 * compute_weber(log))
+    yield (
+        f"{where}a block of {height:.3g} um feels as high as the standard (95 % {low:.3g} "
+        f"to {high:.3g}), and a height must differ by {weber:.2g} % to be told apart "
+        f"(95 % {low_weber:.2g} to {high_weber:.2g}), means over {len(setting.people)} participants"
+    )
+
+
+def _describe_power_law(law: PowerLaw, named: bool) -> str:
+    """Describe how magnitudes grow in a condition, which is `named` where there are several."""
+    where = f"with {law.condition}, " if named else ""
+    return (
+        f"{where}the perceived magnitude grows with the height to the power of "
+        f"{law.exponent:.2g} (95 % {law.low:.2g} to {law.high:.2g})"
+    )
 
 
 def format_apa_p(p: float) -> str:
     """Write a probability as the APA asks for: three digits without the zero before the point."""
-    return "< .001" if p < 0.001 else f"= {p:.3f}".replace("0.", ".", 1)
+    if p < 0.001:
+        return "< .001"
+    return f"= {p:.3f}".replace("0.", ".", 1)

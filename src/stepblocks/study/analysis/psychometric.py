@@ -4,13 +4,15 @@ import math
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq, minimize
+from scipy.optimize import OptimizeResult, brentq, minimize
 from scipy.special import ndtr, xlog1py, xlogy
 
-from stepblocks.study import Array, require
+from stepblocks.contact import Array
+from stepblocks.errors import StudyError
+from stepblocks.study.analysis.bounded import Bounded
 
 # Largest lapse rate that a fit may take; Wichmann and Hill (2001) bound it so that it cannot stand
 # in for the slope
@@ -18,8 +20,16 @@ MAX_LAPSE = 0.1
 Z75 = 0.6744897501960817  # standard normal quantile of 0.75
 Z975 = 1.959963984540054
 _ROOT = math.sqrt(2.0 * math.pi)
-Ends = tuple[float, float, float]  # estimate, low, high
 _CHI95 = 3.841458820694124  # 95 % point of chi squared with one degree of freedom
+
+_PARAMETERS = 3  # middle, ln(spread), lapse rate
+_MIDDLE, _LOG_SPREAD = 0, 1  # their places in a point
+_START_LAPSE = 0.02
+_LOG_SPREADS = (-8.0, 4.0)  # bounds of ln(spread)
+_PROFILE_STEP = 0.2  # first step along a profile, in spreads of at most e
+_CERTAIN = 1e-15  # distance of a predicted probability from 0 and 1
+_SHARPER = 1e-3  # log likelihood by which a spread must be better than none
+_SIMULATED_TABLES = 2000  # answers drawn to assess a fit
 
 
 @dataclass(frozen=True)
@@ -28,12 +38,12 @@ class Psychometric:
 
     Attributes
     ----------
-    threshold : tuple of float
+    threshold : Bounded
         Level in the middle between the asymptotes, in the unit of the levels, with its
         95 % interval by profile likelihood; of a comparison the point of subjective equality.
     spread : float
         Standard deviation sigma of the normal, in natural logarithms of the level [1].
-    weber : tuple of float
+    weber : Bounded
         Just noticeable difference over threshold, ``exp(0.6745 sigma) - 1``, from the middle to
         three quarters of the rise, with its interval [1]; an end that the answers leave open is
         0 or infinite.
@@ -48,9 +58,9 @@ class Psychometric:
         of the fitted function with a larger one; small where the function does not fit.
     """
 
-    threshold: Ends
+    threshold: Bounded
     spread: float
-    weber: Ends
+    weber: Bounded
     lapse: float
     deviance: float
     df: int
@@ -58,97 +68,190 @@ class Psychometric:
     p_fit: float
 
 
-def fit_psychometric(
-    levels: Sequence[float], hits: Sequence[int], totals: Sequence[int]
-) -> Psychometric:
-    """Fit a psychometric function to the answers of one participant."""
-    # Wichmann, F. A., Hill, N. J. (2001), Perception & Psychophysics 63, 1293-1313,
-    # doi:10.3758/BF03194544. Who lapses in a comparison errs to either side: one rate for both
-    # ends.
+class FitQuality(NamedTuple):
+    """Pearson's chi squared over its degrees of freedom [1], and its probability."""
 
-    x, k, n = _check_counts(levels, hits, totals)
-    log_x = np.log(x)
+    dispersion: float
+    p: float
 
-    def predict(point: Array) -> tuple[Array, Array]:
-        # Return the probability of a hit at each level, and its slopes
-        spread = math.exp(point[1])
-        away = (log_x - point[0]) / spread
-        rising = ndtr(away)
-        density = (1.0 - 2.0 * point[2]) * np.exp(-0.5 * away**2) / _ROOT
-        p = np.clip(point[2] + (1.0 - 2.0 * point[2]) * rising, 1e-15, 1.0 - 1e-15)
-        return p, np.array([-density / spread, -density * away, 1.0 - 2.0 * rising])
 
-    def miss(p: Array) -> Array:
-        return np.asarray(-np.sum(xlogy(k, p) + xlog1py(n - k, -p), axis=-1))
+class _Counts(NamedTuple):
+    """Answers of one participant.
 
-    def loss(point: Array) -> tuple[float, Array]:
-        p, slopes = predict(point)
-        return float(miss(p)), slopes @ ((n - k) / (1.0 - p) - k / p)
+    Attributes
+    ----------
+    levels, hits, totals : ndarray, shape (n,)
+        Levels with trials, in their unit; answers "higher", and trials.
+    """
 
-    reach = np.array([-2.0, 2.0]) * np.ptp(log_x) + (log_x.min(), log_x.max())
-    bounds = [(reach[0], reach[1]), (-8.0, 4.0), (0.0, MAX_LAPSE)]
+    levels: Array
+    hits: Array
+    totals: Array
 
-    def climb(start: Sequence[float], place: int = -1, value: float = 0.0) -> Any:
+
+class _Start(NamedTuple):
+    """Middle and spread of a probit, as logarithms."""
+
+    middle: float
+    log_spread: float
+
+
+class _CurveLikelihood:
+    """Likelihood of the answers of one participant.
+
+    A point is the logarithm of the threshold, that of the spread, and the lapse rate.
+    """
+
+    def __init__(self, counts: _Counts) -> None:
+        self.counts = counts
+        self.log_levels = np.log(counts.levels)
+        span = np.ptp(self.log_levels)
+        lowest = -2.0 * span + self.log_levels.min()
+        highest = 2.0 * span + self.log_levels.max()
+        self.bounds = [(lowest, highest), _LOG_SPREADS, (0.0, MAX_LAPSE)]
+
+    def predict(self, point: Array) -> tuple[Array, Array]:
+        """Return the probability of a hit at each level, shape (n,), and its slopes (3, n)."""
+        middle, log_spread, lapse = point
+        spread = math.exp(log_spread)
+        distance = (self.log_levels - middle) / spread
+        rising = ndtr(distance)
+        density = (1.0 - 2.0 * lapse) * np.exp(-0.5 * distance**2) / _ROOT
+        p = np.clip(lapse + (1.0 - 2.0 * lapse) * rising, _CERTAIN, 1.0 - _CERTAIN)
+        return p, np.array([-density / spread, -density * distance, 1.0 - 2.0 * rising])
+
+    def miss(self, p: Array) -> Array:
+        """Return minus the log likelihood of predicted probabilities, shape (..., n)."""
+        _, hits, totals = self.counts
+        return np.asarray(-np.sum(xlogy(hits, p) + xlog1py(totals - hits, -p), axis=-1))
+
+    def loss(self, point: Array) -> tuple[float, Array]:
+        """Return minus the log likelihood of a point, and its slopes, shape (3,)."""
+        _, hits, totals = self.counts
+        p, slopes = self.predict(point)
+        return float(self.miss(p)), slopes @ ((totals - hits) / (1.0 - p) - hits / p)
+
+    def climb(self, start: Sequence[float], held: int = -1, value: float = 0.0) -> OptimizeResult:
+        """Maximise the likelihood; the parameter in the place `held`, if any, stays at `value`."""
+        bounds = list(self.bounds)
+        if held >= 0:
+            bounds[held] = (value, value)
         return minimize(
-            loss,
+            self.loss,
             start,
             jac=True,
             method="L-BFGS-B",
-            bounds=[(value, value) if n == place else bound for n, bound in enumerate(bounds)],
+            bounds=bounds,
             options={"ftol": 1e-15, "gtol": 1e-9, "maxiter": 1000},
         )
 
-    middle, spread = _guess_start(log_x, k, n)
-    found = min(
-        (climb([middle, spread - shrink, 0.02]) for shrink in (0.0, 0.7)),
-        key=lambda one: float(one.fun),
-    )
+
+def fit_psychometric(
+    levels: Sequence[float], hits: Sequence[int], totals: Sequence[int]
+) -> Psychometric:
+    """Fit a psychometric function to the answers of one participant.
+
+    Who lapses in a comparison errs to either side: one rate for both ends.
+
+    Parameters
+    ----------
+    levels : sequence of float
+        Positive; in any unit.
+    hits, totals : sequence of int
+        Answers "higher", and trials, at each level.
+
+    Returns
+    -------
+    Psychometric
+        With 95 % intervals by profile likelihood.
+
+    Raises
+    ------
+    StudyError
+        If the answers do not rise with the level, or do not determine threshold and spread.
+
+    References
+    ----------
+    Wichmann, F. A., Hill, N. J. (2001), Perception & Psychophysics 63, 1293-1313,
+    doi:10.3758/BF03194544.
+
+    Examples
+    --------
+    >>> fit = fit_psychometric([30, 40, 50, 60, 80], [1, 4, 10, 15, 20], [20] * 5)
+    >>> 45 < fit.threshold.value < 55
+    True
+    """
+    counts = _check_counts(levels, hits, totals)
+    likelihood = _CurveLikelihood(counts)
+    start = _guess_start(likelihood.log_levels, counts)
+    starts = [
+        [start.middle, start.log_spread, _START_LAPSE],
+        [start.middle, start.log_spread - 0.7, _START_LAPSE],
+    ]
+    best = min((likelihood.climb(point) for point in starts), key=lambda fit: float(fit.fun))
     # what a spread of zero loses more; where that is nothing, all small spreads fit alike
-    sharper = float(miss(_fit_step_functions(x, k, n)).min()) - float(found.fun)
-
-    def find_end(place: int, side: int) -> float:
-        """Return where the profile has fallen by the 95 % point of chi squared, below or above."""
-
-        def excess(value: float) -> float:
-            least = min(
-                float(climb([*one[:place], value, *one[place + 1 :]], place, value).fun)
-                for one in ([*found.x], [*found.x[:2], 0.02], [middle, spread, 0.02])
-            )
-            return 2.0 * (least - float(found.fun)) - _CHI95
-
-        return find_crossing(
-            excess,
-            float(found.x[place]),
-            bounds[place][side],
-            (-0.2, 0.2)[side] * math.exp(min(found.x[1], 1.0)),
-        )
-
-    (low, high), (thin, wide) = ([find_end(n, side) for side in (0, 1)] for n in (0, 1))
+    sharper = float(likelihood.miss(_fit_step_functions(counts)).min()) - float(best.fun)
+    middle = _bound_by_profile(likelihood, best, _MIDDLE, start)
+    log_spread = _bound_by_profile(likelihood, best, _LOG_SPREAD, start)
+    trials = f"{counts.totals.sum():.0f} trials"
     # a threshold that is open comes first: its spread is then unknown as well
-    require(
-        math.isfinite(high - low),
-        f"answers leave the threshold open: it is not determined from {n.sum():.0f} trials; add "
-        "trials, or levels around it",
-    )
-    require(
-        math.isfinite(wide) and sharper > 1e-3,
-        "answers jump between two of the levels: the spread is not determined from "
-        f"{n.sum():.0f} trials; add levels between them",
-    )
-    dispersion, p_fit = assess_fit(*predict(found.x), k, n)
+    if not math.isfinite(middle.high - middle.low):
+        raise StudyError(
+            f"answers leave the threshold open: it is not determined from {trials}; add "
+            "trials, or levels around it"
+        )
+    if not (math.isfinite(log_spread.high) and sharper > _SHARPER):
+        raise StudyError(
+            "answers jump between two of the levels: the spread is not determined from "
+            f"{trials}; add levels between them"
+        )
+    lowest = log_spread.low
+    if not 2.0 * sharper > _CHI95:
+        lowest = -math.inf
+    predicted, slopes = likelihood.predict(best.x)
+    quality = assess_fit(predicted, slopes, counts.hits, counts.totals)
+    saturated = float(likelihood.miss(counts.hits / counts.totals))
+    lapse = float(best.x[-1])
     return Psychometric(
-        threshold=(math.exp(found.x[0]), math.exp(low), math.exp(high)),
-        spread=math.exp(found.x[1]),
-        weber=(
-            compute_weber(found.x[1]),
-            compute_weber(thin if 2.0 * sharper > _CHI95 else -math.inf),
-            compute_weber(wide),
-        ),
-        lapse=float(found.x[2]),
-        deviance=2.0 * (float(found.fun) - float(miss(k / n))),
-        df=len(x) - 3,
-        dispersion=dispersion,
-        p_fit=p_fit,
+        threshold=middle.transform(math.exp),
+        spread=math.exp(log_spread.value),
+        weber=log_spread._replace(low=lowest).transform(compute_weber),
+        lapse=lapse,
+        deviance=2.0 * (float(best.fun) - saturated),
+        df=len(counts.levels) - _PARAMETERS,
+        dispersion=quality.dispersion,
+        p_fit=quality.p,
+    )
+
+
+def _bound_by_profile(
+    likelihood: _CurveLikelihood, best: OptimizeResult, place: int, start: _Start
+) -> Bounded:
+    """Return a parameter with the ends where its profile falls by chi squared's 95 % point.
+
+    `best` is the maximum of the likelihood, `place` that of the parameter in a point.
+    """
+
+    def excess(value: float) -> float:
+        """Return by how much the profile lies beyond its 95 % limit at a value."""
+        points = [
+            [*best.x],
+            [best.x[_MIDDLE], best.x[_LOG_SPREAD], _START_LAPSE],
+            [start.middle, start.log_spread, _START_LAPSE],
+        ]
+        losses = []
+        for point in points:
+            point[place] = value
+            losses.append(float(likelihood.climb(point, place, value).fun))
+        return 2.0 * (min(losses) - float(best.fun)) - _CHI95
+
+    value = float(best.x[place])
+    lowest, highest = likelihood.bounds[place]
+    step = _PROFILE_STEP * math.exp(min(best.x[_LOG_SPREAD], 1.0))
+    return Bounded(
+        value,
+        find_crossing(excess, value, lowest, -step),
+        find_crossing(excess, value, highest, step),
     )
 
 
@@ -157,46 +260,62 @@ def find_crossing(excess: Callable[[float], float], start: float, end: float, st
 
     The sign of the step is the direction, also where the start is the end.
     """
+    limit: Callable[[float, float], float] = min if step > 0.0 else max
     outer = start
     above = -1.0
     while above <= 0.0 and outer != end:
         inner = outer
-        outer = min(outer + step, end) if step > 0.0 else max(outer + step, end)
+        outer = limit(outer + step, end)
         above = excess(outer)
         step *= 2.0
-    return float(brentq(excess, inner, outer, xtol=1e-6)) if above > 0.0 else step * math.inf
+    if not above > 0.0:
+        return step * math.inf
+    return float(brentq(excess, inner, outer, xtol=1e-6))
 
 
-def assess_fit(p: Array, slopes: Array, k: Array, n: Array) -> tuple[float, float]:
-    """Compare Pearson's chi squared with that of answers that the fitted function gives."""
+def assess_fit(p: Array, slopes: Array, hits: Array, totals: Array) -> FitQuality:
+    """Compare Pearson's chi squared with that of answers that the fitted function gives.
+
+    Parameters
+    ----------
+    p : ndarray, shape (n,)
+        Predicted probability of a hit at each level.
+    slopes : ndarray, shape (parameters, n)
+        Derivatives of `p` by the parameters.
+    hits, totals : ndarray, shape (n,)
+        Answers "higher", and trials, at each level.
+    """
     # In place of a fit to each simulated table, what a fit would take up is projected out.
-    weight = np.sqrt(n / (p * (1.0 - p)))
-    taken = np.linalg.qr((weight * slopes).T)[0]
-    drawn = np.random.default_rng(1).binomial(n.astype(int), p, (2000, len(p))) / n
-    left = weight * (np.vstack([k / n, drawn]) - p)
-    squares = np.sum((left - left @ taken @ taken.T) ** 2, axis=1)
-    share = float((squares[1:] >= squares[0] * (1.0 - 1e-9)).mean())
-    return float(squares[0]) / max(len(p) - 3, 1), share
+    weight = np.sqrt(totals / (p * (1.0 - p)))
+    fitted = np.linalg.qr((weight * slopes).T)[0]
+    shape = (_SIMULATED_TABLES, len(p))
+    drawn = np.random.default_rng(1).binomial(totals.astype(int), p, shape) / totals
+    residuals = weight * (np.vstack([hits / totals, drawn]) - p)
+    squares = np.sum((residuals - residuals @ fitted @ fitted.T) ** 2, axis=1)
+    observed, simulated = squares[0], squares[1:]
+    share = float((simulated >= observed * (1.0 - 1e-9)).mean())
+    return FitQuality(float(observed) / max(len(p) - _PARAMETERS, 1), share)
 
 
-def _fit_step_functions(x: Array, k: Array, n: Array) -> Array:
-    # Return what functions of no spread predict, one with its step at each level: there any share
-    # between the lapses. The lapse rate is that of the other levels, or of all where it jumps.
-    same, below = x[:, np.newaxis] == x, x < x[:, np.newaxis]
-    hits, totals = same @ k, same @ n
-    wrong = np.sum(~same * np.where(below, k, n - k), axis=1)
-    rate = np.clip(
-        [wrong / (n.sum() - totals), (wrong + np.minimum(hits, totals - hits)) / n.sum()],
-        1e-15,
-        MAX_LAPSE,
-    )[..., np.newaxis]
-    return np.asarray(
-        np.where(
-            same,
-            np.clip((hits / totals)[:, np.newaxis], rate, 1.0 - rate),
-            np.where(below, rate, 1.0 - rate),
-        )
-    )
+def _fit_step_functions(counts: _Counts) -> Array:
+    """Return what functions of no spread predict, shape (2, n, n), one with a step at each level.
+
+    At the step there is any share between the lapses. The lapse rate is that of the other levels
+    (first), or of all where the function jumps (second).
+    """
+    levels, hits, totals = counts
+    same = levels[:, np.newaxis] == levels
+    below = levels < levels[:, np.newaxis]
+    hits_here = same @ hits
+    totals_here = same @ totals
+    wrong = np.sum(~same * np.where(below, hits, totals - hits), axis=1)
+    rate_elsewhere = wrong / (totals.sum() - totals_here)
+    wrong_here = np.minimum(hits_here, totals_here - hits_here)
+    rate_everywhere = (wrong + wrong_here) / totals.sum()
+    rate = np.clip([rate_elsewhere, rate_everywhere], _CERTAIN, MAX_LAPSE)[..., np.newaxis]
+    at_step = np.clip((hits_here / totals_here)[:, np.newaxis], rate, 1.0 - rate)
+    away_from_step = np.where(below, rate, 1.0 - rate)
+    return np.asarray(np.where(same, at_step, away_from_step))
 
 
 def compute_weber(log_sigma: float) -> float:
@@ -204,38 +323,48 @@ def compute_weber(log_sigma: float) -> float:
     return math.expm1(min(Z75 * math.exp(min(log_sigma, 20.0)), 700.0))
 
 
-def _check_counts(
-    levels: Sequence[float], hits: Sequence[int], totals: Sequence[int]
-) -> tuple[Array, Array, Array]:
-    x, k, n = (np.asarray(values, dtype=np.float64) for values in (levels, hits, totals))
-    require(
-        x.ndim == 1 and x.shape == k.shape == n.shape,
-        f"levels, hits and totals must be lists of one length, got {x.size}, {k.size} and {n.size}",
-    )
-    require(np.isfinite(x).all() and (x > 0.0).all(), "levels must be positive and finite")
-    whole = (n >= 0.0) & (k >= 0.0) & (k <= n) & (k == np.round(k)) & (n == np.round(n))
-    require(whole.all(), "hits must be whole numbers from 0 to the number of trials of their level")
-    asked = np.unique(x[n > 0]).size
-    require(asked >= 3, f"a psychometric function needs trials at three levels, got {asked}")
-    return x[n > 0], k[n > 0], n[n > 0]
+def _check_counts(levels: Sequence[float], hits: Sequence[int], totals: Sequence[int]) -> _Counts:
+    """Check the answers of a participant; levels without trials are left out."""
+    x = np.asarray(levels, dtype=np.float64)
+    k = np.asarray(hits, dtype=np.float64)
+    n = np.asarray(totals, dtype=np.float64)
+    if not (x.ndim == 1 and x.shape == k.shape == n.shape):
+        raise StudyError(
+            "levels, hits and totals must be lists of one length, got "
+            f"{x.size}, {k.size} and {n.size}"
+        )
+    if not (np.isfinite(x).all() and (x > 0.0).all()):
+        raise StudyError("levels must be positive and finite")
+    whole = (k == np.round(k)) & (n == np.round(n))
+    if not (whole & (n >= 0.0) & (k >= 0.0) & (k <= n)).all():
+        raise StudyError("hits must be whole numbers from 0 to the number of trials of their level")
+    tried = n > 0
+    distinct = np.unique(x[tried]).size
+    if distinct < _PARAMETERS:
+        raise StudyError(f"a psychometric function needs trials at three levels, got {distinct}")
+    return _Counts(x[tried], k[tried], n[tried])
 
 
-def _guess_start(log_x: Array, k: Array, n: Array) -> tuple[float, float]:
-    # Return a start, middle and ln spread of a probit; refuse answers that have none
+def _guess_start(log_levels: Array, counts: _Counts) -> _Start:
+    """Return the middle and ln(spread) of a probit; refuse answers that have none."""
+    _, hits, totals = counts
+    intercept, slope = _fit_probit(log_levels, hits, totals)
+    if not (slope > 0.0 and np.ptp(hits / totals) > 0.0):
+        raise StudyError("answers must rise with the level, got ones that do not")
+    if not np.any((hits > 0.0) & (hits < totals)):
+        raise StudyError(
+            "answers jump from none to all between two levels: the spread is not determined; add "
+            "levels between them"
+        )
+    return _Start(-intercept / slope, math.log(1.0 / slope))
+
+
+def _fit_probit(log_levels: Array, hits: Array, totals: Array) -> Any:
+    """Return intercept and slope of a probit regression."""
     import statsmodels.api as sm
 
     link = sm.families.Binomial(sm.families.links.Probit())
-    with warnings.catch_warnings(action="ignore"):  # separation is reported below
-        fit = sm.GLM(np.column_stack([k, n - k]), sm.add_constant(log_x), family=link).fit(
-            tol=1e-12, maxiter=200
-        )
-    require(
-        fit.params[1] > 0.0 and np.ptp(k / n) > 0.0,
-        "answers must rise with the level, got ones that do not",
-    )
-    require(
-        np.any((k > 0.0) & (k < n)),
-        "answers jump from none to all between two levels: the spread is not determined; add "
-        "levels between them",
-    )
-    return -fit.params[0] / fit.params[1], math.log(1.0 / fit.params[1])
+    answers = np.column_stack([hits, totals - hits])
+    model = sm.GLM(answers, sm.add_constant(log_levels), family=link)
+    with warnings.catch_warnings(action="ignore"):  # separation is reported by the caller
+        return model.fit(tol=1e-12, maxiter=200).params

@@ -5,60 +5,35 @@
 
 import math
 import threading
-import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
-from datetime import UTC, datetime
-from functools import cached_property
 from pathlib import Path
 
-import numpy as np
-
-from stepblocks.contact.energy import Status
-from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.errors import PipelineError, StudyError
-from stepblocks.files.atomic import lock_folder, replace_text, resolve_inside
-from stepblocks.files.tables import format_csv
-from stepblocks.files.text import is_file
+from stepblocks.files.atomic import lock_folder, resolve_inside
 from stepblocks.haptics.hands import HANDS, Hand, Mouse
-from stepblocks.haptics.renderer import Renderer
-from stepblocks.haptics.servo import RATE, Limits, Servo, write_motion
-from stepblocks.quantities import parse_quantity
-from stepblocks.study import RATINGS, require
+from stepblocks.haptics.servo import Servo, write_motion
+from stepblocks.study.columns import FACTOR, RATINGS, WHEN, Row, read_number
+from stepblocks.study.conduct.answer_file import TIMES, AnswerFile
+from stepblocks.study.conduct.clock import SteadyClock, format_stamp
+from stepblocks.study.conduct.virtual_blocks import VirtualBlocks
 from stepblocks.study.design.adaptive import order_trials
-from stepblocks.study.design.experiments import EXPERIMENTS, Row, read_number
-from stepblocks.study.design.sheet import (
-    STAMPS,
-    blind_row,
-    list_answer_columns,
-    read_answers,
-    read_design,
-    read_plan,
-)
-from stepblocks.study.design.trials import (
-    FACTOR,
-    REAL,
-    VIRTUAL_FACTORS,
-    WHEN,
-    Blocks,
-    Declared,
-    find_designed_blocks,
-    list_levels,
-)
+from stepblocks.study.design.blocks import Blocks, Declared, find_designed_blocks
+from stepblocks.study.design.plan import read_prior
+from stepblocks.study.design.read import SheetRow, read_design
+from stepblocks.study.design.sheet import blind_row
+from stepblocks.study.design.virtual import BLOCK, REAL
+from stepblocks.study.experiments.registry import EXPERIMENTS
 
-_SLOW = 1.0  # s
-# Columns of a run's file beside those of a run sheet: when the trial was shown and answered (UTC),
-# the time between, and what the participant noted
-_TIMES = (*STAMPS, "comment")
 MAGNIFICATION = 100.0  # of a virtual block: the hand of a mouse travels centimetres [1]
+_LONGEST_REACTION = 86_400.0  # a day [s]
+_LONGEST_COMMENT = 500  # letters
 
 
-@dataclass
 class Run:
     """A participant's run; `state`, `begin`, `answer` and `undo` are what a page needs of it.
 
-    Attributes
+    Parameters
     ----------
     folder : Path
         Of the study.
@@ -76,105 +51,108 @@ class Run:
         Lowest and highest rating.
     practice : int
         Trials with feedback before the first, which are not recorded.
+
+    Attributes
+    ----------
+    planned : list of mapping
+        Rows of design.csv of this participant, in the order in which they are run.
+    path : Path
+        Of the answers.
+    feedback : str
+        What was right in the last trial of practice.
+
+    Raises
+    ------
+    StepblocksError
+        If the design has no such participant or practice, another run is open, or the answers so
+        far do not belong to the design.
     """
 
-    folder: Path
-    participant: str
-    design: Sequence[Row]
-    blocks: Blocks | None
-    hand: Hand | None = None
-    scale: float = MAGNIFICATION
-    ratings: tuple[int, int] = RATINGS
-    practice: int = 0
-
-    def __post_init__(self) -> None:
-        self.planned = [row for row in self.design if row["participant"] == self.participant]
-        require(
-            self.planned,
-            "participant must be one of "
-            f"{', '.join(dict.fromkeys(row['participant'] for row in self.design))}, got "
-            f"{self.participant!r}",
-        )
+    def __init__(
+        self,
+        folder: Path,
+        participant: str,
+        design: Sequence[Row],
+        blocks: Blocks | None,
+        hand: Hand | None = None,
+        scale: float = MAGNIFICATION,
+        ratings: tuple[int, int] = RATINGS,
+        practice: int = 0,
+    ) -> None:
+        self.folder = folder
+        self.participant = participant
+        self.ratings = ratings
+        self.practice = practice
+        self.planned = [row for row in design if row["participant"] == participant]
+        if not self.planned:
+            people = dict.fromkeys(row["participant"] for row in design)
+            raise StudyError(f"participant must be one of {', '.join(people)}, got {participant!r}")
         self.experiment = self.planned[0]["experiment"]
         self.kind = EXPERIMENTS[self.experiment]
-        self.virtual = self.blocks is not None
-        self.columns = (*list_answer_columns(self.experiment), *_TIMES)
-        require(
-            0 <= self.practice <= len(self.planned),
-            f"practice must be from 0 to {len(self.planned)} trials, got {self.practice}",
-        )
-        require(
-            "practice_code" in self.planned[0]
-            or not self.practice
-            or all(self._is_virtual(row) for row in self.planned),
-            "practice must show other codes than the trials, and this design has none: run it "
-            "without, or design the study anew",
-        )
-        path = resolve_inside(self.folder / "runs", f"participant-{self.participant}.csv")
+        self._virtual: VirtualBlocks | None = None
+        if blocks is not None:
+            self._virtual = VirtualBlocks(blocks, hand, scale)
+        self._check_practice()
+        path = resolve_inside(folder / "runs", f"participant-{participant}.csv")
         if path is None:
-            raise StudyError(f"participant must be a plain name, got {self.participant!r}")
+            raise StudyError(f"participant must be a plain name, got {participant!r}")
         self.path = path
-        self._guard = threading.RLock()
-        self._running: Servo | None = None
-        # a clock that is set anew during a run changes no stamp and no reaction time
-        self._shown = time.time()
-        self._wall = self._shown - time.monotonic()
         self.feedback = ""
-        with ExitStack() as held:
-            held.enter_context(lock_folder(path.with_suffix("")))
-            self._all = self.planned
+        self._guard = threading.RLock()
+        self._clock = SteadyClock()
+        self._shown = self._clock.read()
+        self._file = AnswerFile(path, self.experiment)
+        self._designed = self.planned
+        with ExitStack() as stack:
+            stack.enter_context(lock_folder(path.with_suffix("")))
             self._place(())
             self._rows = self._resume()
-            self._held = held.pop_all()
-        self.practice = 0 if self._rows else self.practice
+            self._lock = stack.pop_all()
+        if self._rows:
+            self.practice = 0
+
+    def _check_practice(self) -> None:
+        """Reject practice that the design does not have codes for."""
+        if not 0 <= self.practice <= len(self.planned):
+            raise StudyError(
+                f"practice must be from 0 to {len(self.planned)} trials, got {self.practice}"
+            )
+        if not self.practice or "practice_code" in self.planned[0]:
+            return
+        if not all(self._is_virtual(row) for row in self.planned):
+            raise StudyError(
+                "practice must show other codes than the trials, and this design has none: run it "
+                "without, or design the study anew"
+            )
 
     def _resume(self) -> list[dict[str, str]]:
-        # Return the answered trials; a last line that a crash cut short is dropped
-        if not self.path.exists():
-            return []
-        require(is_file(self.path), f"answers cannot be read: Not a plain file [{self.path}]")
-        text = self.path.read_text(encoding="utf-8-sig")
-        whole = text if text.endswith("\n") else text[: text.rfind("\n") + 1]
-        if whole != text:
-            replace_text(self.path, whole or ",".join(self.columns) + "\n")
-        rows = read_answers(self.path, self.experiment)
+        """Return the answered trials, as planned."""
+        answers = self._file.read()
+        rows = [dict(answer.cells) for answer in answers]
         self._place(rows)
-        for row, planned in zip(rows, self.planned, strict=False):
-            for name in ("participant", "trial"):
-                require(
-                    row[name] == planned[name],
-                    f"{name} must be {planned[name]} here, as planned, got {row[name]} "
-                    f"[{row['line']}]",
-                )
-        require(
-            len(rows) <= len(self.planned),
-            f"at most {len(self.planned)} trials are planned, got more [{self.path}]",
-        )
-        if whole.partition("\n")[0] != ",".join(self.columns):
-            self._write(rows)  # a spreadsheet saved it with other separators or decimals
+        for answer, planned in zip(answers, self.planned, strict=False):
+            _check_planned(answer, planned)
+        if len(rows) > len(self.planned):
+            raise StudyError(
+                f"at most {len(self.planned)} trials are planned, got more [{self.path}]"
+            )
+        if self.path.exists() and self._file.is_foreign():
+            self._file.write(rows)
         return rows
 
-    def _place(self, rows: Sequence[Row]) -> None:
-        # Put the trials of an adaptive design in the order in which the answers place them
+    def _place(self, answers: Sequence[Row]) -> None:
+        """Put the trials of an adaptive design in the order in which the answers place them."""
         if self.kind.adaptive:
-            self.planned = order_trials(self._all, rows, read_plan(self.folder)[1])
-
-    def _write(self, rows: Sequence[Row]) -> None:
-        replace_text(
-            self.path,
-            format_csv(
-                [{name: row.get(name, "") for name in self.columns} for row in rows], self.columns
-            ),
-        )
+            self.planned = order_trials(self._designed, answers, read_prior(self.folder))
 
     @property
     def answered(self) -> int:
-        """Return how many trials are answered."""
+        """How many trials are answered."""
         return len(self._rows)
 
     @property
     def now(self) -> Row | None:
-        """Return the trial that is next, with all that it hides; None when the run is done."""
+        """The trial that is next, with all that it hides; None when the run is done."""
         if self.practice:
             row = self.planned[-self.practice]
             return {
@@ -182,125 +160,105 @@ class Run:
                 "code": row.get("practice_code", ""),
                 "standard_code": row.get("practice_standard_code", ""),
             }
-        return self.planned[self.answered] if self.answered < len(self.planned) else None
+        if self.answered < len(self.planned):
+            return self.planned[self.answered]
+        return None
+
+    @property
+    def virtual(self) -> bool:
+        """Whether the experiment is one on virtual blocks."""
+        return self._virtual is not None
+
+    @property
+    def blocks(self) -> Blocks | None:
+        """The virtual blocks; None where blocks are real."""
+        if self._virtual is None:
+            return None
+        return self._virtual.blocks
+
+    @property
+    def hand(self) -> Hand | None:
+        """What moves the probe over virtual blocks; None before a mouse does."""
+        if self._virtual is None:
+            return None
+        return self._virtual.hand
+
+    @hand.setter
+    def hand(self, hand: Hand | None) -> None:
+        if self._virtual is not None:
+            self._virtual.hand = hand
+
+    @property
+    def servo(self) -> Servo | None:
+        """The loop of the virtual block that is felt; None where none is."""
+        if self._virtual is None:
+            return None
+        return self._virtual.servo
+
+    @property
+    def reach(self) -> float:
+        """How far a hand pulls, magnified, before the last block releases [m]."""
+        if self._virtual is None:
+            return 0.0
+        return self._virtual.reach
 
     def _is_virtual(self, row: Row | None) -> bool:
-        return self.virtual and row is not None and row.get(f"{FACTOR}block") != REAL
+        """Return whether the block of a trial is rendered."""
+        return self.virtual and row is not None and row.get(f"{FACTOR}{BLOCK}") != REAL
 
     def state(self) -> dict[str, object]:
-        """Say what a page may show: no identity or height, and of a virtual block no condition."""
+        """Return what a page may show.
+
+        That is no identity or height, and of a virtual block no condition.
+        """
         row = self.now
         virtual = self._is_virtual(row)
-        found: dict[str, object] = {
+        state: dict[str, object] = {
             "participant": self.participant,
             "of": len(self.planned),
             "answers": list(self.kind.answers),
             "virtual": virtual,
             "ratings": list(self.ratings),
             "done": row is None,
-            "running": self._running is not None,
+            "running": self.servo is not None,
             "practice": self.practice,
             "feedback": self.feedback,
             "answered": self.answered,
         }
-        if row is not None:
-            hidden = (
-                "participant",
-                *self.kind.answers,
-                *(("setting", "condition", "code") if virtual else ()),
-            )
-            found |= {name: text for name, text in blind_row(row).items() if name not in hidden}
-        return found
-
-    def _set_point(self, row: Row) -> OperatingPoint:
-        # Return where a virtual block is felt, as the trial's factors say
-        assert self.blocks is not None
-        levels = {
-            name: parse_quantity(row[f"{FACTOR}{name}"], dimension)
-            for name, dimension in VIRTUAL_FACTORS.items()
-            if dimension and f"{FACTOR}{name}" in row
-        }
-        point = self.blocks.point
-        return replace(
-            point,
-            normal_load=levels.get("load", point.normal_load),
-            tool=replace(
-                point.tool,
-                frequency=levels.get("frequency", point.tool.frequency),
-                decay_time=levels.get("decay", point.tool.decay_time),
-                conversion=point.tool.conversion * levels.get("amplitude", 1.0) ** 2,
-            ),
-        )
+        if row is None:
+            return state
+        hidden = {"participant", *self.kind.answers}
+        if virtual:
+            hidden |= {"setting", "condition", "code"}
+        for name, text in blind_row(row).items():
+            if name not in hidden:
+                state[name] = text
+        return state
 
     def begin(self) -> None:
         """Start the servo loop of a virtual block; one that still runs is ended and begun anew."""
         with self._guard:
             row = self.now
-            if row is None or self.blocks is None or not self._is_virtual(row):
+            if row is None or self._virtual is None or not self._is_virtual(row):
                 return
-            self.end()
-            point = self._set_point(row)
-            renderer = Renderer(
-                self.blocks.faces[row["stimulus"]].centre_path(point.ball_radius),
-                point,
-                scale=self.scale,
-                rate=RATE,
-                event="vibration-off" not in list_levels(row),
-            )
-            renderer.tick(np.array([0.0, 0.0, 1.0]), np.zeros(3))  # compiled before it is felt
-            if self.hand is None or isinstance(self.hand, Mouse):
-                self.hand = Mouse(point.normal_load, renderer.wall, float(renderer.path.z.max()))
-            self._running = Servo(
-                renderer,
-                self.hand,
-                # without motors a machine that is slow for a moment needs no new start
-                limits=Limits() if self.hand.motors else Limits(dead=_SLOW),
-            )
-            self._point = point
-            self._running.start()
-            self._shown = self._wall + time.monotonic()
+            self._virtual.begin(row)
+            self._shown = self._clock.read()
+
+    def move(self, x: float, held: bool) -> None:
+        """Take where the page says that the mouse is [m], and whether it is held."""
+        if isinstance(self.hand, Mouse):
+            self.hand.post(x, held)
 
     def sense(self) -> dict[str, object]:
         """Return where the probe is [m], what rings, and what is in doubt."""
-        # `loudness` is the amplitude of the last release over the largest of the study
-        servo = self._running
-        if servo is None or self.blocks is None:
+        if self._virtual is None:
             return {"x": 0.0, "events": 0, "loudness": 0.0}
-        tool, renderer = self._point.tool, servo.renderer
-        louder = math.sqrt(tool.conversion / self.blocks.point.tool.conversion)
-        return {
-            "x": renderer.proxy[0],
-            "events": renderer.events,
-            "frequency": tool.frequency,
-            "decay": tool.decay_time,
-            "loudness": min(louder * abs(renderer.release_force) / self.strongest, 1.0),
-            "over": servo.ended != "",
-            "doubt": "" if servo.trusted else "".join(servo.doubts[-1:]),
-        }
-
-    @cached_property
-    def strongest(self) -> float:
-        """Return the largest release force of the study's blocks [N], the full scale of sound."""
-        assert self.blocks is not None
-        releases = [face.release(self.blocks.point) for face in self.blocks.faces.values()]
-        return max(
-            (one.pull_force for one in releases if one.status is Status.RELEASES), default=1e-9
-        )
-
-    @property
-    def reach(self) -> float:
-        """Return how far a hand pulls, magnified, before the last block releases [m]."""
-        return (
-            0.0
-            if self.blocks is None
-            else self.scale * self.strongest / self.blocks.point.tool.stiffness
-        )
+        return dict(self._virtual.sense())
 
     def end(self) -> None:
         """Stop the servo loop, if one runs."""
-        if self._running is not None:
-            self._running.stop()
-            self._running = None
+        if self._virtual is not None:
+            self._virtual.end()
 
     def answer(
         self, trial: str, texts: Mapping[str, str], reaction: float = math.nan, comment: str = ""
@@ -318,77 +276,98 @@ class Run:
             default since the trial was shown.
         comment : str
             Note of the participant.
+
+        Raises
+        ------
+        StudyError
+            If the trial is not the next, its virtual block was not touched, or the answer cannot
+            be read.
         """
         with self._guard:
             row = self.now
-            now = self._wall + time.monotonic()
+            moment = self._clock.read()
             if row is None or trial != row["trial"]:
                 raise StudyError(f"trial must be the one that is next, got {trial!r}")
-            require(
-                math.isnan(reaction) or 0.0 <= reaction <= 86_400.0,  # a day [s]
-                f"reaction_s must be from 0 to 86400, got {reaction:g}: load the page anew",
-            )
-            given = {name: texts.get(name, "").strip() for name in self.kind.answers}
-            values = self.kind.read(row, given, self.ratings)  # refuses what cannot be read
-            if self._is_virtual(row):
-                servo = self._running
-                if servo is None or not (servo.record()["held"] > 0.0).any():
-                    raise StudyError(f"trial {trial} must be touched before it is answered")
-                servo.stop()
-                if not self.practice:
-                    write_motion(
-                        self.path.with_suffix("") / f"trial-{int(trial):04}.h5",
-                        servo,
-                        {
-                            **{name: row[name] for name in (*WHEN, "stimulus", "height_um")},
-                            "scale": self.scale,
-                        },
-                    )
-                self._running = None
+            if reaction < 0.0 or reaction > _LONGEST_REACTION:
+                raise StudyError(
+                    f"reaction_s must be from 0 to {_LONGEST_REACTION:.0f}, got {reaction:g}: "
+                    "load the page anew"
+                )
+            answers = {name: texts.get(name, "").strip() for name in self.kind.answers}
+            values = self.kind.read(row, answers, self.ratings)  # refuses what cannot be read
+            if self._virtual is not None and self._is_virtual(row):
+                self._end_trial(row, self._virtual)
             if self.practice:
                 self.practice -= 1
                 self.feedback = _give_feedback(row, values)
-                self._shown = now
-                return
-            seconds = now - self._shown if math.isnan(reaction) else reaction
-            stamps = [
-                datetime.fromtimestamp(one, UTC)
-                .isoformat(timespec="milliseconds")
-                .replace("+00:00", "Z")
-                for one in (self._shown, now)
-            ]
-            cells = (*stamps, f"{seconds:.3f}", " ".join(comment.split())[:500])
-            line = blind_row(row) | given | dict(zip(_TIMES, cells, strict=True))
-            self._write([*self._rows, line])
-            self._rows.append(line)
-            self._place(self._rows)
-            self.feedback = ""
-            self._shown = now
+            else:
+                if math.isnan(reaction):
+                    reaction = moment - self._shown
+                stamps = [format_stamp(self._shown), format_stamp(moment), f"{reaction:.3f}"]
+                note = " ".join(comment.split())[:_LONGEST_COMMENT]
+                times = dict(zip(TIMES, (*stamps, note), strict=True))
+                self._record({**blind_row(row), **answers, **times})
+                self.feedback = ""
+            self._shown = moment
+
+    def _end_trial(self, row: Row, virtual: VirtualBlocks) -> None:
+        """End the servo loop of a trial, and write its motion; it must have been touched."""
+        servo = virtual.servo
+        if servo is None or not virtual.is_felt():
+            raise StudyError(f"trial {row['trial']} must be touched before it is answered")
+        servo.stop()
+        if not self.practice:
+            path = self.path.with_suffix("") / f"trial-{int(row['trial']):04}.h5"
+            attributes: dict[str, object] = {
+                name: row[name] for name in (*WHEN, "stimulus", "height_um")
+            }
+            attributes["scale"] = virtual.scale
+            write_motion(path, servo, attributes)
+        virtual.end()
+
+    def _record(self, row: dict[str, str]) -> None:
+        """Write an answered trial to the disk."""
+        self._file.write([*self._rows, row])
+        self._rows.append(row)
+        self._place(self._rows)
 
     def undo(self) -> None:
         """Take the last answer back; its trial is asked again."""
         with self._guard:
-            require(self._rows, "an answer must be given before it can be taken back, got none")
+            if not self._rows:
+                raise StudyError("an answer must be given before it can be taken back, got none")
             self.end()
-            self._write(self._rows[:-1])
+            self._file.write(self._rows[:-1])
             self._rows.pop()
             self._place(self._rows)
-            self._shown = self._wall + time.monotonic()
+            self._shown = self._clock.read()
 
     def close(self) -> None:
-        """Let go of the hand and of the run."""
-        self.end()
-        if self.hand is not None:
-            self.hand.close()
-        self._held.close()
+        """Release the hand and the run."""
+        if self._virtual is not None:
+            self._virtual.close()
+        self._lock.close()
+
+
+def _check_planned(answer: SheetRow, planned: Row) -> None:
+    """Reject an answer of another participant or trial than was planned."""
+    for name in ("participant", "trial"):
+        if answer.cells[name] != planned[name]:
+            raise StudyError(
+                f"{name} must be {planned[name]} here, as planned, got {answer.cells[name]} "
+                f"[{answer.place}]"
+            )
 
 
 def _give_feedback(row: Row, values: Mapping[str, float]) -> str:
-    # Say after a practice trial what was right
-    height, standard = (read_number(row[name]) for name in ("height_um", "standard_height_um"))
+    """Return the feedback after a practice trial; magnitudes have none."""
+    height = read_number(row["height_um"])
     if "higher" in values:
-        return "right" if bool(values["higher"]) == (height > standard) else "wrong"
-    return f"the step is {height:g} um high" if "error" in values else ""
+        is_higher = height > read_number(row["standard_height_um"])
+        return "right" if bool(values["higher"]) == is_higher else "wrong"
+    if "error" in values:
+        return f"the step is {height:g} um high"
+    return ""
 
 
 def open_run(
@@ -437,29 +416,30 @@ def open_run(
     ------
     StepblocksError
         If there is no such participant, block or device, or the run is open already.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import stepblocks
+    >>> folder = tempfile.mkdtemp()
+    >>> design = stepblocks.design_study([20e-6, 50e-6], folder, seed=1)
+    >>> run = stepblocks.open_run(folder, "1")
+    >>> run.answer("1", {"estimate_um": "35"})
+    >>> run.answered
+    1
+    >>> run.close()
     """
-    require(
-        math.isfinite(scale) and scale > 0.0, f"scale must be positive and finite, got {scale:g}"
-    )
-    PipelineError.require(
-        device in ("mouse", *HANDS),
-        f"device must be one of mouse, {', '.join(HANDS)}, got {device!r}",
-    )
-    require(
-        not library or device in HANDS,
-        f"library is an option of {', '.join(HANDS)}, not of {device}",
-    )
+    if not (math.isfinite(scale) and scale > 0.0):
+        raise StudyError(f"scale must be positive and finite, got {scale:g}")
+    if device != "mouse" and device not in HANDS:
+        raise PipelineError(f"device must be one of mouse, {', '.join(HANDS)}, got {device!r}")
+    if library and device not in HANDS:
+        raise StudyError(f"library is an option of {', '.join(HANDS)}, not of {device}")
     design = read_design(Path(folder) / "design.csv")
-    blocks = (
-        find_designed_blocks(design, source, felt) if design[0]["experiment"] == "virtual" else None
-    )
-    return Run(
-        Path(folder),
-        participant,
-        design,
-        blocks,
-        HANDS[device](library) if blocks is not None and device in HANDS else None,
-        scale,
-        ratings,
-        practice,
-    )
+    blocks: Blocks | None = None
+    hand: Hand | None = None
+    if design[0]["experiment"] == "virtual":
+        blocks = find_designed_blocks(design, source, felt)
+        if device in HANDS:
+            hand = HANDS[device](library)
+    return Run(Path(folder), participant, design, blocks, hand, scale, ratings, practice)

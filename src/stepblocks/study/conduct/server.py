@@ -7,17 +7,27 @@ import threading
 import time
 from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
 from stepblocks.errors import StepblocksError
 from stepblocks.files.pages import render_page
-from stepblocks.haptics.hands import Mouse
 from stepblocks.haptics.servo import raise_priority
 from stepblocks.study.conduct.run import Run
 
 _LARGEST = {"GET": 0, "POST": 20_000}  # bytes of a request
+_LONGEST_LENGTH = 12  # digits of the length of a request
 _MOST_REQUESTS = 400  # of the page in one second; it asks 60 times
+_PRIORITY = 10  # of the process with a servo loop
+_SHOWS_END = 1.5  # time in which the page asks once more, and shows that the run is done [s]
+_FARTHEST = 1.0  # of the mouse from the middle of the page [m]
+
+# Size of a pixel: 400 pixels to the right of the edge are there on every screen
+_PIXELS = 400.0
+_SMALLEST_REACH = 1e-4  # of a hand [m]
+_MARGIN = 1.2  # of the page over the reach of a hand
+
 _POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; script-src 'nonce-{}'; connect-src 'self'; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -35,19 +45,22 @@ class RunServer(ThreadingHTTPServer):
         self.token = secrets.token_urlsafe(16)
         self.nonce = secrets.token_urlsafe(16)
         self.url = f"http://127.0.0.1:{self.server_port}/"
-        self._second, self._asked = 0, 0
+        self._second = 0
+        self._requests = 0  # in that second
 
     def is_too_busy(self) -> bool:
-        """Count a request; whether there were more in this second than a page asks."""
+        """Count a request; tell whether there were too many in this second."""
         second = int(time.monotonic())
-        self._asked = self._asked + 1 if second == self._second else 1
+        if second != self._second:
+            self._requests = 0
         self._second = second
-        return self._asked > _MOST_REQUESTS
+        self._requests += 1
+        return self._requests > _MOST_REQUESTS
 
     def until_done(self) -> None:
         """Serve until the last answer is given."""
         if self.experiment.virtual:
-            raise_priority(10)
+            raise_priority(_PRIORITY)
         try:
             self.serve_forever(poll_interval=0.1)
         finally:
@@ -55,11 +68,49 @@ class RunServer(ThreadingHTTPServer):
             self.experiment.close()
 
 
+@dataclass(frozen=True)
+class _MouseRequest:
+    """Where the page says that the mouse is [m], and whether it is held."""
+
+    x: float
+    held: bool
+
+    @classmethod
+    def parse(cls, document: Mapping[str, Any]) -> "_MouseRequest":
+        """Read a request; refuse one that is not of the page."""
+        x = float(document["x"])
+        return cls(min(max(x, -_FARTHEST), _FARTHEST), bool(document["held"]))
+
+
+@dataclass(frozen=True)
+class _AnswerRequest:
+    """The answer to a trial, as `Run.answer` takes it."""
+
+    trial: str
+    texts: Mapping[str, str]
+    reaction: float
+    comment: str
+
+    @classmethod
+    def parse(cls, document: Mapping[str, Any]) -> "_AnswerRequest":
+        """Read a request; refuse one that is not of the page."""
+        texts = {str(name): str(text) for name, text in document["answers"].items()}
+        return cls(
+            str(document["trial"]),
+            texts,
+            float(document.get("reaction_s", math.nan)),
+            str(document.get("comment", "")),
+        )
+
+
 class _Handler(BaseHTTPRequestHandler):
-    # Answers the page of a run and nobody else
-    # The policy: requests name this machine and port as their host; one that changes something
-    # comes from this page (origin and token); all are small and not too many; the page loads
-    # nothing, runs its own script only, and stands in no frame.
+    """Serve the page of a run, and nothing else.
+
+    The policy: requests name this machine and port as their host; one that changes something
+    comes from this page (origin and token); all are small and not too many; the page loads
+    nothing, runs its own script only, and stands in no frame.
+    """
+
     server: RunServer
     protocol_version = "HTTP/1.1"
     default_request_version = "HTTP/1.1"  # of an answer to what is no request: it has headers too
@@ -73,48 +124,40 @@ class _Handler(BaseHTTPRequestHandler):
             super().handle()
 
     def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:
-        # A refusal, of the library too, is answered as all else is, and the line is cut
+        """Send an error as JSON, those of the library too, and close the connection."""
         self.close_connection = True
-        self._send_json(code, {"error": message or self.responses[code][0]})
+        if message is None:
+            message, _ = self.responses[code]
+        self._send_json(code, {"error": message})
 
     def do_GET(self) -> None:
-        run = self.server.experiment
         if not self._is_allowed():
             return
         if self.path == "/":
-            self._send(
-                200,
-                render_page(
-                    "stepblocks.study",
-                    "run.html",
-                    # 400 pixels to the right of the edge are there on every screen
-                    metres=max(1e-4, 1.2 * run.reach / 400.0),
-                    participant=run.participant,
-                    virtual=run.virtual,
-                    token=self.server.token,
-                    nonce=self.server.nonce,
-                ),
-                "text/html; charset=utf-8",
-            )
+            self._send(200, self._render(), "text/html; charset=utf-8")
         elif self.path == "/state":
-            self._send_json(200, run.state())
+            self._send_json(200, self.server.experiment.state())
         else:
             self._send_json(404, {"error": "there is nothing here"})
+
+    def _render(self) -> str:
+        """Return the page of the run."""
+        run = self.server.experiment
+        return render_page(
+            "stepblocks.study",
+            "run.html",
+            metres=max(_SMALLEST_REACH, _MARGIN * run.reach / _PIXELS),
+            participant=run.participant,
+            virtual=run.virtual,
+            token=self.server.token,
+            nonce=self.server.nonce,
+        )
 
     def do_POST(self) -> None:
         if not self._is_allowed():
             return
         try:
-            # `int` refuses the words NaN and Infinity, which are no JSON
-            asked = json.loads(
-                self.rfile.read(int(self.headers["Content-Length"])), parse_constant=int
-            )
-            if not isinstance(asked, dict):
-                raise ValueError("a JSON object is expected")
-            found = self._perform(self.server.experiment, asked)
-            self._send_json(
-                200 if found is not None else 404, found or {"error": "nothing is here"}
-            )
+            state = self._perform(self.server.experiment, self._read_document())
         except StepblocksError as error:
             self._send_json(422, {"error": str(error)})
         except (
@@ -126,48 +169,48 @@ class _Handler(BaseHTTPRequestHandler):
             RecursionError,  # thousands of brackets
         ):
             self._send_json(400, {"error": "the request is not one of this page"})
+        else:
+            if state is None:
+                self._send_json(404, {"error": "nothing is here"})
+            else:
+                self._send_json(200, state)
 
-    def _perform(self, run: Run, asked: Mapping[str, Any]) -> dict[str, object] | None:
-        # Do what the page asks; None for what it cannot ask
+    def _read_document(self) -> dict[str, Any]:
+        """Read the JSON object of a request."""
+        length = int(self.headers["Content-Length"])
+        # `int` refuses the words NaN and Infinity, which are no JSON
+        document = json.loads(self.rfile.read(length), parse_constant=int)
+        if not isinstance(document, dict):
+            raise ValueError("a JSON object is expected")
+        return document
+
+    def _perform(self, run: Run, document: Mapping[str, Any]) -> dict[str, object] | None:
+        """Carry out a request and return the new state; None for an unknown request."""
         if self.path == "/hand":
-            if isinstance(run.hand, Mouse):
-                run.hand.post(min(max(float(asked["x"]), -1.0), 1.0), bool(asked["held"]))
+            mouse = _MouseRequest.parse(document)
+            run.move(mouse.x, mouse.held)
             return run.sense()
-        acts = {"/begin": run.begin, "/undo": run.undo}
-        if self.path in acts:
-            acts[self.path]()
+        if self.path == "/begin":
+            run.begin()
+        elif self.path == "/undo":
+            run.undo()
         elif self.path == "/answer":
-            run.answer(
-                str(asked["trial"]),
-                {str(name): str(text) for name, text in asked["answers"].items()},
-                float(asked.get("reaction_s", math.nan)),
-                str(asked.get("comment", "")),
-            )
+            answer = _AnswerRequest.parse(document)
+            run.answer(answer.trial, answer.texts, answer.reaction, answer.comment)
             if run.now is None:
-                # the page still shows that the run is done
-                threading.Timer(1.5, self.server.shutdown).start()
+                threading.Timer(_SHOWS_END, self.server.shutdown).start()
         else:
             return None
         return run.state()
 
     def _is_allowed(self) -> bool:
-        # Whether a request keeps the policy; one that does not is answered and cut off
-        hosts = [f"{name}:{self.server.server_port}" for name in ("127.0.0.1", "localhost")]
-        host, origin = self.headers.get("Host", ""), self.headers.get("Origin")
-        size = self.headers.get("Content-Length", "0" if self.command == "GET" else "")
-        ours = self.command == "GET" or secrets.compare_digest(
-            self.headers.get("X-Stepblocks", "").encode(), self.server.token.encode()
-        )
-        # of a header that comes twice, or after a line that is none, another reader sees another
-        clear = not self.headers.defects and all(
-            len(self.headers.get_all(name, ())) <= 1
-            for name in ("Host", "Origin", "Content-Length")
-        )
-        if host not in hosts or origin not in (None, f"http://{host}") or not ours or not clear:
+        """Return whether a request meets the policy; send an error if it does not."""
+        length = self._find_length()
+        if not self._is_from_page():
             self.send_error(403, "only the page of this run may ask this")
-        elif not size.isdecimal() or self.headers.get("Transfer-Encoding"):
+        elif not length.isdecimal() or self.headers.get("Transfer-Encoding"):
             self.send_error(411, "a request must say its length")
-        elif len(size) > 12 or int(size) > _LARGEST[self.command]:
+        elif len(length) > _LONGEST_LENGTH or int(length) > _LARGEST[self.command]:
             self.send_error(413, f"a request must have at most {_LARGEST[self.command]} bytes")
         elif self.server.is_too_busy():
             self.send_error(429, f"at most {_MOST_REQUESTS} requests in a second are answered")
@@ -175,11 +218,40 @@ class _Handler(BaseHTTPRequestHandler):
             return True
         return False
 
+    def _find_length(self) -> str:
+        """Return the stated length of a request; a GET need not state one."""
+        unsaid = "0" if self.command == "GET" else ""
+        return str(self.headers.get("Content-Length", unsaid))
+
+    def _is_from_page(self) -> bool:
+        """Return whether host, origin and token are those of the page, without doubt."""
+        port = self.server.server_port
+        host = self.headers.get("Host", "")
+        if host not in (f"127.0.0.1:{port}", f"localhost:{port}"):
+            return False
+        if self.headers.get("Origin") not in (None, f"http://{host}"):
+            return False
+        if self.command != "GET" and not self._has_token():
+            return False
+        # of a header that comes twice, or after a line that is none, another reader sees another
+        if self.headers.defects:
+            return False
+        names = ("Host", "Origin", "Content-Length")
+        return all(len(self.headers.get_all(name, ())) <= 1 for name in names)
+
+    def _has_token(self) -> bool:
+        """Return whether a request has the token of the page."""
+        token = self.headers.get("X-Stepblocks", "")
+        return secrets.compare_digest(token.encode(), self.server.token.encode())
+
     def _send_json(self, status: int, content: object) -> None:
+        """Answer with a JSON document."""
         self._send(status, json.dumps(content), "application/json")
 
     def _send(self, status: int, text: str, kind: str) -> None:
+        """Answer with a text of a media type."""
         body = text.encode()
+        connection = "close" if self.close_connection else "keep-alive"
         self.send_response(status)
         headers = {
             "Content-Type": kind,
@@ -188,9 +260,10 @@ class _Handler(BaseHTTPRequestHandler):
             "Content-Security-Policy": _POLICY.format(self.server.nonce),
             "X-Content-Type-Options": "nosniff",
             "Referrer-Policy": "no-referrer",
-            "Connection": "close" if self.close_connection else "keep-alive",
+            "Connection": connection,
         }
         for name, value in headers.items():
             self.send_header(name, value)
         self.end_headers()
-        self.wfile.write(b"" if self.command == "HEAD" else body)
+        if self.command != "HEAD":
+            self.wfile.write(body)

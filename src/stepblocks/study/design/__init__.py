@@ -1,1 +1,1 @@
-"""Experiments as lists of trials: designed, simulated, and written as sheets."""
+"""Designs: who judges which block when, their run sheets, and simulated participants."""

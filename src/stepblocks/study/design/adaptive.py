@@ -1,4 +1,4 @@
-"""Comparisons of which each next block is the one that is expected to say most."""
+"""Adaptive comparisons: each next block is the one expected to be most informative."""
 
 # Placement by the expected entropy of threshold, spread and lapse rate: Watson, A. B. (2017),
 # Journal of Vision 17(3):10, doi:10.1167/17.3.10, after Kontsevich, L. L., Tyler, C. W. (1999),
@@ -8,74 +8,115 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 
-from stepblocks.study import RATINGS, Array, require
+from stepblocks.contact import Array
+from stepblocks.errors import StudyError
 from stepblocks.study.analysis.psychometric import MAX_LAPSE, Z75
-from stepblocks.study.design.experiments import EXPERIMENTS, Row, read_number
-from stepblocks.study.design.trials import name_setting
+from stepblocks.study.columns import RATINGS, Row, name_setting, read_number
+from stepblocks.study.experiments.comparisons import read_comparison
 
 _LAPSES = np.linspace(0.0, MAX_LAPSE, 5)
 _REACH = np.linspace(-3.0, 3.0, 25)  # of the grid, in standard deviations of the prior
-
-# Medians of the point of subjective equality over the standard and of the Weber fraction, with the
-# factors by which one standard deviation changes them; the posterior standard deviation of
-# ln(spread) in every setting at which a participant is done, so small that all trials are run; and
-# the most trials of each participant in each setting.
-PRIOR = {
-    "equal": 1.0,
-    "equal_factor": 1.25,
-    "weber": 0.2,
-    "weber_factor": 2.0,
-    "precision": 0.01,
-    "trials": 60.0,
-}
+_TINY = 1e-300  # probability of which the logarithm is still finite
+_MOST_TRIALS = 10_000.0
+_LARGEST = 10.0  # of all other values of a prior [1]
 
 
-def complete_prior(stated: Mapping[str, object]) -> dict[str, float]:
-    """Check what is known before the first trial, and complete it by `PRIOR`."""
+@dataclass(frozen=True)
+class Prior:
+    """What is known before the first trial, the same in every setting.
+
+    Attributes
+    ----------
+    equal, equal_factor : float
+        Median of the point of subjective equality over the standard, and the factor by which one
+        standard deviation changes it [1].
+    weber, weber_factor : float
+        The same of the Weber fraction [1].
+    precision : float
+        Posterior standard deviation of ln(spread) in every setting at which a participant is done;
+        by default so small that all trials are run [1].
+    trials : float
+        Most trials of each participant in each setting.
+    """
+
+    equal: float = 1.0
+    equal_factor: float = 1.25
+    weber: float = 0.2
+    weber_factor: float = 2.0
+    precision: float = 0.01
+    trials: float = 60.0
+
+
+def complete_prior(stated: Mapping[str, object]) -> Prior:
+    """Check what is stated about a prior, by the names of its values, and complete it.
+
+    Raises
+    ------
+    StudyError
+        If a name is unknown, or a value is out of range.
+    """
+    known = [value.name for value in fields(Prior)]
+    values = {}
     for name, value in stated.items():
-        require(name in PRIOR, f"prior must name {', '.join(PRIOR)}, got {name!r}")
-        least = 1.0 if name.endswith("factor") or name == "trials" else 0.0
-        most = 10_000.0 if name == "trials" else 10.0
-        require(
-            least < read_number(str(value)) < most,
-            f"{name} of a prior must be between {least:g} and {most:g}, got {value!r:.40}",
-        )
-    return PRIOR | {name: float(str(value)) for name, value in stated.items()}
+        if name not in known:
+            raise StudyError(f"prior must name {', '.join(known)}, got {name!r}")
+        number = read_number(str(value))
+        lowest = 1.0 if name.endswith("factor") or name == "trials" else 0.0
+        highest = _MOST_TRIALS if name == "trials" else _LARGEST
+        if not lowest < number < highest:
+            raise StudyError(
+                f"{name} of a prior must be between {lowest:g} and {highest:g}, got {value!r:.40}"
+            )
+        values[name] = number
+    return replace(Prior(), **values)
+
+
+class PriorTable(NamedTuple):
+    """A prior over one grid of threshold, spread and lapse rate.
+
+    Attributes
+    ----------
+    probability : ndarray, shape (m, m, 5)
+        Of threshold, spread and lapse rate; lapse rates from 0 to 0.1 are equally likely. It does
+        not sum to one.
+    higher : ndarray, shape (n, m, m, 5)
+        Probability of an answer "higher" to each block.
+    middles, spreads : ndarray, shape (m,)
+        ln(threshold / standard) and ln(spread).
+    """
+
+    probability: Array
+    higher: Array
+    middles: Array
+    spreads: Array
 
 
 @cache
-def tabulate_prior(levels: tuple[float, ...], prior: tuple[float, ...]) -> tuple[Array, ...]:
+def tabulate_prior(levels: tuple[float, ...], prior: Prior) -> PriorTable:
     """Return the prior, and the probabilities of an answer "higher", over one grid.
 
     Parameters
     ----------
     levels : tuple of float
         ln(height / standard) of each block.
-    prior : tuple of float
-        Values of `PRIOR`, in its order.
-
-    Returns
-    -------
-    prior : ndarray, shape (m, m, 5)
-        Of threshold, spread and lapse rate; lapse rates from 0 to 0.1 are equally likely.
-    higher : ndarray, shape (n, m, m, 5)
-        Of each block.
-    middles, spreads : ndarray, shape (m,)
-        ln(threshold / standard) and ln(spread).
+    prior : Prior
+        What is known before the first trial.
     """
     from scipy.special import ndtr
 
-    equal, equal_factor, weber, weber_factor = prior[:4]
-    middles = math.log(equal) + math.log(equal_factor) * _REACH
-    spreads = math.log(math.log1p(weber) / Z75) + math.log(weber_factor) * _REACH
-    away = np.subtract.outer(np.array(levels), middles)[:, :, np.newaxis]
-    rising = ndtr(away / np.exp(spreads))[..., np.newaxis]
+    middles = math.log(prior.equal) + math.log(prior.equal_factor) * _REACH
+    log_spread = math.log(math.log1p(prior.weber) / Z75)
+    spreads = log_spread + math.log(prior.weber_factor) * _REACH
+    distance = np.subtract.outer(np.array(levels), middles)[:, :, np.newaxis]
+    rising = ndtr(distance / np.exp(spreads))[..., np.newaxis]
     normal = np.exp(-0.5 * _REACH**2)
-    return (
+    return PriorTable(
         np.outer(normal, normal)[..., np.newaxis] * np.ones(len(_LAPSES)),
         _LAPSES + (1.0 - 2.0 * _LAPSES) * rising,
         middles,
@@ -84,19 +125,89 @@ def tabulate_prior(levels: tuple[float, ...], prior: tuple[float, ...]) -> tuple
 
 
 def compute_expected_entropy(posterior: Array, higher: Array) -> Array:
-    """Return the expected entropy [1] of the posterior after one more answer to each block."""
+    """Return the expected entropy of the posterior after one more answer to each block.
+
+    Parameters
+    ----------
+    posterior : ndarray, shape (m, m, 5)
+        Of threshold, spread and lapse rate; it need not sum to one.
+    higher : ndarray, shape (n, m, m, 5)
+        Probability of an answer "higher" to each block.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Entropy of each block [1].
+    """
     expected = np.zeros(len(higher))
     for likelihood in (higher, 1.0 - higher):
         joint = (likelihood * posterior).reshape(len(higher), -1)
         whole = joint.sum(axis=1)
-        expected -= (joint * np.log(joint + 1e-300)).sum(axis=1) - whole * np.log(whole)
+        expected -= (joint * np.log(joint + _TINY)).sum(axis=1) - whole * np.log(whole)
     # rounded, so that the least is the same on every processor
     return np.asarray(np.round(expected / posterior.sum(), 9))
 
 
-def order_trials(
-    planned: Sequence[Row], answers: Sequence[Row], prior: Mapping[str, float]
-) -> list[Row]:
+class _Placement:
+    """Where the answers of one participant place the next trial.
+
+    Parameters
+    ----------
+    planned : sequence of mapping
+        Rows of design.csv.
+    prior : Prior
+        What is known before the first trial.
+    """
+
+    def __init__(self, planned: Sequence[Row], prior: Prior) -> None:
+        standard = float(planned[0]["standard_height_um"])
+        self._precision = prior.precision
+        self._heights = sorted({row["height_um"] for row in planned}, key=float)
+        levels = tuple(math.log(float(height) / standard) for height in self._heights)
+        self._table = tabulate_prior(levels, prior)
+        self._beliefs = {name_setting(row): self._table.probability for row in planned}
+        self._counts = dict.fromkeys(self._beliefs, 0)  # answered trials of each setting
+
+    @property
+    def settings(self) -> int:
+        """Number of settings."""
+        return len(self._counts)
+
+    def learn(self, row: Row, answer: Row) -> None:
+        """Take the answer to a trial into account."""
+        setting = name_setting(row)
+        likelihood = self._table.higher[self._heights.index(row["height_um"])]
+        if not read_comparison(row, answer, RATINGS)["higher"]:
+            likelihood = 1.0 - likelihood
+        self._beliefs[setting] = self._beliefs[setting] * likelihood
+        self._counts[setting] += 1
+
+    def is_precise(self) -> bool:
+        """Return whether ln(spread) is known well enough in every setting."""
+        spreads = self._table.spreads
+        variances = []
+        for belief in self._beliefs.values():
+            weights = belief.sum(axis=(0, 2)) / belief.sum()
+            variances.append(weights @ spreads**2 - (weights @ spreads) ** 2)
+        return bool(max(variances) <= self._precision**2)
+
+    def choose(self, trials: Sequence[Row], last_height: str) -> Row:
+        """Choose the trial that is expected to be most informative; settings take turns.
+
+        No block follows itself where another is left; `last_height` is that of the trial before.
+        """
+        turn = min(self._counts, key=lambda setting: self._counts[setting])
+        entropies = compute_expected_entropy(self._beliefs[turn], self._table.higher)
+        expected = dict(zip(self._heights, entropies, strict=True))
+
+        def rank(row: Row) -> tuple[bool, float]:
+            """Return what is least of the best trial."""
+            return row["height_um"] == last_height, expected[row["height_um"]]
+
+        return min((row for row in trials if name_setting(row) == turn), key=rank)
+
+
+def order_trials(planned: Sequence[Row], answers: Sequence[Row], prior: Prior) -> list[Row]:
     """Put the trials of one participant in the order in which the answers so far place them.
 
     Parameters
@@ -105,8 +216,8 @@ def order_trials(
         Rows of design.csv.
     answers : sequence of mapping
         As they stand in a run's file.
-    prior : mapping of float
-        As `complete_prior` returns it, the same in every setting.
+    prior : Prior
+        What is known before the first trial.
 
     Returns
     -------
@@ -115,32 +226,17 @@ def order_trials(
         enough, the one that is next, and others for practice.
     """
     left = {row["trial"]: row for row in planned}
-    trials = int(prior["trials"])
-    done = [left.pop(row["trial"]) for row in answers if row["trial"] in left]
-    names = sorted({row["height_um"] for row in planned}, key=float)
-    standard = float(planned[0]["standard_height_um"])
-    before, higher, _, spreads = tabulate_prior(
-        tuple(math.log(float(name) / standard) for name in names), tuple(prior.values())
-    )
-    beliefs = {name_setting(row): before for row in planned}
-    counts = dict.fromkeys(beliefs, 0)
+    done = []
+    for answer in answers:
+        if answer["trial"] in left:
+            done.append(left.pop(answer["trial"]))
+    placement = _Placement(planned, prior)
     for row, answer in zip(done, answers, strict=False):
-        setting = name_setting(row)
-        given = EXPERIMENTS["adaptive"].read(row, answer, RATINGS)
-        own = higher[names.index(row["height_um"])]
-        beliefs[setting] = beliefs[setting] * (own if given["higher"] else 1.0 - own)
-        counts[setting] += 1
-    weights = [belief.sum(axis=(0, 2)) / belief.sum() for belief in beliefs.values()]
-    errors = [own @ spreads**2 - (own @ spreads) ** 2 for own in weights]
-    if len(done) >= trials * len(counts) or max(errors) <= prior["precision"] ** 2:
+        placement.learn(row, answer)
+    limit = int(prior.trials) * placement.settings
+    if len(done) >= limit or placement.is_precise():
         return done
-    turn = min(counts, key=lambda setting: counts[setting])  # settings take turns
-    expected = dict(zip(names, compute_expected_entropy(beliefs[turn], higher), strict=True))
-    best = min(
-        (row for row in left.values() if name_setting(row) == turn),
-        key=lambda row: (
-            row["height_um"] == done[-1]["height_um"] if done else 0,
-            expected[row["height_um"]],
-        ),
-    )
-    return [*done, best, *(row for row in left.values() if row is not best)][: trials * len(counts)]
+    last_height = done[-1]["height_um"] if done else ""
+    best = placement.choose(list(left.values()), last_height)
+    unused = [row for row in left.values() if row is not best]
+    return [*done, best, *unused][:limit]

@@ -1,178 +1,33 @@
 """Experiments as lists of trials: blocks, crossed factors, balanced orders, blinding codes."""
 
 import itertools
-import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
-from types import MappingProxyType
-from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.contact.counterface import Counterface, Step
-from stepblocks.contact.energy import Status
-from stepblocks.contact.operating_point import PAPER, OperatingPoint
-from stepblocks.declaration.read import load_set
-from stepblocks.declaration.select import matches_pattern
-from stepblocks.declaration.set import StimulusSet
-from stepblocks.errors import PipelineError
-from stepblocks.predict.perception import choose_energies
-from stepblocks.predict.predictions import predict_one
-from stepblocks.quantities import parse_quantity
-from stepblocks.study import require
+from stepblocks.errors import StudyError
+from stepblocks.study.columns import FACTOR, WHEN, PairOrder
+from stepblocks.study.design.blocks import Codes, Item, assign_codes
+from stepblocks.study.design.orders import (
+    Balance,
+    Orders,
+    allocate_orders,
+    measure_balance,
+)
 
-Declared: TypeAlias = str | Path | StimulusSet  # a stimulus file, or the set of one
 REPETITIONS = 3  # of experiment 1
-MAX_CONDITIONS = 26  # that one participant may meet
-MAX_PARTICIPANTS = 1000
 MAX_TRIALS = 200_000
-_ALPHABET = (
-    "ABCDEFHKLMNPRTUVWXY"  # no I, O, Q, S, Z, G, J: a hand writes them like others; 19 is prime
-)
-MAX_CODES = len(_ALPHABET) ** 2  # blocks that one study can tell apart
+_SHUFFLES = 5000  # orders of a set that are tried until no block follows itself
 
-WHEN = ("participant", "trial", "condition", "repetition")
 _BLOCK = ("stimulus", "engraved", "code", "height_um")
-FACTOR = "factor_"  # begins the column of each declared factor
-PRACTICE = "P-"  # begins a code of practice, which says what was right: no trial shows it
+_STANDARD = ("standard", "standard_engraved", "standard_code", "standard_height_um")
 # Columns of design.csv, which hides nothing; those of declared factors follow
-DESIGN_COLUMNS = (
-    "experiment",
-    *WHEN,
-    *_BLOCK,
-    "standard",
-    *(f"standard_{name}" for name in _BLOCK[1:]),
-)
-ORDERS = ("standard-first", "standard-second")  # conditions of a comparison
-# Factors that `study run` can change from trial to trial of virtual blocks, and their dimension;
-# "" where the levels are words
-VIRTUAL_FACTORS = {
-    "vibration": "",
-    "block": "",
-    "amplitude": "ratio",
-    "frequency": "frequency",
-    "decay": "time",
-    "load": "force",
-}
-REAL, VIRTUAL = "real", "simulated"  # levels of the factor "block"
-_SHUFFLES = 5000
+DESIGN_COLUMNS = ("experiment", *WHEN, *_BLOCK, *_STANDARD)
 
-_NAMED = (("stimulus", "height_um"), ("standard", "standard_height_um"))  # columns of a design
-
-Orders = NDArray[np.int64]
-Factors = Mapping[str, Sequence[str]]
-
-
-def make_williams_square(conditions: int) -> Orders:
-    """Return Williams' orders, in which every condition follows every other equally often."""
-    # Williams, E. J. (1949), Australian Journal of Scientific Research A 2, 149-168.
-    require(
-        1 <= conditions <= MAX_CONDITIONS,
-        f"the number of conditions must lie between 1 and {MAX_CONDITIONS}, got {conditions}",
-    )
-    zigzag = np.array([(k + 1) // 2 if k % 2 == 0 else -((k + 1) // 2) for k in range(conditions)])
-    square = (zigzag[np.newaxis, :] + np.arange(conditions)[:, np.newaxis]) % conditions
-    return np.vstack([square, square[:, ::-1]]) if conditions % 2 and conditions > 1 else square
-
-
-def allocate_orders(participants: int, conditions: int, generator: np.random.Generator) -> Orders:
-    """Give every participant an order, whole Williams designs first, the rest from one more."""
-    require(
-        1 <= participants <= MAX_PARTICIPANTS,
-        f"the number of participants must lie between 1 and {MAX_PARTICIPANTS}, got {participants}",
-    )
-    square = make_williams_square(conditions)
-    relabelled = generator.permutation(conditions)[square[np.arange(participants) % len(square)]]
-    return np.asarray(relabelled[generator.permutation(participants)], dtype=np.int64)
-
-
-@dataclass(frozen=True)
-class Balance:
-    """How evenly conditions stand over positions and behind each other."""
-
-    conditions: int
-    position_spread: int  # largest minus smallest count of a condition in a position
-    follower_spread: int  # the same of an ordered pair of different neighbours
-    interleaved: bool = False  # whether conditions change from trial to trial
-    groups: int = 1  # of participants, each balanced by itself
-
-    @property
-    def exact(self) -> bool:
-        """Whether positions and followers are balanced without remainder."""
-        return self.position_spread == 0 and self.follower_spread == 0
-
-    def __str__(self) -> str:
-        if self.interleaved:
-            return "conditions interleaved, all of them in each repetition"
-        if self.exact:
-            return "order of conditions balanced exactly, for position and for carry-over"
-        return (
-            f"order of conditions balanced to within {self.position_spread} per position and "
-            f"{self.follower_spread} per neighbour; exact at multiples of "
-            f"{self.groups * len(make_williams_square(self.conditions))} participants"
-        )
-
-
-def measure_balance(orders: Orders) -> Balance:
-    """Count positions and neighbours."""
-    count = orders.shape[1]
-    positions, followers = np.zeros((2, count, count), dtype=np.int64)
-    np.add.at(positions, (orders, np.arange(count)), 1)
-    np.add.at(followers, (orders[:, :-1], orders[:, 1:]), 1)
-    apart = followers[~np.eye(count, dtype=bool)]
-    return Balance(count, int(np.ptp(positions)), int(np.ptp(apart)) if apart.size else 0)
-
-
-@dataclass(frozen=True)
-class Item:
-    """A block that is judged.
-
-    Attributes
-    ----------
-    identity, engraved : str
-        Of the stimulus, and as it stands on the block.
-    height : float
-        Of its step [m].
-    """
-
-    identity: str
-    engraved: str
-    height: float
-
-    def __post_init__(self) -> None:
-        require(
-            math.isfinite(self.height) and self.height > 0.0,
-            f"height must be positive and finite, got {self.height:g} m [block {self.identity}]",
-        )
-
-    def describe(self) -> dict[str, str]:
-        """Say which block it is, for who loads the blocks."""
-        return {
-            "stimulus": self.identity,
-            "engraved": self.engraved,
-            "height_um": f"{self.height * 1e6:.9g}",
-        }
-
-
-def assign_codes(
-    items: Sequence[Item], generator: np.random.Generator, practised: Sequence[Item] = ()
-) -> dict[str, Item]:
-    """Give every block a code of two random letters and a check letter, and one for practice."""
-    places = [*((item, "") for item in items), *((item, PRACTICE) for item in practised)]
-    require(
-        len(places) <= MAX_CODES,
-        f"a participant must need at most {MAX_CODES} codes, with those of practice, got "
-        f"{len(places)}: choose fewer blocks",
-    )
-    size = len(_ALPHABET)
-    codes = {}
-    for (item, head), number in zip(places, generator.permutation(MAX_CODES), strict=False):
-        first, second = divmod(int(number), size)
-        check = _ALPHABET[-(2 * first + 3 * second) % size]
-        codes[head + _ALPHABET[first] + _ALPHABET[second] + check] = item
-    return codes
+Factors = Mapping[str, Sequence[str]]  # levels of each factor
+Levels = tuple[str, ...]  # one of each factor
 
 
 @dataclass(frozen=True)
@@ -182,7 +37,7 @@ class Design:
     Attributes
     ----------
     experiment : str
-        A name of `stepblocks.study.design.experiments.EXPERIMENTS`.
+        A name of `stepblocks.study.experiments.registry.EXPERIMENTS`.
     trials : sequence of mapping
         Rows of design.csv, by participant, in the order in which they are run.
     blocks : mapping
@@ -211,29 +66,58 @@ class Design:
         )
 
 
-def make_trial_row(
-    experiment: str,
-    when: Sequence[object],
-    blocks: Mapping[str, Item],
-    code: str,
-    standard: str = "",
-) -> dict[str, str]:
-    """Write a trial as its row of design.csv: when (in `WHEN`), and its codes."""
-    cells = [experiment, *map(str, when)]
-    for one in (code, standard):
-        found = blocks[one].describe() | {"code": one} if one else dict.fromkeys(_BLOCK, "")
-        cells += [found[name] for name in _BLOCK]
-    return dict(zip(DESIGN_COLUMNS, cells, strict=True))
+@dataclass(frozen=True)
+class _Plan:
+    """What every participant meets.
+
+    Attributes
+    ----------
+    experiment : str
+        Its kind.
+    judged, standards : sequence of Item
+        Blocks that are judged, and the standard that each is compared with; empty without one.
+    practised : sequence of Item
+        Blocks of practice trials.
+    repetitions : int
+        How often each block is judged in each condition.
+    within, between : sequence of str
+        Names of factors of which each participant meets all levels, and one.
+    settings : sequence of tuple of str
+        Crossed levels of the factors within participants.
+    interleaved : bool
+        Whether settings change from trial to trial.
+    """
+
+    experiment: str
+    judged: Sequence[Item]
+    standards: Sequence[Item]
+    practised: Sequence[Item]
+    repetitions: int
+    within: Sequence[str]
+    between: Sequence[str]
+    settings: Sequence[Levels]
+    interleaved: bool
+
+    def list_turns(self, order: Sequence[int]) -> list[list[int]]:
+        """Return the settings that are run together, in the order of a participant."""
+        if self.interleaved:
+            return [[*order]]
+        return [[setting] for setting in order]
+
+    def list_conditions(self, setting: int) -> list[str]:
+        """Return the conditions of a setting: of pairs, which block is given first."""
+        if self.standards:
+            return [order.value for order in PairOrder]
+        return ["/".join(self.settings[setting])]
 
 
-def name_setting(row: Mapping[str, str]) -> str:
-    """Return the levels of a trial's declared factors."""
-    return "/".join(level for name, level in row.items() if name.startswith(FACTOR))
+@dataclass(frozen=True)
+class _Cell:
+    """A trial of a set: code of its block, condition, and number of its setting."""
 
-
-def list_levels(row: Mapping[str, str]) -> set[str]:
-    """Return the condition of a trial and all levels of its factors."""
-    return {row["condition"], *row["condition"].split("/"), *name_setting(row).split("/")}
+    code: str
+    condition: str
+    setting: int
 
 
 def design_trials(
@@ -253,226 +137,234 @@ def design_trials(
     Every participant meets all levels of a factor but of those that are named as `between`, of
     which each meets one. Settings follow each other in balanced orders, or are `interleaved`. Each
     repetition, of a setting or of all, is a set of its own order in which no block follows itself.
+
+    Parameters
+    ----------
+    experiment : str
+        Its kind.
+    participants, repetitions : int
+        How many, and how often each judges each block in each condition.
+    items : sequence of Item
+        The blocks, with the standard.
+    seed : int
+        Of all chance.
+    factors : mapping of sequence of str
+        Levels of each factor.
+    between : sequence of str
+        Factors of which each participant meets one level.
+    standard : str
+        Identity of the block that all others are compared with.
+    interleaved : bool
+        Whether settings change from trial to trial.
+
+    Raises
+    ------
+    StudyError
+        If such a design is impossible, or has more than `MAX_TRIALS` trials.
     """
-    settings, groups, generator = _check_size(
-        (participants, repetitions, seed), items, factors, between, standard
-    )
-    names = [*(name for name in factors if name not in between), *between]
+    _check_names(items, factors, between, standard)
+    within = [name for name in factors if name not in between]
+    settings = list(itertools.product(*(factors[name] for name in within)))
+    groups = list(itertools.product(*(factors[name] for name in between)))
+    pair_orders = len(PairOrder) if standard else 1
+    trials_of_each = len(settings) * len(items) * repetitions * pair_orders
+    _check_size(participants, repetitions, seed, len(groups), trials_of_each)
+    generator = np.random.default_rng(seed)
     group = generator.permutation(participants) % len(groups)
-    orders = np.zeros((participants, len(settings)), dtype=np.int64)
-    for index, count in enumerate(np.bincount(group, minlength=len(groups))):
-        orders[group == index] = allocate_orders(int(count), len(settings), generator)
-    base = [item for item in items if item.identity == standard]
-    others = [item for item in items if item.identity != standard]
-    trials, blocks = list[dict[str, str]](), dict[str, dict[str, Item]]()
-    for person in range(participants):
-        codes = assign_codes([*others, *base * len(others)], generator, items)
-        own, aliases = list(codes)[: len(others)], list(codes)[len(others) : -len(items)]
-        practised = {codes[code].identity: code for code in list(codes)[-len(items) :]}
-        blocks[str(person + 1)] = codes
-        last = ""
-        number = itertools.count(1)
-        turns = [[*orders[person]]] if interleaved else [[index] for index in orders[person]]
-        for some, time in itertools.product(turns, range(repetitions)):
-            cells = [
-                (code, condition, index)
-                for index in some
-                for code in own
-                for condition in (ORDERS if base else ["/".join(settings[index])])
-            ]
-            facing = {order: generator.permutation(aliases) for order in ORDERS if base}
-            for code, condition, index in _shuffle(cells, last, generator):
-                met = settings[index] + groups[group[person]]
-                row = make_trial_row(
-                    experiment,
-                    (person + 1, next(number), condition, time + 1),
-                    codes,
-                    code,
-                    str(facing[condition][own.index(code)]) if base else "",
-                )
-                trials.append(
-                    row
-                    | {f"{FACTOR}{one}": level for one, level in zip(names, met, strict=True)}
-                    | {
-                        f"practice_{name}": practised.get(row[block], "")
-                        for name, block in (("code", "stimulus"), ("standard_code", "standard"))
-                    }
-                )
-                last = code
-    return Design(
+    orders = _order_settings(group, len(groups), len(settings), generator)
+    judged = [item for item in items if item.identity != standard]
+    standards = [item for item in items if item.identity == standard]
+    plan = _Plan(
         experiment,
-        trials,
-        blocks,
-        replace(measure_balance(orders), interleaved=interleaved, groups=len(groups)),
+        judged,
+        standards * len(judged),
+        items,
+        repetitions,
+        within,
+        between,
+        settings,
+        interleaved,
     )
+    trials = list[dict[str, str]]()
+    blocks = dict[str, dict[str, Item]]()
+    for person in range(participants):
+        codes = assign_codes([*judged, *plan.standards], generator, items)
+        blocks[str(person + 1)] = codes.all()
+        levels = groups[group[person]]
+        trials += _list_trials(plan, str(person + 1), codes, orders[person], levels, generator)
+    balance = replace(measure_balance(orders), interleaved=interleaved, groups=len(groups))
+    return Design(experiment, trials, blocks, balance)
 
 
-def _shuffle(
-    cells: Sequence[tuple[str, str, int]], last: str, generator: np.random.Generator
-) -> list[tuple[str, str, int]]:
-    # Order a set so that no block follows itself, where that can be
-    for _ in range(_SHUFFLES if len({cell[0] for cell in cells}) > 1 else 1):
-        found = [cells[index] for index in generator.permutation(len(cells))]
-        if all(one != two for one, two in itertools.pairwise([last, *(cell[0] for cell in found)])):
-            break
-    return found
+def _check_names(
+    items: Sequence[Item], factors: Factors, between: Sequence[str], standard: str
+) -> None:
+    """Reject names of factors, levels and blocks that a design cannot have."""
+    known = [item.identity for item in items]
+    for name, levels in factors.items():
+        _check_levels(name, levels)
+    _check_levels("blocks", known)
+    unknown = [name for name in between if name not in factors]
+    if unknown:
+        raise StudyError(f"between must name factors ({', '.join(factors)}), got {unknown}")
+    if not standard:
+        return
+    if standard not in known:
+        raise StudyError(f"standard must be one of {', '.join(known)}, got {standard!r}")
+    compared = len(known) - 1
+    if compared < 2:
+        raise StudyError(f"comparisons need two blocks beside the standard, got {compared}")
+
+
+def _check_levels(name: str, levels: Sequence[str]) -> None:
+    """Reject a factor, or the blocks, whose names cannot stand in a design."""
+    label = "conditions" if name == "probe" else name
+    if not levels:
+        raise StudyError(f"{label} must be at least one, got none")
+    repeated = sorted(level for level in set(levels) if list(levels).count(level) > 1)
+    if repeated:
+        raise StudyError(f"{label} must differ from each other, got {repeated[0]!r} twice")
+    for level in levels:
+        if not level or level.strip() != level or "/" in level:
+            raise StudyError(
+                f"{label} must have names without slash or outer spaces, got {list(levels)}"
+            )
+    if not name.replace("-", "_").isidentifier():
+        raise StudyError(f"a factor must be one word, got {name!r}")
 
 
 def _check_size(
-    size: tuple[int, int, int],
-    items: Sequence[Item],
-    factors: Factors,
-    between: Sequence[str],
-    standard: str,
-) -> tuple[list[tuple[str, ...]], list[tuple[str, ...]], np.random.Generator]:
-    # Refuse what is impossible; return settings, groups and the source of all chance
-    participants, repetitions, seed = size
-    known = [item.identity for item in items]
-    for name, values in {**factors, "blocks": known}.items():
-        label = "conditions" if name == "probe" else name
-        require(values, f"{label} must be at least one, got none")
-        twice = sorted({value for value in values if list(values).count(value) > 1})
-        require(not twice, f"{label} must differ from each other, got {''.join(twice[:1])!r} twice")
-        require(
-            all(value and value.strip() == value and "/" not in value for value in values),
-            f"{label} must have names without slash or outer spaces, got {list(values)}",
+    participants: int, repetitions: int, seed: int, groups: int, trials_of_each: int
+) -> None:
+    """Reject a design without repetitions, with empty groups, or with too many trials."""
+    if repetitions < 1:
+        raise StudyError(f"repetitions must be at least 1, got {repetitions}")
+    if seed < 0:
+        raise StudyError(f"seed must not be negative, got {seed}")
+    if participants < groups:
+        raise StudyError(
+            f"participants must be at least {groups}, one for each group, got {participants}"
         )
-        require(name.replace("-", "_").isidentifier(), f"a factor must be one word, got {name!r}")
-    unknown = [name for name in between if name not in factors]
-    require(not unknown, f"between must name factors ({', '.join(factors)}), got {unknown}")
-    if standard:
-        require(standard in known, f"standard must be one of {', '.join(known)}, got {standard!r}")
-        count = len(known) - 1
-        require(count >= 2, f"comparisons need two blocks beside the standard, got {count}")
-    require(repetitions >= 1, f"repetitions must be at least 1, got {repetitions}")
-    require(seed >= 0, f"seed must not be negative, got {seed}")
-    settings = list(itertools.product(*(v for n, v in factors.items() if n not in between)))
-    groups = list(itertools.product(*(factors[name] for name in between)))
-    require(
-        participants >= len(groups),
-        f"participants must be at least {len(groups)}, one for each group, got {participants}",
-    )
-    total = participants * len(settings) * len(items) * repetitions * (2 if standard else 1)
-    require(total <= MAX_TRIALS, f"a design must have at most {MAX_TRIALS} trials, got {total}")
-    return settings, groups, np.random.default_rng(seed)
+    total = participants * trials_of_each
+    if total > MAX_TRIALS:
+        raise StudyError(f"a design must have at most {MAX_TRIALS} trials, got {total}")
 
 
-@dataclass(frozen=True)
-class Blocks:
-    """The blocks of a study and where they are felt.
+def _order_settings(
+    group: NDArray[np.int64], groups: int, settings: int, generator: np.random.Generator
+) -> Orders:
+    """Return the order of settings of each participant, balanced within each group.
 
-    Attributes
-    ----------
-    items : tuple of Item
-        The blocks.
-    faces : mapping of Counterface
-        By identity.
-    point : OperatingPoint
-        The first of the set's grid under which every block rings, as far as nothing else is given.
+    `group`, shape (participants,), has the number of each participant's group.
     """
-
-    items: tuple[Item, ...]
-    faces: Mapping[str, Counterface]
-    point: OperatingPoint
-
-    def energies(self) -> dict[str, float]:
-        """Predict the energy of vibration [J] of each block; each must release the probe."""
-        found = dict(zip(self.faces, _predict_felt(self.faces.values(), self.point), strict=True))
-        for name, face in self.faces.items():
-            if not found[name] > 0.0:
-                status = face.release(self.point).status
-                reason = "walked over in time" if status is Status.RELEASES else status.value
-                raise PipelineError(
-                    f"every block must release the probe to be felt by its vibration; {name} "
-                    f"is {reason} at friction {self.point.friction:g}"
-                )
-        return found
+    orders = np.zeros((len(group), settings), dtype=np.int64)
+    for index, count in enumerate(np.bincount(group, minlength=groups)):
+        orders[group == index] = allocate_orders(int(count), settings, generator)
+    return orders
 
 
-def _predict_felt(faces: Iterable[Counterface], point: OperatingPoint) -> list[float]:
-    return list(choose_energies([predict_one(face, point) for face in faces])[0])
+def _list_trials(
+    plan: _Plan,
+    participant: str,
+    codes: Codes,
+    order: Sequence[int],
+    levels: Levels,
+    generator: np.random.Generator,
+) -> Iterator[dict[str, str]]:
+    """Yield the rows of design.csv of one participant.
+
+    Parameters
+    ----------
+    plan : _Plan
+        What every participant meets.
+    participant : str
+        Number of the participant.
+    codes : Codes
+        Of the participant; those of the blocks come before those of the standard.
+    order : sequence of int
+        Of the settings.
+    levels : tuple of str
+        Of the factors between participants.
+    generator : Generator
+        Source of all chance.
+    """
+    judged = list(codes.judged)[: len(plan.judged)]
+    standards = list(codes.judged)[len(plan.judged) :]
+    practice_code = {item.identity: code for code, item in codes.practised.items()}
+    number = 0
+    last = ""
+    for settings, repetition in itertools.product(plan.list_turns(order), range(plan.repetitions)):
+        cells = list(_cross(plan, settings, judged))
+        facing = dict[str, dict[str, str]]()  # code of the standard by order and block
+        if standards:
+            for pair_order in PairOrder:
+                drawn = generator.permutation(standards)
+                facing[pair_order] = dict(zip(judged, map(str, drawn), strict=True))
+        for cell in _shuffle(cells, last, generator):
+            number += 1
+            standard = ""
+            if standards:
+                standard = facing[cell.condition][cell.code]
+            when = (participant, str(number), cell.condition, str(repetition + 1))
+            row = make_trial_row(plan.experiment, when, codes.judged, cell.code, standard)
+            names = (*plan.within, *plan.between)
+            for name, level in zip(names, (*plan.settings[cell.setting], *levels), strict=True):
+                row[f"{FACTOR}{name}"] = level
+            row["practice_code"] = practice_code.get(row["stimulus"], "")
+            row["practice_standard_code"] = practice_code.get(row["standard"], "")
+            yield row
+            last = cell.code
 
 
-def choose_blocks(
-    source: Declared | Sequence[float],
-    felt: Mapping[str, float] = MappingProxyType({}),
-    only: str | None = None,
-) -> Blocks:
-    """Choose the blocks of a study: those of a stimulus set, or sharp steps of some heights [m]."""
-    if not isinstance(source, str | Path | StimulusSet):
-        named = {f"step-{height * 1e6:03.6g}": height for height in source}
-        return Blocks(
-            tuple(Item(name, name.upper(), height) for name, height in named.items()),
-            {name: Step(height) for name, height in named.items()},
-            replace(PAPER, **dict[str, Any](felt)),
-        )
-    stimuli = source if isinstance(source, StimulusSet) else load_set(Path(source))
-    blocks = [
-        block
-        for block in stimuli.step_block
-        if only is None or matches_pattern(only, stimuli.name, block.id)
-    ]
-    if not blocks:
-        chosen = f" that match {only!r}" if only else ""
-        raise PipelineError(f"a study needs step blocks; the set {stimuli.name} has none{chosen}")
-    grid = stimuli.prediction
-    loads = [felt["normal_load"]] if "normal_load" in felt else grid.normal_loads
-    points = [grid.first_point(**{**felt, "normal_load": load}) for load in loads]
-    faces = [
-        block.counterface()
-        for block in sorted(stimuli.step_block, key=lambda one: one.height.nominal)
-    ]
-    # of the loads the first under which every block rings, and rises
-    point = next(
-        (
-            point
-            for point in points[:-1]
-            if (np.diff([0.0, *_predict_felt(faces, point)]) > 0.0).all()
-        ),
-        points[-1],
-    )
-    return Blocks(
-        tuple(Item(block.id, block.id.upper(), block.height.nominal) for block in blocks),
-        {block.id: block.counterface() for block in blocks},
-        point,
-    )
+def _cross(plan: _Plan, settings: Sequence[int], codes: Sequence[str]) -> Iterator[_Cell]:
+    """Yield every block in every condition of some settings."""
+    for setting in settings:
+        conditions = plan.list_conditions(setting)
+        for code, condition in itertools.product(codes, conditions):
+            yield _Cell(code, condition, setting)
 
 
-def check_virtual_factor(name: str, levels: Sequence[str]) -> None:
-    """Refuse a factor of virtual blocks that the program cannot change, or levels of no meaning."""
-    require(
-        name in VIRTUAL_FACTORS,
-        "a factor of virtual blocks within participants must be one of "
-        f"{', '.join(VIRTUAL_FACTORS)}, got {name!r}",
-    )
-    words = {"vibration": ("vibration-off", "vibration-on"), "block": (REAL, VIRTUAL)}
-    for level in levels:
-        if name in words:
-            require(
-                level in words[name],
-                f"{name} must be one of {', '.join(words[name])}, got {level!r}",
-            )
-        else:
-            require(parse_quantity(level, VIRTUAL_FACTORS[name]) > 0.0, f"{name} must be positive")
+def make_trial_row(
+    experiment: str,
+    when: Sequence[str],
+    blocks: Mapping[str, Item],
+    code: str,
+    standard: str = "",
+) -> dict[str, str]:
+    """Write a trial as its row of design.csv.
+
+    Parameters
+    ----------
+    experiment : str
+        Its kind.
+    when : sequence of str
+        Cells of the columns `WHEN`.
+    blocks : mapping of Item
+        By code.
+    code, standard : str
+        Codes of the block and of the standard that it is compared with, if there is one.
+    """
+    row = {"experiment": experiment, **dict(zip(WHEN, when, strict=True))}
+    block = {**blocks[code].describe(), "code": code}
+    for column in _BLOCK:
+        row[column] = block[column]
+    facing = dict.fromkeys(_BLOCK, "")
+    if standard:
+        facing = {**blocks[standard].describe(), "code": standard}
+    for column, name in zip(_STANDARD, _BLOCK, strict=True):
+        row[column] = facing[name]
+    return row
 
 
-def find_designed_blocks(
-    design: Sequence[Mapping[str, str]], where: Declared | None, felt: Mapping[str, float]
-) -> Blocks:
-    """Find the blocks of a design in a stimulus file; without one they are sharp steps."""
-    heights = {
-        row[name]: float(row[height]) / 1e6
-        for row in design
-        for name, height in _NAMED
-        if row[name]
-    }
-    blocks = choose_blocks(sorted(set(heights.values())) if where is None else where, felt)
-    faces = (
-        {name: Step(height) for name, height in heights.items()} if where is None else blocks.faces
-    )
-    lacking = ", ".join(sorted(set(heights) - set(faces)))
-    require(
-        not lacking,
-        f"the blocks of the design must be in the stimulus file, got no {lacking} [{where}]",
-    )
-    return replace(blocks, faces={name: face for name, face in faces.items() if name in heights})
+def _shuffle(cells: Sequence[_Cell], last: str, generator: np.random.Generator) -> list[_Cell]:
+    """Shuffle a set so that no block follows itself, where that is possible.
+
+    `last` is the code of the block before the set.
+    """
+    several = len({cell.code for cell in cells}) > 1
+    for _ in range(_SHUFFLES if several else 1):
+        shuffled = [cells[index] for index in generator.permutation(len(cells))]
+        codes = [last, *(cell.code for cell in shuffled)]
+        if all(code != following for code, following in itertools.pairwise(codes)):
+            break
+    return shuffled

@@ -1,0 +1,209 @@
+"""Comparisons with a standard, setting by setting: curves, their group, and differences."""
+
+import math
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import t
+
+from stepblocks.errors import StudyError
+from stepblocks.files.tables import Table
+from stepblocks.study.analysis.anova import Interval
+from stepblocks.study.analysis.population import (
+    Estimate,
+    Grid,
+    Population,
+    compare_between,
+    compare_within,
+)
+from stepblocks.study.analysis.psychometric import (
+    Psychometric,
+    compute_weber,
+    fit_psychometric,
+)
+
+
+class CurveQuantity(StrEnum):
+    """What of a psychometric function is compared between settings."""
+
+    SPREAD = "spread of comparisons"
+    EQUALITY = "point of subjective equality"
+
+    @property
+    def axis(self) -> int:
+        """Its axis in the model of a group."""
+        return 1 if self is CurveQuantity.SPREAD else 0
+
+
+class GroupMember(NamedTuple):
+    """A participant as drawn towards the group by its model.
+
+    Attributes
+    ----------
+    participant : str
+        Name.
+    equality : float
+        Point of subjective equality [m].
+    weber : float
+        Weber fraction [1].
+    """
+
+    participant: str
+    equality: float
+    weber: float
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Psychometric function of one participant.
+
+    Attributes
+    ----------
+    who : str
+        Participant.
+    levels : tuple of float
+        Heights compared with the standard [m].
+    hits, totals : tuple of int
+        Answers "higher", and trials, of each height.
+    fit : Psychometric or None
+        None where the answers do not determine one.
+    reason : str
+        Why not; empty with a fit.
+    """
+
+    who: str
+    levels: tuple[float, ...]
+    hits: tuple[int, ...]
+    totals: tuple[int, ...]
+    fit: Psychometric | None
+    reason: str
+
+
+@dataclass(frozen=True)
+class Comparisons:
+    """Comparisons with a standard in one setting.
+
+    Attributes
+    ----------
+    setting : str
+        Levels of the declared factors; empty where there are none.
+    curves : tuple of Curve
+        Of each participant.
+    standard : float
+        Height of the standard [m].
+    equal, spread : Estimate or None
+        Means over participants of ln(point of subjective equality / standard) and of ln(sigma);
+        None with fewer than two participants.
+    people : tuple of GroupMember
+        Participants of the model.
+    model : Population or None
+        Of these participants, in the same order.
+    """
+
+    setting: str
+    curves: tuple[Curve, ...]
+    standard: float
+    equal: Estimate | None
+    spread: Estimate | None
+    people: tuple[GroupMember, ...] = ()
+    model: Population | None = None
+
+    def leave_out(self, who: str) -> "Comparisons":
+        """Return what all others say; what the group of all says is not among it."""
+        assert self.model is not None
+        kept = [place for place, member in enumerate(self.people) if member.participant != who]
+        return replace(
+            self,
+            equal=None,
+            spread=None,
+            people=tuple(self.people[place] for place in kept),
+            model=Population(self.model.likelihood[kept], self.model.axes),
+        )
+
+
+def fit_setting(setting: str, judgements: Table, standard: float) -> Comparisons:
+    """Fit the curve of each participant in one setting, and the population of several.
+
+    Parameters
+    ----------
+    setting : str
+        Levels of the declared factors.
+    judgements : DataFrame
+        participant, height [m], and higher (0 or 1), one row per comparison.
+    standard : float
+        Height of the standard [m].
+    """
+    by_participant = judgements.groupby("participant", sort=False)
+    curves = tuple(fit_curve(str(name), answers) for name, answers in by_participant)
+    tables = judgements.pivot_table(
+        index="participant", columns="height", values="higher", aggfunc=["sum", "count"]
+    ).fillna(0.0)
+    hits = tables["sum"]
+    if len(curves) < 2 or hits.shape[1] < 3:
+        return Comparisons(setting, curves, standard, None, None)
+    heights = hits.columns.to_numpy(float)
+    grid = Grid(np.log(heights / standard), hits, tables["count"])
+    model = Population(grid.likelihood, grid.axes)
+    middles = model.predict_participants(CurveQuantity.EQUALITY.axis)
+    widths = model.predict_participants(CurveQuantity.SPREAD.axis)
+    people = []
+    for who, middle, width in zip(hits.index, middles, widths, strict=True):
+        people.append(GroupMember(str(who), standard * math.exp(middle), compute_weber(width)))
+    return Comparisons(
+        setting,
+        curves,
+        standard,
+        model.estimate(CurveQuantity.EQUALITY.axis),
+        model.estimate(CurveQuantity.SPREAD.axis),
+        tuple(people),
+        model,
+    )
+
+
+def fit_curve(who: str, judgements: Table) -> Curve:
+    """Fit the curve of one participant; without a fit, the curve has the reason."""
+    by_level = judgements.groupby("height")["higher"].agg(["sum", "count"])
+    levels = tuple(by_level.index.tolist())
+    hits = tuple(by_level["sum"].tolist())
+    totals = tuple(by_level["count"].tolist())
+    try:
+        return Curve(who, levels, hits, totals, fit_psychometric(levels, hits, totals), "")
+    except StudyError as error:
+        return Curve(who, levels, hits, totals, None, str(error))
+
+
+def compare_settings(quantity: CurveQuantity, first: Comparisons, second: Comparisons) -> Interval:
+    """Compare the logarithm of a quantity, within participants where they met both settings."""
+    assert first.model is not None
+    assert second.model is not None
+    gap = _compare_models(quantity.axis, first, second)
+    return Interval(
+        first.setting,
+        second.setting,
+        gap.value,
+        gap.low,
+        gap.high,
+        gap.p,
+        effect_size=math.nan,
+        error=0.5 * (gap.high - gap.low) / float(t.ppf(0.975, gap.df)),
+        df=gap.df,
+    )
+
+
+def _compare_models(axis: int, first: Comparisons, second: Comparisons) -> Estimate:
+    """Compare an axis of the models of two settings, `first` minus `second`."""
+    model, facing = first.model, second.model
+    assert model is not None
+    assert facing is not None
+    people = [member.participant for member in first.people]
+    facing_people = [member.participant for member in second.people]
+    common = sorted(set(people) & set(facing_people))
+    if len(common) < 2 or not np.array_equal(model.axes[axis], facing.axes[axis]):
+        return compare_between(model.estimate(axis), facing.estimate(axis))
+    rows = [people.index(who) for who in common]
+    facing_rows = [facing_people.index(who) for who in common]
+    return compare_within(
+        model.profile(axis)[rows], facing.profile(axis)[facing_rows], model.axes[axis]
+    )

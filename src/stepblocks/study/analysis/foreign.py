@@ -1,0 +1,198 @@
+"""Judgements of studies that were not designed here, from their tables or a BIDS dataset."""
+
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from stepblocks.errors import StudyError
+from stepblocks.study.analysis.judgements import Judgement, Judgements, join_rows
+from stepblocks.study.columns import FACTOR, RATINGS, Row, read_number
+from stepblocks.study.design.read import SheetRow, find_sheets, read_rows
+from stepblocks.study.experiments.registry import ALIASES, EXPERIMENTS
+
+DESCRIPTIONS = {
+    "participant": "participant",
+    "trial": "number of the trial in the participant's session",
+    "condition": "probe, vibration, or which block of a pair came first",
+    "repetition": "set of blocks within the condition",
+    "stimulus": "identity of the block",
+    "height_um": "height of its step, micrometres",
+    "standard_height_um": "height of the block that it was compared with, micrometres",
+    "estimate_um": "height that the participant estimated, micrometres",
+    "realism_rating": "rating of realism",
+    "second_is_higher": "whether the second block of the pair was called higher, y or n",
+    "magnitude_ratio": "number given to the felt magnitude",
+    "group": "group of the participant",
+    "shown_utc": "when the trial was shown, UTC",
+    "answered_utc": "when it was answered, UTC",
+    "reaction_s": "time from the question to the answer, seconds",
+}
+_LOWEST, _HIGHEST = 0.1, 5000.0  # of the steps of blocks; beyond, it is another unit [um]
+_MICROMETRES = {"um": 1.0, "mm": 1e3, "m": 1e6}  # in each unit of a column
+_FEWEST_COPIED = 6  # rows of a participant of which the second half may be a copy
+
+
+@dataclass(frozen=True)
+class _Columns:
+    """What the columns of foreign tables are called.
+
+    Attributes
+    ----------
+    named : mapping of str
+        Their names for ours; those that are not named are called as ours. Lengths may be in um, mm
+        or m: ``height_mm=h`` reads the column ``h`` in millimetres.
+    """
+
+    named: Mapping[str, str]
+
+    def name(self, ours: str) -> str:
+        """Return their name of one of our columns."""
+        return self.named.get(ours, ours)
+
+    def read(self, row: Row, ours: str) -> str | None:
+        """Return the cell of one of our columns, lengths in micrometres; None without one."""
+        if not ours.endswith("_um"):
+            return row.get(self.name(ours))
+        stem = ours.removesuffix("_um")
+        for unit, factor in _MICROMETRES.items():
+            text = row.get(self.name(f"{stem}_{unit}"))
+            if text is None:
+                continue
+            if factor == 1.0 or not text:
+                return text
+            return f"{read_number(text) * factor:.12g}"
+        return None
+
+
+def read_foreign_judgements(
+    tables: Sequence[str | Path],
+    columns: Mapping[str, str],
+    experiment: str,
+    ratings: tuple[int, int] = RATINGS,
+) -> Judgements:
+    """Read judgements from tables or a dataset of a study that was not designed here.
+
+    What is not there is numbered (trial, repetition) or found by the height (stimulus).
+
+    Parameters
+    ----------
+    tables : sequence of str or Path
+        Files, or folders of them.
+    columns : mapping of str
+        Their names for ours, as in `analyse_study`.
+    experiment : str
+        Kind of the judgements.
+    ratings : tuple of int
+        Lowest and highest rating.
+
+    Raises
+    ------
+    StudyError
+        If a column is unknown or missing, rows stand twice, or an answer cannot be read.
+    """
+    experiment = ALIASES.get(experiment, experiment)
+    if experiment not in EXPERIMENTS:
+        raise StudyError(f"experiment must be one of {', '.join(EXPERIMENTS)}, got {experiment!r}")
+    for name in columns:
+        if re.sub("_(mm|m)$", "_um", name) not in DESCRIPTIONS:
+            raise StudyError(f"columns must be named for {', '.join(DESCRIPTIONS)}, got {name!r}")
+    names = _Columns(columns)
+    participant = names.name("participant")
+    rows = list[SheetRow]()
+    for path in find_sheets(tables):
+        rows += read_rows(path, [participant])
+    _refuse_copied_rows(rows, {names.name("trial"), "repetition", "time"})
+    _refuse_copied_tables(rows, participant)
+    pairs = [Judgement(row.cells, row) for row in _number_rows(rows, names, experiment)]
+    return join_rows(experiment, pairs, ratings, {})
+
+
+def _number_rows(rows: Sequence[SheetRow], names: _Columns, experiment: str) -> Iterator[SheetRow]:
+    """Yield foreign rows in our columns, with the trial, repetition and block of each."""
+    trials = Counter[str]()
+    repetitions = Counter[tuple[str, str, str]]()
+    for row in rows:
+        cells = _translate(row.cells, names, EXPERIMENTS[experiment].default_condition)
+        _check_cells(cells, row.place, experiment)
+        cells.setdefault("stimulus", f"step-{read_number(cells['height_um']):03.6g}")
+        trials[cells["participant"]] += 1
+        cell = (cells["participant"], cells["condition"], cells["stimulus"])
+        repetitions[cell] += 1
+        numbered = {
+            "standard_height_um": cells["height_um"],
+            "trial": str(trials[cells["participant"]]),
+            "repetition": str(repetitions[cell]),
+            **cells,
+        }
+        yield SheetRow(numbered, row.file, row.line)
+
+
+def _translate(row: Row, names: _Columns, condition: str) -> dict[str, str]:
+    """Return a foreign row in our columns; `condition` is the one of a row that names none."""
+    cells = {"condition": condition}
+    for column in DESCRIPTIONS:
+        text = names.read(row, column)
+        if text is not None:
+            cells[column] = text
+    for name, text in row.items():
+        if name.startswith(FACTOR):
+            cells[name] = text
+    return cells
+
+
+def _check_cells(cells: Row, place: str, experiment: str) -> None:
+    """Reject a row that lacks what every judgement has, or has a height in another unit.
+
+    An answer may be empty, but its column must be there.
+    """
+    answers = EXPERIMENTS[experiment].answers
+    needed = ["participant", "condition", "height_um", *answers]
+    lacking = [name for name in ("participant", "condition", "height_um") if not cells.get(name)]
+    lacking += [name for name in answers if name not in cells]
+    if lacking:
+        raise StudyError(
+            f"a table must have {', '.join(needed)} (name yours by --columns), got no "
+            f"{', '.join(lacking)} [{place}]"
+        )
+    for name in ("height_um", "standard_height_um"):
+        height = read_number(cells.get(name, cells["height_um"]))
+        if not _LOWEST <= height <= _HIGHEST:
+            raise StudyError(
+                f"{name} must be a number from {_LOWEST:g} to {_HIGHEST:g} um, got "
+                f"{cells.get(name)!r}; is the unit of its column right? [{place}]"
+            )
+
+
+def _refuse_copied_rows(rows: Sequence[SheetRow], numbers: set[str]) -> None:
+    """Reject numbered rows that stand twice; `numbers` are columns that number them.
+
+    Without numbers, rows of one participant that are alike may be judgements that agree.
+    """
+    first = dict[tuple[str, ...], SheetRow]()
+    for row in rows:
+        texts = tuple(row.cells.values())
+        if texts in first and numbers & set(row.cells):
+            raise StudyError(
+                f"a row must not stand twice [{row.place}; first {first[texts].place}]"
+            )
+        first.setdefault(texts, row)
+
+
+def _refuse_copied_tables(rows: Sequence[SheetRow], participant: str) -> None:
+    """Reject tables in which everybody's rows follow twice; `participant` is their column."""
+    by_participant = dict[str, list[tuple[str, ...]]]()
+    for row in rows:
+        texts = tuple(row.cells.values())
+        by_participant.setdefault(row.cells[participant], []).append(texts)
+    if all(_is_copied(texts) for texts in by_participant.values()):
+        raise StudyError(f"the {len(rows) // 2} rows of a table must not stand twice")
+
+
+def _is_copied(rows: Sequence[tuple[str, ...]]) -> bool:
+    """Return whether the second half of a participant's rows is the first again."""
+    half = len(rows) // 2
+    if len(rows) < _FEWEST_COPIED or len(rows) % 2:
+        return False
+    return list(rows[:half]) == list(rows[half:])

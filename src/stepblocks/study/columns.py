@@ -1,0 +1,49 @@
+"""Columns and cells that a design, its run sheets and its judgements have in common."""
+
+import math
+from collections.abc import Iterable, Mapping
+from enum import StrEnum
+from typing import TypeAlias
+
+Row: TypeAlias = Mapping[str, str]  # of a table, by column
+
+RATINGS = (1, 7)  # lowest and highest rating, where no others are named
+WHEN = ("participant", "trial", "condition", "repetition")
+FACTOR = "factor_"  # begins the column of each declared factor
+
+
+class PairOrder(StrEnum):
+    """Condition of a comparison: which of the two blocks is given first."""
+
+    STANDARD_FIRST = "standard-first"
+    STANDARD_SECOND = "standard-second"
+
+
+def name_setting(row: Row) -> str:
+    """Return the levels of a trial's declared factors, joined by slashes."""
+    return "/".join(level for name, level in row.items() if name.startswith(FACTOR))
+
+
+def list_levels(row: Row) -> set[str]:
+    """Return the condition of a trial and all levels of its factors."""
+    condition = row["condition"]
+    return {condition, *condition.split("/"), *name_setting(row).split("/")}
+
+
+def group_by_participant(rows: Iterable[dict[str, str]]) -> dict[str, list[dict[str, str]]]:
+    """Sort rows by their participants."""
+    by_participant: dict[str, list[dict[str, str]]] = {}
+    for row in rows:
+        by_participant.setdefault(row["participant"], []).append(row)
+    return by_participant
+
+
+def read_number(text: str) -> float:
+    """Read a finite number; not-a-number where there is none."""
+    try:
+        value = float(text)
+    except ValueError:
+        return math.nan
+    if "_" in text or not math.isfinite(value):  # Python reads 1_000
+        return math.nan
+    return value

@@ -1,0 +1,277 @@
+"""The blocks of a study: which they are, their codes, and where they are felt."""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from stepblocks.contact.counterface import Counterface, Step
+from stepblocks.contact.energy import Status
+from stepblocks.contact.operating_point import PAPER, OperatingPoint
+from stepblocks.declaration.read import load_set
+from stepblocks.declaration.select import matches_pattern
+from stepblocks.declaration.set import StimulusSet
+from stepblocks.errors import PipelineError, StudyError
+from stepblocks.predict.perception import choose_energies
+from stepblocks.predict.predictions import predict_one
+from stepblocks.study.columns import Row
+
+Declared: TypeAlias = str | Path | StimulusSet  # a stimulus file, or the set of one
+
+# no I, O, Q, S, Z, G, J: a hand writes them like others; their number, 19, is prime
+_ALPHABET = "ABCDEFHKLMNPRTUVWXY"
+MAX_CODES = len(_ALPHABET) ** 2  # blocks that one study can tell apart
+PRACTICE = "P-"  # begins a code of practice, which says what was right: no trial shows it
+
+
+@dataclass(frozen=True)
+class Item:
+    """A block that is judged.
+
+    Attributes
+    ----------
+    identity, engraved : str
+        Of the stimulus, and as it stands on the block.
+    height : float
+        Of its step [m].
+
+    Raises
+    ------
+    StudyError
+        If the height is not positive and finite.
+    """
+
+    identity: str
+    engraved: str
+    height: float
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.height) and self.height > 0.0):
+            raise StudyError(
+                f"height must be positive and finite, got {self.height:g} m [block {self.identity}]"
+            )
+
+    def describe(self) -> dict[str, str]:
+        """Describe the block, for whoever loads the blocks."""
+        return {
+            "stimulus": self.identity,
+            "engraved": self.engraved,
+            "height_um": f"{self.height * 1e6:.9g}",
+        }
+
+
+@dataclass(frozen=True)
+class Codes:
+    """The codes of one participant, each with its block.
+
+    Attributes
+    ----------
+    judged : mapping of Item
+        Codes that trials show.
+    practised : mapping of Item
+        Codes of practice.
+    """
+
+    judged: Mapping[str, Item]
+    practised: Mapping[str, Item]
+
+    def all(self) -> dict[str, Item]:
+        """Return the blocks of all codes."""
+        return {**self.judged, **self.practised}
+
+
+def assign_codes(
+    items: Sequence[Item], generator: np.random.Generator, practised: Sequence[Item] = ()
+) -> Codes:
+    """Give every block a code of two random letters and a check letter, and one for practice.
+
+    Raises
+    ------
+    StudyError
+        If there are more blocks than codes.
+    """
+    needed = len(items) + len(practised)
+    if needed > MAX_CODES:
+        raise StudyError(
+            f"a participant must need at most {MAX_CODES} codes, with those of practice, got "
+            f"{needed}: choose fewer blocks"
+        )
+    numbers = generator.permutation(MAX_CODES).tolist()
+    judged_numbers = numbers[: len(items)]
+    practice_numbers = numbers[len(items) : needed]
+    judged = [_write_code(number) for number in judged_numbers]
+    practice = [PRACTICE + _write_code(number) for number in practice_numbers]
+    return Codes(dict(zip(judged, items, strict=True)), dict(zip(practice, practised, strict=True)))
+
+
+def _write_code(number: int) -> str:
+    """Write a number below `MAX_CODES` as two letters and a check letter."""
+    size = len(_ALPHABET)
+    first, second = divmod(number, size)
+    check = -(2 * first + 3 * second) % size
+    return _ALPHABET[first] + _ALPHABET[second] + _ALPHABET[check]
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """The blocks of a study and where they are felt.
+
+    Attributes
+    ----------
+    items : tuple of Item
+        The blocks.
+    faces : mapping of Counterface
+        By identity.
+    point : OperatingPoint
+        The first of the set's grid under which every block rings, as far as nothing else is given.
+    """
+
+    items: tuple[Item, ...]
+    faces: Mapping[str, Counterface]
+    point: OperatingPoint
+
+    def energies(self) -> dict[str, float]:
+        """Predict the energy of vibration [J] of each block.
+
+        Raises
+        ------
+        PipelineError
+            If a block does not release the probe, or is walked over.
+        """
+        predicted = _predict_energies(self.faces.values(), self.point)
+        energies = dict(zip(self.faces, predicted, strict=True))
+        for name, face in self.faces.items():
+            if not energies[name] > 0.0:
+                raise PipelineError(
+                    "every block must release the probe to be felt by its vibration; "
+                    f"{name} is {self._explain_silence(face)} at friction {self.point.friction:g}"
+                )
+        return energies
+
+    def _explain_silence(self, face: Counterface) -> str:
+        """Return why a block does not vibrate."""
+        status = face.release(self.point).status
+        if status is Status.RELEASES:
+            return "walked over in time"
+        return status.value
+
+
+def _predict_energies(faces: Iterable[Counterface], point: OperatingPoint) -> list[float]:
+    """Return the energy of vibration that each block gives [J]."""
+    energies, _ = choose_energies([predict_one(face, point) for face in faces])
+    return list(energies)
+
+
+def choose_blocks(
+    source: Declared | Sequence[float],
+    felt: Mapping[str, float] = MappingProxyType({}),
+    only: str | None = None,
+) -> Blocks:
+    """Choose the blocks of a study: those of a stimulus set, or sharp steps of some heights.
+
+    Parameters
+    ----------
+    source : str, Path, StimulusSet or sequence of float
+        Stimulus file, its set, or heights [m].
+    felt : mapping of float
+        Where the blocks are felt: ``ball_radius`` [m], ``normal_load`` [N], ``friction`` [1].
+    only : str, optional
+        Pattern of the blocks that take part.
+
+    Raises
+    ------
+    PipelineError
+        If the set has no such step blocks.
+    """
+    if isinstance(source, StimulusSet):
+        return _choose_declared_blocks(source, felt, only)
+    if isinstance(source, str | Path):
+        return _choose_declared_blocks(load_set(Path(source)), felt, only)
+    return _make_sharp_blocks(source, felt)
+
+
+def _make_sharp_blocks(heights: Sequence[float], felt: Mapping[str, float]) -> Blocks:
+    """Return sharp steps of some heights [m], felt as in the paper unless told otherwise."""
+    height_of = {f"step-{height * 1e6:03.6g}": height for height in heights}
+    items = [Item(name, name.upper(), height) for name, height in height_of.items()]
+    faces = {name: Step(height) for name, height in height_of.items()}
+    changes: dict[str, Any] = dict(felt)
+    return Blocks(tuple(items), faces, replace(PAPER, **changes))
+
+
+def _choose_declared_blocks(
+    stimuli: StimulusSet, felt: Mapping[str, float], only: str | None
+) -> Blocks:
+    """Return the step blocks of a set whose names match a pattern; without one, all."""
+    blocks = []
+    for block in stimuli.step_block:
+        if only is None or matches_pattern(only, stimuli.name, block.id):
+            blocks.append(block)
+    if not blocks:
+        chosen = f" that match {only!r}" if only else ""
+        raise PipelineError(f"a study needs step blocks; the set {stimuli.name} has none{chosen}")
+    items = [Item(block.id, block.id.upper(), block.height.nominal) for block in blocks]
+    faces = {block.id: block.counterface() for block in blocks}
+    return Blocks(tuple(items), faces, _choose_point(stimuli, felt))
+
+
+def _choose_point(stimuli: StimulusSet, felt: Mapping[str, float]) -> OperatingPoint:
+    """Return where the blocks of a set are felt.
+
+    Of the loads of its grid the first under which every block rings, and higher ones more.
+    """
+    loads: Sequence[float] = stimuli.prediction.normal_loads
+    if "normal_load" in felt:
+        loads = [felt["normal_load"]]
+    points = []
+    for load in loads:
+        where = {**felt, "normal_load": load}
+        points.append(stimuli.prediction.first_point(**where))
+    rising = sorted(stimuli.step_block, key=lambda block: block.height.nominal)
+    faces = [block.counterface() for block in rising]
+    for point in points[:-1]:
+        if (np.diff([0.0, *_predict_energies(faces, point)]) > 0.0).all():
+            return point
+    return points[-1]
+
+
+def find_designed_blocks(
+    design: Sequence[Row], where: Declared | None, felt: Mapping[str, float]
+) -> Blocks:
+    """Find the blocks of a design in a stimulus file; without one they are sharp steps.
+
+    Raises
+    ------
+    StudyError
+        If the file lacks a block of the design.
+    """
+    heights = _list_heights(design)
+    if where is None:
+        blocks = choose_blocks(sorted(set(heights.values())), felt)
+        return replace(blocks, faces={name: Step(height) for name, height in heights.items()})
+    blocks = choose_blocks(where, felt)
+    lacking = sorted(set(heights) - set(blocks.faces))
+    if lacking:
+        raise StudyError(
+            "the blocks of the design must be in the stimulus file, got no "
+            f"{', '.join(lacking)} [{where}]"
+        )
+    faces = {}
+    for name, face in blocks.faces.items():
+        if name in heights:
+            faces[name] = face
+    return replace(blocks, faces=faces)
+
+
+def _list_heights(design: Sequence[Row]) -> dict[str, float]:
+    """Return the height [m] of each block and standard of a design."""
+    heights = {}
+    for row in design:
+        heights[row["stimulus"]] = float(row["height_um"]) / 1e6
+        if row["standard"]:
+            heights[row["standard"]] = float(row["standard_height_um"]) / 1e6
+    return heights

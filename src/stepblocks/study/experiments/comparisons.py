@@ -1,0 +1,127 @@
+"""Comparisons of each block with a standard: constant stimuli, and adaptive placement."""
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+
+from stepblocks.errors import StudyError
+from stepblocks.files.tables import Table
+from stepblocks.study.analysis.anova import Interval
+from stepblocks.study.analysis.comparisons import CurveQuantity, compare_settings, fit_setting
+from stepblocks.study.analysis.findings import Analysis, name_contrast
+from stepblocks.study.columns import FACTOR, PairOrder, Row, read_number
+from stepblocks.study.design.simulate import Observer, simulate_comparison
+from stepblocks.study.experiments.kind import Experiment, Texts
+
+_YES = ("y", "yes", "1")
+_NO = ("n", "no", "0")
+
+
+def read_comparison(planned: Row, answer: Row, ratings: tuple[int, int]) -> dict[str, float]:
+    """Read whether a block was called higher than the standard (0 or 1), and its height [m]."""
+    orders = [order.value for order in PairOrder]
+    if planned["condition"] not in orders:
+        raise StudyError(
+            f"condition must be one of {', '.join(orders)}, got {planned['condition']!r}"
+        )
+    text = answer["second_is_higher"].lower()
+    if text not in (*_YES, *_NO):
+        raise StudyError(f"second_is_higher must be y or n, got {answer['second_is_higher']!r}")
+    second_is_higher = text in _YES
+    standard_is_first = planned["condition"] == PairOrder.STANDARD_FIRST
+    return {
+        "higher": int(second_is_higher == standard_is_first),
+        "standard": read_number(planned["standard_height_um"]) / 1e6,
+    }
+
+
+def _simulate_comparisons(
+    trials: Table, observer: Observer, generator: np.random.Generator
+) -> Texts:
+    """Simulate answers to which block of each pair is higher."""
+    texts = []
+    pairs = zip(trials["energy"], trials["standard_energy"], trials["condition"], strict=True)
+    for energy, standard, order in pairs:
+        higher = simulate_comparison(energy, standard, observer, generator)
+        second_is_higher = higher == (order == PairOrder.STANDARD_FIRST)
+        text = "y" if second_is_higher else "n"
+        texts.append((text,))
+    return texts
+
+
+def _analyse_comparisons(frame: Table, margin: float) -> Analysis:
+    """Fit the psychometric functions of each setting, and compare every two settings.
+
+    Parameters
+    ----------
+    frame : DataFrame
+        participant, height [m], standard [m], higher (0 or 1); factors and groups, if any.
+    margin : float
+        Of no meaning here.
+
+    Raises
+    ------
+    StudyError
+        If there are several standards.
+    """
+    standards = sorted(frame["standard"].unique())
+    if len(standards) != 1:
+        heights = ", ".join(f"{height * 1e6:g} um" for height in standards)
+        raise StudyError(f"pairs of one study must have one standard, got {heights}")
+    settings = []
+    for name, judgements in frame.groupby(name_settings(frame)):
+        settings.append(fit_setting(str(name), judgements, float(standards[0])))
+    fitted = [setting for setting in settings if setting.model is not None]
+    pairs = list(itertools.combinations(fitted, 2))
+    contrasts = dict[CurveQuantity, tuple[Interval, ...]]()
+    if pairs:
+        for quantity in CurveQuantity:
+            contrasts[quantity] = tuple(compare_settings(quantity, *pair) for pair in pairs)
+    return Analysis(frame=frame, comparisons=tuple(settings), contrasts=contrasts)
+
+
+def name_settings(frame: Table) -> pd.Series:
+    """Name the setting of each comparison: group, and levels of declared factors."""
+    parts = []
+    for name in frame:
+        if name == "group" or FACTOR in str(name):
+            parts.append(frame[name].astype(str))
+    if not parts:
+        return pd.Series("", frame.index)
+    return parts[0].str.cat(parts[1:], sep="/")
+
+
+def _list_outcomes(frame: Table) -> list[str]:
+    """Name the planned tests of every quantity between every two settings."""
+    settings = sorted(set(name_settings(frame)))
+    outcomes = []
+    for quantity in CurveQuantity:
+        for first, second in itertools.combinations(settings, 2):
+            outcomes.append(name_contrast(quantity, first, second))
+    return outcomes
+
+
+CONSTANT = Experiment(
+    title="Comparison with a standard",
+    sheet_title="Which of the two is higher",
+    answers=("second_is_higher",),
+    value="higher",
+    factors={},
+    read=read_comparison,
+    simulate=_simulate_comparisons,
+    quantities=tuple(quantity.value for quantity in CurveQuantity),
+    list_outcomes=_list_outcomes,
+    analyse=_analyse_comparisons,
+    takes=("probes", "factors", "interleaved", "standard", "repetitions"),
+    default_condition=PairOrder.STANDARD_FIRST.value,
+    paired=True,
+)
+
+ADAPTIVE = replace(
+    CONSTANT,
+    title="Adaptive comparison with a standard",
+    takes=("probes", "factors", "standard", "trials", "prior"),
+    adaptive=True,
+)

@@ -1,0 +1,107 @@
+"""Virtual blocks: estimates of heights and ratings of realism (experiment 2 of the paper)."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from stepblocks.errors import StudyError
+from stepblocks.files.tables import Table
+from stepblocks.study.analysis.accuracy import MEASURES
+from stepblocks.study.analysis.findings import Analysis
+from stepblocks.study.analysis.ordinal import OrdinalFit, fit_ordinal_model
+from stepblocks.study.columns import FACTOR, Row, list_levels, read_number
+from stepblocks.study.design.simulate import REALISM, Observer, rate_realism
+from stepblocks.study.design.virtual import VIBRATION, VIBRATION_OFF, VIBRATION_ON
+from stepblocks.study.experiments.estimates import (
+    analyse_estimates,
+    read_estimate,
+    simulate_estimate_texts,
+)
+from stepblocks.study.experiments.kind import Experiment, Texts
+
+
+def _read_virtual(planned: Row, answer: Row, ratings: tuple[int, int]) -> dict[str, float]:
+    """Read an estimated height [m] and a rating."""
+    values = read_estimate(planned, answer, ratings)
+    low, high = ratings
+    rating = read_number(answer["realism_rating"])
+    if not (low <= rating <= high and rating == int(rating)):
+        raise StudyError(
+            f"realism_rating must be a whole number from {low:g} to {high:g}, got "
+            f"{answer['realism_rating']!r}"
+        )
+    return {**values, "rating": int(rating)}
+
+
+def _simulate_virtual(trials: Table, observer: Observer, generator: np.random.Generator) -> Texts:
+    """Simulate estimates in micrometres and ratings, as participants write them."""
+    estimates = simulate_estimate_texts(trials, observer, generator)
+    vibrating = [VIBRATION_ON in list_levels(row) for row in trials.to_dict("records")]
+    people = trials["person"].to_numpy()
+    ratings = rate_realism(people, np.array(vibrating), observer, generator)
+    texts = []
+    for (estimate,), rating in zip(estimates, ratings, strict=True):
+        texts.append((estimate, f"{rating:.0f}"))
+    return texts
+
+
+def _analyse_virtual(frame: Table, margin: float) -> Analysis:
+    """Analyse estimates, and ratings where these can be: the estimates stand by themselves."""
+    analysis = analyse_estimates(frame, margin)
+    try:
+        fits = _fit_ratings(frame)
+    except StudyError as error:
+        remark = f"Ratings are not analysed: {error}."
+        return replace(analysis, remarks=(*analysis.remarks, remark))
+    return replace(analysis, ordinal=fits)
+
+
+def _fit_ratings(frame: Table) -> dict[str, OrdinalFit]:
+    """Return an ordinal model for each outcome of ratings."""
+    tests = _name_tests_of_ratings(frame)
+    fits = {}
+    for tested, outcome in tests.items():
+        beside = [column for column in tests if column != tested]
+        fits[outcome] = fit_ordinal_model(frame, "rating", tested, "participant", beside)
+    return fits
+
+
+def _name_tests_of_ratings(frame: Table) -> dict[str, str]:
+    """Name the test of each column.
+
+    Of several factors each is tested beside the others, for there may be more cells than
+    participants.
+    """
+    names = {}
+    for column in map(str, frame):
+        if column.startswith(FACTOR):
+            names[column] = f"{REALISM}, {column.removeprefix(FACTOR)}"
+    return names or {"condition": REALISM}
+
+
+def _list_outcomes(frame: Table) -> list[str]:
+    """Name the planned tests of estimates and ratings."""
+    return [*MEASURES, *_name_tests_of_ratings(frame).values()]
+
+
+VIRTUAL = Experiment(
+    title="Virtual blocks: errors and realism",
+    sheet_title="Virtual blocks: height and realism",
+    answers=("estimate_um", "realism_rating"),
+    value="estimate",
+    factors={VIBRATION: (VIBRATION_OFF, VIBRATION_ON)},
+    read=_read_virtual,
+    simulate=_simulate_virtual,
+    quantities=MEASURES,
+    list_outcomes=_list_outcomes,
+    analyse=_analyse_virtual,
+    takes=(
+        "factors",
+        "interleaved",
+        "equivalent",
+        "ratings",
+        "noise",
+        "reference",
+        "repetitions",
+    ),
+)
