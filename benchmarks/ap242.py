@@ -8,7 +8,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from stepblocks.artefacts.check import check_part_step
+from stepblocks.artefacts.check_part import check_part_step
 from stepblocks.artefacts.step.write import write_step_ap242
 from stepblocks.declaration.read import load_set
 from stepblocks.declaration.select import find_stimulus_files

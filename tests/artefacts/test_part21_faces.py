@@ -5,12 +5,8 @@ import math
 import pytest
 
 from oracles.part21_text import SHAPE, circle, exchange_of, face, line
-from stepblocks.artefacts.step.faces import (
-    find_faces,
-    measure_angle,
-    measure_distance,
-    measure_size,
-)
+from stepblocks.artefacts.step.distances import measure_angle, measure_distance, measure_size
+from stepblocks.artefacts.step.faces import find_faces
 
 Z = (0.0, 0.0, 1.0)
 X = (1.0, 0.0, 0.0)

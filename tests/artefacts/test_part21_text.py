@@ -8,13 +8,10 @@ import pytest
 
 from oracles.part21_text import MILLIMETRE, SHAPE, exchange_of, face, text_of
 from stepblocks.artefacts.step import exchange
-from stepblocks.artefacts.step.check_step import (
-    check_step,
-    format_step_table,
-    list_dimensions,
-    list_tolerances,
-)
+from stepblocks.artefacts.step.check_step import check_step, format_step_table
+from stepblocks.artefacts.step.dimensions import list_dimensions
 from stepblocks.artefacts.step.exchange import Typed, is_reference, read_number
+from stepblocks.artefacts.step.tolerances import list_tolerances
 from stepblocks.artefacts.step.units import (
     find_untyped_measures,
     read_densities,
@@ -68,7 +65,7 @@ def test_only_numbers_are_numbers_and_only_references_references():
         ("#1=A(1);#1=B(2);", "instance #1 is not whole or not unique"),
         ("#1=A((1);", "instance #1 is not whole or not unique"),
         ("#1=A(1)B;", "not whole"),
-        ("#1=A(1);nonsense;", "what is no instance after #1"),
+        ("#1=A(1);nonsense;", "unexpected text after #1"),
     ],
 )
 def test_a_data_section_that_is_not_whole_is_refused_with_its_place(data, rule, tmp_path):

@@ -13,7 +13,8 @@ from pathlib import Path
 import pytest
 
 from oracles.written_steps import STIMULI, written
-from stepblocks.artefacts.check import check_artefact, check_part_step
+from stepblocks.artefacts.check import check_artefact
+from stepblocks.artefacts.check_part import check_part_step
 from stepblocks.artefacts.meshes.write import write_stl
 from stepblocks.artefacts.step.check_step import check_step, format_step_table
 from stepblocks.artefacts.step.exchange import read_exchange

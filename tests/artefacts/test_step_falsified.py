@@ -5,10 +5,10 @@ import re
 import pytest
 
 from oracles.written_steps import STIMULI
-from stepblocks.artefacts.check import check_part_step
+from stepblocks.artefacts.check_part import check_part_step
 from stepblocks.artefacts.step.check_step import check_step
+from stepblocks.artefacts.step.conform import make_conforming
 from stepblocks.artefacts.step.exchange import read_exchange
-from stepblocks.artefacts.step.write import make_conforming
 from stepblocks.errors import MachiningError, MetrologyError
 from stepblocks.parts.characteristics import FaceRule, find_face
 from stepblocks.parts.shapes import build_solids
@@ -127,8 +127,7 @@ def test_a_missing_tolerance_is_caught(block, tmp_path):
 
 def test_what_the_kernel_alone_writes_does_not_pass(tmp_path):
     # the reason for `make_conforming`: without it the checker must object, or it proves nothing
-    from stepblocks.artefacts.step import write as step_ap242
-    from stepblocks.cad.pmi import PmiDimension, PmiItem, write_step_with_tolerances
+    from stepblocks.cad.pmi import PmiDimension, PmiItem, PmiMaterial, write_step_with_tolerances
 
     stimulus = STIMULI["tip-125"]
     bodies = build_solids(stimulus)
@@ -141,13 +140,13 @@ def test_what_the_kernel_alone_writes_does_not_pass(tmp_path):
         bodies,
         [PmiDimension("radius", (PmiItem(0, sphere),), 125e-6, -2e-6, 2e-6)],
         [],
-        ("steel", 7900.0),
+        PmiMaterial("steel", 7900.0),
     )
     findings = check_step(raw, require_ap242=True).findings
     assert sum("value must be typed" in line for line in findings) == 2
     assert sum("density: unit" in line for line in findings) == 1
     mended = tmp_path / "mended.step"
-    mended.write_text(step_ap242.make_conforming(raw.read_text(), "tip-125"))
+    mended.write_text(make_conforming(raw.read_text(), "tip-125"))
     assert check_step(mended, require_ap242=True).passes
 
 

@@ -11,8 +11,10 @@ import pytest
 from stepblocks.cad import kernel
 from stepblocks.cad.pmi import (
     Callout,
+    PmiDatum,
     PmiDimension,
     PmiItem,
+    PmiMaterial,
     PmiTolerance,
     write_step_with_tolerances,
 )
@@ -116,7 +118,9 @@ def test_faces_are_described_in_metres():
 
 def test_a_step_file_comes_back_with_its_volume(tmp_path):
     path = tmp_path / "box.step"
-    write_step_with_tolerances(path, [("box", box(3e-3, 2e-3, 1e-3))], [], [], ("brass", 8470.0))
+    write_step_with_tolerances(
+        path, [("box", box(3e-3, 2e-3, 1e-3))], [], [], PmiMaterial("brass", 8470.0)
+    )
     (body,) = kernel.read_step(path)
     assert kernel.compute_volume(body) == pytest.approx(6e-9, rel=1e-12)
     assert "AP242" in path.read_text().split("DATA;")[0]
@@ -142,14 +146,14 @@ def test_tolerances_stand_in_the_file_with_both_signs(tmp_path):
         )
         for z in (0.0, 1e-3)
     )
-    seen = Callout("1.000", [((0.0, 0.0, 2e-3), (1e-3, 0.0, 2e-3))])
+    seen = Callout("1.000", [], ((0.0, 0.0, 2e-3), (1e-3, 0.0, 2e-3)))
     dimension = PmiDimension(
         "distance", (PmiItem(0, low), PmiItem(0, high)), 1e-3, -3e-6, 7e-6, seen
     )
     flat = PmiTolerance("flatness", PmiItem(0, high), 0.4e-6)
-    parallel = PmiTolerance("parallelism", PmiItem(0, high), 0.9e-6, ("A", PmiItem(0, low)))
+    parallel = PmiTolerance("parallelism", PmiItem(0, high), 0.9e-6, PmiDatum("A", PmiItem(0, low)))
     write_step_with_tolerances(
-        path, [("box", body)], [dimension], [flat, parallel], ("brass", 8470.0)
+        path, [("box", body)], [dimension], [flat, parallel], PmiMaterial("brass", 8470.0)
     )
     text = path.read_text()
     assert "DIMENSIONAL_LOCATION" in text
@@ -175,14 +179,14 @@ def test_two_faces_that_do_not_meet_carry_no_edge(tmp_path):
     wrong = PmiDimension("radius", (PmiItem(0, low, high),), 1e-3, 0.0, 1e-6)
     with pytest.raises(SolidError, match="two faces that carry an edge must meet in one"):
         write_step_with_tolerances(
-            tmp_path / "x.step", [("box", body)], [wrong], [], ("brass", 8470.0)
+            tmp_path / "x.step", [("box", body)], [wrong], [], PmiMaterial("brass", 8470.0)
         )
 
 
 def test_two_bodies_stay_products_of_one_assembly(tmp_path):
     path = tmp_path / "pair.step"
     pair = [("tooth", box(1e-3, 1e-3, 1e-3)), ("crown", box(1e-3, 1e-3, 1e-3, (2e-3, 0.0, 0.0)))]
-    write_step_with_tolerances(path, pair, [], [], ("zirconia", 6050.0), "seated")
+    write_step_with_tolerances(path, pair, [], [], PmiMaterial("zirconia", 6050.0), "seated")
     text = path.read_text()
     assert all(f"PRODUCT('{name}'" in text for name in ("tooth", "crown", "seated"))
     assert sum(kernel.compute_volume(body) for body in kernel.read_step(path)) == pytest.approx(

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stepblocks.artefacts.check import check_part_step
+from stepblocks.artefacts.check_part import check_part_step
 from stepblocks.artefacts.step.exchange import read_exchange
 from stepblocks.errors import MachiningError
 from stepblocks.parts.characteristics import FORM, Characteristic

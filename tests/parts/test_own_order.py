@@ -5,7 +5,7 @@ import math
 import pytest
 from pydantic import ValidationError
 
-from stepblocks.artefacts.check import check_part_step
+from stepblocks.artefacts.check_part import check_part_step
 from stepblocks.artefacts.step.write import write_step_ap242
 from stepblocks.cad import kernel
 from stepblocks.declaration.set import StimulusSet

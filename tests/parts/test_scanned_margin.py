@@ -9,7 +9,8 @@ import pytest
 import trimesh
 
 from oracles.scanned_tooth import BULGE, FLARE, HOLLOW, MARGIN, NOISE, RADIUS, scan, scanned_set
-from stepblocks.build.run import build_sets, check_output
+from stepblocks.build.check import check_output
+from stepblocks.build.run import build_sets
 from stepblocks.cli import main
 from stepblocks.contact.counterface import Margin
 from stepblocks.contact.critical_angle import find_margin_angles

@@ -177,7 +177,7 @@ def test_a_reader_that_is_wrong_by_a_factor_of_eight_is_caught_by_the_header(nam
 def test_a_unit_is_refused_where_the_file_says_its_own(tmp_path):
     path = tmp_path / "scan.csv"
     path.write_text("x_um,z_um\n0,1\n1,2\n2,3\n")
-    with pytest.raises(MetrologyError, match="says another"):
+    with pytest.raises(MetrologyError, match="must agree with its column"):
         read_scan(path, "mm")
     write_sdf(tmp_path / "a.sdf")
     with pytest.raises(MetrologyError, match="must not be given"):

@@ -4,6 +4,7 @@
 """
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +13,30 @@ from numpy.typing import NDArray
 from stepblocks.errors import HapticsError
 from stepblocks.parts.kind import Part
 
+Positions = NDArray[np.float64]
+
 SPACING = 2e-6  # distance of neighbouring samples in x and y [m]
 _HALF_X = 1e-3
 _HALF_Y = 0.1e-3
+_SHIFTS = (0.0, 0.25, -0.25, 0.125, -0.125)  # of the samples, tried in this order [spacings]
+_LEAST_CLEARANCE = 0.05  # of a sample from a corner of the profile [spacings]
+
+
+@dataclass(frozen=True)
+class _HeightField:
+    """Heights over a grid.
+
+    Attributes
+    ----------
+    heights : array, shape (rows, columns)
+        Rows ascend in y, columns in x [m].
+    x, y : array
+        Positions of the columns and of the rows [m].
+    """
+
+    heights: NDArray[np.float64]
+    x: Positions
+    y: Positions
 
 
 def sample_height_field(part: Part) -> NDArray[np.float64]:
@@ -30,59 +52,87 @@ def sample_height_field(part: Part) -> NDArray[np.float64]:
     ndarray, shape (rows, columns)
         Heights [m]; rows ascend in y, columns in x, the samples lie between the edges rather than
         on them.
+
+    Raises
+    ------
+    HapticsError
+        If no shift of the samples keeps clear of all corners of the profile.
     """
-    return np.tile(
-        part.counterface().heights(_choose_positions(part)), (len(_list_positions(_HALF_Y)), 1)
-    )
+    return _sample(part).heights
 
 
-def _choose_positions(part: Part) -> NDArray[np.float64]:
-    # Choose positions across the edge so that none lies on a corner of the profile
-    corners = np.array(part.counterface().breakpoints)
-    for shift in (0.0, 0.25, -0.25, 0.125, -0.125):
+def _sample(part: Part) -> _HeightField:
+    face = part.counterface()
+    x = _choose_positions(np.array(face.breakpoints), part.id)
+    y = _list_positions(_HALF_Y)
+    return _HeightField(np.tile(face.heights(x), (len(y), 1)), x, y)
+
+
+def _choose_positions(corners: Positions, identity: str) -> Positions:
+    """Choose positions across the edge so that none lies on a corner of the profile [m]."""
+    for shift in _SHIFTS:
         x = _list_positions(_HALF_X) + shift * SPACING
-        if np.abs(x[:, None] - corners).min() > 0.05 * SPACING:
+        if np.abs(x[:, None] - corners).min() > _LEAST_CLEARANCE * SPACING:
             return x
     raise HapticsError(
-        f"a height field of {SPACING:g} m spacing cannot keep clear of the corners of {part.id}"
+        f"a height field of {SPACING:g} m spacing cannot keep clear of the corners of {identity}"
     )
 
 
-def _list_positions(half: float) -> NDArray[np.float64]:
+def _list_positions(half: float) -> Positions:
+    """List positions between the ends -half and half [m]."""
     count = round(half / SPACING)
     return np.asarray((np.arange(-count, count) + 0.5) * SPACING, dtype=np.float64)
 
 
 def write_height_field(stem: Path, part: Part) -> list[Path]:
-    """Write TIFF, npz and sidecar."""
+    """Write TIFF, npz and sidecar.
+
+    Parameters
+    ----------
+    stem : Path
+        The files without their endings.
+    part : Part
+        A part whose surface is straight along y.
+
+    Returns
+    -------
+    list of Path
+        The files.
+    """
     import tifffile
 
-    heights = sample_height_field(part)
-    tiff, npz, sidecar = (
-        stem.with_name(stem.name + suffix) for suffix in (".tiff", ".npz", ".json")
-    )
+    field = _sample(part)
+    tiff = stem.with_name(f"{stem.name}.tiff")
+    npz = stem.with_name(f"{stem.name}.npz")
+    sidecar = stem.with_name(f"{stem.name}.json")
     tifffile.imwrite(
         tiff,
-        (heights * 1e6).astype(np.float32),
+        (field.heights * 1e6).astype(np.float32),
         compression="zlib",
         description="heights in um",
         software="stepblocks",
     )
-    np.savez_compressed(
-        npz, height_m=heights, x_m=_choose_positions(part), y_m=_list_positions(_HALF_Y)
-    )
-    described: dict[str, object] = {
+    np.savez_compressed(npz, height_m=field.heights, x_m=field.x, y_m=field.y)
+    description = _describe_field(field, part.id, tiff.name, npz.name)
+    sidecar.write_text(json.dumps(description, indent=2) + "\n", encoding="utf-8")
+    return [tiff, npz, sidecar]
+
+
+def _describe_field(field: _HeightField, identity: str, tiff: str, npz: str) -> dict[str, object]:
+    """Describe the files, where their samples lie, and how their axes run, as JSON holds it."""
+    return {
         "schema": 1,
-        "stimulus": part.id,
+        "stimulus": identity,
         "files": {
-            tiff.name: {"unit": "um", "dtype": "float32"},
-            npz.name: {"unit": "m", "dtype": "float64", "arrays": ["height_m", "x_m", "y_m"]},
+            tiff: {"unit": "um", "dtype": "float32"},
+            npz: {"unit": "m", "dtype": "float64", "arrays": ["height_m", "x_m", "y_m"]},
         },
-        "shape_rows_columns": list(heights.shape),
+        "shape_rows_columns": list(field.heights.shape),
         "spacing_x_m": SPACING,
         "spacing_y_m": SPACING,
-        "origin_x_m": float(_choose_positions(part)[0]),
-        "origin_y_m": float(_list_positions(_HALF_Y)[0]),
+        "origin_x_m": float(field.x[0]),
+        "origin_y_m": float(field.y[0]),
         "origin": "position of row 0, column 0 in the frame of the part; its z = 0 is the lower "
         "working face",
         "row_order": "row 0 lies at the smallest y, rows ascend in y",
@@ -91,5 +141,3 @@ def write_height_field(stem: Path, part: Part) -> list[Path]:
         "handedness": "right-handed",
         "sampling": "point values; no sample lies on an edge",
     }
-    sidecar.write_text(json.dumps(described, indent=2) + "\n", encoding="utf-8")
-    return [tiff, npz, sidecar]

@@ -9,33 +9,49 @@ from stepblocks.contact.event import VibrationEvent, compute_ring_force
 from stepblocks.errors import HapticsError
 
 WAV_RATES = (10_000, 48_000)  # Hz
+_INT16 = "int16"  # ends the name of a file of whole numbers
+_LARGEST_INT16 = 32767.0
 
 
 def find_largest_force(event: VibrationEvent) -> float:
-    """Return the force that a WAV file of a ring must be able to hold [N]."""
-    return max(
-        event.amplitude,
-        *(float(np.abs(compute_ring_force(event, rate)).max(initial=0.0)) for rate in WAV_RATES),
-    )
+    """Find the force that a WAV file of a ring must be able to hold [N]."""
+    largest = event.amplitude
+    for rate in WAV_RATES:
+        force = np.abs(compute_ring_force(event, rate))
+        largest = max(largest, float(force.max(initial=0.0)))
+    return largest
 
 
 def write_wav(path: Path, event: VibrationEvent, rate: int, full: float) -> None:
-    """Write a ring as mono WAV; `full` [N] stands for full scale.
+    """Write a ring as mono WAV.
 
-    Full scale is 1 in float32, and 32767 in int16 where the name ends so.
+    Parameters
+    ----------
+    path : Path
+        The file; its samples are int16 where its name, before the ending, ends so, and float32
+        otherwise.
+    event : VibrationEvent
+        The ring.
+    rate : int
+        Samples a second [Hz].
+    full : float
+        Force [N] at full scale: 1 in float32, 32767 in int16.
+
+    Raises
+    ------
+    HapticsError
+        If a sample or full scale is not finite, or full scale is not positive.
     """
     from scipy.io import wavfile
 
     force = compute_ring_force(event, rate)
-    HapticsError.require(
-        math.isfinite(full) and full > 0.0 and np.isfinite(force).all(),
-        f"a ring must have finite samples, got none from {event.stimulus} {event.drag} [{path}]",
-    )
-    share = force / full
-    wavfile.write(
-        path,
-        rate,
-        np.round(share * 32767.0).astype(np.int16)
-        if path.stem.endswith("int16")
-        else share.astype(np.float32),
-    )
+    is_sound_scale = math.isfinite(full) and full > 0.0
+    if not is_sound_scale or not np.isfinite(force).all():
+        raise HapticsError(
+            f"a ring must have finite samples, got none from {event.stimulus} {event.drag} [{path}]"
+        )
+    samples = force / full
+    if path.stem.endswith(_INT16):
+        wavfile.write(path, rate, np.round(samples * _LARGEST_INT16).astype(np.int16))
+    else:
+        wavfile.write(path, rate, samples.astype(np.float32))

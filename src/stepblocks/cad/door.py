@@ -8,28 +8,49 @@ import numpy as np
 from numpy.typing import NDArray
 
 Point = Sequence[float]
-# points, and pairs (middle point, end point) where an arc leads on; it closes by itself
+# Points, and pairs (middle point, end point) where an arc leads on; it closes by itself
 Outline = Sequence[Any]
 Body: TypeAlias = Any  # a solid as the kernel holds it [mm]; opaque to every other module
 
 
 @dataclass(frozen=True)
 class Face:
-    """What a tessellation rule may know of a face."""
+    """What a tessellation rule may know of a face.
 
-    # ``"PLANE"``, ``"CYLINDER"``, ``"CONE"``, ``"SPHERE"``, ``"TORUS"`` or another type of the
-    # kernel
+    Attributes
+    ----------
+    kind : str
+        ``"PLANE"``, ``"CYLINDER"``, ``"CONE"``, ``"SPHERE"``, ``"TORUS"`` or another type of the
+        kernel.
+    radius : float
+        Of a cylinder or sphere [m]; nan for others.
+    low, high : tuple of float
+        Corners of the bounding box [m].
+    """
+
     kind: str
-    radius: float  # of a cylinder or sphere [m]; not-a-number for others
-    low: tuple[float, float, float]  # corners of the bounding box [m]
+    radius: float
+    low: tuple[float, float, float]
     high: tuple[float, float, float]
 
 
 @dataclass(frozen=True)
 class Tessellation:
-    """Triangles of a solid."""
+    """Triangles of a solid.
 
-    vertices: NDArray[np.float64]  # shape (n, 3); points [m], each once
-    triangles: NDArray[np.int64]  # shape (m, 3); outward-wound
-    face: NDArray[np.int64]  # shape (m,); index of the face that each triangle lies on
+    Attributes
+    ----------
+    vertices : array, shape (n, 3)
+        Points [m], each once.
+    triangles : array, shape (m, 3)
+        Indices of the corners; outward-wound.
+    face : array, shape (m,)
+        Index of the face that each triangle lies on.
+    faces : tuple of Face
+        All faces of the solid.
+    """
+
+    vertices: NDArray[np.float64]
+    triangles: NDArray[np.int64]
+    face: NDArray[np.int64]
     faces: tuple[Face, ...]

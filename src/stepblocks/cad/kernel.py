@@ -5,7 +5,9 @@ This module alone imports cadquery, which works in millimetres.
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cadquery as cq
 import numpy as np
@@ -26,53 +28,63 @@ from stepblocks.cad.door import Body, Face, Outline, Point, Tessellation
 from stepblocks.errors import MetrologyError, SolidError
 
 _MM = 1e3  # metres to the kernel's millimetres
+_FLAT = 1e-6  # extent of a face square to an axis, along it [m]
+_PICOMETRES = 1e12  # in a metre: points of a mesh that share one are the same
+_WIDE_ANGLE = 1.0  # between neighbouring triangles [rad], so that the chordal error alone decides
+_SMALLEST_TRIANGLE = 1e-7  # [mm]
 # threads of the kernel would be missing in a fork of this process, which waits for them for ever
 OSD_ThreadPool.DefaultPool_s().Init(1)
 
 
 def _make_vector(point: Point) -> cq.Vector:
-    return cq.Vector(*(coordinate * _MM for coordinate in point))
+    x, y, z = point
+    return cq.Vector(x * _MM, y * _MM, z * _MM)
 
 
 def _make_wire(outline: Outline) -> cq.Wire:
-    start = here = _make_vector(outline[0])
+    """Make a closed wire of points [m], and of pairs (middle point, end point) of arcs."""
+    start = _make_vector(outline[0])
+    begin = start
     edges = []
     for item in outline[1:]:
-        is_arc = isinstance(item[0], tuple)
-        end = _make_vector(item[1] if is_arc else item)
-        edges.append(
-            _make_arc(here, _make_vector(item[0]), end) if is_arc else cq.Edge.makeLine(here, end)
-        )
-        here = end
-    if here.toTuple() != start.toTuple():
-        edges.append(cq.Edge.makeLine(here, start))
+        if _is_arc(item):
+            middle, end_point = item
+            end = _make_vector(end_point)
+            edges.append(_make_arc(begin, _make_vector(middle), end))
+        else:
+            end = _make_vector(item)
+            edges.append(cq.Edge.makeLine(begin, end))
+        begin = end
+    if begin.toTuple() != start.toTuple():
+        edges.append(cq.Edge.makeLine(begin, start))
     return cq.Wire.assembleEdges(edges)
 
 
+def _is_arc(item: Any) -> bool:
+    """Tell an arc (a pair of points) from a point."""
+    return isinstance(item[0], tuple)
+
+
 def _make_arc(start: cq.Vector, middle: cq.Vector, end: cq.Vector) -> cq.Edge:
-    # Make an arc through three points about a centre that is computed here. The centre that the
-    # kernel finds varies by 1e-18 from run to run.
-    a, b = (
-        np.subtract(middle.toTuple(), start.toTuple()),
-        np.subtract(end.toTuple(), start.toTuple()),
-    )
-    normal = np.cross(a, b)
+    """Make an arc through three points [mm] about a centre that is computed here.
+
+    The centre that the kernel finds varies by 1e-18 from run to run.
+    """
+    to_middle = np.subtract(middle.toTuple(), start.toTuple())
+    to_end = np.subtract(end.toTuple(), start.toTuple())
+    normal = np.cross(to_middle, to_end)
     # circumcentre relative to the start, by products alone; their sums are exact, for `@` is
     # another number on another processor
-    offset = np.cross(_square(a) * b - _square(b) * a, normal) / (2.0 * _square(normal))
-    frame = gp_Ax2(
-        gp_Pnt(*np.add(start.toTuple(), offset).tolist()),
-        gp_Dir(*normal.tolist()),
-        gp_Dir(*(-offset).tolist()),
-    )
-    return cq.Edge(
-        BRepBuilderAPI_MakeEdge(
-            gp_Circ(frame, math.sqrt(_square(offset))), start.toPnt(), end.toPnt()
-        ).Edge()
-    )
+    weighted = _square(to_middle) * to_end - _square(to_end) * to_middle
+    offset = np.cross(weighted, normal) / (2.0 * _square(normal))
+    centre = np.add(start.toTuple(), offset)
+    frame = gp_Ax2(gp_Pnt(*centre.tolist()), gp_Dir(*normal.tolist()), gp_Dir(*(-offset).tolist()))
+    circle = gp_Circ(frame, math.sqrt(_square(offset)))
+    return cq.Edge(BRepBuilderAPI_MakeEdge(circle, start.toPnt(), end.toPnt()).Edge())
 
 
 def _square(vector: NDArray[np.float64]) -> float:
+    """Compute the square of the length of a vector, its sum rounded once."""
     return math.fsum((vector * vector).tolist())
 
 
@@ -98,59 +110,68 @@ def make_box(low: Point, high: Point) -> Body:
 
 def find_end_faces(body: Body, axis: int) -> tuple[int, int]:
     """Find the lowest and the highest plane face square to an axis, by their indices."""
-    flat = [
-        (face.low[axis], i)
-        for i, face in enumerate(describe_faces(body))
-        if face.high[axis] - face.low[axis] < 1e-6
-    ]
-    return min(flat)[1], max(flat)[1]
+    positions: dict[int, float] = {}
+    for index, face in enumerate(describe_faces(body)):
+        if face.high[axis] - face.low[axis] < _FLAT:
+            positions[index] = face.low[axis]
+    # of faces at one height, the first is taken for the lowest, the last for the highest
+    ordered = sorted(positions, key=lambda index: (positions[index], index))
+    return ordered[0], ordered[-1]
 
 
 def revolve(outline: Outline, foot: Point, axis: Point, angle: float = 360.0) -> Body:
     """Revolve a plane outline about an axis in its plane, by degrees."""
-    end = tuple(f + a for f, a in zip(foot, axis, strict=True))
+    end = np.add(foot, axis).tolist()
     return cq.Solid.revolve(_make_wire(outline), [], angle, _make_vector(foot), _make_vector(end))
 
 
 def _lift_outline(outline: Outline, lift: Callable[[float, float], Point]) -> Outline:
-    # Lift a plane outline into space
-    return [
-        _lift_outline(item, lift) if isinstance(item[0], tuple) else lift(*item) for item in outline
-    ]
+    """Lift a plane outline into space, the points of its arcs too."""
+    lifted: list[Any] = []
+    for item in outline:
+        if _is_arc(item):
+            middle, end = item
+            lifted.append((lift(*middle), lift(*end)))
+        else:
+            lifted.append(lift(*item))
+    return lifted
 
 
 def turn(outline: Outline, origin: Point) -> Body:
     """Turn an outline given in radius and height about a vertical axis."""
     x, y, z = origin
-    return revolve(
-        _lift_outline(outline, lambda radius, height: (x + radius, y, z + height)),
-        origin,
-        (0.0, 0.0, 1e-3),
-    )
+
+    def lift(radius: float, height: float) -> Point:
+        return x + radius, y, z + height
+
+    return revolve(_lift_outline(outline, lift), origin, (0.0, 0.0, 1e-3))
 
 
 def make_prism(outline: Outline, width: float) -> Body:
     """Extrude an outline given in x and z along y, half of the width to either side."""
-    return extrude(_lift_outline(outline, lambda x, z: (x, -0.5 * width, z)), (0.0, width, 0.0))
 
+    def lift(x: float, z: float) -> Point:
+        return x, -0.5 * width, z
 
-def _require_single(shape: Body, operation: str) -> Body:
-    solids = shape.Solids()
-    SolidError.require(
-        len(solids) == 1 and solids[0].isValid(),
-        f"{operation} must give one valid solid, got {len(solids)}",
-    )
-    return solids[0]
+    return extrude(_lift_outline(outline, lift), (0.0, width, 0.0))
 
 
 def cut(body: Body, tools: Sequence[Body]) -> Body:
     """Subtract all tools from a body in one operation."""
-    return _require_single(body.cut(*tools), "a cut")
+    return _get_only_solid(body.cut(*tools), "a cut")
 
 
 def fuse(bodies: Sequence[Body]) -> Body:
     """Unite bodies that touch or overlap."""
-    return _require_single(bodies[0].fuse(*bodies[1:]).clean(), "a union")
+    first, *others = bodies
+    return _get_only_solid(first.fuse(*others).clean(), "a union")
+
+
+def _get_only_solid(shape: Body, operation: str) -> Body:
+    solids = shape.Solids()
+    if len(solids) != 1 or not solids[0].isValid():
+        raise SolidError(f"{operation} must give one valid solid, got {len(solids)}")
+    return solids[0]
 
 
 def move(body: Body, by: Point) -> Body:
@@ -159,86 +180,130 @@ def move(body: Body, by: Point) -> Body:
 
 
 def compute_volume(body: Body) -> float:
-    """Volume by the kernel's own integration."""
+    """Compute the volume by the kernel's own integration [m^3]."""
     return float(body.Volume()) / _MM**3
 
 
 def describe_faces(body: Body) -> tuple[Face, ...]:
-    """Describe the faces of a body."""
-    described = []
-    for face in body.Faces():
-        kind = str(face.geomType())
-        shape = {"SPHERE": "Sphere", "CYLINDER": "Cylinder"}.get(kind)
-        radius = float(getattr(face._geomAdaptor(), shape)().Radius()) / _MM if shape else math.nan
-        box = face.BoundingBox()
-        described.append(
-            Face(
-                kind,
-                radius,
-                (box.xmin / _MM, box.ymin / _MM, box.zmin / _MM),
-                (box.xmax / _MM, box.ymax / _MM, box.zmax / _MM),
-            )
-        )
-    return tuple(described)
+    """Describe the faces of a body, in the order of the kernel."""
+    return tuple(_describe_face(face) for face in body.Faces())
+
+
+def _describe_face(face: cq.Face) -> Face:
+    """Describe a face: its kind, radius and box."""
+    kind = str(face.geomType())
+    box = face.BoundingBox()
+    return Face(
+        kind,
+        _get_radius(face, kind),
+        (box.xmin / _MM, box.ymin / _MM, box.zmin / _MM),
+        (box.xmax / _MM, box.ymax / _MM, box.zmax / _MM),
+    )
+
+
+def _get_radius(face: cq.Face, kind: str) -> float:
+    """Return the radius of a cylinder or sphere [m], nan for other faces."""
+    if kind == "SPHERE":
+        return float(face._geomAdaptor().Sphere().Radius()) / _MM
+    if kind == "CYLINDER":
+        return float(face._geomAdaptor().Cylinder().Radius()) / _MM
+    return math.nan
 
 
 def tessellate(body: Body, deflection: Callable[[Face], float]) -> Tessellation:
     """Tessellate with an absolute chordal error per face.
 
     The error of cadquery is relative: a ball of 3 mm at 1e-3 sags by 5 um.
+
+    Parameters
+    ----------
+    body : Body
+        The solid.
+    deflection : callable
+        Gives the chordal error of a face [m].
+
+    Returns
+    -------
+    Tessellation
+        Every point once, triangles without an extent left out.
     """
-    BRepTools.Clean_s(body.wrapped)
     faces = body.Faces()
-    described = describe_faces(body)
-    along_edges = min(map(deflection, described))
-    parameters = IMeshTools_Parameters()
-    parameters.Deflection = along_edges * _MM
-    # rad; wide, so that the chordal error alone decides
-    parameters.Angle = parameters.AngleInterior = 1.0
-    parameters.Relative = parameters.InParallel = parameters.AllowQualityDecrease = False
-    parameters.MinSize = 1e-7
-    for face, description in zip(faces, described, strict=True):
-        parameters.DeflectionInterior = deflection(description) * _MM
-        BRepMesh_IncrementalMesh(face.wrapped, parameters)
-    nodes, corners = zip(*map(_read_triangulation, faces), strict=True)
-    starts = np.cumsum([0, *map(len, nodes[:-1])])
-    triangles = np.concatenate([own + start for own, start in zip(corners, starts, strict=True)])
-    owner = np.repeat(np.arange(len(faces)), [len(own) for own in corners])
+    described = tuple(_describe_face(face) for face in faces)
+    _mesh_faces(body, faces, [deflection(face) for face in described])
+    pieces = [_read_triangulation(face) for face in faces]
+    points = np.concatenate([piece.points for piece in pieces])
+    starts = np.cumsum([0, *(len(piece.points) for piece in pieces[:-1])])
+    triangles = np.concatenate(
+        [piece.triangles + start for piece, start in zip(pieces, starts, strict=True)]
+    )
+    owner = np.repeat(np.arange(len(faces)), [len(piece.triangles) for piece in pieces])
     # every point gets one index: neighbours share their edge points to far below a nanometre
-    points = np.concatenate(nodes)
-    picometres = np.round(points * 1e12).astype(np.int64)
+    picometres = np.round(points * _PICOMETRES).astype(np.int64)
     _, first, index = np.unique(picometres, axis=0, return_index=True, return_inverse=True)
     triangles = index.reshape(-1)[triangles]
-    whole = (triangles != np.roll(triangles, 1, axis=1)).all(axis=1)
-    return Tessellation(points[first], triangles[whole], owner[whole], described)
+    has_extent = (triangles != np.roll(triangles, 1, axis=1)).all(axis=1)
+    return Tessellation(points[first], triangles[has_extent], owner[has_extent], described)
 
 
-def _read_triangulation(face: cq.Face) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def _mesh_faces(body: Body, faces: Sequence[cq.Face], errors: Sequence[float]) -> None:
+    """Let the kernel mesh each face with its own chordal error [m], edges with the least."""
+    BRepTools.Clean_s(body.wrapped)
+    parameters = IMeshTools_Parameters()
+    parameters.Deflection = min(errors) * _MM
+    parameters.Angle = _WIDE_ANGLE
+    parameters.AngleInterior = _WIDE_ANGLE
+    parameters.Relative = False
+    parameters.InParallel = False
+    parameters.AllowQualityDecrease = False
+    parameters.MinSize = _SMALLEST_TRIANGLE
+    for face, error in zip(faces, errors, strict=True):
+        parameters.DeflectionInterior = error * _MM
+        BRepMesh_IncrementalMesh(face.wrapped, parameters)
+
+
+@dataclass(frozen=True)
+class _FaceMesh:
+    """Triangles of one face: points [m], shape (n, 3), and corners, shape (m, 3)."""
+
+    points: NDArray[np.float64]
+    triangles: NDArray[np.int64]
+
+
+def _read_triangulation(face: cq.Face) -> _FaceMesh:
+    """Read the triangles of a meshed face, outward-wound."""
     location = TopLoc_Location()
     triangulation = BRep_Tool.Triangulation_s(face.wrapped, location)
-    SolidError.require(triangulation is not None, "a face could not be tessellated")
+    if triangulation is None:
+        raise SolidError("a face could not be tessellated")
     transform = location.Transformation()
-    points = (
-        triangulation.Node(i + 1).Transformed(transform) for i in range(triangulation.NbNodes())
-    )
-    nodes = np.array([(point.X(), point.Y(), point.Z()) for point in points])
-    corners = np.array(
-        [triangulation.Triangle(i + 1).Get() for i in range(triangulation.NbTriangles())],
-        dtype=np.int64,
-    )
+    points = []
+    for number in range(1, triangulation.NbNodes() + 1):
+        point = triangulation.Node(number).Transformed(transform)
+        points.append((point.X(), point.Y(), point.Z()))
+    corners = []
+    for number in range(1, triangulation.NbTriangles() + 1):
+        corners.append(triangulation.Triangle(number).Get())
+    triangles = np.array(corners, dtype=np.int64)
     if face.wrapped.Orientation() == TopAbs_Orientation.TopAbs_REVERSED:
-        corners = corners[:, [0, 2, 1]]
-    return nodes / _MM, corners - 1
+        triangles = triangles[:, [0, 2, 1]]
+    return _FaceMesh(np.array(points) / _MM, triangles - 1)
 
 
 def read_step(path: Path) -> list[Body]:
-    """Read the solids of a STEP file."""
+    """Read the solids of a STEP file.
+
+    Raises
+    ------
+    MetrologyError
+        If the kernel cannot read it, or it holds no solid.
+    """
     reader = STEPControl_Reader()
-    MetrologyError.require(
-        reader.ReadFile(str(path)) == IFSelect_ReturnStatus.IFSelect_RetDone,
-        f"must be a STEP file that the kernel can read [{path}]",
-    )
+    if reader.ReadFile(str(path)) != IFSelect_ReturnStatus.IFSelect_RetDone:
+        raise MetrologyError(f"must be a STEP file that the kernel can read [{path}]")
     reader.TransferRoots()
-    found: list[Body] = cq.Shape.cast(reader.OneShape()).Solids() if reader.NbShapes() else []
-    MetrologyError.require(found, f"must hold at least one solid, got none [{path}]")
-    return found
+    solids: list[Body] = []
+    if reader.NbShapes():
+        solids = cq.Shape.cast(reader.OneShape()).Solids()
+    if not solids:
+        raise MetrologyError(f"must hold at least one solid, got none [{path}]")
+    return solids

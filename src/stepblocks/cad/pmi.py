@@ -8,9 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+from numpy.typing import NDArray
 from OCP import XCAFDimTolObjects
 from OCP.BRep import BRep_Builder
-from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeEdge
+from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeEdge, BRepBuilderAPI_MakePolygon
 from OCP.gp import gp_Ax2, gp_Dir, gp_Pnt
 from OCP.IFSelect import IFSelect_ReturnStatus
 from OCP.Interface import Interface_Static
@@ -30,10 +32,12 @@ from OCP.XCAFDoc import (
     XCAFDoc_GeomTolerance,
 )
 
-from stepblocks.cad.door import Body
+from stepblocks.cad.door import Body, Point
 from stepblocks.errors import SolidError
 
 _MM = 1e3
+# An edge that is shorter is none to the kernel [mm]
+_SHORTEST_EDGE = 1e-6
 PmiKind = Literal[
     "distance",
     "to_outer",
@@ -44,7 +48,9 @@ PmiKind = Literal[
     "cone",
     "angle",
 ]
-_OF_DIMENSION: dict[PmiKind, str] = {
+_ANGLES = ("cone", "angle")
+# What the kernel calls each kind
+_DIMENSION_TYPES: dict[PmiKind, str] = {
     "distance": "Location_LinearDistance",
     "to_outer": "Location_LinearDistance_FromCenterToOuter",
     "diameter": "Size_Diameter",
@@ -58,45 +64,108 @@ _OF_DIMENSION: dict[PmiKind, str] = {
 
 @dataclass(frozen=True)
 class Callout:
-    """Lines that a viewer shows for a dimension or tolerance."""
+    """Lines that a viewer shows for a dimension or tolerance, in one plane square to y.
+
+    Attributes
+    ----------
+    text : str
+        What they spell.
+    outlines : sequence of arrays, shape (n, 3)
+        Closed outlines of the letters by their corners, each once [m].
+    leader : (point, point)
+        Ends of the line from the text to what it says something about [m].
+    """
 
     text: str
-    # in one plane square to y [m], the last one a leader
-    lines: Sequence[tuple[Sequence[float], Sequence[float]]]
+    outlines: Sequence[NDArray[np.float64]]
+    leader: tuple[Point, Point]
 
 
 @dataclass(frozen=True)
 class PmiItem:
-    """A face, or the edge in which two faces meet, by their indices."""
+    """A face, or the edge in which two faces meet, by their indices.
+
+    Attributes
+    ----------
+    body : int
+        Index of the solid.
+    face : int
+        Index of the face.
+    other : int or None
+        Second face of an edge; the longest where they meet in several.
+    """
 
     body: int
     face: int
-    other: int | None = None  # second face of an edge; the longest where they meet in several
+    other: int | None = None
 
 
 @dataclass(frozen=True)
 class PmiDimension:
-    """A dimension with its limits."""
+    """A dimension with its limits.
 
-    # ``to_outer``: from the first item to the far side of the second; ``toroidal_radius``: at the
-    # middle of the ring; ``cone``: its included angle; ``angle``: between two faces
+    Attributes
+    ----------
+    kind : PmiKind
+        ``to_outer``: from the first item to the far side of the second; ``toroidal_radius``: at the
+        middle of the ring; ``cone``: its included angle; ``angle``: between two faces.
+    items : tuple of PmiItem
+        One or two, of one solid or of two.
+    nominal : float
+        Value [m or rad].
+    lower, upper : float
+        Signed deviations [m or rad].
+    callout : Callout or None
+        What a viewer shows.
+    """
+
     kind: PmiKind
-    items: tuple[PmiItem, ...]  # one or two, of one solid or of two
-    nominal: float  # m or rad
-    lower: float  # signed deviation
+    items: tuple[PmiItem, ...]
+    nominal: float
+    lower: float
     upper: float
     callout: Callout | None = None
 
 
 @dataclass(frozen=True)
+class PmiDatum:
+    """A face to which a tolerance refers, with its letter."""
+
+    letter: str
+    face: PmiItem
+
+
+@dataclass(frozen=True)
 class PmiTolerance:
-    """A geometric tolerance."""
+    """A geometric tolerance.
+
+    Attributes
+    ----------
+    kind : {"flatness", "parallelism"}
+        What it limits.
+    face : PmiItem
+        Where.
+    zone : float
+        Width of its zone [m].
+    datum : PmiDatum or None
+        To what a parallelism refers.
+    callout : Callout or None
+        What a viewer shows.
+    """
 
     kind: Literal["flatness", "parallelism"]
     face: PmiItem
-    zone: float  # its width [m]
-    datum: tuple[str, PmiItem] | None = None  # letter and face of the datum
+    zone: float
+    datum: PmiDatum | None = None
     callout: Callout | None = None
+
+
+@dataclass(frozen=True)
+class PmiMaterial:
+    """Name of a material and its density [kg/m^3], None where it is not stated."""
+
+    name: str
+    density: float | None = None
 
 
 def write_step_with_tolerances(
@@ -104,12 +173,30 @@ def write_step_with_tolerances(
     bodies: Sequence[tuple[str, Body]],
     dimensions: Sequence[PmiDimension],
     tolerances: Sequence[PmiTolerance],
-    material: tuple[str, float | None],
+    material: PmiMaterial,
     assembly: str = "",
 ) -> None:
-    """Write solids, dimensions, tolerances and material as AP242, as the kernel does it."""
-    for printer in Message.DefaultMessenger_s().Printers():
-        printer.SetTraceLevel(Message_Gravity.Message_Fail)
+    """Write solids, dimensions, tolerances and material as AP242, as the kernel does it.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    bodies : sequence of (str, Body)
+        Solids by their names.
+    dimensions, tolerances
+        Of these bodies.
+    material : PmiMaterial
+        Of all bodies.
+    assembly : str, optional
+        Name of the product that several bodies make up.
+
+    Raises
+    ------
+    SolidError
+        If an item is no face or edge of its body, or the file cannot be written.
+    """
+    _silence_kernel()
     # a schema that is set before a controller exists is silently ignored
     STEPControl_Controller.Init_s()
     Interface_Static.SetCVal_s("write.step.schema", "AP242DIS")
@@ -125,126 +212,179 @@ def write_step_with_tolerances(
     writer.SetDimTolMode(True)
     writer.SetMaterialMode(True)
     writer.Transfer(document.document, STEPControl_StepModelType.STEPControl_AsIs)
-    SolidError.require(
-        writer.Write(str(path)) == IFSelect_ReturnStatus.IFSelect_RetDone,
-        f"the kernel could not write {path.name}",
-    )
+    if writer.Write(str(path)) != IFSelect_ReturnStatus.IFSelect_RetDone:
+        raise SolidError(f"the kernel could not write {path.name}")
+
+
+def _silence_kernel() -> None:
+    """Keep the kernel from printing anything but failures."""
+    for printer in Message.DefaultMessenger_s().Printers():
+        printer.SetTraceLevel(Message_Gravity.Message_Fail)
+
+
+@dataclass(frozen=True)
+class _LabelledBody:
+    """A solid in a document: its label, and its faces in the order of the kernel."""
+
+    name: str
+    label: TDF_Label
+    faces: Sequence[Body]
 
 
 class _Document:
-    # An XCAF document that is filled step by step
+    """An XCAF document, filled step by step.
+
+    Parameters
+    ----------
+    bodies, material, assembly
+        As for `write_step_with_tolerances`.
+    """
+
     def __init__(
-        self,
-        bodies: Sequence[tuple[str, Body]],
-        material: tuple[str, float | None],
-        assembly: str,
+        self, bodies: Sequence[tuple[str, Body]], material: PmiMaterial, assembly: str
     ) -> None:
         self.document = TDocStd_Document(TCollection_ExtendedString("stepblocks"))
         self._shapes = XCAFDoc_DocumentTool.ShapeTool_s(self.document.Main())
         self._tolerances = XCAFDoc_DocumentTool.DimTolTool_s(self.document.Main())
-        materials = XCAFDoc_DocumentTool.MaterialTool_s(self.document.Main())
-        # another type than POSITIVE_RATIO_MEASURE is dropped without a word
-        texts = material[0], "", "density measure", "POSITIVE_RATIO_MEASURE"
-        self._bodies: list[tuple[TDF_Label, list[Body]]] = []
-        for name, body in bodies:
-            label = self._shapes.AddShape(body.wrapped, False)
-            TDataStd_Name.Set_s(label, TCollection_ExtendedString(name))
-            self._bodies.append((label, body.Faces()))
-            designation, note, what, kind = map(TCollection_HAsciiString, texts)
-            materials.SetMaterial(label, designation, note, material[1] or 0.0, what, kind)
-        if len(bodies) > 1:
-            # one product of all bodies where they are, which stay products of their own, each of
-            # its material
-            root = self._shapes.NewShape()
-            TDataStd_Name.Set_s(root, TCollection_ExtendedString(assembly))
-            for (name, _), (label, _) in zip(bodies, self._bodies, strict=True):
-                component = self._shapes.AddComponent(root, label, TopLoc_Location())
-                TDataStd_Name.Set_s(component, TCollection_ExtendedString(name))
-            self._shapes.UpdateAssemblies()
+        self._materials = XCAFDoc_DocumentTool.MaterialTool_s(self.document.Main())
+        self._bodies = [self._add_body(name, body, material) for name, body in bodies]
+        if len(self._bodies) > 1:
+            self._assemble(assembly)
 
-    def _get_label(self, item: PmiItem) -> TDF_Label:
-        label, faces = self._bodies[item.body]
-        shape = faces[item.face]
+    def _add_body(self, name: str, body: Body, material: PmiMaterial) -> _LabelledBody:
+        """Add a solid with its name and material."""
+        label = self._shapes.AddShape(body.wrapped, False)
+        TDataStd_Name.Set_s(label, TCollection_ExtendedString(name))
+        self._materials.SetMaterial(
+            label,
+            TCollection_HAsciiString(material.name),
+            TCollection_HAsciiString(""),
+            material.density or 0.0,
+            TCollection_HAsciiString("density measure"),
+            # another type is dropped without a word
+            TCollection_HAsciiString("POSITIVE_RATIO_MEASURE"),
+        )
+        return _LabelledBody(name, label, body.Faces())
+
+    def _assemble(self, name: str) -> None:
+        """Make one product of all bodies where they are.
+
+        They stay products of their own, each of its material.
+        """
+        root = self._shapes.NewShape()
+        TDataStd_Name.Set_s(root, TCollection_ExtendedString(name))
+        for body in self._bodies:
+            component = self._shapes.AddComponent(root, body.label, TopLoc_Location())
+            TDataStd_Name.Set_s(component, TCollection_ExtendedString(body.name))
+        self._shapes.UpdateAssemblies()
+
+    def _label_item(self, item: PmiItem) -> TDF_Label:
+        """Return the label of a face or edge, which is added to the document where it is new."""
+        body = self._bodies[item.body]
+        shape = body.faces[item.face]
         if item.other is not None:
-            others = [edge.wrapped for edge in faces[item.other].Edges()]
-            shared = [
-                edge
-                for edge in shape.Edges()
-                if any(edge.wrapped.IsSame(other) for other in others)
-            ]
-            SolidError.require(shared, "two faces that carry an edge must meet in one")
-            shape = max(shared, key=lambda edge: float(edge.Length()))
-        found = self._shapes.AddSubShape(label, shape.wrapped)
-        if found.IsNull():  # it has been added before
-            found = TDF_Label()
-            self._shapes.FindSubShape(label, shape.wrapped, found)
-        SolidError.require(not found.IsNull(), f"face {item.face} must belong to body {item.body}")
-        return found
+            shape = _find_common_edge(shape, body.faces[item.other])
+        label = self._shapes.AddSubShape(body.label, shape.wrapped)
+        if label.IsNull():  # it has been added before
+            label = TDF_Label()
+            self._shapes.FindSubShape(body.label, shape.wrapped, label)
+        if label.IsNull():
+            raise SolidError(f"face {item.face} must belong to body {item.body}")
+        return label
+
+    def _label_items(self, items: Sequence[PmiItem]) -> TDF_LabelSequence:
+        sequence = TDF_LabelSequence()
+        for item in items:
+            sequence.Append(self._label_item(item))
+        return sequence
 
     def add_dimension(self, dimension: PmiDimension) -> None:
+        """Add a dimension with its limits and callout."""
         label = self._tolerances.AddDimension()
         content = XCAFDimTolObjects.XCAFDimTolObjects_DimensionObject()
-        content.SetType(_find_enum("DimensionType", _OF_DIMENSION[dimension.kind]))
+        content.SetType(_find_enum("DimensionType", _DIMENSION_TYPES[dimension.kind]))
         # angles stand in radians, the unit that the kernel writes
-        unit = 1.0 if dimension.kind in ("cone", "angle") else _MM
+        unit = 1.0 if dimension.kind in _ANGLES else _MM
         content.SetValue(dimension.nominal * unit)
         content.SetUpperTolValue(dimension.upper * unit)
         content.SetLowerTolValue(-dimension.lower * unit)  # the kernel keeps it without its sign
         _set_presentation(content, dimension.callout)
         _find_attribute(label, XCAFDoc_Dimension).SetObject(content)
-        sequences = [TDF_LabelSequence(), TDF_LabelSequence()]
-        for sequence, item in zip(sequences, dimension.items, strict=False):
-            sequence.Append(self._get_label(item))
-        self._tolerances.SetDimension(sequences[0], sequences[1], label)
+        first = self._label_items(dimension.items[:1])
+        second = self._label_items(dimension.items[1:])
+        self._tolerances.SetDimension(first, second, label)
 
     def add_tolerance(self, tolerance: PmiTolerance) -> None:
+        """Add a geometric tolerance with its datum and callout."""
         label = self._tolerances.AddGeomTolerance()
         content = XCAFDimTolObjects.XCAFDimTolObjects_GeomToleranceObject()
         content.SetType(_find_enum("GeomToleranceType", tolerance.kind.capitalize()))
         content.SetValue(tolerance.zone * _MM)
         _set_presentation(content, tolerance.callout)
         _find_attribute(label, XCAFDoc_GeomTolerance).SetObject(content)
-        self._tolerances.SetGeomTolerance(self._get_label(tolerance.face), label)
-        if tolerance.datum is None:
-            return
-        letter, face = tolerance.datum
-        datum = self._tolerances.AddDatum()
-        named = XCAFDimTolObjects.XCAFDimTolObjects_DatumObject()
-        named.SetName(TCollection_HAsciiString(letter))
-        named.SetPosition(1)
-        _find_attribute(datum, XCAFDoc_Datum).SetObject(named)
-        faces = TDF_LabelSequence()
-        faces.Append(self._get_label(face))
-        self._tolerances.SetDatum(faces, datum)
-        self._tolerances.SetDatumToGeomTol(datum, label)
+        self._tolerances.SetGeomTolerance(self._label_item(tolerance.face), label)
+        if tolerance.datum is not None:
+            self._add_datum(tolerance.datum, label)
+
+    def _add_datum(self, datum: PmiDatum, tolerance: TDF_Label) -> None:
+        label = self._tolerances.AddDatum()
+        content = XCAFDimTolObjects.XCAFDimTolObjects_DatumObject()
+        content.SetName(TCollection_HAsciiString(datum.letter))
+        content.SetPosition(1)
+        _find_attribute(label, XCAFDoc_Datum).SetObject(content)
+        self._tolerances.SetDatum(self._label_items([datum.face]), label)
+        self._tolerances.SetDatumToGeomTol(label, tolerance)
+
+
+def _find_common_edge(face: Body, second_face: Body) -> Body:
+    """Find the edge in which two faces meet, the longest where there are several."""
+    candidates = [edge.wrapped for edge in second_face.Edges()]
+    common = []
+    for edge in face.Edges():
+        if any(edge.wrapped.IsSame(candidate) for candidate in candidates):
+            common.append(edge)
+    if not common:
+        raise SolidError("two faces that carry an edge must meet in one")
+    return max(common, key=lambda edge: float(edge.Length()))
 
 
 def _find_enum(kind: str, name: str) -> Any:
-    return getattr(
-        getattr(XCAFDimTolObjects, f"XCAFDimTolObjects_{kind}"), f"XCAFDimTolObjects_{kind}_{name}"
-    )
+    """Find a member of an enumeration of the kernel by the words that distinguish it."""
+    enumeration = getattr(XCAFDimTolObjects, f"XCAFDimTolObjects_{kind}")
+    return getattr(enumeration, f"XCAFDimTolObjects_{kind}_{name}")
 
 
 def _set_presentation(
     content: XCAFDimTolObjects.XCAFDimTolObjects_GeomToleranceObject, callout: Callout | None
 ) -> None:
+    """Give a dimension or tolerance the lines that a viewer shows."""
     if callout is None:
         return
     compound = TopoDS_Compound()
     builder = BRep_Builder()
     builder.MakeCompound(compound)
-    for begin, end in callout.lines:
-        a, b = (gp_Pnt(*(value * _MM for value in point)) for point in (begin, end))
-        if a.Distance(b) > 1e-6:  # shorter ones are no edges to the kernel
-            builder.Add(compound, BRepBuilderAPI_MakeEdge(a, b).Edge())
-    origin = gp_Pnt(*(value * _MM for value in callout.lines[-1][0]))
+    for outline in callout.outlines:
+        polygon = BRepBuilderAPI_MakePolygon()
+        for x, y, z in (outline * _MM).tolist():
+            polygon.Add(gp_Pnt(x, y, z))
+        polygon.Close()
+        builder.Add(compound, polygon.Wire())
+    begin, end = map(_make_point, callout.leader)
+    if begin.Distance(end) > _SHORTEST_EDGE:
+        builder.Add(compound, BRepBuilderAPI_MakeEdge(begin, end).Edge())
     content.SetPresentation(compound, TCollection_HAsciiString(callout.text))
-    content.SetPlane(gp_Ax2(origin, gp_Dir(0.0, -1.0, 0.0)))
-    content.SetPointTextAttach(origin)
+    content.SetPlane(gp_Ax2(begin, gp_Dir(0.0, -1.0, 0.0)))
+    content.SetPointTextAttach(begin)
+
+
+def _make_point(point: Point) -> gp_Pnt:
+    """Make a point of the kernel [mm] of one in metres."""
+    x, y, z = point
+    return gp_Pnt(x * _MM, y * _MM, z * _MM)
 
 
 def _find_attribute(label: TDF_Label, kind: type) -> Any:
-    # Return the attribute itself: FindAttribute of these bindings would fill a detached copy
+    """Find the attribute of a label itself: FindAttribute of the bindings fills a detached copy."""
     iterator = TDF_AttributeIterator(label)
     while iterator.More():
         if iterator.Value().DynamicType().Name() == kind.__name__:

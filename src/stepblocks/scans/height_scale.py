@@ -5,6 +5,7 @@ It is the check on readers of instrument files, which disagree by factors.
 
 import struct
 import zipfile
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
@@ -13,13 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.errors import MetrologyError
-from stepblocks.scans.text import LENGTH_UNITS
+from stepblocks.scans.units import UNITS_PER_METRE
 
-_MOST_HEAD = 1 << 16  # bytes of a header that are read
-_MOST_INDEX = 1 << 24  # bytes of the index of an archive
-_CHUNK = 1 << 22
+_HEADER_BYTES = 1 << 16  # of a header that are read
+_MOST_INDEX_BYTES = 1 << 24  # of the index of an archive
+_CHUNK_BYTES = 1 << 22
 _X3P_TYPES = {"I": "<i2", "L": "<i4", "F": "<f4", "D": "<f8"}
-_BROKEN = (
+_SDF_FLOATING_TYPES = (3, 7)
+_SDF_MOST_COUNT = 2**32
+_OPDX_MOST_UNIT_BYTES = 64
+# What the parsers of a damaged or hostile file raise
+_DAMAGED = (
     struct.error,
     zipfile.BadZipFile,
     ElementTree.ParseError,
@@ -29,194 +34,318 @@ _BROKEN = (
     EOFError,
 )
 _MICROMETRE = 1e-6  # height of the stored number 1 in a PLUX file [m]
+_SAME_SCALE = 1e-6  # difference of two scales that are the same, relative [1]
+_SLACK_COUNTS = 2.0  # that heights may lie outside of their range
+_CHECKED_HEIGHTS = 20_000  # that are compared with whole counts
+# Distance from a whole count that rounding explains: at least, and for each count [1]
+_WHOLE_COUNT = 0.02
+_FLOAT32_COUNT = 1e-6
 
 
 @dataclass(frozen=True)
 class HeightScale:
-    """What a file states of its heights."""
+    """What a file states of its heights.
 
-    count: float  # height of one count, or of the stored number 1 [m]
-    lowest: float  # end of the range of heights that can occur [m]
-    highest: float  # likewise [m]
-    field: str  # where the file says so
-    integral: bool = True  # whether counts are stored, so that heights come in steps of one
+    Attributes
+    ----------
+    count : float
+        Height of one count, or of the stored number 1 [m].
+    lowest, highest : float
+        Range of heights that can occur [m].
+    field : str
+        Where the file says so.
+    integral : bool
+        Whether counts are stored, so that heights come in steps of one.
+    """
+
+    count: float
+    lowest: float
+    highest: float
+    field: str
+    integral: bool = True
 
 
 def read_height_scale(path: Path, form: str, channel: str) -> HeightScale | None:
     """Read the height scale of a channel from the file itself.
 
-    The result is None for a format that states none that is read here.
+    Parameters
+    ----------
+    path : Path
+        File of an instrument.
+    form : str
+        Its format, as a reader of scans names it.
+    channel : str
+        Name of the channel; empty for the first.
+
+    Returns
+    -------
+    HeightScale or None
+        None for a format that states no scale that is read here.
+
+    Raises
+    ------
+    MetrologyError
+        If the file must state a scale and does not, or states one that is not positive.
     """
-    try:
-        if form in _PACKED:
-            with zipfile.ZipFile(path) as archive:
-                scale: HeightScale | None = _PACKED[form](archive)
-        else:
-            with path.open("rb") as file:
-                scale = _HEADERS[form](file.read(_MOST_HEAD), channel) if form in _HEADERS else None
-    except _BROKEN as error:
-        raise MetrologyError(
-            f"{'index' if form in _PACKED else 'header'} must state the height scale, got "
-            f"{getattr(error, 'strerror', None) or error} [{path.name}]"
-        ) from error
-    if scale is not None and not (np.isfinite(scale.count) and scale.count > 0.0):
+    if form in _ARCHIVES:
+        scale = _read_archive_scale(path, _ARCHIVES[form])
+    elif form in _HEADERS:
+        scale = _read_header_scale(path, _HEADERS[form], channel)
+    else:
+        return None
+    if scale is None:
+        return None
+    if not np.isfinite(scale.count) or scale.count <= 0.0:
         raise MetrologyError(
             f"{scale.field} must be positive and finite, got {scale.count:g} m [{path.name}]"
         )
     return scale
 
 
+def _read_archive_scale(
+    path: Path, read: Callable[[zipfile.ZipFile], HeightScale]
+) -> HeightScale | None:
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return read(archive)
+    except _DAMAGED as error:
+        raise _describe_damage("index", error, path) from error
+
+
+def _read_header_scale(
+    path: Path, read: Callable[[bytes, str], HeightScale | None], channel: str
+) -> HeightScale | None:
+    try:
+        with path.open("rb") as file:
+            return read(file.read(_HEADER_BYTES), channel)
+    except _DAMAGED as error:
+        raise _describe_damage("header", error, path) from error
+
+
+def _describe_damage(part: str, error: Exception, path: Path) -> MetrologyError:
+    reason = getattr(error, "strerror", None) or error
+    return MetrologyError(f"{part} must state the height scale, got {reason} [{path.name}]")
+
+
 def check_height_scale(
     height: NDArray[np.float64], scale: HeightScale, place: str, used: float | None = None
 ) -> str:
-    """Compare heights with the scale of the header."""
-    if used is not None and abs(abs(used) / scale.count - 1.0) > 1e-6:
-        raise MetrologyError(
-            f"reader must use {scale.count:g} m per count ({scale.field}), got {used:g} m [{place}]"
-        )
-    MetrologyError.require(
-        scale.integral or used is not None,
-        f"reader must say what it took for {scale.field}, got nothing [{place}]",
-    )
-    finite = height[np.isfinite(height)]
-    ends = [abs(end) for end in (scale.lowest, scale.highest) if np.isfinite(end)]
-    slack = 2.0 * scale.count if scale.integral else 1e-6 * max(ends, default=0.0)
-    if finite.size and (
-        finite.min() < scale.lowest - slack or finite.max() > scale.highest + slack
-    ):
-        raise MetrologyError(
-            f"heights must lie within {scale.lowest:g} to {scale.highest:g} m ({scale.field}), "
-            f"got {finite.min():g} to {finite.max():g} m [{place}]"
-        )
+    """Compare heights with the scale that their file states.
+
+    Parameters
+    ----------
+    height : array
+        Heights as a reader gives them, nan where nothing was measured [m].
+    scale : HeightScale
+        What the file states.
+    place : str
+        Name of the file, for messages.
+    used : float, optional
+        Height of one count, or of the stored number 1, by which the reader multiplied [m].
+
+    Returns
+    -------
+    str
+        What was checked.
+
+    Raises
+    ------
+    MetrologyError
+        If the reader used another scale, or the heights cannot come from this one.
+    """
+    _check_used_scale(scale, place, used)
+    measured = height[np.isfinite(height)]
+    _check_range(measured, scale, place)
     if not scale.integral:
         return f"{scale.field}: {scale.count:.6g} m, checked"
-    counts = (finite[:20000] - finite[0]) / scale.count
+    counts = (measured[:_CHECKED_HEIGHTS] - measured[0]) / scale.count
+    off = np.max(np.abs(counts - np.rint(counts)))
     # float32 counts above 2^24 and offsets cost digits; a wrong factor misses by far more
-    MetrologyError.require(
-        np.max(np.abs(counts - np.rint(counts))) <= 0.02 + 1e-6 * float(np.max(np.abs(counts))),
-        f"heights must be multiples of {scale.count:g} m ({scale.field}) [{place}]",
-    )
+    allowed = _WHOLE_COUNT + _FLOAT32_COUNT * float(np.max(np.abs(counts)))
+    if not off <= allowed:
+        raise MetrologyError(
+            f"heights must be multiples of {scale.count:g} m ({scale.field}) [{place}]"
+        )
     return f"{scale.field}: {scale.count:.6g} m per count, checked"
 
 
-def _read_nid_scale(head: bytes, channel: str) -> HeightScale | None:
-    # Nanosurf: the sections of channels state Frame, Dim2Name, Dim2Unit, Dim2Range, Dim2Min and
-    # SaveBits.
-    for section in head.decode("latin-1").split("\r\n["):
-        fields = dict(line.split("=", 1) for line in section.splitlines() if "=" in line)
-        named = (
-            not channel
-            or f"{fields.get('Frame', '').strip()} ({fields.get('Dim2Name', '').strip()})"
-            == channel
+def _check_used_scale(scale: HeightScale, place: str, used: float | None) -> None:
+    """Refuse a reader that used another scale [m] than its file states."""
+    if used is None:
+        if scale.integral:
+            return
+        raise MetrologyError(
+            f"reader must state its scale for {scale.field}, got nothing [{place}]"
         )
-        if "Dim2Range" in fields and named and fields["Dim2Unit"].strip() in LENGTH_UNITS:
-            per_metre = LENGTH_UNITS[fields["Dim2Unit"].strip()]
-            span, lowest = (
-                float(fields["Dim2Range"]) / per_metre,
-                float(fields["Dim2Min"]) / per_metre,
-            )
-            # readers keep or drop the offset of the range, which a step height does not see
-            reach = max(abs(lowest), abs(lowest + span))
-            return HeightScale(
-                span / 2 ** int(fields["SaveBits"]), -reach, reach, "Dim2Range / 2^SaveBits"
-            )
+    if abs(abs(used) / scale.count - 1.0) > _SAME_SCALE:
+        raise MetrologyError(
+            f"reader must use {scale.count:g} m per count ({scale.field}), got {used:g} m [{place}]"
+        )
+
+
+def _check_range(measured: NDArray[np.float64], scale: HeightScale, place: str) -> None:
+    """Refuse heights [m] outside of the range that the file can hold."""
+    if not measured.size:
+        return
+    if scale.integral:
+        slack = _SLACK_COUNTS * scale.count
+    else:
+        ends = [abs(end) for end in (scale.lowest, scale.highest) if np.isfinite(end)]
+        slack = _SAME_SCALE * max(ends, default=0.0)
+    lowest = measured.min()
+    highest = measured.max()
+    if lowest < scale.lowest - slack or highest > scale.highest + slack:
+        raise MetrologyError(
+            f"heights must lie within {scale.lowest:g} to {scale.highest:g} m ({scale.field}), "
+            f"got {lowest:g} to {highest:g} m [{place}]"
+        )
+
+
+def _read_nid_scale(head: bytes, channel: str) -> HeightScale:
+    """Read the header of Nanosurf, where each channel has a section.
+
+    A section states Frame, Dim2Name, Dim2Unit, Dim2Range, Dim2Min and SaveBits.
+    """
+    for section in head.decode("latin-1").split("\r\n["):
+        fields = _parse_fields(section)
+        if "Dim2Range" not in fields:
+            continue
+        if channel and _name_nid_channel(fields) != channel:
+            continue
+        unit = fields["Dim2Unit"].strip()
+        if unit not in UNITS_PER_METRE:
+            continue
+        span = float(fields["Dim2Range"]) / UNITS_PER_METRE[unit]
+        lowest = float(fields["Dim2Min"]) / UNITS_PER_METRE[unit]
+        count = span / 2 ** int(fields["SaveBits"])
+        # readers keep or drop the offset of the range, which a step height does not see
+        reach = max(abs(lowest), abs(lowest + span))
+        return HeightScale(count, -reach, reach, "Dim2Range / 2^SaveBits")
     raise ValueError("no channel in units of length")
 
 
+def _name_nid_channel(fields: dict[str, str]) -> str:
+    return f"{fields.get('Frame', '').strip()} ({fields.get('Dim2Name', '').strip()})"
+
+
+def _parse_fields(text: str) -> dict[str, str]:
+    """Read lines of the form ``name=value``."""
+    fields = {}
+    for line in text.splitlines():
+        name, equals, value = line.partition("=")
+        if equals:
+            fields[name] = value
+    return fields
+
+
 def _read_sur_scale(head: bytes, channel: str) -> HeightScale | None:
-    # Digital Surf: Z spacing as float32 at byte 128, its unit as text at byte 212, limits in counts
-    # at byte 100.
+    """Read the header of Digital Surf.
+
+    Limits in counts stand at byte 100, the Z spacing as float32 at 128, its unit as text at 212.
+    """
     if head[:12] not in (b"DIGITAL SURF", b"DSCOMPRESSED"):
         return None
     lowest, highest = struct.unpack_from("<ii", head, 100)
     (spacing,) = struct.unpack_from("<f", head, 128)
     unit = head[212:228].split(b"\0")[0].decode("latin-1").strip()
-    count = float(spacing) / LENGTH_UNITS[unit]
-    reach = (max(abs(lowest), abs(highest)) + 2) * count
+    count = float(spacing) / UNITS_PER_METRE[unit]
+    reach = (max(abs(lowest), abs(highest)) + _SLACK_COUNTS) * count
     return HeightScale(count, -reach, reach, "Z spacing of the header")
 
 
 def _read_sdf_scale(head: bytes, channel: str) -> HeightScale | None:
-    # ISO 25178-71: Zscale in metres per count; floating types have no counts.
+    """Read the header of ISO 25178-71, binary or text: Zscale is metres per count.
+
+    Floating types have no counts.
+    """
     if head[:8] == b"bISO-1.0":
-        count, kind = struct.unpack_from("<d", head, 62)[0], head[79]
+        (count,) = struct.unpack_from("<d", head, 62)
+        data_type = head[79]
     elif head[:8] == b"aISO-1.0":
         text = head.split(b"*", 1)[0].decode("latin-1")
-        fields = {
-            key.strip(): value.strip()
-            for key, value in (x.split("=", 1) for x in text.splitlines() if "=" in x)
-        }
-        count, kind = float(fields["Zscale"]), int(fields["DataType"])
+        fields = {name.strip(): value.strip() for name, value in _parse_fields(text).items()}
+        count = float(fields["Zscale"])
+        data_type = int(fields["DataType"])
     else:
         return None
-    return (
-        None
-        if kind in (3, 7)
-        else HeightScale(count, -(2**32) * count, 2**32 * count, "Zscale of the header")
-    )
+    if data_type in _SDF_FLOATING_TYPES:
+        return None
+    reach = _SDF_MOST_COUNT * count
+    return HeightScale(count, -reach, reach, "Zscale of the header")
 
 
-def _read_opdx_scale(head: bytes, channel: str) -> HeightScale | None:
-    # Dektak: the quantity DataScale of a channel, value as float64, then name and symbol of its
-    # unit, each with its length.
+def _read_opdx_scale(head: bytes, channel: str) -> HeightScale:
+    """Read the quantity DataScale of Dektak.
+
+    Its value stands as float64, then name and symbol of its unit, each behind its length.
+    """
     mark = struct.pack("<I", 9) + b"DataScale\x13"
-    at = head.find(mark) + len(mark)
-    if at < len(mark):
+    found = head.find(mark)
+    if found < 0:
         raise ValueError("no DataScale")
-    at += 1 + head[at]  # length of the item, in as many bytes as its first says
-    value, size = struct.unpack_from("<dI", head, at)
-    (length,) = struct.unpack_from("<I", head, at + 12 + size)
-    symbol = head[at + 16 + size : at + 16 + size + min(length, 64)].decode("utf-8")
-    return HeightScale(
-        value / LENGTH_UNITS[symbol.strip()],
-        -np.inf,
-        np.inf,
-        "DataScale of the channel",
-        integral=False,
-    )
+    position = found + len(mark)
+    position += 1 + head[position]  # the length of the item, in as many bytes as its first says
+    value, name_length = struct.unpack_from("<dI", head, position)
+    position += 12 + name_length
+    (symbol_length,) = struct.unpack_from("<I", head, position)
+    position += 4
+    end = position + min(symbol_length, _OPDX_MOST_UNIT_BYTES)
+    unit = head[position:end].decode("utf-8").strip()
+    count = value / UNITS_PER_METRE[unit]
+    return HeightScale(count, -np.inf, np.inf, "DataScale of the channel", integral=False)
 
 
 def _read_x3p_scale(archive: zipfile.ZipFile) -> HeightScale:
-    # ISO 25178-72: ``Axes/CZ`` states type and increment; heights in metres are the stored number
-    # times the increment.
+    """Read ``Axes/CZ`` of ISO 25178-72, which states type and increment.
+
+    Heights in metres are the stored number times the increment.
+    """
     index = _read_index(archive, "main.xml")
     axis = index.find("Record1/Axes/CZ")
     if axis is None:
         raise ValueError("no Record1/Axes/CZ")
-    stated = {child.tag: (child.text or "").strip() for child in axis}
-    increment, offset = float(stated.get("Increment") or 1.0), float(stated.get("Offset") or 0.0)
-    kind = _X3P_TYPES[stated["DataType"]]
-    lowest, highest = -np.inf, np.inf
+    fields = {child.tag: (child.text or "").strip() for child in axis}
+    increment = float(fields.get("Increment") or 1.0)
+    offset = float(fields.get("Offset") or 0.0)
+    number_type = _X3P_TYPES[fields["DataType"]]
+    lowest = -np.inf
+    highest = np.inf
     link = index.find("Record3/DataLink/PointDataLink")
     grid = index.find("Record3/MatrixDimension")
-    # else the points stand in the index as text
+    # without a link, the points stand in the index as text
     if link is not None and link.text and grid is not None:
-        lowest, highest = sorted(
-            increment * end for end in _read_range(archive, link.text.strip(), kind)
-        )
+        stored = _read_range(archive, link.text.strip(), number_type)
+        lowest, highest = sorted(increment * end for end in stored)
         # readers keep or drop the offset of the axis, which a step height does not see
-        lowest, highest = lowest + min(offset, 0.0), highest + max(offset, 0.0)
-    return HeightScale(abs(increment), lowest, highest, "Increment of CZ", integral="i" in kind)
+        lowest += min(offset, 0.0)
+        highest += max(offset, 0.0)
+    is_integral = "i" in number_type
+    return HeightScale(abs(increment), lowest, highest, "Increment of CZ", integral=is_integral)
 
 
 def _read_plux_scale(archive: zipfile.ZipFile) -> HeightScale:
-    # Sensofar: float32 of every layer in micrometres, as many as the index states.
+    """Read the index of Sensofar: a layer is float32 in micrometres, of so many points."""
     index = _read_index(archive, "index.xml")
     name = _read_text(index, "LAYER_0/FILENAME_Z")
-    points = int(_read_text(index, "GENERAL/IMAGE_SIZE_X")) * int(
-        _read_text(index, "GENERAL/IMAGE_SIZE_Y")
-    )
-    if archive.getinfo(name).file_size != 4 * points:
-        raise ValueError(f"{archive.getinfo(name).file_size} bytes in {name} for {points} points")
-    lowest, highest = (end * _MICROMETRE for end in _read_range(archive, name, "<f4"))
+    columns = int(_read_text(index, "GENERAL/IMAGE_SIZE_X"))
+    rows = int(_read_text(index, "GENERAL/IMAGE_SIZE_Y"))
+    points = columns * rows
+    size = archive.getinfo(name).file_size
+    if size != 4 * points:
+        raise ValueError(f"{size} bytes in {name} for {points} points")
+    lowest, highest = _read_range(archive, name, "<f4")
     return HeightScale(
-        _MICROMETRE, lowest, highest, f"numbers of {name}, um by the format", integral=False
+        _MICROMETRE,
+        lowest * _MICROMETRE,
+        highest * _MICROMETRE,
+        f"numbers of {name}, um by the format",
+        integral=False,
     )
 
 
 def _read_index(archive: zipfile.ZipFile, name: str) -> ElementTree.Element:
-    if archive.getinfo(name).file_size > _MOST_INDEX:
-        raise ValueError(f"{name} of more than {_MOST_INDEX >> 20} MiB")
+    if archive.getinfo(name).file_size > _MOST_INDEX_BYTES:
+        raise ValueError(f"{name} of more than {_MOST_INDEX_BYTES >> 20} MiB")
     text = archive.read(name)
     # entities may grow without bound
     if b"<!" in text.replace(b"<!--", b"").replace(b"<![CDATA[", b""):
@@ -225,29 +354,32 @@ def _read_index(archive: zipfile.ZipFile, name: str) -> ElementTree.Element:
 
 
 def _read_text(index: ElementTree.Element, path: str) -> str:
-    if (text := index.findtext(path)) is None:
+    text = index.findtext(path)
+    if text is None:
         raise ValueError(f"no {path}")
     return text.strip()
 
 
-def _read_range(archive: zipfile.ZipFile, name: str, kind: str) -> tuple[float, float]:
-    # Least and largest stored number, read piece by piece since a member may be large.
-    lowest, highest = np.inf, -np.inf
+def _read_range(archive: zipfile.ZipFile, name: str, number_type: str) -> tuple[float, float]:
+    """Find the least and the largest stored number, chunk by chunk: a member may be large."""
+    lowest = np.inf
+    highest = -np.inf
     with archive.open(name) as file:
-        while piece := file.read(_CHUNK):
-            values = np.frombuffer(piece, dtype=kind)
-            known = values[np.isfinite(values)]
-            if known.size:
-                lowest, highest = min(lowest, float(known.min())), max(highest, float(known.max()))
-    if not lowest <= highest:
+        while chunk := file.read(_CHUNK_BYTES):
+            values = np.frombuffer(chunk, dtype=number_type)
+            finite = values[np.isfinite(values)]
+            if finite.size:
+                lowest = min(lowest, float(finite.min()))
+                highest = max(highest, float(finite.max()))
+    if lowest > highest:
         raise ValueError(f"no number in {name}")
     return lowest, highest
 
 
-_HEADERS = {
+_HEADERS: dict[str, Callable[[bytes, str], HeightScale | None]] = {
     "ezd": _read_nid_scale,
     "sur": _read_sur_scale,
     "sdf": _read_sdf_scale,
     "opdx": _read_opdx_scale,
 }
-_PACKED = {"x3p": _read_x3p_scale, "plux": _read_plux_scale}
+_ARCHIVES = {"x3p": _read_x3p_scale, "plux": _read_plux_scale}

@@ -1,17 +1,13 @@
 """Read a scan from any file: text, or the file of an instrument.
 
-SurfaceTopography and x3pio read the files of instruments, in the confined process.
+Each format has a reader of its own in `stepblocks.scans.formats`. Foreign readers run in the
+confined process.
 """
 
-import io
-import re
-import struct
 import zipfile
-import zlib
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,61 +17,23 @@ from stepblocks.errors import MetrologyError
 from stepblocks.files.confined import read_confined
 from stepblocks.files.text import is_file
 from stepblocks.mistakes import shorten_value
-from stepblocks.scans.height_scale import check_height_scale, read_height_scale
-from stepblocks.scans.points import grid_points, read_points
+from stepblocks.scans.formats import READERS
+from stepblocks.scans.formats.reader import ReadScan, ScanReader, ScanRequest, check_archive
+from stepblocks.scans.height_scale import check_height_scale
 from stepblocks.scans.scan import HeightMap, ScannedProfile
-from stepblocks.scans.text import (
-    LENGTH_UNITS,
-    holds_matrix,
-    parse_given_units,
-    read_table_scan,
-    read_text_scan,
-)
+from stepblocks.scans.text import read_table_scan
 
 if TYPE_CHECKING:
     import pandas as pd
-    from SurfaceTopography.IO.Reader import ChannelInfo
 
-# what is scanned: a file, the table of one, a scan in memory, or positions and heights [m]
+# What is scanned: a file, the table of one, a scan in memory, or positions and heights [m]
 Scan: TypeAlias = (
     "str | Path | pd.DataFrame | ScannedProfile | HeightMap | Profile | tuple[ArrayLike, ArrayLike]"
 )
 
-TEXT_ENDINGS = (".csv", ".txt", ".tsv", ".xyz", ".asc", ".dat")
-# numbers without a unit, which must be given
-POINT_ENDINGS = (
-    ".ply",
-    ".stl",
-    ".obj",
-    ".json",
-)
-_NAMED = (
-    "x3p sdf sur plux gwy opdx nid opd datx al3d plu zon vk4 ezd ibw mi mnt tmd nms stp top frt "
-    "spm di"
-)
-# what the reader calls each ending
-FORMATS = {f".{name}": name for name in _NAMED.split()} | {
-    ".nid": "ezd",
-    ".vk4": "vk",
-    ".stp": "wsxm",
-    ".top": "wsxm",
-    ".spm": "di",
-}
-# beginnings of files whose ending says little, such as .dat or .001
-_MAGIC = {
-    b"\x88\x1b\x03\x6f": "metropro",
-    b"\x88\x1b\x03\x70": "metropro",
-    b"\x88\x1b\x03\x71": "metropro",
-    b"\\*Fi": "di",
-}
-# a channel that a reader takes for heights by its unit, and whose name says otherwise
-_NO_HEIGHT = re.compile(
-    r"(?i)deflection|amplitude|phase|error|friction|adhesion|current|potential|lateral|user"
-)
-
-_LIST = "--list--"  # asked for as a channel, its answer is the names of all
-_MOST_POINTS = 64_000_000
-_MOST_UNPACKED = 2**30
+_SIGNATURE_BYTES = 4
+# What the reader of each ending calls the format
+FORMATS = {ending: reader.form for reader in READERS for ending in reader.endings}
 
 
 def load_scan(
@@ -83,27 +41,57 @@ def load_scan(
 ) -> ScannedProfile | HeightMap:
     """Return a scan as an object: read from its file or table, taken as it is, or made of arrays.
 
-    Arrays are two, one of two rows, or a series over its positions [m].
+    Parameters
+    ----------
+    scan : str, Path, table, ScannedProfile, HeightMap, Profile or arrays
+        Arrays are two, one of two rows, or a series over its positions [m].
+    unit, channel : str, optional
+        As for `read_scan`; for files and tables.
+
+    Returns
+    -------
+    ScannedProfile or HeightMap
+        Heights and positions [m].
+
+    Raises
+    ------
+    MetrologyError
+        If it is none of these, or cannot be read.
     """
     if isinstance(scan, ScannedProfile | HeightMap):
         return scan
     if isinstance(scan, str | Path):
         return read_scan(scan, unit, channel)
-    if hasattr(scan, "to_pandas"):  # of polars, Arrow or xarray
-        scan = scan.to_pandas()
-    if hasattr(scan, "columns"):  # a table; pandas is not loaded to find out
-        return read_table_scan(scan, unit, channel)
-    arrays = (scan.x, scan.z) if isinstance(scan, Profile) else scan
-    if hasattr(arrays, "to_csv"):  # a row of heights over positions
-        arrays = arrays.index, arrays
+    if isinstance(scan, Profile):
+        return _make_profile((scan.x, scan.z))
+    table: Any = scan
+    if hasattr(table, "to_pandas"):  # of polars, Arrow or xarray
+        table = table.to_pandas()
+    # tables and series are told by what they have: pandas is not loaded to find out
+    if hasattr(table, "columns"):
+        return read_table_scan(table, unit, channel)
+    if hasattr(table, "to_csv"):
+        return _make_profile((table.index, table))
+    return _make_profile(table)
+
+
+def _make_profile(arrays: Any) -> ScannedProfile:
+    """Make a profile of positions and heights [m]."""
     if not hasattr(arrays, "__len__") or len(arrays) != 2:
-        # only here: to write a list of a million numbers takes longer than to read it
         raise MetrologyError(
-            "scan must be a file, a table, or two rows, x and z, got "
-            + (f"shape {np.shape(arrays)}" if hasattr(arrays, "shape") else shorten_value(arrays))
+            f"scan must be a file, a table, or two rows, x and z, got {_describe_arrays(arrays)}"
         )
-    position, height = (np.asarray(one, dtype=np.float64) for one in arrays)
+    x, z = arrays
+    position = np.asarray(x, dtype=np.float64)
+    height = np.asarray(z, dtype=np.float64)
     return ScannedProfile(position, height, "arrays")
+
+
+def _describe_arrays(arrays: Any) -> str:
+    """Describe an array by its shape; to write a million numbers takes longer than to read them."""
+    if hasattr(arrays, "shape"):
+        return f"shape {np.shape(arrays)}"
+    return shorten_value(arrays)
 
 
 def read_scan(
@@ -137,31 +125,50 @@ def read_scan(
         If the file is missing, broken, hostile, ambiguous in its units or channels, or read with
         another scale than it states.
     """
-    path, form = _find_form(Path(path))
-    if form == "text":
-        return read_text_scan(path, unit, channel)
-    MetrologyError.require(
-        unit is None or form == "points",
-        f"unit must not be given for a {path.suffix.lower()} file, which says its own "
-        f"[{path.name}]",
-    )
-    found = read_confined(
+    path = Path(path)
+    reader = find_reader(path)
+    if not reader.is_confined:
+        return reader.read(path, ScanRequest(unit, channel)).scan
+    if unit is not None and not reader.takes_unit:
+        raise MetrologyError(
+            f"unit must not be given for a {path.suffix.lower()} file, which says its own "
+            f"[{path.name}]"
+        )
+    found = _read_in_confinement(path, unit, channel)
+    return _check_scale(found, reader, path)
+
+
+def _read_in_confinement(path: Path, unit: str | None, channel: str | None) -> ReadScan:
+    content = read_confined(
         f"{__name__}:read_scan_confined", path, unit or "", channel or "", raises=MetrologyError
     )
-    stated = read_height_scale(path, form, found.pop("channel", ""))
-    scan = ScannedProfile(**found) if "position" in found else HeightMap(**found)
-    if stated is None:
-        note = (
-            ""
-            if form in ("points", "asc")
-            else "; its height scale was read once, not checked against its header"
-        )
-        return replace(scan, count=None, scale=scan.scale + note)
-    checked = check_height_scale(scan.height, stated, path.name, scan.count)
-    # a stored floating number has no steps, so its unit is no resolution
-    return replace(
-        scan, scale=f"{scan.scale}; {checked}", count=scan.count if stated.integral else None
-    )
+    name = content.pop("channel")
+    if "position" in content:
+        return ReadScan(ScannedProfile(**content), name)
+    return ReadScan(HeightMap(**content), name)
+
+
+def read_scan_confined(path: Path, unit: str = "", channel: str = "") -> dict[str, object]:
+    """Read a scan in the confined process; the result has the fields of the scan by name."""
+    if zipfile.is_zipfile(path):
+        check_archive(path)
+    found = find_reader(path).read(path, ScanRequest(unit or None, channel or None))
+    return {**vars(found.scan), "channel": found.channel}
+
+
+def _check_scale(found: ReadScan, reader: ScanReader, path: Path) -> ScannedProfile | HeightMap:
+    """Compare heights with the scale that the file states, and note what was checked."""
+    scan = found.scan
+    stated = reader.read_height_scale(path, found.channel)
+    if stated is not None:
+        checked = check_height_scale(scan.height, stated, path.name, scan.count)
+        # a stored floating number has no steps, so its unit is no resolution
+        count = scan.count if stated.integral else None
+        return replace(scan, scale=f"{scan.scale}; {checked}", count=count)
+    if not reader.has_header:
+        return replace(scan, count=None)
+    note = "its height scale was read once, not checked against its header"
+    return replace(scan, scale=f"{scan.scale}; {note}", count=None)
 
 
 def list_channels(path: str | Path) -> list[str]:
@@ -182,228 +189,43 @@ def list_channels(path: str | Path) -> list[str]:
     MetrologyError
         If the file cannot be read.
     """
-    path, form = _find_form(Path(path))
-    if form in ("text", "points", "x3p", "sdf"):
+    path = Path(path)
+    if not find_reader(path).has_channels:
         return []
-    return list(
-        read_confined(f"{__name__}:read_scan_confined", path, "", _LIST, raises=MetrologyError)[
-            "channels"
-        ]
-    )
+    found = read_confined(f"{__name__}:list_channels_confined", path, raises=MetrologyError)
+    return list(found["channels"])
 
 
-def _find_form(path: Path) -> tuple[Path, str]:
-    # Return by which reader a file is read: by its first bytes where its ending says little.
-    MetrologyError.require(is_file(path), f"scan must be a file, got {str(path)!r}")
+def list_channels_confined(path: Path) -> dict[str, object]:
+    """List the channels of a file in the confined process."""
+    if zipfile.is_zipfile(path):
+        check_archive(path)
+    return {"channels": find_reader(path).list_channels(path)}
+
+
+def find_reader(path: Path) -> ScanReader:
+    """Find the reader of a file: by its first bytes where they tell, otherwise by its ending.
+
+    Raises
+    ------
+    MetrologyError
+        If there is no such file, it is empty, or its ending is that of no format.
+    """
+    if not is_file(path):
+        raise MetrologyError(f"scan must be a file, got {str(path)!r}")
     try:
         with path.open("rb") as file:
-            begin = file.read(4)
+            begin = file.read(_SIGNATURE_BYTES)
     except OSError as error:
         raise MetrologyError(f"scan cannot be read: {error.strerror} [{path.name}]") from error
-    MetrologyError.require(begin, f"scan must not be empty [{path.name}]")
+    if not begin:
+        raise MetrologyError(f"scan must not be empty [{path.name}]")
+    for reader in READERS:
+        if begin in reader.signatures:
+            return reader
     ending = path.suffix.lower()
-    if begin in _MAGIC:
-        return path, _MAGIC[begin]
-    if ending in TEXT_ENDINGS:
-        return path, "asc" if holds_matrix(path) else "text"
-    if ending in POINT_ENDINGS:
-        return path, "points"
-    if ending not in FORMATS:
-        known = ", ".join([*TEXT_ENDINGS, *POINT_ENDINGS, *FORMATS])
-        raise MetrologyError(
-            f"ending of a scan must be one of {known}, got {ending!r} [{path.name}]"
-        )
-    return path, FORMATS[ending]
-
-
-def _check_archive(path: Path) -> None:
-    # Refuse a zip bomb by its directory, before anything is unpacked.
-    with zipfile.ZipFile(path) as archive:
-        sizes = [entry.file_size for entry in archive.infolist()]
-    MetrologyError.require(
-        sum(sizes) <= _MOST_UNPACKED and len(sizes) <= 10_000,
-        f"archive must unpack to at most {_MOST_UNPACKED >> 20} MiB in 10000 files, got "
-        f"{sum(sizes) >> 20} MiB in {len(sizes)} [{path.name}]",
-    )
-
-
-def read_scan_confined(path: Path, unit: str = "", channel: str = "") -> dict[str, object]:
-    """Read a file of points or of an instrument; called in the confined process."""
-    if zipfile.is_zipfile(path):
-        _check_archive(path)
-    _, form = _find_form(path)
-    if form == "points":
-        return vars(replace(read_points(path, parse_given_units(unit)), count=None))
-    if form in ("x3p", "sdf"):
-        return vars(_read_x3p(path) if form == "x3p" else _read_sdf(path))
-    file: str | io.BytesIO = str(path)
-    if form == "tmd":
-        file = _pad_tmd_comment(path)
-    if form == "sur" and path.read_bytes()[:12] == b"DSCOMPRESSED":
-        file = _unpack_sur(path)
-    return _read_by_surfacetopography(file, form, channel, path.name)
-
-
-def _check_size(shape: Sequence[int], place: str) -> None:
-    MetrologyError.require(
-        int(np.prod(shape)) <= _MOST_POINTS,
-        f"scan must have at most {_MOST_POINTS} points, got {shape} [{place}]",
-    )
-
-
-def _unpack_sur(path: Path) -> io.BytesIO:
-    # Compressed Digital Surf file as a plain one: 512 bytes of header, comments, then a directory
-    # of deflated pieces.
-    raw = path.read_bytes()
-    begin = 512 + sum(struct.unpack_from("<HH", raw, 334))
-    (pieces,) = struct.unpack_from("<I", raw, begin)
-    sizes = [
-        struct.unpack_from("<II", raw, begin + 4 + 8 * piece) for piece in range(min(pieces, 4096))
-    ]
-    MetrologyError.require(
-        sum(size for size, _ in sizes) <= _MOST_UNPACKED,
-        f"file must unpack to at most {_MOST_UNPACKED >> 20} MiB [{path.name}]",
-    )
-    at = begin + 4 + 8 * len(sizes)
-    plain = [b"DIGITAL SURF" + raw[12:begin]]
-    for size, packed in sizes:
-        plain.append(zlib.decompressobj().decompress(raw[at : at + packed], size))
-        MetrologyError.require(
-            len(plain[-1]) == size,
-            f"piece of compressed heights must unpack to {size} bytes, got "
-            f"{len(plain[-1])} [{path.name}]",
-        )
-        at += packed
-    return io.BytesIO(b"".join(plain))
-
-
-def _pad_tmd_comment(path: Path) -> io.BytesIO:
-    # TrueMap file whose comment is as long as the reader takes it to be: 24 bytes with its end.
-    raw = path.read_bytes()
-    comment, _, rest = raw[32:].partition(b"\0")
-    return io.BytesIO(raw[:32] + comment[:23].ljust(24, b"\0") + rest)
-
-
-def _read_sdf(path: Path) -> ScannedProfile | HeightMap:
-    import sdfio
-
-    stated = read_height_scale(path, "sdf", "")
-    read = sdfio.read(str(path))
-    _check_size(read.data.shape, path.name)
-    header = read.header
-    scale = "ISO 25178-71: heights in metres"
-    height = np.atleast_2d(read.data)
-    count = abs(header.z_scale) if stated else 1.0
-    if len(height) == 1:
-        return ScannedProfile(
-            np.arange(height.size, dtype=np.float64) * header.x_scale,
-            height[0],
-            path.name,
-            scale,
-            count,
-        )
-    return HeightMap(height, header.x_scale, header.y_scale, path.name, scale, count)
-
-
-def _read_x3p(path: Path) -> ScannedProfile | HeightMap:
-    import x3pio
-
-    _check_size(x3pio.info(str(path)).shape, path.name)
-    layer = x3pio.read(str(path)).layers[0]
-    header = layer.header
-    scale = "ISO 25178-72: heights in metres, checksums verified"
-    count = abs(header.z.increment or 1.0)
-    if layer.z.ndim == 1 and isinstance(layer, x3pio.ProfileLayer):
-        return ScannedProfile(
-            np.arange(len(layer.z), dtype=np.float64) * header.x.increment
-            if layer.x is None
-            else layer.x,
-            layer.z,
-            path.name,
-            scale,
-            count,
-        )
-    steps = header.x.increment, header.y.increment
-    if layer.x is not None or None in steps:  # a point cloud, or absolute axes
-        x, y, z = (
-            np.ravel(np.asarray(one, dtype=np.float64)) for one in (layer.x, layer.y, layer.z)
-        )
-        return replace(grid_points(x, y, z, path.name, scale), count=count)
-    return HeightMap(layer.z, *steps, path.name, scale, count)
-
-
-def _find_channel(channels: "list[ChannelInfo]", wanted: str, place: str) -> "ChannelInfo":
-    # Return the channel that the user names, or the first whose name does not deny that it holds
-    # heights.
-    names = [f"{one.name} [{one.unit}]" for one in channels]
-    listed = ", ".join(repr(str(one.name)) for one in channels)
-    if wanted:
-        exact = [
-            one for one, name in zip(channels, names, strict=True) if wanted in (name, one.name)
-        ]
-        found = exact or [
-            one for one, name in zip(channels, names, strict=True) if wanted.lower() in name.lower()
-        ]
-        MetrologyError.require(
-            len({one.name for one in found}) == 1,
-            f"channel must name one of {listed}, got {wanted!r} [{place}]",
-        )
-        return found[0]
-    heights = [
-        one
-        for one in channels
-        if str(one.data_kind).endswith("HEIGHT") and one.unit in LENGTH_UNITS
-    ]
-    found = [one for one in heights if not _NO_HEIGHT.search(str(one.name))]
-    MetrologyError.require(
-        found,
-        "channel must hold heights in a unit of length, and "
-        f"{f'none of {listed} says so' if listed else 'the file has none'} [{place}]",
-    )
-    return found[0]
-
-
-def _read_by_surfacetopography(
-    file: str | io.BytesIO, form: str, wanted: str, place: str
-) -> dict[str, object]:
-    from SurfaceTopography import open_topography
-
-    reader = open_topography(file, format=form)
-    if wanted == _LIST:
-        return {"channels": [f"{one.name} [{one.unit}]" for one in reader.channels]}
-    channel = _find_channel(list(reader.channels), wanted, place)
-    MetrologyError.require(
-        channel.unit in LENGTH_UNITS,
-        f"channel {channel.name!r} must say its unit of length, got {channel.unit!r} [{place}]",
-    )
-    MetrologyError.require(
-        channel.physical_sizes is not None,
-        f"channel {channel.name!r} must say its lateral size, got none [{place}]",
-    )
-    _check_size(channel.nb_grid_pts, place)
-    surface = reader.topography(channel_index=channel.index)
-    per_metre = LENGTH_UNITS[channel.unit]
-    raw = (
-        np.ma.filled(np.ma.masked_invalid(surface.heights()).astype(np.float64), np.nan) / per_metre
-    )
-    if form == "nms":
-        # heights are numbers from 0 to 65534 between two ends; the one above is no height
-        low, high = (channel.info["raw_metadata"][end] for end in ("zmin", "zmax"))
-        raw[raw > ((high - low) * (1.0 + 0.5 / 65534.0) + low) / per_metre] = np.nan
-    others = (
-        f", the first of {len(reader.channels)} that is named as heights"
-        if len(reader.channels) > 1 and not wanted
-        else ""
-    )
-    factor = 1.0 if channel.height_scale_factor is None else abs(float(channel.height_scale_factor))
-    content: dict[str, object] = {
-        "height": raw.T,  # SurfaceTopography keeps x first; here a row is a line along x
-        "source": place,
-        "scale": f"channel {channel.name!r} in {channel.unit}{others}",
-        "channel": str(channel.name),
-        "count": factor / per_metre,  # metres per stored number
-    }
-    if surface.dim == 1:
-        return content | {"position": np.asarray(surface.positions(), dtype=np.float64) / per_metre}
-    steps = np.array(surface.physical_sizes) / per_metre / raw.shape
-    return content | {"dx": float(steps[0]), "dy": float(steps[1])}
+    for reader in READERS:
+        if ending in reader.endings and reader.claims(path):
+            return reader
+    known = ", ".join(FORMATS)
+    raise MetrologyError(f"ending of a scan must be one of {known}, got {ending!r} [{path.name}]")

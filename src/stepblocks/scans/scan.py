@@ -12,15 +12,8 @@ from stepblocks.files.figures import Axes, take_axes
 Array = NDArray[np.float64]
 
 _LEAST_POINTS = 3
+_LEAST_ROWS = 2
 _FARTHEST = 10.0  # a surface that reaches farther was read in a wrong unit, or is damaged [m]
-
-
-def _require_reach(name: str, values: Array, place: str) -> None:
-    farthest = np.nanmax(np.abs(values))
-    MetrologyError.require(
-        not farthest > _FARTHEST,
-        f"{name} must lie within {_FARTHEST:g} m, got {farthest:g} m{place}",
-    )
 
 
 @dataclass(frozen=True, repr=False)
@@ -51,32 +44,29 @@ class ScannedProfile:
     offset: float = 0.0
 
     def __post_init__(self) -> None:
-        place = f" [{self.source}]" if self.source else ""
-        MetrologyError.require(
-            self.position.ndim == 1 and self.position.shape == self.height.shape,
-            f"profile must be two equally long rows, got {self.position.shape} and "
-            f"{self.height.shape}{place}",
-        )
-        MetrologyError.require(
-            len(self.position) >= _LEAST_POINTS,
-            f"profile must have at least 3 points, got {len(self.position)}{place}",
-        )
-        MetrologyError.require(
-            np.isfinite(self.position).all() and (np.diff(self.position) > 0.0).all(),
-            f"positions must be finite and increase along the profile{place}",
-        )
-        MetrologyError.require(
-            np.isfinite(self.height).any(),
-            f"profile must hold at least one measured height, got none{place}",
-        )
-        _require_reach("positions", self.position, place)
-        _require_reach("heights", self.height, place)
+        place = _format_place(self.source)
+        if self.position.ndim != 1 or self.position.shape != self.height.shape:
+            raise MetrologyError(
+                f"profile must be two equally long rows, got {self.position.shape} and "
+                f"{self.height.shape}{place}"
+            )
+        if len(self.position) < _LEAST_POINTS:
+            raise MetrologyError(
+                f"profile must have at least {_LEAST_POINTS} points, got "
+                f"{len(self.position)}{place}"
+            )
+        is_finite = np.isfinite(self.position).all()
+        if not is_finite or not (np.diff(self.position) > 0.0).all():
+            raise MetrologyError(f"positions must be finite and increase along the profile{place}")
+        if not np.isfinite(self.height).any():
+            raise MetrologyError(f"profile must hold at least one measured height, got none{place}")
+        _check_reach("positions", self.position, place)
+        _check_reach("heights", self.height, place)
 
     def __repr__(self) -> str:
-        return (
-            f"ScannedProfile({len(self.position)} points over "
-            f"{float(np.ptp(self.position)) * 1e3:.4g} mm{_describe(self)})"
-        )
+        length = float(np.ptp(self.position)) * 1e3
+        size = f"{len(self.position)} points over {length:.4g} mm"
+        return f"ScannedProfile({size}{_describe_heights(self)})"
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Draw heights over positions in micrometres, into `ax` or new axes, and return these."""
@@ -117,38 +107,33 @@ class HeightMap:
     count: float | None = None
 
     def __post_init__(self) -> None:
-        place = f" [{self.source}]" if self.source else ""
-        MetrologyError.require(
-            self.height.ndim == 2
-            and min(self.height.shape) >= 2
-            and max(self.height.shape) >= _LEAST_POINTS,
-            "height map must have at least 2 x 3 points, got "
-            f"{' x '.join(map(str, self.height.shape))}{place}",
-        )
-        for name, value in (("dx", self.dx), ("dy", self.dy)):
-            MetrologyError.require(
-                np.isfinite(value) and value > 0.0,
-                f"{name} must be positive and finite, got {value:g} m{place}",
+        place = _format_place(self.source)
+        shape = self.height.shape
+        if len(shape) != 2 or min(shape) < _LEAST_ROWS or max(shape) < _LEAST_POINTS:
+            raise MetrologyError(
+                f"height map must have at least {_LEAST_ROWS} x {_LEAST_POINTS} points, got "
+                f"{' x '.join(map(str, shape))}{place}"
             )
-        MetrologyError.require(
-            np.isfinite(self.height).any(),
-            f"height map must hold at least one measured height, got none{place}",
-        )
-        _require_reach("heights", self.height, place)
-        _require_reach("sides", np.array(self.height.shape) * (self.dy, self.dx), place)
+        for name, value in (("dx", self.dx), ("dy", self.dy)):
+            if not np.isfinite(value) or value <= 0.0:
+                raise MetrologyError(f"{name} must be positive and finite, got {value:g} m{place}")
+        if not np.isfinite(self.height).any():
+            raise MetrologyError(
+                f"height map must hold at least one measured height, got none{place}"
+            )
+        _check_reach("heights", self.height, place)
+        _check_reach("sides", np.array(shape) * (self.dy, self.dx), place)
 
     def __repr__(self) -> str:
-        ny, nx = self.height.shape
-        return (
-            f"HeightMap({nx} x {ny} points of {self.dx * 1e6:.4g} x {self.dy * 1e6:.4g} um"
-            f"{_describe(self)})"
-        )
+        rows, columns = self.height.shape
+        size = f"{columns} x {rows} points of {self.dx * 1e6:.4g} x {self.dy * 1e6:.4g} um"
+        return f"HeightMap({size}{_describe_heights(self)})"
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Draw heights in micrometres as an image, into `ax` or new axes, and return these."""
         axes = take_axes(ax)
-        size = np.array(self.height.shape) * (self.dy, self.dx) * 1e6
-        image = axes.imshow(self.height * 1e6, origin="lower", extent=(0.0, size[1], 0.0, size[0]))
+        depth, width = np.array(self.height.shape) * (self.dy, self.dx) * 1e6
+        image = axes.imshow(self.height * 1e6, origin="lower", extent=(0.0, width, 0.0, depth))
         axes.figure.colorbar(image, ax=axes, label="height / um")
         axes.set(xlabel="x / um", ylabel="y / um")
         return axes
@@ -164,35 +149,78 @@ class HeightMap:
         return np.arange(self.height.shape[0], dtype=np.float64) * self.dy
 
 
-def _describe(scan: ScannedProfile | HeightMap) -> str:
-    # Return range of heights and source, for a representation.
-    low, high = float(np.nanmin(scan.height)) * 1e6, float(np.nanmax(scan.height)) * 1e6
-    return f", {low:.4g} to {high:.4g} um" + (f", {scan.source!r}" if scan.source else "")
+def _format_place(source: str) -> str:
+    if not source:
+        return ""
+    return f" [{source}]"
+
+
+def _check_reach(name: str, values: Array, place: str) -> None:
+    """Refuse positions or heights [m] that no scanned surface can have."""
+    farthest = np.nanmax(np.abs(values))
+    if farthest > _FARTHEST:
+        raise MetrologyError(f"{name} must lie within {_FARTHEST:g} m, got {farthest:g} m{place}")
+
+
+def _describe_heights(scan: ScannedProfile | HeightMap) -> str:
+    """Write the range of heights and the source, for a representation."""
+    lowest = float(np.nanmin(scan.height)) * 1e6
+    highest = float(np.nanmax(scan.height)) * 1e6
+    heights = f", {lowest:.4g} to {highest:.4g} um"
+    if not scan.source:
+        return heights
+    return f"{heights}, {scan.source!r}"
 
 
 def crop_map(scan: ScannedProfile | HeightMap, area: Sequence[float]) -> HeightMap:
-    """Return a rectangle of a map: from and to along x, from and to along y [m]."""
-    if isinstance(scan, ScannedProfile) or len(area) != 4:
-        raise MetrologyError(
-            "area must be four lengths on a map, from and to along x, from and to along y, got "
-            f"{len(area)} on a {'profile' if isinstance(scan, ScannedProfile) else 'map'}"
-        )
-    columns = (scan.x >= area[0]) & (scan.x <= area[1])
-    rows = (scan.y >= area[2]) & (scan.y <= area[3])
+    """Cut a rectangle out of a map.
+
+    Parameters
+    ----------
+    scan : HeightMap
+        The map; a profile is refused.
+    area : sequence of float, length 4
+        From and to along x, from and to along y [m].
+
+    Returns
+    -------
+    HeightMap
+        The points inside, ends included; its first column and row lie at zero.
+
+    Raises
+    ------
+    MetrologyError
+        If the scan is a profile, the area is not four lengths, or too few points lie inside.
+    """
+    if isinstance(scan, ScannedProfile):
+        raise _describe_wrong_area(area, "profile")
+    if len(area) != 4:
+        raise _describe_wrong_area(area, "map")
+    left, right, front, back = area
+    columns = (scan.x >= left) & (scan.x <= right)
+    rows = (scan.y >= front) & (scan.y <= back)
     return replace(scan, height=scan.height[np.ix_(rows, columns)])
 
 
-def list_profiles(scan: ScannedProfile | HeightMap) -> list[ScannedProfile]:
-    """Return the profiles of a scan along x: one of a profile, one per row of a map.
+def _describe_wrong_area(area: Sequence[float], kind: str) -> MetrologyError:
+    return MetrologyError(
+        "area must be four lengths on a map, from and to along x, from and to along y, got "
+        f"{len(area)} on a {kind}"
+    )
 
-    Rows without a point are left out.
+
+def list_profiles(scan: ScannedProfile | HeightMap) -> list[ScannedProfile]:
+    """List the profiles of a scan along x: one of a profile, one per row of a map.
+
+    Rows without a measured point are left out.
     """
     if isinstance(scan, ScannedProfile):
         return [scan]
-    return [
-        ScannedProfile(
-            scan.x, row, f"{scan.source} row {index}", scan.scale, offset=index * scan.dy
-        )
-        for index, row in enumerate(scan.height)
-        if np.isfinite(row).any()
-    ]
+    profiles = []
+    for index, heights in enumerate(scan.height):
+        if not np.isfinite(heights).any():
+            continue
+        source = f"{scan.source} row {index}"
+        offset = index * scan.dy
+        profiles.append(ScannedProfile(scan.x, heights, source, scan.scale, offset=offset))
+    return profiles

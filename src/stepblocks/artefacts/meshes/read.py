@@ -4,6 +4,7 @@ import contextlib
 import io
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,55 +12,47 @@ from numpy.typing import NDArray
 from stepblocks.errors import MetrologyError
 from stepblocks.files.confined import read_confined
 
-Arrays = tuple[NDArray[np.float64], NDArray[np.int64]]
 _MM = 1e-3
-_MAX_BYTES = 500_000_000
+_MOST_BYTES = 500_000_000
 
 
-def _read_with_meshio(path: Path) -> Arrays:
+class MeshArrays(NamedTuple):
+    """A mesh as it was read: points [m], shape (n, 3), and indices of corners, shape (m, 3)."""
+
+    vertices: NDArray[np.float64]
+    triangles: NDArray[np.int64]
+
+
+def _read_with_meshio(path: Path) -> MeshArrays:
+    """Read STL, PLY or OBJ, in millimetres."""
     import meshio
 
     if path.suffix == ".ply" and b"end_header" not in path.read_bytes():
         raise ValueError("a header that does not end")  # meshio would look for it for ever
     with contextlib.redirect_stdout(io.StringIO()):
         mesh = meshio.read(path)  # VTK would fill up a file that is cut short, without a word
-    return (
-        np.asarray(mesh.points, dtype=np.float64) * _MM,
-        np.asarray(mesh.cells_dict["triangle"], dtype=np.int64),
-    )
+    vertices = np.asarray(mesh.points, dtype=np.float64) * _MM
+    triangles = np.asarray(mesh.cells_dict["triangle"], dtype=np.int64)
+    return MeshArrays(vertices, triangles)
 
 
-def _read_with_vtk(path: Path) -> Arrays:
+def _read_with_vtk(path: Path) -> MeshArrays:
+    """Read GLB, in metres and y up."""
     import pyvista as pv
 
-    found = pv.read(path)
-    while isinstance(found, pv.MultiBlock):
-        if len(found) != 1:
+    mesh = pv.read(path)
+    while isinstance(mesh, pv.MultiBlock):
+        if len(mesh) != 1:
             raise ValueError("not one mesh")
-        found = found[0]
-    points = np.asarray(found.points, dtype=np.float64)
+        mesh = mesh[0]
     # glTF is in metres, y up
-    upright = np.column_stack([points[:, 0], -points[:, 2], points[:, 1]])
-    return upright, np.asarray(found.regular_faces, dtype=np.int64)
+    x, z, minus_y = np.asarray(mesh.points, dtype=np.float64).T
+    vertices = np.column_stack([x, -minus_y, z])
+    return MeshArrays(vertices, np.asarray(mesh.regular_faces, dtype=np.int64))
 
 
-def _read_as_text(lines: Sequence[str], first: int) -> Arrays:
-    # Read one of several objects in an OBJ; meshio would join them
-    words = [line.split() for line in lines]
-    vertices = np.array([one[1:4] for one in words if one and one[0] == "v"], dtype=np.float64)
-    triangles = (
-        np.array([one[1:4] for one in words if one and one[0] == "f"], dtype=np.int64) - first
-    )
-    if (
-        vertices.shape[1:] != (3,)
-        or triangles.shape[1:] != (3,)
-        or not is_complete_mesh(vertices, triangles)
-    ):
-        raise ValueError("needs vertices and the triangles between them")
-    return vertices * _MM, triangles
-
-
-def _read_with_lib3mf(path: Path) -> Arrays:
+def _read_with_lib3mf(path: Path) -> MeshArrays:
+    """Read the first mesh of a 3MF."""
     from lib3mf import Lib3MF, get_wrapper
 
     model = get_wrapper().CreateModel()
@@ -69,66 +62,104 @@ def _read_with_lib3mf(path: Path) -> Arrays:
     objects = model.GetMeshObjects()
     objects.MoveNext()
     mesh = objects.GetCurrentMeshObject()
-    return (
-        np.array([tuple(v.Coordinates) for v in mesh.GetVertices()], dtype=np.float64) * _MM,
-        np.array([tuple(t.Indices) for t in mesh.GetTriangleIndices()], dtype=np.int64),
-    )
+    points = [tuple(vertex.Coordinates) for vertex in mesh.GetVertices()]
+    corners = [tuple(triangle.Indices) for triangle in mesh.GetTriangleIndices()]
+    return MeshArrays(np.array(points, dtype=np.float64) * _MM, np.array(corners, dtype=np.int64))
 
 
-MESH_READERS: dict[str, Callable[[Path], Arrays]] = {
-    **dict.fromkeys((".stl", ".ply", ".obj"), _read_with_meshio),
+MESH_READERS: dict[str, Callable[[Path], MeshArrays]] = {
+    ".stl": _read_with_meshio,
+    ".ply": _read_with_meshio,
+    ".obj": _read_with_meshio,
     ".glb": _read_with_vtk,
     ".3mf": _read_with_lib3mf,
 }
 
 
-def read_mesh(path: Path) -> Arrays:
-    """Read a mesh file."""
-    found = read_confined(f"{__name__}:read_mesh_confined", path, raises=MetrologyError)
-    return found["vertices"], found["triangles"]
+def read_mesh(path: Path) -> MeshArrays:
+    """Read a mesh file.
+
+    Raises
+    ------
+    MetrologyError
+        If it is not a sound mesh of triangles.
+    """
+    content = read_confined(f"{__name__}:read_mesh_confined", path, raises=MetrologyError)
+    return MeshArrays(content["vertices"], content["triangles"])
 
 
 def read_mesh_confined(path: Path) -> dict[str, object]:
-    """Read a mesh file; called in the confined process, as `read_pieces_confined` is."""
-    MetrologyError.require(
-        (size := path.stat().st_size) <= _MAX_BYTES,
-        f"a mesh file must be at most {_MAX_BYTES} bytes, got {size} [{path.name}]",
-    )
-    vertices, triangles = MESH_READERS[path.suffix](path)
-    if not is_complete_mesh(vertices, triangles):
+    """Read a mesh file, in the confined process."""
+    size = path.stat().st_size
+    if size > _MOST_BYTES:
+        raise MetrologyError(
+            f"a mesh file must be at most {_MOST_BYTES} bytes, got {size} [{path.name}]"
+        )
+    mesh = MESH_READERS[path.suffix](path)
+    if not is_complete_mesh(mesh):
         raise ValueError("no triangles between finite vertices")
-    return {"vertices": vertices, "triangles": triangles}
+    return mesh._asdict()
 
 
-def is_complete_mesh(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> bool:
+def is_complete_mesh(mesh: MeshArrays) -> bool:
     """Tell whether there are triangles, all between finite vertices."""
-    return bool(
-        len(triangles)
-        and triangles.min() >= 0
-        and triangles.max() < len(vertices)
-        and np.isfinite(vertices).all()
-    )
+    triangles = mesh.triangles
+    if not len(triangles) or triangles.min() < 0 or triangles.max() >= len(mesh.vertices):
+        return False
+    return bool(np.isfinite(mesh.vertices).all())
 
 
-def read_pieces(path: Path) -> list[Arrays]:
-    """Read an OBJ of several objects."""
-    found = read_confined(f"{__name__}:read_pieces_confined", path, raises=MetrologyError)
-    return [
-        (found[f"vertices {number}"], found[f"triangles {number}"])
-        for number in range(found["count"])
-    ]
+def read_pieces(path: Path) -> list[MeshArrays]:
+    """Read an OBJ of several objects.
+
+    Raises
+    ------
+    MetrologyError
+        If it has none, or one is not a sound mesh of triangles.
+    """
+    content = read_confined(f"{__name__}:read_pieces_confined", path, raises=MetrologyError)
+    pieces = []
+    for number in range(content["count"]):
+        pieces.append(MeshArrays(content[f"vertices {number}"], content[f"triangles {number}"]))
+    return pieces
 
 
 def read_pieces_confined(path: Path) -> dict[str, object]:
-    """Read the objects of an OBJ."""
-    found: dict[str, object] = {}
-    # after the head of the file
-    first = 1
-    objects = path.read_text(encoding="ascii").split("\no ")[1:]
-    for number, lines in enumerate(objects):
-        vertices, triangles = _read_as_text(lines.splitlines()[1:], first)
-        first += len(vertices)
-        found |= {f"vertices {number}": vertices, f"triangles {number}": triangles}
-    if not found:
+    """Read the objects of an OBJ, in the confined process."""
+    content: dict[str, object] = {}
+    vertices_before = 0
+    _, *objects = path.read_text(encoding="ascii").split("\no ")
+    for number, text in enumerate(objects):
+        _, *lines = text.splitlines()
+        mesh = _read_object(lines, vertices_before)
+        vertices_before += len(mesh.vertices)
+        content[f"vertices {number}"] = mesh.vertices
+        content[f"triangles {number}"] = mesh.triangles
+    if not objects:
         raise ValueError("no convex pieces")
-    return {**found, "count": len(objects)}
+    content["count"] = len(objects)
+    return content
+
+
+def _read_object(lines: Sequence[str], vertices_before: int) -> MeshArrays:
+    """Read one of several objects in an OBJ, which counts the vertices of all from 1.
+
+    meshio would join the objects.
+    """
+    points = []
+    corners = []
+    for line in lines:
+        words = line.split()
+        if not words:
+            continue
+        if words[0] == "v":
+            points.append(words[1:4])
+        elif words[0] == "f":
+            corners.append(words[1:4])
+    vertices = np.array(points, dtype=np.float64) * _MM
+    triangles = np.array(corners, dtype=np.int64) - (vertices_before + 1)
+    are_spatial = vertices.shape[1:] == (3,) and triangles.shape[1:] == (3,)
+    mesh = MeshArrays(vertices, triangles)
+    if not are_spatial or not is_complete_mesh(mesh):
+        raise ValueError("needs vertices and the triangles between them")
+    return mesh

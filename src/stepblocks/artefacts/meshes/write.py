@@ -16,11 +16,13 @@ from stepblocks.parts.shapes import Mesh
 
 _MM = 1e3
 _PINNED_DATE = (1980, 1, 1, 0, 0, 0)  # the earliest that a zip archive can hold
+_IDENTIFIER = re.compile(rb"[0-9a-f]{8}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{12}")
 # Rotation from the part's axes (z up) to glTF's (y up): x stays, y becomes -z, z becomes y
 GLB_FROM_PART = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 
 
 def _build_trimesh(mesh: Mesh, scale: float) -> Any:
+    """Build a mesh of the library, its lengths in metres times a scale."""
     import trimesh
 
     return trimesh.Trimesh(mesh.vertices * scale, mesh.triangles, process=False, validate=False)
@@ -46,21 +48,23 @@ def write_ply(path: Path, mesh: Mesh) -> None:
 
 def write_3mf(path: Path, mesh: Mesh) -> None:
     """Write 3MF in millimetres, decimal text, its random identifiers replaced by counted ones."""
-    raw = zipfile.ZipFile(io.BytesIO(_build_trimesh(mesh, _MM).export(file_type="3mf")))
+    exported = io.BytesIO(_build_trimesh(mesh, _MM).export(file_type="3mf"))
     buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED, compresslevel=6) as archive:
-        for name in raw.namelist():
-            archive.writestr(
-                zipfile.ZipInfo(name, _PINNED_DATE),
-                _number_identifiers(raw.read(name)),
-                zipfile.ZIP_DEFLATED,
-            )
+    with (
+        zipfile.ZipFile(exported) as source,
+        zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED, compresslevel=6) as target,
+    ):
+        for name in source.namelist():
+            entry = zipfile.ZipInfo(name, _PINNED_DATE)
+            content = _number_identifiers(source.read(name))
+            target.writestr(entry, content, zipfile.ZIP_DEFLATED)
     path.write_bytes(buffer.getvalue())
 
 
 def _number_identifiers(text: bytes) -> bytes:
-    identifiers = re.findall(rb"[0-9a-f]{8}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{12}", text)
-    for number, identifier in enumerate(dict.fromkeys(identifiers), start=1):
+    """Replace random identifiers by numbers, in the order of their first occurrence."""
+    identifiers = dict.fromkeys(_IDENTIFIER.findall(text))
+    for number, identifier in enumerate(identifiers, start=1):
         text = text.replace(identifier, b"00000000-0000-4000-8000-%012d" % number)
     return text
 
@@ -85,12 +89,12 @@ MESH_FORMATS: dict[str, Callable[[Path, Mesh], None]] = {
 def write_pieces(path: Path, pieces: Sequence[Mesh]) -> None:
     """Write convex pieces as one OBJ in millimetres, an object per piece."""
     lines = ["# convex pieces, mm"]
-    offset = 1
+    first_vertex = 1
     for piece in pieces:
-        lines += [
-            f"o {piece.name}",
-            *(f"v {x:.12f} {y:.12f} {z:.12f}" for x, y, z in piece.vertices * _MM),
-            *(f"f {a} {b} {c}" for a, b, c in piece.triangles + offset),
-        ]
-        offset += len(piece.vertices)
+        lines.append(f"o {piece.name}")
+        for x, y, z in piece.vertices * _MM:
+            lines.append(f"v {x:.12f} {y:.12f} {z:.12f}")
+        for a, b, c in piece.triangles + first_vertex:
+            lines.append(f"f {a} {b} {c}")
+        first_vertex += len(piece.vertices)
     path.write_text("\n".join(lines) + "\n", encoding="ascii")

@@ -1,9 +1,10 @@
-"""The instances of a Part 21 file (ISO 10303-21), looked up by name in linear time."""
+"""The instances of a Part 21 file (ISO 10303-21), looked up by entity and by reference."""
 
 import json
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,32 @@ from stepblocks.errors import MetrologyError
 from stepblocks.files.text import is_file
 
 _MOST_BYTES = 128 * 2**20
+_MOST_SHOWN = 120  # characters of a parser's own message
+_DEEPEST_PARENTHESES = 16  # of one instance; the schemas need four
+
+# Entities that make up shape and refer to shape alone: most of a file, never asked what they use
+_SHAPE_ENTITIES = (
+    "ADVANCED_FACE",
+    "AXIS2_PLACEMENT_2D",
+    "AXIS2_PLACEMENT_3D",
+    "B_SPLINE_CURVE_WITH_KNOTS",
+    "CARTESIAN_POINT",
+    "CIRCLE",
+    "DEFINITIONAL_REPRESENTATION",
+    "DIRECTION",
+    "EDGE_CURVE",
+    "EDGE_LOOP",
+    "FACE_BOUND",
+    "LINE",
+    "ORIENTED_EDGE",
+    "PCURVE",
+    "PLANE",
+    "SURFACE_CURVE",
+    "VECTOR",
+    "VERTEX_POINT",
+)
+
+Parameters = tuple[Any, ...]
 
 
 @dataclass(frozen=True)
@@ -30,50 +57,101 @@ def read_number(value: object) -> float | None:
     """Return a numeric parameter, typed or not, as float, or None for anything else."""
     if isinstance(value, Typed):
         value = value.value
-    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    return float(value)
+
+
+@dataclass
+class _DataSection:
+    """The texts of all instances, and which of them hold an entity.
+
+    Attributes
+    ----------
+    texts : dict of str to str
+        Text of each instance by its reference, in the order of the file.
+    holders : dict of str to list of str
+        References of the instances that name an entity.
+    """
+
+    texts: dict[str, str] = field(default_factory=dict)
+    holders: dict[str, list[str]] = field(default_factory=dict)
+
+    def add(self, ref: str, entity: str, arguments: str) -> None:
+        """Add an instance; without an entity before its arguments it holds several entities."""
+        self.texts[ref] = entity + arguments
+        if entity:
+            self.holders.setdefault(entity.upper(), []).append(ref)
+            return
+        for name in dict.fromkeys(_ENTITY.findall(_STRING.sub("", arguments))):
+            self.holders.setdefault(name.upper(), []).append(ref)
+
+    def get_last(self) -> str:
+        """Return the reference of the last instance, or the word that stands before the first."""
+        return next(reversed(self.texts), "DATA")
 
 
 class Exchange:
     """All instances of a file by their texts; each is parsed when it is asked for.
 
     Thousands of instances describe shape, and few of them are ever needed.
+
+    Attributes
+    ----------
+    name : str
+        Name of the file.
+    schema : tuple of str
+        FILE_SCHEMA of its header.
     """
 
-    def __init__(self, name: str, schema: tuple[str, ...], raw: dict[str, str]) -> None:
+    def __init__(self, name: str, schema: tuple[str, ...], data: _DataSection) -> None:
         self.name = name
         self.schema = schema
-        self._raw = raw
-        self._parsed: dict[str, dict[str, tuple[Any, ...]]] = {}
-        self._holding: dict[
-            str, list[str]
-        ] = {}  # instances by each reference and each entity or type in their texts
-        for ref, body in raw.items():
-            for found in dict.fromkeys(_NAME.findall(_STRING.sub("", body))):
-                self._holding.setdefault(found.upper(), []).append(ref)
+        self._texts = data.texts
+        self._holders = data.holders
+        self._parsed: dict[str, dict[str, Parameters]] = {}
 
-    def parts(self, ref: object) -> dict[str, tuple[Any, ...]]:
+    def parts(self, ref: object) -> dict[str, Parameters]:
         """Return entity names and parameters of an instance; empty for what is no instance."""
-        if ref in self._raw and ref not in self._parsed:
+        if not isinstance(ref, str) or ref not in self._texts:
+            return {}
+        if ref not in self._parsed:
             try:
-                self._parsed[str(ref)] = _parse_instance(self._raw[str(ref)])
+                self._parsed[ref] = _parse_instance(self._texts[ref])
             except (ValueError, RecursionError) as error:
-                raise _make_error(error, self.name) from error
-        return self._parsed.get(str(ref), {})
+                raise _describe_fault(error, self.name) from error
+        return self._parsed[ref]
 
-    def parameters(self, ref: object, entity: str) -> tuple[Any, ...]:
+    def parameters(self, ref: object, entity: str) -> Parameters:
         """Return the parameters of one entity of an instance; empty where it has none."""
         return self.parts(ref).get(entity, ())
 
-    def named(self, *entities: str) -> Iterator[tuple[str, tuple[Any, ...]]]:
+    def named(self, *entities: str) -> Iterator[tuple[str, Parameters]]:
         """Yield reference and parameters of every instance of the given entities, in order."""
         for entity in entities:
-            for ref in self._holding.get(entity, ()):
-                if entity in self.parts(ref):
-                    yield ref, self.parts(ref)[entity]
+            for ref in self._holders.get(entity, ()):
+                parts = self.parts(ref)
+                if entity in parts:
+                    yield ref, parts[entity]
 
     def users(self, ref: str) -> list[str]:
-        """Return the instances that refer to an instance directly."""
-        return self._holding.get(ref, [])
+        """Return the instances that refer to an instance directly, but for those of pure shape."""
+        return self._users.get(ref, [])
+
+    @cached_property
+    def _users(self) -> dict[str, list[str]]:
+        """The instances that refer to each instance, in the order of the file."""
+        of_shape: set[str] = set()
+        for entity in _SHAPE_ENTITIES:
+            of_shape.update(self._holders.get(entity, ()))
+        users: dict[str, list[str]] = {}
+        for ref, text in self._texts.items():
+            if ref in of_shape:
+                continue
+            for used in dict.fromkeys(_STRING_OR_REFERENCE.findall(text)):
+                if used:  # empty for a string
+                    users.setdefault(used, []).append(ref)
+        return users
 
 
 def find_references(value: object) -> Iterator[str]:
@@ -83,140 +161,232 @@ def find_references(value: object) -> Iterator[str]:
     elif isinstance(value, Typed):
         yield from find_references(value.value)
     elif isinstance(value, tuple | list):
-        for one in value:
-            yield from find_references(one)
+        for item in value:
+            yield from find_references(item)
 
 
 def read_exchange(path: Path) -> Exchange:
-    """Parse a STEP file."""
-    MetrologyError.require(is_file(path), f"STEP file must be a file, got {str(path)!r}")
-    MetrologyError.require(
-        path.stat().st_size <= _MOST_BYTES,
-        f"STEP file must not exceed {_MOST_BYTES >> 20} MiB [{path.name}]",
-    )
+    """Read a STEP file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Returns
+    -------
+    Exchange
+        Its schema and instances.
+
+    Raises
+    ------
+    MetrologyError
+        If it is not whole Part 21 text, or is larger than 128 MiB.
+    """
+    if not is_file(path):
+        raise MetrologyError(f"STEP file must be a file, got {str(path)!r}")
+    if path.stat().st_size > _MOST_BYTES:
+        raise MetrologyError(f"STEP file must not exceed {_MOST_BYTES >> 20} MiB [{path.name}]")
     try:
         text = path.read_text(encoding="utf-8")
     except UnicodeDecodeError:
         text = path.read_text(encoding="latin-1")
-    MetrologyError.require(
-        text.lstrip().startswith("ISO-10303-21;"),
-        f"STEP file must begin with ISO-10303-21; [{path.name}]",
-    )
+    if not text.lstrip().startswith("ISO-10303-21;"):
+        raise MetrologyError(f"STEP file must begin with ISO-10303-21; [{path.name}]")
+    if "/*" in text:
+        text = _COMMENT.sub(_keep_string, text)
     try:
-        header, raw = _split_instances(text)
-        stated = next(
-            (
-                _parse_instance(one)["FILE_SCHEMA"]
-                for one in header
-                if re.match(r"FILE_SCHEMA\s*\(", one)
-            ),
-            (),
-        )
-        schema = tuple(
-            str(name)
-            for names in stated
-            for name in (names if isinstance(names, tuple) else (names,))
-        )
-        return Exchange(path.name, schema, raw)
+        header, begin = _read_header(text)
+        return Exchange(path.name, _read_schema(header), _read_data(text, begin))
     except (ValueError, RecursionError) as error:
-        raise _make_error(error, path.name) from error
+        raise _describe_fault(error, path.name) from error
 
 
-def _make_error(error: Exception, name: str) -> MetrologyError:
-    return MetrologyError(
-        f"STEP file must be sound Part 21 text, got: {' '.join(str(error).split()):.120} [{name}]"
-    )
+def _describe_fault(error: Exception, name: str) -> MetrologyError:
+    reason = " ".join(str(error).split())[:_MOST_SHOWN]
+    return MetrologyError(f"STEP file must be sound Part 21 text, got: {reason} [{name}]")
+
+
+def _nest_parentheses(depth: int) -> str:
+    """Build the pattern of text in parentheses that holds others, up to a depth."""
+    pattern = r"\((?:[^'()]++|'[^']*+')*+\)"
+    for _ in range(depth - 1):
+        pattern = rf"\((?:[^'()]++|'[^']*+'|{pattern})*+\)"
+    return pattern
 
 
 # every repetition is possessive: a quote that is lost costs one pass, not one for each character
 # after it
-_STATEMENT = re.compile(r"((?:'[^']*+'|[^';])++);")
 _STRING = re.compile(r"'[^']*+'")
 _COMMENT = re.compile(r"('[^']*+')|/\*(?:[^*]++|\*(?!/))*+(?:\*/)?")
+_STATEMENT = re.compile(r"((?:'[^']*+'|[^';]++)++);")
+_INSTANCE = re.compile(
+    r"\s*+(?P<ref>\#\d++)\s*+=\s*+(?P<entity>(?:!?[A-Za-z_][\w-]*+)?+)\s*+"
+    rf"(?P<arguments>{_nest_parentheses(_DEEPEST_PARENTHESES)})\s*+;"
+)
+_END = re.compile(r"\s*+ENDSEC\s*+;\s*+END-ISO-10303-21\s*+;\s*+\Z")
+_ENTITY = re.compile(r"!?[A-Za-z_][\w-]*+(?=\s*+\()")
+_STRING_OR_REFERENCE = re.compile(r"'[^']*+'|(\#\d++)")
 _TOKEN = re.compile(
     r"(?P<text>'[^']*+'(?:'[^']*+')*+)"
     r"|(?P<number>[-+]?\d++(?:\.\d*+(?:E[-+]?\d++)?)?)"
     r"|(?P<word>!?[A-Z_][\w-]*+)\s*+\("
-    r"""|(?P<name>\#\d++|\.\w++\.|"[0-9A-F]*+"|[$*])|(?P<mark>[(),])|\s++|(?P<other>.)""",
+    r"""|(?P<name>\#\d++|\.\w++\.|"[0-9A-F]*+"|[$*])|(?P<mark>[(),])|\s++|(?P<unknown>.)""",
     re.IGNORECASE,
 )
-_EXTENDED = re.compile(r"\\X([24])\\([0-9A-F]*+)\\X0\\")
-_NAME = re.compile(r"#\d++|[!A-Za-z_][\w-]*+(?=\s*+\()")
+_EXTENDED = re.compile(r"\\X(?P<bytes>[24])\\(?P<digits>[0-9A-F]*+)\\X0\\")
+_ENCODING_BY_BYTES = {"2": "utf-16-be", "4": "utf-32-be"}
 
 
-def _split_instances(text: str) -> tuple[list[str], dict[str, str]]:
-    # Split a file into the statements of its header and its whole instances
-    text = _COMMENT.sub(lambda found: found[1] or "", text) if "/*" in text else text
-    statements = []
-    at = 0
-    while found := _STATEMENT.match(text, at):
-        statements.append(found[1].strip())
-        at = found.end()
-    if (
-        text[at:].strip()
-        or "DATA" not in statements
-        or statements[-2:] != ["ENDSEC", "END-ISO-10303-21"]
-    ):
-        raise ValueError("no whole DATA section")
-    start = statements.index("DATA")
-    raw: dict[str, str] = {}
-    for statement in statements[start + 1 : -2]:
-        name, _, body = statement.partition("=")
-        ref = name.rstrip()
-        plain = _STRING.sub("", body)
-        if re.fullmatch(r"#\d++", ref) is None:
-            raise ValueError(f"what is no instance after {next(reversed(raw), 'DATA')}")
-        if plain.count("(") != plain.count(")") or not plain.endswith(")") or ref in raw:
+def _keep_string(comment_or_string: re.Match[str]) -> str:
+    return comment_or_string[1] or ""
+
+
+def _read_header(text: str) -> tuple[list[str], int]:
+    """Split a file into the statements before its data and the position of the data."""
+    statements: list[str] = []
+    position = 0
+    while found := _STATEMENT.match(text, position):
+        position = found.end()
+        statement = found[1].strip()
+        if statement == "DATA":
+            return statements, position
+        statements.append(statement)
+    raise ValueError("no whole DATA section")
+
+
+def _read_schema(header: list[str]) -> tuple[str, ...]:
+    """Read the names in FILE_SCHEMA."""
+    for statement in header:
+        if re.match(r"FILE_SCHEMA\s*\(", statement):
+            stated = _parse_instance(statement)["FILE_SCHEMA"]
+            break
+    else:
+        return ()
+    schema: list[str] = []
+    for names in stated:
+        if isinstance(names, tuple):
+            schema += map(str, names)
+        else:
+            schema.append(str(names))
+    return tuple(schema)
+
+
+def _read_data(text: str, begin: int) -> _DataSection:
+    """Read the instances from a position on, in one walk, up to the end of the file."""
+    data = _DataSection()
+    position = begin
+    while found := _INSTANCE.match(text, position):
+        position = found.end()
+        ref, entity, arguments = found.groups()
+        if ref in data.texts:
             raise ValueError(f"instance {ref} is not whole or not unique")
-        raw[ref] = body.lstrip()
-    return statements[:start], raw
+        data.add(ref, entity, arguments)
+    if not _END.match(text, position):
+        raise _find_fault(text, position, data.get_last())
+    return data
 
 
-def _parse_instance(body: str) -> dict[str, tuple[Any, ...]]:
-    # Read the entities of an instance with their parameters. The text is turned into JSON, whose
-    # parser is strict.
-    closing: list[str] = []
-    several = body.startswith("(")
+def _find_fault(text: str, position: int, last: str) -> ValueError:
+    """Say what is wrong with the data section where its instances end too early."""
+    statement = _STATEMENT.match(text, position)
+    if statement is None or not _END.search(text, position):
+        return ValueError("no whole DATA section")
+    ref, equals, _ = statement[1].partition("=")
+    if equals and re.fullmatch(r"#\d++", ref.strip()):
+        return ValueError(f"instance {ref.strip()} is not whole or not unique")
+    return ValueError(f"unexpected text after {last}")
 
-    def as_json(found: re.Match[str]) -> str:
+
+def _parse_instance(text: str) -> dict[str, Parameters]:
+    """Read the entities of an instance with their parameters.
+
+    The text is turned into JSON, whose parser is strict: an entity or a typed value is an object
+    with one key, a list is a list.
+    """
+    translator = _JsonTranslator(text)
+    content = json.loads(_TOKEN.sub(translator.translate, text), object_pairs_hook=_make_typed)
+    entities = content if translator.holds_several else [content]
+    if not entities:
+        raise ValueError(f"instance must hold whole entities, got {text[:40]!r}")
+    parts: dict[str, Parameters] = {}
+    for entity in entities:
+        if not isinstance(entity, Typed):
+            raise ValueError(f"instance must hold whole entities, got {text[:40]!r}")
+        parts[entity.type] = tuple(map(_convert_to_tuples, entity.value))
+    return parts
+
+
+def _make_typed(pairs: list[tuple[str, Any]]) -> Typed:
+    """Make a typed value of the only key of an object and its list of values."""
+    name, value = pairs[0]
+    return Typed(name, value)
+
+
+class _JsonTranslator:
+    """Turns the tokens of an instance into JSON, from the first to the last.
+
+    Parameters
+    ----------
+    text : str
+        The instance; in parentheses it holds several entities.
+    """
+
+    def __init__(self, text: str) -> None:
+        self.holds_several = text.startswith("(")
+        self._text = text
+        self._closing: list[str] = []  # what ends the open objects and lists
+
+    def translate(self, found: re.Match[str]) -> str:
+        """Return the JSON of a token."""
         kind = found.lastgroup
-        token = found[kind or 0]
+        if kind is None:  # blanks
+            return found[0]
+        token = found[kind]
         if kind == "word":
-            between = (
-                "," if several and len(closing) == 1 and body[1 : found.start()].strip() else ""
-            )
-            closing.append("]}")
-            return f'{between}{{"{token.upper()}":['
+            return self._open_object(token, found.start())
         if kind == "number":
             return repr(float(token) if "." in token else int(token))
-        if token in ("(", ")") and kind == "mark":
-            if token == ")":
-                return closing.pop() if closing else token
-            closing.append("]")
-            return "["
-        if kind == "other":
-            raise ValueError(f"no parameter: {body[found.start() :][:20]!r}")
-        named = json.dumps(token) if kind == "name" else token
-        return json.dumps(_decode(token)) if kind == "text" else named
+        if kind == "text":
+            return json.dumps(_decode(token))
+        if kind == "name":
+            return json.dumps(token)
+        if kind == "unknown":
+            raise ValueError(f"no parameter: {self._text[found.start() :][:20]!r}")
+        return self._translate_mark(token)
 
-    found = json.loads(_TOKEN.sub(as_json, body), object_pairs_hook=lambda pairs: Typed(*pairs[0]))
-    entities = found if several else [found]
-    if not entities or not all(isinstance(one, Typed) for one in entities):
-        raise ValueError(f"instance must hold whole entities, got {body[:40]!r}")
-    return {one.type: tuple(map(_convert_to_tuples, one.value)) for one in entities}
+    def _open_object(self, name: str, position: int) -> str:
+        """Begin an object; entities of an instance follow each other without a comma."""
+        is_entity = self.holds_several and len(self._closing) == 1
+        is_first = not self._text[1:position].strip()
+        self._closing.append("]}")
+        comma = "," if is_entity and not is_first else ""
+        return f'{comma}{{"{name.upper()}":['
+
+    def _translate_mark(self, mark: str) -> str:
+        if mark == "(":
+            self._closing.append("]")
+            return "["
+        if mark == ")" and self._closing:
+            return self._closing.pop()
+        return mark
 
 
 def _decode(token: str) -> str:
-    wide = {"2": "utf-16-be", "4": "utf-32-be"}
+    """Decode a string of Part 21 with its quotes."""
     plain = token[1:-1].replace("''", "'")
-    return _EXTENDED.sub(lambda one: bytes.fromhex(one[2]).decode(wide[one[1]]), plain).replace(
-        "\\\\", "\\"
-    )
+    return _EXTENDED.sub(_decode_extended, plain).replace("\\\\", "\\")
+
+
+def _decode_extended(found: re.Match[str]) -> str:
+    return bytes.fromhex(found["digits"]).decode(_ENCODING_BY_BYTES[found["bytes"]])
 
 
 def _convert_to_tuples(value: object) -> object:
-    # Turn lists into tuples; what has a type has one value
+    """Turn lists into tuples; a typed value holds one value instead of a list of one."""
     if isinstance(value, Typed):
         (inner,) = value.value
         return Typed(value.type, _convert_to_tuples(inner))
-    return tuple(map(_convert_to_tuples, value)) if isinstance(value, list) else value
+    if isinstance(value, list):
+        return tuple(map(_convert_to_tuples, value))
+    return value

@@ -1,52 +1,85 @@
 """Units and measures of a Part 21 file, resolved to SI, with what is wrong about them."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
-from stepblocks.artefacts.step.exchange import Exchange, Typed, read_number
+from stepblocks.artefacts.step.exchange import Exchange, Parameters, Typed, read_number
 from stepblocks.quantities import Number, multiply_by_unit
 
-_PREFIXES = {  # symbol and factor
-    "": ("", 1.0),
-    "MEGA": ("M", 1e6),
-    "KILO": ("k", 1e3),
-    "DECI": ("d", 1e-1),
-    "CENTI": ("c", 1e-2),
-    "MILLI": ("m", 1e-3),
-    "MICRO": ("u", 1e-6),
-    "NANO": ("n", 1e-9),
-    "PICO": ("p", 1e-12),
+_UNKNOWN = "unknown"
+
+
+@dataclass(frozen=True)
+class _Prefix:
+    symbol: str
+    factor: float
+
+
+@dataclass(frozen=True)
+class _Base:
+    symbol: str
+    dimension: str
+    factor: float  # SI units in one: the SI unit of mass is the kilogram
+
+
+_PREFIXES = {
+    "": _Prefix("", 1.0),
+    "MEGA": _Prefix("M", 1e6),
+    "KILO": _Prefix("k", 1e3),
+    "DECI": _Prefix("d", 1e-1),
+    "CENTI": _Prefix("c", 1e-2),
+    "MILLI": _Prefix("m", 1e-3),
+    "MICRO": _Prefix("u", 1e-6),
+    "NANO": _Prefix("n", 1e-9),
+    "PICO": _Prefix("p", 1e-12),
 }
-_BASES = {  # symbol, dimension, and SI units in one: the SI unit of mass is the kilogram
-    "METRE": ("m", "length", 1.0),
-    "RADIAN": ("rad", "angle", 1.0),
-    "GRAM": ("g", "mass", 1e-3),
-    "STERADIAN": ("sr", "solid angle", 1.0),
-    "SECOND": ("s", "time", 1.0),
+_BASES = {
+    "METRE": _Base("m", "length", 1.0),
+    "RADIAN": _Base("rad", "angle", 1.0),
+    "GRAM": _Base("g", "mass", 1e-3),
+    "STERADIAN": _Base("sr", "solid angle", 1.0),
+    "SECOND": _Base("s", "time", 1.0),
 }
-# entities that hold a measure, and which of their parameters is the value; its unit follows
+# Entities that hold a measure, and which of their parameters is the value; its unit follows
 _MEASURES = {
-    **{
-        f"{of}MEASURE_WITH_UNIT": 0
-        for of in ("", "LENGTH_", "PLANE_ANGLE_", "MASS_", "RATIO_", "UNCERTAINTY_")
-    },
+    "MEASURE_WITH_UNIT": 0,
+    "LENGTH_MEASURE_WITH_UNIT": 0,
+    "PLANE_ANGLE_MEASURE_WITH_UNIT": 0,
+    "MASS_MEASURE_WITH_UNIT": 0,
+    "RATIO_MEASURE_WITH_UNIT": 0,
+    "UNCERTAINTY_MEASURE_WITH_UNIT": 0,
     "MEASURE_REPRESENTATION_ITEM": 1,
 }
+# Types of a value that may carry a unit of each dimension
 _TYPES = {
     "length": ("LENGTH_MEASURE", "POSITIVE_LENGTH_MEASURE", "NON_NEGATIVE_LENGTH_MEASURE"),
     "angle": ("PLANE_ANGLE_MEASURE", "POSITIVE_PLANE_ANGLE_MEASURE"),
     "mass": ("MASS_MEASURE",),
 }
-_DENSITY = {"mass": 1.0, "length": -3.0}
+_DENSITY_POWERS = {"mass": 1.0, "length": -3.0}
+# Densities of solids [kg/m^3]: foams are lighter, no element is heavier
+_LEAST_DENSITY = 10.0
+_LARGEST_DENSITY = 25_000.0
 
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit."""
+    """A unit.
 
-    name: str = "?"  # as a person writes it
-    dimension: str = "unknown"  # ``length``, ``angle``, ``mass``, ...
-    factor: float = math.nan  # SI units per unit
+    Attributes
+    ----------
+    name : str
+        As a person writes it.
+    dimension : str
+        ``length``, ``angle``, ``mass``, ...
+    factor : float
+        SI units per unit.
+    """
+
+    name: str = "?"
+    dimension: str = _UNKNOWN
+    factor: float = math.nan
 
     def si(self, value: Number) -> Number:
         """Convert a value or an array; millimetres are divided by 1000 (nearest double)."""
@@ -64,83 +97,134 @@ class Measure:
 def read_unit(file: Exchange, ref: object) -> Unit:
     """Resolve a unit, SI or converted."""
     parts = file.parts(ref)
-    if values := parts.get("SI_UNIT"):
-        prefix, base = (str(value).strip(".$*") for value in values[-2:])
-        short, power = _PREFIXES.get(prefix, (prefix.lower(), math.nan))
-        symbol, dimension, factor = _BASES.get(base, (base.lower(), "unknown", 1.0))
-        return Unit(short + symbol, dimension, power * factor)
+    stated = parts.get("SI_UNIT")
+    if stated:
+        return _read_si_unit(stated)
     converted = parts.get("CONVERSION_BASED_UNIT")
-    if converted and (one := read_measure(file, converted[-1])) is not None:
-        return Unit(str(converted[-2]).lower(), one.unit.dimension, one.si)
-    return Unit()
+    if not converted:
+        return Unit()
+    *_, name, conversion = converted
+    measure = read_measure(file, conversion)
+    if measure is None:
+        return Unit()
+    return Unit(str(name).lower(), measure.unit.dimension, measure.si)
+
+
+def _read_si_unit(parameters: Parameters) -> Unit:
+    prefix_name, base_name = (str(value).strip(".$*") for value in parameters[-2:])
+    prefix = _PREFIXES.get(prefix_name, _Prefix(prefix_name.lower(), math.nan))
+    base = _BASES.get(base_name, _Base(base_name.lower(), _UNKNOWN, 1.0))
+    return Unit(prefix.symbol + base.symbol, base.dimension, prefix.factor * base.factor)
 
 
 def read_measure(file: Exchange, ref: object) -> Measure | None:
     """Read a measure with unit, whether simple, complex or a representation item."""
-    for name, at in _MEASURES.items():
-        values = file.parameters(ref, name)[at:]
-        if len(values) >= 2:
-            value = read_number(values[0])
-            unit = read_unit(file, values[1])
-            return None if value is None else Measure(unit.si(value), unit)
+    for entity, place in _MEASURES.items():
+        parameters = file.parameters(ref, entity)[place:]
+        if len(parameters) < 2:
+            continue
+        stated_value, stated_unit, *_ = parameters
+        value = read_number(stated_value)
+        if value is None:
+            return None
+        unit = read_unit(file, stated_unit)
+        return Measure(unit.si(value), unit)
     return None
 
 
 def find_untyped_measures(file: Exchange) -> list[str]:
     """List every measure whose value is no typed SELECT, or whose type does not fit its unit."""
-    findings = []
-    for name, at in _MEASURES.items():
-        for ref, values in file.named(name):
-            if len(values) < at + 2:
+    findings: list[str] = []
+    for entity, place in _MEASURES.items():
+        for ref, parameters in file.named(entity):
+            if len(parameters) < place + 2:
                 continue
-            raw, unit = values[at : at + 2]
-            if not isinstance(raw, Typed):
-                findings.append(
-                    f"{ref} {name}: value must be typed, such as LENGTH_MEASURE(...), got {raw!r}"
-                )
-                continue
-            size = read_number(raw)
+            value, unit = parameters[place : place + 2]
             dimension = read_unit(file, unit).dimension
-            if raw.type.startswith("POSITIVE_") and size is not None and not size > 0.0:
-                findings.append(f"{ref} {name}: {raw.type} must be positive, got {size:g}")
-            if raw.type not in _TYPES.get(dimension, (raw.type,)):
-                findings.append(f"{ref} {name}: {raw.type} must not carry a unit of {dimension}")
+            for finding in _check_typed_value(value, dimension):
+                findings.append(f"{ref} {entity}: {finding}")
     return findings
 
 
+def _check_typed_value(value: object, dimension: str) -> Iterator[str]:
+    """Say what is wrong with a value that has a unit of a dimension."""
+    if not isinstance(value, Typed):
+        yield f"value must be typed, such as LENGTH_MEASURE(...), got {value!r}"
+        return
+    number = read_number(value)
+    if value.type.startswith("POSITIVE_") and number is not None and not number > 0.0:
+        yield f"{value.type} must be positive, got {number:g}"
+    if dimension in _TYPES and value.type not in _TYPES[dimension]:
+        yield f"{value.type} must not carry a unit of {dimension}"
+
+
 def read_densities(file: Exchange) -> tuple[list[float], list[str]]:
-    """Find densities, in kg/m^3, and those whose unit is no density."""
-    densities, findings = [], []
-    for ref, values in file.named("MEASURE_REPRESENTATION_ITEM"):
-        stated = values or (
+    """Find the densities of a file.
+
+    Returns
+    -------
+    densities : list of float
+        Those that a solid can have [kg/m^3].
+    findings : list of str
+        What is wrong with the others.
+    """
+    densities: list[float] = []
+    findings: list[str] = []
+    for ref, parameters in file.named("MEASURE_REPRESENTATION_ITEM"):
+        stated = parameters or (
             *file.parameters(ref, "REPRESENTATION_ITEM"),
             *file.parameters(ref, "MEASURE_WITH_UNIT"),
         )
-        if len(stated) != 3 or "density" not in str(stated[0]).lower():
+        if len(stated) != 3:
             continue
-        value = read_number(stated[1])
-        factor, powers = _read_derived_unit(file, stated[2])
-        if powers != _DENSITY:
-            shown = (
-                " ".join(f"{name}^{power:g}" for name, power in sorted(powers.items())) or "nothing"
+        name, stated_value, stated_unit = stated
+        if "density" not in str(name).lower():
+            continue
+        unit = _read_derived_unit(file, stated_unit)
+        value = read_number(stated_value)
+        density = math.nan if value is None else value * unit.factor
+        if unit.powers != _DENSITY_POWERS:
+            findings.append(
+                f"{ref} density: unit must be mass^1 length^-3, got {unit.describe_powers()}"
             )
-            findings.append(f"{ref} density: unit must be mass^1 length^-3, got {shown}")
-        elif value is None or not 10.0 <= value * factor <= 25_000.0:
-            got = "no number" if value is None else f"{value * factor:g}"
-            findings.append(f"{ref} density: must lie between 10 and 25000 kg/m^3, got {got}")
+        elif _LEAST_DENSITY <= density <= _LARGEST_DENSITY:
+            densities.append(density)
         else:
-            densities.append(value * factor)
+            found = "no number" if value is None else f"{density:g}"
+            findings.append(
+                f"{ref} density: must lie between {_LEAST_DENSITY:g} and {_LARGEST_DENSITY:g} "
+                f"kg/m^3, got {found}"
+            )
     return densities, findings
 
 
-def _read_derived_unit(file: Exchange, ref: object) -> tuple[float, dict[str, float]]:
+@dataclass(frozen=True)
+class _DerivedUnit:
+    """A product of powers of units: SI units per unit, and the power of each dimension."""
+
+    factor: float
+    powers: dict[str, float]
+
+    def describe_powers(self) -> str:
+        """Write the dimensions with their powers, such as ``length^-3 mass^1``."""
+        texts = [f"{dimension}^{power:g}" for dimension, power in sorted(self.powers.items())]
+        return " ".join(texts) or "nothing"
+
+
+def _read_derived_unit(file: Exchange, ref: object) -> _DerivedUnit:
+    """Read a derived unit; without elements it is 1 and has no powers."""
     factor = 1.0
     powers: dict[str, float] = {}
-    for element in (file.parameters(ref, "DERIVED_UNIT") or ((),))[0]:
-        values = file.parameters(element, "DERIVED_UNIT_ELEMENT")
-        if len(values) == 2:
-            unit = read_unit(file, values[0])
-            power = read_number(values[1]) or 0.0
-            powers[unit.dimension] = powers.get(unit.dimension, 0.0) + power
-            factor *= unit.factor**power
-    return factor, powers
+    elements = file.parameters(ref, "DERIVED_UNIT")
+    if not elements:
+        return _DerivedUnit(factor, powers)
+    for element in elements[0]:
+        parameters = file.parameters(element, "DERIVED_UNIT_ELEMENT")
+        if len(parameters) != 2:
+            continue
+        stated_unit, stated_power = parameters
+        unit = read_unit(file, stated_unit)
+        power = read_number(stated_power) or 0.0
+        powers[unit.dimension] = powers.get(unit.dimension, 0.0) + power
+        factor *= unit.factor**power
+    return _DerivedUnit(factor, powers)

@@ -1,0 +1,107 @@
+"""What a viewer shows for a dimension or tolerance of a STEP file: its text, drawn as lines."""
+
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepblocks.cad import door
+from stepblocks.cad.pmi import Callout
+from stepblocks.parts.characteristics import Characteristic
+from stepblocks.parts.lettering import compute_text_width, outline_text
+from stepblocks.parts.on_paper import format_limits, format_zone
+
+Point = tuple[float, float, float]
+Line = tuple[Point, Point]
+Outline = NDArray[np.float64]
+
+_TEXT_HEIGHT = 0.03  # of a callout, as a part of the longest side of the part [1]
+# Distances of the callouts from the part, and of one from the next, in heights of their text [1]
+_BESIDE = 4.0
+_BEFORE = 2.0
+_LINE_SPACING = 2.0
+_SIGNS = {"diameter": "dia. ", "radius": "R "}
+
+
+def make_callout(
+    characteristic: Characteristic,
+    number: int,
+    place: int,
+    faces: Sequence[door.Face],
+    target: door.Face,
+) -> Callout:
+    """Make the callout of a characteristic.
+
+    Parameters
+    ----------
+    characteristic : Characteristic
+        What it states.
+    number : int
+        Its number on all papers.
+    place : int
+        Which of the callouts, from below.
+    faces : sequence of Face
+        All faces of the part, beside which the callout stands.
+    target : Face
+        The face to which its leader points.
+    """
+    text = format_callout(characteristic, number)
+    outlines, leader = draw_callout(text, place, faces, target)
+    return Callout(text.replace("±", "+-"), outlines, leader)  # Part 21 holds ASCII
+
+
+def format_callout(characteristic: Characteristic, number: int) -> str:
+    """Write number, name and limits of a characteristic."""
+    if characteristic.kind in ("flatness", "parallelism"):
+        return f"{number}  {characteristic.label} {format_zone(characteristic.upper)}"
+    limits = format_limits(
+        characteristic.nominal, characteristic.lower, characteristic.upper, characteristic.quantity
+    )
+    sign = _SIGNS.get(characteristic.kind, "")
+    return f"{number}  {characteristic.label} {sign}{limits.replace('°', ' deg')}"
+
+
+def draw_callout(
+    text: str, place: int, faces: Sequence[door.Face], target: door.Face
+) -> tuple[list[Outline], Line]:
+    """Draw a text in the plane before the front of a part, and a leader to a face.
+
+    Parameters
+    ----------
+    text : str
+        What to draw.
+    place : int
+        Which of the callouts it is, from below.
+    faces : sequence of Face
+        All faces of the part.
+    target : Face
+        Where the leader ends.
+
+    Returns
+    -------
+    outlines : list of array, shape (n, 3)
+        Closed outlines of the letters [m].
+    leader : (point, point)
+        Ends of the leader [m].
+    """
+    low = np.min([face.low for face in faces], axis=0)
+    high = np.max([face.high for face in faces], axis=0)
+    size = _TEXT_HEIGHT * float(np.max(high - low))
+    left = float(high[0]) + _BESIDE * size
+    y = float(low[1]) - _BEFORE * size
+    bottom = float(low[2]) + (_LINE_SPACING * place + 1.0) * size
+    middle = left + 0.5 * compute_text_width(text, size)
+    outlines = []
+    for ring in itertools.chain.from_iterable(outline_text(text, size)):
+        outline = np.full((len(ring), 3), y)
+        outline[:, 0] = middle + ring[:, 0]
+        outline[:, 2] = bottom + ring[:, 1]
+        outlines.append(outline)
+    return outlines, ((left - size, y, bottom), _find_middle(target))
+
+
+def _find_middle(face: door.Face) -> Point:
+    """Find the middle of the box of a face [m]."""
+    x, y, z = (0.5 * (low + high) for low, high in zip(face.low, face.high, strict=True))
+    return x, y, z

@@ -1,0 +1,28 @@
+"""NanoFocus (NMS)."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stepblocks.scans.formats.surface_topography import SurfaceTopographyReader
+from stepblocks.scans.scan import Array
+
+if TYPE_CHECKING:
+    from SurfaceTopography.IO.Reader import ChannelInfo
+
+_MOST_COUNT = 65534.0  # the largest number that is a height; the next one is a missing point
+
+
+class NanoFocusReader(SurfaceTopographyReader):
+    """A map of 16-bit numbers between two stated ends."""
+
+    def __init__(self) -> None:
+        super().__init__("nms", (".nms",))
+
+    def remove_missing(self, stored: Array, channel: "ChannelInfo") -> None:
+        """Remove what lies more than half a count above the upper end."""
+        ends = channel.info["raw_metadata"]
+        lowest = ends["zmin"]
+        highest = ends["zmax"]
+        half_a_count = 0.5 / _MOST_COUNT
+        stored[stored > (highest - lowest) * (1.0 + half_a_count) + lowest] = np.nan

@@ -1,0 +1,20 @@
+"""Points as meshes and as JSON."""
+
+from pathlib import Path
+
+from stepblocks.scans.formats.reader import ReadScan, ScanReader, ScanRequest
+from stepblocks.scans.points import read_points
+from stepblocks.scans.units import parse_units
+
+
+class PointReader(ScanReader):
+    """Numbers without a unit, which the user states."""
+
+    form = "points"
+    endings = (".ply", ".stl", ".obj", ".json")
+    takes_unit = True
+    has_header = False
+
+    def read(self, path: Path, request: ScanRequest) -> ReadScan:
+        """Read points as a map on the grid that they lie on."""
+        return ReadScan(read_points(path, parse_units(request.unit)))

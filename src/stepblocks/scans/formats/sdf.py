@@ -1,0 +1,33 @@
+"""ISO 25178-71 (SDF)."""
+
+from pathlib import Path
+
+import numpy as np
+
+from stepblocks.scans.formats.reader import ReadScan, ScanReader, ScanRequest, check_points
+from stepblocks.scans.scan import HeightMap, ScannedProfile
+
+_SCALE = "ISO 25178-71: heights in metres"
+
+
+class SdfReader(ScanReader):
+    """One profile or map, binary or as text; `sdfio` reads it."""
+
+    form = "sdf"
+    endings = (".sdf",)
+
+    def read(self, path: Path, request: ScanRequest) -> ReadScan:
+        """Read the map, or the profile if it has one row."""
+        import sdfio
+
+        found = sdfio.read(str(path))
+        check_points(found.data.shape, path.name)
+        header = found.header
+        height = np.atleast_2d(found.data)
+        count = abs(header.z_scale)
+        if len(height) > 1:
+            return ReadScan(
+                HeightMap(height, header.x_scale, header.y_scale, path.name, _SCALE, count)
+            )
+        position = np.arange(height.size, dtype=np.float64) * header.x_scale
+        return ReadScan(ScannedProfile(position, height[0], path.name, _SCALE, count))

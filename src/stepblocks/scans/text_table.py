@@ -1,0 +1,310 @@
+"""The table of numbers in a text: its notation, the names of its columns, and its rows.
+
+Instruments separate fields by semicolons, tabs, commas or blanks, write decimal points or commas,
+and put a head above the table and a footer below it.
+"""
+
+import io
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from stepblocks.errors import MetrologyError
+from stepblocks.scans.scan import Array
+from stepblocks.scans.units import UNIT_PATTERN, UNITS_PER_METRE, StoredLength
+
+MOST_COLUMNS = 64
+_MOST_HEADER_LINES = 400
+# Lines at the end of the longest head and below it, by which the notation is found
+_SAMPLED_LINES = 50
+_SHOWN_CHARACTERS = 60  # of a wrong line, in a message
+# How instruments write a point that was not measured
+_MISSING = {"", "nan", "bad", "-", "***", "---"}
+_STEP_NAME = re.compile(r"(?i)x[- _]?(resolution|spacing|step)")
+_UNIT_ALONE = re.compile(rf"[\[(]?{UNIT_PATTERN}[\])]?")
+
+
+@dataclass(frozen=True)
+class NumberTable:
+    """Columns of numbers, with what their head says.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Name of each column, with its unit where the head states one; empty where there are none.
+    values : array, shape (rows, columns)
+        Stored numbers, nan where nothing was measured.
+    unit : StoredLength or None
+        Unit that the head states for the whole table.
+    source : str
+        Name of the file, for messages.
+    """
+
+    names: tuple[str, ...]
+    values: Array
+    unit: StoredLength | None
+    source: str
+
+    def get_name(self, column: int) -> str | None:
+        """Return the name of a column, None where columns have no names."""
+        if not self.names:
+            return None
+        return self.names[column]
+
+
+def parse_number(field: str) -> float:
+    """Read a field as a number, nan for a word that stands for a missing point.
+
+    Raises
+    ------
+    ValueError
+        If it is neither.
+    """
+    if field.lower() in _MISSING:
+        return np.nan
+    return float(field)
+
+
+@dataclass(frozen=True)
+class Notation:
+    """How a text separates fields and writes numbers."""
+
+    separator: str | None  # None: any run of blanks
+    decimal_comma: bool = False
+
+    def split_line(self, line: str) -> list[str]:
+        """Split a line into fields, without the empty ones that some instruments append."""
+        fields = [field.strip() for field in line.split(self.separator)]
+        while fields and not fields[-1]:
+            fields.pop()
+        return fields
+
+    def parse_numbers(self, fields: Iterable[str]) -> list[float] | None:
+        """Read fields as numbers, nan for a missing point.
+
+        The result is None if a field is no number, or if all points are missing.
+        """
+        try:
+            if self.decimal_comma:
+                numbers = [parse_number(field.replace(",", ".")) for field in fields]
+            else:
+                numbers = [parse_number(field) for field in fields]
+        except ValueError:
+            return None
+        if np.isnan(numbers).all():
+            return None
+        return numbers
+
+    def count_columns(self, line: str) -> int:
+        """Count the numbers of a line; 0 if it is no row of a table of two columns or more."""
+        fields = self.split_line(line)
+        if len(fields) < 2 or self.parse_numbers(fields) is None:
+            return 0
+        return len(fields)
+
+
+_POINTS = Notation(separator=None)  # numbers with decimal points
+# In the order of preference where several fit equally well
+_NOTATIONS = (
+    Notation(";"),
+    Notation(";", decimal_comma=True),
+    Notation("\t"),
+    Notation("\t", decimal_comma=True),
+    Notation(","),
+    Notation(None),
+    Notation(None, decimal_comma=True),
+)
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """Where the table stands in a text."""
+
+    notation: Notation
+    first_line: int  # counted from zero
+    columns: int
+
+
+def parse_table(text: str, source: str) -> NumberTable:
+    """Find the table of numbers in a text and read it.
+
+    Parameters
+    ----------
+    text : str
+        The whole text: a head of any kind, the table, a footer that does not begin with numbers.
+    source : str
+        Name of the file, for messages.
+
+    Returns
+    -------
+    NumberTable
+        Names, units and numbers.
+
+    Raises
+    ------
+    MetrologyError
+        If there is no table of at least two columns, or one of its lines is broken.
+    """
+    lines = text.splitlines()
+    layout = _find_layout(lines, source)
+    head = [_split_head_line(line, layout.notation) for line in lines[: layout.first_line]]
+    if layout.columns > MOST_COLUMNS and any(len(fields) == layout.columns for fields in head):
+        raise MetrologyError(
+            f"table must have at most {MOST_COLUMNS} columns [{source}, {layout.first_line + 1}]"
+        )
+    values = _read_clean_rows(lines, layout)
+    if values is None:
+        values = _read_rows(lines, layout, source)
+    return _name_columns(head, values, source)
+
+
+def _find_layout(lines: Sequence[str], source: str) -> _Layout:
+    """Find the notation of a text, and the first line that is a row of numbers in it."""
+    notation = _find_notation(lines)
+    if notation is not None:
+        for number, line in enumerate(lines[: _MOST_HEADER_LINES + 1]):
+            columns = notation.count_columns(line)
+            if columns:
+                return _Layout(notation, number, columns)
+    if len(lines) > _MOST_HEADER_LINES:
+        raise MetrologyError(f"table must begin within {_MOST_HEADER_LINES} lines [{source}]")
+    raise MetrologyError(
+        f"text must hold a table of numbers in two columns or more, got none [{source}]"
+    )
+
+
+def _find_notation(lines: Sequence[str]) -> Notation | None:
+    """Find the notation in which most of the sampled lines are rows of numbers."""
+    begin = [line for line in lines[: _MOST_HEADER_LINES + _SAMPLED_LINES] if line.strip()]
+    sample = begin[-_SAMPLED_LINES:]
+    best: Notation | None = None
+    most_rows = 0
+    for notation in _NOTATIONS:
+        rows = sum(notation.count_columns(line) > 0 for line in sample)
+        if rows > most_rows:
+            best = notation
+            most_rows = rows
+    return best
+
+
+def _split_head_line(line: str, notation: Notation) -> list[str]:
+    return [field.lstrip("# ").strip('"') for field in notation.split_line(line)]
+
+
+def _read_clean_rows(lines: Sequence[str], layout: _Layout) -> Array | None:
+    """Read a table without missing points, footer or fault; None where it has one of them."""
+    body = "\n".join(lines[layout.first_line :])
+    if layout.notation.decimal_comma:
+        body = body.replace(",", ".")
+    try:
+        values = np.loadtxt(
+            io.StringIO(body), delimiter=layout.notation.separator, comments=None, ndmin=2
+        )
+    except ValueError:
+        return None
+    if values.shape[1] != layout.columns:
+        return None
+    return np.asarray(values, dtype=np.float64)
+
+
+def _read_rows(lines: Sequence[str], layout: _Layout, source: str) -> Array:
+    """Read a table line by line, with its missing points and up to its footer."""
+    notation = layout.notation
+    rows: list[list[float]] = []
+    end: int | None = None  # the first line that is no row of the table
+    for index in range(layout.first_line, len(lines)):
+        line = lines[index]
+        fields = notation.split_line(line)
+        if not fields:
+            continue
+        row = _parse_row(fields, layout)
+        is_short = row is not None and len(line.split(notation.separator)) < layout.columns
+        if row is not None and not is_short and end is None:
+            rows.append(row)
+            continue
+        if end is None:
+            end = index
+        # a footer holds words: a line that begins with a number belongs to the table
+        begins_with_number = notation.parse_numbers(fields[:1]) is not None
+        if begins_with_number or is_short:
+            raise _describe_broken_line(lines[end], end + 1, layout, source)
+    return np.array(rows, dtype=np.float64)
+
+
+def _parse_row(fields: Sequence[str], layout: _Layout) -> list[float] | None:
+    """Read a row of the table, the fields that it lacks at its end as missing points."""
+    lacking = layout.columns - len(fields)
+    if lacking < 0:
+        return None
+    return layout.notation.parse_numbers([*fields, *[""] * lacking])
+
+
+def _describe_broken_line(line: str, number: int, layout: _Layout, source: str) -> MetrologyError:
+    shown = ",".join(layout.notation.split_line(line))[:_SHOWN_CHARACTERS]
+    return MetrologyError(
+        f"line must hold {layout.columns} numbers, got {shown!r} [{source}, line {number}]"
+    )
+
+
+def _name_columns(head: Sequence[Sequence[str]], values: Array, source: str) -> NumberTable:
+    """Name the columns by the last line of the head, or by the last two, names above units."""
+    lines = []
+    for fields in head:
+        filled = [field for field in fields if field]
+        if filled:
+            lines.append(filled)
+    unit = _find_unit_alone(lines)
+    columns = values.shape[1]
+    if not lines:
+        return NumberTable((), values, unit, source)
+    title = lines[-1]
+    if columns > 2 and len(title) == columns - 1 and _is_numbered(title, values):
+        return _scale_numbers(lines, values, unit, source)
+    if len(title) != columns:
+        return NumberTable((), values, unit, source)
+    are_units = all(_UNIT_ALONE.fullmatch(field.lower()) for field in title)
+    if are_units and len(lines) > 1 and len(lines[-2]) == columns:
+        title = [f"{name} {of_name}" for name, of_name in zip(lines[-2], title, strict=True)]
+    return NumberTable(tuple(title), values, unit, source)
+
+
+def _find_unit_alone(lines: Sequence[Sequence[str]]) -> StoredLength | None:
+    """Find the last line of a head that is a unit and nothing else."""
+    unit = None
+    for fields in lines:
+        word = fields[0].lower()
+        if len(fields) == 1 and word in UNITS_PER_METRE:
+            unit = StoredLength(1.0, UNITS_PER_METRE[word])
+    return unit
+
+
+def _is_numbered(title: Sequence[str], values: Array) -> bool:
+    """Tell whether the first column, which the title leaves out, only counts the points."""
+    for field in title:
+        if _POINTS.parse_numbers([field]) is not None:
+            return False
+    return bool((np.diff(values[:, 0]) == 1.0).all())
+
+
+def _scale_numbers(
+    lines: Sequence[Sequence[str]], values: Array, unit: StoredLength | None, source: str
+) -> NumberTable:
+    """Turn numbers of points into positions by the step that the head states.
+
+    Without a step, the first column stays a count, named ``#``.
+    """
+    title = lines[-1]
+    for fields in lines:
+        if len(fields) != 2 or not _STEP_NAME.match(fields[0]):
+            continue
+        step = _POINTS.parse_numbers(fields[1:])
+        if step is None:
+            continue
+        positions = values.copy()
+        positions[:, 0] *= step[0]
+        # what follows the words of the step is its unit
+        name = "x" + _STEP_NAME.sub("", fields[0])
+        return NumberTable((name, *title), positions, unit, source)
+    return NumberTable(("#", *title), values, unit, source)
