@@ -91,5 +91,5 @@ def write_height_field(stem: Path, part: Part) -> list[Path]:
         "handedness": "right-handed",
         "sampling": "point values; no sample lies on an edge",
     }
-    sidecar.write_text(json.dumps(described, indent=2) + "\n", encoding="utf-8")
+    sidecar.write_text(json.dumps(described, indent=2) + "\n", encoding="utf-8", newline="\n")
     return [tiff, npz, sidecar]

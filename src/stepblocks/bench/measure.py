@@ -30,6 +30,7 @@ from stepblocks.bench.signal.features import (
 )
 from stepblocks.bench.traces import Traces
 from stepblocks.bench.trials import Trial, TrialTable, open_trials
+from stepblocks.compute.cores import count_cores
 from stepblocks.compute.processes import die_with_parent
 from stepblocks.errors import BenchError, PipelineError
 from stepblocks.files.atomic import write_atomically
@@ -156,7 +157,7 @@ def write_features(
     """
     folder, output = Path(session), Path(output)
     table = open_trials(open_session(folder), frozenset((*_LEADING, *FEATURE_COLUMNS)))
-    jobs = len(os.sched_getaffinity(0)) if jobs is None else jobs
+    jobs = count_cores() if jobs is None else jobs
     PipelineError.require(
         1 <= jobs <= _MOST_JOBS, f"`jobs` must lie between 1 and {_MOST_JOBS}, got {jobs}"
     )

@@ -16,7 +16,7 @@ from stepblocks.contact import Array
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.operating_point import OperatingPoint, Tool
 from stepblocks.errors import PipelineError
-from stepblocks.files.atomic import make_draft_folder, sync_folder
+from stepblocks.files.atomic import make_draft_folder, move_into_place, sync_folder
 from stepblocks.files.tables import escape_formula
 from stepblocks.rehearse import (
     TRACE_FILES,
@@ -100,7 +100,7 @@ def simulate_session(plan: str | Path, output: str | Path) -> SimulationSummary:
     with make_draft_folder(output) as draft:
         summary = write_session(declared, draft)
         sync_folder(draft)
-        draft.rename(output)  # an empty folder gives way
+        move_into_place(draft, output)  # an empty folder gives way
     return summary
 
 
@@ -125,7 +125,7 @@ def write_session(plan: SessionPlan, folder: Path) -> SimulationSummary:
             Step(true, max(sum(added), 0.0)),
             np.random.default_rng([plan.seed, 3, number]),
         )
-    (folder / "session.toml").write_text(format_session(plan), encoding="utf-8")
+    (folder / "session.toml").write_text(format_session(plan), encoding="utf-8", newline="\n")
     rows = plan.rows()
     locked = 0
     with (

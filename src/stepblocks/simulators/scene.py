@@ -287,11 +287,15 @@ def write_from_template(path: Path, template: str = "", **values: object) -> Non
         f"{value:.12g}" for value in values.ravel()
     )
     text = environment.get_template(f"{template or path.name}.j2").render(**values)
-    path.write_text(format_units(text) if path.suffix == ".md" else text, encoding="utf-8")
+    path.write_text(
+        format_units(text) if path.suffix == ".md" else text, encoding="utf-8", newline="\n"
+    )
 
 
 def write_json(path: Path, content: Mapping[str, object]) -> None:
     """Write JSON with the version of its keys that every reader takes: no NaN."""
     path.write_text(
-        json.dumps({"schema": 1, **content}, indent=2, allow_nan=False) + "\n", encoding="utf-8"
+        json.dumps({"schema": 1, **content}, indent=2, allow_nan=False) + "\n",
+        encoding="utf-8",
+        newline="\n",
     )

@@ -15,6 +15,7 @@ from stepblocks.errors import PipelineError
 from stepblocks.files.atomic import replace_text
 from stepblocks.files.pages import render_page
 from stepblocks.files.tables import format_csv, write_table
+from stepblocks.quantities import check_seed
 from stepblocks.study import RATINGS, require
 from stepblocks.study.analysis.accuracy import ANSWER
 from stepblocks.study.analysis.exchange import read_foreign_judgements
@@ -120,6 +121,7 @@ def design_study(
     StepblocksError
         If the set has no step blocks, the design is impossible, or another stands there already.
     """
+    check_seed(seed)
     experiment = ALIASES.get(experiment, experiment)
     PipelineError.require(
         experiment in EXPERIMENTS,
@@ -285,6 +287,7 @@ def simulate_study(
     StepblocksError
         If a block has no energy there, a name is unknown, or the answers have no response noise.
     """
+    check_seed(seed)
     design = sheet.read_design(Path(folder) / "design.csv")
     known = sorted({level for row in design for level in list_levels(row)} - {""})
     for option, given in (("damping", damping), ("noise", noise)):
@@ -457,6 +460,7 @@ def study_power(
     StepblocksError
         If an option is out of range, or a block does not release the probe.
     """
+    check_seed(seed)
     blocks = choose_blocks(source, felt, only)
     energies = blocks.energies()
     heights = {item.identity: item.height for item in blocks.items}

@@ -60,7 +60,13 @@ def _read_as_text(lines: Sequence[str], first: int) -> Arrays:
 
 
 def _read_with_lib3mf(path: Path) -> Arrays:
-    from lib3mf import Lib3MF, get_wrapper
+    try:
+        from lib3mf import Lib3MF, get_wrapper
+    except ImportError as error:
+        raise MetrologyError(
+            "a 3MF file cannot be read here: lib3mf is missing, which has no wheel for this "
+            f"processor [{path.name}]"
+        ) from error
 
     model = get_wrapper().CreateModel()
     model.QueryReader("3mf").ReadFromFile(str(path))

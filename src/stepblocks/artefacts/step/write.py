@@ -142,7 +142,7 @@ def write_conforming(
             texture,
             order,
         )
-        draft.write_text(text, encoding="utf-8")
+        draft.write_text(text, encoding="utf-8", newline="\n")
 
 
 def _choose_pmi_kind(characteristic: Characteristic) -> PmiKind:
