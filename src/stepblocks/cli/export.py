@@ -132,15 +132,16 @@ def export(
             friction=friction,
         ),
     )
-    return Outcome(
-        f"{len(written)} folder{'s' if len(written) != 1 else ''} for {simulator}",
-        notes=[
-            f"{one.name}: {one.folder}" + (f"\n  {one.plan}" if one.plan else "") for one in written
-        ],
-        record={
-            one.name: {"folder": str(one.folder), "plan": str(one.plan or "")} for one in written
-        },
-    )
+    folders = "folder" if len(written) == 1 else "folders"
+    notes = []
+    record = {}
+    for scene in written:
+        plan = str(scene.plan or "")
+        record[scene.name] = {"folder": str(scene.folder), "plan": plan}
+        notes.append(f"{scene.name}: {scene.folder}")
+        if plan:
+            notes[-1] += f"\n  {plan}"
+    return Outcome(f"{len(written)} {folders} for {simulator}", notes=notes, record=record)
 
 
 def _list_devices(own: Path | None) -> Outcome:
