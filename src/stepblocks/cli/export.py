@@ -145,20 +145,23 @@ def export(
 
 
 def _list_devices(own: Path | None) -> Outcome:
+    """Tabulate the devices that are known, and those of a user's own file."""
     from stepblocks.haptics.devices import load_devices
 
-    rows = [
-        {
-            "device": one.id,
-            "name": one.name,
-            "maker": one.maker,
-            "resolution_mm": one.position_resolution.value * 1e3,
-            "peak_force_n": one.peak_force.value,
-            "stiffness_limit_n_mm": one.stiffness_limit and one.stiffness_limit.value * 1e-3,
-            "update_rate_hz": one.update_rate.value,
-        }
-        for one in load_devices(own)
-    ]
+    rows = []
+    for device in load_devices(own):
+        limit = device.stiffness_limit
+        rows.append(
+            {
+                "device": device.id,
+                "name": device.name,
+                "maker": device.maker,
+                "resolution_mm": device.position_resolution.value * 1e3,
+                "peak_force_n": device.peak_force.value,
+                "stiffness_limit_n_mm": None if limit is None else limit.value * 1e-3,
+                "update_rate_hz": device.update_rate.value,
+            }
+        )
     return Outcome(f"{len(rows)} devices; sources stand in haptics/devices.toml", {"devices": rows})
 
 
@@ -184,7 +187,8 @@ def feel(
         import webbrowser
 
         webbrowser.open(page.resolve().as_uri())
-    return Outcome(f"{page}: {count} block{'s' if count != 1 else ''}", page=page)
+    blocks = "block" if count == 1 else "blocks"
+    return Outcome(f"{page}: {count} {blocks}", page=page)
 
 
 @command(
