@@ -27,10 +27,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import portable
+
 ROOT = Path(__file__).resolve().parents[1]
 KEPT = ROOT / "out" / "everywhere"
 RECORD = KEPT / "record.json"
 LONGEST = 3600.0  # s, for a cell; one that takes longer hangs
+PORTABLE = "portable"  # the cell that runs every command without the system calls of POSIX
+WHEELS = "wheels"  # the cell that asks pip for wheels of other systems
 BYTES = "bytes"  # the cell that builds every shipped stimulus and compares the files
 # folders of tests that compute
 NUMERIC = (
@@ -87,7 +91,7 @@ def no_simd() -> str:
 
 
 def machines() -> list[Machine]:
-    """List few machines on which each setting stands at least once; the first two run in CI."""
+    """List few machines on which each setting stands at least once; the first four run in CI."""
 
     def threads(count: int, **more: str) -> dict[str, str]:
         return {"OMP_NUM_THREADS": str(count), "OPENBLAS_NUM_THREADS": str(count), **more}
@@ -96,6 +100,8 @@ def machines() -> list[Machine]:
     plain = {"NPY_DISABLE_CPU_FEATURES": no_simd(), "NUMBA_CPU_NAME": "generic"}
     haswell, zen = threads(4, OPENBLAS_CORETYPE="Haswell"), threads(1, OPENBLAS_CORETYPE="Zen")
     return [
+        Machine("no system calls of POSIX, console of cp1252", cells=(PORTABLE,)),
+        Machine("Windows, macOS, Linux on ARM", cells=(WHEELS,)),
         Machine("OpenBLAS kernels of Nehalem", nehalem),
         Machine("no vector loops", nehalem | plain),
         Machine("Python 3.12, Haswell, 4 threads", haswell, "3.12", cells=whole),
@@ -252,7 +258,14 @@ def run(machine: Machine, cell: str) -> dict[str, Any]:
         own["NUMBA_CACHE_DIR"] = str(KEPT / "compiled" / re.sub(r"\W+", "-", machine.name))
     settings = {**os.environ, **machine.settings, **own}
     started = time.monotonic()
-    good, found = built(python, settings) if cell == BYTES else tested(python, cell, settings)
+    if cell == PORTABLE:
+        good, found = portable.check_commands(python, settings)
+    elif cell == WHEELS:
+        good, found = portable.resolve_wheels()
+    elif cell == BYTES:
+        good, found = built(python, settings)
+    else:
+        good, found = tested(python, cell, settings)
     return {
         "outcome": "passes" if good else "FAILS",
         **found,

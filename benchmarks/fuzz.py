@@ -215,7 +215,7 @@ def _tables(work: Path) -> Iterator[Kind]:
     units = [b"25 um", b"9.81 N/mm", b"7850 kg/m^3", b"0.15", b"10 %", b"-3.5e-6 m", b"20 degC"]
 
     def quantities(path: Path) -> object:
-        text = path.read_text(errors="replace")
+        text = path.read_text(encoding="utf-8", errors="replace")
         return [_refused(parse_quantity, text, dimension) for dimension in DIMENSIONS]
 
     yield "quantities", ([("q.txt", unit) for unit in units], quantities)

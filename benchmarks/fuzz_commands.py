@@ -267,21 +267,23 @@ def _prepare(given: Path) -> None:
     os.chdir(given)
     shutil.copy(ROOT / "stimuli" / "paper-four.toml", "paper-four.toml")
     Path("t.csv").write_text(
-        "block,height_um,load_n,friction,edge_radius_um,u_height_um\na,25,1,0.15,0,0.1\n"
+        "block,height_um,load_n,friction,edge_radius_um,u_height_um\na,25,1,0.15,0,0.1\n",
+        encoding="utf-8",
     )
     lines = [f"{0.5 * number:.1f},{50.0 * (number > 400)}\n" for number in range(800)]
-    Path("scan.csv").write_text("x_um,z_um\n" + "".join(lines))
+    Path("scan.csv").write_text("x_um,z_um\n" + "".join(lines), encoding="utf-8")
     lines = [
         f"{number / 1e4:.4f},{0.3 if number < 200 else 0.1 * (-1) ** (number // 17)}\n"
         for number in range(2000)
     ]
-    Path("record.csv").write_text("time_s,force_n\n" + "".join(lines))
+    Path("record.csv").write_text("time_s,force_n\n" + "".join(lines), encoding="utf-8")
     Path("s.toml").write_text(
         '[sweep]\nkind = "grid"\n[parameters]\nheight = ["12 um", "50 um"]\nnormal_load = "0.5 '
-        'N"\nfriction = 0.1\n'
+        'N"\nfriction = 0.1\n',
+        encoding="utf-8",
     )
     design = 'heights = ["20 um"]\nloads = ["0.4 N"]\nspeeds = ["5 mm/s"]\ntrials = 2\n'
-    Path("p.toml").write_text(f"schema = 1\nseed = 5\n[design]\n{design}")
+    Path("p.toml").write_text(f"schema = 1\nseed = 5\n[design]\n{design}", encoding="utf-8")
     for line in (
         "simulate-session p.toml -o session",
         "study design paper-four.toml --seed 1 --participants 2 --repetitions 2 --probes "

@@ -75,7 +75,7 @@ def main(counts: list[int], jobs: int = 2) -> None:
                 [sys.executable, "-c", RUN, str(folder), f"{scratch}/out.csv", str(jobs)],
                 check=True,
             )
-            with Path(f"{scratch}/out.csv").open() as table:
+            with Path(f"{scratch}/out.csv").open(encoding="utf-8") as table:
                 measured = sum(",ok," in row for row in table)
             spent = time.perf_counter() - begin
         after = resource.getrusage(resource.RUSAGE_CHILDREN)

@@ -39,7 +39,7 @@ def called_by(tests: list[Path]) -> set[str]:
     with tempfile.TemporaryDirectory() as folder:
         record = Path(folder, "called")
         Path(folder, "sitecustomize.py").write_text(
-            WATCH.format(record=str(record), source=str(SOURCE))
+            WATCH.format(record=str(record), source=str(SOURCE)), encoding="utf-8"
         )
         environment = os.environ | {"PYTHONPATH": os.pathsep.join([folder, str(SOURCE.parent)])}
         subprocess.run(
@@ -58,13 +58,13 @@ def called_by(tests: list[Path]) -> set[str]:
             env=environment,
             check=False,  # a test that fails has called what it called, and fails elsewhere too
         )
-        return set(record.read_text().splitlines())
+        return set(record.read_text(encoding="utf-8").splitlines())
 
 
 def functions_of(path: Path) -> dict[str, ast.FunctionDef]:
     """Name the functions and methods of a file; those within functions belong to these."""
     found = {}
-    for node in ast.parse(path.read_text()).body:
+    for node in ast.parse(path.read_text(encoding="utf-8")).body:
         if isinstance(node, ast.FunctionDef):
             found[node.name] = node
         elif isinstance(node, ast.ClassDef):

@@ -169,7 +169,7 @@ def disturb(seed: int) -> None:
 def measure_process() -> tuple[int, int]:
     """Return the memory [B] and the open files of this process."""
     gc.collect()
-    resident = int(Path("/proc/self/statm").read_text().split()[1]) * PAGE
+    resident = int(Path("/proc/self/statm").read_text(encoding="utf-8").split()[1]) * PAGE
     return resident, len(list(Path("/proc/self/fd").iterdir()))
 
 

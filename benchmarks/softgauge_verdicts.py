@@ -181,12 +181,12 @@ def main():
     numbers = range(first, first + count)
     path = Path(sys.argv[2] if len(sys.argv) > 2 else "out/softgauge-verdicts.jsonl")
     path.parent.mkdir(parents=True, exist_ok=True)
-    lines = path.read_text().splitlines() if path.exists() else []
+    lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
     code = records.code_hash("inspect", "artefacts")
     kept = [record for record in map(json.loads, lines) if record.get("code") == code]
     done = {record["number"]: record for record in kept}
     part, *_ = find_declared_part("step-050", STIMULI)
-    with path.open("a") as file:
+    with path.open("a", encoding="utf-8") as file:
         for number in numbers:
             if number not in done:
                 done[number] = judge_gauge(number, part) | {"code": code}

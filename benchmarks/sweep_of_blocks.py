@@ -41,7 +41,7 @@ def resident(pid: int) -> float:
         one = waiting.pop()
         try:
             total += (
-                int(Path(f"/proc/{one}/statm").read_text().split()[1])
+                int(Path(f"/proc/{one}/statm").read_text(encoding="utf-8").split()[1])
                 * os.sysconf("SC_PAGE_SIZE")
                 / 2**20
             )

@@ -12,7 +12,6 @@ from enum import Enum
 from pathlib import Path
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 
 import stepblocks
@@ -71,26 +70,11 @@ def test_every_public_function_says_what_it_takes_and_gives():
             assert absent == [], name
 
 
-@pytest.mark.parametrize("old", sorted(stepblocks._RENAMED))
-def test_an_old_name_still_works_and_says_the_new_one(old):
-    with pytest.warns(DeprecationWarning, match="is now stepblocks"):
-        assert getattr(stepblocks, old).__name__ in stepblocks.__all__
-
-
-def test_an_old_keyword_still_works_and_says_the_new_one():
-    with pytest.warns(DeprecationWarning, match="'said' is now the keyword 'description'"):
-        law = stepblocks.Law("a", "F", (), None, "friction", said="it rubs")
-    assert law.description == "it rubs"
-    x = np.linspace(-1e-3, 1e-3, 801)
-    scan = x, 50e-6 * (x > 0.0)
-    with pytest.warns(DeprecationWarning, match="'how' is now the keyword 'options'"):
-        old = stepblocks.inspect_standard(
-            scan, 50e-6, feature="edge", how=stepblocks.EvaluationOptions(stylus_radius=0.0)
-        )
-    new = stepblocks.inspect_standard(
-        scan, 50e-6, feature="edge", options=stepblocks.EvaluationOptions(stylus_radius=0.0)
-    )
-    assert old.tables == new.tables
+@pytest.mark.parametrize("old", ["build", "measure", "registered", "sweep", "no_such_name"])
+def test_a_name_that_is_not_public_is_an_attribute_error(old):
+    assert old not in stepblocks.__all__
+    with pytest.raises(AttributeError, match=old):
+        stepblocks.__getattr__(old)
 
 
 def list_fields(kind):

@@ -21,6 +21,18 @@ EDGE = (PLACES, np.where(PLACES > 0.0, 25e-6, 0.0) + NOISE)
             lambda: sb.simulate_study(".", None, "x.csv", seed=np.asmatrix([[1.0, 2.0]])),
             "seed must be a whole number, got matrix",
         ),
+        (
+            lambda: sb.design_study([2e-5, 4e-5], "study", seed=np.asmatrix([[1.0, 2.0]])),
+            "seed must be a whole number, got matrix",
+        ),
+        (
+            lambda: sb.study_power([2e-5, 4e-5], seed=-1),
+            "seed must not be negative, got -1",
+        ),
+        (
+            lambda: sb.estimate_interval(sb.Step(25e-6), sb.PAPER, {}, seed=1.5),
+            "seed must be a whole number, got float",
+        ),
         (lambda: sb.predict_set(3), "stimuli must be a set or its file, got 3"),
         (
             lambda: sb.parse_quantity("3 um", "lenght"),

@@ -29,44 +29,8 @@ Importing this package imports nothing heavy; each name is loaded when it is fir
 (``__init__.pyi`` says where it lives).
 """
 
-import warnings
-
 import lazy_loader
 
 __version__ = "1.0.0"
 
-# names of version 0.1, kept until version 2
-_RENAMED = {
-    "How": "EvaluationOptions",
-    "compare": "compare_record",
-    "convex_pieces": "build_convex_pieces",
-    "energy_change": "find_energy_change",
-    "export": "export_scenes",
-    "feel": "write_feel_page",
-    "height_field": "sample_height_field",
-    "interval_of": "estimate_interval",
-    "margin_angles": "find_margin_angles",
-    "measure": "measure_session",
-    "registered": "register_kind",
-    "release_at": "find_release",
-    "step_angle": "find_step_angle",
-    "sweep": "run_sweep",
-    "vibration_events": "list_vibration_events",
-}
-
-_load, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
-
-
-def __getattr__(name: str) -> object:
-    """Load a public name when it is first used; an old name warns and gives the new one."""
-    if name in _RENAMED:
-        message = f"stepblocks.{name} is now stepblocks.{_RENAMED[name]}; it goes in version 2"
-        warnings.warn(message, DeprecationWarning, stacklevel=2)
-        name = _RENAMED[name]
-    found = _load(name)
-    if callable(found):
-        from stepblocks.guard import guard, guard_class
-
-        found = guard_class(found) if isinstance(found, type) else guard(found, name)
-    globals()[name] = found  # one object, so that it can be pickled by its name
-    return found
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -6,17 +6,17 @@ The message of each is a single line that says name, rule, value and place, for 
 
 
 class RuleError(Exception):
-    """What breaks a rule; the message says which."""
+    """A broken rule; the message says which."""
 
     @classmethod
     def require(cls, holds: object, rule: str) -> None:
-        """Refuse what breaks a rule; the rule says what was got instead."""
+        """Raise this error with a rule unless it holds; the rule says what was got instead."""
         if not holds:
             raise cls(rule)
 
 
 class StepblocksError(RuleError):
-    """Anything that the user can correct; a command prints it in one line and exits with 2.
+    """A mistake that the user can correct; a command prints it in one line and exits with 2.
 
     Attributes
     ----------
@@ -71,7 +71,8 @@ class PipelineError(StepblocksError):
 
 
 class UsageError(StepblocksError, TypeError, ValueError):
-    """A public function or class was called with values or keywords that it cannot use.
+    """A declared part, or a value of another public class, was made with fields it cannot have.
 
-    It is also what Python and pydantic raise then, so that who catches theirs catches it.
+    It is also a TypeError, as Python raises for a wrong keyword, and a ValueError, as pydantic
+    raises for a wrong value.
     """

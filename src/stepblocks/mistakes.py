@@ -13,6 +13,9 @@ from pydantic_core import ErrorDetails
 from stepblocks.errors import StepblocksError
 
 _FEW = 12  # names that a message lists
+_LONGEST_VALUE = 60  # letters of a value that a message shows
+_SIMILAR_ENOUGH = 0.7  # of two names, as difflib measures it
+
 Model = TypeVar("Model", bound=BaseModel)
 Mistake = tuple[str, str]  # where in the file, empty for the file itself; name, rule and value
 # from a location to the place in the file, and what is left of it
@@ -43,33 +46,50 @@ def find_unknown_names(
     table: Iterable[str], known: Sequence[str], place: str = ""
 ) -> list[Mistake]:
     """List unknown names, with what was probably meant."""
-    found = [name for name in table if name not in known]
-    hints = [
-        f"did you mean {meant}?"
-        if (meant := find_similar(name, known))
-        else f"known are {', '.join(known)}"
-        for name in found
-    ]
-    return [
-        (place, f"{name!r} is not known; {hint}") for name, hint in zip(found, hints, strict=True)
-    ]
+    mistakes = []
+    for name in table:
+        if name in known:
+            continue
+        similar = find_similar(name, known)
+        hint = f"known are {', '.join(known)}"
+        if similar:
+            hint = f"did you mean {similar}?"
+        mistakes.append((place, f"{name!r} is not known; {hint}"))
+    return mistakes
 
 
 def format_mistakes(mistakes: Sequence[Mistake], file: object) -> str:
-    """Write mistakes by their places, one a line, those that are alike once."""
-    by_text: dict[str, list[str]] = {}
-    order = list(dict.fromkeys(place for place, _ in mistakes))
-    for place, text in sorted(mistakes, key=lambda one: order.index(one[0])):
-        by_text.setdefault(text, []).append(place)
-    lines = []
-    for text, (first, *others) in by_text.items():
-        more = len(set(others) - {first})
-        lines.append((text, f"{first} and {more} more" if more else first))
+    """Write mistakes by their places, one a line; the same mistake at several places once."""
+    lines = [(text, _format_places(places)) for text, places in _group_by_text(mistakes).items()]
     if len(lines) == 1:
         ((text, where),) = lines
-        return f"{text} [{', '.join(filter(None, (str(file), where)))}]"
-    shown = (f"  {text} [{where}]" if where else f"  {text}" for text, where in lines)
-    return "\n".join([f"{len(lines)} mistakes [{file}]", *shown])
+        where = ", ".join(filter(None, (str(file), where)))
+        return f"{text} [{where}]"
+    message = [f"{len(lines)} mistakes [{file}]"]
+    for text, where in lines:
+        message.append(f"  {text} [{where}]" if where else f"  {text}")
+    return "\n".join(message)
+
+
+def _group_by_text(mistakes: Sequence[Mistake]) -> dict[str, list[str]]:
+    """Return the places of each mistake by its text, ordered by where a place first occurs."""
+    places_by_text: dict[str, list[str]] = {}
+    for place, text in _sort_by_place(mistakes):
+        places_by_text.setdefault(text, []).append(place)
+    return places_by_text
+
+
+def _sort_by_place(mistakes: Sequence[Mistake], first: Sequence[str] = ()) -> list[Mistake]:
+    """Bring mistakes at one place together, in the order in which the places first occur."""
+    order = list(dict.fromkeys([*first, *(place for place, _ in mistakes)]))
+    return sorted(mistakes, key=lambda mistake: order.index(mistake[0]))
+
+
+def _format_places(places: Sequence[str]) -> str:
+    """Name the first of several places and say how many more there are."""
+    first = places[0]
+    more = len(set(places) - {first})
+    return f"{first} and {more} more" if more else first
 
 
 def list_mistakes(
@@ -82,39 +102,86 @@ def list_mistakes(
     """List what is wrong by its places, unknown names first.
 
     What depends on an unknown name is checked as if the name were right.
+
+    Parameters
+    ----------
+    error : ValidationError
+        What pydantic found in the data.
+    model : type of BaseModel
+        The model of the data.
+    data : object
+        What was validated.
+    locate : callable
+        Takes a location of pydantic's; returns the place in the file, and what is left of the
+        location.
+    validate : callable, optional
+        Validates corrected data again; the model where omitted.
     """
-    found = error.errors(include_url=False)
-    unknown = [one for one in found if one["type"] == "extra_forbidden"]
-    if unknown:
-        try:
-            (validate or model.model_validate)(_correct_names(data, model, unknown))
-            found = unknown
-        except ValidationError as other:
-            found = unknown + [one for one in other.errors(include_url=False) if one not in unknown]
-        except TypeError:  # a call from Python holds a value that cannot be copied
-            found = unknown
-    # that too few are left is no mistake of its own where those that fell out are listed
-    deeper = {one["loc"][:end] for one in found for end in range(len(one["loc"]))}
-    own = [one for one in found if one["type"] != "too_short" or one["loc"] not in deeper]
-    mistakes = []
-    for one in sorted(own, key=lambda one: one["type"] != "extra_forbidden"):
-        place, rest = locate(one["loc"])
+    findings = _drop_consequences(_check_corrected_names(error, model, data, validate))
+    mistakes: list[Mistake] = []
+    for finding in sorted(findings, key=lambda found: not _is_unknown_name(found)):
+        place, remainder = locate(finding["loc"])
         hint = ""
-        if one["type"] == "extra_forbidden":
-            known = sorted(_list_fields(model, one["loc"]))
-            if meant := _find_meant_name(model, one["loc"]):
-                hint = f"; did you mean {'.'.join(map(str, (*rest[:-1], meant)))}?"
-            elif len(known) <= _FEW:
-                hint = f"; known are {', '.join(known)}"
-        mistakes += [
-            (place, f"{text}{hint}") for text in _format_finding(one, ".".join(map(str, rest)))
-        ]
-    order = ["", *dict.fromkeys(place for place, _ in mistakes)]
-    return sorted(mistakes, key=lambda one: order.index(one[0]))
+        if _is_unknown_name(finding):
+            hint = _suggest_name(model, finding["loc"], remainder)
+        for text in _format_finding(finding, ".".join(map(str, remainder))):
+            mistakes.append((place, f"{text}{hint}"))
+    return _sort_by_place(mistakes, first=[""])
+
+
+def _is_unknown_name(finding: ErrorDetails) -> bool:
+    return finding["type"] == "extra_forbidden"
+
+
+def _check_corrected_names(
+    error: ValidationError,
+    model: type[BaseModel],
+    data: object,
+    validate: Callable[[Any], object] | None,
+) -> list[ErrorDetails]:
+    """Return what is wrong: unknown names, and what else there is once they are corrected."""
+    findings = error.errors(include_url=False)
+    unknown = [finding for finding in findings if _is_unknown_name(finding)]
+    if not unknown:
+        return findings
+    try:
+        (validate or model.model_validate)(_correct_names(data, model, unknown))
+    except ValidationError as deeper_error:
+        deeper = deeper_error.errors(include_url=False)
+        return unknown + [finding for finding in deeper if finding not in unknown]
+    except TypeError:  # a call from Python holds a value that cannot be copied
+        return unknown
+    return unknown
+
+
+def _drop_consequences(findings: Sequence[ErrorDetails]) -> list[ErrorDetails]:
+    """Leave out that a list is too short where the entries that fell out of it are listed."""
+    above = set()
+    for finding in findings:
+        location = finding["loc"]
+        for end in range(len(location)):
+            above.add(location[:end])
+    return [
+        finding
+        for finding in findings
+        if finding["type"] != "too_short" or finding["loc"] not in above
+    ]
+
+
+def _suggest_name(model: type[BaseModel], location: Location, remainder: Location) -> str:
+    """Return what to add to a message about an unknown name: what was meant, or what is known."""
+    meant = _find_meant_name(model, location)
+    if meant:
+        path = ".".join(map(str, (*remainder[:-1], meant)))
+        return f"; did you mean {path}?"
+    known = sorted(_list_fields(model, location))
+    if len(known) <= _FEW:
+        return f"; known are {', '.join(known)}"
+    return ""
 
 
 def _format_finding(finding: ErrorDetails, name: str) -> list[str]:
-    # Say name, rule and value of one of pydantic's findings, which may state several rules
+    """Say name, rule and value of one of pydantic's findings, which may state several rules."""
     kind = finding["type"]
     value = finding.get("input")
     if kind == "missing":
@@ -123,11 +190,7 @@ def _format_finding(finding: ErrorDetails, name: str) -> list[str]:
         return [f"{name} is not a known field, got {shorten_value(value)}"]
     if kind in ("value_error", "quantity"):
         text = str(finding["ctx"]["error"]) if "ctx" in finding else finding["msg"]
-        stated = (name.rsplit(".", 1)[-1], f"`{name}")
-        return [
-            f"{name}: {line}" if name and not line.startswith(stated) else line
-            for line in text.splitlines()
-        ]
+        return [_name_rule(rule, name) for rule in text.splitlines()]
     if kind.startswith("int_"):
         return [f"{name} must be a whole number, got {shorten_value(value)}"]
     if kind == "string_pattern_mismatch":
@@ -139,47 +202,68 @@ def _format_finding(finding: ErrorDetails, name: str) -> list[str]:
     return [f"{name}: {text[:1].lower()}{text[1:]}, got {shorten_value(value)}"]
 
 
+def _name_rule(rule: str, name: str) -> str:
+    """Put the name of a field before its rule, unless the rule begins with the name."""
+    field_name = name.rsplit(".", 1)[-1]
+    if not name or rule.startswith((field_name, f"`{name}")):
+        return rule
+    return f"{name}: {rule}"
+
+
 def shorten_value(value: object) -> str:
     """Write a value in one line of at most sixty letters."""
     text = " ".join(repr(value).split())
-    return text if len(text) <= 60 else text[:57] + "..."
+    if len(text) <= _LONGEST_VALUE:
+        return text
+    return text[: _LONGEST_VALUE - 3] + "..."
 
 
 def find_similar(word: str, known: Iterable[str]) -> str | None:
     """Find the name that was probably meant."""
-    return next(iter(difflib.get_close_matches(word, list(known), 1, 0.7)), None)
+    similar = difflib.get_close_matches(word, list(known), 1, _SIMILAR_ENOUGH)
+    return similar[0] if similar else None
 
 
-def _list_fields(model: type[BaseModel], place: Location) -> dict[str, FieldInfo]:
-    # List the fields, by their names in the file, of the table in which a place lies
+def _list_fields(model: type[BaseModel], location: Location) -> dict[str, FieldInfo]:
+    """Return the fields, by their names in the file, of the table in which a location lies."""
+    fields = {}
+    for table in _find_tables(model, location):
+        for name, field in table.model_fields.items():
+            if not field.exclude:
+                fields[field.alias or name] = field
+    return fields
+
+
+def _find_tables(model: type[BaseModel], location: Location) -> list[type[BaseModel]]:
+    """Return the models that the table may have in which a location lies."""
     tables = [model]
-    for step in place[:-1]:
-        fields = [
-            field for table in tables if (field := table.model_fields.get(str(step))) is not None
-        ]
-        tables = [below for field in fields for below in _list_models(field.annotation)] or tables
-    return {
-        field.alias or name: field
-        for table in tables
-        for name, field in table.model_fields.items()
-        if not field.exclude
-    }
+    for step in location[:-1]:
+        below: list[type[BaseModel]] = []
+        for table in tables:
+            field = table.model_fields.get(str(step))
+            if field is not None:
+                below.extend(_list_models(field.annotation))
+        if below:
+            tables = below
+    return tables
 
 
-def _find_meant_name(model: type[BaseModel], place: Location) -> str | None:
-    # Find what a name meant: one like it in its table, or the same in a table below
-    word = str(place[-1])
-    known = _list_fields(model, place)
-    deeper = [
-        f"{name}.{word}"
-        for name, field in known.items()
-        for below in _list_models(field.annotation)
-        if word in below.model_fields
-    ]
-    return find_similar(word, known) or next(iter(deeper), None)
+def _find_meant_name(model: type[BaseModel], location: Location) -> str | None:
+    """Find what an unknown name meant: one like it in its table, or the same in a table below."""
+    word = str(location[-1])
+    fields = _list_fields(model, location)
+    similar = find_similar(word, fields)
+    if similar:
+        return similar
+    for name, field in fields.items():
+        for table in _list_models(field.annotation):
+            if word in table.model_fields:
+                return f"{name}.{word}"
+    return None
 
 
 def _list_models(annotation: object) -> Iterator[type[BaseModel]]:
+    """Yield the models in the type of a field, such as those of a list or a union."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         yield annotation
     for part in get_args(annotation):
@@ -189,19 +273,31 @@ def _list_models(annotation: object) -> Iterator[type[BaseModel]]:
 def _correct_names(
     data: object, model: type[BaseModel], unknown: Sequence[Mapping[str, Any]]
 ) -> object:
-    # Take a misspelt name for what was meant, where that is missing, and leave the others out
+    """Return data whose misspelt names are taken for what was meant, where that is missing.
+
+    Other unknown names are left out.
+    """
     data = deepcopy(data)
-    for one in unknown:
-        *way, name = one["loc"]
-        table: Any = data
-        for step in way:
-            if isinstance(table, Mapping | list | tuple) and not (
-                isinstance(table, Mapping) and step not in table
-            ):
-                table = table[step]
-        if isinstance(table, dict) and name in table:
-            value = table.pop(name)
-            meant = _find_meant_name(model, one["loc"])
-            if meant is not None and "." not in meant:
-                table[meant] = value
+    for finding in unknown:
+        *path, name = finding["loc"]
+        table = _follow_path(data, path)
+        if not isinstance(table, dict) or name not in table:
+            continue
+        value = table.pop(name)
+        meant = _find_meant_name(model, finding["loc"])
+        if meant is not None and "." not in meant:
+            table[meant] = value
     return data
+
+
+def _follow_path(data: object, path: Sequence[Any]) -> object:
+    """Return what lies in data at the end of a location, whose steps need not be keys.
+
+    A step of pydantic's that names the branch of a union is passed over.
+    """
+    table: Any = data
+    for step in path:
+        is_key = isinstance(table, Mapping) and step in table
+        if is_key or isinstance(table, list | tuple):
+            table = table[step]
+    return table

@@ -5,6 +5,7 @@ units; this module knows the dimension of each field and says where a value does
 """
 
 import math
+import numbers
 import re
 from collections.abc import Callable, Sequence
 from decimal import Decimal
@@ -40,6 +41,8 @@ _KNOWN = {
 }
 DIMENSIONS = {dimension: unit for dimension, (unit, _) in _KNOWN.items()}
 
+_SMALLEST_INVERTED = 1e-300  # below it the inverse of a factor is near the largest double
+_ROUNDING = 1e-12  # by which the inverse of a unit's size may miss a whole number
 _MAX_TEXT = 64  # longer text is no quantity and must not reach the library
 _NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
 # a unit with a small power: no expression is ever evaluated
@@ -94,39 +97,69 @@ def parse_quantity(text: object, dimension: str) -> float:
     ...
     stepblocks.errors.QuantityError: must be a length such as '25 um', got '25 N'
     """
-    QuantityError.require(
-        dimension in _KNOWN, f"dimension must be one of {', '.join(_KNOWN)}, got {dimension!r}"
-    )
+    _check_dimension(dimension)
     unit, example = _KNOWN[dimension]
-    wanted = f"must be a{'n' if dimension[0] in 'ae' else ''} {dimension} such as {example!r}"
-    if dimension == "ratio" and isinstance(text, int | float) and not isinstance(text, bool):
-        value = float(text)
-    elif not isinstance(text, str):
+    article = "an" if dimension[0] in "ae" else "a"
+    wanted = f"must be {article} {dimension} such as {example!r}"
+    if isinstance(text, str):
+        value = _find_magnitude(text, unit, wanted)
+    elif isinstance(text, int | float) and dimension == "ratio" and not isinstance(text, bool):
+        value = _convert_ratio(text, wanted)
+    else:
         hint = " (a number needs its unit, in quotes)" if isinstance(text, int | float) else ""
         raise QuantityError(f"{wanted}, got {' '.join(repr(text).split())}{hint}")
-    else:
-        value = _find_magnitude(text, unit, wanted)
-    QuantityError.require(
-        math.isfinite(value),
-        f"{wanted} and finite, got {text!r}",
-    )
+    if not math.isfinite(value):
+        raise QuantityError(f"{wanted} and finite, got {text!r}")
     return value
+
+
+def _check_dimension(dimension: object) -> None:
+    if not isinstance(dimension, str) or dimension not in _KNOWN:
+        known = ", ".join(_KNOWN)
+        raise QuantityError(f"dimension must be one of {known}, got {dimension!r:.60}")
+
+
+def _convert_ratio(number: float, wanted: str) -> float:
+    """Return a ratio that was given as a number; a whole one may be beyond the largest double."""
+    try:
+        return float(number)
+    except OverflowError as error:
+        raise QuantityError(f"{wanted} and finite, got a whole number of many digits") from error
 
 
 @lru_cache(maxsize=4096)  # the stanzas of a series share all but a few of their texts
 def _find_magnitude(text: str, unit: str, wanted: str) -> float:
-    shown = text if len(text) <= _MAX_TEXT else text[: _MAX_TEXT - 3] + "..."
-    found = _QUANTITY.fullmatch(text) if len(text) <= _MAX_TEXT else None
-    if not found or (unit and not found[2]):
-        raise QuantityError(f"{wanted}, got {shown!r}")
+    """Return the number of a text in a unit; `wanted` begins the message where there is none."""
+    if len(text) > _MAX_TEXT:
+        raise QuantityError(f"{wanted}, got {text[: _MAX_TEXT - 3] + '...'!r}")
+    parsed = _QUANTITY.fullmatch(text)
+    if parsed is None or (unit and not parsed[2]):
+        raise QuantityError(f"{wanted}, got {text!r}")
+    number = float(parsed[1])
+    try:
+        return _convert_unit(number, parsed[2] or "dimensionless", unit or "dimensionless")
+    except _unit_errors() as error:
+        raise QuantityError(f"{wanted}, got {text!r}") from error
+
+
+def _convert_unit(number: float, written: str, unit: str) -> float:
+    """Return a number, written with a unit, in another unit of the same dimension."""
+    registry = _build_registry()
+    units = registry.Quantity(1.0, written).units
+    factor = float(registry.Quantity(1.0, units).to(unit).magnitude)
+    if not units.is_compatible_with(unit):
+        raise ValueError(f"{written} is no {unit}")
+    if unit == "K":  # a scale of temperature has an offset beside the size of its degree
+        return float(registry.Quantity(number, units).to(unit).magnitude)
+    return float(multiply_by_unit(number, factor))
+
+
+@cache
+def _unit_errors() -> tuple[type[Exception], ...]:
+    """Return what Pint raises over a text that is no unit."""
     import pint
 
-    number = float(found[1])
-    try:
-        meant = _build_registry().Quantity(1.0, found[2] or "dimensionless").units
-        factor = float(_build_registry().Quantity(1.0, meant).to(unit or "dimensionless").magnitude)
-        offset_free = meant.is_compatible_with(unit or "dimensionless")
-    except (
+    return (
         pint.PintError,
         ValueError,
         AttributeError,
@@ -134,21 +167,17 @@ def _find_magnitude(text: str, unit: str, wanted: str) -> float:
         KeyError,
         SyntaxError,
         OverflowError,
-    ) as error:
-        raise QuantityError(f"{wanted}, got {shown!r}") from error
-    QuantityError.require(
-        offset_free,
-        f"{wanted}, got {shown!r}",
     )
-    if unit == "K":  # a scale of temperature has an offset beside the size of its degree
-        return float(_build_registry().Quantity(number, meant).to(unit).magnitude)
-    return float(multiply_by_unit(number, factor))
 
 
 def multiply_by_unit(number: Number, factor: float) -> Number:
     """Multiply by the size of a unit: 25 / 1e6 is the double nearest to 25e-6, 25 * 1e-6 not."""
-    inverse = round(1.0 / factor) if 1e-300 < factor < 1.0 else 0  # a foreign file may state any
-    return number / inverse if inverse and abs(factor * inverse - 1.0) < 1e-12 else number * factor
+    # a foreign file may state a factor of any size
+    if _SMALLEST_INVERTED < factor < 1.0:
+        inverse = round(1.0 / factor)
+        if abs(factor * inverse - 1.0) < _ROUNDING:
+            return number / inverse
+    return number * factor
 
 
 def make_quantity_parser(dimension: str) -> Callable[[object], float]:
@@ -156,6 +185,26 @@ def make_quantity_parser(dimension: str) -> Callable[[object], float]:
     return partial(parse_quantity, dimension=dimension)
 
 
+def _check_digits(digits: object) -> None:
+    if not isinstance(digits, numbers.Integral) or not 1 <= int(digits) <= _MOST_DIGITS:
+        raise QuantityError(
+            f"digits must be a whole number from 1 to {_MOST_DIGITS}, got {digits!r:.60}"
+        )
+
+
+def check_seed(seed: object) -> None:
+    """Raise a `QuantityError` unless a seed is a whole number from 0 on.
+
+    NumPy ends the interpreter over a matrix as seed.
+    """
+    if not isinstance(seed, numbers.Integral):
+        raise QuantityError(f"seed must be a whole number, got {type(seed).__name__}")
+    if int(seed) < 0:
+        raise QuantityError(f"seed must not be negative, got {seed}")
+
+
+_MOST_DIGITS = 50  # any double is written exactly enough with 17
+_ALMOST_ONE = 0.9999995  # of a unit: what rounds to one of it is written in it
 _SCALES: dict[str, tuple[tuple[float, str], ...]] = {
     "length": ((1e-9, "nm"), (1e-6, "um"), (1e-3, "mm"), (1.0, "m")),
     "energy": ((1e-9, "nJ"), (1e-6, "uJ"), (1e-3, "mJ"), (1.0, "J")),
@@ -184,6 +233,11 @@ def format_quantity(value: float, dimension: str, digits: int = 4) -> str:
     str
         Number and unit.
 
+    Raises
+    ------
+    QuantityError
+        If the dimension is unknown, or the number of digits out of range.
+
     Examples
     --------
     >>> format_quantity(2.5e-05, "length")
@@ -191,6 +245,8 @@ def format_quantity(value: float, dimension: str, digits: int = 4) -> str:
     >>> format_quantity(3.86e-6, "energy", 3)
     '3.86 uJ'
     """
+    _check_dimension(dimension)
+    _check_digits(digits)
     factor, symbol = _choose_unit(abs(value), dimension)
     return f"{value / factor:.{digits}g} {symbol}".strip()
 
@@ -238,8 +294,10 @@ def format_column_label(name: str) -> str:
 def format_number(value: float) -> str:
     """Write a number as people read it: three digits, an exponent only below 1e-4 or from 1e6.
 
-    >>> [format_number(one) for one in (29612.3, 0.00012345, -0.0, 1234567.0, 1.5e-9, float("nan"))]
-    ['29600', '0.000123', '0', '1.23e6', '1.5e-9', '-']
+    >>> [format_number(number) for number in (29612.3, 0.00012345, -0.0, 1234567.0, 1.5e-9)]
+    ['29600', '0.000123', '0', '1.23e6', '1.5e-9']
+    >>> format_number(float("nan"))
+    '-'
     """
     if math.isnan(value):
         return "-"
@@ -256,18 +314,28 @@ def format_column(values: Sequence[object], *, exact: bool = False) -> list[str]
     """Write the cells of a column: fractions to three digits, all if `exact`, text with units."""
     texts = ["-" if value is None else str(value) for value in values]
     try:
-        numbers = [math.nan if text in ("", "-") else float(text) for text in texts]
+        numbers = [_parse_cell(text) for text in texts]
     except ValueError:
-        return list(map(format_units, texts))
-    if all(number.is_integer() or math.isnan(number) for number in numbers):
-        return [
-            text.removesuffix(".0") if number == number else "-"
-            for text, number in zip(texts, numbers, strict=True)
-        ]
-    return [
-        text if exact and number == number else format_number(number)
-        for text, number in zip(texts, numbers, strict=True)
-    ]
+        return [format_units(text) for text in texts]
+    is_whole = all(number.is_integer() or math.isnan(number) for number in numbers)
+    cells = []
+    for text, number in zip(texts, numbers, strict=True):
+        if math.isnan(number):
+            cells.append("-")
+        elif is_whole:
+            cells.append(text.removesuffix(".0"))
+        elif exact:
+            cells.append(text)
+        else:
+            cells.append(format_number(number))
+    return cells
+
+
+def _parse_cell(text: str) -> float:
+    """Return the number in a cell, NaN in an empty one; a text is a ValueError."""
+    if text in ("", "-"):
+        return math.nan
+    return float(text)
 
 
 _SIGNS = {"um": "µm", "uJ": "µJ", "uW": "µW", "us": "µs", "uN": "µN", "deg": "°"}
@@ -286,24 +354,23 @@ def format_units(text: object) -> str:
 
     Files for machines keep theirs.
 
-    >>> [format_units(one) for one in ("25 um ±1 um at 6 deg", "+2 um/0 um", "height [um]")]
+    >>> [format_units(text) for text in ("25 um ±1 um at 6 deg", "+2 um/0 um", "height [um]")]
     ['25 µm ±1 µm at 6°', '+2 µm/0 µm', 'height [µm]']
     >>> format_units("such as '25 um', got '25um' [um/step-25um.toml, block step-25um]")
     "such as '25 um', got '25um' [um/step-25um.toml, block step-25um]"
     """
+    return _WRITTEN.sub(_replace_unit, str(text))
 
-    def signed(found: re.Match[str]) -> str:
-        if found["alone"]:
-            return _SIGNS[found["alone"]]
-        if not found["behind"]:
-            return found[0]
-        return (
-            found["number"]
-            + ("" if found["behind"] == "deg" else found["space"])
-            + _SIGNS[found["behind"]]
-        )
 
-    return _WRITTEN.sub(signed, str(text))
+def _replace_unit(written: re.Match[str]) -> str:
+    """Return a match of `_WRITTEN` with its unit as people write it; quoted text stays."""
+    if written["alone"]:
+        return _SIGNS[written["alone"]]
+    unit = written["behind"]
+    if not unit:
+        return written[0]
+    space = "" if unit == "deg" else written["space"]
+    return written["number"] + space + _SIGNS[unit]
 
 
 def format_span(low: float, high: float, dimension: str) -> str:
@@ -322,17 +389,23 @@ def format_span(low: float, high: float, dimension: str) -> str:
 
 
 def _choose_unit(value: float, dimension: str) -> tuple[float, str]:
-    # Find the unit in which people write a value, and its size in SI
-    scales = _SCALES.get(dimension, ((1.0, DIMENSIONS[dimension]),))
-    fitting = [scale for scale in scales if value >= scale[0] * 0.9999995]
-    return fitting[-1] if fitting else scales[min(1, len(scales) - 1) if value == 0.0 else 0]
+    """Return the size in SI and the symbol of the unit in which people write a value."""
+    if dimension not in _SCALES:
+        return 1.0, DIMENSIONS[dimension]
+    scales = _SCALES[dimension]
+    if value == 0.0:
+        return scales[min(1, len(scales) - 1)]
+    chosen = scales[0]
+    for scale in scales:
+        size, _ = scale
+        if value >= size * _ALMOST_ONE:
+            chosen = scale
+    return chosen
 
 
 def format_exactly(value: float, quantity: str) -> str:
     """Write a quantity so that it reads back as the same float, in a unit that people use."""
     text = format_quantity(value, quantity, 12)
-    return (
-        text
-        if parse_quantity(text, quantity) == value
-        else f"{value!r} {DIMENSIONS[quantity]}".strip()
-    )
+    if parse_quantity(text, quantity) == value:
+        return text
+    return f"{value!r} {DIMENSIONS[quantity]}".strip()

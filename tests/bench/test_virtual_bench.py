@@ -25,7 +25,8 @@ def made(bench=SILENT, height=40e-6, load=0.8, speed=5e-3, seed=3):
 
 def test_it_shares_no_line_with_what_it_tests():
     trees = [
-        ast.parse(Path(module.__file__).read_text()) for module in (virtual_bench, virtual_session)
+        ast.parse(Path(module.__file__).read_text(encoding="utf-8"))
+        for module in (virtual_bench, virtual_session)
     ]
     nodes = [node for tree in trees for node in ast.walk(tree)]
     names = [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]

@@ -366,7 +366,7 @@ def test_the_shipped_stimuli_are_copied_whole_and_nobodys_are_replaced(
     ]
     assert all((Path("stimuli") / path.name).read_bytes() == path.read_bytes() for path in shipped)
     Path("mine").mkdir()
-    Path("mine/sheaths.toml").write_text("mine")
+    Path("mine/sheaths.toml").write_text("mine", encoding="utf-8")
     assert main(["new", "--shipped", "mine"]) == 2
     assert (
         "there is one already; --force replaces it [mine/sheaths.toml]" in capsys.readouterr().err

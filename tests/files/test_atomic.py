@@ -1,5 +1,6 @@
 """A file is whole or it is the one that was there before; what a killed run left goes."""
 
+import errno
 import os
 import stat
 import subprocess
@@ -7,16 +8,19 @@ import sys
 import textwrap
 from pathlib import Path
 
+import filelock
 import pytest
 
 from stepblocks.cli import main
 from stepblocks.errors import PipelineError
+from stepblocks.files import atomic, paths
 from stepblocks.files.atomic import (
     _remove_stale_drafts,
     lock_folder,
     replace_text,
     write_atomically,
 )
+from stepblocks.files.locks import LockState, try_lock
 
 
 def names(folder):
@@ -49,16 +53,16 @@ def test_two_writers_of_one_file_never_share_a_draft(tmp_path):
 
 def test_a_draft_swept_before_it_was_locked_is_made_again(tmp_path, monkeypatch):
     # two workers come to a new folder at once: one sweeps what the other has made and not locked
-    opened, really_open = [], os.open
+    swept, really_lock = [], atomic.try_lock
 
-    def open_late(path, *flags, **more):
-        if not opened:
-            opened.append(path)
+    def lock_late(file):
+        if not swept:
+            swept.append(file)
             _remove_stale_drafts(tmp_path)
-            assert not path.exists()
-        return really_open(path, *flags, **more)
+            assert not file.parent.exists()
+        return really_lock(file)
 
-    monkeypatch.setattr(os, "open", open_late)
+    monkeypatch.setattr(atomic, "try_lock", lock_late)
     replace_text(tmp_path / "table.csv", "whole")
     assert (tmp_path / "table.csv").read_text() == "whole"
     assert names(tmp_path) == ["table.csv"]
@@ -103,7 +107,7 @@ def test_live_drafts_are_kept_and_other_files_named_like_drafts_are_not_followed
         killed_while_writing(output / "y.csv")
         held = names(output)
         with lock_folder(output):
-            assert set(names(output)) < set(held)
+            assert set(names(output)) - {".stepblocks.lock"} < set(held)
             assert ours.read_text() == "half"
     assert names(output) == [".partial-link", "x.csv"]
     assert (theirs / "kept.txt").read_text() == "kept"
@@ -146,7 +150,8 @@ def test_one_run_holds_an_output_folder_and_a_second_is_refused(command, tmp_pat
     name = "loop" if command == "several" else command
     with lock_folder(output):
         assert main([name, *files[command], "-o", str(output)]) == 2
-        assert names(output) == []
+        assert names(output) == [".stepblocks.lock"]
+    assert not output.exists()
     said = capsys.readouterr().err
     assert "another run is writing into this folder" in said
     assert str(output) in said
@@ -191,6 +196,53 @@ def test_a_pipe_named_like_a_draft_is_never_waited_for(tmp_path):
         timeout=120.0,
     )
     assert done.stdout == "made\n"
+
+
+def test_a_lock_is_free_again_once_its_file_was_removed_by_its_holder(tmp_path):
+    file = tmp_path / "lock"
+    for _ in range(3):
+        with try_lock(file) as first, try_lock(file) as second:
+            assert (first, second) == (LockState.OURS, LockState.TAKEN)
+        assert names(tmp_path) == []
+
+
+def test_a_file_system_without_locks_is_written_to_all_the_same(tmp_path, monkeypatch):
+    def refuse(*_):
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+    monkeypatch.setattr(filelock.FileLock, "acquire", refuse)
+    with lock_folder(tmp_path / "out"):
+        replace_text(tmp_path / "out" / "a.txt", "text")
+    assert names(tmp_path / "out") == ["a.txt"]
+
+
+def test_a_rename_that_windows_refuses_for_a_moment_is_tried_again(tmp_path, monkeypatch):
+    attempts, really_replace = [], Path.replace
+
+    def replace_late(path, target):
+        attempts.append(path)
+        if len(attempts) < 3:
+            raise PermissionError(errno.EACCES, "The process cannot access the file")
+        return really_replace(path, target)
+
+    monkeypatch.setattr(atomic, "_SYSTEM_SHARES_OPEN_FILES", False)
+    monkeypatch.setattr(atomic, "_RENAME_PAUSE", 0.0)
+    monkeypatch.setattr(Path, "replace", replace_late)
+    replace_text(tmp_path / "a.txt", "text")
+    assert len(attempts) == 3
+    assert (tmp_path / "a.txt").read_text() == "text"
+
+
+def test_a_path_that_is_too_long_for_windows_is_called_so(tmp_path, monkeypatch):
+    # Windows answers "not found"; 260 characters are one too many (MAX_PATH counts a closing zero)
+    monkeypatch.setattr(paths, "_SYSTEM_HAS_SHORT_PATHS", True)
+    folder = tmp_path / ("a" * (259 - len(str(tmp_path)))) / "x"
+    error = FileNotFoundError(errno.ENOENT, "The system cannot find the path specified")
+    words = paths.describe_system_error(error, folder.parent)
+    assert words == f"a path must have at most 259 characters on Windows, got {260}; " + (
+        "choose a folder nearer to the root of the drive"
+    )
+    assert paths.describe_system_error(error, tmp_path / "x") == error.strerror
 
 
 @pytest.mark.parametrize("kind", ["pipe", "link", "device"])

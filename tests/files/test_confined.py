@@ -64,11 +64,11 @@ def file(tmp_path, monkeypatch):
     (tmp_path / "hostile_readers.py").write_text(READERS)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
     monkeypatch.syspath_prepend(tmp_path)
-    confined._reader(os.getpid()).close()
+    confined._get_reader(os.getpid()).close()
     path = tmp_path / "x.bin"
     path.write_bytes(b"bytes")
     yield path
-    confined._reader(os.getpid()).close()
+    confined._get_reader(os.getpid()).close()
 
 
 def call(path, name, *arguments):
@@ -81,6 +81,17 @@ def test_arrays_and_values_come_back_as_they_were(file):
     assert (found["flag"].dtype, found["none"].shape, found["name"]) == (np.bool_, (0, 3), "x.bin")
     # one other process for all calls
     assert call(file, "number") == call(file, "number") != {"pid": os.getpid()}
+
+
+@pytest.fixture(params=["kernel", "psutil"])
+def limited_by(request, tmp_path, monkeypatch):
+    """How a reader is limited: by the kernel; or watched, as on systems whose kernel cannot."""
+    if request.param == "psutil":
+        import psutil  # noqa: F401  which on Linux imports it, too
+
+        monkeypatch.setitem(sys.modules, "resource", None)
+        (tmp_path / "sitecustomize.py").write_text('import sys\nsys.modules["resource"] = None\n')
+    return request.param
 
 
 @pytest.mark.parametrize(
@@ -97,7 +108,7 @@ def test_arrays_and_values_come_back_as_they_were(file):
     ],
 )
 def test_whatever_a_reader_does_is_one_line_and_the_next_file_is_read(
-    reader, words, file, monkeypatch
+    reader, words, limited_by, file, monkeypatch
 ):
     with monkeypatch.context() as hurried:
         if reader in ("loops", "sleeps"):
@@ -135,7 +146,7 @@ def test_a_pipe_a_folder_and_nothing_are_no_files(kind, words, file, tmp_path):
 @pytest.mark.parametrize("seen", [True, False])
 def test_a_reader_that_was_killed_leaves_no_open_pipe_and_no_unsent_bytes(seen, file):
     # the kernel kills what takes too much memory; whoever asks next may or may not see it first
-    reader = confined._reader(os.getpid())
+    reader = confined._get_reader(os.getpid())
     call(file, "number")
     killed = reader._process
     killed.kill()

@@ -115,7 +115,7 @@ def write_height_field(stem: Path, part: Part) -> list[Path]:
     )
     np.savez_compressed(npz, height_m=field.heights, x_m=field.x, y_m=field.y)
     description = _describe_field(field, part.id, tiff.name, npz.name)
-    sidecar.write_text(json.dumps(description, indent=2) + "\n", encoding="utf-8")
+    sidecar.write_text(json.dumps(description, indent=2) + "\n", encoding="utf-8", newline="\n")
     return [tiff, npz, sidecar]
 
 

@@ -32,6 +32,7 @@ from stepblocks.bench.signal import Tool
 from stepblocks.bench.signal.features import FEATURE_COLUMNS, average_tool
 from stepblocks.bench.traces import Traces
 from stepblocks.bench.trials import Trial, TrialTable, open_trials
+from stepblocks.compute.cores import count_cores
 from stepblocks.compute.processes import die_with_parent
 from stepblocks.errors import BenchError, PipelineError
 from stepblocks.files.atomic import write_atomically
@@ -180,7 +181,7 @@ def _measure_rows(
 
 def _count_processes(jobs: int | None) -> int:
     if jobs is None:
-        return len(os.sched_getaffinity(0))
+        return count_cores()
     if not 1 <= jobs <= _MOST_JOBS:
         raise PipelineError(f"`jobs` must lie between 1 and {_MOST_JOBS}, got {jobs}")
     return jobs

@@ -1,7 +1,6 @@
 """Stimuli from their specifications to folders of checked artefacts, one by one or in parallel."""
 
 import json
-import os
 import time
 from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,8 +16,9 @@ from stepblocks.build.manifest import (
     load_json,
     write_sealed,
 )
+from stepblocks.compute.cores import count_cores
 from stepblocks.compute.processes import run_in_processes
-from stepblocks.files.atomic import make_draft_folder, sync_folder
+from stepblocks.files.atomic import make_draft_folder, move_into_place, sync_folder
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.kind import Part
 
@@ -41,7 +41,7 @@ def build_stimuli(
     return run_in_processes(
         build_stimulus,
         ((output, *one) for one in outdated),
-        min(jobs or os.cpu_count() or 1, max(len(outdated), 1)),
+        min(jobs or count_cores(), max(len(outdated), 1)),
         in_order=False,
     )
 
@@ -108,7 +108,7 @@ def _write_artefacts(stimulus: Part, folder: Path, order: OrderSpec) -> None:
     draw_part(folder / f"{stimulus.id}.png", arrays, *stimulus.choose_close_up())
     write_view_script(folder / "view.js", stimulus.id, arrays, *stimulus.choose_close_up())
     specification = json.dumps({"schema": 1, **stimulus.record()}, indent=2, allow_nan=False)
-    (folder / "specification.json").write_text(specification + "\n", encoding="utf-8")
+    (folder / "specification.json").write_text(specification + "\n", encoding="utf-8", newline="\n")
 
 
 def _replace_files(draft: Path, folder: Path, record: Mapping[str, object]) -> None:
@@ -117,7 +117,7 @@ def _replace_files(draft: Path, folder: Path, record: Mapping[str, object]) -> N
     outputs, before = list_outputs(record), list_outputs(load_json(folder / RECORD))
     (folder / RECORD).unlink(missing_ok=True)
     for name in outputs:
-        (draft / name).replace(folder / name)
+        move_into_place(draft / name, folder / name)
     for name in set(before) - set(outputs):
         if (left := find_unchanged(folder, name, before[name])) is not None:
             left.unlink()

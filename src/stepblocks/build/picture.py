@@ -134,6 +134,7 @@ def write_view_script(
     path.write_text(
         f"stepblocksView({json.dumps(data, separators=(',', ':'), allow_nan=False)});\n",
         encoding="ascii",
+        newline="\n",
     )
 
 

@@ -38,6 +38,8 @@ from stepblocks.quantities import format_units
 
 __all__ = ["main"]
 
+_BROKEN_PIPE = 13  # the number of SIGPIPE, which not every system names
+_ENDING_SIGNALS = ("SIGTERM", "SIGINT", "SIGHUP")  # where the system has them
 _GRACE = 5.0  # for what is open to be closed, when asked to end [s]
 _COMPLETE = "_STEPBLOCKS_COMPLETE"  # set by the shell when it asks for completions
 # One file per command or group of commands, in the order of the help
@@ -110,7 +112,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if isinstance(ended, SystemExit) and not isinstance(ended.__context__, BrokenPipeError):
             raise
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 128 + signal.SIGPIPE
+        return 128 + _BROKEN_PIPE
     except KeyboardInterrupt:
         print("stepblocks: interrupted", file=sys.stderr)
         return 130
@@ -131,7 +133,9 @@ def _set_up_streams_and_signals() -> None:
         os.environ.setdefault(library, "1")
     if threading.current_thread() is threading.main_thread():
         # asked to end, a command takes its workers with it and leaves no draft behind
-        for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+        for number in (getattr(signal, name, None) for name in _ENDING_SIGNALS):
+            if number is None:
+                continue
             is_default = signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler)
             if is_default:  # not under nohup
                 signal.signal(number, _exit_on_signal)
@@ -158,7 +162,7 @@ def _keep_details(error: Exception) -> str:
     message = " ".join(f"{type(error).__name__}: {error}".split())[:200]
     try:
         with tempfile.NamedTemporaryFile(
-            "w", prefix="stepblocks-fault-", suffix=".txt", delete=False
+            "w", encoding="utf-8", prefix="stepblocks-fault-", suffix=".txt", delete=False
         ) as file:
             file.write(
                 f"stepblocks {__version__}, Python {sys.version}\n{sys.argv}\n"

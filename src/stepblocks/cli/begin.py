@@ -78,10 +78,8 @@ def new(
     The file is valid as it stands and says what can be changed; a session is a folder.
     """
     require_one("begin with: stepblocks new block mine.toml", KIND=kind, shipped=shipped)
-    PipelineError.require(
-        plan is None or kind == "session",
-        f"--plan goes with: stepblocks new session, got {kind or 'no kind'}",
-    )
+    if plan is not None and kind != "session":
+        raise PipelineError(f"--plan goes with: stepblocks new session, got {kind or 'no kind'}")
     if kind is None:
         return _copy_shipped(shipped or Path("stimuli"), force=force)
     file = file or Path(f"my-{kind}" if kind == "session" else f"my-{kind}.toml")
@@ -105,7 +103,10 @@ def new(
 def _plan_session(
     folder: Path, plan: Path, rehearsals: int, then: str, *, quiet: bool, force: bool
 ) -> Outcome:
-    # Write the declaration and the trials of a planned session, once it is rehearsed
+    """Write the declaration and the trials of a planned session, once it is rehearsed.
+
+    `then` is the command that the user is told to go on with.
+    """
     from stepblocks.files.tables import format_csv
     from stepblocks.loop.rehearsal import rehearse_session
     from stepblocks.rehearse.plan import read_plan
@@ -119,29 +120,34 @@ def _plan_session(
         folder / "trials.csv": format_csv(rows),
     }
     _refuse_present(texts, force=force)
-    found = rehearse_session(planned, rehearsals, make_progress("rehearsed", quiet=quiet, lines=10))
+    progress = make_progress("rehearsed", quiet=quiet, lines=10)
+    found = rehearse_session(planned, rehearsals, progress)
     _write_new(texts, force=force)
+    without_finding = found["verdicts"].count("none")
+    note = (
+        f"{without_finding} of {rehearsals} rehearsals without an effect end in none, as all "
+        f"should; {found['locked']} of {len(rows)} trials lock and give no trace"
+    )
     return Outcome(
         f"{folder}: {len(rows)} trials on {len(planned.blocks())} blocks; drag them, then "
         f"run: {then}",
         {"nine sessions in ten would show": found["could_show"]},
-        notes=[
-            f"{found['verdicts'].count('none')} of {rehearsals} rehearsals without an effect end "
-            f"in none, as all should; {found['locked']} of {len(rows)} trials lock and give no "
-            "trace"
-        ],
+        notes=[note],
         record={"written": list(map(str, texts)), "then": then, **found},
     )
 
 
 def _refuse_present(places: Iterable[Path], *, force: bool) -> None:
-    PipelineError.require(
-        not (there := [str(place) for place in places if place.exists() and not force]),
-        f"there is one already; --force replaces it [{', '.join(there)}]",
-    )
+    """Raise where a file is there that would be replaced without being asked."""
+    if force:
+        return
+    present = [str(place) for place in places if place.exists()]
+    if present:
+        raise PipelineError(f"there is one already; --force replaces it [{', '.join(present)}]")
 
 
 def _write_new(texts: Mapping[Path, str], *, force: bool) -> None:
+    """Write texts to files that are not there yet."""
     from stepblocks.files.atomic import replace_text
 
     _refuse_present(texts, force=force)
@@ -150,16 +156,17 @@ def _write_new(texts: Mapping[Path, str], *, force: bool) -> None:
 
 
 def _copy_shipped(folder: Path, *, force: bool) -> Outcome:
-    # Copy the shipped stimuli from where a wheel puts them, or from the checkout
+    """Copy the shipped stimuli from where a wheel puts them, or from the checkout."""
     installed = Path(sysconfig.get_path("data")) / "share" / "stepblocks" / "stimuli"
     source = installed if installed.is_dir() else Path(__file__).parents[3] / "stimuli"
     texts = {
         folder / path.name: path.read_text(encoding="utf-8")
         for path in sorted(source.glob("*.toml"))
     }
-    PipelineError.require(
-        texts, f"the shipped stimuli must lie in the installation, found none [{installed}]"
-    )
+    if not texts:
+        raise PipelineError(
+            f"the shipped stimuli must lie in the installation, found none [{installed}]"
+        )
     _write_new(texts, force=force)
     then = f"stepblocks build {folder}"
     return Outcome(
@@ -176,7 +183,7 @@ def write_starter_file(kind: str, place: Path) -> tuple[str, str]:
     from stepblocks.declaration.set import list_kinds
 
     sections = Path(__file__).with_name("beginnings.txt").read_text(encoding="utf-8").split("==== ")
-    (section,) = (one for one in sections if one.startswith(f"{kind}: "))
+    (section,) = (text for text in sections if text.startswith(f"{kind}: "))
     section = section.replace("{file}", str(place)).replace("{folder}", str(place))
     head, _, text = section.partition("\n")
     text, _, shown = text.partition("%usual ")
@@ -191,16 +198,19 @@ def write_starter_file(kind: str, place: Path) -> tuple[str, str]:
 
 
 def _list_defaults(model: "type[BaseModel]", table: str) -> Iterator[str]:
-    # Write the defaults of a kind as TOML, those of tables below it in tables of their own
+    """Write the defaults of a kind as TOML, those of tables below it in tables of their own."""
     yield f"[{table}]"
-    defaults = {name: field.default for name, field in model.model_fields.items()}
-    for name, default in defaults.items():
+    tables_below = []
+    for name, field in model.model_fields.items():
+        default = field.default
+        if default == {}:
+            tables_below.append(name)
         if isinstance(default, str):
             yield f'{name} = "{default}"'
         elif default and isinstance(default, dict):
             pairs = ", ".join(f'{key} = "{value}"' for key, value in default.items())
             yield f"{name} = {{ {pairs.replace('otherwise', 'tolerance')} }}"
-    for name in (name for name, default in defaults.items() if default == {}):
+    for name in tables_below:
         # of a table that may be left out, the table itself comes first
         below = model.model_fields[name].annotation
         kind = next(iter(get_args(below)), below)

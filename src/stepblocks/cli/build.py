@@ -43,6 +43,7 @@ def build(
 
     Builds every stimulus that is not up to date. Exit code 1 if an artefact is out of tolerance.
     """
+    from stepblocks.artefacts.meshes.write import MESH_FORMATS
     from stepblocks.build.run import build_sets
 
     progress = make_progress("built", quiet=quiet, lines=1000)
@@ -56,11 +57,18 @@ def build(
         ),
         model=model,
     )
+    if report.built:
+        summary = f"{report.output}: {len(report.built)} built, {report.current} up to date"
+    else:
+        summary = f"{report.output}: {report.current} stimuli, all up to date; nothing to do"
+    notes = list(report.notes)
+    if report.failures:
+        notes.append(f"{len(report.failures)} checks failed")
+    if report.built and ".3mf" not in MESH_FORMATS:
+        notes.append("no 3MF files: lib3mf is missing, which has no wheel for this processor")
     return Outcome(
-        f"{report.output}: {len(report.built)} built, {report.current} up to date"
-        if report.built
-        else f"{report.output}: {report.current} stimuli, all up to date; nothing to do",
-        notes=report.notes + ([f"{len(report.failures)} checks failed"] if report.failures else []),
+        summary,
+        notes=notes,
         page=Path(report.output) / "index.html",
         record=vars(report),
         code=1 if report.failures else 0,
@@ -97,23 +105,27 @@ def check(
         return _check_step_files(files)
     from stepblocks.build.run import check_output
 
-    failed, records, rows = [], [], []
+    count = 0
+    failed: list[str] = []
+    records: list[dict[str, object]] = []
+    notes: list[str] = []
     for name, verdicts in check_output(files, built, only=only):
-        bad = [verdict for verdict in verdicts if not verdict.passed]
-        if bad:
+        count += 1
+        wrong = [verdict for verdict in verdicts if not verdict.passed]
+        if wrong:
             failed.append(name)
         records += [verdict.as_record() | {"path": name} for verdict in verdicts]
-        rows.append(
-            f"{'FAIL' if bad else 'ok  '} {name}: {len(verdicts) - len(bad)} of "
-            f"{len(verdicts)} measurements within tolerance"
-        )
-        rows += [f"       {verdict}" for verdict in (verdicts if verbose else bad)]
-    count = sum(not row.startswith(" ") for row in rows)
+        word = "FAIL" if wrong else "ok  "
+        within = f"{len(verdicts) - len(wrong)} of {len(verdicts)}"
+        notes.append(f"{word} {name}: {within} measurements within tolerance")
+        for verdict in verdicts if verbose else wrong:
+            notes.append(f"       {verdict}")
+    summary = f"{count} artefacts, all within tolerance"
+    if failed:
+        summary = f"{len(failed)} of {count} artefacts out of tolerance: {', '.join(failed)}"
     return Outcome(
-        f"{len(failed)} of {count} artefacts out of tolerance: {', '.join(failed)}"
-        if failed
-        else f"{count} artefacts, all within tolerance",
-        notes=rows,
+        summary,
+        notes=notes,
         record={"artefacts": count, "failed": failed, "measurements": records},
         code=1 if failed else 0,
     )
@@ -173,9 +185,10 @@ def workshop(
         capability=capability,
         announce=lambda one: progress(name=f"{one.name}: {len(one.files)} files"),
     )
+    files_written = sum(len(order.files) for order in orders)
+    parts = "part" if len(orders) <= 1 else "parts"
     return Outcome(
-        f"{sum(len(order.files) for order in orders)} files of {len(orders)} "
-        f"part{'s' * (len(orders) > 1)} in {output}",
+        f"{files_written} files of {len(orders)} {parts} in {output}",
         notes=[f"{order.name}: {order.note}" for order in orders if order.note],
         tables={"Routes": tabulate_routes(orders)},
         record={order.name: [str(path) for path in order.files] for order in orders},

@@ -2,11 +2,10 @@
 
 import functools
 import inspect
-from collections.abc import Callable, Iterator, Sequence
-from itertools import pairwise
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
 
 import typer
-from typer._click.core import Context, Parameter
 from typer.core import TyperArgument, TyperCommand, TyperGroup, TyperOption
 
 from stepblocks.cli.options import Force, Json, Quiet, Wide
@@ -19,7 +18,7 @@ Function = Callable[..., Outcome]
 class Group(TyperGroup):
     """A group of commands."""
 
-    def get_params(self, ctx: Context) -> list[Parameter]:
+    def get_params(self, ctx: Any) -> list[Any]:
         """Return its options."""
         return _hide_flag_types(super().get_params(ctx))
 
@@ -27,53 +26,94 @@ class Group(TyperGroup):
 class Command(TyperCommand):
     """A command whose options may take several values in a row, or be given without one."""
 
-    def get_params(self, ctx: Context) -> list[Parameter]:
+    def get_params(self, ctx: Any) -> list[Any]:
         """Return its options and arguments."""
         return _hide_flag_types(super().get_params(ctx))
 
-    def parse_args(self, ctx: Context, args: list[str]) -> list[str]:
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse the words of the command line."""
-        return super().parse_args(ctx, list(self._spread_values(ctx, args)))
+        options: dict[str, TyperOption] = {}
+        for parameter in self.params:
+            if isinstance(parameter, TyperOption):
+                options.update(dict.fromkeys(parameter.opts, parameter))
+        try:
+            # a shell that asks how a line may go on has no value yet
+            words = list(_spread_values(args, options, is_complete=not ctx.resilient_parsing))
+        except _ValueMissingError as error:
+            raise PipelineError(
+                f"{error.option} needs a value (see {ctx.command_path} --help)"
+            ) from error
+        return super().parse_args(ctx, words)
 
-    def _spread_values(self, ctx: Context, args: Sequence[str]) -> Iterator[str]:
-        # Name an option of several values before each of them, and complete an option without
-        options = {
-            name: one for one in self.params if isinstance(one, TyperOption) for name in one.opts
-        }
-        several, is_value = "", False
-        for number, (word, after) in enumerate(pairwise([*args, ""])):
-            if word == "--":
-                yield from args[number:]
-                return
-            option = None if is_value else options.get(word)
-            if option is None:
-                if word.startswith("-") and not is_value:
-                    several = ""
-                elif several and not is_value:
-                    yield several
-                is_value = False
-                yield word
-                continue
-            is_last = number + 1 == len(args)
-            several = word if option.multiple else ""
-            if option.metavar and option.metavar[0] == "[" and (is_last or after[:1] == "-"):
+
+class _ValueMissingError(Exception):
+    """An option without the value that it needs."""
+
+    def __init__(self, option: str) -> None:
+        super().__init__(option)
+        self.option = option
+
+
+def _spread_values(
+    words: Sequence[str], options: Mapping[str, TyperOption], *, is_complete: bool
+) -> Iterator[str]:
+    """Name an option of several values before each of them, and complete an option without.
+
+    Parameters
+    ----------
+    words : sequence of str
+        The command line behind the name of the command.
+    options : mapping
+        The options of the command, by each of their names.
+    is_complete : bool
+        Whether an option without the value that it needs is an error.
+
+    Yields
+    ------
+    str
+        The command line as Typer reads it: ``--only a --only b`` for ``--only a b``.
+    """
+    open_option = ""  # the option of several values whose values may go on
+    is_value = False  # whether the word belongs to the option before it
+    for number, word in enumerate(words):
+        following = words[number + 1] if number + 1 < len(words) else None
+        if word == "--":
+            yield from words[number:]
+            return
+        if is_value:
+            is_value = False
+            yield word
+        elif word in options:
+            option = options[word]
+            open_option = word if option.multiple else ""
+            if _may_lack_value(option) and (following is None or following.startswith("-")):
                 yield f"{word}={option.show_default}"
                 continue
+            is_missing = following is None or following in options
+            if is_missing and is_complete and not option.is_flag:
+                raise _ValueMissingError(word)
             is_value = not option.is_flag
-            PipelineError.require(
-                ctx.resilient_parsing or not is_value or not (is_last or after in options),
-                f"{word} needs a value (see {ctx.command_path} --help)",
-            )
+            yield word
+        else:
+            if word.startswith("-"):
+                open_option = ""
+            elif open_option:
+                yield open_option
             yield word
 
 
-def _hide_flag_types(parameters: list[Parameter]) -> list[Parameter]:
-    # Show no type in the help behind the name of a flag or of several values
-    for one in parameters:
-        if isinstance(one, TyperOption) and one.is_flag:
-            one.metavar = ""
-        elif isinstance(one, TyperArgument) and one.nargs != 1:  # "list[Path]" otherwise
-            one.display_type_rich = lambda ctx: None  # type: ignore[method-assign]
+def _may_lack_value(option: TyperOption) -> bool:
+    """Tell whether an option may be given without its value, which its help says by a bracket."""
+    return bool(option.metavar) and str(option.metavar).startswith("[")
+
+
+def _hide_flag_types(parameters: list[Any]) -> list[Any]:
+    """Show no type in the help behind the name of a flag or of several values."""
+    for parameter in parameters:
+        if isinstance(parameter, TyperOption) and parameter.is_flag:
+            parameter.metavar = ""
+        elif isinstance(parameter, TyperArgument) and parameter.nargs != 1:  # else "list[Path]"
+            parameter.display_type_rich = lambda ctx: None  # type: ignore[method-assign]
     return parameters
 
 
@@ -88,36 +128,40 @@ def command(
     """
 
     def register(function: Function) -> Function:
-        own = inspect.signature(function, eval_str=True)
+        signature = inspect.signature(function, eval_str=True)
         common = inspect.signature(_take_common_options, eval_str=True).parameters
-        added = [one for name, one in common.items() if name not in own.parameters]
+        added = [common[name] for name in common if name not in signature.parameters]
 
         @functools.wraps(function)
         def run(**values: object) -> int:
-            chosen = {name: bool(values[name]) for name in common}
-            taken = {name: values[name] for name in own.parameters}
+            shown = {name: bool(values[name]) for name in common}
+            force = shown.pop("force")
+            taken = {name: values[name] for name in signature.parameters}
             if "quiet" in taken:  # JSON alone is printed, without a display of progress
-                taken["quiet"] = chosen["quiet"] or chosen["as_json"]
-            with protect_output(values.get("output"), force=chosen["force"]) as written:
+                taken["quiet"] = shown["quiet"] or shown["as_json"]
+            with protect_output(values.get("output"), force=force) as written:
                 outcome = function(**taken)
                 written += outcome.kept
-            show(outcome, written, **{name: chosen[name] for name in common if name != "force"})
+            show(outcome, written, **shown)
             return int(outcome.code)
 
-        run.__signature__ = own.replace(  # type: ignore[attr-defined]
-            parameters=[*own.parameters.values(), *added]
-        )
-        paragraphs = (inspect.getdoc(function) or "").split("\n\n")
+        parameters = [*signature.parameters.values(), *added]
+        run.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
         app.command(
             name,
             cls=Command,
-            help="\n\n".join(" ".join(one.split()) for one in paragraphs),
+            help=_join_lines(inspect.getdoc(function) or ""),
             rich_help_panel=panel,
             epilog="\n".join(["Examples:", *(f"  stepblocks {example}" for example in examples)]),
         )(run)
         return function
 
     return register
+
+
+def _join_lines(text: str) -> str:
+    """Return a docstring with each paragraph in one line."""
+    return "\n\n".join(" ".join(paragraph.split()) for paragraph in text.split("\n\n"))
 
 
 def _take_common_options(
@@ -128,13 +172,19 @@ def _take_common_options(
 
 def describe_mistake(error: typer.TyperException) -> str:
     """Say in one line what is wrong with the options, and where the help is."""
-    option = getattr(error, "param", None)
     message = error.format_message()
-    if option is not None and error.message:
-        name = max(option.opts, key=len) if isinstance(option, TyperOption) else option.metavar
-        message = f"{name or option.name}: {error.message}"
+    parameter = getattr(error, "param", None)
+    if parameter is not None and error.message:
+        message = f"{_name_parameter(parameter)}: {error.message}"
     message = " ".join(message.split()).replace("Value error, ", "").rstrip(".")
     context = getattr(error, "ctx", None)
     if context is None or "Did you mean" in message or "Possible options" in message:
         return message
     return f"{message} (see {context.command_path} --help)"
+
+
+def _name_parameter(parameter: Any) -> str:
+    """Return how a user writes an option or argument."""
+    if isinstance(parameter, TyperOption):
+        return max(parameter.opts, key=len)
+    return str(parameter.metavar or parameter.name)

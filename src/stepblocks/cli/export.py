@@ -132,32 +132,36 @@ def export(
             friction=friction,
         ),
     )
-    return Outcome(
-        f"{len(written)} folder{'s' if len(written) != 1 else ''} for {simulator}",
-        notes=[
-            f"{one.name}: {one.folder}" + (f"\n  {one.plan}" if one.plan else "") for one in written
-        ],
-        record={
-            one.name: {"folder": str(one.folder), "plan": str(one.plan or "")} for one in written
-        },
-    )
+    folders = "folder" if len(written) == 1 else "folders"
+    notes = []
+    record = {}
+    for scene in written:
+        plan = str(scene.plan or "")
+        record[scene.name] = {"folder": str(scene.folder), "plan": plan}
+        notes.append(f"{scene.name}: {scene.folder}")
+        if plan:
+            notes[-1] += f"\n  {plan}"
+    return Outcome(f"{len(written)} {folders} for {simulator}", notes=notes, record=record)
 
 
 def _list_devices(own: Path | None) -> Outcome:
+    """Tabulate the devices that are known, and those of a user's own file."""
     from stepblocks.haptics.devices import load_devices
 
-    rows = [
-        {
-            "device": one.id,
-            "name": one.name,
-            "maker": one.maker,
-            "resolution_mm": one.position_resolution.value * 1e3,
-            "peak_force_n": one.peak_force.value,
-            "stiffness_limit_n_mm": one.stiffness_limit and one.stiffness_limit.value * 1e-3,
-            "update_rate_hz": one.update_rate.value,
-        }
-        for one in load_devices(own)
-    ]
+    rows = []
+    for device in load_devices(own):
+        limit = device.stiffness_limit
+        rows.append(
+            {
+                "device": device.id,
+                "name": device.name,
+                "maker": device.maker,
+                "resolution_mm": device.position_resolution.value * 1e3,
+                "peak_force_n": device.peak_force.value,
+                "stiffness_limit_n_mm": None if limit is None else limit.value * 1e-3,
+                "update_rate_hz": device.update_rate.value,
+            }
+        )
     return Outcome(f"{len(rows)} devices; sources stand in haptics/devices.toml", {"devices": rows})
 
 
@@ -183,7 +187,8 @@ def feel(
         import webbrowser
 
         webbrowser.open(page.resolve().as_uri())
-    return Outcome(f"{page}: {count} block{'s' if count != 1 else ''}", page=page)
+    blocks = "block" if count == 1 else "blocks"
+    return Outcome(f"{page}: {count} {blocks}", page=page)
 
 
 @command(

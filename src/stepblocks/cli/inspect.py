@@ -1,7 +1,8 @@
 """``stepblocks inspect``: say whether what came back from the workshop conforms."""
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -16,6 +17,10 @@ from stepblocks.cli.options import (
     refuse_both,
 )
 from stepblocks.cli.outcome import Outcome
+
+if TYPE_CHECKING:
+    from stepblocks.inspect.budget import Instrument
+    from stepblocks.records.laboratory import Laboratory
 
 app = typer.Typer()
 
@@ -242,12 +247,9 @@ def inspect(
     Evaluates a profile or height map and judges it by ISO 14253-1. Exit codes: 0 conforms, 1 does
     not conform, 2 cannot be read or evaluated, 3 not proven or not all measured.
     """
-    from stepblocks.inspect.budget import Instrument
     from stepblocks.inspect.levelling import LEVELS
-    from stepblocks.inspect.many import inspect_many, is_table, write_many
+    from stepblocks.inspect.many import is_table
     from stepblocks.inspect.measure import EvaluationOptions
-    from stepblocks.inspect.report import write_inspection
-    from stepblocks.inspect.run import inspect_scan, inspect_standard
     from stepblocks.records.laboratory import read_laboratory
 
     refuse_both(stimulus=stimulus, standard=standard)
@@ -255,8 +257,8 @@ def inspect(
     if list_channels:
         return _list_channels(scan)
     laboratory = None if lab is None else read_laboratory(lab)
-    tool = {} if laboratory is None else laboratory.instrument.model_dump()
-    evaluation = EvaluationOptions(
+    device = {} if laboratory is None else laboratory.instrument.model_dump()
+    options = EvaluationOptions(
         degree=LEVELS.get(level or ""),
         edges=edges,
         along=along,
@@ -264,43 +266,86 @@ def inspect(
         exclusion=exclusion,
         begin=begin,
         end=end,
-        stylus_radius=stylus_radius if stylus_radius is not None else tool.get("stylus_radius"),
-        stylus_cone=stylus_cone if stylus_cone is not None else tool.get("stylus_cone"),
+        stylus_radius=_prefer(stylus_radius, device.get("stylus_radius")),
+        stylus_cone=_prefer(stylus_cone, device.get("stylus_cone")),
     )
     arguments = keep_given_options(
-        options=evaluation,
-        instrument=Instrument(
-            calibration if calibration is not None else tool.get("calibration"),
-            resolution or tool.get("resolution") or 0.0,
-            lateral_calibration
-            if lateral_calibration is not None
-            else tool.get("lateral_calibration"),
-        ),
+        options=options,
+        instrument=_make_instrument(calibration, resolution, lateral_calibration, device),
         unit=unit,
         channel=channel,
         feature=feature,
     )
+    declared = keep_given_options(stimuli=stimuli, characteristics=characteristics)
     if len(scans) > 1 or scan.is_dir() or is_table(scans):
         arguments |= keep_given_options(stimulus=stimulus, standard=standard)
-        asked = keep_given_options(stimuli=stimuli, characteristics=characteristics)
-        arguments |= asked if standard is None else keep_given_options(tolerance=tolerance)
-        together = inspect_many(scans, **arguments)
-        written = [] if output is None else write_many(together, output, laboratory)
-        return Outcome(
-            "",
-            together.table_rows,
-            [
-                *(f"{serial}: {one.conclusion}" for serial, one in together.reports.items()),
-                *together.left_out,
-            ],
-            next((path for path in written if path.suffix == ".html"), None),
-            together.verdict.exit_code,
-            together.as_record(),
-        )
+        arguments |= declared if standard is None else keep_given_options(tolerance=tolerance)
+        return _inspect_many(scans, arguments, output, laboratory)
+    if stimulus is not None:
+        arguments |= declared
+    return _inspect_one(scan, stimulus, standard, tolerance, arguments, output, laboratory)
+
+
+def _prefer(option: float | None, known: float | None) -> float | None:
+    """Return an option that was given; else what the laboratory says of its instrument."""
+    return known if option is None else option
+
+
+def _make_instrument(
+    calibration: float | None,
+    resolution: float | None,
+    lateral_calibration: float | None,
+    device: Mapping[str, Any],
+) -> "Instrument":
+    """Make the instrument of the options and of what the laboratory says of it."""
+    from stepblocks.inspect.budget import Instrument
+
+    return Instrument(
+        _prefer(calibration, device.get("calibration")),
+        resolution or device.get("resolution") or 0.0,
+        _prefer(lateral_calibration, device.get("lateral_calibration")),
+    )
+
+
+def _inspect_many(
+    scans: list[Path],
+    arguments: Mapping[str, Any],
+    output: Path | None,
+    laboratory: "Laboratory | None",
+) -> Outcome:
+    """Inspect several scans together, and write the results where that is asked for."""
+    from stepblocks.inspect.many import inspect_many, write_many
+
+    together = inspect_many(scans, **arguments)
+    written = [] if output is None else write_many(together, output, laboratory)
+    pages = [path for path in written if path.suffix == ".html"]
+    notes = [f"{serial}: {report.conclusion}" for serial, report in together.reports.items()]
+    return Outcome(
+        "",
+        together.table_rows,
+        [*notes, *together.left_out],
+        pages[0] if pages else None,
+        together.verdict.exit_code,
+        together.as_record(),
+    )
+
+
+def _inspect_one(
+    scan: Path,
+    stimulus: str | None,
+    standard: float | None,
+    tolerance: float | None,
+    arguments: Mapping[str, Any],
+    output: Path | None,
+    laboratory: "Laboratory | None",
+) -> Outcome:
+    """Inspect a scan of a stimulus or of a standard, and write the result where asked for."""
+    from stepblocks.inspect.report import write_inspection
+    from stepblocks.inspect.run import inspect_scan, inspect_standard
+
     if stimulus is None:
         result = inspect_standard(scan, standard, tolerance or 0.0, **arguments)
     else:
-        arguments |= keep_given_options(stimuli=stimuli, characteristics=characteristics)
         result = inspect_scan(scan, stimulus, **arguments)
     if output is not None:
         write_inspection(result, output, laboratory)

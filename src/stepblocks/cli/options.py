@@ -15,6 +15,7 @@ from typer.models import OptionInfo
 from stepblocks.errors import PipelineError
 from stepblocks.quantities import parse_quantity
 
+_MOST_DIGITS = 18  # of a whole number on the command line
 _EVERYWHERE = "In every command"
 
 
@@ -53,9 +54,10 @@ def make_quantity_option(
 def make_whole_number_reader(least: int, most: int) -> Callable[[str | int], int]:
     """Return a reader of whole numbers within limits."""
 
-    def read(given_value: str | int) -> int:
-        text = str(given_value)  # Typer reads a default, too
-        if not text.isdecimal() or len(text) > 18 or not least <= int(text) <= most:
+    def read(written: str | int) -> int:
+        text = str(written)  # Typer reads a default, too
+        is_whole = text.isdecimal() and len(text) <= _MOST_DIGITS
+        if not is_whole or not least <= int(text) <= most:
             raise ValueError(f"must be a whole number from {least} to {most}, got {text!r:.40}")
         return int(text)
 
@@ -79,11 +81,10 @@ def keep_given_options(**options: object) -> dict[str, Any]:
 
 def require_one(next_step: str, **options: object) -> None:
     """Refuse options that exclude each other, and the lack of all of them."""
-    names = " or ".join(map(_name_option, options))
-    PipelineError.require(
-        (count := len(keep_given_options(**options))) == 1,
-        f"one of {names} must be given, got {count or 'none'}; {next_step}",
-    )
+    count = len(keep_given_options(**options))
+    if count != 1:
+        names = " or ".join(map(_name_option, options))
+        raise PipelineError(f"one of {names} must be given, got {count or 'none'}; {next_step}")
 
 
 def refuse_both(**options: object) -> None:
@@ -94,7 +95,10 @@ def refuse_both(**options: object) -> None:
 
 
 def _name_option(name: str) -> str:
-    return name if name.isupper() else f"--{name.replace('_', '-')}"
+    """Return how a user writes an option; an argument stands in capitals."""
+    if name.isupper():
+        return name
+    return f"--{name.replace('_', '-')}"
 
 
 # What every command takes; a command that needs one of them itself names it in its signature.
@@ -177,7 +181,7 @@ Jobs = Annotated[
 
 
 def _offer_laws(file: Path | None) -> Path | None:
-    # Loads nothing where nothing is given
+    """Offer the effects of a user's file; nothing is loaded where there is none."""
     if file is not None:
         from stepblocks.rig.effects.offered import offer_laws
 

@@ -18,7 +18,12 @@ from stepblocks.quantities import format_column, format_column_label, format_uni
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-_WIDTH = 100  # columns of a table where the environment names no width
+_WIDTH = 100  # letters of a line where the environment names no width
+_UNLIMITED = 10_000  # letters of a line that is never broken
+_GAP = 2  # letters between two columns
+_FEW_FILES = 4  # that are named one by one
+_EMPTY_CELLS = ("", "-")
+_LETTERS_OF_NUMBERS = "-+.e∞0123456789"
 _MEMORY = ".stepblocks.json"  # in a folder: hashes of the files that commands wrote there
 
 
@@ -63,115 +68,148 @@ def show(
     if as_json:
         record = outcome.record
         if record is None:
-            record = {
-                "summary": outcome.summary,
-                "said": outcome.summary,  # the old name, until version 2
-                **outcome.tables,
-                "written": [str(path) for path in written],
-            }
+            record = _build_record(outcome, written)
         print(json.dumps(record, indent=1, allow_nan=False, default=str))
         return
     if not quiet:
-        for title, rows in outcome.tables.items():
-            print_table(title, rows, wide=wide)
-        for note in outcome.notes:
-            _print(note)
-        if outcome.summary:
-            _print(outcome.summary, "bold" if outcome.code == 0 else "bold red")
-        if written:
-            _print(_describe_written(written), "dim")
-        if outcome.page is not None:
-            _print(f"open {outcome.page}", "cyan")
+        _print_outcome(outcome, written, wide=wide)
     for failure in outcome.failures:
         print(format_units(failure), file=sys.stderr)
 
 
+def _build_record(outcome: Outcome, written: Sequence[Path]) -> dict[str, object]:
+    """Return what ``--json`` prints of a command that has no record of its own."""
+    return {
+        "summary": outcome.summary,
+        "said": outcome.summary,  # the old name, until version 2
+        **outcome.tables,
+        "written": [str(path) for path in written],
+    }
+
+
+def _print_outcome(outcome: Outcome, written: Sequence[Path], *, wide: bool) -> None:
+    """Print tables, notes, summary, the files that were written and the page to open."""
+    for title, rows in outcome.tables.items():
+        print_table(title, rows, wide=wide)
+    for note in outcome.notes:
+        _print(note)
+    if outcome.summary:
+        _print(outcome.summary, "bold" if outcome.code == 0 else "bold red")
+    if written:
+        _print(_describe_written(written), "dim")
+    if outcome.page is not None:
+        _print(f"open {outcome.page}", "cyan")
+
+
 def _describe_written(written: Sequence[Path]) -> str:
-    # List a few files by name, and many by their folders
-    folders = {path.parent for path in written}
-    if len(written) <= 4:
+    """List a few files by name, and many by their folders."""
+    if len(written) <= _FEW_FILES:
         return "written: " + " ".join(map(str, written))
-    return f"written: {len(written)} files in {os.path.commonpath(folders)}" + (
-        f", {len(folders)} folders" if len(folders) > 1 else ""
-    )
+    folders = {path.parent for path in written}
+    text = f"written: {len(written)} files in {os.path.commonpath(folders)}"
+    if len(folders) > 1:
+        text += f", {len(folders)} folders"
+    return text
 
 
 def _print(content: "RenderableType", style: str | None = None, width: int | None = None) -> None:
-    # Print through rich, but by our own stream, whose early end `main` handles
+    """Print through rich, but by our own stream, whose early end `main` handles."""
     from rich.console import Console
 
     console = Console(width=width, highlight=False, soft_wrap=width is None)
+    if isinstance(content, str):
+        content = format_units(content)
     with console.capture() as captured:
-        console.print(
-            format_units(content) if isinstance(content, str) else content,
-            style=style,
-            markup=False,
-        )
+        console.print(content, style=style, markup=False)
     sys.stdout.write(captured.get())
 
 
+@dataclass(frozen=True)
+class _Column:
+    """A column of a table as it is printed."""
+
+    name: str  # in the file
+    cells: Sequence[str]
+
+    @property
+    def head(self) -> str:
+        """What stands above it, with the unit."""
+        return format_column_label(self.name)
+
+    @property
+    def width(self) -> int:
+        """Its widest word or cell [letters]; a head is broken at its spaces."""
+        return max(map(len, (*self.head.split(), *self.cells)))
+
+    @property
+    def is_number(self) -> bool:
+        """Whether all its cells are numbers."""
+        return not any(cell.strip(_LETTERS_OF_NUMBERS) for cell in self.cells)
+
+
 def print_table(title: str, rows: Sequence[Mapping[str, object]], *, wide: bool = False) -> None:
-    """Print rows as columns; one line names what is alike in all, another what did not fit."""
+    """Print rows as columns; one line names what all rows share, another what did not fit."""
+    if not rows:
+        return
+    columns = [_make_column(name, rows) for name in rows[0]]
+    shared: list[_Column] = []
+    if len(rows) > 1 and not wide:
+        shared = [column for column in columns if len(set(column.cells)) == 1]
+    width = _UNLIMITED if wide else _find_width()
+    varying = [column for column in columns if column not in shared]
+    shown = _choose_columns(varying, width)
+    if title:
+        _print(title, "bold")
+    constants = [
+        f"{column.head.replace(',', '')} {column.cells[0]}"
+        for column in shared
+        if column.cells[0] not in _EMPTY_CELLS
+    ]
+    if constants:
+        _print(", ".join(constants), "dim")
+    _print(_lay_out_table(shown), width=width)
+    if len(shown) < len(varying):
+        print(f"({len(varying) - len(shown)} more columns: --wide)", file=sys.stderr)
+
+
+def _make_column(name: str, rows: Sequence[Mapping[str, object]]) -> _Column:
+    # a limit is what was agreed, not a figure to be rounded
+    is_limit = name.startswith(("lower", "upper"))
+    return _Column(name, format_column([row.get(name) for row in rows], exact=is_limit))
+
+
+def _find_width() -> int:
+    """Return how many letters a line has: what the environment names, else the usual."""
+    return int(os.environ.get("COLUMNS", "0") or 0) or _WIDTH
+
+
+def _choose_columns(columns: Sequence[_Column], width: int) -> list[_Column]:
+    """Choose the columns that fit the width, in their order, and at least one."""
+    left = width + _GAP
+    chosen: list[_Column] = []
+    for column in columns:
+        left -= column.width + _GAP
+        if left >= 0 or not chosen:
+            chosen.append(column)
+    return chosen
+
+
+def _lay_out_table(columns: Sequence[_Column]) -> "RenderableType":
+    """Lay columns out side by side, numbers to the right."""
     from rich.table import Table
     from rich.text import Text
 
-    if not rows:
-        return
-    cells = {
-        # a limit is what was agreed, not a figure to be rounded
-        name: format_column(
-            [row.get(name) for row in rows], exact=name.startswith(("lower", "upper"))
-        )
-        for name in rows[0]
-    }
-    heads = {name: format_column_label(name) for name in cells}
-    # what is alike in all rows is said once
-    alike = {
-        name: column[0]
-        for name, column in cells.items()
-        if len(rows) > 1 and not wide and len({*column}) == 1
-    }
-    width = 10_000 if wide else int(os.environ.get("COLUMNS", "0") or 0) or _WIDTH
-    names = _choose_columns(cells, heads, alike, width)
-    constants = (
-        f"{heads[name].replace(',', '')} {value}"
-        for name, value in alike.items()
-        if value not in ("", "-")
-    )
-    if title:
-        _print(title, "bold")
-    if same := ", ".join(constants):
-        _print(same, "dim")
-    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
-    for name in names:
-        is_number = not any(cell.strip("-+.e∞0123456789") for cell in cells[name])
+    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, _GAP, 0, 0))
+    for column in columns:
         table.add_column(
-            Text(heads[name].replace(" ", "\n")),
-            justify="right" if is_number else "left",
+            Text(column.head.replace(" ", "\n")),
+            justify="right" if column.is_number else "left",
             no_wrap=True,
             vertical="bottom",
         )
-    for row in zip(*(cells[name] for name in names), strict=True):
-        table.add_row(*map(Text, row))
-    _print(table, width=width)
-    if more := len(cells) - len(alike) - len(names):
-        print(f"({more} more columns: --wide)", file=sys.stderr)
-
-
-def _choose_columns(
-    cells: Mapping[str, Sequence[str]],
-    heads: Mapping[str, str],
-    alike: Mapping[str, str],
-    width: int,
-) -> list[str]:
-    # Choose the columns that fit the width, at least one
-    left = width + 2
-    names = list[str]()
-    for name in (name for name in cells if name not in alike):
-        left -= max(map(len, (*heads[name].split(), *cells[name]))) + 2
-        if left >= 0 or not names:
-            names.append(name)
-    return names
+    for cells in zip(*(column.cells for column in columns), strict=True):
+        table.add_row(*map(Text, cells))
+    return table
 
 
 def make_progress(label: str, *, quiet: bool, lines: int = 0) -> Callable[..., None]:
@@ -180,20 +218,34 @@ def make_progress(label: str, *, quiet: bool, lines: int = 0) -> Callable[..., N
     It is called with done, total and a name, and draws a bar on a terminal; elsewhere it prints at
     most so many lines. What is done is counted where the caller does not.
     """
+    if quiet or not sys.stderr.isatty():
+        return _make_progress_lines(label, 0 if quiet else lines)
+    return _make_progress_bar(label)
+
+
+def _make_progress_lines(label: str, lines: int) -> Callable[..., None]:
+    """Return a function that prints at most so many lines of progress, none where that is 0."""
     number = count(1)
 
     def print_line(done: int | None = None, total: int | None = None, name: str = "") -> None:
         done = done or next(number)
-        of = "" if total is None else f"/{total}"
-        is_due = lines and (
-            total is None or total <= lines or done % (total // lines) == 0 or done == total
-        )
-        if is_due and not quiet:
-            print(f"[{done}{of}] {label} {name}".rstrip(), file=sys.stderr, flush=True)
+        if not lines or not _is_due(done, total, lines):
+            return
+        of_total = "" if total is None else f"/{total}"
+        print(f"[{done}{of_total}] {label} {name}".rstrip(), file=sys.stderr, flush=True)
 
-    if quiet or not sys.stderr.isatty():
-        return print_line
+    return print_line
 
+
+def _is_due(done: int, total: int | None, lines: int) -> bool:
+    """Tell whether a line is printed now, so that there are about so many in all."""
+    if total is None or total <= lines:
+        return True
+    return done % (total // lines) == 0 or done == total
+
+
+def _make_progress_bar(label: str) -> Callable[..., None]:
+    """Return a function that draws a bar on the terminal."""
     from rich.console import Console
     from rich.progress import (
         BarColumn,
@@ -203,6 +255,7 @@ def make_progress(label: str, *, quiet: bool, lines: int = 0) -> Callable[..., N
         TimeRemainingColumn,
     )
 
+    number = count(1)
     bar = Progress(
         BarColumn(),
         MofNCompleteColumn(),
@@ -245,39 +298,42 @@ def protect_output(place: object, *, force: bool) -> Iterator[list[Path]]:
         if force or path not in before:
             return False
         name = path.relative_to(folder).as_posix()
-        return name not in built and name != "manifest.json" and known.get(name) != hash_file(path)
+        if name in built or name == "manifest.json":
+            return False
+        return known.get(name) != hash_file(path)
 
     try:
         with protect_files(is_protected):
             yield written
     finally:
         kept = written[:]
-        written[:] = sorted(
-            path for path in _list_files(place) if before.get(path) != _read_stamp(path)
-        )
+        written.clear()
+        for path in sorted(_list_files(place)):
+            if before.get(path) != _read_stamp(path):
+                written.append(path)
         _record_hashes(_find_folder(place), [*written, *kept])
 
 
 def _find_folder(place: Path) -> Path:
-    # Return the folder that a place names or, of a file, written or to be written, lies in
-    return place.parent if place.is_file() or (place.suffix and not place.is_dir()) else place
+    """Return the folder that a place names; of a file, written or to be written, its folder."""
+    is_file = place.is_file() or (place.suffix and not place.is_dir())
+    return place.parent if is_file else place
 
 
 def _list_files(place: Path) -> list[Path]:
-    return [
-        path
-        for path in (place.rglob("*") if place.is_dir() else [place])
-        if path.is_file() and path.name != _MEMORY
-    ]
+    """List the files at a place, but for our own note of what was written there."""
+    paths = place.rglob("*") if place.is_dir() else [place]
+    return [path for path in paths if path.is_file() and path.name != _MEMORY]
 
 
 def _read_stamp(path: Path) -> tuple[int, int]:
+    """Return what changes when a file is written: its time [ns] and size [bytes]."""
     found = path.stat()
     return found.st_mtime_ns, found.st_size
 
 
 def _read_hashes(file: Path, key: str) -> dict[str, str]:
-    # Read hashes of files by their names
+    """Read hashes of files by their names; none where there is no such file."""
     try:
         return dict(json.loads(file.read_text(encoding="utf-8"))[key])
     except (OSError, ValueError, KeyError, TypeError):
@@ -285,19 +341,18 @@ def _read_hashes(file: Path, key: str) -> dict[str, str]:
 
 
 def _record_hashes(folder: Path, written: Sequence[Path]) -> None:
-    # Keep the hashes of what was written, but for the files that a build's manifest names
-    built = _read_hashes(folder / "manifest.json", "outputs") | {"manifest.json": ""}
-    known = _read_hashes(folder / _MEMORY, "written")
-    fresh = {path.relative_to(folder).as_posix(): hash_file(path) for path in written}
-    total = {
-        name: one
-        for name, one in {**known, **fresh}.items()
-        if name not in built and (folder / name).is_file()
-    }
-    if known and not total:
+    """Keep the hashes of what was written, but for the files that a build's manifest names."""
+    built = _read_hashes(folder / "manifest.json", "outputs")
+    before = _read_hashes(folder / _MEMORY, "written")
+    hashes = dict(before)
+    for path in written:
+        hashes[path.relative_to(folder).as_posix()] = hash_file(path)
+    kept = {}
+    for name, digest in sorted(hashes.items()):
+        if name not in built and name != "manifest.json" and (folder / name).is_file():
+            kept[name] = digest
+    if before and not kept:
         (folder / _MEMORY).unlink()
-    elif total != known:
-        replace_text(
-            folder / _MEMORY,
-            json.dumps({"written": dict(sorted(total.items()))}, indent=1) + "\n",
-        )
+    elif kept != before:
+        text = json.dumps({"written": kept}, indent=1)
+        replace_text(folder / _MEMORY, text + "\n")

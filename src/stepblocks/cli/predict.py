@@ -1,8 +1,10 @@
 """``stepblocks predict`` and ``sweep``: critical angle, forces and vibration energy."""
 
 import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -18,6 +20,7 @@ from stepblocks.cli.options import (
     make_whole_number_reader,
 )
 from stepblocks.cli.outcome import Outcome, make_progress
+from stepblocks.errors import PipelineError
 
 if TYPE_CHECKING:
     from stepblocks.declaration.set import StimulusSet
@@ -84,46 +87,76 @@ def predict(
     files = files or []
     if model or any(path.suffix.lower() == ".csv" for path in files):
         return _predict_table(files, output, model)
+    in_time = None if conversion is None else conversion == "simulated"
+    return _predict_sets(files, as_built, in_time, speed, output=output, plots=plots, wide=wide)
+
+
+def _predict_sets(
+    files: list[Path],
+    records: list[Path] | None,
+    in_time: bool | None,
+    speed: float | None,
+    *,
+    output: Path | None,
+    plots: Path | None,
+    wide: bool,
+) -> Outcome:
+    """Predict what sets of stimuli ask for, as declared or as measured."""
     from stepblocks.declaration.read import load_sets
     from stepblocks.files.atomic import replace_text
     from stepblocks.files.tables import format_csv
-    from stepblocks.predict.columns import choose_terminal_columns, format_row, tabulate_prediction
-    from stepblocks.predict.predictions import describe_left_out, predict_all
-    from stepblocks.predict.sheaths import tabulate_rings
+    from stepblocks.predict.columns import choose_terminal_columns
+    from stepblocks.predict.predictions import describe_left_out
 
     sets = [declared for declared, _ in load_sets(files)]
-    in_time = None if conversion is None else conversion == "simulated"
-    if as_built:
-        sets, by_name, rows = _predict_as_built(sets, as_built, in_time, speed)
+    if records:
+        predicted = _predict_as_built(sets, records, in_time, speed)
     else:
-        by_name = {
-            one.name: predict_all(one, in_time, **keep_given_options(speed=speed)) for one in sets
-        }
-        rows = [
-            format_row(tabulate_prediction(one))
-            for predictions in by_name.values()
-            for one in predictions
-        ]
-    notes = describe_left_out([one for predictions in by_name.values() for one in predictions])
+        predicted = _predict_as_declared(sets, in_time, speed)
+    rows = predicted.rows
+    notes = describe_left_out(predicted.predictions)
     if plots:
-        from stepblocks.predict.figures import write_plots
-
-        notes += [str(path) for stimuli in sets for path in write_plots(stimuli, plots)]
-    names = list(rows[0]) if wide else choose_terminal_columns(list(rows[0]))
+        notes += _write_plots(predicted.sets, plots)
+    rings = _tabulate_rings(predicted.sets)
+    record = {"predictions": rows, **rings}
     if output:
         replace_text(output, format_csv(rows))
-    summary = f"{output}: {len(rows)} predictions" if output else ""
-    tables = {} if output else {"": [{name: row[name] for name in names} for row in rows]}
-    rings = {
-        f"ring of the probe of {one.name}": found for one in sets if (found := tabulate_rings(one))
-    }
-    return Outcome(summary, {**tables, **rings}, notes=notes, record={"predictions": rows, **rings})
+        summary = f"{output}: {len(rows)} predictions"
+        return Outcome(summary, rings, notes=notes, record=record)
+    columns: Sequence[str] = list(rows[0])
+    if not wide:
+        columns = choose_terminal_columns(columns)
+    shown = [{name: row[name] for name in columns} for row in rows]
+    return Outcome("", {"": shown, **rings}, notes=notes, record=record)
+
+
+@dataclass(frozen=True)
+class _Predicted:
+    """What was predicted of several sets."""
+
+    sets: "list[StimulusSet]"  # as they were predicted: measured sizes stand for the nominal ones
+    predictions: "list[Prediction]"
+    rows: list[dict[str, str]]  # of a table, one for each prediction
+
+
+def _predict_as_declared(
+    sets: "list[StimulusSet]", in_time: bool | None, speed: float | None
+) -> _Predicted:
+    """Predict sets at their nominal sizes."""
+    from stepblocks.predict.columns import format_row, tabulate_prediction
+    from stepblocks.predict.predictions import predict_all
+
+    predictions: list[Prediction] = []
+    for stimuli in sets:
+        predictions += predict_all(stimuli, in_time, **keep_given_options(speed=speed))
+    rows = [format_row(tabulate_prediction(prediction)) for prediction in predictions]
+    return _Predicted(sets, predictions, rows)
 
 
 def _predict_as_built(
     sets: "list[StimulusSet]", paths: list[Path], in_time: bool | None, speed: float | None
-) -> "tuple[list[StimulusSet], dict[str, tuple[Prediction, ...]], list[dict[str, str]]]":
-    # Predict what was measured in place of the nominal; give sets, predictions and their rows
+) -> _Predicted:
+    """Predict sets at their measured sizes, and say how the energies changed by that."""
     from stepblocks.contact.operating_point import PAPER
     from stepblocks.predict import as_built
     from stepblocks.predict.columns import format_row
@@ -134,39 +167,72 @@ def _predict_as_built(
     for stimuli in sets:
         for sentence in as_built.describe_energy_changes(stimuli, records):
             print(format_units(sentence), file=sys.stderr)
-    found = {
-        one.name: as_built.predict_as_built(
-            one, records, in_time, PAPER.speed if speed is None else speed
-        )
-        for one in sets
-    }
-    return (
-        [as_built.replace_nominals(stimuli, records) for stimuli in sets],
-        {name: predictions for name, (predictions, _) in found.items()},
-        [format_row(row) for _, rows in found.values() for row in rows],
-    )
+    handle_speed = PAPER.speed if speed is None else speed
+    predictions: list[Prediction] = []
+    rows: list[dict[str, str]] = []
+    for stimuli in sets:
+        found, found_rows = as_built.predict_as_built(stimuli, records, in_time, handle_speed)
+        predictions += found
+        rows += [format_row(row) for row in found_rows]
+    measured = [as_built.replace_nominals(stimuli, records) for stimuli in sets]
+    return _Predicted(measured, predictions, rows)
+
+
+def _write_plots(sets: "list[StimulusSet]", folder: Path) -> list[str]:
+    """Write the plots of several sets; return their paths."""
+    from stepblocks.predict.figures import write_plots
+
+    paths: list[str] = []
+    for stimuli in sets:
+        paths += map(str, write_plots(stimuli, folder))
+    return paths
+
+
+def _tabulate_rings(sets: "list[StimulusSet]") -> dict[str, Any]:
+    """Return the rings of the probes of several sets as tables, by their titles."""
+    from stepblocks.predict.sheaths import tabulate_rings
+
+    tables = {}
+    for stimuli in sets:
+        rows = tabulate_rings(stimuli)
+        if rows:
+            tables[f"ring of the probe of {stimuli.name}"] = rows
+    return tables
 
 
 def _predict_table(files: list[Path], output: Path | None, model: Path | None) -> Outcome:
-    from stepblocks.errors import PipelineError
-
-    if len(files) != 1 or not (files[0].suffix.lower() == ".csv" or (model and files[0].is_dir())):
-        wanted = "a trials.csv or the folder of one session" if model else "one CSV table"
-        raise PipelineError(f"expected {wanted}, got {', '.join(map(str, files)) or 'none'}")
-    PipelineError.require(output is not None, f"-o must name the CSV to write [{files[0]}]")
-    from stepblocks.predict.learned import predict_trials
+    """Predict the rows of a table, or unseen trials by the model of a session."""
     from stepblocks.predict.table import predict_table
 
-    if model is None:
-        return Outcome(f"{output}: {len(predict_table(files[0], output))} predictions")
-    from stepblocks.loop.session_table import read_trial_table
+    file = _take_table(files, model)
+    if output is None:
+        raise PipelineError(f"-o must name the CSV to write [{file}]")
+    if model is not None:
+        return _predict_trials(file, model, output)
+    return Outcome(f"{output}: {len(predict_table(file, output))} predictions")
 
-    status = predict_trials(
-        read_trial_table(files[0]) if files[0].is_dir() else files[0], model, output
-    )["status"]
+
+def _take_table(files: list[Path], model: Path | None) -> Path:
+    """Return the one table or session that was named."""
+    if len(files) == 1:
+        is_session = model is not None and files[0].is_dir()
+        if is_session or files[0].suffix.lower() == ".csv":
+            return files[0]
+    wanted = "a trials.csv or the folder of one session" if model else "one CSV table"
+    got = ", ".join(map(str, files)) or "none"
+    raise PipelineError(f"expected {wanted}, got {got}")
+
+
+def _predict_trials(file: Path, model: Path, output: Path) -> Outcome:
+    """Predict unseen trials: those of a CSV, or of the folder of a session."""
+    from stepblocks.loop.session_table import read_trial_table
+    from stepblocks.predict.learned import predict_trials
+
+    trials = read_trial_table(file) if file.is_dir() else file
+    status = predict_trials(trials, model, output)["status"]
+    failed = int((status != "ok").sum())
     return Outcome(
-        f"{output}: {len(status)} trials predicted, {int((status != 'ok').sum())} of them not ok, "
-        "see the column status"
+        f"{output}: {len(status)} trials predicted, {failed} of them not ok, see the column status"
     )
 
 

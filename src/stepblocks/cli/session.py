@@ -83,26 +83,23 @@ def measure(
     """
     from stepblocks.bench.measure import write_features
 
-    PipelineError.require(
-        trials is None or plots is not None,
-        "--trials says which trials --plots draws: give --plots, too",
-    )
+    if trials is not None and plots is None:
+        raise PipelineError("--trials says which trials --plots draws: give --plots, too")
     summary = write_features(
         session, output, progress=make_progress("measured trials", quiet=quiet, lines=10), jobs=jobs
     )
     if plots is not None:
         from stepblocks.bench.figures import draw_trials
 
-        draw_trials(
-            session, plots, [name.strip() for name in trials.split(",")] if trials else None
-        )
+        chosen = [name.strip() for name in trials.split(",")] if trials else None
+        draw_trials(session, plots, chosen)
     reasons = dict(sorted(summary.reasons.items(), key=lambda item: -item[1]))
+    notes = [f"excluded {count}: {reason}" for reason, count in reasons.items()]
+    notes += [f"note: {note}" for note in summary.notes]
+    measured = summary.total - summary.excluded
     return Outcome(
-        f"{summary.total - summary.excluded} of {summary.total} trials measured -> {output}",
-        notes=[
-            *(f"excluded {count}: {reason}" for reason, count in reasons.items()),
-            *(f"note: {note}" for note in summary.notes),
-        ],
+        f"{measured} of {summary.total} trials measured -> {output}",
+        notes=notes,
         record={"trials": summary.total, "excluded": reasons, "notes": list(summary.notes)},
     )
 
@@ -157,33 +154,33 @@ def loop(
     result = loop_session(session[0], output, **options)
     for scan in result.document["scans"]["left_out"]:
         print(format_units(f"scan of {scan['block']} left out: {scan['reason']}"), file=sys.stderr)
+    notes = []
     excluded = len(result.document["excluded"])
+    if excluded:
+        notes.append(f"values or trials excluded, each with its reason in the report: {excluded}")
     return Outcome(
         f"{result.document['finding']} ({result.verdict})",
-        notes=[f"values or trials excluded, each with its reason in the report: {excluded}"]
-        if excluded
-        else [],
+        notes=notes,
         page=output / "report.html",
         record=result.document,
     )
 
 
 def _summarise_sessions(document: Document, output: Path) -> Outcome:
-    # Tabulate the parameters that several sessions share, and say the verdict of all and of each
-    rows = [
-        {
+    """Tabulate the parameters that several sessions share; say the verdict of all and of each."""
+    rows = []
+    for name, parameter in document["parameters"].items():
+        if len(parameter["sessions"]) < 2 or name.startswith("height_error"):
+            continue
+        row = {
             "parameter": name,
-            "unit": one["unit"],
-            "mean": one["mean"],
-            "among sessions": one["among_sessions_std"],
+            "unit": parameter["unit"],
+            "mean": parameter["mean"],
+            "among sessions": parameter["among_sessions_std"],
         }
-        | one["next"]
-        for name, one in document["parameters"].items()
-        if len(one["sessions"]) > 1 and not name.startswith("height_error")
-    ]
-    verdicts = "; ".join(
-        f"{name}: {found['verdict']}" for name, found in document["sessions"].items()
-    )
+        rows.append(row | parameter["next"])
+    sessions = document["sessions"]
+    verdicts = "; ".join(f"{name}: {sessions[name]['verdict']}" for name in sessions)
     together = "{finding} ({verdict})".format(**document["together"])
     return Outcome(
         f"{together}; by themselves {verdicts}",

@@ -102,11 +102,12 @@ Reference = Annotated[
 
 
 def _read_factor(text: str) -> tuple[str, tuple[str, ...]]:
-    name, equals, levels = text.partition("=")
-    found = tuple(level.strip() for level in levels.split(","))
-    if not (equals and name.strip() and all(found)):
+    """Read the name of a factor and its levels."""
+    name, _, written_levels = text.partition("=")
+    levels = tuple(level.strip() for level in written_levels.split(","))
+    if not name.strip() or not all(levels):
         raise ValueError(f"must be NAME=LEVEL,LEVEL,..., got {text!r:.60}")
-    return name.strip(), found
+    return name.strip(), levels
 
 
 @command(study, "design", "study design mine.toml --seed 7 -o study")
@@ -391,11 +392,13 @@ def analyse(
     """Analyse answers: results.csv and report.html."""
     from stepblocks.study.analysis.prose import write_headline
 
-    PipelineError.require(
-        bool(data) != bool(answers) and not (data and folder),
-        "a study's folder and its answers must be given, such as: stepblocks study analyse "
-        "my-study answers.csv; or --data with a table of your own",
-    )
+    is_own_table = data is not None and not answers and folder is None
+    is_study = bool(answers) and data is None
+    if not is_own_table and not is_study:
+        raise PipelineError(
+            "a study's folder and its answers must be given, such as: stepblocks study analyse "
+            "my-study answers.csv; or --data with a table of your own"
+        )
     place = output or (folder or Path("out/study")) / "report"
     result = stepblocks.analyse_study(
         folder,

@@ -14,11 +14,13 @@ class Heights(tuple[float, ...]):
 
 
 def _read_heights(text: str) -> Heights:
-    # Read heights in micrometres, or in the unit that each names
+    """Read heights in micrometres, or in the unit that each names."""
     read = make_quantity_reader("length")
-    return Heights(
-        read(part if part.strip(" 0123456789.") else f"{part} um") for part in text.split(",")
-    )
+    heights = []
+    for part in text.split(","):
+        has_unit = bool(part.strip(" 0123456789."))
+        heights.append(read(part if has_unit else f"{part} um"))
+    return Heights(heights)
 
 
 class Names(tuple[str, ...]):
@@ -84,10 +86,9 @@ StandardOption = Annotated[
 
 def choose_source(file: Path | None, heights: Heights | None) -> Path | Heights:
     """Return the stimulus file or the heights, of which one must be given."""
-    PipelineError.require(
-        (file is None) != (heights is None),
-        "a stimulus FILE or --heights must be given, got " + ("both" if heights else "neither"),
-    )
-    source = file or heights
-    assert source is not None
-    return source
+    if file is not None and heights is None:
+        return file
+    if heights is not None and file is None:
+        return heights
+    number = "neither" if heights is None else "both"
+    raise PipelineError(f"a stimulus FILE or --heights must be given, got {number}")

@@ -1,7 +1,6 @@
 """Work in several processes; each ends with the one that started it, also when that is killed."""
 
 import os
-import signal
 import threading
 import warnings
 from collections.abc import Callable, Generator, Iterable, Mapping
@@ -14,6 +13,7 @@ R = TypeVar("R")
 
 _OURS = "STEPBLOCKS_"  # how the environment variables begin that a worker needs
 _PARENT_DIED = 1  # PR_SET_PDEATHSIG of prctl(2)
+_KILL = 9  # the number of SIGKILL, which not every system names
 
 
 def run_in_processes(
@@ -23,9 +23,30 @@ def run_in_processes(
     *,
     in_order: bool = True,
 ) -> Generator[R]:
-    """Call a function with each tuple of arguments in so many processes; yield the results.
+    """Call a function with each tuple of arguments, in processes of this machine.
 
-    The workers load no main module: a script or a notebook needs no guard.
+    The workers load no main module: a script or a notebook needs no main guard.
+
+    Parameters
+    ----------
+    function : callable
+        What is called; it and its arguments are pickled.
+    calls : iterable of tuple
+        The arguments of each call.
+    jobs : int
+        Number of processes.
+    in_order : bool
+        Yield the results in the order of the calls, or as they come.
+
+    Yields
+    ------
+    object
+        What the function returns.
+
+    Raises
+    ------
+    PipelineError
+        If a worker died.
     """
     from joblib import Parallel, delayed
     from joblib.externals.loky.process_executor import TerminatedWorkerError
@@ -33,12 +54,12 @@ def run_in_processes(
     # the pool replaces a worker that has grown much and goes on; where warnings are errors, this
     # one would end the thread that does so, and nobody would start the work that waits
     warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
+    settings = {name: text for name, text in os.environ.items() if name.startswith(_OURS)}
     parallel = Parallel(
         n_jobs=jobs,
         return_as="generator" if in_order else "generator_unordered",
         initializer=_begin_worker,
-        # workers of other settings are not used again
-        initargs=({name: one for name, one in os.environ.items() if name.startswith(_OURS)},),
+        initargs=(settings,),  # workers of other settings are not used again
     )
     try:
         yield from parallel(delayed(function)(*call) for call in calls)
@@ -55,26 +76,51 @@ def _begin_worker(settings: Mapping[str, str]) -> None:
 
 
 def die_with_parent() -> None:
-    """Let the kernel kill this process when its parent ends; call it at a worker's start."""
-    import ctypes
+    """Let this process end when its parent does; call it at a worker's start."""
     import multiprocessing
 
+    parent = os.getppid()
+    starter = multiprocessing.parent_process()
     # a fork server stands between and lives as long as we do; who started us without one has no
     # sentinel
-    if (asked := multiprocessing.parent_process()) is not None and asked.sentinel is not None:
-        threading.Thread(target=_end_with_parent, args=(asked.sentinel,), daemon=True).start()
-    parent = os.getppid()
-    with suppress(OSError, AttributeError):  # another system than Linux
-        ctypes.CDLL(None).prctl(_PARENT_DIED, int(signal.SIGKILL), 0, 0, 0)
+    if starter is not None and starter.sentinel is not None:
+        _start_watch(_end_with_starter, starter.sentinel)
+    if not _ask_kernel_to_kill():
+        _start_watch(_end_with_process, parent)
     if os.getppid() != parent:  # it ended meanwhile
         os._exit(1)
 
 
-def _end_with_parent(sentinel: int) -> None:
+def _ask_kernel_to_kill() -> bool:
+    """Let the kernel kill this process when its parent ends; return whether it will."""
+    import ctypes
+
+    try:
+        answer = ctypes.CDLL(None).prctl(_PARENT_DIED, _KILL, 0, 0, 0)
+    except (OSError, AttributeError, TypeError):  # another system than Linux
+        return False
+    return int(answer) == 0
+
+
+def _start_watch(watch: Callable[[int], None], watched: int) -> None:
+    threading.Thread(target=watch, args=(watched,), daemon=True).start()
+
+
+def _end_with_starter(sentinel: int) -> None:
+    """End this process when the one with a sentinel has ended."""
     from multiprocessing.connection import wait
 
     wait([sentinel])
-    os.kill(os.getpid(), signal.SIGKILL)
+    os._exit(1)
+
+
+def _end_with_process(pid: int) -> None:
+    """End this process when another has ended, on systems whose kernel does not see to it."""
+    import psutil
+
+    with suppress(psutil.Error):  # it is not there any more
+        psutil.Process(pid).wait()
+    os._exit(1)
 
 
 def kill_workers() -> None:

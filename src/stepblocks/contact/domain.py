@@ -67,7 +67,10 @@ def read_number(name: str, value: object, dimension: str) -> float:
             f"{name} must be one number [{DIMENSIONS[dimension] or '1'}], got "
             f"{type(value).__name__}"
         )
-    return float(value)
+    try:
+        return float(value)
+    except OverflowError as error:
+        raise ContactError(f"{name} must be at most 1.8e308, got a longer whole number") from error
 
 
 def require_positive(name: str, value: Real, unit: str = "") -> None:

@@ -17,6 +17,7 @@ from stepblocks.contact.domain import Real, Scanned, require_not_negative
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.errors import ContactError
+from stepblocks.quantities import check_seed
 
 _TAILS = 0.025, 0.975  # of an interval of 95 %
 _SMALLEST_BALL = 1e-3  # a drawn ball keeps this share of its nominal radius [1]
@@ -187,6 +188,7 @@ def estimate_interval(
     >>> interval.energy_low < interval.energy < interval.energy_high
     True
     """
+    check_seed(seed)
     face = take_counterface(face)
     names = list(list_inputs(face, point))
     for name, value in uncertainty.items():

@@ -9,123 +9,137 @@ in JSON and the bytes of arrays; nothing is unpickled, nothing evaluated.
 import atexit
 import json
 import os
-import resource
 import signal
 import subprocess
 import sys
 import threading
 from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import dataclass, field
 from functools import cache
 from importlib import import_module
 from io import BufferedReader
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from stepblocks.files.limits import MEMORY, Breach, Watch, limit_this_process, ran_out_of_time
+from stepblocks.files.paths import describe_system_error
 from stepblocks.files.text import Document, measure_file_size
 
-# what was found; else what is wrong, and whether our own code says so
-Answer = tuple[Document, str, bool]
+__all__ = ["MEMORY", "read_confined"]
 
-# that a reader may fill [bytes]; what its libraries map but do not fill comes on top
-MEMORY = 2 * 2**30
-_MAPPED = 4 * 2**30
 _SECONDS, _PER_BYTE = 15.0, 1e-6  # of the processor, and more of it for a large file [s], [s/byte]
-_WAITING = (
-    40.0  # as long as that many times the processor time: a busy machine is no fault of the file
-)
+# as long as that many times the processor time: a busy machine is no fault of the file
+_WAITING = 40.0
 _LARGEST_ANSWER = 2**24  # of what is no array [bytes]
+_LONGEST_REASON = 300  # letters of a library's message that are shown
+_GRACE = 5.0  # for a reader whose pipe is closed to end by itself [s]
+_SIZE_BYTES = 8  # of the length before an answer
+
+_MEMORY_RULE = f"it needs more than {MEMORY >> 30} GiB of memory"
+
+
+@dataclass(frozen=True)
+class _Answer:
+    """What a reader found in a file, or why it refuses it."""
+
+    values: Mapping[str, Any] = field(default_factory=dict)  # arrays and values of JSON, by name
+    refusal: str = ""  # empty where the file was read
+    is_ours: bool = False  # whether our own code refuses the file, with its name in the message
 
 
 def read_confined(
     function: str, path: Path, *arguments: object, raises: type[Exception]
 ) -> Document:
-    """Call ``module:function`` with a path and arguments of JSON in a process of its own.
+    """Call a reader with a path in a process of its own.
 
-    The result holds arrays and values of JSON, by name.
+    Parameters
+    ----------
+    function : str
+        The reader, ``module:function``. It takes the path and the arguments, and returns a dict of
+        arrays and values of JSON.
+    path : Path
+        The file; it is not resolved, a link stays one.
+    *arguments : object
+        More values of JSON for the reader.
+    raises : type of Exception
+        Raised where the file cannot be read: what our own code says of it as it stands; a limit, or
+        what a library says, with the file's name.
+
+    Returns
+    -------
+    dict
+        What the reader returns.
     """
-    # What our own code says of the file is raised as it stands; a limit, or what a library says of
-    # it, with the file's name.
-    # not resolved: a link stays one
     request = {
         "function": function,
-        "arguments": [os.path.abspath(path), *arguments],  # noqa: PTH100
+        "arguments": [os.path.abspath(path), *arguments],  # noqa: PTH100  a link stays one
     }
     try:
-        found, refused, ours = _reader(os.getpid()).call(
-            request, _SECONDS + _PER_BYTE * measure_file_size(path)
-        )
+        seconds = _SECONDS + _PER_BYTE * measure_file_size(path)
+        answer = _get_reader(os.getpid()).call(request, seconds)
     except OSError as error:
-        raise raises(f"file cannot be read: {error.strerror or error} [{path.name}]") from error
-    if refused:
+        reason = describe_system_error(error, path)
+        raise raises(f"file cannot be read: {reason} [{path.name}]") from error
+    if answer.is_ours:
+        raise raises(answer.refusal)
+    if answer.refusal:
         kind = f"{path.suffix[1:].upper()} file".strip()
-        raise raises(
-            refused if ours else f"file must be a sound {kind}, got: {refused} [{path.name}]"
-        )
-    return found
+        raise raises(f"file must be a sound {kind}, got: {answer.refusal} [{path.name}]")
+    return dict(answer.values)
 
 
 class _Reader:
-    # The process that reads, started when it is needed and again when it has died
+    """The process that reads, started when it is needed and again when it has died."""
+
     def __init__(self) -> None:
         self._process: subprocess.Popen[bytes] | None = None
         self._one_at_a_time = threading.Lock()
         atexit.register(self.close)
 
-    def call(self, request: Mapping[str, object], seconds: float) -> Answer:
+    def call(self, request: Mapping[str, object], seconds: float) -> _Answer:
+        """Let the process answer a request within so many seconds of the processor."""
         with self._one_at_a_time:
             process = self._start_process()
-            assert process.stdin is not None
-            assert isinstance(process.stdout, BufferedReader)
-            watch = threading.Timer(_WAITING * seconds, process.kill)
-            watch.start()
-            try:
-                # nothing stays in a buffer, which closing the pipe of a dead reader would flush
-                os.write(
-                    process.stdin.fileno(),
-                    json.dumps({**request, "seconds": seconds}).encode() + b"\n",
-                )
-                size = int.from_bytes(_receive(process.stdout, 8), "little")
-                answer = json.loads(_receive(process.stdout, size, _LARGEST_ANSWER))
-                found = answer["values"]
-                for name, kind, shape in answer["arrays"]:
-                    size = np.dtype(kind).itemsize * int(np.prod(shape))
-                    found[name] = np.frombuffer(_receive(process.stdout, size), kind).reshape(shape)
-            except (EOFError, BrokenPipeError):
-                code = self.close(5.0)
-                late = code == -signal.SIGXCPU or watch.finished.is_set()
-                rule = f"it must be readable within {seconds:.0f} s"
-                return {}, rule if late else f"its reader ended with {code}", False
-            except BaseException:
-                self.close()
-                raise
-            finally:
-                watch.cancel()
-        return found, answer["refused"], answer["ours"]
+            with Watch(process, seconds, _WAITING * seconds) as watch:
+                try:
+                    _send_request(process, {**request, "seconds": seconds})
+                    return _receive_answer(process)
+                except (EOFError, BrokenPipeError):
+                    code = self.close(_GRACE)
+                    return _Answer(refusal=_explain_end(code, watch.breach, seconds))
+                except BaseException:
+                    self.close()
+                    raise
 
     def _start_process(self) -> subprocess.Popen[bytes]:
-        if self._process is None or self._process.poll() is not None:
-            self.close()  # the pipes of one that has died
-            self._process = subprocess.Popen(
-                [sys.executable, "-P", "-W", "ignore", "-m", "stepblocks.files.confined"],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL,
-                env={
-                    **os.environ,
-                    "OMP_NUM_THREADS": "1",
-                    "OPENBLAS_NUM_THREADS": "1",
-                    "PYTHONPATH": os.pathsep.join(
-                        filter(None, [str(Path(__file__).parents[2]), os.getenv("PYTHONPATH")])
-                    ),
-                },
-            )
+        """Return the process, a new one where there is none or it has died."""
+        if self._process is not None and self._process.poll() is None:
+            return self._process
+        self.close()  # the pipes of one that has died
+        search_path = [str(Path(__file__).parents[2])]
+        if os.getenv("PYTHONPATH"):
+            search_path.append(os.environ["PYTHONPATH"])
+        environment = dict(os.environ)
+        environment["OMP_NUM_THREADS"] = "1"
+        environment["OPENBLAS_NUM_THREADS"] = "1"
+        environment["PYTHONPATH"] = os.pathsep.join(search_path)
+        self._process = subprocess.Popen(
+            [sys.executable, "-P", "-W", "ignore", "-m", "stepblocks.files.confined"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env=environment,
+        )
         return self._process
 
     def close(self, grace: float = 0.0) -> int | None:
         """End the process, after a moment to end by itself; return how it ended."""
-        process, self._process = self._process, None
+        process = self._process
+        self._process = None
         if process is None:
             return None
         with process, suppress(subprocess.TimeoutExpired):  # closes the pipes and waits
@@ -136,75 +150,118 @@ class _Reader:
         return None
 
 
+@cache
+def _get_reader(_pid: int) -> _Reader:
+    """Return the reader of a process: one that was forked must not share its parent's."""
+    return _Reader()
+
+
+def _explain_end(code: int | None, breach: Breach | None, seconds: float) -> str:
+    """Say why a reader ended before it had answered."""
+    if breach is Breach.MEMORY:
+        return _MEMORY_RULE
+    if breach is Breach.TIME or ran_out_of_time(code):
+        return f"it must be readable within {seconds:.0f} s"
+    return f"its reader ended with {code}"
+
+
+def _send_request(process: subprocess.Popen[bytes], request: Mapping[str, object]) -> None:
+    """Write a request to a reader as a line of JSON."""
+    assert process.stdin is not None
+    line = json.dumps(request).encode() + b"\n"
+    try:
+        # nothing stays in a buffer, which closing the pipe of a dead reader would flush
+        os.write(process.stdin.fileno(), line)
+    except OSError as error:  # Windows calls a broken pipe an invalid argument
+        raise BrokenPipeError from error
+
+
+def _receive_answer(process: subprocess.Popen[bytes]) -> _Answer:
+    """Read what a reader answers: a length, JSON, and the bytes of the arrays that it names."""
+    assert isinstance(process.stdout, BufferedReader)
+    head_size = int.from_bytes(_receive(process.stdout, _SIZE_BYTES), "little")
+    head = json.loads(_receive(process.stdout, head_size, _LARGEST_ANSWER))
+    values = head["values"]
+    for name, dtype, shape in head["arrays"]:
+        size = np.dtype(dtype).itemsize * int(np.prod(shape))
+        content = _receive(process.stdout, size)
+        values[name] = np.frombuffer(content, dtype).reshape(shape)
+    return _Answer(values, head["refused"], head["ours"])
+
+
 def _receive(stream: BufferedReader, count: int, most: int = MEMORY) -> bytearray:
-    # Read so many bytes of an answer
-    whole = bytearray(count if count <= most else 0)
-    if stream.readinto(whole) < count:
+    """Read so many bytes of an answer, or raise EOFError."""
+    if count > most:
         raise EOFError
-    return whole
+    content = bytearray(count)
+    if stream.readinto(content) < count:
+        raise EOFError
+    return content
 
 
-_reader = cache(lambda pid: _Reader())  # one for each process: a fork must not share its parent's
-
-
-def _answer_request(request: Document) -> Answer:
+def _answer_request(request: Mapping[str, Any]) -> _Answer:
+    """Call the function that a request names."""
     module, _, name = request["function"].partition(":")
     path, *arguments = request["arguments"]
     try:
-        found = getattr(import_module(module), name)(Path(path), *arguments)
-        if any(isinstance(one, np.ndarray) and one.dtype.hasobject for one in found.values()):
-            raise TypeError("objects where numbers should be")
+        values = getattr(import_module(module), name)(Path(path), *arguments)
+        _refuse_objects(values)
     except MemoryError:
-        return {}, f"it needs more than {MEMORY >> 30} GiB of memory", False
+        return _Answer(refusal=_MEMORY_RULE)
     except BaseException as error:  # a foreign reader may raise anything, even SystemExit
-        text = str(getattr(error, "strerror", None) or error)  # without the number of an error
-        reason = " ".join(text.split())[:300] or type(error).__name__
-        reason = f"no {reason}" if isinstance(error, KeyError) else reason
-        reason = "a size of zero" if isinstance(error, ZeroDivisionError) else reason
-        return {}, reason, type(error).__module__.startswith("stepblocks.")
-    return found, "", False
+        is_ours = type(error).__module__.startswith("stepblocks.")
+        return _Answer(refusal=_describe_refusal(error), is_ours=is_ours)
+    return _Answer(values)
 
 
-def _limit_process(seconds: float) -> None:
-    # Limit what this process may use, and its processor time from now on; a lower limit of the
-    # user's own stays
-    limits = {
-        resource.RLIMIT_AS: _MAPPED,
-        resource.RLIMIT_DATA: MEMORY,
-        resource.RLIMIT_CORE: 0,
-        resource.RLIMIT_CPU: int(sum(resource.getrusage(resource.RUSAGE_SELF)[:2]) + seconds) + 1,
-    }
-    for kind, most in limits.items():
-        hard = resource.getrlimit(kind)[1]
-        soft = most if hard == resource.RLIM_INFINITY else min(most, hard)
-        resource.setrlimit(kind, (soft, hard))
+def _refuse_objects(values: Mapping[str, object]) -> None:
+    """Raise for an array whose bytes cannot be sent."""
+    for value in values.values():
+        if isinstance(value, np.ndarray) and value.dtype.hasobject:
+            raise TypeError("objects where numbers should be")
+
+
+def _describe_refusal(error: BaseException) -> str:
+    """Return one line on what a reader raised."""
+    if isinstance(error, ZeroDivisionError):
+        return "a size of zero"
+    text = str(getattr(error, "strerror", None) or error)  # without the number of an error
+    reason = " ".join(text.split())[:_LONGEST_REASON] or type(error).__name__
+    if isinstance(error, KeyError):
+        return f"no {reason}"
+    return reason
 
 
 def _serve_requests() -> None:
-    # Answer calls until nobody asks any more
+    """Answer calls until nobody asks any more."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # who asks is interrupted, and closes the pipe
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # libraries print
     for line in sys.stdin.buffer:
         request = json.loads(line)
-        _limit_process(request["seconds"])
-        found, refused, ours = _answer_request(request)
-        arrays = {
-            name: np.ascontiguousarray(one)
-            for name, one in found.items()
-            if isinstance(one, np.ndarray)
-        }
-        answer = {
-            "refused": refused,
-            "ours": ours,
-            "values": {name: one for name, one in found.items() if name not in arrays},
-            "arrays": [[name, one.dtype.str, one.shape] for name, one in arrays.items()],
-        }
-        head = json.dumps(answer, default=float).encode()
-        answers.write(len(head).to_bytes(8, "little") + head)
-        for one in arrays.values():
-            answers.write(one.reshape(-1).view(np.uint8).data)
+        limit_this_process(request["seconds"])
+        answers.writelines(_encode_answer(_answer_request(request)))
         answers.flush()
+
+
+def _encode_answer(answer: _Answer) -> list[bytes | memoryview]:
+    """Return an answer as bytes: its length, JSON, and the arrays one behind the other."""
+    values: dict[str, Any] = {}
+    arrays: dict[str, NDArray[Any]] = {}
+    for name, value in answer.values.items():
+        if isinstance(value, np.ndarray):
+            arrays[name] = np.ascontiguousarray(value)
+        else:
+            values[name] = value
+    head = {
+        "refused": answer.refusal,
+        "ours": answer.is_ours,
+        "values": values,
+        "arrays": [[name, array.dtype.str, array.shape] for name, array in arrays.items()],
+    }
+    text = json.dumps(head, default=float).encode()
+    contents = [array.reshape(-1).view(np.uint8).data for array in arrays.values()]
+    return [len(text).to_bytes(_SIZE_BYTES, "little"), text, *contents]
 
 
 if __name__ == "__main__":

@@ -1,6 +1,5 @@
 """Make and save figures: no display, no time stamp, written beside their place and renamed."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -22,16 +21,12 @@ def make_figure(
     sharex: bool = False,
     width: float = 7.0,
     height: float = 4.0,
-    heights: Sequence[float] | None = None,
 ) -> Any:
-    """Make a figure and its axes without matplotlib's global state.
-
-    Sizes are in inches, `heights` in parts of the height.
-    """
+    """Make a figure and its axes without matplotlib's global state; sizes are in inches."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width, height), dpi=130, layout="constrained")
-    axes = figure.subplots(rows, columns, sharex=sharex, height_ratios=heights)
+    axes = figure.subplots(rows, columns, sharex=sharex)
     for axis in figure.axes:
         axis.grid(alpha=0.3, lw=0.5)
         axis.tick_params(labelsize=8)
@@ -44,9 +39,8 @@ def take_axes(ax: "Axes | None") -> "Axes":
         from matplotlib import pyplot
 
         ax = pyplot.subplots()[1]
-    PipelineError.require(
-        hasattr(ax, "plot"), f"ax must be axes of matplotlib, got {shorten_value(ax)}"
-    )
+    if not hasattr(ax, "plot"):
+        raise PipelineError(f"ax must be axes of matplotlib, got {shorten_value(ax)}")
     return ax
 
 
@@ -57,10 +51,10 @@ def save_figure(figure: Any, path: Path) -> None:
 
     for text in figure.findobj(Text):
         text.set_text(format_units(text.get_text()))
-    kind = path.suffix.lstrip(".")
+    image_format = path.suffix.lstrip(".")
+    # neither the version of the program nor the hour is written
+    metadata: dict[str, None] = {"Date": None, "Creator": None}
+    if image_format == "png":
+        metadata = {"Software": None}
     with mpl.rc_context({"svg.hashsalt": "stepblocks"}), write_atomically(path) as draft:
-        figure.savefig(
-            draft,
-            format=kind,
-            metadata={"Software": None} if kind == "png" else {"Date": None, "Creator": None},
-        )
+        figure.savefig(draft, format=image_format, metadata=metadata)

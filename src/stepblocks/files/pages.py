@@ -15,9 +15,24 @@ _HEAD = """<!doctype html>
 
 
 def render_page(package: str, template: str, **values: object) -> str:
-    """Fill a template of a package, such as ``stepblocks.loop``.
+    """Fill a template of a package.
 
-    ``head`` opens the page with the common style, ``readable`` writes units as people do.
+    In a template, ``head(title)`` opens the page with the common style. The filter ``readable``
+    writes units as people do, ``label`` a column's name, ``figure`` a number or a dash.
+
+    Parameters
+    ----------
+    package : str
+        Where the template is, such as ``stepblocks.loop``.
+    template : str
+        Name of the template in the package's folder ``templates``.
+    **values : object
+        What the template shows, by name.
+
+    Returns
+    -------
+    str
+        The page, HTML.
     """
     import jinja2
 
@@ -29,18 +44,25 @@ def render_page(package: str, template: str, **values: object) -> str:
         undefined=jinja2.StrictUndefined,
         keep_trailing_newline=True,
     )
-    environment.filters |= {
-        "readable": format_units,
-        "label": format_column_label,
-        "figure": _format_cell,
-    }
-    style = files("stepblocks").joinpath("page.css").read_text(encoding="utf-8")
-    environment.globals |= {"head": lambda title: _HEAD % (html.escape(title), style)}
+    environment.filters["readable"] = format_units
+    environment.filters["label"] = format_column_label
+    environment.filters["figure"] = _format_cell
+    environment.globals["head"] = _render_head
     return environment.get_template(template).render(**values)
 
 
+def _render_head(title: str) -> str:
+    """Return the beginning of a page, up to the page's own style."""
+    style = files("stepblocks").joinpath("page.css").read_text(encoding="utf-8")
+    return _HEAD % (html.escape(title), style)
+
+
 def _format_cell(value: object) -> str:
-    # Three digits; a dash for what does not exist
-    if isinstance(value, bool) or value is None:
-        return "-" if value is None else str(value).lower()
-    return str(value) if isinstance(value, str | int) else format_number(float(str(value)))
+    """Write a number to three digits; a dash for what does not exist."""
+    if value is None:
+        return "-"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str | int):
+        return str(value)
+    return format_number(float(str(value)))

@@ -10,8 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from stepblocks.errors import StepblocksError
+from stepblocks.files.paths import describe_system_error
 
 Document = dict[str, Any]  # an object of JSON or a table of TOML, before its values are checked
+
+_PARSERS = {"TOML": tomllib.loads, "JSON": json.loads}
 
 
 def is_file(path: Path) -> bool:
@@ -25,13 +28,14 @@ def escape_file_name(name: str) -> str:
 
 
 def suggest_file(path: Path) -> str:
-    """Return what to add to a message about a file that is not there: one like it beside it."""
+    """Return what to add to a message about a missing file: a similar name beside it, or none."""
     if not path.parent.is_dir():
         return suggest_file(path.parent)
-    near = difflib.get_close_matches(
-        path.name, [one.name for one in path.parent.iterdir() if one != path], 1
-    )
-    return f"; did you mean {path.with_name(near[0])}?" if near else ""
+    beside = [entry.name for entry in path.parent.iterdir() if entry != path]
+    similar = difflib.get_close_matches(path.name, beside, n=1)
+    if not similar:
+        return ""
+    return f"; did you mean {path.with_name(similar[0])}?"
 
 
 def measure_file_size(path: Path) -> int:
@@ -39,9 +43,8 @@ def measure_file_size(path: Path) -> int:
     try:
         found = path.stat()
     except FileNotFoundError as error:
-        raise FileNotFoundError(
-            error.errno, f"{error.strerror}{suggest_file(path)}", str(path)
-        ) from error
+        reason = f"{describe_system_error(error, path)}{suggest_file(path)}"
+        raise FileNotFoundError(error.errno, reason, str(path)) from error
     if stat.S_ISDIR(found.st_mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     if not stat.S_ISREG(found.st_mode):
@@ -52,17 +55,39 @@ def measure_file_size(path: Path) -> int:
 def read_document(
     path: Path, what: str, raises: type[StepblocksError], most: int = 1_000_000, form: str = "TOML"
 ) -> Any:
-    """Read TOML or JSON."""
-    parse = {"TOML": tomllib.loads, "JSON": json.loads}[form]
+    """Read a file of TOML or JSON.
+
+    Parameters
+    ----------
+    path : Path
+        The file, UTF-8.
+    what : str
+        What the file is to its reader, for messages, such as ``"stimulus file"``.
+    raises : type of StepblocksError
+        Raised where the file cannot be read or is malformed.
+    most : int
+        Largest size that is read [bytes].
+    form : {"TOML", "JSON"}
+        How it is written.
+
+    Returns
+    -------
+    object
+        Tables and objects are dicts; nothing in them is checked.
+    """
+    parse = _PARSERS[form]
     try:
-        if (size := measure_file_size(path)) > most:
+        size = measure_file_size(path)
+        if size > most:
             raise raises(f"{what} must be at most {most} bytes, got {size} [{path}]")
         return parse(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise raises(f"{what} cannot be read: {error.strerror} [{path}]") from error
+        reason = describe_system_error(error, path)
+        raise raises(f"{what} cannot be read: {reason} [{path}]") from error
     except UnicodeDecodeError as error:
         raise raises(f"{what} must be UTF-8 text: byte {error.start} is not [{path}]") from error
     except ValueError as error:  # of either parser, and of whole numbers of thousands of digits
-        raise raises(f"{what} must be {form}: {str(error).partition(';')[0]} [{path}]") from error
+        reason = str(error).partition(";")[0]
+        raise raises(f"{what} must be {form}: {reason} [{path}]") from error
     except RecursionError as error:
         raise raises(f"{what} must be {form} of reasonable depth [{path}]") from error

@@ -38,17 +38,24 @@ COLUMNS = (
 _WATCHED = 60e-6  # before a tick is due the clock is watched instead of slept through [s]
 
 
-def raise_priority(priority: int) -> None:
-    """Ask the system to wake this thread before others and on time, where it can.
+def raise_priority(priority: int) -> bool:
+    """Ask the system to wake this thread before others and on time; return whether it will.
 
-    A sleep may otherwise last 50 us longer.
+    A sleep may otherwise last 50 us longer. Only Linux has such a call, and grants it to those
+    whom its administrator allows it.
     """
     # Threads that it starts take the priority over. Who holds the interpreter while the servo waits
     # for it needs one too, though a lower one: any other program could else put both off.
     with suppress(OSError, AttributeError):
         ctypes.CDLL(None).prctl(29, 1, 0, 0, 0)  # PR_SET_TIMERSLACK, in nanoseconds, of this thread
-    with suppress(OSError, AttributeError):
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+    if sys.platform == "linux":
+        try:
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+        except (OSError, AttributeError):
+            return False
+        return True
+    else:
+        return False
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,6 @@
 """A session in; residual, effect, error before and after, out."""
 
 import json
-import os
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
@@ -13,6 +12,7 @@ from typing import Any
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
+from stepblocks.compute.cores import count_cores
 from stepblocks.compute.processes import run_in_processes
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.errors import PipelineError
@@ -114,7 +114,7 @@ def loop_session(
     inspected = (
         list_measured_edges(read_records([Path(path) for path in as_built])) if as_built else {}
     )
-    cores = jobs or len(os.sched_getaffinity(0))
+    cores = jobs or count_cores()
     if isinstance(session, pd.DataFrame):
         scans = {} if forces_only else {block: dict(one) for block, one in inspected.items()}
         result = analyse_features(

@@ -5,7 +5,6 @@ the spread among days follows the next one.
 """
 
 import json
-import os
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -16,6 +15,7 @@ from scipy import stats
 from scipy.optimize import brentq
 
 from stepblocks.bench.session import open_session
+from stepblocks.compute.cores import count_cores
 from stepblocks.errors import PipelineError
 from stepblocks.files.atomic import lock_folder, replace_text
 from stepblocks.files.text import Document
@@ -264,7 +264,7 @@ def loop_sessions(
         together, shared = explain_together(
             {name: result.table for name, result in results.items()},
             {b: one for r in results.values() for b, one in r.document["scans"]["blocks"].items()},
-            jobs=jobs or len(os.sched_getaffinity(0)),
+            jobs=jobs or count_cores(),
             announce=announce,
         )
         write_loop(together, output)

@@ -5,15 +5,41 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Annotated, Any, TypeAlias
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    model_validator,
+)
 
-from stepblocks.errors import QuantityError
+from stepblocks.errors import QuantityError, UsageError
+from stepblocks.mistakes import list_mistakes
 from stepblocks.parts.tolerance import Dimension, parse_sensible
 from stepblocks.quantities import DIMENSIONS, format_quantity, parse_quantity
 
+# names of devices, which Windows lets no file or folder have (Microsoft Learn, Naming Files, Paths,
+# and Namespaces)
+_WINDOWS_DEVICES = {"con", "prn", "aux", "nul"}
+_WINDOWS_DEVICES.update(f"{port}{number}" for port in ("com", "lpt") for number in range(10))
+
+
+def _refuse_device_name(name: str) -> str:
+    if name in _WINDOWS_DEVICES:
+        raise ValueError(f"must not be the name of a device, which Windows reserves, got {name!r}")
+    return name
+
+
 # Name of a stimulus: lower-case words and digits joined by hyphens; it becomes a folder and an
-# engraving
-Identity = Annotated[str, Field(pattern=r"^[a-z][a-z0-9]*(-[a-z0-9]+)*$", max_length=40)]
+# engraving. So no two differ in case alone, and none has a dot, a colon or a space, which Windows
+# does not take in the name of a folder
+Identity = Annotated[
+    str,
+    Field(pattern=r"^[a-z][a-z0-9]*(-[a-z0-9]+)*$", max_length=40),
+    AfterValidator(_refuse_device_name),
+]
 
 
 def make_rules_validator(check: Callable[[Any], Iterator[str]]) -> Any:
@@ -83,6 +109,17 @@ class Table(BaseModel):
     """Base of everything declared: frozen, and nothing unknown let through."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True)
+
+    def __init__(self, **fields: object) -> None:
+        try:
+            super().__init__(**fields)
+        except ValidationError as error:  # in the words of the readers of files
+            mistakes = list_mistakes(error, type(self), fields)
+            text = " ".join("; ".join(text for _, text in mistakes).split())
+            raise UsageError(f"{type(self).__name__}: {text}") from error
+
+    # validation of a file makes tables without it, and lists the mistakes of all of them at once
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
 
     @model_validator(mode="before")
     @classmethod

@@ -14,7 +14,7 @@ import numpy as np
 from stepblocks.bench.signal import Trace
 from stepblocks.contact.counterface import Step
 from stepblocks.errors import PipelineError
-from stepblocks.files.atomic import make_draft_folder, sync_folder
+from stepblocks.files.atomic import make_draft_folder, move_into_place, sync_folder
 from stepblocks.files.tables import escape_formula
 from stepblocks.rehearse.effects import PlantedEffect
 from stepblocks.rehearse.plan import SessionPlan, name_block, read_plan
@@ -95,7 +95,7 @@ def simulate_session(plan: str | Path, output: str | Path) -> SimulationSummary:
     with make_draft_folder(output) as draft:
         summary = write_session(declared, draft)
         sync_folder(draft)
-        draft.rename(output)  # an empty folder gives way
+        move_into_place(draft, output)  # an empty folder gives way
     return summary
 
 
@@ -109,7 +109,7 @@ def write_session(plan: SessionPlan, folder: Path) -> SimulationSummary:
     """
     heights = _draw_heights(plan)
     _write_scans(plan, heights, folder / "scans")
-    (folder / "session.toml").write_text(format_session(plan), encoding="utf-8")
+    (folder / "session.toml").write_text(format_session(plan), encoding="utf-8", newline="\n")
     summary = _write_trials(plan, heights, folder)
     if summary.locked == summary.planned:
         raise PipelineError("every trial of the plan locks; lower the friction or the heights")

@@ -11,7 +11,7 @@ from stepblocks.declaration.read import Sets, load_sets
 from stepblocks.declaration.select import matches_pattern
 from stepblocks.declaration.set import StimulusSet, choose_operating_point
 from stepblocks.errors import PipelineError
-from stepblocks.files.atomic import make_draft_folder, sync_folder
+from stepblocks.files.atomic import make_draft_folder, move_into_place, sync_folder
 from stepblocks.haptics.devices import (
     Device,
     RenderingPlan,
@@ -270,7 +270,7 @@ def _move_into_place(draft: Path, output: Path) -> None:
         _require_free_place(output / file)
     for file in files:
         (output / file).parent.mkdir(parents=True, exist_ok=True)
-        (draft / file).replace(output / file)
+        move_into_place(draft / file, output / file)
 
 
 def _require_free_place(target: Path) -> None:

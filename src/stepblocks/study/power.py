@@ -12,6 +12,7 @@ import pandas as pd
 from stepblocks.compute.processes import run_in_processes
 from stepblocks.errors import StudyError
 from stepblocks.files.tables import Table, write_table
+from stepblocks.quantities import check_seed
 from stepblocks.study.analysis.accuracy import (
     ANSWER,
     MEASURES,
@@ -401,6 +402,7 @@ def study_power(
     >>> table["participants"].tolist()
     [4, 8]
     """
+    check_seed(seed)
     blocks = choose_blocks(source, felt, only)
     energies = blocks.energies()
     kind = ALIASES.get(experiment, experiment)

@@ -14,6 +14,7 @@ from stepblocks.errors import PipelineError, StudyError
 from stepblocks.files.atomic import replace_text
 from stepblocks.files.pages import render_page
 from stepblocks.files.tables import format_csv
+from stepblocks.quantities import check_seed
 from stepblocks.study.analysis.foreign import read_foreign_judgements
 from stepblocks.study.analysis.judgements import Judgements, join_answers, split_groups
 from stepblocks.study.analysis.page import render_run_sheets, render_study, write_figures
@@ -115,6 +116,7 @@ def design_study(
     >>> stepblocks.design_study([20e-6, 50e-6], tempfile.mkdtemp(), seed=1, participants=2)
     <Design estimates: 2 participants, 36 trials>
     """
+    check_seed(seed)
     experiment = ALIASES.get(experiment, experiment)
     if experiment not in EXPERIMENTS:
         raise PipelineError(
@@ -320,6 +322,7 @@ def simulate_study(
     >>> stepblocks.simulate_study(folder, None, f"{folder}/answers.csv", seed=2)
     36
     """
+    check_seed(seed)
     design = read_design(Path(folder) / _DESIGN)
     _check_conditions("damping", damping or {}, design)
     _check_conditions("noise", noise or {}, design)

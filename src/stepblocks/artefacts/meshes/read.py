@@ -53,8 +53,13 @@ def _read_with_vtk(path: Path) -> MeshArrays:
 
 def _read_with_lib3mf(path: Path) -> MeshArrays:
     """Read the first mesh of a 3MF."""
-    from lib3mf import Lib3MF, get_wrapper
-
+    try:
+        from lib3mf import Lib3MF, get_wrapper
+    except ImportError as error:
+        raise MetrologyError(
+            "a 3MF file cannot be read here: lib3mf is missing, which has no wheel for this "
+            f"processor [{path.name}]"
+        ) from error
     model = get_wrapper().CreateModel()
     model.QueryReader("3mf").ReadFromFile(str(path))
     if model.GetUnit() != Lib3MF.ModelUnit.MilliMeter:

@@ -7,6 +7,7 @@ import io
 import re
 import zipfile
 from collections.abc import Callable, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +39,7 @@ def write_obj(path: Path, mesh: Mesh, *, normals: bool = False) -> None:
     text = _build_trimesh(mesh, _MM).export(
         file_type="obj", digits=12, include_normals=normals, header=f"{mesh.name}, mm"
     )
-    path.write_text(text + "\n", encoding="ascii")
+    path.write_text(text + "\n", encoding="ascii", newline="\n")
 
 
 def write_ply(path: Path, mesh: Mesh) -> None:
@@ -84,6 +85,8 @@ MESH_FORMATS: dict[str, Callable[[Path, Mesh], None]] = {
     ".3mf": write_3mf,
     ".glb": write_glb,
 }
+if find_spec("lib3mf") is None:  # what cannot be read back is not written
+    del MESH_FORMATS[".3mf"]
 
 
 def write_pieces(path: Path, pieces: Sequence[Mesh]) -> None:
@@ -97,4 +100,4 @@ def write_pieces(path: Path, pieces: Sequence[Mesh]) -> None:
         for a, b, c in piece.triangles + first_vertex:
             lines.append(f"f {a} {b} {c}")
         first_vertex += len(piece.vertices)
-    path.write_text("\n".join(lines) + "\n", encoding="ascii")
+    path.write_text("\n".join(lines) + "\n", encoding="ascii", newline="\n")

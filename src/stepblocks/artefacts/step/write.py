@@ -150,7 +150,7 @@ def write_conforming(
             texture,
             order,
         )
-        draft.write_text(text, encoding="utf-8")
+        draft.write_text(text, encoding="utf-8", newline="\n")
 
 
 def _list_content(part: Part, described: Sequence[tuple[door.Face, ...]]) -> _Content:

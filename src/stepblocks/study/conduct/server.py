@@ -3,6 +3,7 @@
 import json
 import math
 import secrets
+import sys
 import threading
 import time
 from collections.abc import Mapping
@@ -59,8 +60,12 @@ class RunServer(ThreadingHTTPServer):
 
     def until_done(self) -> None:
         """Serve until the last answer is given."""
-        if self.experiment.virtual:
-            raise_priority(_PRIORITY)
+        if self.experiment.virtual and not raise_priority(_PRIORITY):
+            print(
+                "stepblocks: this system grants no real-time priority: ticks of the force may come "
+                "late; each is recorded with its lateness",
+                file=sys.stderr,
+            )
         try:
             self.serve_forever(poll_interval=0.1)
         finally:
