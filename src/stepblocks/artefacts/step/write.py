@@ -20,9 +20,9 @@ from stepblocks.errors import MachiningError
 from stepblocks.files.atomic import write_atomically
 from stepblocks.parts.characteristics import Characteristic, EdgeRule, FaceRule, Rule, find_face
 from stepblocks.parts.conditions import NO_ORDER, OrderSpec
-from stepblocks.parts.declared import Material
 from stepblocks.parts.kind import Part
 from stepblocks.parts.lettering import compute_text_width, outline_text
+from stepblocks.parts.material import Material
 from stepblocks.parts.on_paper import describe_default_demands, format_limits, format_zone
 from stepblocks.quantities import format_quantity
 
