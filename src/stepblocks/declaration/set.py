@@ -275,14 +275,15 @@ def choose_operating_point(
     stimuli: StimulusSet, part: Part, overrides: Mapping[str, float]
 ) -> OperatingPoint:
     """Choose the first condition of a part's set, changed by `overrides` and by the part itself."""
-    tool = stimuli.find_conditions(part).as_tool()
+    conditions = stimuli.find_conditions(part)
+    tool = conditions.as_tool()
     ring = stimuli.predict_ring(part)
     if ring is not None:  # how the probe rings with this part on its shank
         tool = ring.as_tool(tool)
     fields: dict[str, Any] = {"tool": tool, "tissue": part.tissue(tool), **overrides}
     if part.ball is not None:
         fields["ball_radius"] = part.ball.nominal
-    return stimuli.find_conditions(part).first_point(**fields)
+    return conditions.first_point(**fields)
 
 
 def make_file_model() -> type[Table]:

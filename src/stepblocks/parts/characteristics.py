@@ -11,6 +11,7 @@ from stepblocks.parts.tolerance import Dimension, find_general_deviation
 Kind = Literal[
     "distance", "diameter", "radius", "angle", "flatness", "parallelism", "roughness", "note"
 ]
+FaceKind = Literal["PLANE", "SLOPE", "CYLINDER", "CONE", "TORUS", "SPHERE"]
 FORM = ("flatness", "parallelism", "roughness")  # kinds with a largest value and no nominal
 PROFILE = "profilometer, two planes with edge exclusion"
 CALIPER = "caliper"
@@ -30,9 +31,7 @@ _SAME_RADIUS = 1e-12  # [m]
 class FaceRule:
     """How to find a face."""
 
-    # ``PLANE`` (square to an axis), ``SLOPE`` (a plane that is not), ``CYLINDER``, ``CONE``,
-    # ``TORUS``, ``SPHERE``
-    kind: str
+    kind: FaceKind  # a ``PLANE`` is square to an axis, a ``SLOPE`` is a plane that is not
     axis: int = 2  # that a plane is square to
     at: float = 0.0  # coordinate of the plane along it [m]
     radius: float = 0.0  # of a cylinder or sphere [m]

@@ -54,10 +54,10 @@ def _list_segments(outline: Outline) -> Iterator[_Segment]:
     start = cast(Point, outline[0])
     for item in outline[1:]:
         if isinstance(item[0], tuple):
-            middle, end = cast(tuple[Point, Point], item)
+            middle, end = item
             yield _Segment(start, end, middle)
         else:
-            end = cast(Point, item)
+            end = item
             yield _Segment(start, end)
         start = end
 

@@ -169,7 +169,8 @@ def _find_coarse_faces(
     """
     finest = deflections.min()
     if finest < deflections.max():
-        return is_curved & (deflections > finest)
+        is_coarser: NDArray[np.bool_] = deflections > finest
+        return is_curved & is_coarser
     if finest == CONTACT_DEFLECTION:
         return np.zeros_like(is_curved)
     return is_curved
@@ -188,7 +189,9 @@ def _average_normals(
     for corner in range(3):
         np.add.at(normals, raw.triangles[on_coarse, corner], areas[on_coarse])
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    return np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0.0)
+    directions = np.zeros_like(normals)
+    np.divide(normals, lengths, out=directions, where=lengths > 0.0)
+    return directions
 
 
 def _project_onto_planes(
