@@ -9,9 +9,8 @@ import pytest
 
 from stepblocks.cad import kernel
 from stepblocks.declaration.read import load_set
-from stepblocks.parts.body import (
-    Body,
-    Mounting,
+from stepblocks.parts.body import Body, Mounting
+from stepblocks.parts.body_solid import (
     compute_half_volume,
     compute_strip_volume,
     list_half_corners,

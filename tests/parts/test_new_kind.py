@@ -19,8 +19,8 @@ from stepblocks.declaration.read import load_set
 from stepblocks.declaration.set import list_kinds, register_kind
 from stepblocks.errors import StimulusError
 from stepblocks.parts.characteristics import FaceRule, describe_plane, make_characteristic
-from stepblocks.parts.declared import MaterialField
 from stepblocks.parts.kind import CONTACT_DEFLECTION, FITTING_DEFLECTION, Finding
+from stepblocks.parts.material import MaterialField
 from stepblocks.parts.revolution import Turned, make_frusta
 from stepblocks.parts.tolerance import PositiveLength
 from stepblocks.predict.predictions import predict_by_formula

@@ -11,10 +11,11 @@ from stepblocks.cad import kernel
 from stepblocks.declaration.set import StimulusSet
 from stepblocks.errors import StimulusError, UsageError
 from stepblocks.parts.conditions import OrderSpec
-from stepblocks.parts.declared import find_material
 from stepblocks.parts.kinds.step_block import StepBlock
+from stepblocks.parts.material import find_material
 from stepblocks.parts.shapes import build_solids
-from stepblocks.workshop.setup import compute_stock, write_setup
+from stepblocks.parts.stock import compute_stock
+from stepblocks.workshop.setup import write_setup
 
 FREE = "440C, hardened and tempered, 58 HRC"
 PLAIN = {"body": {"mounting": "none", "engraving": "none"}, "metrology": "none"}

@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 
 from stepblocks.artefacts.step.check_step import check_step
+from stepblocks.artefacts.step.gauge_assembly import write_gauge_assembly
 from stepblocks.cad import kernel
 from stepblocks.cli import main
 from stepblocks.declaration.read import load_set
 from stepblocks.errors import MachiningError
-from stepblocks.workshop.gauge_route import (
+from stepblocks.parts.gauge_pair import (
     GRADES,
     STANDARD_SET,
     choose_base,
     choose_pair,
-    write_gauge_assembly,
 )
 from stepblocks.workshop.setup import write_setup
 
@@ -48,7 +48,7 @@ def test_what_no_pair_gives_is_refused():
 def test_the_stack_up_holds_every_pair_and_95_percent_lie_within_the_expected(grade):
     random = np.random.default_rng(1)
     pair = choose_pair(50e-6, grade)
-    deviation, variation = GRADES[grade]
+    deviation, variation = GRADES[grade].deviation, GRADES[grade].variation
     error = sum(
         random.uniform(-limit, limit, 100_000)
         for limit in [deviation] * 2 + [0.5 * variation] * 2 + [0.02e-6] * 2

@@ -12,11 +12,11 @@ from stepblocks.cli import main
 from stepblocks.declaration.read import load_set
 from stepblocks.declaration.set import StimulusSet
 from stepblocks.errors import MachiningError, PipelineError, StepblocksError
+from stepblocks.parts.gauge_pair import GRADES, choose_pair
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.tips import StraightTip
 from stepblocks.workshop import drawing
 from stepblocks.workshop.drawing import VIEWS, write_drawing
-from stepblocks.workshop.gauge_route import GRADES, choose_pair
 from stepblocks.workshop.routes import load_processes
 from stepblocks.workshop.run import PartOrder, order_parts, tabulate_routes
 

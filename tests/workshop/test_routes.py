@@ -12,7 +12,7 @@ from stepblocks.contact.operating_point import PAPER
 from stepblocks.declaration.read import load_set
 from stepblocks.errors import MachiningError
 from stepblocks.parts.declared import Sourced
-from stepblocks.workshop.gauge_route import GRADES
+from stepblocks.parts.gauge_pair import GRADES
 from stepblocks.workshop.routes import find_routes, load_processes
 
 STIMULI = Path(__file__).parents[2] / "stimuli"

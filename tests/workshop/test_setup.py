@@ -10,7 +10,8 @@ from stepblocks.artefacts.step.check_step import check_step
 from stepblocks.cad import kernel
 from stepblocks.declaration.read import load_set
 from stepblocks.parts.shapes import build_solids
-from stepblocks.workshop.setup import PROBE, STOCK, compute_stock, write_setup
+from stepblocks.parts.stock import STOCK, compute_stock
+from stepblocks.workshop.setup import PROBE, write_setup
 
 STIMULI = Path(__file__).parents[2] / "stimuli"
 STEP = load_set(STIMULI / "paper-ten.toml").step_block[4]

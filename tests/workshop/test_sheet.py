@@ -7,7 +7,9 @@ import pytest
 
 from stepblocks.parts.characteristics import Characteristic
 from stepblocks.parts.revolution import list_outline_points
-from stepblocks.workshop.sheet import HEIGHT, WIDTH, Sheet, View, choose_scale
+from stepblocks.workshop.paper import HEIGHT, WIDTH, View, choose_scale
+from stepblocks.workshop.sheet import Note, Sheet
+from stepblocks.workshop.title_block import draw_border
 
 STEP = Characteristic("step", "step height", "distance", 10e-6, -1e-6, 1e-6)
 SHANK = Characteristic("shank", "shank", "diameter", 2.35e-3, -32e-6, 0.0)
@@ -39,8 +41,8 @@ def test_scales_are_those_that_a_drawing_uses_and_never_too_large(wanted, scale)
 
 
 def test_a_view_stretches_heights_alone_where_it_says_so():
-    assert View((100.0, 50.0), 4.0).at(1e-3, -2e-3) == pytest.approx((104.0, 42.0))
-    assert View((100.0, 50.0), 4.0, 4000.0).at(1e-3, 10e-6) == pytest.approx((104.0, 90.0))
+    assert View((100.0, 50.0), 4.0).place(1e-3, -2e-3) == pytest.approx((104.0, 42.0))
+    assert View((100.0, 50.0), 4.0, 4000.0).place(1e-3, 10e-6) == pytest.approx((104.0, 90.0))
 
 
 @pytest.mark.parametrize("upright", [False, True])
@@ -92,7 +94,7 @@ def test_a_diameter_says_so_with_unequal_deviations(sheet):
 def test_a_leader_stands_on_the_side_away_from_its_tip_with_the_limits_in_its_text(
     elbow, side, sheet
 ):
-    sheet.draw_leader((100.0, 50.0), elbow, "R {} of the step", "step")
+    sheet.lead_to_characteristic("step", (100.0, 50.0), elbow, "R {} of the step")
     said, number = texts(sheet)
     assert said == "R 0,010 ±0,001 of the step"
     assert number == "1"
@@ -123,7 +125,9 @@ def test_an_arrow_points_from_its_tail_to_its_tip(sheet):
 
 
 def test_the_title_block_lies_in_the_lower_right_corner_inside_the_frame(sheet):
-    sheet.draw_border("Step block", {"identity": "STEP-010", "material": "steel", "mass": "29.1 g"})
+    draw_border(
+        sheet, "Step block", {"identity": "STEP-010", "material": "steel", "mass": "29.1 g"}
+    )
     said = texts(sheet)
     assert said[0] == "Step block"
     for name, value in (
@@ -139,10 +143,10 @@ def test_the_title_block_lies_in_the_lower_right_corner_inside_the_frame(sheet):
 
 
 def test_notes_go_down_line_by_line(sheet):
-    sheet.write_notes((20.0, 100.0), [("one", ""), ("two", ""), ("three", "")])
+    sheet.write_notes((20.0, 100.0), [Note("one"), Note("two"), Note("three")])
     heights = [entity.dxf.insert.y for entity in sheet.space.query("TEXT")]
     assert heights == [100.0, 95.0, 90.0]
-    sheet.write_notes((20.0, 50.0), [("4  one that states a characteristic", "shank")])
+    sheet.write_notes((20.0, 50.0), [Note("4  one that states a characteristic", "shank")])
     assert sheet.numbers == {2}
 
 

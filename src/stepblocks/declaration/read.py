@@ -6,13 +6,13 @@ from typing import TypeAlias
 
 from stepblocks.declaration.select import find_stimulus_files
 from stepblocks.declaration.set import StimulusSet, make_set
+from stepblocks.declaration.write import SCHEMA
 from stepblocks.errors import PipelineError, StimulusError
 from stepblocks.files.text import read_document
 from stepblocks.mistakes import Mistake, shorten_value
 
 Sets: TypeAlias = str | Path | StimulusSet | Sequence[str | Path | StimulusSet]
 
-SCHEMA = 1  # version of the stimulus file format
 MAX_FILE_BYTES = 1_000_000  # largest stimulus file that is read [bytes]
 
 
@@ -36,38 +36,47 @@ def load_set(path: str | Path) -> StimulusSet:
         impossible.
     """
     path = Path(path)
-    StimulusError.require(
-        path.suffix.lower() != ".csv",
-        "a stimulus file must be TOML; 'stepblocks drag' takes a profile, and a table of heights "
-        f"'stepblocks predict' [{path}]",
-    )
-    raw = read_document(path, "a stimulus file", StimulusError, MAX_FILE_BYTES)
-    name = raw.pop("set", path.stem)
-    mistakes: list[Mistake] = []
-    if (schema := raw.pop("schema", SCHEMA)) != SCHEMA:
-        mistakes.append(("", f"schema must be {SCHEMA}, got {shorten_value(schema)}"))
-    if name != path.stem:
-        mistakes.append(
-            (
-                "",
-                f"set must be the name of its file, {path.stem!r}, or be left out, got "
-                f"{shorten_value(name)}",
-            )
+    if path.suffix.lower() == ".csv":
+        raise StimulusError(
+            "a stimulus file must be TOML; 'stepblocks drag' takes a profile, and a table of "
+            f"heights 'stepblocks predict' [{path}]"
         )
+    raw = read_document(path, "a stimulus file", StimulusError, MAX_FILE_BYTES)
+    mistakes: list[Mistake] = []
+    schema = raw.pop("schema", SCHEMA)
+    if schema != SCHEMA:
+        mistakes.append(("", f"schema must be {SCHEMA}, got {shorten_value(schema)}"))
+    name = raw.pop("set", path.stem)
+    if name != path.stem:
+        rule = f"set must be the name of its file, {path.stem!r}, or be left out"
+        mistakes.append(("", f"{rule}, got {shorten_value(name)}"))
     return make_set(path.stem, raw, path.parent, path, mistakes)
 
 
 def load_sets(sources: Sets | None = None) -> list[tuple[StimulusSet, str]]:
     """Load sets from files, folders or as they are, each with where it comes from.
 
-    Without any they are those of the folder ``stimuli``.
+    Without any they are those of the folder ``stimuli``. Sets that are given as such come first.
+
+    Raises
+    ------
+    StepblocksError
+        If a source is no set and no path, or a file cannot be read.
     """
-    several = [sources] if isinstance(sources, str | Path | StimulusSet) else list(sources or ())
-    PipelineError.require(
-        all(isinstance(one, str | Path | StimulusSet) for one in several),
-        f"a set must be a path or a StimulusSet, got {shorten_value(several)}",
-    )
-    declared = [(one, one.name) for one in several if isinstance(one, StimulusSet)]
-    paths = [one for one in several if not isinstance(one, StimulusSet)]
-    files = find_stimulus_files(paths) if paths or not declared else []
-    return [*declared, *((load_set(path), str(path)) for path in files)]
+    if isinstance(sources, str | Path | StimulusSet):
+        sources = [sources]
+    loaded: list[tuple[StimulusSet, str]] = []
+    paths: list[str | Path] = []
+    for source in sources or ():
+        if isinstance(source, StimulusSet):
+            loaded.append((source, source.name))
+        elif isinstance(source, str | Path):
+            paths.append(source)
+        else:
+            raise PipelineError(
+                f"a set must be a path or a StimulusSet, got {shorten_value(list(sources or ()))}"
+            )
+    if paths or not loaded:
+        for path in find_stimulus_files(paths):
+            loaded.append((load_set(path), str(path)))
+    return loaded

@@ -5,118 +5,169 @@ import itertools
 import math
 import re
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Any, TypeGuard
 
 from stepblocks.errors import QuantityError
 from stepblocks.quantities import parse_quantity
 
-_BESIDE = ("tolerance", "source")  # what a dimension has besides its nominal
-_OF_DIMENSION = {"nominal", "from", "values"}
+_BESIDE_NOMINAL = ("tolerance", "source")  # what a dimension has besides its nominal
+_NAMES_OF_SERIES = {"from", "to", "step", "values", *_BESIDE_NOMINAL}
+_NAMES_OF_DIMENSION = {"nominal", "from", "values"}  # one of which every dimension has
 MAX_SERIES = 20_000  # most stimuli that one stanza may stand for
+_WHOLE_STEP = 1e-6  # of a step, by which the last value may miss a whole number of them
 
 _PLACEHOLDER = re.compile(
     r"\{(?P<field>[a-z_]+?)(?:_(?P<unit>um|nm|mm|deg))?(?::0(?P<digits>[1-9]))?\}"
 )
 _UNITS = {"um": 1e6, "nm": 1e9, "mm": 1e3, "deg": 57.29577951308232}
 
+Keys = tuple[str, ...]  # keys of the tables down to a dimension
+
 
 def merge_tables(defaults: Mapping[str, object], stanza: Mapping[str, object]) -> dict[str, object]:
     """Lay a stanza over the defaults of its kind, table by table."""
-    result: dict[str, object] = copy.deepcopy(dict(defaults))
+    merged: dict[str, object] = copy.deepcopy(dict(defaults))
     for key, value in stanza.items():
-        # both must be tables, and neither of them a dimension
-        tables = [
-            one
-            for one in (result.get(key), value)
-            if isinstance(one, dict) and not _OF_DIMENSION & set(one)
-        ]
-        result[key] = merge_tables(*tables) if len(tables) == 2 else copy.deepcopy(value)
-    return result
+        default = merged.get(key)
+        if _is_table(default) and _is_table(value):
+            merged[key] = merge_tables(default, value)
+        else:
+            merged[key] = copy.deepcopy(value)
+    return merged
+
+
+def _is_table(value: object) -> TypeGuard[dict[str, object]]:
+    """Tell whether a value is a table of fields, and no dimension."""
+    return isinstance(value, dict) and not _NAMES_OF_DIMENSION & set(value)
 
 
 def expand_series(stanza: Mapping[str, object]) -> Iterator[dict[str, object]]:
-    """Expand the series in a stanza, every combination of them."""
-    series = {path: _read_values(path, table) for path, table in _find_series(stanza, ())}
-    count = math.prod(map(len, series.values()))
-    QuantityError.require(
-        count <= MAX_SERIES, f"a series must have at most {MAX_SERIES} members, got {count}"
-    )
-    for combination in itertools.product(*series.values()):
-        one = copy.deepcopy(dict(stanza))
-        for path, nominal in zip(series, combination, strict=True):
-            table: dict[str, Any] = one
-            for key in path[:-1]:
-                table = table[key]
-            table[path[-1]] = {"nominal": nominal} | {
-                key: value for key, value in table[path[-1]].items() if key in _BESIDE
-            }
-        one["id"] = _fill_identity(one)
-        yield one
+    """Expand the series in a stanza, every combination of them.
+
+    Parameters
+    ----------
+    stanza : mapping
+        A stanza as a file holds it.
+
+    Yields
+    ------
+    dict
+        A stanza without series, with its identity filled in.
+
+    Raises
+    ------
+    QuantityError
+        If a series is malformed or too long.
+    """
+    values_by_path: dict[Keys, list[str]] = {}
+    for path, table in _find_series(stanza, ()):
+        values_by_path[path] = _read_values(path, table)
+    count = math.prod(len(values) for values in values_by_path.values())
+    if count > MAX_SERIES:
+        raise QuantityError(f"a series must have at most {MAX_SERIES} members, got {count}")
+    for combination in itertools.product(*values_by_path.values()):
+        member = copy.deepcopy(dict(stanza))
+        for path, nominal in zip(values_by_path, combination, strict=True):
+            _set_nominal(member, path, nominal)
+        member["id"] = _fill_identity(member)
+        yield member
+
+
+def _set_nominal(stanza: dict[str, Any], path: Keys, nominal: str) -> None:
+    """Put one value of a series in its place, with the tolerance and source of the series."""
+    *outer_keys, key = path
+    table = stanza
+    for outer_key in outer_keys:
+        table = table[outer_key]
+    series = table[key]
+    table[key] = {"nominal": nominal}
+    for name, value in series.items():
+        if name in _BESIDE_NOMINAL:
+            table[key][name] = value
 
 
 def _find_series(
-    table: Mapping[str, object], path: tuple[str, ...]
-) -> Iterator[tuple[tuple[str, ...], dict[str, object]]]:
+    table: Mapping[str, object], path: Keys
+) -> Iterator[tuple[Keys, dict[str, object]]]:
+    """Yield the series in a table and the tables in it, each with its path."""
     for key, value in table.items():
-        if isinstance(value, dict):
-            if "from" in value or "values" in value:
-                yield (*path, key), value
-            else:
-                yield from _find_series(value, (*path, key))
+        if not isinstance(value, dict):
+            continue
+        if "from" in value or "values" in value:
+            yield (*path, key), value
+        else:
+            yield from _find_series(value, (*path, key))
 
 
-def _read_values(path: tuple[str, ...], table: Mapping[str, object]) -> list[str]:
+def _read_values(path: Keys, table: Mapping[str, object]) -> list[str]:
+    """Read the values of a series: those listed, or from one to another by steps."""
     name = ".".join(path)
-    unknown = set(table) - {"from", "to", "step", "values", *_BESIDE}
-    QuantityError.require(
-        not unknown,
-        f"{name}: a series has from, to and step, or values; got also {', '.join(sorted(unknown))}",
-    )
+    unknown = set(table) - _NAMES_OF_SERIES
+    if unknown:
+        raise QuantityError(
+            f"{name}: a series has from, to and step, or values; got also "
+            f"{', '.join(sorted(unknown))}"
+        )
     if "values" in table:
-        values = table["values"]
-        if (
-            not isinstance(values, list)
-            or not values
-            or "from" in table
-            or not all(isinstance(v, str) for v in values)
-        ):
-            raise ValueError(
-                f"{name}: values must be a list of quantities such as ['25 um', '50 um'], got "
-                f"{values!r:.60}"
-            )
-        return list(values)
+        return _read_listed_values(name, table)
     missing = {"to", "step"} - set(table)
-    QuantityError.require(
-        not missing,
-        f"{name}: a series needs from, to and step, got no {' and no '.join(sorted(missing))}",
-    )
-    first, last, step = (table[key] for key in ("from", "to", "step"))
-    dimension = _find_quantity(first)
+    if missing:
+        absent = " and no ".join(sorted(missing))
+        raise QuantityError(f"{name}: a series needs from, to and step, got no {absent}")
+    return _read_steps(name, table)
+
+
+def _read_listed_values(name: str, table: Mapping[str, object]) -> list[str]:
+    """Read the values that a series lists."""
+    values = table["values"]
+    if "from" in table or not _is_list_of_texts(values):
+        raise ValueError(
+            f"{name}: values must be a list of quantities such as ['25 um', '50 um'], got "
+            f"{values!r:.60}"
+        )
+    return list(values)
+
+
+def _is_list_of_texts(value: object) -> TypeGuard[list[str]]:
+    """Tell whether a value is a list of texts, and not empty."""
+    if not isinstance(value, list) or not value:
+        return False
+    return all(isinstance(text, str) for text in value)
+
+
+def _read_steps(name: str, table: Mapping[str, object]) -> list[str]:
+    """Read the values from one to another by steps, in the unit of the first."""
+    first = table["from"]
+    last = table["to"]
+    step = table["step"]
+    quantity = _find_quantity(first)
     try:
-        start, stop, stride = (parse_quantity(value, dimension) for value in (first, last, step))
+        start = parse_quantity(first, quantity)
+        stop = parse_quantity(last, quantity)
+        stride = parse_quantity(step, quantity)
     except QuantityError as error:
         raise ValueError(f"{name}: {error}") from error
-    got = f"got from {first} to {last} step {step}"
-    QuantityError.require(
-        stride > 0.0 and stop >= start,
-        f"{name}: a series must ascend with a positive step, {got}",
-    )
+    series = f"got from {first} to {last} step {step}"
+    if not (stride > 0.0 and stop >= start):
+        raise QuantityError(f"{name}: a series must ascend with a positive step, {series}")
     steps = (stop - start) / stride
+    if steps > MAX_SERIES:
+        raise QuantityError(
+            f"{name}: a series must have at most {MAX_SERIES} members, got {steps:.0f}"
+        )
     count = round(steps)
-    QuantityError.require(
-        steps <= MAX_SERIES,
-        f"{name}: a series must have at most {MAX_SERIES} members, got {steps:.0f}",
-    )
-    QuantityError.require(
-        abs(steps - count) <= 1e-6,
-        f"{name}: to must be a whole number of steps from from, {got}",
-    )
+    if abs(steps - count) > _WHOLE_STEP:
+        raise QuantityError(f"{name}: to must be a whole number of steps from from, {series}")
     unit = str(first).lstrip("+-.0123456789eE ").strip()
-    scale = parse_quantity(f"1 {unit}", dimension)
-    return [f"{(start + index * stride) / scale:.12g} {unit}" for index in range(count + 1)]
+    scale = parse_quantity(f"1 {unit}", quantity)
+    values = []
+    for index in range(count + 1):
+        values.append(f"{(start + index * stride) / scale:.12g} {unit}")
+    return values
 
 
 def _find_quantity(text: object) -> str:
+    """Tell whether a quantity is an angle or, as far as is known, a length."""
     try:
         parse_quantity(text, "angle")
     except QuantityError:
@@ -125,20 +176,30 @@ def _find_quantity(text: object) -> str:
 
 
 def _fill_identity(stanza: Mapping[str, object]) -> object:
+    """Fill the placeholders of an identity, such as ``{height_um:03}``, from its stanza."""
     template = stanza.get("id")
     if not isinstance(template, str):
         return template
 
     def fill(match: re.Match[str]) -> str:
-        found = stanza.get(match["field"])
-        nominal = found.get("nominal") if isinstance(found, dict) else found
+        dimension = stanza.get(match["field"])
+        nominal = dimension.get("nominal") if isinstance(dimension, dict) else dimension
         if match["unit"] is None or nominal is None:
             raise ValueError(
                 f"id: {match[0]} must name a dimension of the stanza with its unit, such as "
                 "{height_um:03}"
             )
-        text = f"{parse_quantity(nominal, _find_quantity(nominal)) * _UNITS[match['unit']]:.9g}"
-        sign, digits = ("m", text[1:]) if text.startswith("-") else ("", text)
-        return sign + digits.zfill(int(match["digits"] or 1)).replace(".", "p")
+        value = parse_quantity(nominal, _find_quantity(nominal)) * _UNITS[match["unit"]]
+        return _format_placeholder(value, int(match["digits"] or 1))
 
     return _PLACEHOLDER.sub(fill, template)
+
+
+def _format_placeholder(value: float, digits: int) -> str:
+    """Write a number as an identity may hold it: ``m`` for minus, ``p`` for the decimal point."""
+    text = f"{value:.9g}"
+    sign = ""
+    if text.startswith("-"):
+        sign = "m"
+        text = text[1:]
+    return sign + text.zfill(digits).replace(".", "p")

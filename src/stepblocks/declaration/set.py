@@ -1,12 +1,13 @@
 """A stimulus set: everything one file declares; and the list of the kinds that a file may hold."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from html import escape
 from itertools import islice
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Self, TypeGuard
 
 from pydantic import FailFast, Field, ValidationError, create_model
 
@@ -43,12 +44,14 @@ SHIPPED: tuple[type[Part], ...] = (
     HookTip,
     Sheath,
 )
-_more: list[type[Part]] = []
+_registered: list[type[Part]] = []  # as long as a `register_kind` lasts
+
+_SHOWN_NAMES = 6  # of a set whose parts are all named in a line, fewer than
 
 
 def list_kinds() -> dict[str, type[Part]]:
     """Return the kinds that stimulus files may declare, by the names of their stanzas."""
-    return {kind.stanza: kind for kind in (*SHIPPED, *_more)}
+    return {kind.stanza: kind for kind in (*SHIPPED, *_registered)}
 
 
 @contextmanager
@@ -71,15 +74,13 @@ def register_kind(kind: type[Part]) -> Iterator[None]:
         If another kind has stanzas of that name, or it cannot be the name of one.
     """
     taken = {*list_kinds(), *StimulusSet.model_fields, "schema", "set", "defaults"}
-    StimulusError.require(
-        kind.stanza.isidentifier() and kind.stanza not in taken,
-        f"stanza must be a new name, got {kind.stanza!r} [{kind.__name__}]",
-    )
-    _more.append(kind)
+    if not kind.stanza.isidentifier() or kind.stanza in taken:
+        raise StimulusError(f"stanza must be a new name, got {kind.stanza!r} [{kind.__name__}]")
+    _registered.append(kind)
     try:
         yield
     finally:
-        _more.remove(kind)
+        _registered.remove(kind)
 
 
 class StimulusSet(Table):
@@ -167,35 +168,33 @@ class StimulusSet(Table):
         StimulusError
             If the name of the file is not that of the set, or a part cannot be stated in a file.
         """
-        StimulusError.require(
-            path is None or isinstance(path, str | Path),
-            f"path must be that of a file, got {shorten_value(path)}",
-        )
+        if path is not None and not isinstance(path, str | Path):
+            raise StimulusError(f"path must be that of a file, got {shorten_value(path)}")
         text = format_set(self, self.name, self.stimuli)
-        if path is not None:
-            StimulusError.require(
-                Path(path).stem == self.name,
-                f"the file must be named after its set, {self.name!r} [{path}]",
-            )
-            replace_text(Path(path), text)
+        if path is None:
+            return text
+        if Path(path).stem != self.name:
+            raise StimulusError(f"the file must be named after its set, {self.name!r} [{path}]")
+        replace_text(Path(path), text)
         return text
 
     def __repr__(self) -> str:
         names = [part.id for part in self.stimuli]
-        shown = ", ".join(names if len(names) < 6 else [*names[:3], "...", names[-1]])
-        return f"StimulusSet({self.name!r}, {len(names)} stimuli: {shown})"
+        shown = names
+        if len(names) >= _SHOWN_NAMES:
+            shown = [*names[:3], "...", names[-1]]
+        return f"StimulusSet({self.name!r}, {len(names)} stimuli: {', '.join(shown)})"
 
     __str__ = __repr__
 
     def _repr_html_(self) -> str:
-        rows = "".join(
-            f"<tr><td>{escape(part.id)}<td>{escape(part.kind_name)}<td>{escape(part.summary)}"
-            f"<td>{escape(part.material.order_text)}"
-            for part in self.stimuli
-        )
+        rows = []
+        for part in self.stimuli:
+            cells = (part.id, part.kind_name, part.summary, part.material.order_text)
+            rows.append("<tr>" + "".join(f"<td>{escape(cell)}" for cell in cells))
         return (
             f"<b>{escape(self.title)}</b>"
-            f"<table><tr><th>stimulus<th>kind<th>size<th>material{rows}</table>"
+            f"<table><tr><th>stimulus<th>kind<th>size<th>material{''.join(rows)}</table>"
         )
 
     def with_parts(self, parts: Iterable[Part]) -> Self:
@@ -205,18 +204,17 @@ class StimulusSet(Table):
     def predict_ring(self, part: Part) -> RodRing | None:
         """Predict how the probe rings with a part on its shank; None where it wears none."""
         sleeve = part.sleeve
-        return None if sleeve is None or self.probe is None else self.probe.ring(sleeve)
+        if sleeve is None or self.probe is None:
+            return None
+        return self.probe.ring(sleeve)
 
     def find_conditions(self, part: Part) -> PredictionGrid:
         """Return the conditions of a part; a sheath changes the stiffness of the probe."""
         ring = self.predict_ring(part)
         if ring is None:
             return self.prediction
-        return self.prediction.model_copy(
-            update={
-                "tool": self.prediction.tool.model_copy(update={"stiffness": ring.stiffness}),
-            }
-        )
+        tool = self.prediction.tool.model_copy(update={"stiffness": ring.stiffness})
+        return self.prediction.model_copy(update={"tool": tool})
 
     def describe_alike(self) -> dict[str, str]:
         """Say which bench blocks have the sizes of another: no hand and no scan tells them apart.
@@ -226,18 +224,21 @@ class StimulusSet(Table):
         dict of str to str
             A sentence by the identity of each block that repeats an earlier one.
         """
-        first: dict[tuple[object, ...], str] = {}
-        found = {}
+        first_by_sizes: dict[tuple[object, ...], str] = {}
+        sentences = {}
         for part in self.stimuli:
-            sizes = part.stanza, *(size.nominal for size in part.sizes.values())
-            if part.has_working_faces and first.setdefault(sizes, part.id) != part.id:
-                found[part.id] = f"{part.id} has the sizes of {first[sizes]}: {part.summary}"
-        return found
+            if not part.has_working_faces:
+                continue
+            sizes = (part.stanza, *(size.nominal for size in part.sizes.values()))
+            first = first_by_sizes.setdefault(sizes, part.id)
+            if first != part.id:
+                sentences[part.id] = f"{part.id} has the sizes of {first}: {part.summary}"
+        return sentences
 
     @make_rules_validator
     def _check_parts_suit_the_conditions(self) -> Iterator[str]:
-        counts = Counter(part.id for part in self.stimuli)
-        for name in (counts - Counter(set(counts))).elements():
+        """Yield what parts and conditions of the set lack for each other."""
+        for name in _list_repeated([part.id for part in self.stimuli]):
             yield (
                 f"id must be unique in its set, got {name!r} twice; in a series it names what "
                 f"varies, such as '{name}-{{height_um:03}}'"
@@ -249,24 +250,40 @@ class StimulusSet(Table):
                 "prediction.tip_radii must be given for a set with blocks, crowns or sheaths, "
                 "got none"
             )
-        given = {"probe": self.probe, "damping_rig": self.damping_rig}
-        yield next(
-            (line for part in self.stimuli for line in part.list_missing_conditions(given)), ""
-        )
+        yield from self._list_missing_conditions()
         if not self.stimuli:
             yield "a set must declare at least one stimulus, got none"
+
+    def _list_missing_conditions(self) -> Iterator[str]:
+        """Yield the first of what the parts need and the set lacks, if anything."""
+        conditions = {"probe": self.probe, "damping_rig": self.damping_rig}
+        for part in self.stimuli:
+            for sentence in part.list_missing_conditions(conditions):
+                yield sentence
+                return
+
+
+def _list_repeated(names: Sequence[str]) -> list[str]:
+    """List names as often as they repeat an earlier one, by their first appearance."""
+    repeated: list[str] = []
+    for name, count in Counter(names).items():
+        repeated += [name] * (count - 1)
+    return repeated
 
 
 def choose_operating_point(
     stimuli: StimulusSet, part: Part, overrides: Mapping[str, float]
 ) -> OperatingPoint:
     """Choose the first condition of a part's set, changed by `overrides` and by the part itself."""
-    grid = stimuli.find_conditions(part)
+    conditions = stimuli.find_conditions(part)
+    tool = conditions.as_tool()
     ring = stimuli.predict_ring(part)
-    # how the probe rings with this part on its shank
-    tool = grid.as_tool() if ring is None else ring.as_tool(grid.as_tool())
-    own = {} if part.ball is None else {"ball_radius": part.ball.nominal}
-    return grid.first_point(**{"tool": tool, "tissue": part.tissue(tool), **overrides, **own})
+    if ring is not None:  # how the probe rings with this part on its shank
+        tool = ring.as_tool(tool)
+    fields: dict[str, Any] = {"tool": tool, "tissue": part.tissue(tool), **overrides}
+    if part.ball is not None:
+        fields["ball_radius"] = part.ball.nominal
+    return conditions.first_point(**fields)
 
 
 def make_file_model() -> type[Table]:
@@ -282,86 +299,134 @@ def make_file_model() -> type[Table]:
 
 def validate_set(declared: Mapping[str, object]) -> StimulusSet:
     """Validate what a file declares; tips and steps that it leaves out are those of the paper."""
-    values = dict(make_file_model().model_validate(declared))
-    parts = tuple(part for stanza in list_kinds() for part in values.pop(stanza))
-    grid: PredictionGrid = values["prediction"]
-    more: dict[str, tuple[float, ...]] = {}
-    if any(part.ball is None for part in parts) and not grid.tip_radii:
-        more["tip_radii"] = (PAPER.ball_radius,)
-    if not all(part.crossed for part in parts) and not grid.step_heights:
-        more["step_heights"] = PAPER_STEPS
-    # not by the class itself, which as a public name answers in one line of its own
-    return StimulusSet.model_validate(
-        values | {"prediction": grid.model_copy(update=more), "stimuli": parts}
-    )
+    fields = dict(make_file_model().model_validate(declared))
+    parts: list[Part] = []
+    for stanza in list_kinds():
+        parts += fields.pop(stanza)
+    fields["prediction"] = _complete_conditions(fields["prediction"], parts)
+    fields["stimuli"] = tuple(parts)
+    return StimulusSet.model_validate(fields)
+
+
+def _complete_conditions(grid: PredictionGrid, parts: Sequence[Part]) -> PredictionGrid:
+    """Add tips and steps of the paper that parts need and a file leaves out."""
+    additions: dict[str, tuple[float, ...]] = {}
+    if not grid.tip_radii and any(part.ball is None for part in parts):
+        additions["tip_radii"] = (PAPER.ball_radius,)
+    if not grid.step_heights and not all(part.crossed for part in parts):
+        additions["step_heights"] = PAPER_STEPS
+    return grid.model_copy(update=additions)
 
 
 def make_set(
     name: str, raw: dict[str, Any], folder: Path, place: object, mistakes: list[Mistake]
 ) -> StimulusSet:
-    """Make a set of the tables of a file in a folder, or say all that is wrong with them."""
-    known = list_kinds()
-    defaults = raw.pop("defaults", {})
-    if not isinstance(defaults, dict) or not set(defaults) <= set(known):
-        mistakes.append(
-            ("", f"defaults must be tables named {', '.join(known)}, got {shorten_value(defaults)}")
-        )
-        defaults = {}
-    for kind in [kind for kind in known if kind in raw]:
-        raw[kind] = list(
-            islice(
-                _expand_stanzas(kind, raw[kind], defaults.get(kind, {}), mistakes, folder),
-                MAX_SERIES + 1,
-            )
-        )
-    total = sum(len(raw.get(kind, ())) for kind in known)
-    StimulusError.require(
-        total <= MAX_SERIES,
-        f"a set must have at most {MAX_SERIES} stimuli, got {total} [{place}]",
-    )
+    """Make a set of the tables of a file in a folder, or say all that is wrong with them.
+
+    Parameters
+    ----------
+    name : str
+        Name of the set.
+    raw : dict
+        Tables of the file; its stanzas are replaced by what they stand for.
+    folder : Path
+        Where the files lie that stanzas name.
+    place : object
+        What is read, for the message.
+    mistakes : list of Mistake
+        What is wrong so far; the list grows.
+
+    Returns
+    -------
+    StimulusSet
+        Validated, every series expanded, all values in SI.
+
+    Raises
+    ------
+    StimulusError
+        With all mistakes: name, rule, value and place.
+    """
+    _expand_kinds(raw, folder, mistakes)
+    total = sum(len(raw.get(kind, ())) for kind in list_kinds())
+    if total > MAX_SERIES:
+        raise StimulusError(f"a set must have at most {MAX_SERIES} stimuli, got {total} [{place}]")
     declared = {"name": name, "title": name, **raw}
-
-    def locate(location: Location) -> tuple[str, Location]:
-        if len(location) < 2 or location[0] not in known or not isinstance(location[1], int):
-            return "", location
-        kind, number, *rest = location
-        # none where the name of the kind was corrected
-        (stanza,) = [*declared.get(kind, ()), *({},) * (number + 1)][number : number + 1]
-        return f"{kind} {shorten_value(_name_stanza(stanza, number + 1))}", tuple(rest)
-
     try:
-        found = validate_set(declared)
+        stimuli = validate_set(declared)
     except ValidationError as error:
         # where stanzas could not be read, a set without any is no mistake of its own
         if total or not mistakes:
+            locate = partial(_locate_stanza, declared)
             mistakes += list_mistakes(error, make_file_model(), declared, locate, validate_set)
-    StimulusError.require(not mistakes, format_mistakes(mistakes, place))
-    return found
+    if mistakes:
+        raise StimulusError(format_mistakes(mistakes, place))
+    return stimuli
+
+
+def _expand_kinds(raw: dict[str, Any], folder: Path, mistakes: list[Mistake]) -> None:
+    """Replace the stanzas of each kind by what they stand for, at most one more than a set holds.
+
+    Mistakes are added to the list.
+    """
+    known = list_kinds()
+    defaults = raw.pop("defaults", {})
+    if not isinstance(defaults, dict) or not set(defaults) <= set(known):
+        rule = f"defaults must be tables named {', '.join(known)}"
+        mistakes.append(("", f"{rule}, got {shorten_value(defaults)}"))
+        defaults = {}
+    for kind in known:
+        if kind in raw:
+            stanzas = _expand_stanzas(kind, raw[kind], defaults.get(kind, {}), mistakes, folder)
+            raw[kind] = list(islice(stanzas, MAX_SERIES + 1))
+
+
+def _locate_stanza(declared: Mapping[str, Any], location: Location) -> tuple[str, Location]:
+    """Split a location of pydantic's into the stanza, as a person finds it, and what is left."""
+    if len(location) < 2:
+        return "", location
+    kind, number, *inner = location
+    if kind not in list_kinds() or not isinstance(number, int):
+        return "", location
+    stanzas = declared.get(kind, ())
+    stanza: Part | Mapping[str, object] = {}
+    if number < len(stanzas):  # there is none where the name of the kind was corrected
+        stanza = stanzas[number]
+    return f"{kind} {shorten_value(_name_stanza(stanza, number + 1))}", tuple(inner)
 
 
 def _name_stanza(stanza: Part | Mapping[str, object], otherwise: object) -> object:
-    return stanza.id if isinstance(stanza, Part) else stanza.get("id", otherwise)
+    """Return the identity of a stanza, or what stands for it where it has none."""
+    if isinstance(stanza, Part):
+        return stanza.id
+    return stanza.get("id", otherwise)
 
 
 def _expand_stanzas(
     kind: str, raw: object, defaults: object, mistakes: list[Mistake], folder: Path
 ) -> Iterator[Part | Mapping[str, object]]:
-    # Expand the stanzas of a kind; those that cannot be are among the mistakes
-    if not isinstance(raw, list | tuple) or not all(isinstance(one, dict | Part) for one in raw):
+    """Expand the stanzas of a kind; those that cannot be are among the mistakes."""
+    if not _are_stanzas(raw):
         mistakes.append(("", f"{kind} must be written as [[{kind}]], got {shorten_value(raw)}"))
         return
     if not isinstance(defaults, dict):
         mistakes.append(("", f"defaults.{kind} must be a table, got {shorten_value(defaults)}"))
         return
     for number, stanza in enumerate(raw, start=1):
+        if isinstance(stanza, Part):
+            yield stanza
+            continue
         place = f"{kind} {shorten_value(_name_stanza(stanza, f'number {number}'))}"
         try:
-            if isinstance(stanza, Part):
-                yield stanza
-                continue
-            for one in expand_series(merge_tables(defaults, stanza)):
-                yield from list_kinds()[kind].expand_stanza(one, folder)
+            for member in expand_series(merge_tables(defaults, stanza)):
+                yield from list_kinds()[kind].expand_stanza(member, folder)
         except (ValueError, StepblocksError) as error:
             mistakes.append((place, str(error)))
         except RecursionError:
             mistakes.append((place, "tables must not nest so deep"))
+
+
+def _are_stanzas(raw: object) -> TypeGuard[Sequence[Part | dict[str, object]]]:
+    """Tell whether a value is a list of stanzas, as tables or as parts."""
+    if not isinstance(raw, list | tuple):
+        return False
+    return all(isinstance(stanza, dict | Part) for stanza in raw)

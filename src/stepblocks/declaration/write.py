@@ -1,87 +1,126 @@
 """A stimulus set as the text of a stimulus file, which reads back as the same set."""
 
-from collections.abc import Iterable
+from collections.abc import Container, Iterable, Iterator
 from typing import get_args
 
 import tomli_w
 
 from stepblocks.errors import StimulusError
-from stepblocks.parts.declared import MATERIALS, QuantityValidator, Sourced, Table, WorkingFaces
+from stepblocks.parts.declared import QuantityValidator, Sourced, Table, WorkingFaces
 from stepblocks.parts.kind import Part
+from stepblocks.parts.material import MATERIALS
 from stepblocks.parts.tolerance import Dimension
 from stepblocks.quantities import format_exactly
 
+SCHEMA = 1  # version of the stimulus file format
+
 
 def format_set(stimuli: Table, name: str, parts: Iterable[Part]) -> str:
-    """Write a set as TOML, every value in full."""
+    """Write a set as TOML, every value in full.
+
+    Parameters
+    ----------
+    stimuli : Table
+        The set.
+    name : str
+        Name of the set.
+    parts : iterable of Part
+        Its parts, which become stanzas by kind.
+
+    Returns
+    -------
+    str
+        The text of a stimulus file.
+
+    Raises
+    ------
+    StimulusError
+        If a value cannot be stated in a file.
+    """
+    document: dict[str, object] = {"schema": SCHEMA, "set": name}
+    document.update(_list_fields(stimuli, left_out=("name", "stimuli")))
     stanzas: dict[str, list[dict[str, object]]] = {}
     for part in parts:
         stanzas.setdefault(part.stanza, []).append(_list_fields(part))
-    return tomli_w.dumps(
-        {
-            "schema": 1,
-            "set": name,
-            **_list_fields(stimuli, leave_out={"name", "stimuli"}),
-            **stanzas,
-        }
-    )
+    document.update(stanzas)
+    return tomli_w.dumps(document)
 
 
-def _list_fields(table: Table, leave_out: Iterable[str] = ()) -> dict[str, object]:
-    written: dict[str, object] = {}
+def _list_fields(table: Table, left_out: Container[str] = ()) -> dict[str, object]:
+    """Return the fields of a table as TOML holds them; what is absent by default is left out."""
+    fields: dict[str, object] = {}
     for name, field in type(table).model_fields.items():
         value = getattr(table, name)
-        if name in leave_out or (value is None and field.default is None):
+        if name in left_out or (value is None and field.default is None):
             continue
-        quantity = next(
-            (
-                one.dimension
-                for one in _find_quantity_validators((field.annotation, *field.metadata))
-            ),
-            "ratio",
-        )
-        written[name] = _write_value(value, quantity, isinstance(table, WorkingFaces))
-    return written
+        quantity = _find_quantity((field.annotation, *field.metadata))
+        if isinstance(table, WorkingFaces) and isinstance(value, Dimension):
+            fields[name] = format_exactly(value.upper, value.quantity)
+        else:
+            fields[name] = _write_value(value, quantity)
+    return fields
 
 
-def _find_quantity_validators(annotations: Iterable[object]) -> Iterable[QuantityValidator]:
-    # Find the validators of quantities in annotations, however deep
-    for one in annotations:
-        if isinstance(one, QuantityValidator):
-            yield one
-        yield from _find_quantity_validators((*get_args(one), *getattr(one, "__metadata__", ())))
+def _find_quantity(annotations: Iterable[object]) -> str:
+    """Find the quantity that a field's annotations read; a plain number is a ratio."""
+    for validator in _list_quantity_validators(annotations):
+        return validator.dimension
+    return "ratio"
 
 
-def _write_value(value: object, quantity: str, is_zone: bool) -> object:
-    match value:
-        case None:
-            return "none"
-        case Dimension() if is_zone:
-            return format_exactly(value.upper, value.quantity)
-        case Dimension():
-            return _write_dimension(value)
-        case Sourced():
-            return {"value": format_exactly(value.value, value.quantity), "source": value.source}
-        case Table():
-            known = (key for key, material in MATERIALS.items() if material == value)
-            return next(known, None) or _list_fields(value)
-        case tuple():
-            return [_write_value(one, quantity, is_zone) for one in value]
-        case float() if quantity != "ratio":
-            return format_exactly(value, quantity)
-        case str() | int() | float() | dict():
-            return value
+def _list_quantity_validators(annotations: Iterable[object]) -> Iterator[QuantityValidator]:
+    """Yield the validators of quantities in annotations, however deep."""
+    for annotation in annotations:
+        if isinstance(annotation, QuantityValidator):
+            yield annotation
+        metadata = getattr(annotation, "__metadata__", ())
+        yield from _list_quantity_validators((*get_args(annotation), *metadata))
+
+
+def _write_value(value: object, quantity: str) -> object:
+    """Return a value as TOML holds it; numbers are of the quantity that their field reads."""
+    if value is None:
+        return "none"
+    if isinstance(value, Dimension):
+        return _write_dimension(value)
+    if isinstance(value, Sourced):
+        return {"value": format_exactly(value.value, value.quantity), "source": value.source}
+    if isinstance(value, Table):
+        return _write_table(value)
+    if isinstance(value, tuple):
+        return [_write_value(item, quantity) for item in value]
+    if isinstance(value, float) and quantity != "ratio":
+        return format_exactly(value, quantity)
+    if isinstance(value, str | int | float | dict):
+        return value
     raise StimulusError(f"a set must hold values that a file can state, got {value!r:.60}")
 
 
+def _write_table(table: Table) -> object:
+    """Return a table as TOML holds it; a known material is its key."""
+    for key, material in MATERIALS.items():
+        if material == table:
+            return key
+    return _list_fields(table)
+
+
 def _write_dimension(dimension: Dimension) -> object:
-    # Write a dimension; what the standard or a default states is left to it
+    """Return a dimension as TOML holds it; what the standard or a default states is left to it."""
     nominal = format_exactly(dimension.nominal, dimension.quantity)
-    source = {"source": dimension.source} if dimension.source else {}
-    if dimension.general or dimension.usual:
-        return {"nominal": nominal, **source} if source else nominal
-    upper, lower = (
-        format_exactly(end, dimension.quantity) for end in (dimension.upper, dimension.lower)
-    )
-    tolerance = upper if dimension.upper == -dimension.lower else f"{upper} / {lower}"
-    return {"nominal": nominal, "tolerance": tolerance, **source}
+    fields = {"nominal": nominal}
+    if not dimension.general and not dimension.usual:
+        fields["tolerance"] = _write_tolerance(dimension)
+    if dimension.source:
+        fields["source"] = dimension.source
+    if len(fields) == 1:
+        return nominal
+    return fields
+
+
+def _write_tolerance(dimension: Dimension) -> str:
+    """Write the deviations of a dimension: one to either side, or both."""
+    upper = format_exactly(dimension.upper, dimension.quantity)
+    if dimension.upper == -dimension.lower:
+        return upper
+    lower = format_exactly(dimension.lower, dimension.quantity)
+    return f"{upper} / {lower}"

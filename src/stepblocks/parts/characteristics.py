@@ -1,18 +1,17 @@
 """The characteristics of a part, numbered once for all files, with their faces."""
 
-import math
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from stepblocks import cad
 from stepblocks.errors import MachiningError
-from stepblocks.parts.declared import FaceDemands
-from stepblocks.parts.tolerance import ANGULAR_DEVIATION, Dimension, find_general_deviation
+from stepblocks.parts.tolerance import Dimension, find_general_deviation
 
 Kind = Literal[
     "distance", "diameter", "radius", "angle", "flatness", "parallelism", "roughness", "note"
 ]
+FaceKind = Literal["PLANE", "SLOPE", "CYLINDER", "CONE", "TORUS", "SPHERE"]
 FORM = ("flatness", "parallelism", "roughness")  # kinds with a largest value and no nominal
 PROFILE = "profilometer, two planes with edge exclusion"
 CALIPER = "caliper"
@@ -20,21 +19,19 @@ DEPTH_GAUGE = "depth gauge"
 MICROMETER = "micrometer"
 MACHINE = "coordinate measuring machine"
 MICROSCOPE = "microscope"
-# distance from a working edge within which nothing may stand over the upper face [m]
-BURR_ZONE = 0.2e-3
-# ISO 2768-2:1989, table 1, class H, of a length up to 10 mm [m]
-RISER_STRAIGHTNESS = 0.02e-3
+# a caliper (u about 10 um) proves a tolerance of 0.2 mm, as rounded in metres, and no less [m]
+_CALIPER_TOLERANCE = 0.1999e-3
 # how far a bounding box may be off its face [m]: the kernel enlarges boxes by its tolerance
 _REACH = 1e-7
+_SAME_PLANE = 1e-9  # further than that [m]
+_SAME_RADIUS = 1e-12  # [m]
 
 
 @dataclass(frozen=True)
 class FaceRule:
     """How to find a face."""
 
-    # ``PLANE`` (square to an axis), ``SLOPE`` (a plane that is not), ``CYLINDER``, ``CONE``,
-    # ``TORUS``, ``SPHERE``
-    kind: str
+    kind: FaceKind  # a ``PLANE`` is square to an axis, a ``SLOPE`` is a plane that is not
     axis: int = 2  # that a plane is square to
     at: float = 0.0  # coordinate of the plane along it [m]
     radius: float = 0.0  # of a cylinder or sphere [m]
@@ -93,42 +90,86 @@ class Characteristic:
 
         The limits of a negative length change places.
         """
-        return (
-            replace(self, nominal=-self.nominal, lower=-self.upper, upper=-self.lower)
-            if self.nominal < 0.0
-            else self
-        )
+        if self.nominal >= 0.0:
+            return self
+        return replace(self, nominal=-self.nominal, lower=-self.upper, upper=-self.lower)
 
 
-def find_face(faces: tuple[cad.door.Face, ...], rule: FaceRule, place: str) -> int:
-    """Find the one face that a rule describes, the largest where the rule fits several."""
-    found = [index for index, face in enumerate(faces) if _is_face_of(face, rule)]
-    MachiningError.require(found, f"a face must exist for {rule}, got none [{place}]")
+def find_face(faces: Sequence[cad.door.Face], rule: FaceRule, place: str) -> int:
+    """Find the face that a rule describes.
 
-    def extent(index: int) -> float:
-        sides = sorted(
-            high - low for low, high in zip(faces[index].low, faces[index].high, strict=True)
-        )
-        return sides[-1] * sides[-2]
+    Parameters
+    ----------
+    faces : sequence of Face
+        All faces of a solid.
+    rule : FaceRule
+        Which of them is meant.
+    place : str
+        What the solid belongs to, for the message.
 
-    return max(found, key=extent)
+    Returns
+    -------
+    int
+        Index of the face; that of the largest where the rule fits several.
+
+    Raises
+    ------
+    MachiningError
+        If no face fits.
+    """
+    candidates = [index for index, face in enumerate(faces) if _fits_rule(face, rule)]
+    if not candidates:
+        raise MachiningError(f"a face must exist for {rule}, got none [{place}]")
+    return max(candidates, key=lambda index: _measure_extent(faces[index]))
 
 
-def _is_face_of(face: cad.door.Face, rule: FaceRule) -> bool:
-    if face.kind != ("PLANE" if rule.kind == "SLOPE" else rule.kind):
-        return False
+def _measure_extent(face: cad.door.Face) -> float:
+    """Return the product of the two longest sides of a face's bounding box [m^2]."""
+    sides = sorted(high - low for low, high in zip(face.low, face.high, strict=True))
+    _, middle, longest = sides
+    return longest * middle
+
+
+def _fits_rule(face: cad.door.Face, rule: FaceRule) -> bool:
+    """Tell whether a rule describes a face."""
     if rule.kind == "SLOPE":
-        flat = any(
-            high - low < 10.0 * _REACH for low, high in zip(face.low, face.high, strict=True)
-        )
-        middle = [0.5 * (low + high) for low, high in zip(face.low, face.high, strict=True)]
-        return not flat and all(abs(middle[k] - v) < 2.0 * _REACH for k, v in rule.holds.items())
-    if rule.kind == "PLANE":
-        if any(abs(end[rule.axis] - rule.at) > _REACH + 1e-9 for end in (face.low, face.high)):
-            return False
-    elif rule.kind in ("CYLINDER", "SPHERE") and abs(face.radius - rule.radius) > 1e-12:
+        return face.kind == "PLANE" and _fits_slope(face, rule)
+    if face.kind != rule.kind:
         return False
-    return all(face.low[k] - _REACH <= v <= face.high[k] + _REACH for k, v in rule.holds.items())
+    if rule.kind == "PLANE" and not _lies_in_plane(face, rule):
+        return False
+    if rule.kind in ("CYLINDER", "SPHERE") and abs(face.radius - rule.radius) > _SAME_RADIUS:
+        return False
+    for axis, coordinate in rule.holds.items():
+        if not face.low[axis] - _REACH <= coordinate <= face.high[axis] + _REACH:
+            return False
+    return True
+
+
+def _lies_in_plane(face: cad.door.Face, rule: FaceRule) -> bool:
+    """Tell whether a plane face lies in the plane of a rule."""
+    tolerance = _REACH + _SAME_PLANE
+    low_offset = abs(face.low[rule.axis] - rule.at)
+    high_offset = abs(face.high[rule.axis] - rule.at)
+    return not (low_offset > tolerance or high_offset > tolerance)
+
+
+def _fits_slope(face: cad.door.Face, rule: FaceRule) -> bool:
+    """Tell whether a plane face is square to no axis, and its middle is that of a rule."""
+    for low, high in zip(face.low, face.high, strict=True):
+        if high - low < 10.0 * _REACH:
+            return False
+    for axis, coordinate in rule.holds.items():
+        middle = 0.5 * (face.low[axis] + face.high[axis])
+        if not abs(middle - coordinate) < 2.0 * _REACH:
+            return False
+    return True
+
+
+def describe_plane(axis: int, at: float, body: int | None = None, **holds: float) -> FaceRule:
+    """Describe a plane square to an axis that contains the coordinates `x`, `y` and `z` [m]."""
+    by_axis = {"xyz".index(name): value for name, value in holds.items()}
+    return FaceRule("PLANE", axis, at, holds=by_axis, body=body)
 
 
 def make_characteristic(
@@ -140,10 +181,30 @@ def make_characteristic(
     body: int = 0,
     method: str = "",
 ) -> Characteristic:
-    """State a dimension as declared; its key with spaces is its label where none is given."""
-    # a caliper (u about 10 um) proves a tolerance of 0.2 mm, as rounded in metres, and no less
-    wide = dimension.upper - dimension.lower >= 0.1999e-3 or dimension.quantity == "angle"
-    method = method or (CALIPER if wide else MICROMETER)
+    """State a dimension as declared.
+
+    Parameters
+    ----------
+    key : str
+        Key of the characteristic.
+    kind : str
+        How its faces carry it.
+    dimension : Dimension
+        What is declared.
+    *faces : FaceRule or EdgeRule
+        Faces or edges that it is measured between, or of.
+    label : str
+        What a person calls it; the key with spaces where omitted.
+    body : int
+        Index of the solid it belongs to.
+    method : str
+        How it is measured; where omitted, a caliper or a micrometer by its tolerance.
+
+    Returns
+    -------
+    Characteristic
+        A line of the inspection sheet.
+    """
     return Characteristic(
         key,
         label or key.replace("_", " "),
@@ -153,10 +214,19 @@ def make_characteristic(
         dimension.upper,
         body,
         faces,
-        method,
+        method or _choose_method(dimension),
         dimension.quantity,
         states=(dimension,),
     )
+
+
+def _choose_method(dimension: Dimension) -> str:
+    """Choose a caliper where it proves the tolerance, else a micrometer."""
+    if dimension.quantity == "angle":
+        return CALIPER
+    if dimension.upper - dimension.lower >= _CALIPER_TOLERANCE:
+        return CALIPER
+    return MICROMETER
 
 
 def make_edge_break(edge_break: Dimension, *faces: Rule) -> Characteristic:
@@ -164,126 +234,19 @@ def make_edge_break(edge_break: Dimension, *faces: Rule) -> Characteristic:
 
     Sharp edges have no face that carries it.
     """
+    kind: Kind = "distance"
+    if not edge_break.nominal:
+        kind = "note"
+        faces = ()
+    label = "edge break, 45 deg, all edges"
     return make_characteristic(
-        "edge_break",
-        "distance" if edge_break.nominal else "note",
-        edge_break,
-        *(faces if edge_break.nominal else ()),
-        label="edge break, 45 deg, all edges",
-        method=MICROSCOPE,
+        "edge_break", kind, edge_break, *faces, label=label, method=MICROSCOPE
     )
 
 
-def describe_plane(axis: int, at: float, body: int | None = None, **holds: float) -> FaceRule:
-    """Describe a plane square to an axis that contains the coordinates `x`, `y` and `z` [m]."""
-    return FaceRule(
-        "PLANE",
-        axis,
-        at,
-        holds={"xyz".index(name): value for name, value in holds.items()},
-        body=body,
-    )
-
-
-def make_form_characteristics(
-    demands: FaceDemands, low: FaceRule, high: FaceRule, lower: str, upper: str
-) -> Iterator[Characteristic]:
-    """State flatness and parallelism of the two working faces."""
-    method = "interferometer, form of the face, minimum zone"
-    yield from _make_forms(
-        demands,
-        ("flatness_lower", f"flatness, {lower}", "flatness", (low,), method),
-        ("flatness_upper", f"flatness, {upper}", "flatness", (high,), method),
-        ("parallelism", f"parallelism, {upper} to A", "parallelism", (high, low), method),
-    )
-
-
-def make_surface_characteristics(
-    demands: FaceDemands, lower: FaceRule, upper: FaceRule, base: FaceRule
-) -> Iterator[Characteristic]:
-    """State the roughness of the working faces, and the form of the base under the lower one."""
-    yield from _make_forms(
-        demands,
-        (
-            "roughness",
-            "roughness Ra, working faces",
-            "roughness",
-            (lower, upper),
-            "profilometer or interferometer, ISO 21920-2",
-        ),
-        (
-            "flatness_base",
-            "flatness, base",
-            "flatness",
-            (base,),
-            "optical flat or electronic comparator",
-        ),
-        (
-            "parallelism_base",
-            "parallelism, lower face to B, the base",
-            "parallelism",
-            (lower, base),
-            "comparator on a surface plate",
-        ),
-    )
-
-
-def _make_forms(
-    demands: FaceDemands, *rows: tuple[str, str, Kind, tuple[Rule, ...], str]
-) -> Iterator[Characteristic]:
-    for key, label, kind, faces, method in rows:
-        zone = demands[f"base_{kind}" if key.endswith("_base") else kind]
-        yield Characteristic(
-            key,
-            label,
-            kind,
-            0.0,
-            0.0,
-            zone.upper,
-            faces=faces,
-            method=method,
-            states=() if zone.usual else (zone,),
-        )
-
-
-def make_location(key: str, label: str, at: float, *faces: Rule) -> Characteristic:
-    """State where a feature lies [m], with the general tolerance of ISO 2768-m."""
-    deviation = find_general_deviation(at) or 0.0
-    return Characteristic(key, label, "distance", at, -deviation, deviation, 0, faces, MACHINE)
-
-
-def make_edge_characteristics(
-    burr: Dimension, wall: FaceRule | None, lower: FaceRule
-) -> Iterator[Characteristic]:
-    """State the burr at the working edge (ISO 13715), and angle and straightness of its wall."""
-    yield Characteristic(
-        "burr",
-        f"burr over the upper face within {BURR_ZONE * 1e3:g} mm of the edge",
-        "note",
-        0.0,
-        0.0,
-        burr.upper,
-        method="profilometer or interferometer, ISO 13715",
-        states=() if burr.usual else (burr,),
-    )
-    if wall is None:  # of a rounding as high as the step nothing is upright
-        return
-    method = "section or replica across the edge"
-    yield make_characteristic(
-        "riser_angle",
-        "angle",
-        Dimension(0.5 * math.pi, ANGULAR_DEVIATION, -ANGULAR_DEVIATION, "angle"),
-        wall,
-        lower,
-        label="angle of the riser to the faces",
-        method=method,
-    )
-    yield Characteristic(
-        "riser_straightness",
-        "straightness of the riser across the edge",
-        "note",
-        0.0,
-        0.0,
-        RISER_STRAIGHTNESS,
-        method=method,
+def make_location(key: str, label: str, distance: float, *faces: Rule) -> Characteristic:
+    """State how far away a feature lies [m], with the general tolerance of ISO 2768-m."""
+    deviation = find_general_deviation(distance) or 0.0
+    return Characteristic(
+        key, label, "distance", distance, -deviation, deviation, 0, faces, MACHINE
     )

@@ -29,7 +29,7 @@ Force = Annotated[Sourced, make_sourced_validator("force")]
 Ratio = Annotated[float, read_positive("ratio", or_zero=True)]
 OrderText = Annotated[str, Field(max_length=60)]
 _Newtons = Annotated[float, read_positive("force")]
-_SOME = Field(min_length=1, max_length=100)
+_AT_LEAST_ONE = Field(min_length=1, max_length=100)
 _Share = Annotated[Ratio, Field(lt=1.0)]  # a tolerance of all that there is leaves nothing
 # m
 Lengths = Annotated[tuple[Annotated[float, read_positive("length")], ...], Field(max_length=100)]
@@ -50,7 +50,7 @@ class ToolSpec(Table):
     decay_time: Annotated[float, read_positive("time")] = PAPER.tool.decay_time
 
 
-_USUAL = {name: Sourced(value, "force", said) for name, (value, said) in LIMIT_SOURCES.items()}
+_USUAL = {name: Sourced(value, "force", source) for name, (value, source) in LIMIT_SOURCES.items()}
 
 
 class LimitsSpec(Table):
@@ -85,8 +85,8 @@ class PredictionGrid(Table):
     """Conditions of the prediction: every combination of tip, load and friction."""
 
     tip_radii: Lengths = ()  # R [m]
-    normal_loads: Annotated[tuple[_Newtons, ...], _SOME] = (PAPER.normal_load,)  # F_py [N]
-    frictions: Annotated[tuple[Ratio, ...], _SOME] = (PAPER.friction,)  # mu [1]
+    normal_loads: Annotated[tuple[_Newtons, ...], _AT_LEAST_ONE] = (PAPER.normal_load,)  # F_py [N]
+    frictions: Annotated[tuple[Ratio, ...], _AT_LEAST_ONE] = (PAPER.friction,)  # mu [1]
     step_heights: Lengths = ()  # H of the sharp steps on which tips and sheaths are predicted [m]
     # by name, with their numbers; that of friction stands in the place of `frictions`
     laws: dict[str, dict[str, Any]] | None = None
@@ -113,31 +113,33 @@ class PredictionGrid(Table):
     @property
     def coefficients(self) -> tuple[Any, ...]:
         """Coefficients of friction, or the law that stands in their place."""
-        return (
-            (self.built_laws["friction"],)
-            if self.laws and "friction" in self.laws
-            else self.frictions
-        )
+        if self.laws and "friction" in self.laws:
+            return (self.built_laws["friction"],)
+        return self.frictions
 
     def as_tool(self) -> Tool:
         """Return the declared tool, with the tolerance of its ring and its limits."""
+        limits = Limits(**{name: limit.value for name, limit in self.limits})
         return Tool(
             **dict(self.tool),
             frequency_deviation=self.tolerances.frequency,
-            limits=Limits(**{name: one.value for name, one in self.limits}),
+            limits=limits,
             overtones=self.built_laws.get("tool", ()),
         )
 
-    def first_point(self, **other: Any) -> OperatingPoint:
+    def first_point(self, **overrides: Any) -> OperatingPoint:
         """Return the first of the conditions; keywords replace fields of it."""
-        point = {
-            "ball_radius": next(iter(self.tip_radii), PAPER.ball_radius),
+        ball_radius = PAPER.ball_radius
+        if self.tip_radii:
+            ball_radius = self.tip_radii[0]
+        fields = {
+            "ball_radius": ball_radius,
             "normal_load": self.normal_loads[0],
             "friction": self.coefficients[0],
             "tool": self.as_tool(),
             "contact": self.built_laws.get("contact"),
         }
-        return OperatingPoint(**{**point, **other})
+        return OperatingPoint(**{**fields, **overrides})
 
 
 class Gum(Table):
@@ -163,17 +165,17 @@ class Gum(Table):
     )
 
     def tissue(self, frequency: float) -> Tissue:
-        """Return the wall at the frequency of a ring [Hz]."""
-        # a long tool on an incompressible half space: N = pi/4 E* L d with E* = 4 G (Popov 2017,
-        # Contact Mechanics and Friction, 2.3.2), tangential over normal stiffness 2 (1 - nu) / (2 -
-        # nu) = 2/3 (Mindlin); damping eta k / w
-        normal = math.pi * self.shear_modulus.value * self.contact
-        stiffness = 2.0 / 3.0 * normal
-        return Tissue(
-            stiffness,
-            self.loss_factor.value * stiffness / (math.tau * frequency),
-            self.friction.value * normal * self.indentation,
-        )
+        """Return the wall at the frequency of a ring [Hz].
+
+        A long tool on an incompressible half space: N = pi/4 E* L d with E* = 4 G (Popov 2017,
+        Contact Mechanics and Friction, 2.3.2), tangential over normal stiffness
+        2 (1 - nu) / (2 - nu) = 2/3 (Mindlin); damping eta k / w.
+        """
+        normal_stiffness = math.pi * self.shear_modulus.value * self.contact
+        stiffness = 2.0 / 3.0 * normal_stiffness
+        damping = self.loss_factor.value * stiffness / (math.tau * frequency)
+        friction = self.friction.value * normal_stiffness * self.indentation
+        return Tissue(stiffness, damping, friction)
 
 
 class OrderSpec(Table):
@@ -206,7 +208,14 @@ class ProbeSpec(Table):
 
     def rod(self) -> Rod:
         """Return the rod that it is taken for."""
-        return fit_rod(*(value.value for _, value in self))
+        return fit_rod(
+            self.stiffness.value,
+            self.frequency.value,
+            self.decay_time.value,
+            self.shank_diameter.value,
+            self.modulus.value,
+            self.density.value,
+        )
 
     def ring(self, sleeve: Sleeve | None = None) -> RodRing:
         """Predict how it rings, bare or with a sheath on its shank."""

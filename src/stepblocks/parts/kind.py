@@ -1,12 +1,12 @@
-"""What every kind of stimulus answers, so that nobody has to ask of what kind a part is."""
+"""The interface that all kinds of parts share."""
 
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping
 from html import escape
-from itertools import product
+from itertools import islice, product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeAlias
 
 from stepblocks import cad
 from stepblocks.contact.counterface import Counterface, Step
@@ -14,20 +14,29 @@ from stepblocks.contact.operating_point import Tissue, Tool
 from stepblocks.contact.rod import Sleeve
 from stepblocks.errors import ContactError
 from stepblocks.parts.characteristics import Characteristic
-from stepblocks.parts.declared import FaceDemands, Identity, Material, Table, complete_face_demands
+from stepblocks.parts.declared import FaceDemands, Identity, Table, complete_face_demands
+from stepblocks.parts.material import Material
 from stepblocks.parts.tolerance import Dimension
 from stepblocks.parts.verdict import Finding as Finding, Verdict as Verdict
 
 CONTACT_DEFLECTION = 0.1e-6  # chordal error of a mesh where the probe touches [m]
-FITTING_DEFLECTION = 3e-6  # where parts fit one another
-COARSE_DEFLECTION = 10e-6  # elsewhere
+FITTING_DEFLECTION = 3e-6  # chordal error where parts fit one another [m]
+COARSE_DEFLECTION = 10e-6  # chordal error elsewhere [m]
 NANOMETRE = 1e-9  # limit of what is felt: step height, gap, discrepancies [m]
-
+_DRAWN_HEIGHT = 1.5e-3  # of a step in a picture, about [m]
 
 Manifold: TypeAlias = Any  # a solid of manifold3d [mm]
 MeasuredMesh: TypeAlias = (
     Any  # a mesh read back from disk: `stepblocks.artefacts.meshes.measures.MeshMeasures`
 )
+
+
+class CloseUp(NamedTuple):
+    """How a picture shows a part."""
+
+    exaggeration: float  # of heights [1]
+    width: float  # of what is shown [m]
+    middle: tuple[float, float, float]  # of what is shown [m]
 
 
 class Part(Table, ABC):
@@ -66,8 +75,12 @@ class Part(Table, ABC):
     @property
     def sizes(self) -> dict[str, Dimension]:
         """Dimensions on which the counterface depends; those that are left out are missing."""
-        named = {name: getattr(self, field) for name, field in self.counterface_fields.items()}
-        return {name: one for name, one in named.items() if one is not None}
+        sizes: dict[str, Dimension] = {}
+        for name, field in self.counterface_fields.items():
+            size: Dimension | None = getattr(self, field)
+            if size is not None:
+                sizes[name] = size
+        return sizes
 
     @abstractmethod
     def make_counterface(self, **sizes: float) -> Counterface:
@@ -78,7 +91,7 @@ class Part(Table, ABC):
 
         A part that is held or worn needs the height of the step under it [m].
         """
-        return self.make_counterface(**{name: one.nominal for name, one in self.sizes.items()})
+        return self.make_counterface(**{name: size.nominal for name, size in self.sizes.items()})
 
     def corners(self, step_height: float | None = None) -> Iterator[Counterface]:
         """Yield the counterface at nominal size, then at every corner of its tolerances.
@@ -86,9 +99,12 @@ class Part(Table, ABC):
         A part without sizes meets a known step.
         """
         yield self.counterface(step_height)
-        if self.sizes:
-            for values in product(*(one.limits for one in self.sizes.values())):
-                yield self.make_counterface(**dict(zip(self.sizes, values, strict=True)))
+        sizes = self.sizes
+        if not sizes:
+            return
+        limits = [size.limits for size in sizes.values()]
+        for corner in product(*limits):
+            yield self.make_counterface(**dict(zip(sizes, corner, strict=True)))
 
     @property
     def ball(self) -> Dimension | None:
@@ -154,8 +170,8 @@ class Part(Table, ABC):
         return complete_face_demands(getattr(self, "working_faces", None), governing)
 
     @abstractmethod
-    def choose_close_up(self) -> tuple[float, float, tuple[float, float, float]]:
-        """How to show it: exaggeration of heights, width of the close-up [m] and its middle [m]."""
+    def choose_close_up(self) -> CloseUp:
+        """Choose how a picture shows it."""
 
     def derived(self) -> list[list[str]]:
         """Figures that follow from what is declared, for people."""
@@ -164,10 +180,10 @@ class Part(Table, ABC):
     @property
     def summary(self) -> str:
         """The dimensions on which the counterface depends, in a line."""
-        return ", ".join(
-            f"{name.replace('_', ' ')} {one}"
-            for name, one in (self.sizes or dict(list(self.dimensions())[:1])).items()
-        )
+        sizes = self.sizes
+        if not sizes:  # what is declared first stands for them
+            sizes = dict(islice(self.dimensions(), 1))
+        return ", ".join(f"{name.replace('_', ' ')} {size}" for name, size in sizes.items())
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.id!r}, {self.summary})"
@@ -175,7 +191,7 @@ class Part(Table, ABC):
     __str__ = __repr__
 
     def _repr_html_(self) -> str:
-        rows = "".join(f"<tr><td>{name}<td>{one}" for name, one in self.dimensions())
+        rows = "".join(f"<tr><td>{name}<td>{size}" for name, size in self.dimensions())
         return f"<b>{self.id}</b>, {escape(self.kind_name)}<table>{rows}</table>"
 
     def record(self) -> dict[str, object]:
@@ -206,7 +222,7 @@ class HeldPart(Part):
 
 
 def choose_exaggeration(height: float) -> float:
-    """Round factor that draws a height at about a millimetre and a half."""
-    wanted = 1.5e-3 / height
+    """Choose a round factor that draws a height [m] at about a millimetre and a half."""
+    wanted = _DRAWN_HEIGHT / height
     decade = 10.0 ** math.floor(math.log10(wanted))
     return max(round(wanted / decade) * decade, 1.0)

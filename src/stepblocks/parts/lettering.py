@@ -1,8 +1,10 @@
 """Outlines of the engraved identity, from the typeface that matplotlib ships."""
 
 import math
-from functools import lru_cache, reduce
+from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,49 +13,85 @@ from numpy.typing import NDArray
 Letter = tuple[NDArray[np.float64], ...]
 
 _FLATNESS = 0.01  # of the letter height: curves become chords no further from them than this
+_CAPITAL = 0.729  # height of DejaVu's capitals [em]
+
+
+@dataclass(frozen=True)
+class _Glyph:
+    """A character for a capital height of 1."""
+
+    advance: float  # to the next character
+    polygons: tuple[Letter, ...]
 
 
 @lru_cache(maxsize=4096)
-def _outline_glyph(character: str) -> tuple[float, tuple[Letter, ...]]:
-    # Advance and polygons of one character for a capital height of 1
+def _outline_glyph(character: str) -> _Glyph:
+    """Outline one character."""
+    advance = _measure_path(character + "|") - _measure_path("|")
+    if character.isspace():
+        return _Glyph(advance, ())  # matplotlib makes no path of nothing
+    polygons = []
+    for polygon in _list_polygons(character):
+        rings = [polygon.exterior, *polygon.interiors]
+        polygons.append(tuple(np.asarray(ring.coords)[:-1] for ring in rings))
+    return _Glyph(advance, tuple(polygons))
+
+
+def _make_path(text: str) -> Any:
+    """Return matplotlib's path of a text whose capitals are 1 high."""
     import matplotlib as mpl
-    import shapely
     from matplotlib.font_manager import FontProperties
     from matplotlib.textpath import TextPath
 
     font = FontProperties(fname=Path(mpl.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf")
-    size = 1.0 / 0.729  # DejaVu's capitals are 0.729 em high
-    advance = float(
-        TextPath((0.0, 0.0), character + "|", size=size, prop=font).vertices[:, 0].max()
-    )
-    advance -= float(TextPath((0.0, 0.0), "|", size=size, prop=font).vertices[:, 0].max())
-    if character.isspace():
-        return advance, ()  # matplotlib makes no path of nothing
-    rings = TextPath((0.0, 0.0), character, size=size, prop=font).to_polygons()
-    # even-odd: a ring inside another is its hole
-    shape = reduce(
-        shapely.symmetric_difference,
-        (shapely.Polygon(np.asarray(ring)[:-1]) for ring in rings),
-        shapely.Polygon(),
-    )
+    return TextPath((0.0, 0.0), text, size=1.0 / _CAPITAL, prop=font)
+
+
+def _measure_path(text: str) -> float:
+    """Return the right end of a text."""
+    return float(_make_path(text).vertices[:, 0].max())
+
+
+def _list_polygons(character: str) -> list[Any]:
+    """List the simplified polygons of a character, with their holes, as shapely holds them."""
+    import shapely
+
+    shape = shapely.Polygon()
+    for ring in _make_path(character).to_polygons():
+        # even-odd: a ring inside another is its hole
+        shape = shapely.symmetric_difference(shape, shapely.Polygon(np.asarray(ring)[:-1]))
     shape = shapely.simplify(shape, _FLATNESS, preserve_topology=True)
-    return advance, tuple(
-        tuple(np.asarray(line.coords)[:-1] for line in (part.exterior, *part.interiors))
-        for part in map(shapely.orient_polygons, getattr(shape, "geoms", [shape]))
-    )
+    return [shapely.orient_polygons(part) for part in getattr(shape, "geoms", [shape])]
 
 
 def compute_text_width(text: str, height: float) -> float:
-    """Length of a line of text."""
-    return height * math.fsum(_outline_glyph(character)[0] for character in text)
+    """Compute the length of a line of text whose capitals are `height` high, in the same unit."""
+    return height * math.fsum(_outline_glyph(character).advance for character in text)
 
 
 def outline_text(text: str, height: float) -> list[Letter]:
-    """Outline a line of text, centred on the origin."""
+    """Outline a line of text, centred on the origin.
+
+    Parameters
+    ----------
+    text : str
+        The text.
+    height : float
+        Height of its capitals [m].
+
+    Returns
+    -------
+    list of tuple of ndarray
+        For each closed area its outer outline, then its holes: open polygons of points (u, v)
+        [m], shape (n, 2).
+    """
     placed: list[Letter] = []
     pen = 0.0
-    for advance, polygons in map(_outline_glyph, text):
-        placed += [tuple(line + np.array([pen, 0.0]) for line in polygon) for polygon in polygons]
-        pen += advance
+    for character in text:
+        glyph = _outline_glyph(character)
+        shift = np.array([pen, 0.0])
+        for polygon in glyph.polygons:
+            placed.append(tuple(ring + shift for ring in polygon))
+        pen += glyph.advance
     middle = np.array([0.5 * pen, 0.5])  # capitals are 1 high
-    return [tuple((line - middle) * height for line in polygon) for polygon in placed]
+    return [tuple((ring - middle) * height for ring in polygon) for polygon in placed]

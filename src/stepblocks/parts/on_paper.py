@@ -4,15 +4,29 @@ import math
 from collections.abc import Mapping
 
 from stepblocks.files.tables import Table
-from stepblocks.parts.characteristics import FORM
+from stepblocks.parts.characteristics import FORM, Characteristic
 from stepblocks.parts.kind import Part
 
 _MOST_DECIMALS = 6
+_ZERO = 1e-12  # below it a deviation is zero, and two deviations are equal [m or rad]
+_EXACT = 1e-9  # rounding within which decimals print a length exactly [mm]
 COLUMNS = (
-    *("number", "characteristic", "kind"),
-    *("nominal_mm_or_deg", "lower_limit_mm_or_deg", "upper_limit_mm_or_deg", "unit", "method"),
-    *("measured_mm_or_deg", "std_mm_or_deg", "verdict"),
-    *("instrument", "serial_number", "inspector", "date"),  # filled in by hand
+    "number",
+    "characteristic",
+    "kind",
+    "nominal_mm_or_deg",
+    "lower_limit_mm_or_deg",
+    "upper_limit_mm_or_deg",
+    "unit",
+    "method",
+    "measured_mm_or_deg",
+    "std_mm_or_deg",
+    "verdict",
+    # filled in by hand
+    "instrument",
+    "serial_number",
+    "inspector",
+    "date",
 )
 # measured [m], its standard uncertainty [m] and verdict, by key
 Values = Mapping[str, tuple[float, float, str]]
@@ -21,71 +35,146 @@ Values = Mapping[str, tuple[float, float, str]]
 def choose_decimals(*lengths: float) -> int:
     """Choose the decimals (1 to 6) that print all lengths [m] exactly in millimetres."""
     for decimals in range(1, _MOST_DECIMALS):
-        if all(abs(round(length * 1e3, decimals) - length * 1e3) < 1e-9 for length in lengths):
+        if all(_is_exact(length * 1e3, decimals) for length in lengths):
             return decimals
     return _MOST_DECIMALS
 
 
+def _is_exact(value: float, decimals: int) -> bool:
+    """Tell whether decimals print a value exactly."""
+    return abs(round(value, decimals) - value) < _EXACT
+
+
 def format_millimetres(length: float, decimals: int) -> str:
-    """Return a length [m] in millimetres with trailing zeros, and zero without a sign."""
+    """Write a length [m] in millimetres with trailing zeros, and zero without a sign."""
     text = f"{length * 1e3:.{decimals}f}"
-    return text.lstrip("-") if float(text) == 0.0 else text
+    if float(text) == 0.0:
+        return text.lstrip("-")
+    return text
 
 
 def format_limits(nominal: float, lower: float, upper: float, quantity: str = "length") -> str:
-    """Format nominal and deviations as on a drawing.
+    """Write nominal and deviations as on a drawing.
 
     It writes ``0.010 ±0.001``, ``0.000 +0.002/0`` or ``16° ±1°``.
+
+    Parameters
+    ----------
+    nominal, lower, upper : float
+        Nominal value and its signed deviations [m or rad].
+    quantity : str
+        ``"length"`` or ``"angle"``.
+
+    Returns
+    -------
+    str
+        Lengths in millimetres, angles in degrees.
     """
+    is_symmetric = abs(upper + lower) < _ZERO
     if quantity == "angle":
-        value, low, high = (f"{math.degrees(one):.6g}°" for one in (nominal, lower, upper))
-        return f"{value} ±{high}" if abs(upper + lower) < 1e-12 else f"{value} +{high}/{low}"
+        value = _format_degrees(nominal)
+        high = _format_degrees(upper)
+        if is_symmetric:
+            return f"{value} ±{high}"
+        return f"{value} +{high}/{_format_degrees(lower)}"
     decimals = choose_decimals(nominal, lower, upper)
     value = format_millimetres(nominal, decimals)
-    if abs(upper + lower) < 1e-12:
+    if is_symmetric:
         return f"{value} ±{format_millimetres(upper, decimals)}"
-    high, low = (
-        "0" if abs(one) < 1e-12 else f"{one * 1e3:+.{decimals}f}" for one in (upper, lower)
-    )
-    return f"{value} {high}/{low}"
+    return f"{value} {_format_deviation(upper, decimals)}/{_format_deviation(lower, decimals)}"
+
+
+def _format_degrees(angle: float) -> str:
+    """Write an angle [rad] in degrees."""
+    return f"{math.degrees(angle):.6g}°"
+
+
+def _format_deviation(deviation: float, decimals: int) -> str:
+    """Write a deviation [m] in millimetres with its sign, or 0."""
+    if abs(deviation) < _ZERO:
+        return "0"
+    return f"{deviation * 1e3:+.{decimals}f}"
 
 
 def format_zone(zone: float) -> str:
-    """Return the zone of a geometric tolerance as in its frame: three decimals at least."""
+    """Write the zone of a geometric tolerance [m] as in its frame: three decimals at least."""
     return format_millimetres(zone, max(choose_decimals(zone), 3))
 
 
-def describe_default_demands(stimulus: Part) -> str:
-    """Say which demands on the working faces nobody has stated, if any."""
-    keys = {one.key for one in stimulus.characteristics()}
-    named = ", ".join(
-        name.replace("_", " ")
-        for name, zone in stimulus.face_demands.items()
-        if zone.usual and (name != "burr" or name in keys)
-    )
-    return named and f"Defaults, not stated in the order: {named}."
+def describe_default_demands(part: Part) -> str:
+    """Say which demands on the working faces nobody has stated; empty if all are."""
+    keys = {characteristic.key for characteristic in part.characteristics()}
+    names = []
+    for name, zone in part.face_demands.items():
+        if not zone.usual or (name == "burr" and name not in keys):
+            continue
+        names.append(name.replace("_", " "))
+    if not names:
+        return ""
+    return f"Defaults, not stated in the order: {', '.join(names)}."
 
 
-def make_sheet_table(stimulus: Part, measured: Values | None = None) -> Table:
-    """Return the lines of the sheet, as texts."""
+def make_sheet_table(part: Part, measured: Values | None = None) -> Table:
+    """Make the table of the inspection sheet, all its cells as texts.
+
+    Parameters
+    ----------
+    part : Part
+        What is inspected.
+    measured : mapping, optional
+        Measured values, their standard uncertainties and verdicts, by key.
+
+    Returns
+    -------
+    DataFrame
+        A line of each characteristic, with `COLUMNS`.
+    """
     import pandas as pd  # a scan is inspected without it
 
+    values = measured or {}
     rows = []
-    for number, one in enumerate(stimulus.characteristics(), start=1):
-        sizes = (one.nominal, one.nominal + one.lower, one.nominal + one.upper)
-        unit, scale = ("deg", math.degrees(1.0)) if one.quantity == "angle" else ("mm", 1e3)
-        if one.quantity == "angle":
-            limits = [f"{math.degrees(size):g}" for size in sizes]
-        else:
-            decimals = choose_decimals(one.nominal, one.lower, one.upper)
-            limits = [format_millimetres(size, decimals) for size in sizes]
-        if one.kind in FORM:
-            limits[:2] = "", ""
-        value = (measured or {}).get(one.key)
-        got = (
-            ("", "", "")
-            if value is None
-            else (*(f"{size * scale:.6f}" for size in value[:2]), value[2])
+    for number, characteristic in enumerate(part.characteristics(), start=1):
+        nominal, low, high = _format_sizes(characteristic)
+        unit = "deg" if characteristic.quantity == "angle" else "mm"
+        mean, std, verdict = _format_measured(characteristic, values)
+        rows.append(
+            (
+                str(number),
+                characteristic.label,
+                characteristic.kind,
+                nominal,
+                low,
+                high,
+                unit,
+                characteristic.method,
+                mean,
+                std,
+                verdict,
+                *("", "", "", ""),
+            )
         )
-        rows.append((str(number), one.label, one.kind, *limits, unit, one.method, *got, *[""] * 4))
     return pd.DataFrame(rows, columns=COLUMNS)
+
+
+def _format_sizes(characteristic: Characteristic) -> tuple[str, str, str]:
+    """Write nominal, lower and upper limit in mm or degrees; of a form only the upper one."""
+    nominal = characteristic.nominal
+    sizes = (nominal, nominal + characteristic.lower, nominal + characteristic.upper)
+    if characteristic.quantity == "angle":
+        value, low, high = (f"{math.degrees(size):g}" for size in sizes)
+    else:
+        decimals = choose_decimals(nominal, characteristic.lower, characteristic.upper)
+        value, low, high = (format_millimetres(size, decimals) for size in sizes)
+    if characteristic.kind in FORM:
+        return "", "", high
+    return value, low, high
+
+
+def _format_measured(characteristic: Characteristic, values: Values) -> tuple[str, str, str]:
+    """Write measured value, standard uncertainty and verdict; empty where nothing is measured."""
+    measured = values.get(characteristic.key)
+    if measured is None:
+        return "", "", ""
+    mean, std, verdict = measured
+    scale = math.degrees(1.0) if characteristic.quantity == "angle" else 1e3
+    return f"{mean * scale:.6f}", f"{std * scale:.6f}", verdict

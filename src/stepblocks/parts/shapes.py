@@ -11,6 +11,11 @@ from stepblocks import cad
 from stepblocks.errors import HapticsError
 from stepblocks.parts.kind import COARSE_DEFLECTION, CONTACT_DEFLECTION, Manifold, Part
 
+_MILLIMETRES = 1e3  # of a metre: manifolds are in millimetres
+_LIFT_STEP = 1e-7  # by which the slope of the volume over the lift is found [m]
+_LIFT_ITERATIONS = 6  # of Newton's rule, at most
+_SAME_VOLUME = 1e-12  # relative difference of volumes that are taken as equal
+
 
 @dataclass(frozen=True)
 class Mesh:
@@ -19,7 +24,7 @@ class Mesh:
     Attributes
     ----------
     name : str
-        Of the body.
+        Name of the body.
     vertices : ndarray
         Points [m], shape (n, 3).
     triangles : ndarray
@@ -58,7 +63,7 @@ def build_solids(part: Part) -> list[tuple[str, cad.door.Body]]:
 def build_convex_pieces(part: Part) -> list[Mesh]:
     """Cut a part into convex pieces for simulators.
 
-    Simulators turn one concave mesh into its hull, and a step into a ramp.
+    Simulators replace a concave mesh by its hull, and so a step by a ramp.
 
     Pieces describe what a probe can touch: fixing holes and engraving are left out. They fill the
     part without overlapping.
@@ -73,10 +78,10 @@ def build_convex_pieces(part: Part) -> list[Mesh]:
     list of Mesh
         Closed convex meshes, outward-wound.
     """
-    return [
-        _sort_mesh(f"{part.id}-piece-{number:03}", piece)
-        for number, piece in enumerate(part.hulls(), start=1)
-    ]
+    pieces = []
+    for number, hull in enumerate(part.hulls(), start=1):
+        pieces.append(_sort_mesh(f"{part.id}-piece-{number:03}", hull))
+    return pieces
 
 
 def mesh_solid(part: Part, name: str, body: cad.door.Body) -> Mesh:
@@ -102,115 +107,181 @@ def mesh_solid(part: Part, name: str, body: cad.door.Body) -> Mesh:
         If the mesh is not a closed, oriented 2-manifold.
     """
     raw = cad.kernel.tessellate(body, part.chordal_error)
-    mesh = Mesh(
-        name,
-        _lift_vertices(
-            raw,
-            np.array([part.chordal_error(face) for face in raw.faces]),
-            cad.kernel.compute_volume(body),
-        ),
-        raw.triangles,
-    )
+    deflections = np.array([part.chordal_error(face) for face in raw.faces])
+    vertices = _lift_vertices(raw, deflections, cad.kernel.compute_volume(body))
+    mesh = Mesh(name, vertices, raw.triangles)
     require_manifold(mesh)
     return mesh
 
 
 def compute_enclosed_volume(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> float:
-    """Volume that a closed mesh encloses, by the divergence theorem."""
+    """Compute the volume that a closed mesh encloses, by the divergence theorem.
+
+    Parameters
+    ----------
+    vertices : ndarray
+        Points, shape (n, 3).
+    triangles : ndarray
+        Indices of their corners, shape (m, 3).
+
+    Returns
+    -------
+    float
+        The volume, negative where the triangles are wound inwards, in the cube of the unit of the
+        points.
+    """
     centred = vertices - vertices.mean(axis=0)
-    a, b, c = (centred[triangles[:, corner]] for corner in range(3))
+    a = centred[triangles[:, 0]]
+    b = centred[triangles[:, 1]]
+    c = centred[triangles[:, 2]]
     return math.fsum((a * np.cross(b, c)).ravel().tolist()) / 6.0
 
 
 def _lift_vertices(
-    raw: cad.door.Tessellation, deflection: NDArray[np.float64], volume: float
+    raw: cad.door.Tessellation, deflections: NDArray[np.float64], volume: float
 ) -> NDArray[np.float64]:
-    # Lift vertices of coarse curved faces until the mesh encloses `volume`
-    # chords cut corners: a mesh inscribed in a hole of 2.5 mm at 10 um is 1e-4 of a block too heavy
-    curved = np.array([face.kind != "PLANE" for face in raw.faces])
-    finest = deflection.min()
-    coarse = curved & (deflection > finest) if finest < deflection.max() else curved
-    if finest == deflection.max() == CONTACT_DEFLECTION or not coarse.any():
+    """Lift vertices of coarse curved faces until a mesh encloses a volume [m^3].
+
+    Chords cut corners: a mesh inscribed in a hole of 2.5 mm at 10 um is 1e-4 of a block too heavy.
+    `deflections` are the chordal errors of the faces [m]. Returns the points [m], shape (n, 3).
+    """
+    is_curved = np.array([face.kind != "PLANE" for face in raw.faces])
+    is_coarse = _find_coarse_faces(is_curved, deflections)
+    if not is_coarse.any():
         return raw.vertices
-    count = len(raw.vertices)
-    on_coarse = coarse[raw.face]
     corners = raw.vertices[raw.triangles]
     areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals, kept = np.zeros((count, 3)), np.zeros(count, dtype=bool)
+    directions = _average_normals(raw, areas, is_coarse)
+    _project_onto_planes(directions, raw, areas, np.flatnonzero(~is_curved))
+    is_fine = is_curved & ~is_coarse
+    fine_vertices = np.unique(raw.triangles[is_fine[raw.face]])
+    directions[fine_vertices] = 0.0
+    return _lift_to_volume(raw, directions, volume)
+
+
+def _find_coarse_faces(
+    is_curved: NDArray[np.bool_], deflections: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Find the curved faces whose vertices are lifted, shape (faces,).
+
+    Those are the coarser ones; where all faces are alike, all that are curved, unless the probe
+    touches them.
+    """
+    finest = deflections.min()
+    if finest < deflections.max():
+        is_coarser: NDArray[np.bool_] = deflections > finest
+        return is_curved & is_coarser
+    if finest == CONTACT_DEFLECTION:
+        return np.zeros_like(is_curved)
+    return is_curved
+
+
+def _average_normals(
+    raw: cad.door.Tessellation, areas: NDArray[np.float64], is_coarse: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """Average the normals of the coarse faces at each vertex, weighted by area.
+
+    `areas` are twice the area vectors of the triangles [m^2], shape (m, 3). Returns unit vectors,
+    shape (n, 3); zero off the coarse faces.
+    """
+    on_coarse = is_coarse[raw.face]
+    normals = np.zeros((len(raw.vertices), 3))
     for corner in range(3):
         np.add.at(normals, raw.triangles[on_coarse, corner], areas[on_coarse])
-        kept[raw.triangles[(curved & ~coarse)[raw.face], corner]] = True
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    normals = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0.0)
-    for index in np.flatnonzero(~curved):  # stay within the plane faces that a vertex also lies on
+    directions = np.zeros_like(normals)
+    np.divide(normals, lengths, out=directions, where=lengths > 0.0)
+    return directions
+
+
+def _project_onto_planes(
+    directions: NDArray[np.float64],
+    raw: cad.door.Tessellation,
+    areas: NDArray[np.float64],
+    planes: NDArray[np.intp],
+) -> None:
+    """Keep the directions of vertices within the plane faces that they also lie on, in place.
+
+    `planes` are the indices of the plane faces.
+    """
+    for index in planes:
         on_face = raw.face == index
         area = areas[on_face].sum(axis=0)
-        plane = area / math.sqrt(math.fsum((area * area).tolist()))
+        normal = area / math.sqrt(math.fsum((area * area).tolist()))
         touched = np.unique(raw.triangles[on_face])
-        normals[touched] -= (normals[touched] * plane).sum(axis=1, keepdims=True) * plane
-    normals[kept] = 0.0
-    return _lift_to_volume(raw, normals, volume)
+        out_of_plane = (directions[touched] * normal).sum(axis=1, keepdims=True)
+        directions[touched] -= out_of_plane * normal
 
 
 def _lift_to_volume(
-    raw: cad.door.Tessellation, direction: NDArray[np.float64], volume: float
+    raw: cad.door.Tessellation, directions: NDArray[np.float64], volume: float
 ) -> NDArray[np.float64]:
-    # Solve for the lift by Newton's rule; the volume is a cubic of it, and nearly linear
-    lift, step = 0.0, 1e-7
-    for _ in range(6):
-        here = compute_enclosed_volume(raw.vertices + lift * direction, raw.triangles)
-        slope = (
-            compute_enclosed_volume(raw.vertices + (lift + step) * direction, raw.triangles) - here
-        ) / step
-        if slope == 0.0 or abs(here - volume) <= 1e-12 * volume:
+    """Solve for the lift by Newton's rule; the volume is a cubic of it, and nearly linear.
+
+    Returns the lifted points [m], shape (n, 3).
+    """
+    lift = 0.0
+    for _ in range(_LIFT_ITERATIONS):
+        reached = compute_enclosed_volume(raw.vertices + lift * directions, raw.triangles)
+        further = raw.vertices + (lift + _LIFT_STEP) * directions
+        slope = (compute_enclosed_volume(further, raw.triangles) - reached) / _LIFT_STEP
+        if slope == 0.0 or abs(reached - volume) <= _SAME_VOLUME * volume:
             break
-        lift += (volume - here) / slope
-    HapticsError.require(
-        abs(lift) <= COARSE_DEFLECTION,
-        f"a mesh must keep its chordal error ({COARSE_DEFLECTION:g} m), got a lift of {lift:g} m",
-    )
-    return raw.vertices + lift * direction
+        lift += (volume - reached) / slope
+    if not abs(lift) <= COARSE_DEFLECTION:
+        raise HapticsError(
+            f"a mesh must keep its chordal error ({COARSE_DEFLECTION:g} m), "
+            f"got a lift of {lift:g} m"
+        )
+    return raw.vertices + lift * directions
 
 
 def require_manifold(mesh: Mesh) -> None:
-    """Refuse a mesh that is not closed, oriented and outward-wound."""
+    """Refuse a mesh that is not closed, oriented and outward-wound.
+
+    Raises
+    ------
+    HapticsError
+        With the name of the mesh and what is wrong with it.
+    """
     import manifold3d
 
     solid = manifold3d.Manifold(
-        manifold3d.Mesh64(mesh.vertices * 1e3, mesh.triangles.astype(np.uint64))
+        manifold3d.Mesh64(mesh.vertices * _MILLIMETRES, mesh.triangles.astype(np.uint64))
     )
-    HapticsError.require(
-        solid.status() == manifold3d.Error.NoError,
-        f"the mesh of {mesh.name} must be a manifold, got {solid.status()}",
-    )
-    HapticsError.require(
-        compute_enclosed_volume(mesh.vertices, mesh.triangles) > 0.0,
-        f"the mesh of {mesh.name} must be wound outwards, got an inward winding",
-    )
+    status = solid.status()
+    if status != manifold3d.Error.NoError:
+        raise HapticsError(f"the mesh of {mesh.name} must be a manifold, got {status}")
+    if not compute_enclosed_volume(mesh.vertices, mesh.triangles) > 0.0:
+        raise HapticsError(f"the mesh of {mesh.name} must be wound outwards, got an inward winding")
 
 
 def make_hull(points: Iterable[Sequence[float]]) -> Manifold:
-    """Convex hull of points [m] as a manifold [mm]."""
+    """Make the convex hull of points [m] as a manifold [mm]."""
     import manifold3d
 
-    return manifold3d.Manifold.hull_points(np.asarray(list(points)) * 1e3)
+    return manifold3d.Manifold.hull_points(np.asarray(list(points)) * _MILLIMETRES)
 
 
 def split_solid(solid: Manifold, axis: str, position: float) -> tuple[Manifold, Manifold]:
     """Split a manifold at a plane [m] square to an axis; the part below it comes first."""
-    above, below = solid.split_by_plane(
-        tuple(1.0 if name == axis else 0.0 for name in "xyz"), position * 1e3
-    )
+    normal = [0.0, 0.0, 0.0]
+    normal["xyz".index(axis)] = 1.0
+    above, below = solid.split_by_plane(tuple(normal), position * _MILLIMETRES)
     return below, above
 
 
 def _sort_mesh(name: str, piece: Manifold) -> Mesh:
-    # Sort vertices and triangles: the order of the hull varies with its threads
+    """Make a mesh [m] of a manifold [mm], its vertices and triangles sorted.
+
+    The order of a hull varies with its threads.
+    """
     mesh = piece.to_mesh64()
-    vertices, index = np.unique(
-        np.asarray(mesh.vert_properties)[:, :3], axis=0, return_inverse=True
-    )
+    points = np.asarray(mesh.vert_properties)[:, :3]
+    vertices, index = np.unique(points, axis=0, return_inverse=True)
     triangles = index.reshape(-1)[np.asarray(mesh.tri_verts).astype(np.int64)]
-    first = triangles.argmin(axis=1)[:, None]
-    triangles = np.take_along_axis(triangles, (first + np.arange(3)) % 3, axis=1)
-    return Mesh(name, vertices * 1e-3, triangles[np.lexsort(triangles.T[::-1])])
+    # each triangle starts at its lowest vertex, and keeps its winding
+    lowest = triangles.argmin(axis=1)[:, None]
+    triangles = np.take_along_axis(triangles, (lowest + np.arange(3)) % 3, axis=1)
+    order = np.lexsort(triangles.T[::-1])
+    return Mesh(name, vertices * 1e-3, triangles[order])

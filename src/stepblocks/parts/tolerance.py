@@ -2,49 +2,75 @@
 
 import math
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 from pydantic import BeforeValidator
 
 from stepblocks.errors import QuantityError
 from stepblocks.quantities import format_quantity, parse_quantity
 
-# What a bench has unless it is zero, in SI: beyond lies a slip of the unit; 10 nm are neither cut
-# nor measured
+
+class _Range(NamedTuple):
+    """Sizes that a bench can have, in SI, besides zero."""
+
+    least: float
+    largest: float
+
+
+# beyond lies a slip of the unit; 10 nm are neither cut nor measured
 _SENSIBLE = {
-    "length": (10e-9, 1.0),
-    "force": (1e-6, 1e3),
-    "stiffness": (1e-3, 1e9),
-    "time": (1e-9, 10.0),
-    "frequency": (0.01, 1e7),
-    "pressure": (1.0, 1e13),
-    "density": (0.1, 1e5),
-    "ratio": (1e-9, 1e6),
+    "length": _Range(10e-9, 1.0),
+    "force": _Range(1e-6, 1e3),
+    "stiffness": _Range(1e-3, 1e9),
+    "time": _Range(1e-9, 10.0),
+    "frequency": _Range(0.01, 1e7),
+    "pressure": _Range(1.0, 1e13),
+    "density": _Range(0.1, 1e5),
+    "ratio": _Range(1e-9, 1e6),
 }
+_ANYTHING = _Range(0.0, math.inf)
 
 # guard band over standard uncertainty at 95 % conformance probability (ISO 14253-1:2017, 5.3) [1]
 GUARD_FACTOR = 1.65
 
-# ISO 2768-1:1989, table 1 (linear dimensions, from 0.5 mm): up to, permissible deviation of class m
-# [m]
-_LINEAR = ((3e-3, 0.1e-3), (6e-3, 0.1e-3), (30e-3, 0.2e-3), (120e-3, 0.3e-3), (400e-3, 0.5e-3))
-# ISO 2768-1:1989, table 3 (angles), shorter side up to 10 mm, classes f and m.
+
+class _GeneralTolerance(NamedTuple):
+    """A row of ISO 2768-1:1989, table 1, class m [m]."""
+
+    up_to: float
+    deviation: float
+
+
+_LEAST_GENERAL_LENGTH = 0.5e-3  # below, tolerances are stated [m]
+_GENERAL_TOLERANCES = (
+    _GeneralTolerance(3e-3, 0.1e-3),
+    _GeneralTolerance(6e-3, 0.1e-3),
+    _GeneralTolerance(30e-3, 0.2e-3),
+    _GeneralTolerance(120e-3, 0.3e-3),
+    _GeneralTolerance(400e-3, 0.5e-3),
+)
+# ISO 2768-1:1989, table 3 (angles), shorter side up to 10 mm, classes f and m [rad]
 ANGULAR_DEVIATION = math.radians(1.0)
 
 
 def parse_sensible(raw: object, quantity: str) -> float:
-    """Read a quantity of a size that a bench can have."""
+    """Read a quantity of a size that a bench can have, in SI.
+
+    Raises
+    ------
+    QuantityError
+        If it is no such quantity, or too small or too large to be meant.
+    """
     value = parse_quantity(raw, quantity)
-    least, largest = _SENSIBLE.get(quantity, (0.0, math.inf))
-    QuantityError.require(
-        abs(value) <= largest,
-        f"must not exceed {format_quantity(largest, quantity)}, got {raw!r:.60}",
-    )
-    QuantityError.require(
-        value == 0.0 or abs(value) >= least,
-        f"must be 0 or at least {format_quantity(least, quantity)}, got {raw!r:.60}",
-    )
+    sensible = _SENSIBLE.get(quantity, _ANYTHING)
+    if abs(value) > sensible.largest:
+        largest = format_quantity(sensible.largest, quantity)
+        raise QuantityError(f"must not exceed {largest}, got {raw!r:.60}")
+    if value != 0.0 and abs(value) < sensible.least:
+        least = format_quantity(sensible.least, quantity)
+        raise QuantityError(f"must be 0 or at least {least}, got {raw!r:.60}")
     return value
 
 
@@ -76,130 +102,190 @@ class Dimension:
     nominal: float
     upper: float
     lower: float
-    quantity: str = "length"  # ``"length"`` or ``"angle"``
+    quantity: str = "length"
     source: str = ""
     usual: bool = False
     general: bool = False
 
     def __post_init__(self) -> None:
-        QuantityError.require(
-            self.lower <= self.upper,
-            "lower deviation must not exceed upper deviation, "
-            f"got {self.lower:g} and {self.upper:g}",
-        )
+        if not self.lower <= self.upper:
+            raise QuantityError(
+                "lower deviation must not exceed upper deviation, "
+                f"got {self.lower:g} and {self.upper:g}"
+            )
 
     @property
     def limits(self) -> tuple[float, float]:
         """Lower and upper limit of the dimension itself [m or rad]."""
         return self.nominal + self.lower, self.nominal + self.upper
 
+    @property
+    def tolerance_origin(self) -> str:
+        """Where the deviations come from: the standard, the program or the file."""
+        if self.general:
+            return "ISO 2768-m"
+        if self.usual:
+            return "default"
+        return "stated"
+
     def record(self) -> dict[str, object]:
         """Return plain values for JSON, the unit in the names."""
         unit = "rad" if self.quantity == "angle" else "m"
-
-        origins = {
-            "ISO 2768-m": self.general,
-            "default": self.usual,
-            "stated": True,
-        }
         fields: dict[str, object] = {
             f"nominal_{unit}": self.nominal,
             f"upper_deviation_{unit}": self.upper,
             f"lower_deviation_{unit}": self.lower,
-            "tolerance": next(origin for origin, holds in origins.items() if holds),
+            "tolerance": self.tolerance_origin,
         }
-        return {**fields, "source": self.source} if self.source else fields
+        if self.source:
+            fields["source"] = self.source
+        return fields
 
     def __str__(self) -> str:
-        text = format_quantity(self.nominal, self.quantity)
+        nominal = format_quantity(self.nominal, self.quantity)
         if self.upper == -self.lower:
-            return f"{text} ±{format_quantity(self.upper, self.quantity)}"
-        signed = (  # no zero keeps a sign
-            ("+" if one > 0.0 else "") + format_quantity(one + 0.0, self.quantity)
-            for one in (self.upper, self.lower)
-        )
-        return f"{text} {'/'.join(signed)}"
+            return f"{nominal} ±{format_quantity(self.upper, self.quantity)}"
+        upper = _format_deviation(self.upper, self.quantity)
+        lower = _format_deviation(self.lower, self.quantity)
+        return f"{nominal} {upper}/{lower}"
+
+
+def _format_deviation(deviation: float, quantity: str) -> str:
+    """Write a deviation with its sign, which zero has none of."""
+    text = format_quantity(deviation + 0.0, quantity)
+    if deviation > 0.0:
+        return f"+{text}"
+    return text
 
 
 def find_general_deviation(nominal: float) -> float | None:
     """Find the deviation of ISO 2768-m for a length [m]; None below 0.5 mm, above 400 mm."""
-    return next((deviation for high, deviation in _LINEAR if 0.5e-3 <= nominal <= high), None)
+    if nominal < _LEAST_GENERAL_LENGTH:
+        return None
+    for row in _GENERAL_TOLERANCES:
+        if nominal <= row.up_to:
+            return row.deviation
+    return None
+
+
+class _Deviations(NamedTuple):
+    """Signed deviations of a dimension [m or rad]."""
+
+    upper: float
+    lower: float
 
 
 _DEVIATIONS = re.compile(r"^\s*(?P<upper>[+-]?[^/]+)/(?P<lower>[+-]?[^/]+)$")
 
 
-def _read_deviations(raw: object, quantity: str) -> tuple[float, float]:
-    # Read ``"1 um"`` (to either side) or ``"+2 um / -0 um"``
-    if isinstance(raw, str) and (match := _DEVIATIONS.match(raw)):
-        upper, lower = (
-            parse_quantity(match["upper"], quantity),
-            parse_quantity(match["lower"], quantity),
-        )
+def _read_deviations(raw: object, quantity: str) -> _Deviations:
+    """Read ``"1 um"`` (to either side) or ``"+2 um / -0 um"``."""
+    match = _DEVIATIONS.match(raw) if isinstance(raw, str) else None
+    if match is not None:
+        upper = parse_quantity(match["upper"], quantity)
+        lower = parse_quantity(match["lower"], quantity)
     else:
         upper = parse_quantity(raw, quantity)
-        QuantityError.require(upper > 0.0, f"tolerance must be positive, got {raw!r}")
+        if not upper > 0.0:
+            raise QuantityError(f"tolerance must be positive, got {raw!r}")
         lower = -upper
-    largest = _SENSIBLE.get(quantity, (0.0, math.inf))[1]
-    QuantityError.require(
-        -largest <= lower < upper <= largest,
-        "tolerance must have its upper deviation above the lower one, within sense, got "
-        f"{raw!r:.60}",
-    )
-    return upper, lower
+    if not lower < upper:
+        raise QuantityError(
+            f"tolerance must have its upper deviation above the lower one, got {raw!r:.60}"
+        )
+    largest = _SENSIBLE.get(quantity, _ANYTHING).largest
+    if lower < -largest or upper > largest:
+        raise QuantityError(
+            f"tolerance must not exceed {format_quantity(largest, quantity)}, got {raw!r:.60}"
+        )
+    return _Deviations(upper, lower)
 
 
 def _read_dimension(raw: object, quantity: str) -> Dimension:
+    """Read a dimension from a quantity, or a table with nominal, tolerance and source.
+
+    Where no tolerance is stated it is the general one of ISO 2768-m, or what ``otherwise`` says.
+    """
     table: dict[str, object] = raw if isinstance(raw, dict) else {"nominal": raw}
-    if isinstance(given := table.get("nominal"), Dimension):
-        return given
-    unknown = set(table) - {"nominal", "tolerance", "otherwise", "source"}
-    if unknown or "nominal" not in table:
-        what = f"unknown {', '.join(sorted(unknown))}" if unknown else "nominal is missing"
-        raise ValueError(f"a dimension has nominal, tolerance and source: {what}")
-    nominal = parse_sensible(table["nominal"], quantity)
+    nominal_raw = table.get("nominal")
+    if isinstance(nominal_raw, Dimension):
+        return nominal_raw
+    _check_dimension_names(table)
+    nominal = parse_sensible(nominal_raw, quantity)
     source = table.get("source", "")
     if not isinstance(source, str):
         raise ValueError(f"source must be text, got {source!r}")
     if "tolerance" in table:
-        return Dimension(nominal, *_read_deviations(table["tolerance"], quantity), quantity, source)
-    general = ANGULAR_DEVIATION if quantity == "angle" else find_general_deviation(abs(nominal))
+        stated = _read_deviations(table["tolerance"], quantity)
+        return Dimension(nominal, stated.upper, stated.lower, quantity, source)
+    general: float | None = ANGULAR_DEVIATION
+    if quantity != "angle":
+        general = find_general_deviation(abs(nominal))
     if general is not None:
         return Dimension(nominal, general, -general, quantity, source, general=True)
     if "otherwise" in table:
-        return Dimension(
-            nominal, *_read_deviations(table["otherwise"], quantity), quantity, source, usual=True
-        )
+        usual = _read_deviations(table["otherwise"], quantity)
+        return Dimension(nominal, usual.upper, usual.lower, quantity, source, usual=True)
     raise ValueError(
         "a tolerance must be stated: general tolerances (ISO 2768-m) do not cover "
         f"{format_quantity(nominal, quantity)}"
     )
 
 
-def _make_validator(quantity: str, rule: str = "", *, above: bool = False) -> BeforeValidator:
-    # Make a validator of a dimension. With a rule it must be at least, or above, 0; an angle is
-    # below 180 degrees.
-    least = 0.0 if rule else -math.inf
+def _check_dimension_names(table: dict[str, object]) -> None:
+    """Refuse a table that has unknown names or no nominal value."""
+    mistake = ""
+    unknown = set(table) - {"nominal", "tolerance", "otherwise", "source"}
+    if unknown:
+        mistake = f"unknown {', '.join(sorted(unknown))}"
+    elif "nominal" not in table:
+        mistake = "nominal is missing"
+    if mistake:
+        raise ValueError(f"a dimension has nominal, tolerance and source: {mistake}")
+
+
+def _make_validator(
+    quantity: str, *, accepts: Callable[[float], bool] | None = None, rule: str = ""
+) -> BeforeValidator:
+    """Make a validator of a dimension whose nominal value must be accepted; `rule` says when."""
 
     def read(raw: object) -> Dimension:
         dimension = _read_dimension(raw, quantity)
-        value = dimension.nominal
-        QuantityError.require(
-            (value > least if above else value >= least)
-            and (quantity != "angle" or value < math.pi),
-            f"must {rule}, got {format_quantity(value, quantity)}",
-        )
-        if quantity == "length" and least == 0.0 < value < -dimension.lower:
+        if accepts is None:
+            return dimension
+        nominal = dimension.nominal
+        if not accepts(nominal):
+            raise QuantityError(f"must {rule}, got {format_quantity(nominal, quantity)}")
+        if quantity == "length" and 0.0 < nominal < -dimension.lower:
             raise ValueError(
-                f"tolerance must not exceed the nominal {format_quantity(value, 'length')}, got "
-                f"-{format_quantity(-dimension.lower, 'length')}"
+                f"tolerance must not exceed the nominal {format_quantity(nominal, quantity)}, got "
+                f"-{format_quantity(-dimension.lower, quantity)}"
             )
         return dimension
 
     return BeforeValidator(read)
 
 
-Length = Annotated[Dimension, _make_validator("length", "not be negative")]
-PositiveLength = Annotated[Dimension, _make_validator("length", "be positive", above=True)]
+def _is_not_negative(value: float) -> bool:
+    return value >= 0.0
+
+
+def _is_positive(value: float) -> bool:
+    return value > 0.0
+
+
+def _is_angle(value: float) -> bool:
+    return 0.0 <= value < math.pi
+
+
+Length = Annotated[
+    Dimension, _make_validator("length", accepts=_is_not_negative, rule="not be negative")
+]
+PositiveLength = Annotated[
+    Dimension, _make_validator("length", accepts=_is_positive, rule="be positive")
+]
 SignedLength = Annotated[Dimension, _make_validator("length")]
-Angle = Annotated[Dimension, _make_validator("angle", "be at least 0 and less than 180 deg")]
+Angle = Annotated[
+    Dimension,
+    _make_validator("angle", accepts=_is_angle, rule="be at least 0 and less than 180 deg"),
+]

@@ -6,6 +6,8 @@ from functools import partial
 
 from stepblocks.quantities import format_quantity
 
+_UNIT_SUFFIXES = {"length": "_m", "volume": "_m3", "mass": "_kg"}  # of names in JSON
+
 
 @dataclass(frozen=True)
 class Verdict:
@@ -41,7 +43,9 @@ class Verdict:
     def deviation(self) -> float:
         """Measured less nominal, relative where the limit is."""
         difference = self.measured - self.nominal
-        return difference / self.nominal if self.relative else difference
+        if self.relative:
+            return difference / self.nominal
+        return difference
 
     @property
     def passed(self) -> bool:
@@ -49,34 +53,40 @@ class Verdict:
         return math.isfinite(self.deviation) and abs(self.deviation) <= self.limit
 
     def __str__(self) -> str:
+        outcome = "ok  " if self.passed else "FAIL"
+        return f"{outcome} {self.artefact}: {self.quantity} {self._describe_deviation()}".rstrip()
+
+    def _describe_deviation(self) -> str:
+        """Say how far the measured value is off; empty where the file cannot be read."""
+        if self.dimension == "file":
+            return ""
+        if self.dimension == "count":
+            return f"{self.measured:g}, {self.nominal:g} expected"
         if self.dimension == "length":
-            text = (
-                f"{self.deviation * 1e9:+.3f} nm off {format_quantity(self.nominal, 'length', 6)} "
-                f"(limit {format_quantity(self.limit, 'length')})"
-            )
-        elif self.dimension == "file":
-            text = ""
-        elif self.dimension == "count":
-            text = f"{self.measured:g}, {self.nominal:g} expected"
-        else:
-            text = f"{round(self.deviation, 12) + 0.0:+.1e} relative (limit {self.limit:g})"
-        return (
-            f"{'ok  ' if self.passed else 'FAIL'} {self.artefact}: {self.quantity} {text}".rstrip()
-        )
+            nominal = format_quantity(self.nominal, "length", 6)
+            limit = format_quantity(self.limit, "length")
+            return f"{self.deviation * 1e9:+.3f} nm off {nominal} (limit {limit})"
+        deviation = round(self.deviation, 12) + 0.0
+        return f"{deviation:+.1e} relative (limit {self.limit:g})"
 
     def as_record(self) -> dict[str, object]:
         """Return plain values for JSON, units in the names, to a picometre or nine digits.
 
         What lies below is rounding.
         """
-        suffix = {"length": "_m", "volume": "_m3", "mass": "_kg"}.get(self.dimension, "")
-        measured = round(self.measured, 12) if suffix == "_m" else float(f"{self.measured:.9g}")
+        suffix = _UNIT_SUFFIXES.get(self.dimension, "")
+        measured: float | None = None
+        if math.isfinite(self.measured):
+            measured = float(f"{self.measured:.9g}")
+            if self.dimension == "length":
+                measured = round(self.measured, 12)
+        limit_name = "limit_relative" if self.relative else f"limit{suffix}"
         return {
             "artefact": self.artefact,
             "quantity": self.quantity,
             f"nominal{suffix}": self.nominal,
-            f"measured{suffix}": measured if math.isfinite(self.measured) else None,
-            "limit_relative" if self.relative else f"limit{suffix}": self.limit,
+            f"measured{suffix}": measured,
+            limit_name: self.limit,
             "passed": self.passed,
         }
 

@@ -1,26 +1,43 @@
-"""Views of bench blocks and of the gauge-block variant, with enlarged details."""
+"""Views of bench blocks, with enlarged details of step, groove and margin."""
 
 import math
+from dataclasses import dataclass
 
 from stepblocks.parts.kinds.margin import MarginBlock
 from stepblocks.parts.kinds.step_block import MetrologyFeature, StepBlock
-from stepblocks.workshop.body_views import TOP_VIEW, draw_body
-from stepblocks.workshop.sheet import Point, Sheet, View, choose_scale, format_scale
+from stepblocks.workshop.body_views import TOP_VIEW, BodyOnPaper, draw_body
+from stepblocks.workshop.paper import (
+    MILLIMETRES_PER_METRE,
+    Alignment,
+    Layer,
+    Point,
+    View,
+    choose_scale,
+    format_scale,
+)
+from stepblocks.workshop.sheet import Sheet
 
-_DETAIL: Point = (235.0, 214.0)
-_SECOND: Point = (352.0, 214.0)
+_DETAIL: Point = (235.0, 214.0)  # origin of detail A on the paper
+_GROOVE_DETAIL: Point = (352.0, 214.0)  # of detail B
+_MARGIN_DETAIL: Point = (280.0, 214.0)
+_DETAIL_HEIGHT = 44.0  # of a step in its detail, at most
+_EDGE_LENGTH = 10.0  # of the edge radius in the detail, at most
+_SMALLEST_EDGE = 0.1  # edge radius that chooses the scale of the detail, at least [mm of the part]
+_GROOVE_LENGTH = 30.0
+_MARGIN_LENGTH = 36.0
+_DEEPEST_GAP = 46.0  # of a gap in its detail; a deeper one is broken off
+_ARC_STEPS = 20
 
 
 def draw_step_block_views(sheet: Sheet, block: StepBlock) -> list[str]:
     """Draw all views of a step block; return the lines of its notes."""
-    scale = draw_body(sheet, block.body, block.id)
-    k = 1e3 * scale
-    tx, ty = TOP_VIEW
-    hy = 0.5e3 * scale * block.body.width.nominal
-    sheet.draw_line((tx, ty - hy), (tx, ty + hy))
+    sizes = draw_body(sheet, block.body, block.id)
+    x, y = TOP_VIEW
+    half_width = sizes.half_width
+    sheet.draw_line((x, y - half_width), (x, y + half_width))
     sheet.draw_leader(
-        (tx, ty - 0.75 * hy),
-        (tx + 0.5 * k * block.body.length.nominal + 10.0, ty - 17.0),
+        (x, y - 0.75 * half_width),
+        (x + sizes.half_length + 10.0, y - 17.0),
         "working edge, detail A",
     )
     _draw_step_detail(sheet, block)
@@ -28,215 +45,327 @@ def draw_step_block_views(sheet: Sheet, block: StepBlock) -> list[str]:
         "Step (1): distance of two parallel planes fitted to both faces, flanks excluded;",
         "no size between two points (ISO 14405-2). Stylus of 2 µm or less, or interferometer.",
     ]
-    if block.metrology is not None:
-        _draw_feature(sheet, block, block.metrology, scale)
-        _draw_groove_detail(sheet, block, block.metrology)
-        lines.append(
-            f"{block.metrology.kind.capitalize()} "
-            f"({sheet.listed[_depth_key(block.metrology)][0]}): ISO 5436-1 type A1."
-        )
-    return [
-        *lines,
-        "Root of the riser: fillet or undercut up to the height of the step is allowed.",
-        "Every part is accepted by ISO 14253-1, Ra by its largest value (ISO 21920-3).",
-    ]
+    feature = block.metrology
+    if feature is not None:
+        _draw_feature(sheet, feature, sizes)
+        _draw_feature_detail(sheet, block, feature)
+        number = sheet.listed[feature.depth_key].number
+        lines.append(f"{feature.kind.capitalize()} ({number}): ISO 5436-1 type A1.")
+    lines.append("Root of the riser: fillet or undercut up to the height of the step is allowed.")
+    lines.append("Every part is accepted by ISO 14253-1, Ra by its largest value (ISO 21920-3).")
+    return lines
 
 
 def draw_margin_block_views(sheet: Sheet, margin: MarginBlock) -> list[str]:
     """Draw all views of a margin block; return the lines of its notes."""
-    k = 1e3 * draw_body(sheet, margin.body, margin.id)
-    tx, ty = TOP_VIEW
-    hy = 0.5 * margin.body.width.nominal * k
-    for x in (0.0, margin.marginal_gap.nominal * k):
-        sheet.draw_line((tx + x, ty - hy), (tx + x, ty + hy))
+    sizes = draw_body(sheet, margin.body, margin.id)
+    x, y = TOP_VIEW
+    half_width = sizes.half_width
+    crown_x = x + sizes.measure(margin.marginal_gap.nominal)
+    for line_x in (x, crown_x):
+        sheet.draw_line((line_x, y - half_width), (line_x, y + half_width))
     sheet.draw_leader(
-        (tx, ty + 0.3 * hy),
-        (tx + 0.5 * margin.body.length.nominal * k + 20.0, ty + 0.4 * hy),
+        (x, y + 0.3 * half_width),
+        (x + sizes.half_length + 20.0, y + 0.4 * half_width),
         "margin, detail A",
     )
     _draw_margin_detail(sheet, margin)
     return ["Edges of the margin without burr; do not break them."]
 
 
-def _depth_key(feature: MetrologyFeature) -> str:
-    return "groove_depth" if feature.kind == "groove" else "ridge_height"
-
-
-def _draw_feature(sheet: Sheet, block: StepBlock, feature: MetrologyFeature, scale: float) -> None:
-    # Draw groove or ridge in the view from above
-    k = 1e3 * scale
-    tx, ty = TOP_VIEW
-    hy = 0.5 * block.body.width.nominal * k
-    sign = 1.0 if feature.kind == "groove" else -1.0
-    near = sign * feature.distance.nominal * k
-    far = near + sign * feature.width.nominal * k
-    low = hy - feature.lane.nominal * k
-    sheet.draw_rectangle((tx + near, ty + low), (tx + far, ty + hy))
-    if (key := f"{feature.kind}_distance") in sheet.listed:
-        ends = sorted([(tx, ty + hy), (tx + near, ty + hy)])
-        sheet.draw_dimension(key, ends[0], ends[1], (tx, ty + hy + 8.0), scale)
+def _draw_feature(sheet: Sheet, feature: MetrologyFeature, sizes: BodyOnPaper) -> None:
+    """Draw groove or ridge in the view from above, with distance and length."""
+    x, y = TOP_VIEW
+    upper = y + sizes.half_width
+    side = 1.0 if feature.kind == "groove" else -1.0
+    near = side * sizes.measure(feature.distance.nominal)
+    far = near + side * sizes.measure(feature.width.nominal)
+    low = sizes.half_width - sizes.measure(feature.lane.nominal)
+    sheet.draw_rectangle((x + near, y + low), (x + far, upper))
+    distance_key = f"{feature.kind}_distance"
+    if distance_key in sheet.listed:
+        start, end = sorted([(x, upper), (x + near, upper)])
+        sheet.draw_dimension(distance_key, start, end, (x, upper + 8.0), sizes.scale)
     # beyond the text of the distance, which stands beside its arrows
-    right = tx + max(0.5 * block.body.length.nominal * k + 14.0, near + 38.0, 38.0)
+    right = x + max(sizes.half_length + 14.0, near + 38.0, 38.0)
     sheet.draw_dimension(
         f"{feature.kind}_length",
-        (tx + far, ty + low),
-        (tx + far, ty + hy),
-        (right, ty),
-        scale,
+        (x + far, y + low),
+        (x + far, upper),
+        (right, y),
+        sizes.scale,
         upright=True,
     )
-    sheet.draw_leader(
-        (tx + far, ty + low + 2.0), (right + 6.0, ty + low + 6.0), f"{feature.kind}, detail B"
-    )
+    tip = (x + far, y + low + 2.0)
+    sheet.draw_leader(tip, (right + 6.0, y + low + 6.0), f"{feature.kind}, detail B")
+
+
+def _caption_detail(sheet: Sheet, place: Point, caption: str) -> None:
+    sheet.write_text(place, caption, alignment=Alignment.BOTTOM_CENTER)
+
+
+@dataclass(frozen=True)
+class _StepOnPaper:
+    """The step of a block, enlarged on the paper [mm]."""
+
+    view: View
+    top: float  # y of the upper face
+    edge: list[Point]  # along the rounding, from the riser to the upper face
+
+    @property
+    def edge_middle(self) -> Point:
+        """The point of the rounding that its leaders lead to."""
+        return self.edge[len(self.edge) // 2]
+
+    @classmethod
+    def of(cls, block: StepBlock) -> "_StepOnPaper":
+        """Choose the scales of lengths and heights, and place step and rounding."""
+        height = block.height.nominal
+        radius = block.edge_radius.nominal
+        view = View(
+            _DETAIL,
+            choose_scale(_EDGE_LENGTH / max(radius * MILLIMETRES_PER_METRE, _SMALLEST_EDGE)),
+            choose_scale(_DETAIL_HEIGHT / (height * MILLIMETRES_PER_METRE)),
+        )
+        _, top = view.place(0.0, height)
+        turns = [0.5 * math.pi]
+        if radius > 0.0:
+            turns = [index * math.pi / (2.0 * _ARC_STEPS) for index in range(_ARC_STEPS + 1)]
+        edge = []
+        for turn in turns:
+            x = radius - radius * math.cos(turn)
+            z = height - radius + radius * math.sin(turn)
+            edge.append(view.place(x, z))
+        return cls(view, top, edge)
 
 
 def _draw_step_detail(sheet: Sheet, block: StepBlock) -> None:
-    H, r = block.height.nominal, block.edge_radius.nominal
-    xs, zs = choose_scale(10.0 / max(r * 1e3, 0.1)), choose_scale(44.0 / (H * 1e3))
-    view = View(_DETAIL, xs, zs)
-    cx, cz = _DETAIL
-    left, right = cx - 42.0, cx + 62.0
-    top = view.at(0.0, H)[1]
-    turns = [index * math.pi / 40.0 for index in range(21)] if r > 0.0 else [0.5 * math.pi]
-    edge = [view.at(r - r * math.cos(turn), H - r + r * math.sin(turn)) for turn in turns]
-    sheet.draw_polyline([(left, cz), (cx, cz), *edge, (right, top)])
-    sheet.draw_break_line(left, cz - 8.0, cz)
-    sheet.draw_break_line(right, cz - 8.0, top)
+    """Draw detail A: the step, heights exaggerated, with all that is asked of faces and edge."""
+    step = _StepOnPaper.of(block)
+    x, lower = _DETAIL
+    top = step.top
+    left = x - 42.0
+    right = x + 62.0
+    sheet.draw_polyline([(left, lower), (x, lower), *step.edge, (right, top)])
+    sheet.draw_break_line(left, lower - 8.0, lower)
+    sheet.draw_break_line(right, lower - 8.0, top)
+    length_scale = step.view.scale
+    height_scale = step.view.height_scale or length_scale
     sheet.draw_dimension(
-        "step_height", (cx - 24.0, cz), (cx, top), (cx - 14.0, cz), zs, upright=True
-    )
-    sheet.draw_leader(edge[len(edge) // 2], (cx + 10.0, top - 8.0), "R {}", "edge_radius")
-    # ISO 13715: the outer edge is free of burr; the root may have a fillet or an undercut
-    small, large = (f"{limit * 1e3:.3g}" for limit in block.edge_radius.limits)
-    sheet.draw_edge_state(
-        edge[len(edge) // 2],
-        (cx + 10.0, top - 16.0),
-        f"-{large}" if block.edge_radius.limits[0] <= 0.0 else f"-{small}/-{large}",
-    )
-    sheet.draw_edge_state(
-        (cx, cz),
-        (cx + 10.0, cz - 7.0),
-        "±H" if "step_height" in sheet.letters else f"±{H * 1e3:.3g}",
-    )
-    if "riser_angle" in sheet.listed:
-        half = cz + 0.35 * (top - cz)
-        level = max(cz + 0.6, min(half - 4.0, top - 21.0))
-        sheet.draw_leader((cx, half), (cx + 10.0, level), "{} to A", "riser_angle")
-        # its arrow stands on the riser, drawn on over the faces (ISO 1101)
-        sheet.draw_line((cx, top + 1.0), (cx, top + 25.0), "DIMENSION")
-        start = sheet.draw_tolerance_frame("riser_straightness", (cx + 8.0, top + 21.0))
-        sheet.draw_pointer(start, (cx, start[1]))
-    sheet.draw_datum((cx - 32.0, cz), "A")
-    sheet.point_to(
-        (cx - 21.0, cz), sheet.draw_tolerance_frame("flatness_lower", (cx - 16.0, cz - 20.0))
-    )
-    sheet.draw_tolerance_frame("parallelism_base", (cx - 16.0, cz - 26.0), "B")
-    sheet.point_to(
-        (cx + 4.0, top), sheet.draw_tolerance_frame("flatness_upper", (cx + 8.0, top + 7.0))
-    )
-    sheet.draw_tolerance_frame("parallelism", (cx + 8.0, top + 13.0), "A")
-    sheet.draw_texture((cx + 46.0, top), "roughness", " (2 x)")
-    sheet.write_text(
-        (cx, cz - 33.0),
-        f"A   lengths {format_scale(xs)}, heights {format_scale(zs)} "
-        f"(heights exaggerated {zs / xs:g} times)",
-        2.5,
-        "BOTTOM_CENTER",
-    )
-
-
-def _draw_groove_detail(sheet: Sheet, block: StepBlock, feature: MetrologyFeature) -> None:
-    cx, cz = _SECOND
-    kind = feature.kind
-    H, W = block.height.nominal, feature.width.nominal
-    zs, xs = choose_scale(44.0 / (H * 1e3)), choose_scale(30.0 / (W * 1e3))
-    top, half = cz + H * 1e3 * zs, 0.5 * W * 1e3 * xs
-    outside, inside = (top, cz) if kind == "groove" else (cz, top)
-    sheet.draw_polyline(
-        [
-            (cx - 40.0, outside),
-            (cx - half, outside),
-            (cx - half, inside),
-            (cx + half, inside),
-            (cx + half, outside),
-            (cx + 40.0, outside),
-        ]
-    )
-    for x in (cx - 40.0, cx + 40.0):
-        sheet.draw_break_line(x, cz - 8.0, outside)
-    # the text of a narrow width stands on the right, so the depth stands on the left
-    start = cx if kind == "groove" else cx - 30.0
-    sheet.draw_dimension(
-        _depth_key(feature),
-        (start, cz),
-        (cx - half, top),
-        (cx - half - 9.0, cz),
-        zs,
+        "step_height",
+        (x - 24.0, lower),
+        (x, top),
+        (x - 14.0, lower),
+        height_scale,
         upright=True,
     )
-    sheet.draw_dimension(f"{kind}_width", (cx - half, top), (cx + half, top), (cx, top + 8.0), xs)
-    sheet.write_text(
-        (cx, cz - 33.0),
-        f"B   lengths {format_scale(xs)}, heights {format_scale(zs)}",
-        2.5,
-        "BOTTOM_CENTER",
+    sheet.lead_to_characteristic("edge_radius", step.edge_middle, (x + 10.0, top - 8.0), "R {}")
+    _draw_edge_states(sheet, block, step)
+    if "riser_angle" in sheet.listed:
+        _draw_riser_demands(sheet, top)
+    _draw_face_demands(sheet, top)
+    caption = (
+        f"A   lengths {format_scale(length_scale)}, heights {format_scale(height_scale)} "
+        f"(heights exaggerated {height_scale / length_scale:g} times)"
     )
+    _caption_detail(sheet, (x, lower - 33.0), caption)
+
+
+def _draw_edge_states(sheet: Sheet, block: StepBlock, step: _StepOnPaper) -> None:
+    """Draw the states of both edges (ISO 13715).
+
+    The outer edge is free of burr; the root may have a fillet or an undercut.
+    """
+    x, lower = _DETAIL
+    least_radius, largest_radius = block.edge_radius.limits
+    state = f"-{largest_radius * 1e3:.3g}"
+    if least_radius > 0.0:
+        state = f"-{least_radius * 1e3:.3g}/-{largest_radius * 1e3:.3g}"
+    sheet.draw_edge_state(step.edge_middle, (x + 10.0, step.top - 16.0), state)
+    root_state = f"±{block.height.nominal * 1e3:.3g}"
+    if "step_height" in sheet.letters:
+        root_state = "±H"
+    sheet.draw_edge_state((x, lower), (x + 10.0, lower - 7.0), root_state)
+
+
+def _draw_riser_demands(sheet: Sheet, top: float) -> None:
+    """Draw angle and straightness of the riser."""
+    x, lower = _DETAIL
+    middle = lower + 0.35 * (top - lower)
+    level = max(lower + 0.6, min(middle - 4.0, top - 21.0))
+    sheet.lead_to_characteristic("riser_angle", (x, middle), (x + 10.0, level), "{} to A")
+    # its arrow stands on the riser, drawn on over the faces (ISO 1101)
+    sheet.draw_line((x, top + 1.0), (x, top + 25.0), Layer.DIMENSION)
+    start = sheet.draw_tolerance_frame("riser_straightness", (x + 8.0, top + 21.0))
+    _, frame_level = start
+    sheet.draw_pointer(start, (x, frame_level))
+
+
+def _draw_face_demands(sheet: Sheet, top: float) -> None:
+    """Draw datum A, flatness, parallelism and roughness of the working faces."""
+    x, lower = _DETAIL
+    sheet.draw_datum((x - 32.0, lower), "A")
+    frame = sheet.draw_tolerance_frame("flatness_lower", (x - 16.0, lower - 20.0))
+    sheet.point_to((x - 21.0, lower), frame)
+    sheet.draw_tolerance_frame("parallelism_base", (x - 16.0, lower - 26.0), "B")
+    frame = sheet.draw_tolerance_frame("flatness_upper", (x + 8.0, top + 7.0))
+    sheet.point_to((x + 4.0, top), frame)
+    sheet.draw_tolerance_frame("parallelism", (x + 8.0, top + 13.0), "A")
+    sheet.draw_texture((x + 46.0, top), "roughness", " (2 x)")
+
+
+def _draw_feature_detail(sheet: Sheet, block: StepBlock, feature: MetrologyFeature) -> None:
+    """Draw detail B: groove or ridge in section, heights exaggerated."""
+    x, low = _GROOVE_DETAIL
+    height = block.height.nominal
+    width = feature.width.nominal
+    height_scale = choose_scale(_DETAIL_HEIGHT / (height * MILLIMETRES_PER_METRE))
+    length_scale = choose_scale(_GROOVE_LENGTH / (width * MILLIMETRES_PER_METRE))
+    top = low + height * MILLIMETRES_PER_METRE * height_scale
+    half = 0.5 * width * MILLIMETRES_PER_METRE * length_scale
+    if feature.kind == "groove":
+        outside, inside = top, low
+        # the text of a narrow width stands on the right, so the depth stands on the left
+        depth_start = x
+    else:
+        outside, inside = low, top
+        depth_start = x - 30.0
+    outline = [
+        (x - 40.0, outside),
+        (x - half, outside),
+        (x - half, inside),
+        (x + half, inside),
+        (x + half, outside),
+        (x + 40.0, outside),
+    ]
+    sheet.draw_polyline(outline)
+    for break_x in (x - 40.0, x + 40.0):
+        sheet.draw_break_line(break_x, low - 8.0, outside)
+    sheet.draw_dimension(
+        feature.depth_key,
+        (depth_start, low),
+        (x - half, top),
+        (x - half - 9.0, low),
+        height_scale,
+        upright=True,
+    )
+    sheet.draw_dimension(
+        f"{feature.kind}_width", (x - half, top), (x + half, top), (x, top + 8.0), length_scale
+    )
+    caption = f"B   lengths {format_scale(length_scale)}, heights {format_scale(height_scale)}"
+    _caption_detail(sheet, (x, low - 33.0), caption)
+
+
+@dataclass(frozen=True)
+class _MarginOnPaper:
+    """The margin of a block, enlarged on the paper [mm]."""
+
+    view: View
+    wall: float  # x of the crown's wall
+    level: float  # y of the crown's upper face
+    floor: float  # y of the floor of the gap, or of the break above it
+    is_broken: bool  # whether the gap is deeper than shown
+    corner: list[Point]  # of the crown
+
+    @property
+    def upper(self) -> float:
+        """Coordinate y of the higher of both faces."""
+        _, tooth = self.view.origin
+        return max(tooth, self.level)
+
+    @classmethod
+    def of(cls, margin: MarginBlock) -> "_MarginOnPaper":
+        """Choose the scale, and place crown, gap and floor."""
+        gap = margin.marginal_gap.nominal
+        rise = margin.horizontal_discrepancy.nominal
+        depth = margin.gap_depth.nominal
+        largest = max(gap, abs(rise), abs(margin.opening.nominal))
+        scale = choose_scale(_MARGIN_LENGTH / (largest * MILLIMETRES_PER_METRE))
+        view = View(_MARGIN_DETAIL, scale)
+        _, tooth = view.origin
+        wall, level = view.place(gap, rise)
+        depth_on_paper = depth * MILLIMETRES_PER_METRE * scale
+        floor = tooth + max(-depth_on_paper, -_DEEPEST_GAP)
+        corner = [view.place(x, z) for x, z in margin.corner]
+        return cls(view, wall, level, floor, tooth - depth_on_paper < floor, corner)
 
 
 def _draw_margin_detail(sheet: Sheet, margin: MarginBlock) -> None:
-    g, h, d = (
-        margin.marginal_gap.nominal,
-        margin.horizontal_discrepancy.nominal,
-        margin.gap_depth.nominal,
-    )
-    s = choose_scale(36.0 / (max(g, abs(h), abs(margin.opening.nominal)) * 1e3))
-    view = View((_DETAIL[0] + 45.0, _DETAIL[1]), s)
-    cx, cz = view.origin
-    wall, level = view.at(g, h)  # of the crown, on the paper
-    floor = cz + max(-d * 1e3 * s, -46.0)
-    corner = [view.at(x, z) for x, z in margin.corner]
-    sheet.draw_polyline([(cx - 60.0, cz), (cx, cz), (cx, floor)])
-    sheet.draw_polyline(
-        [(wall, floor), *corner, (max(corner[-1][0], cx), corner[-1][1]), (cx + 75.0, level)]
-    )
-    if cz - d * 1e3 * s < floor:
-        sheet.draw_break_line(cx, floor - 6.0, floor)
-        sheet.draw_break_line(wall, floor - 6.0, floor)
-    else:
-        sheet.draw_line((cx, floor), (wall, floor))
+    """Draw detail A: tooth, gap and crown in section, with all that is asked of them."""
+    detail = _MarginOnPaper.of(margin)
+    x, tooth = detail.view.origin
+    scale = detail.view.scale
+    _draw_margin_outline(sheet, detail)
     sheet.draw_dimension(
-        "marginal_gap", (cx, floor + 8.0), (wall, floor + 8.0), (cx, floor - 12.0), s
+        "marginal_gap",
+        (x, detail.floor + 8.0),
+        (detail.wall, detail.floor + 8.0),
+        (x, detail.floor - 12.0),
+        scale,
     )
-    if sheet.listed["horizontal_discrepancy"][1].nominal > 0.0:
+    if sheet.listed["horizontal_discrepancy"].characteristic.nominal > 0.0:
         sheet.draw_dimension(
             "horizontal_discrepancy",
-            (cx - 30.0, cz),
-            (cx + 62.0, level),
-            (cx - 40.0, cz),
-            s,
+            (x - 30.0, tooth),
+            (x + 62.0, detail.level),
+            (x - 40.0, tooth),
+            scale,
             upright=True,
         )
-    top = max(cz, level)
-    beyond = max(cx + 18.0, wall + 8.0)
-    if (
-        "vertical_discrepancy" in sheet.listed
-        and sheet.listed["vertical_discrepancy"][1].kind == "distance"
-    ):
-        low, high = sorted([(cx, cz), view.at(margin.opening.nominal, h)])
-        sheet.draw_dimension("vertical_discrepancy", low, high, (cx, top + 8.0), s)
-        beyond = high[0] + 42.0  # clear of the text, which stands beside a narrow dimension
-    sheet.draw_datum((cx - 54.0, cz), "A")
-    sheet.draw_tolerance_frame("flatness_lower", (cx - 58.0, cz - 28.0))
-    sheet.point_to((cx - 44.0, cz), (cx - 44.0, cz - 22.0))
-    sheet.draw_tolerance_frame("parallelism_base", (cx - 58.0, cz - 34.0), "B")
-    sheet.point_to(
-        (beyond, level), sheet.draw_tolerance_frame("flatness_upper", (beyond + 4.0, top + 18.0))
+    beyond = _draw_opening(sheet, margin, detail)
+    _draw_margin_demands(sheet, detail, beyond)
+    gap_middle = x + 0.4 * margin.marginal_gap.nominal * MILLIMETRES_PER_METRE * scale
+    sheet.lead_to_characteristic(
+        "gap_depth",
+        (gap_middle, detail.floor + 2.0),
+        (x - 24.0, detail.floor + 8.0),
+        "depth {}",
     )
-    sheet.draw_tolerance_frame("parallelism", (beyond + 4.0, top + 24.0), "A")
-    sheet.write_text((cx - 58.0, cz + 3.0), "tooth", 2.5)
-    sheet.write_text((cx + 60.0, level - 5.0), "crown", 2.5)
-    sheet.draw_texture((max(cx + 62.0, beyond + 3.0), level), "roughness", " (2 x)")
-    sheet.draw_leader(
-        (cx + 0.4 * g * 1e3 * s, floor + 2.0), (cx - 24.0, floor + 8.0), "depth {}", "gap_depth"
-    )
-    sheet.write_text((cx - 50.0, floor - 8.0), f"A   {format_scale(s)}", 2.5, "BOTTOM_CENTER")
+    _caption_detail(sheet, (x - 50.0, detail.floor - 8.0), f"A   {format_scale(scale)}")
+
+
+def _draw_margin_outline(sheet: Sheet, detail: _MarginOnPaper) -> None:
+    """Draw tooth and crown on either side of the gap, and its floor or the break over it."""
+    x, tooth = detail.view.origin
+    floor = detail.floor
+    sheet.draw_polyline([(x - 60.0, tooth), (x, tooth), (x, floor)])
+    end_x, end_y = detail.corner[-1]
+    upper_start = (max(end_x, x), end_y)
+    crown = [(detail.wall, floor), *detail.corner, upper_start, (x + 75.0, detail.level)]
+    sheet.draw_polyline(crown)
+    if detail.is_broken:
+        sheet.draw_break_line(x, floor - 6.0, floor)
+        sheet.draw_break_line(detail.wall, floor - 6.0, floor)
+    else:
+        sheet.draw_line((x, floor), (detail.wall, floor))
+
+
+def _draw_opening(sheet: Sheet, margin: MarginBlock, detail: _MarginOnPaper) -> float:
+    """Draw the vertical discrepancy, if a face carries it; return x right of it."""
+    x, tooth = detail.view.origin
+    listed = sheet.listed.get("vertical_discrepancy")
+    if listed is None or listed.characteristic.kind != "distance":
+        return max(x + 18.0, detail.wall + 8.0)
+    crown = detail.view.place(margin.opening.nominal, margin.horizontal_discrepancy.nominal)
+    start, end = sorted([(x, tooth), crown])
+    through = (x, detail.upper + 8.0)
+    sheet.draw_dimension("vertical_discrepancy", start, end, through, detail.view.scale)
+    end_x, _ = end
+    return end_x + 42.0  # clear of the text, which stands beside a narrow dimension
+
+
+def _draw_margin_demands(sheet: Sheet, detail: _MarginOnPaper, beyond: float) -> None:
+    """Draw datum, flatness, parallelism and roughness of both faces, the crown's from `beyond`."""
+    x, tooth = detail.view.origin
+    level = detail.level
+    upper = detail.upper
+    sheet.draw_datum((x - 54.0, tooth), "A")
+    sheet.draw_tolerance_frame("flatness_lower", (x - 58.0, tooth - 28.0))
+    sheet.point_to((x - 44.0, tooth), (x - 44.0, tooth - 22.0))
+    sheet.draw_tolerance_frame("parallelism_base", (x - 58.0, tooth - 34.0), "B")
+    frame = sheet.draw_tolerance_frame("flatness_upper", (beyond + 4.0, upper + 18.0))
+    sheet.point_to((beyond, level), frame)
+    sheet.draw_tolerance_frame("parallelism", (beyond + 4.0, upper + 24.0), "A")
+    sheet.write_text((x - 58.0, tooth + 3.0), "tooth")
+    sheet.write_text((x + 60.0, level - 5.0), "crown")
+    sheet.draw_texture((max(x + 62.0, beyond + 3.0), level), "roughness", " (2 x)")

@@ -14,26 +14,33 @@ from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.contact.uncertainty import Interval, convert_half_widths, estimate_interval
 from stepblocks.errors import MachiningError
 from stepblocks.parts.declared import Sourced, Table, make_sourced_validator
+from stepblocks.parts.gauge_pair import GaugePair, find_pair
 from stepblocks.parts.kinds.step_block import StepBlock
-from stepblocks.workshop.gauge_route import choose_pair
 
 _Length = Annotated[Sourced, make_sourced_validator("length")]
 _Ratio = Annotated[Sourced, make_sourced_validator("ratio")]
-_NONE = Sourced(0.0, "length", "")
+_NO_LENGTH = Sourced(0.0, "length", "")
+_NO_SHARE = Sourced(0.0, "ratio", "")
+
+ONE_PIECE = "one piece"  # process whose deviation is the capability of the workshop
+GAUGE_BLOCKS = "gauge blocks"  # process whose deviation is that of ISO 3650
+_GRADES = ("2", "1", "0", "K")  # from the cheapest
+_RMS_OVER_MEAN = 1.25  # Rq over Ra of normally distributed heights
+_TOUCHED_FACES = 2  # whose roughness adds to the height
 
 
 class Process(Table):
-    """What a route leaves; half-widths, each with its source."""
+    """What a way of making steps leaves; deviations are half-widths, each with its source."""
 
     name: str
     note: str = ""  # what it takes
-    height: _Length = _NONE  # deviation of the height; of the first two routes it is worked out
-    share: _Ratio = Sourced(0.0, "ratio", "")  # the same as a share of the height
+    height: _Length = _NO_LENGTH  # deviation of the height; of the first two it is worked out
+    share: _Ratio = _NO_SHARE  # the same as a share of the height
     roughness: _Length
     edge_radius: _Length
     edge_spread: _Length
-    burr: _Length = _NONE  # over the upper face at the working edge
-    burr_spread: _Length = _NONE
+    burr: _Length = _NO_LENGTH  # over the upper face at the working edge
+    burr_spread: _Length = _NO_LENGTH
     cost: _Ratio | None = None  # class from 1 to 3, where a source gives one
 
 
@@ -47,9 +54,7 @@ class Route:
     tolerance: float  # that the stimulus permits [m]
     note: str  # what it takes
     felt: Interval  # E_v [J] with the edge that it leaves
-    conforming: (
-        float  # share of the blocks whose height, edge radius and burr are within their limits [1]
-    )
+    conforming: float  # share of the blocks with height, edge radius and burr within limits [1]
 
     @property
     def reaches(self) -> bool:
@@ -57,118 +62,155 @@ class Route:
         return self.deviation <= self.tolerance
 
 
+@dataclass(frozen=True)
+class _Variant:
+    """A process as it is used for one block."""
+
+    process: Process
+    name: str
+    deviation: float  # of the height [m]
+    note: str
+
+
 @cache
 def load_processes() -> tuple[Process, ...]:
-    """Return the routes that are known, in the order of the file."""
-    return tuple(
-        Process.model_validate(one)
-        for one in tomllib.loads(
-            files("stepblocks.workshop").joinpath("routes.toml").read_text(encoding="utf-8")
-        )["route"]
-    )
+    """Return the processes that are known, in the order of the file."""
+    text = files("stepblocks.workshop").joinpath("routes.toml").read_text(encoding="utf-8")
+    tables = tomllib.loads(text)["route"]
+    return tuple(Process.model_validate(table) for table in tables)
 
 
 def find_routes(block: StepBlock, capability: float, point: OperatingPoint) -> list[Route]:
-    """List the routes of a block, cheapest class first where one is known."""
-    MachiningError.require(capability > 0.0, f"capability must be positive, got {capability:g} m")
-    return sorted(
-        (
-            _make_route(block, one, *way, point)
-            for one in load_processes()
-            for way in _list_ways(block, one, capability)
-        ),
-        key=lambda one: one.process.cost.value if one.process.cost else math.inf,
-    )
+    """List the routes of a block, cheapest class first where one is known.
+
+    Parameters
+    ----------
+    block : StepBlock
+        What is made.
+    capability : float
+        Largest deviation of a height that the workshop holds in one piece [m].
+    point : OperatingPoint
+        Under which it is felt.
+
+    Returns
+    -------
+    list of Route
+        By cost class, in the order of the file within a class; routes without a class come last.
+
+    Raises
+    ------
+    MachiningError
+        If the capability is not positive.
+    """
+    if not capability > 0.0:
+        raise MachiningError(f"capability must be positive, got {capability:g} m")
+    routes = []
+    for process in load_processes():
+        for variant in _list_variants(block, process, capability):
+            routes.append(_make_route(block, variant, point))
+    return sorted(routes, key=_rank_cost)
 
 
-def _list_ways(
-    block: StepBlock, process: Process, capability: float
-) -> Iterator[tuple[str, float, str]]:
-    # Yield name, deviation [m] and note of a process; gauge blocks come in grades
-    if process.name == "one piece":
-        yield process.name, capability, process.note
-    elif process.name == "gauge blocks":
-        for grade in ("2", "1", "0", "K"):
-            try:
-                pair = choose_pair(block.height.nominal, grade)
-            except MachiningError:
-                continue
-            digits = 4 if round(pair.upper * 1e7) % 10 else 3
-            yield (
-                f"{process.name}, grade {grade}",
-                pair.worst,
-                (
-                    f"wring {pair.lower * 1e3:.{digits}f} mm and {pair.upper * 1e3:.{digits}f} mm "
-                    "side by side onto a lapped base"
-                ),
-            )
+def _rank_cost(route: Route) -> float:
+    """Return the cost class of a route; infinite where none is known."""
+    if route.process.cost is None:
+        return math.inf
+    return route.process.cost.value
+
+
+def _list_variants(block: StepBlock, process: Process, capability: float) -> Iterator[_Variant]:
+    """List the ways to use a process for a block; gauge blocks come in grades."""
+    height = block.height.nominal
+    if process.name == ONE_PIECE:
+        yield _Variant(process, process.name, capability, process.note)
+    elif process.name == GAUGE_BLOCKS:
+        for grade in _GRADES:
+            pair = find_pair(height, grade)
+            if pair is not None:
+                name = f"{process.name}, grade {grade}"
+                yield _Variant(process, name, pair.worst, _describe_wringing(pair))
     else:
-        yield (
-            process.name,
-            process.height.value + process.share.value * block.height.nominal,
-            process.note,
-        )
+        deviation = process.height.value + process.share.value * height
+        yield _Variant(process, process.name, deviation, process.note)
 
 
-def _make_route(
-    block: StepBlock,
-    process: Process,
-    name: str,
-    deviation: float,
-    note: str,
-    point: OperatingPoint,
-) -> Route:
-    # Predict one route. A burr adds to the height; it may stand as high as the upper deviation.
-    spread = convert_half_widths(
+def _describe_wringing(pair: GaugePair) -> str:
+    """Say which gauge blocks are wrung, to the micrometre or to a tenth of it where needed."""
+    decimals = 3
+    tenths_of_micrometres = round(pair.upper * 1e7)
+    if tenths_of_micrometres % 10 != 0:
+        decimals = 4
+    lower = f"{pair.lower * 1e3:.{decimals}f} mm"
+    upper = f"{pair.upper * 1e3:.{decimals}f} mm"
+    return f"wring {lower} and {upper} side by side onto a lapped base"
+
+
+def _make_route(block: StepBlock, variant: _Variant, point: OperatingPoint) -> Route:
+    """Predict what a route leaves, how it is felt and how many blocks conform."""
+    process = variant.process
+    height = block.height
+    std = convert_half_widths(
         {
-            "height": deviation,
+            "height": variant.deviation,
             "edge_radius": process.edge_spread.value,
             "burr": process.burr_spread.value,
         }
     )
-    # of both faces where the ball touches; Rq is 1.25 Ra of normal heights
-    rough = math.sqrt(2.0) * 1.25 * process.roughness.value
-    felt = {
-        "height": math.hypot(spread["height"], spread["burr"], rough),
-        "edge_radius": spread["edge_radius"],
+    roughness = math.sqrt(_TOUCHED_FACES) * _RMS_OVER_MEAN * process.roughness.value
+    felt_std = {
+        "height": math.hypot(std["height"], std["burr"], roughness),
+        "edge_radius": std["edge_radius"],
     }
-    within = _compute_share(0.0, spread["height"], block.height.lower, block.height.upper)
-    low, high = block.edge_radius.limits
-    within *= _compute_share(
-        process.edge_radius.value, spread["edge_radius"], low if low > 0.0 else -math.inf, high
-    )
-    within *= _compute_share(process.burr.value, spread["burr"], -math.inf, block.height.upper)
+    # a burr adds to the height
+    step = Step(height.nominal + process.burr.value, process.edge_radius.value)
     return Route(
-        process,
-        name,
-        deviation,
-        min(block.height.upper, -block.height.lower),
-        note,
-        estimate_interval(
-            Step(block.height.nominal + process.burr.value, process.edge_radius.value), point, felt
-        ),
-        within,
+        process=process,
+        name=variant.name,
+        deviation=variant.deviation,
+        tolerance=min(height.upper, -height.lower),
+        note=variant.note,
+        felt=estimate_interval(step, point, felt_std),
+        conforming=_compute_conforming_share(block, process, std),
     )
 
 
-def _compute_share(middle: float, std: float, low: float, high: float) -> float:
-    # Compute the share of a normal law between two limits; certain values are in or out
+def _compute_conforming_share(block: StepBlock, process: Process, std: dict[str, float]) -> float:
+    """Compute the share of blocks whose height, edge radius and burr are within their limits.
+
+    A burr may stand as high as the upper deviation of the height. `std` are standard deviations
+    of height, edge radius and burr [m].
+    """
+    height = block.height
+    share = _compute_share(0.0, std["height"], height.lower, height.upper)
+    least_radius, largest_radius = block.edge_radius.limits
+    if least_radius <= 0.0:
+        least_radius = -math.inf
+    share *= _compute_share(
+        process.edge_radius.value, std["edge_radius"], least_radius, largest_radius
+    )
+    share *= _compute_share(process.burr.value, std["burr"], -math.inf, height.upper)
+    return share
+
+
+def _compute_share(mean: float, std: float, low: float, high: float) -> float:
+    """Compute the share of a normal law between two limits; certain values are in or out."""
     if std == 0.0:
-        return float(low <= middle <= high)
-    law = NormalDist(middle, std)
+        return float(low <= mean <= high)
+    law = NormalDist(mean, std)
     return law.cdf(high) - law.cdf(low)
 
 
 def make_route_row(name: str, route: Route) -> dict[str, object]:
-    """Put a route into the columns of ``routes.csv``."""
-    process, felt = route.process, route.felt
-    sources = [
-        f"{key}: {one.source}" for key, one in process if isinstance(one, Sourced) and one.source
-    ]
+    """Put a route of the part `name` into the columns of ``routes.csv``."""
+    process = route.process
+    felt = route.felt
+    cost_class = ""
+    if process.cost is not None:
+        cost_class = f"{process.cost.value:g}"
     return {
         "part": name,
         "route": route.name,
-        "cost_class": "" if process.cost is None else f"{process.cost.value:g}",
+        "cost_class": cost_class,
         "height_deviation_um": route.deviation * 1e6,
         "permitted_um": route.tolerance * 1e6,
         "edge_radius_um": process.edge_radius.value * 1e6,
@@ -183,5 +225,14 @@ def make_route_row(name: str, route: Route) -> dict[str, object]:
         "held_share": felt.held_probability,
         "conforming_share": route.conforming,
         "note": route.note,
-        "sources": "; ".join(sources),
+        "sources": "; ".join(_list_sources(process)),
     }
+
+
+def _list_sources(process: Process) -> list[str]:
+    """List the figures of a process with the source of each."""
+    sources = []
+    for name, value in process:
+        if isinstance(value, Sourced) and value.source:
+            sources.append(f"{name}: {value.source}")
+    return sources

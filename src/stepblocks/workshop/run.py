@@ -1,11 +1,12 @@
 """Everything a workshop gets besides the STEP file: drawings, sheets, routes."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import pandas as pd
 
+from stepblocks.artefacts.step.gauge_assembly import write_gauge_assembly
 from stepblocks.declaration.read import Sets, load_sets
 from stepblocks.declaration.select import select_stimuli
 from stepblocks.declaration.set import StimulusSet
@@ -14,6 +15,8 @@ from stepblocks.files.atomic import lock_folder, replace_text, resolve_inside
 from stepblocks.files.pages import render_page
 from stepblocks.files.tables import write_table
 from stepblocks.parts.body import Block
+from stepblocks.parts.conditions import OrderSpec
+from stepblocks.parts.gauge_pair import GaugePair, choose_pair
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.on_paper import make_sheet_table
@@ -21,11 +24,10 @@ from stepblocks.parts.tolerance import GUARD_FACTOR
 from stepblocks.quantities import parse_quantity
 from stepblocks.records.qif import write_qif
 from stepblocks.workshop.drawing import write_drawing, write_series_drawing
-from stepblocks.workshop.gauge_route import choose_pair, write_gauge_assembly
-from stepblocks.workshop.routes import Route, find_routes, make_route_row
+from stepblocks.workshop.routes import GAUGE_BLOCKS, Route, find_routes, make_route_row
 from stepblocks.workshop.setup import write_setup
 
-_SHOWN: tuple[str, ...] = (
+_SHOWN_COLUMNS = (
     "part",
     "route",
     "reaches",
@@ -97,38 +99,55 @@ def order_parts(
     StepblocksError
         If a file cannot be read, nothing is selected, or a folder to write to lies behind a link.
     """
-    held = GROUND if capability is None else capability
-    held = parse_quantity(held, "length") if isinstance(held, str) else held
+    deviation = _read_capability(capability)
+    output = Path(output)
     orders: list[PartOrder] = []
-    sets = [declared for declared, _ in load_sets(files)]
+    sets = [stimuli for stimuli, _ in load_sets(files)]
     selected = select_stimuli(sets, only)
-    with lock_folder(Path(output)):
-        for declared, one in selected:
-            orders.append(_order_part(one, Path(output), held, declared))
+    with lock_folder(output):
+        for stimuli, part in selected:
+            order = _order_part(part, output, deviation, stimuli)
+            orders.append(order)
             if announce is not None:
-                announce(orders[-1])
-        for declared in sets:
-            blocks = [
-                one for its, one in selected if its is declared and isinstance(one, StepBlock)
-            ]
-            alike = [  # but for their heights
-                one
-                for one in blocks
-                if one.model_copy(update={"id": blocks[0].id, "height": blocks[0].height})
-                == blocks[0]
-            ]
-            if len(alike) > 1:
-                drawn = write_series_drawing(
-                    _make_folder(Path(output), declared.name),
-                    declared.name,
-                    alike,
-                    declared.order,
-                )
-                orders.append(PartOrder(f"{declared.name}/series", tuple(drawn), ()))
+                announce(order)
+        for stimuli in sets:
+            parts = [part for owner, part in selected if owner is stimuli]
+            series = _find_series(parts)
+            if len(series) > 1:
+                orders.append(_order_series(series, output, stimuli))
     return orders
 
 
+def _read_capability(capability: str | float | None) -> float:
+    """Return the deviation that a workshop holds in one piece [m]."""
+    if capability is None:
+        return parse_quantity(GROUND, "length")
+    if isinstance(capability, str):
+        return parse_quantity(capability, "length")
+    return capability
+
+
+def _find_series(parts: Sequence[Part]) -> list[StepBlock]:
+    """Find the step blocks that differ from the first one in their heights only."""
+    blocks = [part for part in parts if isinstance(part, StepBlock)]
+    series = []
+    for block in blocks:
+        first = blocks[0]
+        as_first = block.model_copy(update={"id": first.id, "height": first.height})
+        if as_first == first:
+            series.append(block)
+    return series
+
+
+def _order_series(series: Sequence[StepBlock], output: Path, stimuli: StimulusSet) -> PartOrder:
+    """Write the drawing of a series."""
+    folder = _make_folder(output, stimuli.name)
+    drawings = write_series_drawing(folder, stimuli.name, series, stimuli.order)
+    return PartOrder(f"{stimuli.name}/series", tuple(drawings), ())
+
+
 def _make_folder(output: Path, name: str) -> Path:
+    """Make a folder inside the output folder; raise a PipelineError if a link leads out of it."""
     folder = resolve_inside(output, name)
     if folder is None:
         raise PipelineError(
@@ -138,49 +157,64 @@ def _make_folder(output: Path, name: str) -> Path:
     return folder
 
 
-def _order_part(part: Part, output: Path, capability: float, declared: StimulusSet) -> PartOrder:
-    name = f"{declared.name}/{part.id}"
-    order = declared.order
+def _order_part(part: Part, output: Path, capability: float, stimuli: StimulusSet) -> PartOrder:
+    """Write all files of one part; `capability` is what the workshop holds in one piece [m]."""
+    name = f"{stimuli.name}/{part.id}"
     folder = _make_folder(output, name)
-    written = [*write_drawing(folder, part, order=order), folder / f"{part.id}.plan.qif"]
-    write_qif(written[-1], part, order)
+    written = write_drawing(folder, part, order=stimuli.order)
+    plan = folder / f"{part.id}.plan.qif"
+    write_qif(plan, part, stimuli.order)
+    written.append(plan)
     routes: list[Route] = []
-    pair = None
+    pair: GaugePair | None = None
     if isinstance(part, StepBlock):
-        routes = find_routes(part, capability, declared.prediction.first_point())
-        written.append(folder / f"{part.id}.routes.csv")
-        write_table(pd.DataFrame([make_route_row(name, route) for route in routes]), written[-1])
+        routes = find_routes(part, capability, stimuli.prediction.first_point())
+        written.append(_write_routes(folder, part, name, routes))
         # two blocks of the set differ by this height
-        if any(route.process.name == "gauge blocks" for route in routes):
+        if any(route.process.name == GAUGE_BLOCKS for route in routes):
             pair = choose_pair(part.height.nominal)
-            written.append(folder / f"{part.id}.gauge.step")
-            write_gauge_assembly(written[-1], part, pair)
+            assembly = folder / f"{part.id}.gauge.step"
+            write_gauge_assembly(assembly, part, pair)
+            written.append(assembly)
     if isinstance(part, Block):
         written += write_setup(folder, part, routes, pair)
-    sheets = [folder / f"{part.id}.inspection-sheet.{form}" for form in ("csv", "html")]
+    written += _write_inspection_sheet(folder, part, stimuli.order)
+    note = stimuli.describe_alike().get(part.id, "")
+    return PartOrder(name, tuple(written), tuple(routes), note)
+
+
+def _write_routes(folder: Path, block: StepBlock, name: str, routes: Sequence[Route]) -> Path:
+    """Write the table of the routes of a block; return its path."""
+    path = folder / f"{block.id}.routes.csv"
+    rows = [make_route_row(name, route) for route in routes]
+    write_table(pd.DataFrame(rows), path)
+    return path
+
+
+def _write_inspection_sheet(folder: Path, part: Part, order: OrderSpec) -> list[Path]:
+    """Write the inspection sheet as CSV and as HTML."""
     table = make_sheet_table(part)
-    write_table(table, sheets[0])
-    replace_text(
-        sheets[1],
-        render_page(
-            "stepblocks.workshop",
-            "sheet.html",
-            part=part,
-            order=order,
-            rows=table.to_dict("records"),
-            guard=GUARD_FACTOR,
-        ),
+    table_path = folder / f"{part.id}.inspection-sheet.csv"
+    write_table(table, table_path)
+    page_path = folder / f"{part.id}.inspection-sheet.html"
+    page = render_page(
+        "stepblocks.workshop",
+        "sheet.html",
+        part=part,
+        order=order,
+        rows=table.to_dict("records"),
+        guard=GUARD_FACTOR,
     )
-    return PartOrder(
-        name, (*written, *sheets), tuple(routes), declared.describe_alike().get(part.id, "")
-    )
+    replace_text(page_path, page)
+    return [table_path, page_path]
 
 
 def tabulate_routes(orders: Iterable[PartOrder]) -> list[dict[str, object]]:
     """Tabulate the routes of step blocks: height reached, energy, conforming share."""
-    rows = (
-        make_route_row(order.name, route) | {"reaches": "yes" if route.reaches else "no"}
-        for order in orders
-        for route in order.routes
-    )
-    return [{name: row[name] for name in _SHOWN} for row in rows]
+    rows = []
+    for order in orders:
+        for route in order.routes:
+            row = make_route_row(order.name, route)
+            row["reaches"] = "yes" if route.reaches else "no"
+            rows.append({column: row[column] for column in _SHOWN_COLUMNS})
+    return rows

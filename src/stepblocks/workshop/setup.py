@@ -1,114 +1,184 @@
 """The setup and probing sheet of a bench block: stock, clamping, datums, limits."""
 
-import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
-from stepblocks import cad
 from stepblocks.artefacts.step.write import write_conforming
 from stepblocks.files.atomic import replace_text
 from stepblocks.files.pages import render_page
 from stepblocks.parts.body import Block
-from stepblocks.parts.characteristics import FORM
+from stepblocks.parts.characteristics import FORM, Characteristic
+from stepblocks.parts.gauge_pair import (
+    GRADES,
+    SECTION_LENGTH,
+    SECTION_WIDTH,
+    WRINGING,
+    GaugePair,
+    Grade,
+    choose_base,
+)
 from stepblocks.parts.kinds.margin import MarginBlock
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.on_paper import format_limits, format_millimetres, format_zone
+from stepblocks.parts.stock import build_stock, compute_stock
 from stepblocks.parts.tolerance import GUARD_FACTOR
-from stepblocks.workshop.gauge_route import GRADES, SECTION, WRINGING, GaugePair, choose_base
 from stepblocks.workshop.routes import Route
 
-STOCK = 1e-3  # on every face, sawn or milled [m]
-GRINDING = (
-    0.3e-3  # left on base and working faces after milling; it also takes what hardening warps [m]
-)
+# left on base and working faces after milling; it also takes what hardening warps [m]
+GRINDING = 0.3e-3
 # standard uncertainty of a length between two touches on the machine; assumed, state yours [m]
 PROBE = 2.5e-6
-# in which setup a characteristic can be probed
-_SETUPS = {
-    **dict.fromkeys(("hole_spacing", "hole_depth"), 1),
-    **dict.fromkeys(("length", "width", "hole_position", "hole_row", "edge_break"), 2),
+# share of a tolerance that the guard bands may take; beyond it the machine can prove nothing
+_LARGEST_GUARD_SHARE = 0.25
+_SETUPS = {  # in which setup a characteristic can be probed
+    "hole_spacing": 1,
+    "hole_depth": 1,
+    "length": 2,
+    "width": 2,
+    "hole_position": 2,
+    "hole_row": 2,
+    "edge_break": 2,
     "engraving_depth": 3,
     "thickness": 4,
 }
 
 
+@dataclass(frozen=True)
+class ProbedLine:
+    """A line of the probing table, as texts."""
+
+    number: str
+    label: str
+    limits: str
+    place: str  # setup in which it is measured, or the method off the machine
+    accepted: str  # what the machine accepts; ``-`` off the machine
+
+
 def write_setup(
     folder: Path, block: Block, routes: Sequence[Route] = (), pair: GaugePair | None = None
 ) -> list[Path]:
-    """Write sheet and stock of a block; `routes` say how its step is made.
+    """Write setup sheet and stock of a block.
 
-    A pair of gauge blocks whose difference is its height is another way, with parts of its own.
+    Parameters
+    ----------
+    folder : Path
+        Where the files go.
+    block : Block
+        What is made.
+    routes : sequence of Route
+        Ways to make its step.
+    pair : GaugePair, optional
+        Gauge blocks whose difference is its height: another way, with parts of its own.
+
+    Returns
+    -------
+    list of Path
+        The sheet as HTML and the stock as STEP.
     """
-    page, stock = folder / f"{block.id}.setup.html", folder / f"{block.id}.stock.step"
-    low, high = compute_stock(block)
-    sizes = [b - a for a, b in zip(low, high, strict=True)]
-    thick = block.body.thickness
-    replace_text(
-        page,
-        render_page(
-            "stepblocks.workshop",
-            "setup.html",
-            block=block,
-            stock=" x ".join(format_millimetres(size, 1) for size in sizes),
-            reached="; ".join(dict.fromkeys(route.name for route in routes if route.reaches)),
-            tight=[
-                axis
-                for axis, size, side in zip("xyz", sizes, block.sides, strict=True)
-                if size - side < 2.0 * GRINDING
-            ],
-            finished=format_limits(thick.nominal, thick.lower, thick.upper),
-            rise=abs(block.rise) * 1e6,
-            probed=list(_list_probed(block)),
-            burr=f"{block.face_demands['burr'].upper * 1e6:.3g} um",
-            left=f"{GRINDING * 1e3:g} mm left",
-            probe=f"{PROBE * 1e6:g} um",
-            guard=GUARD_FACTOR,
-            has_gap=isinstance(block, MarginBlock),
-            pair=pair,
-            base=choose_base(block, pair) if pair and isinstance(block, StepBlock) else None,
-            grade=GRADES[pair.grade] if pair else None,
-            section=SECTION,
-            wringing=WRINGING,
-        ),
-    )
+    page = folder / f"{block.id}.setup.html"
+    replace_text(page, _render_sheet(block, routes, pair))
+    stock = folder / f"{block.id}.stock.step"
     name = f"{block.id}-stock"
-    write_conforming(stock, name, [(name, cad.kernel.make_box(low, high))], block.material, [])
+    write_conforming(stock, name, [(name, build_stock(block))], block.material, [])
     return [page, stock]
 
 
-def compute_stock(block: Block) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-    """Compute lower and upper corner of the stock [m] in the frame of the block."""
-    x, y, z = block.stock or (
-        math.ceil((side + 2.0 * STOCK) / 0.5e-3 - 1e-9) * 0.5e-3 for side in block.sides
+def _render_sheet(block: Block, routes: Sequence[Route], pair: GaugePair | None) -> str:
+    """Render the setup sheet as HTML."""
+    stock_sizes = _measure_stock(block)
+    thickness = block.body.thickness
+    base = None
+    grade: Grade | None = None
+    if pair is not None:
+        grade = GRADES[pair.grade]
+        if isinstance(block, StepBlock):
+            base = choose_base(block, pair)
+    return render_page(
+        "stepblocks.workshop",
+        "setup.html",
+        block=block,
+        stock=" x ".join(format_millimetres(size, 1) for size in stock_sizes),
+        reached="; ".join(_list_reaching(routes)),
+        tight=_find_tight_axes(block, stock_sizes),
+        finished=format_limits(thickness.nominal, thickness.lower, thickness.upper),
+        rise=abs(block.rise) * 1e6,
+        probed=_list_probed(block),
+        burr=f"{block.face_demands['burr'].upper * 1e6:.3g} um",
+        left=f"{GRINDING * 1e3:g} mm left",
+        probe=f"{PROBE * 1e6:g} um",
+        guard=GUARD_FACTOR,
+        has_gap=isinstance(block, MarginBlock),
+        pair=pair,
+        base=base,
+        grade=grade,
+        section_length=SECTION_LENGTH,
+        section_width=SECTION_WIDTH,
+        wringing=WRINGING,
     )
-    base = block.body.base - min(STOCK, 0.5 * (z - block.sides[2]))
-    return (-0.5 * x, -0.5 * y, base), (0.5 * x, 0.5 * y, base + z)
 
 
-def _list_probed(block: Block) -> Iterator[tuple[str, ...]]:
-    # Yield number, name, limits, where it is measured, and what the machine accepts
+def _measure_stock(block: Block) -> list[float]:
+    """Return the sizes of the stock along x, y and z [m]."""
+    low, high = compute_stock(block)
+    return [upper - lower for lower, upper in zip(low, high, strict=True)]
+
+
+def _list_reaching(routes: Sequence[Route]) -> list[str]:
+    """List the names of the routes that hold the tolerance of the height, each once."""
+    names: list[str] = []
+    for route in routes:
+        if route.reaches and route.name not in names:
+            names.append(route.name)
+    return names
+
+
+def _find_tight_axes(block: Block, stock_sizes: Sequence[float]) -> list[str]:
+    """Find the axes along which the stock leaves less than two cuts."""
+    tight = []
+    for axis, size, side in zip("xyz", stock_sizes, block.sides, strict=True):
+        if size - side < 2.0 * GRINDING:
+            tight.append(axis)
+    return tight
+
+
+def _list_probed(block: Block) -> list[ProbedLine]:
+    """List where each characteristic is measured, and what the machine accepts."""
+    lines = []
+    for number, characteristic in enumerate(block.characteristics(), start=1):
+        place = f"off the machine: {characteristic.method}"
+        accepted = "-"
+        if _can_be_probed(characteristic):
+            place = f"setup {_SETUPS[characteristic.key]}"
+            accepted = _format_accepted(characteristic)
+        limits = _format_demand(characteristic)
+        lines.append(ProbedLine(str(number), characteristic.label, limits, place, accepted))
+    return lines
+
+
+def _can_be_probed(characteristic: Characteristic) -> bool:
+    """Tell whether the machine reaches a characteristic, and proves that it conforms."""
+    if characteristic.key not in _SETUPS or characteristic.kind in (*FORM, "note"):
+        return False
+    tolerance = characteristic.upper - characteristic.lower
+    guard_bands = 2.0 * (GUARD_FACTOR * PROBE)
+    return guard_bands <= _LARGEST_GUARD_SHARE * tolerance
+
+
+def _format_demand(characteristic: Characteristic) -> str:
+    """Write the limits of a characteristic as on a drawing."""
+    if characteristic.kind == "roughness":
+        return f"Ra {characteristic.upper * 1e6:g} um"
+    if characteristic.kind in FORM:
+        return format_zone(characteristic.upper)
+    return format_limits(
+        characteristic.nominal, characteristic.lower, characteristic.upper, characteristic.quantity
+    )
+
+
+def _format_accepted(characteristic: Characteristic) -> str:
+    """Write the limits within which a measured value conforms (ISO 14253-1) [mm]."""
     guard = GUARD_FACTOR * PROBE
-    for number, one in enumerate(block.characteristics(), start=1):
-        if one.kind == "roughness":
-            text = f"Ra {one.upper * 1e6:g} um"
-        elif one.kind in FORM:
-            text = format_zone(one.upper)
-        else:
-            text = format_limits(one.nominal, one.lower, one.upper, one.quantity)
-        setup = _SETUPS.get(one.key)
-        # a guard band may take a quarter of the tolerance; else the machine can prove nothing
-        if (
-            setup
-            and one.kind not in (*FORM, "note")
-            and 2.0 * guard <= 0.25 * (one.upper - one.lower)
-        ):
-            ends = (one.nominal + one.lower + guard, one.nominal + one.upper - guard)
-            yield (
-                str(number),
-                one.label,
-                text,
-                f"setup {setup}",
-                " to ".join(format_millimetres(end, 3) for end in ends),
-            )
-        else:
-            yield str(number), one.label, text, f"off the machine: {one.method}", "-"
+    least = characteristic.nominal + characteristic.lower + guard
+    largest = characteristic.nominal + characteristic.upper - guard
+    return f"{format_millimetres(least, 3)} to {format_millimetres(largest, 3)}"

@@ -1,269 +1,286 @@
-"""Views of what is turned: probe tips, tooth and crown, sheaths."""
+"""Views of probe tips and sheaths, which are turned."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
-from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
 from stepblocks.parts.kinds.sheath import MASS_MATCH, Sheath, format_mass
 from stepblocks.parts.kinds.tips import HookTip, StraightTip, Tip
 from stepblocks.parts.revolution import list_outline_points
-from stepblocks.workshop.sheet import (
+from stepblocks.workshop.paper import (
+    MILLIMETRES_PER_METRE,
+    Alignment,
+    Layer,
     Point,
-    Sheet,
     View,
     choose_scale,
     format_scale,
     use_decimal_comma,
 )
+from stepblocks.workshop.sheet import Sheet
 
-_CHORD = 0.05e-6  # off its arc by less than a sheet at the scale of an enlarged ball shows [m]
+CHORD = 0.05e-6  # off its arc by less than a sheet at the scale of an enlarged ball shows [m]
+_SIDE_X = 40.0  # of the contact point in the side view of a tip
+_SIDE_Y = 170.0  # of the middle of that view
+_SIDE_WIDTH = 180.0  # of a tip on the paper, at most
+_SIDE_HEIGHT = 150.0
+_SHANK_RADIUS = 40.0  # of a shank on the paper, at most
+_BEND_STEPS = 60
+_BALL_VIEW: Point = (320.0, 215.0)  # middle of the enlarged ball
+_BALL_RADIUS = 22.0  # on the paper, at most
+_BALL_HEIGHT = 3.2  # of what is drawn of ball and cone, in radii of the ball
+_FLANK_HEIGHT = 2.6  # at which the leader of the cone ends, in radii of the ball
+_SHEATH_ORIGIN: Point = (60.0, 190.0)
+_SHEATH_LENGTH = 130.0
+_SHEATH_DIAMETER = 70.0
 
 
 def _draw_mirrored(
     sheet: Sheet, view: View, outline: Sequence[Point], closed: bool = False
 ) -> None:
-    # Draw a half section on either side of its axis, which lies along the sheet
+    """Draw a half section (radius, height) on either side of its axis, which lies level."""
     for side in (1.0, -1.0):
-        sheet.draw_polyline([view.at(z, side * r) for r, z in outline], closed=closed)
+        points = [view.place(height, side * radius) for radius, height in outline]
+        sheet.draw_polyline(points, closed=closed)
 
 
 def draw_straight_tip_views(sheet: Sheet, tip: StraightTip) -> list[str]:
-    """Draw a straight tip lying on its side and its ball enlarged."""
-    shank, end = tip.shank_radius.nominal, tip.length.nominal
+    """Draw a straight tip lying on its side and its ball enlarged; it needs no notes."""
+    shank = tip.shank_radius.nominal
+    end = tip.length.nominal
     view = _draw_side_view(sheet, tip, end, [])
-    corner, foot = view.at(end, -shank), view.at(0.0, -shank)
+    origin_x, origin_y = view.origin
+    corner = view.place(end, -shank)
+    axis_end, _ = view.place(end, 0.0)
+    _, lower = view.place(0.0, -shank)
     sheet.draw_dimension(
         "shank_diameter",
         corner,
-        view.at(end, shank),
-        (view.at(end, 0.0)[0] + 14.0, view.origin[1]),
+        view.place(end, shank),
+        (axis_end + 14.0, origin_y),
+        view.scale,
+        upright=True,
+    )
+    sheet.draw_dimension("length", view.origin, corner, (origin_x, lower - 12.0), view.scale)
+    _caption_side_view(sheet, view, -shank)
+    _draw_ball(sheet, tip)
+    return []
+
+
+def draw_hook_tip_views(sheet: Sheet, tip: HookTip) -> list[str]:
+    """Draw a bent tip lying on its side and its ball enlarged; it needs no notes."""
+    wire = tip.shank_radius.nominal
+    inner = _list_wire_side(tip, -wire)
+    outer = _list_wire_side(tip, wire)
+    end_face = [inner[-1], outer[-1]]
+    view = _draw_side_view(sheet, tip, tip.cone_end, [inner, outer, end_face])
+    _lead_to_bend(sheet, tip, view, outer)
+    lowest = min(-wire, *(y for line in (inner, outer, end_face) for _, y in line))
+    _caption_side_view(sheet, view, lowest)
+    _draw_ball(sheet, tip)
+    return []
+
+
+def _list_wire_side(tip: HookTip, offset: float) -> list[Point]:
+    """List one side of the bent wire (x along the tip, y) [m], its straight shank last.
+
+    `offset` is the distance of that side from the axis of the wire, away from the middle of the
+    bend.
+    """
+    start = tip.cone_end
+    bend = tip.bend_radius.nominal
+    angle = tip.bend_angle.nominal
+    radius = bend + offset
+    points = []
+    for index in range(_BEND_STEPS + 1):
+        turn = angle * index / float(_BEND_STEPS)
+        points.append((start + radius * math.sin(turn), bend - radius * math.cos(turn)))
+    bend_end_x, bend_end_y = points[-1]
+    straight = tip.straight_length.nominal
+    shank_end = (bend_end_x + straight * math.cos(angle), bend_end_y + straight * math.sin(angle))
+    points.append(shank_end)
+    return points
+
+
+def _lead_to_bend(sheet: Sheet, tip: HookTip, view: View, outer: list[Point]) -> None:
+    """Draw the leaders of wire, bend and straight shank."""
+    start_x, start_y = outer[-2]  # of the straight run of the shank
+    end_x, end_y = outer[-1]
+    middle = view.place(0.5 * (start_x + end_x), 0.5 * (start_y + end_y))
+    x, y = middle
+    sheet.lead_to_characteristic("shank_diameter", middle, (x + 14.0, y - 6.0), "⌀{}")
+    bend = tip.bend_radius.nominal
+    half_angle = 0.5 * tip.bend_angle.nominal
+    axis = view.place(
+        tip.cone_end + bend * math.sin(half_angle), bend * (1.0 - math.cos(half_angle))
+    )
+    x, y = axis
+    sheet.lead_to_characteristic(
+        "bend_radius", axis, (x + 18.0, y - 10.0), "R {}, axis of the wire"
+    )
+    sheet.lead_to_characteristic("bend_angle", axis, (x + 18.0, y - 18.0), "bent by {}")
+    near_end = view.place(0.2 * start_x + 0.8 * end_x, 0.2 * start_y + 0.8 * end_y)
+    x, y = near_end
+    sheet.lead_to_characteristic(
+        "straight_length", near_end, (x + 14.0, y - 6.0), "straight over {} from the bend"
+    )
+
+
+def _draw_side_view(sheet: Sheet, tip: Tip, axis_end: float, more: list[list[Point]]) -> View:
+    """Draw ball, cone and shank about their axis, then more lines (x, y) [m].
+
+    The axis is drawn up to `axis_end` [m]. Returns the view, whose origin is the contact point.
+    """
+    half_section = list_outline_points(tip.outline(), CHORD)
+    upper = [(height, radius) for radius, height in half_section]
+    lower = [(height, -radius) for radius, height in half_section]
+    lines = [upper, lower, *more]
+    along = [x for line in lines for x, _ in line]
+    across = [y for line in lines for _, y in line]
+    width = MILLIMETRES_PER_METRE * (max(along) - min(along))
+    height = MILLIMETRES_PER_METRE * (max(across) - min(across))
+    shank = MILLIMETRES_PER_METRE * tip.shank_radius.nominal
+    scale = choose_scale(min(_SIDE_WIDTH / width, _SIDE_HEIGHT / height, _SHANK_RADIUS / shank))
+    half_magnification = 0.5 * MILLIMETRES_PER_METRE * scale
+    axis_y = _SIDE_Y - half_magnification * (min(across) + max(across))
+    view = View((_SIDE_X, axis_y), scale)
+    for line in lines:
+        sheet.draw_polyline([view.place(x, y) for x, y in line])
+    end_x, _ = view.place(axis_end, 0.0)
+    sheet.draw_line((_SIDE_X - 5.0, axis_y), (end_x + 5.0, axis_y), Layer.CENTRE)
+    return view
+
+
+def _caption_side_view(sheet: Sheet, view: View, lowest: float) -> None:
+    """Write the scale of the side view under its lowest point [m]."""
+    origin_x, _ = view.origin
+    _, lower = view.place(0.0, lowest)
+    sheet.write_text((origin_x, lower - 26.0), f"side {format_scale(view.scale)}")
+
+
+def _draw_ball(sheet: Sheet, tip: Tip) -> None:
+    """Draw the ball with the start of its cone, enlarged."""
+    x, y = _BALL_VIEW
+    ball = tip.ball_radius.nominal
+    slope = math.tan(tip.cone_angle.nominal)
+    start_radius, start_height = tip.cone_start
+    view = View((x - 40.0, y), choose_scale(_BALL_RADIUS / (ball * MILLIMETRES_PER_METRE)))
+    height = _BALL_HEIGHT * ball
+    outline = []
+    for point in list_outline_points(tip.outline(), CHORD):
+        _, point_height = point
+        if point_height <= height:
+            outline.append(point)
+    outline.append((start_radius + (height - start_height) * slope, height))
+    _draw_mirrored(sheet, view, outline)
+    ball_on_paper = ball * MILLIMETRES_PER_METRE * view.scale
+    sheet.draw_circle(view.place(ball, 0.0), ball_on_paper, Layer.HIDDEN)
+    sheet.draw_line((x - 45.0, y), (x + 45.0, y), Layer.CENTRE)
+    on_ball = (
+        x - 40.0 + ball_on_paper * (1.0 - math.cos(1.0)),
+        y + ball_on_paper * math.sin(1.0),
+    )
+    sheet.lead_to_characteristic("ball_radius", on_ball, (x - 34.0, y + 40.0), "SR {}")
+    flank_height = _FLANK_HEIGHT * ball
+    flank = view.place(flank_height, start_radius + (flank_height - start_height) * slope)
+    flank_x, _ = flank
+    sheet.lead_to_characteristic("cone_angle", flank, (flank_x + 6.0, y - 34.0), "{} included")
+    caption = f"ball {format_scale(view.scale)}"
+    sheet.write_text((x - 20.0, y - 48.0), caption, alignment=Alignment.BOTTOM_CENTER)
+
+
+def draw_sheath_views(sheet: Sheet, sheath: Sheath) -> list[str]:
+    """Draw a sheath in section and from its end; return the lines of its notes."""
+    length = sheath.length.nominal
+    outer = sheath.outer_diameter.nominal
+    scale = choose_scale(
+        min(
+            _SHEATH_LENGTH / (length * MILLIMETRES_PER_METRE),
+            _SHEATH_DIAMETER / (outer * MILLIMETRES_PER_METRE),
+        )
+    )
+    view = View(_SHEATH_ORIGIN, scale)
+    _draw_sheath_section(sheet, sheath, view)
+    _draw_sheath_dimensions(sheet, sheath, view)
+    _draw_sheath_end(sheet, sheath, view)
+    lightest, heaviest = sheath.mass_limits
+    mass = use_decimal_comma(format_mass(sheath.mass))
+    least = use_decimal_comma(format_mass(lightest))
+    largest = use_decimal_comma(format_mass(heaviest))
+    return [
+        f"Mass {mass}, {least} to {largest} within the limits.",
+        f"Weigh the made parts; a pair must agree within {MASS_MATCH:.0%}.",
+    ]
+
+
+def _draw_sheath_section(sheet: Sheet, sheath: Sheath, view: View) -> None:
+    """Draw both cut walls of a sheath, and the edges of bore and chamfers between them."""
+    length = sheath.length.nominal
+    half_bore = 0.5 * sheath.bore.nominal
+    half_outer = 0.5 * sheath.outer_diameter.nominal
+    chamfer = sheath.edge_break.nominal
+    outline = sheath.outline()
+    _draw_mirrored(sheet, view, outline, closed=True)
+    for side in (1.0, -1.0):
+        sheet.draw_hatch([view.place(height, side * radius) for radius, height in outline])
+    if "edge_break" in sheet.listed:
+        corner = view.place(length - 0.5 * chamfer, half_outer - 0.5 * chamfer)
+        x, y = corner
+        sheet.lead_to_characteristic(
+            "edge_break", corner, (x - 12.0, y + 12.0), "{} x 45°, both ends"
+        )
+    for end in (0.0, length):
+        sheet.draw_line(view.place(end, -half_bore), view.place(end, half_bore))
+    for chamfer_end in (chamfer, length - chamfer):
+        sheet.draw_line(view.place(chamfer_end, -half_outer), view.place(chamfer_end, -half_bore))
+        sheet.draw_line(view.place(chamfer_end, half_bore), view.place(chamfer_end, half_outer))
+    sheet.draw_line(view.place(-0.1 * length, 0.0), view.place(1.1 * length, 0.0), Layer.CENTRE)
+
+
+def _draw_sheath_dimensions(sheet: Sheet, sheath: Sheath, view: View) -> None:
+    """Draw length, bore and outer diameter at the section, and its caption."""
+    length = sheath.length.nominal
+    half_bore = 0.5 * sheath.bore.nominal
+    half_outer = 0.5 * sheath.outer_diameter.nominal
+    left, axis_y = view.origin
+    right, _ = view.place(length, 0.0)
+    lower_left = view.place(0.0, -half_outer)
+    below = view.place(0.0, -half_outer - 14.0 / (MILLIMETRES_PER_METRE * view.scale))
+    sheet.draw_dimension("length", lower_left, view.place(length, -half_outer), below, view.scale)
+    sheet.draw_dimension(
+        "bore",
+        view.place(length, -half_bore),
+        view.place(length, half_bore),
+        (right + 12.0, axis_y),
         view.scale,
         upright=True,
     )
     sheet.draw_dimension(
-        "length", view.origin, corner, (view.origin[0], foot[1] - 12.0), view.scale
+        "outer_diameter",
+        lower_left,
+        view.place(0.0, half_outer),
+        (left - 16.0, axis_y),
+        view.scale,
+        upright=True,
     )
-    return _draw_ball(sheet, tip, view, -shank)
+    middle_x, _ = view.place(0.5 * length, 0.0)
+    _, lower_y = lower_left
+    caption = f"section {format_scale(view.scale)}, clamp on the left"
+    sheet.write_text((middle_x, lower_y - 26.0), caption, alignment=Alignment.BOTTOM_CENTER)
 
 
-def draw_hook_tip_views(sheet: Sheet, tip: HookTip) -> list[str]:
-    """Draw a bent tip lying on its side and its ball enlarged."""
-    top, R, r, total = (
-        tip.cone_end,
-        tip.bend_radius.nominal,
-        tip.shank_radius.nominal,
-        tip.bend_angle.nominal,
-    )
-    run = tip.straight_length.nominal
-    bent = []
-    # outer and inner line of the bent wire with the straight shank, then its end
-    for offset in (-r, r):
-        arc = [
-            (top + (R + offset) * math.sin(t), R - (R + offset) * math.cos(t))
-            for t in (total * index / 60.0 for index in range(61))
-        ]
-        arc.append((arc[-1][0] + run * math.cos(total), arc[-1][1] + run * math.sin(total)))
-        bent.append(arc)
-    bent.append([bent[0][-1], bent[1][-1]])
-    view = _draw_side_view(sheet, tip, top, bent)
-    start, end = bent[1][-2:]  # of the straight run of the shank
-    middle = view.at(0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1]))
-    sheet.draw_leader(middle, (middle[0] + 14.0, middle[1] - 6.0), "⌀{}", "shank_diameter")
-    axis = view.at(top + R * math.sin(0.5 * total), R * (1.0 - math.cos(0.5 * total)))
-    sheet.draw_leader(
-        axis, (axis[0] + 18.0, axis[1] - 10.0), "R {}, axis of the wire", "bend_radius"
-    )
-    sheet.draw_leader(axis, (axis[0] + 18.0, axis[1] - 18.0), "bent by {}", "bend_angle")
-    along = view.at(0.2 * start[0] + 0.8 * end[0], 0.2 * start[1] + 0.8 * end[1])
-    sheet.draw_leader(
-        along,
-        (along[0] + 14.0, along[1] - 6.0),
-        "straight over {} from the bend",
-        "straight_length",
-    )
-    return _draw_ball(sheet, tip, view, min(-r, *(y for line in bent for _, y in line)))
-
-
-def _draw_side_view(sheet: Sheet, tip: Tip, end: float, outlines: list[list[Point]]) -> View:
-    # Draw ball, cone and shank about their axis, and more lines; return the view
-    half = list_outline_points(tip.outline(), _CHORD)
-    lines = [*([(z, side * r) for r, z in half] for side in (1.0, -1.0)), *outlines]
-    low, high = (
-        [pick(point[k] for line in lines for point in line) for k in (0, 1)] for pick in (min, max)
-    )
-    wide, tall, shank = (
-        1e3 * size for size in (high[0] - low[0], high[1] - low[1], tip.shank_radius.nominal)
-    )
-    s = choose_scale(min(180.0 / wide, 150.0 / tall, 40.0 / shank))
-    view = View((40.0, 170.0 - 0.5e3 * s * (low[1] + high[1])), s)
-    for line in lines:
-        sheet.draw_polyline([view.at(*point) for point in line])
-    cx, cy = view.origin
-    sheet.draw_line((cx - 5.0, cy), (view.at(end, 0.0)[0] + 5.0, cy), "CENTRE")
-    return view
-
-
-def _draw_ball(sheet: Sheet, tip: Tip, side: View, lowest: float) -> list[str]:
-    # Write the caption of the side view and draw the ball enlarged; return no notes
-    sheet.write_text(
-        (side.origin[0], side.at(0.0, lowest)[1] - 26.0), f"side {format_scale(side.scale)}", 2.5
-    )
-    cx, cy = 320.0, 215.0
-    R = tip.ball_radius.nominal
-    view = View((cx - 40.0, cy), choose_scale(22.0 / (R * 1e3)))
-    height = 3.2 * R
-    outline = [(r, z) for r, z in list_outline_points(tip.outline(), _CHORD) if z <= height]
-    start = tip.cone_start
-    outline.append((start[0] + (height - start[1]) * math.tan(tip.cone_angle.nominal), height))
-    _draw_mirrored(sheet, view, outline)
-    on_paper = R * 1e3 * view.scale
-    sheet.draw_circle(view.at(R, 0.0), on_paper, "HIDDEN")
-    sheet.draw_line((cx - 45.0, cy), (cx + 45.0, cy), "CENTRE")
-    sheet.draw_leader(
-        (cx - 40.0 + on_paper * (1.0 - math.cos(1.0)), cy + on_paper * math.sin(1.0)),
-        (cx - 34.0, cy + 40.0),
-        "SR {}",
-        "ball_radius",
-    )
-    flank = view.at(2.6 * R, start[0] + (2.6 * R - start[1]) * math.tan(tip.cone_angle.nominal))
-    sheet.draw_leader(flank, (flank[0] + 6.0, cy - 34.0), "{} included", "cone_angle")
-    sheet.write_text(
-        (cx - 20.0, cy - 48.0), f"ball {format_scale(view.scale)}", 2.5, "BOTTOM_CENTER"
-    )
-    return []
-
-
-def draw_crown_views(sheet: Sheet, margin: CrownOnTooth) -> list[str]:
-    """Draw tooth and crown in section, and the margin enlarged; return the lines of its notes."""
-    root, top, R = (
-        margin.root_length.nominal,
-        margin.preparation_height.nominal,
-        margin.margin_radius.nominal,
-    )
-    tall = root + top + 2.0 * margin.shell_thickness.nominal
-    s = choose_scale(min(150.0 / (tall * 1e3), 90.0 / (2.2 * R * 1e3)))
-    view = View((110.0, 150.0), s)
-    (cx, cy), at = view.origin, view.at
-    tooth, crown = (list_outline_points(outline, _CHORD) for outline in margin.outlines())
-    for outline, angle, side in (  # parts that touch are distinguished
-        (tooth, 0.0, 1.0),
-        (tooth, 0.0, -1.0),
-        (crown, 90.0, 1.0),
-        (crown, 90.0, -1.0),
-    ):
-        points = [at(side * r, z) for r, z in outline]
-        sheet.draw_polyline(points)
-        sheet.draw_hatch(points, angle)
-    base = at(0.0, -root)[1]
-    roof = max(z for _, z in crown)
-    outer = R + margin.horizontal_discrepancy.nominal
-    sheet.draw_line((cx, base - 5.0), (cx, at(0.0, top)[1] + 18.0), "CENTRE")
-    left, ceiling = at(-1.05 * outer, 0.0)[0] - 10.0, top + margin.internal_gap.nominal
-    right = at(1.05 * outer, 0.0)[0] + 54.0  # beyond the text of the diameter above
-    drawn = (  # between which points, and through which the line of the dimension leads
-        ("margin_diameter", at(-R, -root), at(R, -root), (cx, base - 10.0)),
-        ("crown_diameter", at(-outer, roof), at(outer, roof), (cx, at(0.0, roof)[1] + 10.0)),
-        ("preparation_height", at(-R, 0.0), at(0.0, top), (left, cy)),
-        ("root_length", at(-R, -root), at(-R, 0.0), (left - 12.0, cy)),
-        ("tooth_length", at(-R, -root), at(0.0, top), (left - 6.0, cy)),
-        ("shell_thickness", at(0.3 * R, ceiling), at(0.3 * R, roof), (right, cy)),
-    )
-    for key, one, other, along in drawn:
-        if key in sheet.listed:
-            sheet.draw_dimension(key, one, other, along, s, upright=not key.endswith("_diameter"))
-    sheet.write_text((cx, base - 22.0), f"section {format_scale(s)}, seated", 2.5, "BOTTOM_CENTER")
-    _draw_crown_margin(sheet, margin, (tooth, crown))
-    return ["Marginal gap, internal gap and discrepancies hold with the crown seated on its tooth."]
-
-
-def _draw_crown_margin(sheet: Sheet, margin: CrownOnTooth, outlines: Iterable[list[Point]]) -> None:
-    import shapely
-
-    cx, cy = 300.0, 205.0
-    half = 45.0
-    R = margin.margin_radius.nominal
-    reach = 4.0 * max(
-        margin.marginal_gap.nominal, abs(margin.horizontal_discrepancy.nominal), 50e-6
-    )
-    s = choose_scale(40.0 / (reach * 1e3))
-    shown = half / (1e3 * s)
-    window = shapely.box(R - shown, -shown, R + shown, shown)
-    for outline in outlines:
-        piece = shapely.LineString(outline).intersection(window)
-        for part in getattr(piece, "geoms", [piece]):
-            if part.geom_type == "LineString":
-                sheet.draw_polyline(
-                    [(cx + (r - R) * 1e3 * s, cy + z * 1e3 * s) for r, z in part.coords]
-                )
-    key = "vertical_discrepancy" if "vertical_discrepancy" in sheet.listed else "marginal_gap"
-    _, one = sheet.listed[key]
-    outer = margin.horizontal_discrepancy.nominal * 1e3 * s
-    if one.kind == "distance":
-        # from the cavosurface angle of the tooth to the margin of the crown
-        sheet.draw_dimension(
-            key,
-            (cx, cy),
-            (cx + outer, cy + one.nominal * 1e3 * s),
-            (cx + max(outer, 0.0) + 14.0, cy),
-            s,
-            upright=True,
-        )
-    sheet.write_text((cx - half + 3.0, cy - half + 4.0), "tooth", 2.5)
-    sheet.write_text((cx - half + 3.0, cy + half - 7.0), "crown", 2.5)
-    sheet.draw_rectangle((cx - half, cy - half), (cx + half, cy + half), "DIMENSION")
-    sheet.write_text((cx, cy - half - 7.0), f"A   margin {format_scale(s)}", 2.5, "BOTTOM_CENTER")
-
-
-def draw_sheath_views(sheet: Sheet, part: Sheath) -> list[str]:
-    """Draw a sheath in section and from its end; return the lines of its notes."""
-    bore, outer, length, c = (
-        one.nominal for one in (part.bore, part.outer_diameter, part.length, part.edge_break)
-    )
-    s = choose_scale(min(130.0 / (length * 1e3), 70.0 / (outer * 1e3)))
-    view = View((60.0, 190.0), s)
-    (left, cy), at = view.origin, view.at
-    _draw_mirrored(sheet, view, part.outline(), closed=True)
-    for side in (1.0, -1.0):
-        sheet.draw_hatch([at(z, side * r) for r, z in part.outline()])
-    if "edge_break" in sheet.listed:
-        corner = at(length - 0.5 * c, 0.5 * outer - 0.5 * c)
-        sheet.draw_leader(
-            corner, (corner[0] - 12.0, corner[1] + 12.0), "{} x 45°, both ends", "edge_break"
-        )
-    for z in (0.0, length):
-        sheet.draw_line(at(z, -0.5 * bore), at(z, 0.5 * bore))
-    for z in (c, length - c):
-        sheet.draw_line(at(z, -0.5 * outer), at(z, -0.5 * bore))
-        sheet.draw_line(at(z, 0.5 * bore), at(z, 0.5 * outer))
-    sheet.draw_line(at(-0.1 * length, 0.0), at(1.1 * length, 0.0), "CENTRE")
-    low = -0.5 * outer
-    right = at(length, 0.0)[0]
-    sheet.draw_dimension(
-        "length", at(0.0, low), at(length, low), at(0.0, low - 14.0 / (1e3 * s)), s
-    )
-    sheet.draw_dimension(
-        "bore", at(length, -0.5 * bore), at(length, 0.5 * bore), (right + 12.0, cy), s, upright=True
-    )
-    sheet.draw_dimension(
-        "outer_diameter", at(0.0, low), at(0.0, 0.5 * outer), (left - 16.0, cy), s, upright=True
-    )
-    sheet.write_text(
-        (at(0.5 * length, 0.0)[0], at(0.0, low)[1] - 26.0),
-        f"section {format_scale(s)}, clamp on the left",
-        2.5,
-        "BOTTOM_CENTER",
-    )
-    end = (right + 80.0, cy)
-    reach = 0.6e3 * outer * s
-    for diameter in (bore, outer - 2.0 * c, outer):
-        sheet.draw_circle(end, 0.5e3 * diameter * s)
-    sheet.draw_line((end[0] - reach, cy), (end[0] + reach, cy), "CENTRE")
-    sheet.draw_line((end[0], cy - reach), (end[0], cy + reach), "CENTRE")
-    sheet.write_text((end[0], cy - reach - 6.0), f"end {format_scale(s)}", 2.5, "BOTTOM_CENTER")
-    own, lightest, heaviest = (
-        use_decimal_comma(format_mass(one)) for one in (part.mass, *part.mass_limits)
-    )
-    return [
-        f"Mass {own}, {lightest} to {heaviest} within the limits.",
-        f"Weigh the made parts; a pair must agree within {MASS_MATCH:.0%}.",
-    ]
+def _draw_sheath_end(sheet: Sheet, sheath: Sheath, view: View) -> None:
+    """Draw a sheath from its end, right of the section."""
+    bore = sheath.bore.nominal
+    outer = sheath.outer_diameter.nominal
+    chamfer = sheath.edge_break.nominal
+    half_magnification = 0.5 * MILLIMETRES_PER_METRE
+    right, _ = view.place(sheath.length.nominal, 0.0)
+    _, y = view.origin
+    x = right + 80.0
+    for diameter in (bore, outer - 2.0 * chamfer, outer):
+        sheet.draw_circle((x, y), half_magnification * diameter * view.scale)
+    reach = 0.6 * MILLIMETRES_PER_METRE * outer * view.scale
+    sheet.draw_line((x - reach, y), (x + reach, y), Layer.CENTRE)
+    sheet.draw_line((x, y - reach), (x, y + reach), Layer.CENTRE)
+    caption = f"end {format_scale(view.scale)}"
+    sheet.write_text((x, y - reach - 6.0), caption, alignment=Alignment.BOTTOM_CENTER)

@@ -25,7 +25,6 @@ from stepblocks.parts.characteristics import (
     find_face,
 )
 from stepblocks.parts.conditions import NO_ORDER, OrderSpec
-from stepblocks.parts.declared import Material
 from stepblocks.parts.kind import Part
 from stepblocks.parts.on_paper import describe_default_demands
 from stepblocks.quantities import format_quantity

@@ -4,10 +4,11 @@ import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 from stepblocks import cad
 from stepblocks.parts.characteristics import (
+    MICROSCOPE,
     Characteristic,
     EdgeRule,
     FaceRule,
@@ -17,23 +18,26 @@ from stepblocks.parts.characteristics import (
 )
 from stepblocks.parts.declared import (
     Table,
-    check_below,
-    check_rule,
     declare_default,
+    describe_breach,
     make_rules_validator,
 )
 from stepblocks.parts.kind import (
     CONTACT_DEFLECTION,
     FITTING_DEFLECTION,
     NANOMETRE,
+    CloseUp,
     Finding,
     Manifold,
     MeasuredMesh,
     Verdict,
 )
-from stepblocks.parts.kinds.margin import CrownMargin
+from stepblocks.parts.kinds.crown_margin import CrownMargin
+from stepblocks.parts.kinds.crown_outlines import FinishKind, Preparation, SeatedCrown
 from stepblocks.parts.revolution import (
+    PIECE_DEFLECTION,
     Outline,
+    Point,
     Turned,
     list_outline_points,
     list_ring_points,
@@ -45,25 +49,29 @@ from stepblocks.parts.tolerance import Angle, Dimension, Length, PositiveLength
 from stepblocks.quantities import format_quantity
 
 _SEATED = "section or micro-CT, seated"
+_LARGEST_TAPER = math.radians(45.0)
+_LEAST_TOP = 0.1  # radius of the top of a preparation over that at the margin
+_TOOTH = 0  # index of the body
+_CROWN = 1
 
 
 class FinishLine(Table):
     """How the preparation ends."""
 
     # a square ledge, a quarter round, or no ledge
-    kind: Literal["shoulder", "chamfer", "feather-edge"] = "shoulder"
+    kind: FinishKind = "shoulder"
     # of the ledge, or radius of the quarter round [m]; 0 for the feather edge
     width: Length = declare_default("1 mm", "0.05 mm")
 
     @make_rules_validator
     def _check_width_of_its_kind(self) -> Iterator[str]:
-        if (self.width.nominal == 0.0) != (self.kind == "feather-edge"):
-            rule = (
-                "be 0 for a feather-edge"
-                if self.kind == "feather-edge"
-                else f"be above 0 for a {self.kind}"
-            )
-            yield f"width must {rule}, got {format_quantity(self.width.nominal, 'length')}"
+        width = self.width.nominal
+        text = format_quantity(width, "length")
+        if self.kind == "feather-edge":
+            if width != 0.0:
+                yield f"width must be 0 for a feather-edge, got {text}"
+        elif width == 0.0:
+            yield f"width must be above 0 for a {self.kind}, got {text}"
 
 
 class CrownOnTooth(CrownMargin, Turned):
@@ -117,6 +125,31 @@ class CrownOnTooth(CrownMargin, Turned):
     )
 
     @property
+    def preparation(self) -> Preparation:
+        """The prepared tooth at its nominal sizes."""
+        return Preparation(
+            self.finish_line.kind,
+            self.margin_radius.nominal,
+            self.finish_line.width.nominal,
+            self.taper.nominal,
+            self.preparation_height.nominal,
+            self.root_length.nominal,
+        )
+
+    @property
+    def seated_crown(self) -> SeatedCrown:
+        """The crown at its nominal sizes, seated on its tooth."""
+        return SeatedCrown(
+            self.preparation,
+            self.marginal_gap.nominal,
+            self.opening.nominal,
+            self.internal_gap.nominal,
+            self.shell_thickness.nominal,
+            self.outer_radius,
+            self.corner,
+        )
+
+    @property
     def floor_depth_and_slope(self) -> tuple[float, float]:
         return self.finish_line.width.nominal, math.tan(self.taper.nominal)
 
@@ -129,344 +162,311 @@ class CrownOnTooth(CrownMargin, Turned):
         return f"{self.id}-tooth", f"{self.id}-crown"
 
     @property
-    def outer_radius(self) -> float:  # of the crown [m]
+    def outer_radius(self) -> float:
+        """Outer radius of the crown [m]."""
         return self.margin_radius.nominal + self.horizontal_discrepancy.nominal
 
     def outlines(self) -> list[Outline]:
-        return [self.tooth_outline(), self.crown_outline()]
-
-    def tooth_outline(self) -> Outline:
-        """Half section of the prepared tooth; the finish line lies at height 0."""
-        R, w, top = (
-            self.margin_radius.nominal,
-            self.finish_line.width.nominal,
-            self.preparation_height.nominal,
-        )
-        outline: Outline = [
-            (0.0, -self.root_length.nominal),
-            (R, -self.root_length.nominal),
-            (R, 0.0),
-        ]
-        start = 0.0
-        if self.finish_line.kind == "chamfer":
-            outline.append(((R - w * math.sqrt(0.5), w * (1.0 - math.sqrt(0.5))), (R - w, w)))
-            start = w
-        elif self.finish_line.kind == "shoulder":
-            outline.append((R - w, 0.0))
-        outline += [(R - w - (top - start) * math.tan(self.taper.nominal), top), (0.0, top)]
-        return outline
-
-    def crown_outline(self) -> Outline:
-        """Half section of the crown, seated with its gaps."""
-        R, w, g = (
-            self.margin_radius.nominal,
-            self.finish_line.width.nominal,
-            self.marginal_gap.nominal,
-        )
-        slope = math.tan(self.taper.nominal)
-        inner = self.internal_gap.nominal
-        across = inner / math.cos(self.taper.nominal)
-        ceiling = self.preparation_height.nominal + inner
-        outer, roof = self.outer_radius, ceiling + self.shell_thickness.nominal
-        kind = self.finish_line.kind
-        start = w if kind == "chamfer" else 0.0
-
-        def wall(height: float) -> float:
-            return R - w - (height - start) * slope + across
-
-        outline: Outline = [(0.0, ceiling), (wall(ceiling), ceiling)]
-        if kind == "feather-edge":
-            v = self.opening.nominal
-            outline += [(R - v * slope + g / math.cos(self.taper.nominal), v), (outer, v)]
-        else:
-            foot = g + w if kind == "chamfer" else g
-            outline.append((wall(foot), foot))
-            corner = [(R + z, x) for x, z in self.corner]
-            if kind == "chamfer":
-                # an arc of the finish line's radius, bulging towards the axis's foot as the tooth's
-                # does
-                half_x, half_z = 0.5 * (R - wall(foot)), 0.5 * (g - foot)
-                half = math.hypot(half_x, half_z)
-                sagitta = w - math.sqrt(w * w - half * half)
-                middle = (
-                    wall(foot) + half_x + sagitta * half_z / half,
-                    foot + half_z - sagitta * half_x / half,
-                )
-                outline.append((middle, (R, g)))
-            outline += corner
-            if corner[-1][0] != outer:
-                outline.append((outer, corner[-1][1]))
-        outline += [(outer, roof), (0.0, roof)]
-        return outline
+        return [self.preparation.outline(), self.seated_crown.outline()]
 
     def hulls(self) -> list[Manifold]:
-        # Frusta of the tooth, the crown's roof, and sectors of its wall in horizontal slices
-        points = list_outline_points(self.crown_outline(), 5e-6)
-        ceiling, roof, outer = points[0][1], points[-1][1], points[-2][0]
-        fitting = points[1 : points.index((outer, roof))]
-        pieces = [
-            *make_frusta(self.tooth_outline()),
-            make_hull([*list_ring_points(outer, ceiling), *list_ring_points(outer, roof)]),
-        ]
-        walls = (
-            (a, b)
-            for a, b in itertools.pairwise(fitting)
-            if a[1] > b[1] and max(a[0], b[0]) <= outer
-        )
-        cells = [[a, b, (outer, b[1]), (outer, a[1])] for a, b in walls]
-        low = min(z for _, z in fitting)
+        # frusta of the tooth, the crown's roof, and sectors of its wall in level slices
+        crown = self.seated_crown
+        outer = self.outer_radius
+        roof = [*list_ring_points(outer, crown.ceiling), *list_ring_points(outer, crown.roof)]
+        pieces = [*make_frusta(self.preparation.outline()), make_hull(roof)]
+        for cell in self._list_wall_cells():
+            pieces += make_sectors(cell)
+        return pieces
+
+    def _list_wall_cells(self) -> list[list[Point]]:
+        """Cut the half section of the crown's wall into convex cells (radius, height) [m]."""
+        outer = self.outer_radius
         gap = self.marginal_gap.nominal
-        lip = [r for r, z in fitting if z < gap] if low < 0.0 else []
-        if lip:
-            cells.append([(min(lip), low), (outer, low), (outer, gap), (min(lip), gap)])
-        return [*pieces, *(sector for cell in cells for sector in make_sectors(cell))]
+        points = list_outline_points(self.seated_crown.outline(), PIECE_DEFLECTION)
+        fitting = points[1 : points.index((outer, self.seated_crown.roof))]
+        cells = []
+        for upper, lower in itertools.pairwise(fitting):
+            upper_radius, upper_height = upper
+            lower_radius, lower_height = lower
+            if upper_height > lower_height and max(upper_radius, lower_radius) <= outer:
+                cells.append([upper, lower, (outer, lower_height), (outer, upper_height)])
+        lowest = min(height for _, height in fitting)
+        if lowest < 0.0:
+            lip_radii = [radius for radius, height in fitting if height < gap]
+            inside = min(lip_radii)
+            cells.append([(inside, lowest), (outer, lowest), (outer, gap), (inside, gap)])
+        return cells
 
     def chordal_error(self, face: cad.door.Face) -> float:
         reach = 2.0 * (self.marginal_gap.nominal + abs(self.opening.nominal))
-        at_margin = face.kind in ("PLANE", "CYLINDER")
-        near = face.low[2] <= reach and face.high[2] >= -reach
-        return CONTACT_DEFLECTION if at_margin and near else FITTING_DEFLECTION
+        _, _, low = face.low
+        _, _, high = face.high
+        is_near_margin = low <= reach and high >= -reach
+        if face.kind in ("PLANE", "CYLINDER") and is_near_margin:
+            return CONTACT_DEFLECTION
+        return FITTING_DEFLECTION
 
     def characteristics(self) -> Iterator[Characteristic]:
-        R, h, root, height = (
-            self.margin_radius,
-            self.horizontal_discrepancy,
-            self.root_length,
-            self.preparation_height,
-        )
-        side = FaceRule("CYLINDER", radius=R.nominal)
+        outside = FaceRule("CYLINDER", radius=self.margin_radius.nominal)
         yield make_characteristic(
-            "margin_diameter", "diameter", R, side, label="diameter at the margin"
+            "margin_diameter",
+            "diameter",
+            self.margin_radius,
+            outside,
+            label="diameter at the margin",
         ).doubled
-        top, base = describe_plane(2, height.nominal), describe_plane(2, -root.nominal)
-        if self.finish_line.kind == "shoulder":
-            shoulder = describe_plane(2, 0.0)
-            yield make_characteristic("preparation_height", "distance", height, shoulder, top)
-            yield make_characteristic("root_length", "distance", root, base, shoulder)
-        else:
-            whole = Dimension(
-                root.nominal + height.nominal, root.upper + height.upper, root.lower + height.lower
-            )
-            yield replace(
-                make_characteristic(
-                    "tooth_length", "distance", whole, base, top, label="tooth, whole length"
-                ),
-                states=(root, height),
-            )
-        yield replace(
-            make_characteristic(
-                "crown_diameter",
-                "diameter",
-                replace(h, nominal=self.outer_radius),
-                FaceRule("CYLINDER", radius=self.outer_radius),
-                label="diameter of the crown",
-                body=1,
-            ).doubled,
-            states=(h,),
-        )
-        ceiling = height.nominal + self.internal_gap.nominal
+        yield from self._list_tooth_heights()
+        yield self._state_crown_diameter()
+        crown = self.seated_crown
         yield make_characteristic(
             "shell_thickness",
             "distance",
             self.shell_thickness,
-            describe_plane(2, ceiling),
-            describe_plane(2, ceiling + self.shell_thickness.nominal),
-            body=1,
+            describe_plane(2, crown.ceiling),
+            describe_plane(2, crown.roof),
+            body=_CROWN,
         )
-        kind = self.finish_line.kind
-        width = self.finish_line.width
+        yield self._state_finish_line(outside)
+        yield from self._list_seated_characteristics()
+
+    def _list_tooth_heights(self) -> Iterator[Characteristic]:
+        """List the heights of preparation and root, together where no shoulder parts them."""
+        root = self.root_length
+        height = self.preparation_height
+        top = describe_plane(2, height.nominal)
+        base = describe_plane(2, -root.nominal)
+        if self.finish_line.kind == "shoulder":
+            shoulder = describe_plane(2, 0.0)
+            yield make_characteristic("preparation_height", "distance", height, shoulder, top)
+            yield make_characteristic("root_length", "distance", root, base, shoulder)
+            return
+        whole = Dimension(
+            root.nominal + height.nominal, root.upper + height.upper, root.lower + height.lower
+        )
+        length = make_characteristic(
+            "tooth_length", "distance", whole, base, top, label="tooth, whole length"
+        )
+        yield replace(length, states=(root, height))
+
+    def _state_crown_diameter(self) -> Characteristic:
+        """State the diameter of the crown, which holds the horizontal discrepancy."""
+        discrepancy = self.horizontal_discrepancy
+        diameter = make_characteristic(
+            "crown_diameter",
+            "diameter",
+            replace(discrepancy, nominal=self.outer_radius),
+            FaceRule("CYLINDER", radius=self.outer_radius),
+            label="diameter of the crown",
+            body=_CROWN,
+        ).doubled
+        return replace(diameter, states=(discrepancy,))
+
+    def _state_finish_line(self, outside: FaceRule) -> Characteristic:
+        """State the width of the finish line; only a shoulder has a face as wide."""
         key = "finish_line_width"
-        if kind == "shoulder":
-            yield make_characteristic(
+        width = self.finish_line.width
+        if self.finish_line.kind == "shoulder":
+            ledge = describe_plane(2, 0.0)
+            return make_characteristic(
                 key,
                 "distance",
                 width,
-                EdgeRule(side, describe_plane(2, 0.0)),
-                EdgeRule(describe_plane(2, 0.0), self._state_walls()[0]),
+                EdgeRule(outside, ledge),
+                EdgeRule(ledge, self._describe_wall(_TOOTH)),
                 label="finish line, width of the shoulder",
-                method="microscope",
+                method=MICROSCOPE,
             )
-        else:  # no face is as wide
-            what = "radius of the quarter round" if kind == "chamfer" else "width of its edge"
-            yield make_characteristic(
-                key, "note", width, label=f"finish line, {what}", method="microscope"
-            )
-        yield from self._list_seated_characteristics(ceiling)
+        label = "finish line, width of its edge"
+        if self.finish_line.kind == "chamfer":
+            label = "finish line, radius of the quarter round"
+        return make_characteristic(key, "note", width, label=label, method=MICROSCOPE)
 
-    def _list_seated_characteristics(self, ceiling: float) -> Iterator[Characteristic]:
-        # Gaps between the two bodies, the crown seated on its tooth
-        finish = self.finish_line.kind
-        g, inner = self.marginal_gap, self.internal_gap
-        outside = FaceRule("CYLINDER", radius=self.margin_radius.nominal, body=0)
-        ledge = (
-            describe_plane(2, 0.0, 0)
-            if finish == "shoulder"
-            else FaceRule("TORUS" if finish == "chamfer" else "CONE", body=0)
-        )
-        cavosurface = EdgeRule(outside, ledge)
-        end = describe_plane(2, self.opening.nominal, 1)
-        walls = self._state_walls()
-        # between two cones that are not parallel each gap holds at one end of the crown's
-        across: tuple[Rule, Rule] = walls[0], EdgeRule(walls[1], end)
-        if finish != "feather-edge":
-            across = ledge if finish == "shoulder" else cavosurface, describe_plane(2, g.nominal, 1)
-        yield make_characteristic("marginal_gap", "distance", g, *across, method=_SEATED)
+    def _list_seated_characteristics(self) -> Iterator[Characteristic]:
+        """List the gaps between the two bodies, the crown seated on its tooth."""
+        ceiling = self.seated_crown.ceiling
+        tooth_wall = self._describe_wall(_TOOTH)
+        outside = FaceRule("CYLINDER", radius=self.margin_radius.nominal, body=_TOOTH)
+        cavosurface = EdgeRule(outside, self._describe_ledge())
+        end = describe_plane(2, self.opening.nominal, _CROWN)
+        yield self._state_marginal_gap(cavosurface, end)
         yield self._state_opening(cavosurface, end)
-        top = (
-            EdgeRule(walls[1], describe_plane(2, ceiling, 1))
-            if finish == "feather-edge"
-            else walls[1]
+        # between two cones that are not parallel the gap holds at the upper end of the crown's
+        inner_wall: Rule = self._describe_wall(_CROWN)
+        if self.finish_line.kind == "feather-edge":
+            inner_wall = EdgeRule(self._describe_wall(_CROWN), describe_plane(2, ceiling, _CROWN))
+        yield make_characteristic(
+            "internal_gap", "distance", self.internal_gap, tooth_wall, inner_wall, method=_SEATED
         )
-        yield make_characteristic("internal_gap", "distance", inner, walls[0], top, method=_SEATED)
-        if inner.nominal > 0.0:
+        if self.internal_gap.nominal > 0.0:
             yield make_characteristic(
                 "internal_gap_roof",
                 "distance",
-                inner,
-                describe_plane(2, self.preparation_height.nominal, 0),
-                describe_plane(2, ceiling, 1),
+                self.internal_gap,
+                describe_plane(2, self.preparation_height.nominal, _TOOTH),
+                describe_plane(2, ceiling, _CROWN),
                 label="internal gap, roof",
                 method=_SEATED,
             )
         yield make_characteristic(
-            "taper", "angle", self.taper, walls[0], label="total taper", method=_SEATED
+            "taper", "angle", self.taper, tooth_wall, label="total taper", method=_SEATED
         ).doubled
 
-    def _state_walls(self) -> tuple[FaceRule, FaceRule]:
-        # Axial walls of tooth and crown, halfway up, where no bevel is
-        middle = {2: 0.5 * self.preparation_height.nominal}
-        return FaceRule("CONE", holds=middle, body=0), FaceRule("CONE", holds=middle, body=1)
+    def _describe_wall(self, body: int) -> FaceRule:
+        """Describe the axial wall of tooth or crown, halfway up, where no bevel is."""
+        middle = 0.5 * self.preparation_height.nominal
+        return FaceRule("CONE", holds={2: middle}, body=body)
+
+    def _describe_ledge(self) -> FaceRule:
+        """Describe the face of the tooth inside the finish line."""
+        if self.finish_line.kind == "shoulder":
+            return describe_plane(2, 0.0, _TOOTH)
+        if self.finish_line.kind == "chamfer":
+            return FaceRule("TORUS", body=_TOOTH)
+        return FaceRule("CONE", body=_TOOTH)
+
+    def _state_marginal_gap(self, cavosurface: EdgeRule, end: FaceRule) -> Characteristic:
+        """State the marginal gap, by the faces or edges that are its own distance apart.
+
+        `end` is the foot of the crown.
+        """
+        gap = self.marginal_gap
+        foot = describe_plane(2, gap.nominal, _CROWN)
+        faces: tuple[Rule, Rule]
+        if self.finish_line.kind == "shoulder":
+            faces = (self._describe_ledge(), foot)
+        elif self.finish_line.kind == "chamfer":
+            faces = (cavosurface, foot)
+        else:
+            faces = (self._describe_wall(_TOOTH), EdgeRule(self._describe_wall(_CROWN), end))
+        return make_characteristic("marginal_gap", "distance", gap, *faces, method=_SEATED)
 
     def _state_opening(self, cavosurface: EdgeRule, end: FaceRule) -> Characteristic:
-        # From the cavosurface angle along the path of draw to the margin of the crown
+        """State the way from the cavosurface angle along the path of draw to the crown's margin."""
         finish = self.finish_line.kind
-        v, g = self.opening, self.marginal_gap.nominal
+        opening = self.opening
+        gap = self.marginal_gap.nominal
         key = "vertical_discrepancy"
-        if v.nominal < 0.0:
+        if opening.nominal < 0.0:
+            label = "vertical discrepancy, lip over the tooth"
             return make_characteristic(
-                key,
-                "distance",
-                v,
-                cavosurface,
-                end,
-                label="vertical discrepancy, lip over the tooth",
-                method=_SEATED,
+                key, "distance", opening, cavosurface, end, label=label, method=_SEATED
             ).unsigned
-        if v.nominal == g or finish == "feather-edge":
-            return make_characteristic(key, "distance", v, cavosurface, end, method=_SEATED)
+        if opening.nominal == gap or finish == "feather-edge":
+            return make_characteristic(key, "distance", opening, cavosurface, end, method=_SEATED)
         # the margin is where the bevel meets the outside
-        if finish == "shoulder" and v.nominal > g:
-            outside = FaceRule("CYLINDER", radius=self.outer_radius, body=1)
+        if finish == "shoulder" and opening.nominal > gap:
+            ledge = describe_plane(2, 0.0, _TOOTH)
+            outside = FaceRule("CYLINDER", radius=self.outer_radius, body=_CROWN)
+            middle = 0.5 * (gap + opening.nominal)
+            bevel = FaceRule("CONE", holds={2: middle}, body=_CROWN)
             return make_characteristic(
-                key,
-                "distance",
-                v,
-                describe_plane(2, 0.0, 0),
-                EdgeRule(FaceRule("CONE", holds={2: 0.5 * (g + v.nominal)}, body=1), outside),
-                method=_SEATED,
+                key, "distance", opening, ledge, EdgeRule(bevel, outside), method=_SEATED
             )
-        return make_characteristic(key, "note", v, method=_SEATED)
+        return make_characteristic(key, "note", opening, method=_SEATED)
 
     def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Verdict]:
-        radii, heights = mesh.radii, mesh.vertices[:, 2]
-        if body == 0:
-            yield Finding(
-                "radius at the finish line",
-                self.margin_radius.nominal,
-                float(radii[abs(heights) < 1e-9].max()),
-                2.0 * NANOMETRE,
-            )
-            yield Finding(
-                "preparation height",
-                self.preparation_height.nominal,
-                float(heights.max()),
-                2.0 * NANOMETRE,
-            )
-            return
-        # the margin is the foot of the outer surface; a bevel goes on below it, inwards
+        if body == _TOOTH:
+            yield from self._measure_tooth(mesh)
+        else:
+            yield from self._measure_crown(mesh)
+
+    def _measure_tooth(self, mesh: MeasuredMesh) -> Iterator[Verdict]:
+        """Measure radius and height of the prepared tooth."""
+        heights = mesh.vertices[:, 2]
+        at_finish_line = abs(heights) < NANOMETRE
+        radius = float(mesh.radii[at_finish_line].max())
+        yield Finding(
+            "radius at the finish line", self.margin_radius.nominal, radius, 2.0 * NANOMETRE
+        )
+        top = float(heights.max())
+        yield Finding("preparation height", self.preparation_height.nominal, top, 2.0 * NANOMETRE)
+
+    def _measure_crown(self, mesh: MeasuredMesh) -> Iterator[Verdict]:
+        """Measure the margin of the crown.
+
+        It is the foot of the outer surface; a bevel goes on below it, inwards.
+        """
+        radii = mesh.radii
+        heights = mesh.vertices[:, 2]
         outside = radii > radii.max() - 10.0 * NANOMETRE
         foot = heights[outside].min()
         yield Finding(
             "vertical discrepancy of the margin", self.opening.nominal, float(foot), NANOMETRE
         )
+        at_foot = outside & (heights < foot + NANOMETRE)
         yield Finding(
             "outer radius of the crown's margin",
             self.outer_radius,
-            float(radii[outside & (heights < foot + 1e-9)].max()),
+            float(radii[at_foot].max()),
             2.0 * NANOMETRE,
         )
 
-    def choose_close_up(self) -> tuple[float, float, tuple[float, float, float]]:
-        wide = 6.0 * max(self.marginal_gap.nominal, abs(self.horizontal_discrepancy.nominal))
-        return 1.0, wide, (self.margin_radius.nominal, wide, 0.0)
+    def choose_close_up(self) -> CloseUp:
+        width = 6.0 * max(self.marginal_gap.nominal, abs(self.horizontal_discrepancy.nominal))
+        return CloseUp(1.0, width, (self.margin_radius.nominal, width, 0.0))
 
     @make_rules_validator
     def _check_fit_on_tooth(self) -> Iterator[str]:
-        h, g, v = (
-            self.horizontal_discrepancy.nominal,
-            self.marginal_gap.nominal,
-            self.opening.nominal,
-        )
-        finish = self.finish_line
-        R, height = self.margin_radius.nominal, self.preparation_height.nominal
-        if not 0.0 < self.taper.nominal < math.radians(45.0):
-            yield (
-                "taper must lie between 0 and 45 deg, got "
-                f"{format_quantity(self.taper.nominal, 'angle')}"
-            )
+        """Yield what keeps preparation and crown from having a shape."""
+        taper = self.taper.nominal
+        if not 0.0 < taper < _LARGEST_TAPER:
+            yield f"taper must lie between 0 and 45 deg, got {format_quantity(taper, 'angle')}"
             return
-        top = R - finish.width.nominal - height * math.tan(self.taper.nominal)
-        yield check_rule(
-            top > 0.1 * R,
-            "preparation_height",
-            "leave the preparation a top of a tenth of margin_radius",
-            0.1 * R,
-            top,
-        )
-        yield check_below(
-            "internal_gap", "be below half of margin_radius", self.internal_gap.nominal, 0.5 * R
-        )
-        # of the crown across the path of draw at its fitting end
-        foot = g + (finish.width.nominal if finish.kind == "chamfer" else 0.0)
-        gap = self.internal_gap.nominal
-        if finish.kind == "feather-edge":
-            foot, gap = v, g
-        inner = (
-            -finish.width.nominal
-            - foot * math.tan(self.taper.nominal)
-            + gap / math.cos(self.taper.nominal)
-        )
-        wall = h - inner
-        yield check_rule(
-            wall > 0.0,
-            "horizontal_discrepancy",
-            "leave the crown a wall at its margin",
-            h - wall,
-            h,
-        )
-        shell = self.shell_thickness.nominal
-        yield check_rule(
-            h <= shell,
-            "horizontal_discrepancy",
-            "not exceed the shell (overextension beyond shell_thickness)",
-            shell,
-            h,
-        )
-        bevel = abs(v - g) if v >= 0.0 and finish.kind != "feather-edge" else 0.0
-        yield check_rule(
-            bevel < wall,
-            "vertical_discrepancy",
-            "leave a wall behind the bevel of the margin",
-            g + wall,
-            v,
-        )
-        if v < 0.0 and finish.kind == "feather-edge":
+        radius = self.margin_radius.nominal
+        height = self.preparation_height.nominal
+        ledge = self.finish_line.width.nominal
+        top = radius - ledge - height * math.tan(taper)
+        if top <= _LEAST_TOP * radius:
+            rule = "leave the preparation a top of a tenth of margin_radius"
+            yield describe_breach("preparation_height", rule, _LEAST_TOP * radius, top)
+        internal_gap = self.internal_gap.nominal
+        if internal_gap >= 0.5 * radius:
+            rule = "be below half of margin_radius"
+            yield describe_breach("internal_gap", rule, 0.5 * radius, internal_gap)
+        yield from self._check_crown_wall()
+        opening = self.opening.nominal
+        if opening < 0.0 and self.finish_line.kind == "feather-edge":
             yield (
                 "vertical_discrepancy must not be negative for a feather-edge, got "
-                f"{format_quantity(v, 'length')}"
+                f"{format_quantity(opening, 'length')}"
             )
             return
-        least = max(g, v) + finish.width.nominal
-        yield check_rule(
-            height > least, "preparation_height", "exceed the finish line", least, height
-        )
+        least_height = max(self.marginal_gap.nominal, opening) + ledge
+        if height <= least_height:
+            rule = "exceed the finish line"
+            yield describe_breach("preparation_height", rule, least_height, height)
+
+    def _check_crown_wall(self) -> Iterator[str]:
+        """Yield what keeps the crown from having a wall at its margin."""
+        rise = self.horizontal_discrepancy.nominal
+        gap = self.marginal_gap.nominal
+        opening = self.opening.nominal
+        shell = self.shell_thickness.nominal
+        wall = self._compute_margin_wall()
+        if wall <= 0.0:
+            rule = "leave the crown a wall at its margin"
+            yield describe_breach("horizontal_discrepancy", rule, rise - wall, rise)
+        if rise > shell:
+            rule = "not exceed the shell (overextension beyond shell_thickness)"
+            yield describe_breach("horizontal_discrepancy", rule, shell, rise)
+        bevel = 0.0
+        if opening >= 0.0 and self.finish_line.kind != "feather-edge":
+            bevel = abs(opening - gap)
+        if bevel >= wall:
+            rule = "leave a wall behind the bevel of the margin"
+            yield describe_breach("vertical_discrepancy", rule, gap + wall, opening)
+
+    def _compute_margin_wall(self) -> float:
+        """Compute the thickness of the crown across the path of draw at its fitting end [m]."""
+        ledge = self.finish_line.width.nominal
+        taper = self.taper.nominal
+        foot = self.marginal_gap.nominal
+        gap = self.internal_gap.nominal
+        if self.finish_line.kind == "chamfer":
+            foot += ledge
+        elif self.finish_line.kind == "feather-edge":
+            foot = self.opening.nominal
+            gap = self.marginal_gap.nominal
+        inner = -ledge - foot * math.tan(taper) + gap / math.cos(taper)
+        return self.horizontal_discrepancy.nominal - inner

@@ -1,21 +1,13 @@
-"""The junction of crown and tooth, as a block.
-
-Terms are those of Holmes et al. 1989; see docs/reference/stimulus-file.md.
-"""
+"""The junction of crown and tooth, as a block."""
 
 import itertools
 import math
-from abc import abstractmethod
 from collections.abc import Iterator
 from typing import ClassVar
 
 from stepblocks import cad
-from stepblocks.contact.counterface import Margin
-from stepblocks.contact.operating_point import Tissue, Tool
-from stepblocks.parts.body import (
-    Block,
-    Body,
-    Stock,
+from stepblocks.parts.body import Block, Body, Stock
+from stepblocks.parts.body_solid import (
     compute_half_volume,
     compute_strip_volume,
     list_half_corners,
@@ -28,127 +20,23 @@ from stepblocks.parts.characteristics import (
     FaceRule,
     describe_plane,
     make_characteristic,
-    make_form_characteristics,
 )
-from stepblocks.parts.conditions import Gum
 from stepblocks.parts.declared import (
-    MaterialField,
     WorkingFaces,
-    check_below,
-    check_rule,
     declare_default,
+    describe_breach,
     make_rules_validator,
 )
-from stepblocks.parts.kind import (
-    NANOMETRE,
-    Finding,
-    Manifold,
-    MeasuredMesh,
-    Part,
-    Verdict,
-    choose_exaggeration,
-)
+from stepblocks.parts.face_characteristics import make_form_characteristics
+from stepblocks.parts.kind import NANOMETRE, Finding, Manifold, MeasuredMesh, Verdict
+from stepblocks.parts.kinds.crown_margin import CrownMargin
+from stepblocks.parts.material import MaterialField
+from stepblocks.parts.revolution import Point, Point3
 from stepblocks.parts.shapes import make_hull, split_solid
 from stepblocks.parts.tolerance import ANGULAR_DEVIATION, Dimension, PositiveLength, SignedLength
-from stepblocks.quantities import format_quantity
 
 ACROSS = "profilometer or microscope"
-# largest clinically acceptable absolute marginal discrepancy [m] (the paper; McLean and von
-# Fraunhofer 1971 say 120 um)
-_CLINICAL_LIMIT = 100e-6
-
-
-class CrownMargin(Part):
-    """What all forms share: x along the path of draw from root to crown, z outwards.
-
-    The cavosurface angle of the tooth is the origin.
-    """
-
-    counterface_fields: ClassVar = {
-        "gap": "marginal_gap",
-        "rise": "horizontal_discrepancy",
-        "opening": "vertical_discrepancy",
-    }
-
-    marginal_gap: PositiveLength = declare_default(otherwise="10 um")  # g
-    # h; positive: overextended
-    horizontal_discrepancy: SignedLength = declare_default("0 um", otherwise="10 um")
-    # v; left out, it is g
-    vertical_discrepancy: SignedLength | None = declare_default(None, otherwise="10 um")
-    gum: Gum | None = None  # beside the margin; none where the file does not say
-    material: MaterialField = declare_default("zirconia")
-
-    def tissue(self, tool: Tool) -> Tissue:
-        return Tissue() if self.gum is None else self.gum.tissue(tool.frequency)
-
-    @property
-    @abstractmethod
-    def floor_depth_and_slope(self) -> tuple[float, float]:
-        """Depth of the gap [m] where it begins, and how steeply its floor falls from there [1]."""
-
-    def make_counterface(self, **sizes: float) -> Margin:
-        gap = sizes["gap"]
-        return Margin(
-            max(gap, 0.0), sizes.get("opening", gap), sizes["rise"], *self.floor_depth_and_slope
-        )
-
-    @property
-    def opening(self) -> Dimension:
-        """The vertical discrepancy in force: the one stated, or the marginal gap."""
-        return self.marginal_gap if self.vertical_discrepancy is None else self.vertical_discrepancy
-
-    @property
-    def absolute_discrepancy(self) -> float:
-        """Absolute marginal discrepancy [m]: from the crown's margin to the cavosurface angle."""
-        return math.hypot(self.opening.nominal, self.horizontal_discrepancy.nominal)
-
-    @property
-    def corner(self) -> list[tuple[float, float]]:
-        """Outline of the crown's margin from inside the gap to its outer corner [m]."""
-        g, v, h = (
-            self.marginal_gap.nominal,
-            self.opening.nominal,
-            self.horizontal_discrepancy.nominal,
-        )
-        if v < 0.0:
-            return [(g, g), (v, g), (v, h)]
-        return [(g, h)] if v == g else [(g, h - abs(v - g)), (v, h)]
-
-    @make_rules_validator
-    def _check_lip_clears_the_tooth(self) -> Iterator[str]:
-        v, g, h = (
-            self.opening.nominal,
-            self.marginal_gap.nominal,
-            self.horizontal_discrepancy.nominal,
-        )
-        if v < 0.0 and h <= g:
-            yield (
-                f"horizontal_discrepancy must exceed marginal_gap ({format_quantity(g, 'length')}) "
-                f"where vertical_discrepancy is negative, got {format_quantity(h, 'length')}"
-            )
-
-    def measure_gap(self, mesh: MeasuredMesh, length: Dimension) -> Verdict:
-        """Measure the marginal gap on the mesh of a body of this length."""
-        reach = 0.25 * length.nominal
-        return Finding(
-            "marginal gap",
-            self.marginal_gap.nominal,
-            mesh.measure_wall_position(-1, reach) - mesh.measure_wall_position(+1, reach),
-            NANOMETRE,
-        )
-
-    def choose_close_up(self) -> tuple[float, float, tuple[float, float, float]]:
-        rise = abs(self.horizontal_discrepancy.nominal)
-        gap = self.marginal_gap.nominal
-        wide = 2.5 * max(rise, gap, abs(self.opening.nominal))
-        return (choose_exaggeration(rise) if rise else 1.0), wide, (0.5 * gap, 0.0, 0.0)
-
-    def derived(self) -> list[list[str]]:
-        accepted = self.absolute_discrepancy <= _CLINICAL_LIMIT * (1.0 + 1e-12)
-        grade = "clinically acceptable" if accepted else "above the clinical limit of 100 um"
-        return [
-            ["absolute marginal discrepancy", f"{self.absolute_discrepancy * 1e6:.4g} um, {grade}"]
-        ]
+_BEVEL_ANGLE = math.radians(45.0)
 
 
 class MarginBlock(CrownMargin, Block):
@@ -196,99 +84,112 @@ class MarginBlock(CrownMargin, Block):
         return self.gap_depth.nominal, 0.0
 
     def top(self, x: float) -> float:
-        # Uppermost of the straight lines of the section at x
-        depth, far = self.gap_depth.nominal, self.body.length.nominal
-        lines = itertools.pairwise(
-            [
-                (-far, 0.0),
-                (0.0, 0.0),
-                (0.0, -depth),
-                (self.marginal_gap.nominal, -depth),
-                *self.corner,
-                (far, self.rise),
-            ]
-        )
-        across = [
-            (a, b) for a, b in lines if a[0] != b[0] and min(a[0], b[0]) <= x <= max(a[0], b[0])
+        # the uppermost of the straight lines of the section at x
+        depth = self.gap_depth.nominal
+        far = self.body.length.nominal
+        section = [
+            (-far, 0.0),
+            (0.0, 0.0),
+            (0.0, -depth),
+            (self.marginal_gap.nominal, -depth),
+            *self.corner,
+            (far, self.rise),
         ]
-        return max(za + (zb - za) * (x - xa) / (xb - xa) for (xa, za), (xb, zb) in across)
+        heights = []
+        for (x0, z0), (x1, z1) in itertools.pairwise(section):
+            if x0 != x1 and min(x0, x1) <= x <= max(x0, x1):
+                heights.append(z0 + (z1 - z0) * (x - x0) / (x1 - x0))
+        return max(heights)
 
     def solids(self) -> list[cad.door.Body]:
-        gap, depth = self.marginal_gap.nominal, self.gap_depth.nominal
-        return [
-            cad.kernel.cut(
-                self.extrude_section(
-                    [*reversed(self.corner), (gap, -depth), (0.0, -depth), (0.0, 0.0)]
-                ),
-                make_body_cuts(self.body, self.id, self.rise),
-            )
-        ]
+        gap = self.marginal_gap.nominal
+        depth = self.gap_depth.nominal
+        crest = [*reversed(self.corner), (gap, -depth), (0.0, -depth), (0.0, 0.0)]
+        cuts = make_body_cuts(self.body, self.id, self.rise)
+        return [cad.kernel.cut(self.extrude_section(crest), cuts)]
 
     def volumes(self) -> tuple[float, ...]:
-        # Add the halves on either side of x = 0, less the gap, corrected at the corner
-        body = self.body
-        half, depth = body.half_length, self.gap_depth.nominal
-        g, v, h = self.marginal_gap.nominal, self.opening.nominal, self.rise
-        volume = compute_half_volume(body, half, 0.0) + compute_half_volume(body, half, h)
-        above = [*self.corner, (0.0, h)] if v >= 0.0 else [(g, g), (0.0, g)]
-        volume -= compute_strip_volume(body, h, [(0.0, -depth), (g, -depth), *above])
-        if (
-            v < 0.0
-            # the lip stands over the tooth, on the tooth's side, where the left half's chamfer
-            # applies
-        ):
-            c = body.edge_break.nominal
-            narrowed = 2.0 * c * (h - g) + h * h - g * g if c > 0.0 else 0.0
-            volume += -v * (body.width.nominal * (h - g) - narrowed)
+        # the halves on either side of x = 0, less the gap, corrected at the corner
+        gap = self.marginal_gap.nominal
+        depth = self.gap_depth.nominal
+        half = self.body.half_length
+        left = compute_half_volume(self.body, half, 0.0)
+        right = compute_half_volume(self.body, half, self.rise)
+        above = [*self.corner, (0.0, self.rise)]
+        has_lip = self.opening.nominal < 0.0
+        if has_lip:
+            above = [(gap, gap), (0.0, gap)]
+        gap_section = [(0.0, -depth), (gap, -depth), *above]
+        volume = left + right - compute_strip_volume(self.body, self.rise, gap_section)
+        if has_lip:
+            volume += self._compute_lip_volume()
         return (volume - self.removed_volume,)
 
+    def _compute_lip_volume(self) -> float:
+        """Compute the volume of the lip over the tooth [m^3], where the left half's chamfer is."""
+        gap = self.marginal_gap.nominal
+        rise = self.rise
+        chamfer = self.body.edge_break.nominal
+        narrowed = 0.0
+        if chamfer > 0.0:
+            narrowed = 2.0 * chamfer * (rise - gap) + rise * rise - gap * gap
+        return -self.opening.nominal * (self.body.width.nominal * (rise - gap) - narrowed)
+
     def hulls(self) -> list[Manifold]:
-        body = self.body
-        gap, rise, opening = self.marginal_gap.nominal, self.rise, self.opening.nominal
-        left = make_hull(list_half_corners(body, -1.0, 0.0, [(0.0, 0.0)]))
-        right = make_hull(list_half_corners(body, 1.0, rise, [(0.0, rise)]))
+        gap = self.marginal_gap.nominal
+        rise = self.rise
+        opening = self.opening.nominal
+        left = make_hull(list_half_corners(self.body, -1.0, 0.0, [(0.0, 0.0)]))
+        right = make_hull(list_half_corners(self.body, 1.0, rise, [(0.0, rise)]))
         under, crown = split_solid(right, "x", gap)
         floor, _ = split_solid(under, "z", -self.gap_depth.nominal)
-        half, c = body.half_width, body.edge_break.nominal
-
-        def make_prism(section: list[tuple[float, float]]) -> Manifold:
-            return make_hull(
-                (x, y * (half - max(0.0, z - rise + c)), z) for x, z in section for y in (-1, 1)
-            )
-
         if opening > gap:  # bevelled: cut the corner off along 45 degrees
             slope = math.sqrt(0.5)
             crown = crown.trim_by_plane((slope, 0.0, -slope), -1e3 * (rise - opening) * slope)
         pieces = [left, floor, crown]
         if opening < 0.0:
-            lip = [
-                (x, y * (half - c - z), z)
-                for x in (opening, 0.0)
-                for z in (gap, rise)
-                for y in (-1, 1)
-            ]
-            pieces += [
-                make_hull(lip),
-                make_prism([(x, z) for x in (0.0, gap) for z in (gap, rise)]),
-            ]
+            over_gap = [(0.0, gap), (0.0, rise), (gap, gap), (gap, rise)]
+            pieces.append(make_hull(self._list_lip_corners()))
+            pieces.append(make_hull(self._list_prism_corners(over_gap)))
         elif opening < gap:
-            pieces.append(make_prism([(gap, rise - (gap - opening)), (opening, rise), (gap, rise)]))
+            wedge = [(gap, rise - (gap - opening)), (opening, rise), (gap, rise)]
+            pieces.append(make_hull(self._list_prism_corners(wedge)))
         return pieces
 
+    def _list_prism_corners(self, section: list[Point]) -> list[Point3]:
+        """List the corners of a section (x, z) of the crown between its chamfered sides [m]."""
+        half_width = self.body.half_width
+        chamfer = self.body.edge_break.nominal
+        corners: list[Point3] = []
+        for x, z in section:
+            half_breadth = half_width - max(0.0, z - self.rise + chamfer)
+            corners += [(x, -1 * half_breadth, z), (x, 1 * half_breadth, z)]
+        return corners
+
+    def _list_lip_corners(self) -> list[Point3]:
+        """List the corners of the lip, between the chamfered sides of the tooth [m]."""
+        half_width = self.body.half_width
+        chamfer = self.body.edge_break.nominal
+        corners: list[Point3] = []
+        for x in (self.opening.nominal, 0.0):
+            for z in (self.marginal_gap.nominal, self.rise):
+                half_breadth = half_width - chamfer - z
+                corners += [(x, -1 * half_breadth, z), (x, 1 * half_breadth, z)]
+        return corners
+
     def characteristics(self) -> Iterator[Characteristic]:
-        g, h, depth = self.marginal_gap, self.horizontal_discrepancy, self.gap_depth
-        half = self.body.half_length
-        tooth, crown = (
-            describe_plane(2, 0.0, x=-0.5 * half),
-            describe_plane(2, h.nominal, x=0.5 * half),
-        )
-        low = -0.5 * depth.nominal
-        wall = describe_plane(0, 0.0, z=low)
+        gap = self.marginal_gap
+        rise = self.horizontal_discrepancy
+        depth = self.gap_depth
+        half_length = self.body.half_length
+        tooth = describe_plane(2, 0.0, x=-0.5 * half_length)
+        crown = describe_plane(2, rise.nominal, x=0.5 * half_length)
+        halfway_down = -0.5 * depth.nominal
+        wall = describe_plane(0, 0.0, z=halfway_down)
+        crown_wall = describe_plane(0, gap.nominal, z=halfway_down)
+        yield make_characteristic("marginal_gap", "distance", gap, wall, crown_wall, method=ACROSS)
         yield make_characteristic(
-            "marginal_gap", "distance", g, wall, describe_plane(0, g.nominal, z=low), method=ACROSS
-        )
-        yield make_characteristic(
-            "horizontal_discrepancy", "distance", h, tooth, crown, method=PROFILE
+            "horizontal_discrepancy", "distance", rise, tooth, crown, method=PROFILE
         ).unsigned
         yield from self._list_opening_characteristics(wall, crown)
         yield from make_form_characteristics(self.face_demands, tooth, crown, "tooth", "crown")
@@ -296,7 +197,7 @@ class MarginBlock(CrownMargin, Block):
             "gap_depth",
             "distance",
             depth,
-            describe_plane(2, -depth.nominal, x=0.5 * g.nominal),
+            describe_plane(2, -depth.nominal, x=0.5 * gap.nominal),
             tooth,
             label="depth of the gap",
             method="microscope",
@@ -306,75 +207,83 @@ class MarginBlock(CrownMargin, Block):
     def _list_opening_characteristics(
         self, wall: FaceRule, crown: FaceRule
     ) -> Iterator[Characteristic]:
-        # From the tooth's wall to the margin of the crown
-        v, g, h = self.opening, self.marginal_gap.nominal, self.rise
+        """List what holds the way from the tooth's wall to the margin of the crown."""
+        opening = self.opening
+        gap = self.marginal_gap.nominal
         key = "vertical_discrepancy"
-        if v.nominal > g:
-            bevel = FaceRule(
-                "SLOPE", holds={0: 0.5 * (g + v.nominal), 2: h - 0.5 * (v.nominal - g)}
-            )
+        if opening.nominal > gap:
+            yield from self._list_bevel_characteristics(wall, crown)
+        elif opening.nominal < 0.0:
+            end = describe_plane(0, opening.nominal, z=0.5 * (gap + self.rise))
+            label = "vertical discrepancy, lip over the tooth"
             yield make_characteristic(
-                key, "distance", v, wall, EdgeRule(bevel, crown), method=ACROSS
-            )
-            angle = Dimension(math.radians(45.0), ANGULAR_DEVIATION, -ANGULAR_DEVIATION, "angle")
-            yield make_characteristic(
-                "bevel_angle",
-                "angle",
-                angle,
-                bevel,
-                crown,
-                label="bevel of the margin",
-                method=ACROSS,
-            )
-        elif v.nominal < 0.0:
-            end = describe_plane(0, v.nominal, z=0.5 * (g + h))
-            yield make_characteristic(
-                key,
-                "distance",
-                v,
-                wall,
-                end,
-                label="vertical discrepancy, lip over the tooth",
-                method=ACROSS,
+                key, "distance", opening, wall, end, label=label, method=ACROSS
             ).unsigned
         elif self.vertical_discrepancy is not None:
-            yield make_characteristic(key, "note", v, method=ACROSS)
+            yield make_characteristic(key, "note", opening, method=ACROSS)
+
+    def _list_bevel_characteristics(
+        self, wall: FaceRule, crown: FaceRule
+    ) -> Iterator[Characteristic]:
+        """List place and angle of a bevelled margin."""
+        opening = self.opening
+        gap = self.marginal_gap.nominal
+        middle_x = 0.5 * (gap + opening.nominal)
+        middle_z = self.rise - 0.5 * (opening.nominal - gap)
+        bevel = FaceRule("SLOPE", holds={0: middle_x, 2: middle_z})
+        edge = EdgeRule(bevel, crown)
+        yield make_characteristic(
+            "vertical_discrepancy", "distance", opening, wall, edge, method=ACROSS
+        )
+        angle = Dimension(_BEVEL_ANGLE, ANGULAR_DEVIATION, -ANGULAR_DEVIATION, "angle")
+        label = "bevel of the margin"
+        yield make_characteristic(
+            "bevel_angle", "angle", angle, bevel, crown, label=label, method=ACROSS
+        )
 
     def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Verdict]:
         yield self.measure_gap(mesh, self.body.length)
-        crown = mesh.measure_level_beside(self.opening.nominal, +1)
+        opening = self.opening.nominal
+        crown = mesh.measure_level_beside(opening, +1)
         tooth = mesh.measure_level_beside(self.body.edge_break.nominal - self.body.half_length, +1)
         yield Finding("horizontal discrepancy", self.rise, crown - tooth, NANOMETRE)
-        yield Finding(
-            "vertical discrepancy", self.opening.nominal, mesh.start_of_level(crown), NANOMETRE
-        )
+        yield Finding("vertical discrepancy", opening, mesh.start_of_level(crown), NANOMETRE)
 
     @make_rules_validator
     def _check_fit_in_body(self) -> Iterator[str]:
+        """Yield what keeps the margin from fitting the block."""
         body = self.body
-        g, v = self.marginal_gap.nominal, self.opening.nominal
-        h, depth, chamfer = (
-            self.horizontal_discrepancy.nominal,
-            self.gap_depth.nominal,
-            self.body.edge_break.nominal,
-        )
-        room = body.half_length - chamfer
-        yield check_below("marginal_gap", "be narrower than a quarter of the body", g, 0.5 * room)
-        yield check_below(
-            "vertical_discrepancy", "be smaller than a quarter of the body", abs(v), 0.5 * room
-        )
-        yield check_below(
-            "gap_depth", "be below a quarter of the thickness", depth, 0.25 * body.thickness.nominal
-        )
-        yield from self.require_engravable()
+        gap = self.marginal_gap.nominal
+        opening = abs(self.opening.nominal)
+        depth = self.gap_depth.nominal
+        largest = 0.5 * (body.half_length - body.edge_break.nominal)
+        if gap >= largest:
+            rule = "be narrower than a quarter of the body"
+            yield describe_breach("marginal_gap", rule, largest, gap)
+        if opening >= largest:
+            rule = "be smaller than a quarter of the body"
+            yield describe_breach("vertical_discrepancy", rule, largest, opening)
+        deepest = 0.25 * body.thickness.nominal
+        if depth >= deepest:
+            rule = "be below a quarter of the thickness"
+            yield describe_breach("gap_depth", rule, deepest, depth)
+        yield from self.check_engraving_and_stock()
         if self.working_faces is not None and self.working_faces.burr is not None:
             yield "working_faces.burr is for step blocks"
-        deepest = abs(v - g) - h if v >= 0.0 else -h
-        yield check_rule(deepest < depth, "gap_depth", "reach below the margin", deepest, depth)
-        yield check_rule(
-            abs(h) < chamfer or chamfer == 0.0,
-            "horizontal_discrepancy",
-            "be smaller than body.edge_break",
-            chamfer,
-            abs(h),
-        )
+        yield from self._check_rise()
+
+    def _check_rise(self) -> Iterator[str]:
+        """Yield what is wrong with the discrepancies beside gap depth and edge break."""
+        gap = self.marginal_gap.nominal
+        opening = self.opening.nominal
+        rise = self.horizontal_discrepancy.nominal
+        depth = self.gap_depth.nominal
+        chamfer = self.body.edge_break.nominal
+        lowest = -rise  # depth at which the margin of the crown ends
+        if opening >= 0.0:
+            lowest = abs(opening - gap) - rise
+        if lowest >= depth:
+            yield describe_breach("gap_depth", "reach below the margin", lowest, depth)
+        if abs(rise) >= chamfer and chamfer != 0.0:
+            rule = "be smaller than body.edge_break"
+            yield describe_breach("horizontal_discrepancy", rule, chamfer, abs(rise))

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, ValidationError
 
 from stepblocks import cad
@@ -19,15 +20,16 @@ from stepblocks.parts import margin_line
 from stepblocks.parts.characteristics import Characteristic, describe_plane, make_characteristic
 from stepblocks.parts.declared import (
     Table,
-    check_below,
-    check_rule,
     declare_default,
+    describe_breach,
     make_rules_validator,
 )
 from stepblocks.parts.kind import NANOMETRE, Finding, Manifold, MeasuredMesh, Verdict
-from stepblocks.parts.kinds.margin import ACROSS, CrownMargin
+from stepblocks.parts.kinds.crown_margin import CrownMargin
+from stepblocks.parts.kinds.margin import ACROSS
+from stepblocks.parts.revolution import Point
 from stepblocks.parts.shapes import Mesh, make_hull
-from stepblocks.parts.tolerance import PositiveLength
+from stepblocks.parts.tolerance import Dimension, PositiveLength
 
 _UNITS = {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0}
 _LEAST_POINTS = 6  # a line through fewer cuts the corners of a tooth
@@ -35,22 +37,24 @@ _USUAL_STATIONS = 50  # round a crown's margin: Groten et al. 2000, J Prosthet D
 
 
 def _read_line(raw: object) -> object:
-    # Read a margin line; in one message what it may be
+    """Read a margin line: a tuple of points (x, y, z) in the unit of the mesh."""
     try:
         points = np.array(raw, dtype=np.float64)
     except (TypeError, ValueError):
         points = np.empty(0)
-    if (
-        points.ndim != 2
-        or points.shape[1] != 3
-        or len(points) < _LEAST_POINTS
-        or not np.isfinite(points).all()
-    ):
+    if not _is_line(points):
         raise ValueError(
             f"must be a list of {_LEAST_POINTS} or more points [x, y, z] in order round the "
             f"tooth, in the unit of the mesh, got {raw!r:.60}"
         )
     return tuple(map(tuple, points.tolist()))
+
+
+def _is_line(points: NDArray[np.float64]) -> bool:
+    """Tell whether an array holds enough finite points, shape (n, 3)."""
+    if points.ndim != 2 or points.shape[1] != 3:
+        return False
+    return len(points) >= _LEAST_POINTS and bool(np.isfinite(points).all())
 
 
 class Station(Table):
@@ -130,47 +134,45 @@ class ScannedMargin(CrownMargin):
     def expand_stanza(
         cls, stanza: Mapping[str, object], folder: Path
     ) -> Iterator[Mapping[str, object]]:
-        QuantityError.require(
-            "station" not in stanza,
-            "station is worked out from the mesh, and not a field of a file",
-        )
+        if "station" in stanza:
+            raise QuantityError("station is worked out from the mesh, and not a field of a file")
         try:
-            one = cls.model_validate(stanza)
+            declared = cls.model_validate(stanza)
         except ValidationError:  # whose mistakes are listed where all stanzas are validated
             yield stanza
             return
-        path = resolve_inside(folder, one.mesh)
+        path = resolve_inside(folder, declared.mesh)
         if path is None or path.suffix.lower() not in (".stl", ".ply"):
             raise ValueError(
-                f"mesh must be an STL or PLY file in the folder of the set, got {one.mesh!r:.80}"
+                "mesh must be an STL or PLY file in the folder of the set, got "
+                f"{declared.mesh!r:.80}"
             )
+        changed = path.stat().st_mtime_ns if path.is_file() else 0
         rows = _read_stations(
             path,
-            path.stat().st_mtime_ns if path.is_file() else 0,
-            _UNITS[one.unit],
-            one.margin,
-            one.stations,
-            one.crown_towards,
-            one.shows,
+            changed,
+            _UNITS[declared.unit],
+            declared.margin,
+            declared.stations,
+            declared.crown_towards,
+            declared.shows,
         )
+        digits = len(str(declared.stations))
         for number, row in enumerate(rows, start=1):
-            values = number, row[:3], row[3:6], row[6:9], *row[9:]
-            yield {
-                **stanza,
-                "id": f"{one.id}-{number:0{len(str(one.stations))}}",
-                "station": dict(zip(Station.model_fields, values, strict=True)),
-            }
+            identity = f"{declared.id}-{number:0{digits}}"
+            yield {**stanza, "id": identity, "station": _name_station_values(number, row)}
 
     def read_tooth(self, folder: Path, scale: float = 1.0) -> Mesh:
         """Read the surface that the margin runs along [m], magnified; islands are left out."""
-        found = read_confined(
+        surface = read_confined(
             f"{margin_line.__name__}:read_tooth_confined",
             folder / self.mesh,
             _UNITS[self.unit],
             self.margin,
             raises=StimulusError,
         )
-        return Mesh(self.id.rpartition("-")[0], found["vertices"] * scale, found["triangles"])
+        name, _, _ = self.id.rpartition("-")
+        return Mesh(name, surface["vertices"] * scale, surface["triangles"])
 
     @property
     def floor_depth_and_slope(self) -> tuple[float, float]:
@@ -185,8 +187,8 @@ class ScannedMargin(CrownMargin):
             crown_slope=math.tan(scan.crown_slope_rad),
         )
 
-    def _compute_section(self) -> list[tuple[float, float]]:
-        # Upper outline from end to end (x, z) [m]
+    def _list_section(self) -> list[Point]:
+        """List the upper outline from end to end as points (x, z) [m]."""
         half = 0.5 * self.length.nominal
         x, z = self.counterface().section(half - SIDE)
         return list(zip(np.minimum(x, half).tolist(), z.tolist(), strict=True))
@@ -194,56 +196,59 @@ class ScannedMargin(CrownMargin):
     def solids(self) -> list[cad.door.Body]:
         half = 0.5 * self.length.nominal
         base = -self.thickness.nominal
-        return [
-            cad.kernel.make_prism(
-                [(half, base), *reversed(self._compute_section()), (-half, base)],
-                self.width.nominal,
-            )
-        ]
+        outline = [(half, base), *reversed(self._list_section()), (-half, base)]
+        return [cad.kernel.make_prism(outline, self.width.nominal)]
 
     def volumes(self) -> tuple[float, ...]:
-        lines = itertools.pairwise(self._compute_section())
-        area = math.fsum(
-            (xb - xa) * (0.5 * (za + zb) + self.thickness.nominal) for (xa, za), (xb, zb) in lines
-        )
-        return (area * self.width.nominal,)
+        thickness = self.thickness.nominal
+        strips = []
+        for (x0, z0), (x1, z1) in itertools.pairwise(self._list_section()):
+            strips.append((x1 - x0) * (0.5 * (z0 + z1) + thickness))
+        return (math.fsum(strips) * self.width.nominal,)
 
     def hulls(self) -> list[Manifold]:
+        pieces = []
+        for start, end in itertools.pairwise(self._list_section()):
+            start_x, _ = start
+            end_x, _ = end
+            if end_x > start_x:
+                pieces.append(make_hull(self._list_column_corners(start, end)))
+        return pieces
+
+    def _list_column_corners(self, start: Point, end: Point) -> list[tuple[float, float, float]]:
+        """List the corners of the bar between two points (x, z) of its upper outline [m]."""
         base = -self.thickness.nominal
         side = 0.5 * self.width.nominal
-        columns = [(a, b) for a, b in itertools.pairwise(self._compute_section()) if b[0] > a[0]]
-        return [
-            make_hull((x, y, z) for x, top in ends for z in (base, top) for y in (-side, side))
-            for ends in columns
-        ]
+        corners = []
+        for x, top in (start, end):
+            for z in (base, top):
+                corners += [(x, -side, z), (x, side, z)]
+        return corners
 
     def characteristics(self) -> Iterator[Characteristic]:
-        g = self.marginal_gap
-        low = -0.5 * self.gap_depth.nominal
+        gap = self.marginal_gap
+        halfway_down = -0.5 * self.gap_depth.nominal
+        tooth_wall = describe_plane(0, 0.0, z=halfway_down)
+        crown_wall = describe_plane(0, gap.nominal, z=halfway_down)
         yield make_characteristic(
-            "marginal_gap",
-            "distance",
-            g,
-            describe_plane(0, 0.0, z=low),
-            describe_plane(0, g.nominal, z=low),
-            method=ACROSS,
+            "marginal_gap", "distance", gap, tooth_wall, crown_wall, method=ACROSS
         )
         for name in ("horizontal_discrepancy", "vertical_discrepancy", "gap_depth", "thickness"):
-            if (one := getattr(self, name)) is not None:
-                yield make_characteristic(name, "note", one, method=ACROSS)
-        for axis, (name, one) in enumerate((("length", self.length), ("width", self.width))):
-            half = 0.5 * one.nominal
-            yield make_characteristic(
-                name, "distance", one, describe_plane(axis, -half), describe_plane(axis, half)
-            )
+            dimension: Dimension | None = getattr(self, name)
+            if dimension is not None:
+                yield make_characteristic(name, "note", dimension, method=ACROSS)
+        for axis, (name, side) in enumerate((("length", self.length), ("width", self.width))):
+            low = describe_plane(axis, -0.5 * side.nominal)
+            high = describe_plane(axis, 0.5 * side.nominal)
+            yield make_characteristic(name, "distance", side, low, high)
 
     def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Verdict]:
         yield self.measure_gap(mesh, self.length)
-        corner = abs(mesh.vertices[:, 0] - self.opening.nominal) < 5.0 * NANOMETRE
+        at_margin = abs(mesh.vertices[:, 0] - self.opening.nominal) < 5.0 * NANOMETRE
         yield Finding(
             "margin of the crown",
             self.horizontal_discrepancy.nominal,
-            float(mesh.vertices[corner, 2].max()),
+            float(mesh.vertices[at_margin, 2].max()),
             NANOMETRE,
         )
 
@@ -264,33 +269,50 @@ class ScannedMargin(CrownMargin):
 
     @make_rules_validator
     def _check_section_can_be_made(self) -> Iterator[str]:
-        g, v, thickness = self.marginal_gap.nominal, self.opening.nominal, self.thickness.nominal
-        depth, _ = self.floor_depth_and_slope
-        lowest = max(depth, *(-z for _, z in self._compute_section()))
-        under = v - g - self.horizontal_discrepancy.nominal
-        yield check_rule(
-            v >= g, "vertical_discrepancy", "not be less than marginal_gap on a scan", g, v
-        )
-        yield check_below(
-            "vertical_discrepancy",
-            "leave the crown on the bar",
-            v,
-            0.5 * self.length.nominal - SIDE,
-        )
-        yield check_rule(under < depth, "gap_depth", "reach below the margin", under, depth)
-        yield check_rule(
-            2.0 * lowest < thickness,
-            "thickness",
-            "be over twice the depth",
-            2.0 * lowest,
-            thickness,
-        )
+        """Yield what keeps the section of the bar from having a shape."""
+        gap = self.marginal_gap.nominal
+        opening = self.opening.nominal
+        thickness = self.thickness.nominal
+        depth = self.gap_depth.nominal
+        if opening < gap:
+            rule = "not be less than marginal_gap on a scan"
+            yield describe_breach("vertical_discrepancy", rule, gap, opening)
+        room = 0.5 * self.length.nominal - SIDE
+        if opening >= room:
+            rule = "leave the crown on the bar"
+            yield describe_breach("vertical_discrepancy", rule, room, opening)
+        under_margin = opening - gap - self.horizontal_discrepancy.nominal
+        if under_margin >= depth:
+            yield describe_breach("gap_depth", "reach below the margin", under_margin, depth)
+        lowest = max(depth, *(-z for _, z in self._list_section()))
+        least_thickness = 2.0 * lowest
+        if least_thickness >= thickness:
+            rule = "be over twice the depth"
+            yield describe_breach("thickness", rule, least_thickness, thickness)
 
 
 @lru_cache(maxsize=8)
-def _read_stations(path: Path, changed: int, *asked: object) -> list[list[float]]:
-    # Read each state of a file once
-    found = read_confined(
-        f"{margin_line.__name__}:find_stations_confined", path, *asked, raises=StimulusError
-    )
-    return [list(map(float, row)) for row in found["stations"]]
+def _read_stations(path: Path, changed: int, *arguments: object) -> list[list[float]]:
+    """Measure the stations of a mesh, once for each state of its file.
+
+    `changed` is when the file was changed; `arguments` are those of `find_stations_confined`.
+    Returns a row for each station.
+    """
+    reader = f"{margin_line.__name__}:find_stations_confined"
+    measured = read_confined(reader, path, *arguments, raises=StimulusError)
+    return [list(map(float, row)) for row in measured["stations"]]
+
+
+def _name_station_values(number: int, row: list[float]) -> dict[str, object]:
+    """Name the values of a row of `find_stations_confined` as fields of a `Station`."""
+    tooth_curvature, crown_slope, crown_curvature, scatter = row[9:]
+    return {
+        "number": number,
+        "place_m": row[0:3],
+        "across": row[3:6],
+        "outward": row[6:9],
+        "tooth_curvature_per_m": tooth_curvature,
+        "crown_slope_rad": crown_slope,
+        "crown_curvature_per_m": crown_curvature,
+        "scatter_m": scatter,
+    }

@@ -15,21 +15,21 @@ from stepblocks.parts.characteristics import (
     make_edge_break,
 )
 from stepblocks.parts.declared import (
-    Material,
     Sourced,
-    check_below,
-    check_rule,
+    describe_breach,
     make_rules_validator,
     make_sourced_validator,
 )
 from stepblocks.parts.kind import (
     FITTING_DEFLECTION,
+    CloseUp,
     Finding,
     HeldPart,
     Manifold,
     MeasuredMesh,
     Verdict,
 )
+from stepblocks.parts.material import Material
 from stepblocks.parts.revolution import Outline, Point, Turned, make_sectors
 from stepblocks.parts.tolerance import Length, PositiveLength
 from stepblocks.quantities import format_quantity
@@ -38,7 +38,10 @@ from stepblocks.quantities import format_quantity
 # sheaths: equal weight)
 MASS_MATCH = 0.01
 MASS_LIMIT = 1e-6  # mass of a mesh against the declared one, relative
-_FLOAT32_LIMIT = 10e-9  # of lengths up to 100 mm, which GLB keeps as float32 in metres
+# of lengths up to 100 mm, which GLB keeps as float32 in metres [m]
+_FLOAT32_LIMIT = 10e-9
+_LARGEST_POISSON = 0.5  # of a material that keeps its volume
+_WIDEST_CLOSE_UP = 4.9e-3  # [m]
 
 
 class SheathMaterial(Material):
@@ -49,10 +52,21 @@ class SheathMaterial(Material):
     poisson: Annotated[Sourced, make_sourced_validator("ratio")]
     loss_factor: Annotated[Sourced, make_sourced_validator("ratio")]
 
+    def record(self) -> dict[str, object]:
+        return {
+            **super().record(),
+            "modulus_pa": self.modulus.value,
+            "modulus_source": self.modulus.source,
+            "poisson": self.poisson.value,
+            "poisson_source": self.poisson.source,
+            "loss_factor": self.loss_factor.value,
+            "loss_factor_source": self.loss_factor.source,
+        }
+
     @make_rules_validator
     def _check_elasticity(self) -> Iterator[str]:
-        if self.poisson.value > 0.5:
-            yield f"poisson must not exceed 0.5, got {self.poisson.value:g}"
+        if self.poisson.value > _LARGEST_POISSON:
+            yield f"poisson must not exceed {_LARGEST_POISSON:g}, got {self.poisson.value:g}"
 
 
 class Sheath(Turned, HeldPart):
@@ -88,49 +102,59 @@ class Sheath(Turned, HeldPart):
 
     @property
     def sleeve(self) -> Sleeve | None:
-        bore, outer, length = self.bore.nominal, self.outer_diameter.nominal, self.length.nominal
+        bore = self.bore.nominal
+        outer = self.outer_diameter.nominal
+        length = self.length.nominal
+        modulus = self.material.modulus.value
+        bending_stiffness = modulus * math.pi * (outer**4 - bore**4) / 64.0
         return Sleeve(
             self.position.nominal,
             length,
-            self.material.modulus.value * math.pi * (outer**4 - bore**4) / 64.0,
+            bending_stiffness,
             self.mass / length,
             self.material.loss_factor.value,
         )
 
     @property
-    def mass(self) -> float:  # nominal [kg]
-        return self.material.density.value * _compute_volume(
+    def mass(self) -> float:
+        """Nominal mass [kg]."""
+        volume = _compute_volume(
             self.bore.nominal,
             self.outer_diameter.nominal,
             self.length.nominal,
             self.edge_break.nominal,
         )
+        return self.material.density.value * volume
 
     @property
     def mass_limits(self) -> tuple[float, float]:
         """Least and greatest mass within the tolerances [kg]."""
-        (thin, wide), (small, large) = self.bore.limits, self.outer_diameter.limits
-        (short, long), (sharp, blunt) = self.length.limits, self.edge_break.limits
+        least_bore, largest_bore = self.bore.limits
+        least_outer, largest_outer = self.outer_diameter.limits
+        least_length, largest_length = self.length.limits
+        least_break, largest_break = self.edge_break.limits
         density = self.material.density.value
-        return density * _compute_volume(wide, small, short, blunt), density * _compute_volume(
-            thin, large, long, max(sharp, 0.0)
-        )
+        least = _compute_volume(largest_bore, least_outer, least_length, largest_break)
+        largest = _compute_volume(least_bore, largest_outer, largest_length, max(least_break, 0.0))
+        return density * least, density * largest
 
     def outlines(self) -> list[Outline]:
         return [[*self.outline()]]
 
     def outline(self) -> list[Point]:
-        """Half section; the near end lies at height 0."""
-        bore, outer = 0.5 * self.bore.nominal, 0.5 * self.outer_diameter.nominal
-        length, c = self.length.nominal, self.edge_break.nominal
-        if c == 0.0:
+        """Outline a half section; the near end lies at height 0."""
+        bore = 0.5 * self.bore.nominal
+        outer = 0.5 * self.outer_diameter.nominal
+        length = self.length.nominal
+        chamfer = self.edge_break.nominal
+        if chamfer == 0.0:
             return [(bore, 0.0), (outer, 0.0), (outer, length), (bore, length)]
         return [
             (bore, 0.0),
-            (outer - c, 0.0),
-            (outer, c),
-            (outer, length - c),
-            (outer - c, length),
+            (outer - chamfer, 0.0),
+            (outer, chamfer),
+            (outer, length - chamfer),
+            (outer - chamfer, length),
             (bore, length),
         ]
 
@@ -141,28 +165,15 @@ class Sheath(Turned, HeldPart):
         return FITTING_DEFLECTION
 
     def characteristics(self) -> Iterator[Characteristic]:
-        bore, outer, broken = self.bore, self.outer_diameter, self.edge_break
-        side = FaceRule("CYLINDER", radius=0.5 * outer.nominal)
-        yield make_characteristic(
-            "bore",
-            "diameter",
-            bore,
-            FaceRule("CYLINDER", radius=0.5 * bore.nominal),
-            method="pin gauges",
-        )
-        yield make_characteristic("outer_diameter", "diameter", outer, side)
-        yield make_characteristic(
-            "length",
-            "distance",
-            self.length,
-            describe_plane(2, 0.0),
-            describe_plane(2, self.length.nominal),
-        )
-        yield make_edge_break(
-            broken,
-            describe_plane(2, 0.0),
-            EdgeRule(FaceRule("CONE", holds={2: 0.5 * broken.nominal}), side),
-        )
+        near_end = describe_plane(2, 0.0)
+        far_end = describe_plane(2, self.length.nominal)
+        inside = FaceRule("CYLINDER", radius=0.5 * self.bore.nominal)
+        outside = FaceRule("CYLINDER", radius=0.5 * self.outer_diameter.nominal)
+        yield make_characteristic("bore", "diameter", self.bore, inside, method="pin gauges")
+        yield make_characteristic("outer_diameter", "diameter", self.outer_diameter, outside)
+        yield make_characteristic("length", "distance", self.length, near_end, far_end)
+        chamfer = FaceRule("CONE", holds={2: 0.5 * self.edge_break.nominal})
+        yield make_edge_break(self.edge_break, near_end, EdgeRule(chamfer, outside))
         yield make_characteristic(
             "position",
             "note",
@@ -172,48 +183,39 @@ class Sheath(Turned, HeldPart):
         )
 
     def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Verdict]:
-        heights, radii = mesh.vertices[:, 2], mesh.radii
-        yield Finding(
-            "length", self.length.nominal, float(heights.max() - heights.min()), _FLOAT32_LIMIT
-        )
-        yield Finding(
-            "radius of the bore", 0.5 * self.bore.nominal, float(radii.min()), FITTING_DEFLECTION
-        )
-        yield Finding(
-            "outer radius",
-            0.5 * self.outer_diameter.nominal,
-            float(radii.max()),
-            FITTING_DEFLECTION,
-        )
-        yield Finding(
-            "mass",
-            self.mass,
-            self.material.density.value * mesh.volume,
-            MASS_LIMIT,
-            "mass",
-            relative=True,
-        )
+        heights = mesh.vertices[:, 2]
+        length = float(heights.max() - heights.min())
+        yield Finding("length", self.length.nominal, length, _FLOAT32_LIMIT)
+        bore = float(mesh.radii.min())
+        yield Finding("radius of the bore", 0.5 * self.bore.nominal, bore, FITTING_DEFLECTION)
+        outer = float(mesh.radii.max())
+        nominal_outer = 0.5 * self.outer_diameter.nominal
+        yield Finding("outer radius", nominal_outer, outer, FITTING_DEFLECTION)
+        mass = self.material.density.value * mesh.volume
+        yield Finding("mass", self.mass, mass, MASS_LIMIT, "mass", relative=True)
 
-    def choose_close_up(self) -> tuple[float, float, tuple[float, float, float]]:
+    def choose_close_up(self) -> CloseUp:
         outer = self.outer_diameter.nominal
-        return 1.0, min(0.6 * outer, 4.9e-3), (0.0, 0.0, 0.4 * outer)
+        return CloseUp(1.0, min(0.6 * outer, _WIDEST_CLOSE_UP), (0.0, 0.0, 0.4 * outer))
 
     def derived(self) -> list[list[str]]:
-        low, high = self.mass_limits
-        return [
-            [
-                "mass",
-                f"{format_mass(self.mass)} ({format_mass(low)} to {format_mass(high)} within "
-                "tolerances)",
-            ],
-            ["material", self.material.designation],
-        ]
+        least, largest = self.mass_limits
+        mass = (
+            f"{format_mass(self.mass)} ({format_mass(least)} to {format_mass(largest)} within "
+            "tolerances)"
+        )
+        return [["mass", mass], ["material", self.material.designation]]
 
     def list_missing_conditions(self, conditions: Mapping[str, Any]) -> Iterator[str]:
-        missing = [name for name in ("probe", "damping_rig") if conditions[name] is None]
-        yield from (f"{name} must be declared for a set with sheaths, got none" for name in missing)
-        shank = 0.0 if "probe" in missing else conditions["probe"].shank_diameter.value
-        if self.bore.limits[0] < shank:
+        for name in ("probe", "damping_rig"):
+            if conditions[name] is None:
+                yield f"{name} must be declared for a set with sheaths, got none"
+        probe = conditions["probe"]
+        if probe is None:
+            return
+        shank = probe.shank_diameter.value
+        least_bore, _ = self.bore.limits
+        if least_bore < shank:
             yield (
                 f"bore must not be less than the shank ({format_quantity(shank, 'length')}) "
                 f"within its tolerance, got {self.bore} [sheath {self.id!r}]"
@@ -221,33 +223,29 @@ class Sheath(Turned, HeldPart):
 
     @make_rules_validator
     def _check_sizes(self) -> Iterator[str]:
-        bore, outer, broken = (
-            self.bore.nominal,
-            self.outer_diameter.nominal,
-            self.edge_break.nominal,
-        )
-        yield check_rule(
-            self.outer_diameter.limits[0] > self.bore.limits[1],
-            "outer_diameter",
-            "exceed bore, within their tolerances too",
-            bore,
-            outer,
-        )
-        if outer > bore:  # without a wall, nothing can be said of what is cut into it
-            yield check_below(
-                "edge_break",
-                "be smaller than the wall and half the length",
-                broken,
-                0.5 * min(outer - bore, self.length.nominal),
-            )
+        """Yield what keeps the tube from having a wall."""
+        bore = self.bore.nominal
+        outer = self.outer_diameter.nominal
+        chamfer = self.edge_break.nominal
+        least_outer, _ = self.outer_diameter.limits
+        _, largest_bore = self.bore.limits
+        if least_outer <= largest_bore:
+            rule = "exceed bore, within their tolerances too"
+            yield describe_breach("outer_diameter", rule, bore, outer)
+        if outer <= bore:  # without a wall, nothing can be said of what is cut into it
+            return
+        largest = 0.5 * min(outer - bore, self.length.nominal)
+        if chamfer >= largest:
+            rule = "be smaller than the wall and half the length"
+            yield describe_breach("edge_break", rule, largest, chamfer)
 
 
-def _compute_volume(bore: float, outer: float, length: float, broken: float) -> float:
-    # Tube less two rings of triangular section, by Pappus
+def _compute_volume(bore: float, outer: float, length: float, chamfer: float) -> float:
+    """Compute the volume of a tube less two rings of triangular section [m^3], by Pappus."""
     tube = 0.25 * math.pi * (outer**2 - bore**2) * length
-    return tube - 2.0 * math.pi * broken**2 * (0.5 * outer - broken / 3.0)
+    return tube - 2.0 * math.pi * chamfer**2 * (0.5 * outer - chamfer / 3.0)
 
 
 def format_mass(mass: float) -> str:
-    """Write a mass as people read it."""
+    """Write a mass [kg] in grams, to four digits."""
     return f"{mass * 1e3:.4g} g"

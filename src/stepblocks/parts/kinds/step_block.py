@@ -10,11 +10,9 @@ from pydantic import BeforeValidator
 
 from stepblocks import cad
 from stepblocks.contact.counterface import Step
-from stepblocks.parts.body import (
+from stepblocks.parts.body import Block, Body, Stock
+from stepblocks.parts.body_solid import (
     OVER,
-    Block,
-    Body,
-    Stock,
     compute_half_volume,
     list_half_corners,
     make_body_cuts,
@@ -25,31 +23,35 @@ from stepblocks.parts.characteristics import (
     Characteristic,
     EdgeRule,
     FaceRule,
+    Rule,
     describe_plane,
     make_characteristic,
-    make_edge_characteristics,
-    make_form_characteristics,
 )
 from stepblocks.parts.declared import (
-    MaterialField,
     Table,
     WorkingFaces,
-    check_below,
-    check_rule,
     declare_default,
+    describe_breach,
     make_rules_validator,
     read_none,
+)
+from stepblocks.parts.face_characteristics import (
+    make_edge_characteristics,
+    make_form_characteristics,
 )
 from stepblocks.parts.kind import (
     COARSE_DEFLECTION,
     CONTACT_DEFLECTION,
     NANOMETRE,
+    CloseUp,
     Finding,
     Manifold,
     MeasuredMesh,
     Verdict,
     choose_exaggeration,
 )
+from stepblocks.parts.material import MaterialField
+from stepblocks.parts.revolution import Point, Point3
 from stepblocks.parts.shapes import make_hull, split_solid
 from stepblocks.parts.tolerance import Length, PositiveLength
 
@@ -65,6 +67,13 @@ class MetrologyFeature(Table):
     lane: PositiveLength = declare_default("6 mm")  # along y, from the back side of the block [m]
     # from the working edge to its nearer edge [m]
     distance: PositiveLength = declare_default("2 mm", "0.1 mm")
+
+    @property
+    def depth_key(self) -> str:
+        """Key of the characteristic that states its depth or height."""
+        if self.kind == "groove":
+            return "groove_depth"
+        return "ridge_height"
 
 
 class StepBlock(Block):
@@ -110,230 +119,279 @@ class StepBlock(Block):
         return Step(sizes["height"], max(sizes["edge_radius"], 0.0))
 
     def top(self, x: float) -> float:
-        # Circle about (r, H - r) between the two faces
-        H, r = self.height.nominal, self.edge_radius.nominal
+        # circle about (r, H - r) between the two faces
+        height = self.height.nominal
+        radius = self.edge_radius.nominal
         if x < 0.0:
             return 0.0
-        return H if x >= r else H - r + math.sqrt(x * (2.0 * r - x))
+        if x >= radius:
+            return height
+        return height - radius + math.sqrt(x * (2.0 * radius - x))
 
     def solids(self) -> list[cad.door.Body]:
-        height, radius = self.height.nominal, self.edge_radius.nominal
+        height = self.height.nominal
+        body = self.extrude_section(self._outline_crest())
+        cuts = make_body_cuts(self.body, self.id, height)
+        feature = self.metrology
+        if feature is not None:
+            if feature.kind == "ridge":
+                body = cad.kernel.fuse([body, self._make_ridge(feature)])
+            else:
+                cuts.append(self._make_groove(feature))
+        if cuts:
+            body = cad.kernel.cut(body, cuts)
+        return [body]
+
+    def _outline_crest(self) -> cad.door.Outline:
+        """Outline the step as (x, z) [m], from the upper face to the lower one."""
+        height = self.height.nominal
+        radius = self.edge_radius.nominal
         crest: list[object] = [(radius, height)]
         if radius > 0.0:
             bow = radius * (1.0 - math.sqrt(0.5))
             crest.append(((bow, height - bow), (0.0, height - radius)))
         if radius < height:
             crest.append((0.0, 0.0))
-        body = self.extrude_section(crest)
-        cuts = make_body_cuts(self.body, self.id, height)
-        if self.metrology is not None and self.metrology.kind == "ridge":
-            body = cad.kernel.fuse([body, self._make_feature(self.metrology)])
-        elif self.metrology is not None:
-            cuts.append(self._make_feature(self.metrology))
-        return [cad.kernel.cut(body, cuts) if cuts else body]
+        return crest
 
-    def _make_feature(self, feature: MetrologyFeature) -> cad.door.Body:
-        # Make the groove to cut or the ridge to add, from z = 0 to the height of the step
-        near, lane = feature.distance.nominal, feature.lane.nominal
-        y0 = self.body.half_width - lane
-        groove = feature.kind == "groove"
-        # a ridge ends where the edge break of its side begins, level with the upper face
-        over = OVER if groove else 0.0
-        x0 = near if groove else -near - feature.width.nominal
-        return cad.kernel.make_box(
-            (x0, y0, 0.0),
-            (x0 + feature.width.nominal, y0 + (lane + over), self.height.nominal + over),
+    def _make_groove(self, feature: MetrologyFeature) -> cad.door.Body:
+        """Make the groove to cut, from z = 0 over the height of the step."""
+        x = feature.distance.nominal
+        y = self.body.half_width - feature.lane.nominal
+        low = (x, y, 0.0)
+        high = (
+            x + feature.width.nominal,
+            y + (feature.lane.nominal + OVER),
+            self.height.nominal + OVER,
         )
+        return cad.kernel.make_box(low, high)
+
+    def _make_ridge(self, feature: MetrologyFeature) -> cad.door.Body:
+        """Make the ridge to add, from z = 0 to the height of the step.
+
+        It ends where the edge break of its side begins, level with the upper face.
+        """
+        x = -feature.distance.nominal - feature.width.nominal
+        y = self.body.half_width - feature.lane.nominal
+        low = (x, y, 0.0)
+        high = (x + feature.width.nominal, y + feature.lane.nominal, self.height.nominal)
+        return cad.kernel.make_box(low, high)
 
     def volumes(self) -> tuple[float, ...]:
-        # Add two halves, less the rounding, with or without the feature, less holes
-        body = self.body
-        feature = self.metrology
-        H, r = self.height.nominal, self.edge_radius.nominal
-        half, c = body.half_length, body.edge_break.nominal
-        volume = compute_half_volume(body, half, 0.0) + compute_half_volume(body, half, H)
-        # the rounding takes u(z) = r - sqrt(r^2 - zeta^2) off a face that is W - 2 (c - r) - 2 zeta
-        # wide, and so less at its two corners by r^3 / 3
-        volume -= (body.width.nominal - 2.0 * max(c - r, 0.0)) * r * r * (1.0 - 0.25 * math.pi) - (
-            r**3 / 3.0 if c > 0.0 else 0.0
-        )
-        if feature is not None:
-            # from the lane's boundary to the chamfered side, z from 0 to H; the side's edge break
-            # runs on through a ridge, from c inside at z = 0
-            side = 1.0 if feature.kind == "ridge" else -1.0
-            lane, w = feature.lane.nominal, feature.width.nominal
-            volume += side * w * (lane * H - (c * H + side * 0.5 * H * H if c > 0.0 else 0.0))
+        # two halves, less the rounding, with or without the feature, less holes
+        half = self.body.half_length
+        left = compute_half_volume(self.body, half, 0.0)
+        right = compute_half_volume(self.body, half, self.height.nominal)
+        volume = left + right - self._compute_rounding_volume()
+        if self.metrology is not None:
+            volume += self._compute_feature_volume(self.metrology)
         return (volume - self.removed_volume,)
 
+    def _compute_rounding_volume(self) -> float:
+        """Compute what the rounding takes off the edge [m^3].
+
+        It takes u(z) = r - sqrt(r^2 - zeta^2) off a face that is W - 2 (c - r) - 2 zeta wide, and
+        so less at its two corners by r^3 / 3.
+        """
+        radius = self.edge_radius.nominal
+        chamfer = self.body.edge_break.nominal
+        width = self.body.width.nominal - 2.0 * max(chamfer - radius, 0.0)
+        corners = 0.0
+        if chamfer > 0.0:
+            corners = radius**3 / 3.0
+        return width * radius * radius * (1.0 - 0.25 * math.pi) - corners
+
+    def _compute_feature_volume(self, feature: MetrologyFeature) -> float:
+        """Compute what a ridge adds or a groove, with a negative sign, takes away [m^3].
+
+        It lies between the boundary of the lane and the chamfered side, z from 0 to H. The edge
+        break of the side runs on through a ridge, from c inside at z = 0.
+        """
+        height = self.height.nominal
+        chamfer = self.body.edge_break.nominal
+        side = 1.0 if feature.kind == "ridge" else -1.0
+        broken_off = 0.0
+        if chamfer > 0.0:
+            broken_off = chamfer * height + side * 0.5 * height * height
+        section = feature.lane.nominal * height - broken_off
+        return side * feature.width.nominal * section
+
     def hulls(self) -> list[Manifold]:
-        body = self.body
         height = self.height.nominal
         feature = self.metrology
-        left = make_hull(list_half_corners(body, -1.0, 0.0, [(0.0, 0.0)]))
-        rounding = [(0.0, height)]
-        radius = self.edge_radius.nominal
-        if radius > 0.0:  # chords that keep the contact's chordal error
-            step = 2.0 * math.acos(max(1.0 - CONTACT_DEFLECTION / radius, 0.0))
-            turns = np.linspace(0.0, 0.5 * math.pi, max(2, math.ceil(0.5 * math.pi / step) + 1))
-            rounding = [
-                (radius * (1.0 - math.sin(turn)), height - radius * (1.0 - math.cos(turn)))
-                for turn in turns.tolist()
-            ]
-        right = make_hull(list_half_corners(body, 1.0, height, rounding))
+        left = make_hull(list_half_corners(self.body, -1.0, 0.0, [(0.0, 0.0)]))
+        right = make_hull(list_half_corners(self.body, 1.0, height, self._list_rounding_points()))
         if feature is None:
             return [left, right]
-        near = feature.distance.nominal
-        lane = body.half_width - feature.lane.nominal
         if feature.kind == "ridge":
-            y1 = body.half_width - body.edge_break.nominal
-            ridge = [
-                (x, y, z)
-                for x in (-near - feature.width.nominal, -near)
-                for y, z in ((lane, 0.0), (lane, height), (y1, 0.0), (y1 - height, height))
-            ]
-            return [left, right, make_hull(ridge)]
-        before, rest = split_solid(right, "x", near)
-        middle, after = split_solid(rest, "x", near + feature.width.nominal)
-        drag, groove = split_solid(middle, "y", lane)
+            return [left, right, make_hull(self._list_ridge_corners(feature))]
+        return [left, *self._cut_groove(feature, right)]
+
+    def _list_rounding_points(self) -> list[Point]:
+        """List points (x, z) [m] of the rounding, their chords within the contact's error."""
+        height = self.height.nominal
+        radius = self.edge_radius.nominal
+        if radius == 0.0:
+            return [(0.0, height)]
+        step = 2.0 * math.acos(max(1.0 - CONTACT_DEFLECTION / radius, 0.0))
+        count = max(2, math.ceil(0.5 * math.pi / step) + 1)
+        points = []
+        for turn in np.linspace(0.0, 0.5 * math.pi, count).tolist():
+            x = radius * (1.0 - math.sin(turn))
+            z = height - radius * (1.0 - math.cos(turn))
+            points.append((x, z))
+        return points
+
+    def _list_ridge_corners(self, feature: MetrologyFeature) -> list[Point3]:
+        """List the corners of a ridge (x, y, z) [m]."""
+        height = self.height.nominal
+        near = -feature.distance.nominal
+        front = self.body.half_width - feature.lane.nominal
+        back = self.body.half_width - self.body.edge_break.nominal
+        section = ((front, 0.0), (front, height), (back, 0.0), (back - height, height))
+        corners = []
+        for x in (near - feature.width.nominal, near):
+            for y, z in section:
+                corners.append((x, y, z))
+        return corners
+
+    def _cut_groove(self, feature: MetrologyFeature, right: Manifold) -> list[Manifold]:
+        """Cut the right half into convex pieces about the groove."""
+        near = feature.distance.nominal
+        far = near + feature.width.nominal
+        lane = self.body.half_width - feature.lane.nominal
+        before, from_groove = split_solid(right, "x", near)
+        middle, after = split_solid(from_groove, "x", far)
+        in_front, groove = split_solid(middle, "y", lane)
         floor, _ = split_solid(groove, "z", 0.0)
-        return [left, before, drag, floor, after]
+        return [before, in_front, floor, after]
 
     def chordal_error(self, face: cad.door.Face) -> float:
-        at_edge = face.kind == "CYLINDER" and abs(face.radius - self.edge_radius.nominal) < 1e-9
-        return CONTACT_DEFLECTION if at_edge else COARSE_DEFLECTION
+        if face.kind == "CYLINDER" and abs(face.radius - self.edge_radius.nominal) < NANOMETRE:
+            return CONTACT_DEFLECTION
+        return COARSE_DEFLECTION
 
     def characteristics(self) -> Iterator[Characteristic]:
-        H, r, half = self.height.nominal, self.edge_radius.nominal, self.body.half_length
-        lower, upper = describe_plane(2, 0.0, x=-0.5 * half), describe_plane(2, H, x=0.5 * half)
+        height = self.height.nominal
+        radius = self.edge_radius.nominal
+        body = self.body
+        demands = self.face_demands
+        lower = describe_plane(2, 0.0, x=-0.5 * body.half_length)
+        upper = describe_plane(2, height, x=0.5 * body.half_length)
         yield make_characteristic(
             "step_height", "distance", self.height, lower, upper, method=PROFILE
         )
-        arc = FaceRule("CYLINDER", radius=r, holds={0: 0.5 * r})
-        edge = arc if r > 0.0 else EdgeRule(describe_plane(0, 0.0, z=0.5 * H), upper)
+        edge: Rule = EdgeRule(describe_plane(0, 0.0, z=0.5 * height), upper)
+        if radius > 0.0:
+            edge = FaceRule("CYLINDER", radius=radius, holds={0: 0.5 * radius})
         yield make_characteristic(
             "edge_radius", "radius", self.edge_radius, edge, method="profilometer, arc fit"
         )
-        chamfer = self.body.edge_break.nominal
-        for one in make_form_characteristics(
-            self.face_demands, lower, upper, "lower face", "upper face"
-        ):
-            yield replace(one, extent=(half - chamfer, self.body.width.nominal - 2.0 * chamfer))
+        chamfer = body.edge_break.nominal
+        extent = (body.half_length - chamfer, body.width.nominal - 2.0 * chamfer)
+        for form in make_form_characteristics(demands, lower, upper, "lower face", "upper face"):
+            yield replace(form, extent=extent)
         if self.metrology is not None:
             yield from self._list_feature_characteristics(self.metrology, lower, upper)
-        wall = describe_plane(0, 0.0, y=-0.25 * self.body.width.nominal) if r < H else None
+        wall = None
+        if radius < height:
+            wall = describe_plane(0, 0.0, y=-0.25 * body.width.nominal)
         yield from self.list_body_characteristics(lower, upper, wall)
-        yield from make_edge_characteristics(self.face_demands["burr"], wall, lower)
+        yield from make_edge_characteristics(demands["burr"], wall, lower)
 
     def _list_feature_characteristics(
         self, feature: MetrologyFeature, lower: FaceRule, upper: FaceRule
     ) -> Iterator[Characteristic]:
-        H = self.height.nominal
+        """List depth, width, length and place of groove or ridge."""
+        height = self.height.nominal
         back = self.body.half_width
-        lane = back - 0.5 * feature.lane.nominal
+        lane = back - 0.5 * feature.lane.nominal  # its middle along y
         kind = feature.kind
         side = 1.0 if kind == "groove" else -1.0
-        near, width = side * feature.distance.nominal, side * feature.width.nominal
+        near = side * feature.distance.nominal
+        width = side * feature.width.nominal
         middle = near + 0.5 * width
-        ends = (
-            (describe_plane(2, 0.0, x=middle, y=lane), upper)
-            if kind == "groove"
-            else (lower, describe_plane(2, H, x=middle, y=lane))
-        )
+        if kind == "groove":
+            faces = (describe_plane(2, 0.0, x=middle, y=lane), upper)
+        else:
+            faces = (lower, describe_plane(2, height, x=middle, y=lane))
         yield make_characteristic(
-            "groove_depth" if kind == "groove" else "ridge_height",
+            feature.depth_key,
             "distance",
             self.height,
-            *ends,
+            *faces,
             method="profilometer, ISO 5436-1 A1",
         )
-        walls = describe_plane(0, near, y=lane), describe_plane(0, near + width, y=lane)
+        near_wall = describe_plane(0, near, y=lane)
+        far_wall = describe_plane(0, near + width, y=lane)
         yield make_characteristic(
-            f"{kind}_width", "distance", feature.width, *walls, method="profilometer"
+            f"{kind}_width", "distance", feature.width, near_wall, far_wall, method="profilometer"
         )
-        ends = describe_plane(1, back), describe_plane(1, 2.0 * lane - back, x=middle)
+        back_side = describe_plane(1, back)
+        end = describe_plane(1, 2.0 * lane - back, x=middle)
         yield make_characteristic(
-            f"{kind}_length", "distance", feature.lane, *ends, method=MICROSCOPE
+            f"{kind}_length", "distance", feature.lane, back_side, end, method=MICROSCOPE
         )
-        if self.edge_radius.nominal < H:
+        if self.edge_radius.nominal < height:
             yield make_characteristic(
                 f"{kind}_distance",
                 "distance",
                 feature.distance,
                 describe_plane(0, 0.0, y=-0.5 * back),
-                walls[0],
+                near_wall,
                 label=f"{kind} from edge",
                 method="profilometer",
             )
 
     def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Verdict]:
-        low, high = (
-            mesh.measure_level_beside(0.0, -1),
-            mesh.measure_level_beside(self.edge_radius.nominal, +1),
-        )
+        low = mesh.measure_level_beside(0.0, -1)
+        high = mesh.measure_level_beside(self.edge_radius.nominal, +1)
         yield Finding("step height", self.height.nominal, high - low, NANOMETRE)
         yield Finding("lower working face at z = 0", 0.0, low, NANOMETRE)
 
-    def choose_close_up(self) -> tuple[float, float, tuple[float, float, float]]:
+    def choose_close_up(self) -> CloseUp:
         height = self.height.nominal
-        return choose_exaggeration(height), 2.5 * height, (0.0, 0.0, 0.0)
+        return CloseUp(choose_exaggeration(height), 2.5 * height, (0.0, 0.0, 0.0))
 
     @make_rules_validator
     def _check_sizes(self) -> Iterator[str]:
-        body = self.body
-        height, radius = self.height.nominal, self.edge_radius.nominal
-        yield check_rule(radius <= height, "edge_radius", "not exceed height", height, radius)
-        chamfer = body.edge_break.nominal
-        yield check_rule(
-            height < chamfer or chamfer == 0.0,
-            "height",
-            "be smaller than body.edge_break, or the chamfers of the two faces part",
-            chamfer,
-            height,
-        )
-        yield check_below(
-            "height", "be below half the thickness", height, 0.5 * body.thickness.nominal
-        )
-        yield from self.require_engravable()
+        """Yield what keeps edge, step and feature from fitting the block."""
+        height = self.height.nominal
+        radius = self.edge_radius.nominal
+        chamfer = self.body.edge_break.nominal
+        half_thickness = 0.5 * self.body.thickness.nominal
+        if radius > height:
+            yield describe_breach("edge_radius", "not exceed height", height, radius)
+        if height >= chamfer and chamfer != 0.0:
+            rule = "be smaller than body.edge_break, or the chamfers of the two faces part"
+            yield describe_breach("height", rule, chamfer, height)
+        if height >= half_thickness:
+            yield describe_breach("height", "be below half the thickness", half_thickness, height)
+        yield from self.check_engraving_and_stock()
         if self.metrology is not None:
             yield from self._check_feature(self.metrology)
 
     def _check_feature(self, feature: MetrologyFeature) -> Iterator[str]:
+        """Yield what keeps groove or ridge from fitting the block."""
         body = self.body
-        radius = self.edge_radius.nominal
-        width, distance, lane = (
-            feature.width.nominal,
-            feature.distance.nominal,
-            feature.lane.nominal,
-        )
-        room, reach, least = (
-            body.half_length - body.edge_break.nominal,
-            distance + 2.0 * width,
-            width + radius,
-        )
-        yield check_rule(
-            reach <= room,
-            "metrology.width",
-            "leave a plane face of its own width on either side",
-            room,
-            reach,
-        )
-        yield check_rule(
-            distance >= least,
-            "metrology.distance",
-            "be at least its width plus edge_radius",
-            least,
-            distance,
-        )
-        half = body.half_width
+        width = feature.width.nominal
+        distance = feature.distance.nominal
+        lane = feature.lane.nominal
+        room = body.half_length - body.edge_break.nominal
+        reach = distance + 2.0 * width
+        if reach > room:
+            rule = "leave a plane face of its own width on either side"
+            yield describe_breach("metrology.width", rule, room, reach)
+        least_distance = width + self.edge_radius.nominal
+        if distance < least_distance:
+            rule = "be at least its width plus edge_radius"
+            yield describe_breach("metrology.distance", rule, least_distance, distance)
+        half_width = body.half_width
         if body.mounting is not None and body.mounting.kind == "clearance":
             bore = 0.5 * body.mounting.entry_diameter
-            yield check_rule(
-                half - lane > bore,
-                "metrology.lane",
-                "keep clear of the counterbores",
-                half - bore,
-                lane,
-            )
-        yield check_below(
-            "metrology.lane", "leave more than half the width to the drag", lane, half
-        )
+            if half_width - lane <= bore:
+                rule = "keep clear of the counterbores"
+                yield describe_breach("metrology.lane", rule, half_width - bore, lane)
+        if lane >= half_width:
+            rule = "leave more than half the width to the drag"
+            yield describe_breach("metrology.lane", rule, half_width, lane)

@@ -17,23 +17,21 @@ from stepblocks.parts.characteristics import (
     describe_plane,
     make_characteristic,
 )
-from stepblocks.parts.declared import (
-    MaterialField,
-    check_rule,
-    declare_default,
-    make_rules_validator,
-)
+from stepblocks.parts.declared import declare_default, describe_breach, make_rules_validator
 from stepblocks.parts.kind import (
     COARSE_DEFLECTION,
     CONTACT_DEFLECTION,
+    CloseUp,
     Finding,
     HeldPart,
     Manifold,
     MeasuredMesh,
     Verdict,
 )
+from stepblocks.parts.material import MaterialField
 from stepblocks.parts.revolution import (
     Outline,
+    Point,
     Point3,
     Turned,
     compute_revolution_volume,
@@ -46,6 +44,7 @@ from stepblocks.quantities import format_quantity
 
 SPHERE_LIMIT = 0.1e-6  # radius, form and chordal error of the contact sphere [m]
 _BEND_PIECES = 24
+_WIDEST_CONE = 0.25 * math.pi  # half angle, below which a cone must lie [rad]
 
 
 class Tip(Turned, HeldPart):
@@ -60,29 +59,34 @@ class Tip(Turned, HeldPart):
     material: MaterialField = declare_default("1.4301")
 
     @property
-    def cone_start(self) -> tuple[float, float]:
+    def cone_start(self) -> Point:
         """Radius and height at which the cone leaves the ball, tangent to it [m]."""
-        R, half = self.ball_radius.nominal, self.cone_angle.nominal
-        return R * math.cos(half), R * (1.0 - math.sin(half))
+        ball = self.ball_radius.nominal
+        half_angle = self.cone_angle.nominal
+        return ball * math.cos(half_angle), ball * (1.0 - math.sin(half_angle))
 
     @property
     def cone_end(self) -> float:
         """Height at which the cone has the radius of the shank [m]."""
-        radius, height = self.cone_start
-        return height + (self.shank_radius.nominal - radius) / math.tan(self.cone_angle.nominal)
+        start_radius, start_height = self.cone_start
+        growth = self.shank_radius.nominal - start_radius
+        return start_height + growth / math.tan(self.cone_angle.nominal)
 
-    def outline(self) -> Outline:
-        """Half section of ball and cone up to the axis; the contact point is the origin."""
-        R, half = self.ball_radius.nominal, self.cone_angle.nominal
+    def outline_head(self) -> Outline:
+        """Outline ball and cone (radius, height) [m] up to the shank; the first point touches."""
+        ball = self.ball_radius.nominal
         # polar angle from the contact point to halfway up the ball
-        middle = 0.5 * (0.5 * math.pi - half)
-        bow = R * math.sin(middle), R * (1.0 - math.cos(middle))
+        halfway = 0.5 * (0.5 * math.pi - self.cone_angle.nominal)
+        on_ball = (ball * math.sin(halfway), ball * (1.0 - math.cos(halfway)))
         return [
             (0.0, 0.0),
-            (bow, self.cone_start),
+            (on_ball, self.cone_start),
             (self.shank_radius.nominal, self.cone_end),
-            (0.0, self.cone_end),
         ]
+
+    def outline(self) -> Outline:
+        """Outline a half section of what is turned, up to the axis; it touches at the origin."""
+        return [*self.outline_head(), (0.0, self.cone_end)]
 
     def outlines(self) -> list[Outline]:
         return [self.outline()]
@@ -114,36 +118,39 @@ class Tip(Turned, HeldPart):
         ).doubled
 
     def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Verdict]:
-        R = self.ball_radius.nominal
-        radius, form, sag = mesh.fit_sphere(R, self.cone_start[1])
-        yield Finding("radius of the contact sphere", R, radius, SPHERE_LIMIT)
+        ball = self.ball_radius.nominal
+        _, ball_end = self.cone_start
+        radius, form, sag = mesh.fit_sphere(ball, ball_end)
+        yield Finding("radius of the contact sphere", ball, radius, SPHERE_LIMIT)
         yield Finding("form of the contact sphere", 0.0, form, SPHERE_LIMIT)
         yield Finding("chordal error on the contact sphere", 0.0, sag, SPHERE_LIMIT)
 
-    def choose_close_up(self) -> tuple[float, float, tuple[float, float, float]]:
-        radius = self.ball_radius.nominal
-        return 1.0, 2.0 * radius, (0.0, 0.0, 1.5 * radius)
+    def choose_close_up(self) -> CloseUp:
+        ball = self.ball_radius.nominal
+        return CloseUp(1.0, 2.0 * ball, (0.0, 0.0, 1.5 * ball))
 
     def derived(self) -> list[list[str]]:
-        ball, mu = self.ball_radius.nominal, PAPER.friction
-        sticks, riser = (
-            format_quantity(height, "length", 3)
-            for height in (float(compute_locking_height(ball, mu)), ball)
+        ball = self.ball_radius.nominal
+        friction = PAPER.friction
+        locking_height = float(compute_locking_height(ball, friction))
+        locks = format_quantity(locking_height, "length", 3)
+        meets_riser = format_quantity(ball, "length", 3)
+        text = (
+            f"on steps from {locks} at mu {friction:g}; from {meets_riser} its ball meets the riser"
         )
-        return [
-            ["locks", f"on steps from {sticks} at mu {mu:g}; from {riser} its ball meets the riser"]
-        ]
+        return [["locks", text]]
 
     @make_rules_validator
     def _check_sizes(self) -> Iterator[str]:
-        R, shank, half = (
-            self.ball_radius.nominal,
-            self.shank_radius.nominal,
-            self.cone_angle.nominal,
-        )
-        if not 0.0 < half < 0.25 * math.pi:
-            yield f"cone_angle must lie between 0 and 45 deg, got {format_quantity(half, 'angle')}"
-        yield check_rule(shank > R, "ball_radius", "be smaller than shank_radius", shank, R)
+        """Yield what keeps ball, cone and shank from meeting."""
+        ball = self.ball_radius.nominal
+        shank = self.shank_radius.nominal
+        half_angle = self.cone_angle.nominal
+        if not 0.0 < half_angle < _WIDEST_CONE:
+            angle = format_quantity(half_angle, "angle")
+            yield f"cone_angle must lie between 0 and 45 deg, got {angle}"
+        if shank <= ball:
+            yield describe_breach("ball_radius", "be smaller than shank_radius", shank, ball)
 
 
 class StraightTip(Tip):
@@ -174,9 +181,9 @@ class StraightTip(Tip):
     length: PositiveLength = declare_default("40 mm")
 
     def outline(self) -> Outline:
-        """Half section with the shank."""
+        shank = self.shank_radius.nominal
         end = self.length.nominal
-        return [*super().outline()[:-1], (self.shank_radius.nominal, end), (0.0, end)]
+        return [*self.outline_head(), (shank, end), (0.0, end)]
 
     def hulls(self) -> list[Manifold]:
         return [make_turned_hull(self.outline())]
@@ -194,8 +201,10 @@ class StraightTip(Tip):
 
     @make_rules_validator
     def _check_shank(self) -> Iterator[str]:
-        length, cone = self.length.nominal, self.cone_end
-        yield check_rule(length > cone, "length", "exceed the end of the cone", cone, length)
+        length = self.length.nominal
+        cone = self.cone_end
+        if length <= cone:
+            yield describe_breach("length", "exceed the end of the cone", cone, length)
 
 
 class HookTip(Tip):
@@ -229,95 +238,100 @@ class HookTip(Tip):
     bend_angle: Angle = declare_default("75 deg", "1 deg")
     straight_length: PositiveLength = declare_default("20 mm")
 
+    @property
+    def bend_end(self) -> Point:
+        """Where the bend ends on the axis of the wire (x, z) [m]."""
+        bend = self.bend_radius.nominal
+        angle = self.bend_angle.nominal
+        return bend * (1.0 - math.cos(angle)), self.cone_end + bend * math.sin(angle)
+
     def solids(self) -> list[cad.door.Body]:
-        top, wire = self.cone_end, self.shank_radius.nominal
-        bend, angle, length = (
-            self.bend_radius.nominal,
-            self.bend_angle.nominal,
-            self.straight_length.nominal,
-        )
-        section = cad.kernel.outline_circle((0.0, 0.0, top), (wire, 0.0, 0.0), (0.0, wire, 0.0))
-        arc = cad.kernel.revolve(section, (bend, 0.0, top), (0.0, 1e-3, 0.0), math.degrees(angle))
-        end = (bend * (1.0 - math.cos(angle)), 0.0, top + bend * math.sin(angle))
-        along = (math.sin(angle), 0.0, math.cos(angle))
-        section = cad.kernel.outline_circle(
-            end, (wire * math.cos(angle), 0.0, -wire * math.sin(angle)), (0.0, wire, 0.0)
-        )
-        shank = cad.kernel.extrude(section, tuple(length * a for a in along))
-        return [cad.kernel.fuse([cad.kernel.turn(self.outline(), (0.0, 0.0, 0.0)), arc, shank])]
+        top = self.cone_end
+        wire = self.shank_radius.nominal
+        bend = self.bend_radius.nominal
+        angle = self.bend_angle.nominal
+        length = self.straight_length.nominal
+        start = cad.kernel.outline_circle((0.0, 0.0, top), (wire, 0.0, 0.0), (0.0, wire, 0.0))
+        arc = cad.kernel.revolve(start, (bend, 0.0, top), (0.0, 1e-3, 0.0), math.degrees(angle))
+        end_x, end_z = self.bend_end
+        across = (wire * math.cos(angle), 0.0, -wire * math.sin(angle))
+        end = cad.kernel.outline_circle((end_x, 0.0, end_z), across, (0.0, wire, 0.0))
+        run = (length * math.sin(angle), 0.0, length * math.cos(angle))
+        shank = cad.kernel.extrude(end, run)
+        head = cad.kernel.turn(self.outline(), (0.0, 0.0, 0.0))
+        return [cad.kernel.fuse([head, arc, shank])]
 
     def volumes(self) -> tuple[float, ...]:
-        # Add a turned head, a torus by Pappus, and a cylinder
+        # a turned head, a torus by Pappus, and a cylinder
+        head = compute_revolution_volume(self.outline())
         wire = math.pi * self.shank_radius.nominal**2
         bend = wire * self.bend_radius.nominal * self.bend_angle.nominal
-        return (
-            compute_revolution_volume(self.outline()) + bend + wire * self.straight_length.nominal,
-        )
+        return (head + bend + wire * self.straight_length.nominal,)
 
     def hulls(self) -> list[Manifold]:
-        top, bend, angle = self.cone_end, self.bend_radius.nominal, self.bend_angle.nominal
+        angle = self.bend_angle.nominal
+        turns = np.linspace(0.0, angle, _BEND_PIECES + 1).tolist()
+        pieces = [make_turned_hull(self.outline())]
+        for start, end in itertools.pairwise(turns):
+            pieces.append(make_hull([*self._list_section(start), *self._list_section(end)]))
+        near = self._list_section(angle)
+        far = self._list_section(angle, self.straight_length.nominal)
+        pieces.append(make_hull([*near, *far]))
+        return pieces
 
-        def section(turn: float, along: float = 0.0) -> list[Point3]:
-            c, s = math.cos(turn), math.sin(turn)
-            return [
-                (bend - (bend - x) * c + along * s, y, top + (bend - x) * s + along * c)
-                for x, y, _ in list_ring_points(self.shank_radius.nominal, 0.0)
-            ]
-
-        turns = np.linspace(0.0, angle, _BEND_PIECES + 1)
-        bent = [
-            make_hull([*section(float(a)), *section(float(b))])
-            for a, b in itertools.pairwise(turns)
-        ]
-        return [
-            make_turned_hull(self.outline()),
-            *bent,
-            make_hull([*section(angle), *section(angle, self.straight_length.nominal)]),
-        ]
+    def _list_section(self, turn: float, run: float = 0.0) -> list[Point3]:
+        """List points of a section of the wire, after a turn [rad] and a straight run [m]."""
+        bend = self.bend_radius.nominal
+        top = self.cone_end
+        cos = math.cos(turn)
+        sin = math.sin(turn)
+        points = []
+        for x, y, _ in list_ring_points(self.shank_radius.nominal, 0.0):
+            from_middle = bend - x
+            turned_x = bend - from_middle * cos + run * sin
+            turned_z = top + from_middle * sin + run * cos
+            points.append((turned_x, y, turned_z))
+        return points
 
     def characteristics(self) -> Iterator[Characteristic]:
         yield from super().characteristics()
-        angle, bend, straight = (
-            self.bend_angle.nominal,
-            self.bend_radius.nominal,
-            self.straight_length.nominal,
-        )
-        wire, cone, ring = (
-            FaceRule("CYLINDER", radius=self.shank_radius.nominal),
-            FaceRule("CONE"),
-            FaceRule("TORUS"),
-        )
+        wire = FaceRule("CYLINDER", radius=self.shank_radius.nominal)
+        ring = FaceRule("TORUS")
         yield make_characteristic(
             "bend_radius", "radius", self.bend_radius, ring, method="microscope"
         )
         yield make_characteristic(
-            "bend_angle", "angle", self.bend_angle, cone, wire, method="microscope"
+            "bend_angle", "angle", self.bend_angle, FaceRule("CONE"), wire, method="microscope"
         )
-        x = bend * (1.0 - math.cos(angle)) + straight * math.sin(angle)
-        z = self.cone_end + bend * math.sin(angle) + straight * math.cos(angle)
-        end = (
-            describe_plane(0, x, z=z)
-            if math.isclose(angle, 0.5 * math.pi)
-            else FaceRule("SLOPE", holds={0: x, 1: 0.0, 2: z})
-        )
+        end = self._describe_end()
         yield make_characteristic(
             "straight_length", "distance", self.straight_length, end, EdgeRule(ring, wire)
         )
 
+    def _describe_end(self) -> FaceRule:
+        """Describe the end of the shank, which is square to an axis only of a right angle."""
+        angle = self.bend_angle.nominal
+        straight = self.straight_length.nominal
+        bend_end_x, bend_end_z = self.bend_end
+        x = bend_end_x + straight * math.sin(angle)
+        z = bend_end_z + straight * math.cos(angle)
+        if math.isclose(angle, 0.5 * math.pi):
+            return describe_plane(0, x, z=z)
+        return FaceRule("SLOPE", holds={0: x, 1: 0.0, 2: z})
+
     @make_rules_validator
     def _check_bend(self) -> Iterator[str]:
-        if self.bend_angle.nominal <= 0.0:
+        """Yield what keeps the wire from being bent so."""
+        shank = self.shank_radius.nominal
+        bend = self.bend_radius.nominal
+        angle = self.bend_angle.nominal
+        if angle <= 0.0:
             yield "bend_angle must be above 0 deg, got 0 deg"
             return
-        shank, bend, angle = (
-            self.shank_radius.nominal,
-            self.bend_radius.nominal,
-            self.bend_angle.nominal,
-        )
-        yield check_rule(bend > shank, "bend_radius", "exceed shank_radius", shank, bend)
-        end = (
-            self.cone_end + bend * math.sin(angle) + self.straight_length.nominal * math.cos(angle)
-        )
+        if bend <= shank:
+            yield describe_breach("bend_radius", "exceed shank_radius", shank, bend)
+        _, bend_end_z = self.bend_end
+        end = bend_end_z + self.straight_length.nominal * math.cos(angle)
         lowest = end - shank * math.sin(angle)
         if lowest <= 0.0:
             yield (

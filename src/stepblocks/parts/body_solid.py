@@ -1,0 +1,254 @@
+"""The body of a bench block as a solid: what is cut from it, its convex pieces, its volume."""
+
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from stepblocks import cad
+from stepblocks.parts.body import DRILL_POINT, Body, Engraving, Mounting
+from stepblocks.parts.lettering import outline_text
+from stepblocks.parts.revolution import Point, Point3
+
+OVER = 1e-3  # how far a cutting body stands out of the block [m]
+_SIDES = (-1.0, 1.0)  # left and right, or front and back
+
+
+def make_body_cuts(body: Body, identity: str, rise: float) -> list[cad.door.Body]:
+    """Make the bodies to cut from a block: edge breaks along x and z, holes, engraving.
+
+    Parameters
+    ----------
+    body : Body
+        The block without its stimulus.
+    identity : str
+        What is engraved.
+    rise : float
+        Height of the right working face over the left one [m].
+
+    Returns
+    -------
+    list of cad.door.Body
+        Solids that stand out of the block.
+    """
+    cuts: list[cad.door.Body] = []
+    if body.edge_break.nominal > 0.0:
+        for side in _SIDES:
+            cuts += _make_long_edge_breaks(body, side, rise)
+            cuts += _make_upright_edge_breaks(body, side, rise)
+    if body.mounting is not None:
+        for half_side in (-0.5, 0.5):
+            cuts.append(_make_hole(body, body.mounting, half_side))
+    if body.engraving is not None:
+        cuts += _make_letters(body, body.engraving, identity)
+    return cuts
+
+
+def _make_letters(body: Body, engraving: Engraving, identity: str) -> Iterator[cad.door.Body]:
+    """Make the letters that are cut into the front."""
+    middle = -0.5 * body.thickness.nominal
+    start = -body.half_width - 0.1 * OVER
+    inwards = (0.0, engraving.depth.nominal + 0.1 * OVER, 0.0)
+    for letter in outline_text(identity.upper(), engraving.height.nominal):
+        rings = []
+        for ring in letter:
+            rings.append([(float(u), start, middle + float(v)) for u, v in ring])
+        outer, *holes = rings
+        yield cad.kernel.extrude(outer, inwards, holes)
+
+
+def _make_long_edge_breaks(body: Body, side: float, rise: float) -> Iterator[cad.door.Body]:
+    """Make the prisms that break the edges along x on the front (side -1) or the back (1)."""
+    chamfer = body.edge_break.nominal
+    length = body.half_length + OVER
+    face = side * body.half_width
+    inside = face - side * (chamfer + OVER)
+    outside = face + side * OVER
+    # start and length along x, height, and 1 of an upper edge, -1 of a lower one
+    edges = (
+        (-length, length, 0.0, 1.0),
+        (0.0, length, rise, 1.0),
+        (-length, 2.0 * length, body.base, -1.0),
+    )
+    for x, run, z, up in edges:
+        section = [
+            (x, outside, z - up * chamfer - up * OVER),
+            (x, inside, z + up * OVER),
+            (x, outside, z + up * OVER),
+        ]
+        yield cad.kernel.extrude(section, (run, 0.0, 0.0))
+
+
+def _make_upright_edge_breaks(body: Body, side: float, rise: float) -> Iterator[cad.door.Body]:
+    """Make the prisms that break both upright edges of the front (side -1) or the back (1)."""
+    chamfer = body.edge_break.nominal
+    height = body.thickness.nominal + max(rise, 0.0) + 2.0 * OVER
+    low = body.base - OVER
+    face = side * body.half_width
+    inside = face - side * (chamfer + OVER)
+    outside = face + side * OVER
+    for end in _SIDES:
+        x = end * body.half_length
+        section = [
+            (x + end * OVER, inside, low),
+            (x - end * (chamfer + OVER), outside, low),
+            (x + end * OVER, outside, low),
+        ]
+        yield cad.kernel.extrude(section, (0.0, 0.0, height))
+
+
+def _make_hole(body: Body, mounting: Mounting, half_side: float) -> cad.door.Body:
+    """Make a fixing hole; `half_side` is -0.5 of the left one, 0.5 of the right one."""
+    x = half_side * mounting.spacing.nominal
+    if mounting.kind == "tapped":
+        return cad.kernel.turn(_outline_core_hole(mounting), (x, 0.0, body.base))
+    return cad.kernel.turn(_outline_clearance_hole(mounting, body.base), (x, 0.0, 0.0))
+
+
+def _outline_core_hole(mounting: Mounting) -> list[Point]:
+    """Outline a core hole from the base up as (radius, height over the base) [m]."""
+    drill = 0.5 * mounting.hole_diameter
+    entry = 0.5 * mounting.entry_diameter
+    depth = mounting.depth.nominal
+    point = drill / math.tan(0.5 * DRILL_POINT)
+    return [
+        (0.0, -OVER),
+        (entry + OVER, -OVER),
+        (drill, entry - drill),  # a countersink of 90 degrees
+        (drill, depth),
+        (0.0, depth + point),
+    ]
+
+
+def _outline_clearance_hole(mounting: Mounting, base: float) -> list[Point]:
+    """Outline a counterbored hole as (radius, height over the lower working face) [m]."""
+    drill = 0.5 * mounting.hole_diameter
+    entry = 0.5 * mounting.entry_diameter
+    shoulder = -mounting.depth.nominal
+    return [
+        (0.0, base - OVER),
+        (drill, base - OVER),
+        (drill, shoulder),
+        (entry, shoulder),
+        (entry, OVER),
+        (0.0, OVER),
+    ]
+
+
+def list_half_corners(body: Body, side: float, top: float, crest: Sequence[Point]) -> list[Point3]:
+    """List the corners of one chamfered half of a block, from x = 0 outwards.
+
+    Parameters
+    ----------
+    body : Body
+        The block without its stimulus.
+    side : float
+        -1 of the left half, 1 of the right one.
+    top : float
+        Height of its working face [m].
+    crest : sequence of tuple of float
+        Its top at x = 0 as points (x, z) [m].
+
+    Returns
+    -------
+    list of tuple of float
+        Points (x, y, z) [m].
+    """
+    outer = side * body.half_length
+    half_width = body.half_width
+    base = body.base
+    chamfer = body.edge_break.nominal
+    levels = ((base, chamfer), (base + chamfer, 0.0), (top - chamfer, 0.0), (top, chamfer))
+    points: list[Point3] = []
+    for y_side in _SIDES:
+        for z, inset in levels:
+            corner = max(chamfer - 2.0 * inset, 0.0)
+            x = outer - side * inset
+            width = half_width - inset
+            points.append((x - side * corner, y_side * width, z))
+            points.append((x, y_side * (width - corner), z))
+            if z < top:
+                points.append((0.0, y_side * width, z))
+        for x, z in crest:
+            over_chamfer = max(0.0, z - (top - chamfer))
+            points.append((x, y_side * (half_width - over_chamfer), z))
+        # where a chamfer's corner triangle closes, half way up
+        middle_x = outer - side * 0.5 * chamfer
+        middle_y = y_side * (half_width - 0.5 * chamfer)
+        points.append((middle_x, middle_y, base + 0.5 * chamfer))
+        points.append((middle_x, middle_y, top - 0.5 * chamfer))
+    return points
+
+
+def compute_half_volume(body: Body, extent: float, top: float) -> float:
+    """Compute the volume of a block on one side of its edge [m^3].
+
+    It is a box with every edge broken but the four at the section; `extent` is its length and
+    `top` the height of its working face [m].
+    """
+    width = body.width.nominal
+    chamfer = body.edge_break.nominal
+    height = top + body.thickness.nominal
+
+    def antiderivative(s: float) -> float:
+        """Integrate (extent - s)(width - 2 s), the slice at an inset s from the chamfers."""
+        return extent * width * s - (2.0 * extent + width) * s * s / 2.0 + 2.0 * s**3 / 3.0
+
+    upright = (height - 2.0 * chamfer) * (extent * width - chamfer * chamfer)
+    # less two corner triangles, leg^2 / 2 each with leg chamfer - 2 s; the leg vanishes at
+    # s = chamfer / 2: chamfer^3 / 6 at a chamfer
+    sloped = antiderivative(chamfer) - chamfer**3 / 6.0
+    return upright + 2.0 * sloped
+
+
+@dataclass(frozen=True)
+class _Edge:
+    """An edge of a section polygon, or a part of it: from (x0, z0) to (x1, z1) [m]."""
+
+    x0: float
+    z0: float
+    x1: float
+    z1: float
+
+    def interpolate(self, share: float) -> Point:
+        """Return the point at a share of the edge."""
+        return self.x0 + share * (self.x1 - self.x0), self.z0 + share * (self.z1 - self.z0)
+
+
+def compute_strip_volume(body: Body, top: float, polygon: list[Point]) -> float:
+    """Compute the volume that a section polygon (x, z) takes out of a half [m^3].
+
+    The sides are chamfered from `edge_break` below `top` [m] on: a contour integral of W(z) x dz.
+    """
+    knee = top - body.edge_break.nominal  # where the sides begin to lean
+    total = 0.0
+    following = [*polygon[1:], polygon[0]]
+    for (x0, z0), (x1, z1) in zip(polygon, following, strict=True):
+        edge = _Edge(x0, z0, x1, z1)
+        for first, last in itertools.pairwise(_split_at_knee(edge, knee)):
+            start_x, start_z = edge.interpolate(first)
+            end_x, end_z = edge.interpolate(last)
+            middle_x = 0.5 * (start_x + end_x)
+            middle_z = 0.5 * (start_z + end_z)
+            start = _compute_breadth(body, knee, start_z) * start_x
+            middle = _compute_breadth(body, knee, middle_z) * middle_x
+            end = _compute_breadth(body, knee, end_z) * end_x
+            # Simpson, exact for a quadratic
+            total += (end_z - start_z) * (start + 4.0 * middle + end) / 6.0
+    return abs(total)
+
+
+def _split_at_knee(edge: _Edge, knee: float) -> list[float]:
+    """Return the shares of an edge at which its parts on either side of a height end."""
+    shares = [0.0]
+    if edge.z1 != edge.z0:
+        crossing = (knee - edge.z0) / (edge.z1 - edge.z0)
+        if 0.0 < crossing < 1.0:
+            shares.append(crossing)
+    shares.append(1.0)
+    return shares
+
+
+def _compute_breadth(body: Body, knee: float, z: float) -> float:
+    """Return the breadth of the block at a height [m]."""
+    return body.width.nominal - 2.0 * max(z - knee, 0.0)

@@ -1,0 +1,142 @@
+"""Materials as a workshop orders them, and the densities of those that are known."""
+
+import re
+from dataclasses import dataclass
+from typing import Annotated
+
+from pydantic import BeforeValidator, Field
+
+from stepblocks.parts.declared import Identity, Sourced, Table, make_sourced_validator
+
+
+def _read_ordered_density(raw: object) -> object:
+    """Read a density alone as one that the order states."""
+    if isinstance(raw, str):
+        return {"value": raw, "source": "as ordered"}
+    return raw
+
+
+class Material(Table):
+    """A material as a workshop orders it.
+
+    Attributes
+    ----------
+    name : str
+        Key in stimulus files; ``"own"`` for free text.
+    designation : str
+        What the drawing says, in printable ASCII.
+    density : Sourced or None
+        Mass density [kg/m^3], such as ``"7650 kg/m3"``, alone or in a table with its source; None
+        where nobody stated it.
+    heat_treatment : str
+        Such as ``"hardened and tempered, 58 HRC"``; may also stand in the designation.
+    """
+
+    name: Identity = "own"
+    designation: Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[ -&(-~]+$")]
+    density: (
+        Annotated[
+            Sourced, make_sourced_validator("density"), BeforeValidator(_read_ordered_density)
+        ]
+        | None
+    ) = None
+    heat_treatment: Annotated[str, Field(max_length=80, pattern=r"^[ -&(-~]*$")] = ""
+
+    @property
+    def order_text(self) -> str:
+        """Designation and heat treatment, as an order says them."""
+        if not self.heat_treatment:
+            return self.designation
+        return f"{self.designation}, {self.heat_treatment}"
+
+    @property
+    def is_hardened(self) -> bool:
+        """Whether the heat treatment hardens it, so that it is tapped before."""
+        return re.search(r"(?<!un)harden|\bHRC\b|\bHV\b", self.order_text) is not None
+
+    def record(self) -> dict[str, object]:
+        """Return plain values for JSON, the unit in the name."""
+        fields: dict[str, object] = {"name": self.name, "designation": self.designation}
+        if self.density is not None:
+            fields["density_kg_m3"] = self.density.value
+            fields["source"] = self.density.source
+        if self.heat_treatment:
+            fields["heat_treatment"] = self.heat_treatment
+        return fields
+
+
+def _make_material(name: str, designation: str, density: float, source: str) -> Material:
+    """Make a material of a density [kg/m^3] with its source."""
+    return Material(name=name, designation=designation, density=Sourced(density, "density", source))
+
+
+# Materials that stimulus files may name
+MATERIALS = {
+    "steel": _make_material(
+        "steel", "X90CrMoV18 (1.4112), hardened", 7700.0, "EN 10088-1:2014, table E.2"
+    ),
+    "aluminium": _make_material(
+        "aluminium", "EN AW-6082 T6", 2700.0, "EN 573-3 data sheet, nominal"
+    ),
+    "brass": _make_material(
+        "brass", "CuZn39Pb3 (CW614N)", 8470.0, "DIN EN 12164 data sheet, nominal"
+    ),
+    "pmma": _make_material("pmma", "PMMA, cast", 1190.0, "ISO 7823-1 data sheets, nominal"),
+    "zirconia": _make_material(
+        "zirconia", "3Y-TZP zirconia", 6050.0, "ISO 13356, minimum 6.00 g/cm3, nominal"
+    ),
+    "1.4301": _make_material(
+        "stainless", "X5CrNi18-10 (1.4301)", 7900.0, "EN 10088-1:2014, table E.3"
+    ),
+}
+
+
+@dataclass(frozen=True)
+class _Grade:
+    """A grade of steel whose density is known (EN 10088-1:2014)."""
+
+    pattern: str  # of its names in free text
+    density: float  # [kg/m^3]
+    table: str  # of the standard
+
+
+_GRADES = (
+    _Grade(r"440[ABC]\b|1\.4112|1\.4125|1\.4034|X46Cr13|X90CrMoV18|X105CrMo17", 7700.0, "E.2"),
+    _Grade(r"17-4 ?PH|1\.4542|X5CrNiCuNb16-4", 7800.0, "E.2"),
+    _Grade(r"\b304L?\b|1\.4301|1\.4307|1\.4305|\b303\b", 7900.0, "E.3"),
+    _Grade(r"\b316L?\b|1\.4401|1\.4404", 8000.0, "E.3"),
+)
+
+
+def find_material(raw: object) -> object:
+    """Find a material by its key; other text is the designation of an order.
+
+    Raises
+    ------
+    ValueError
+        If it is a single word that is no key: a designation says more.
+    """
+    if isinstance(raw, Material | dict):
+        return raw
+    if raw == "stainless":
+        return Material(designation="stainless steel, grade not stated", density=None)
+    if isinstance(raw, str):
+        if raw in MATERIALS:
+            return MATERIALS[raw]
+        if not re.fullmatch("[a-z]*", raw):
+            return Material(designation=raw, density=_find_density(raw))
+    raise ValueError(
+        f"must be one of {', '.join(MATERIALS)}, or a designation such as '440C, hardened "
+        f"and tempered, 58 HRC', got {raw!r}"
+    )
+
+
+def _find_density(designation: str) -> Sourced | None:
+    """Find the density of the steel that a designation names; None if it names none."""
+    for grade in _GRADES:
+        if re.search(grade.pattern, designation):
+            return Sourced(grade.density, "density", f"EN 10088-1:2014, table {grade.table}")
+    return None
+
+
+MaterialField = Annotated[Material, BeforeValidator(find_material)]

@@ -1,0 +1,94 @@
+"""Where the line, the text and the balloon of a linear dimension lie on the paper [mm]."""
+
+from dataclasses import dataclass
+
+from stepblocks.workshop.paper import Point
+
+_ARROWS = 10.0  # room for both arrows beside a text between them
+_ARROW_ROOM = 3.0  # from an end of the line to a text beside it
+_BALLOON_ROOM = 6.0  # from a text before the line to its start, where the balloon stands
+_TEXT_OFFSET = 2.2  # of the middle of a text from its line, as ISO 129-1 writes it
+_STACKED_OFFSET = 4.4  # the same of unequal deviations, which stand one over the other
+
+
+@dataclass(frozen=True)
+class DimensionLine:
+    """The line of a dimension; `along` runs on it, `across` away from it to the side of the text.
+
+    Attributes
+    ----------
+    start, end : float
+        Coordinates of its ends on the paper, ascending.
+    level : float
+        Its coordinate square to itself.
+    upright : bool
+        Whether it runs up the paper, its text to the left of it, or level, its text over it.
+    """
+
+    start: float
+    end: float
+    level: float
+    upright: bool
+
+    @classmethod
+    def between(cls, a: Point, b: Point, through: Point, upright: bool) -> "DimensionLine":
+        """Make the line of the distance between two points, through a third."""
+        axis = 1 if upright else 0
+        start, end = sorted((a[axis], b[axis]))
+        return cls(start, end, through[1 - axis], upright)
+
+    def place(self, along: float) -> Point:
+        """Return a point on the line, or on its extension."""
+        if self.upright:
+            return self.level, along
+        return along, self.level
+
+    def shift(self, point: Point, along: float, across: float) -> Point:
+        """Shift a point along the line and away from it."""
+        x, y = point
+        if self.upright:
+            return x - across, y + along
+        return x + along, y + across
+
+    def has_room(self, text_width: float, text_share: float) -> bool:
+        """Tell whether a text fits between the arrows, its middle at a share of the length."""
+        shorter_share = min(text_share, 1.0 - text_share)
+        needed = max(text_width + _ARROWS, 0.5 * text_width / shorter_share)
+        return self.end - self.start >= needed
+
+
+@dataclass(frozen=True)
+class DimensionLayout:
+    """Where text and balloon of a dimension stand."""
+
+    text: Point  # middle of the text
+    balloon: Point
+    # line under a text that stands beside the arrows (ISO 129-1), from the end of the dimension
+    extension: tuple[Point, Point] | None = None
+
+
+def lay_out_inside(line: DimensionLine, text_width: float, text_share: float) -> DimensionLayout:
+    """Lay the text between the arrows, its middle at a share of the length of the line."""
+    text = line.place(line.start + text_share * (line.end - line.start))
+    balloon = line.shift(text, 0.5 * text_width + 2.2, 4.6)
+    return DimensionLayout(text, balloon)
+
+
+def lay_out_beside(
+    line: DimensionLine, text_width: float, *, stacked: bool, before: bool, clearance: float
+) -> DimensionLayout:
+    """Lay the text beside the arrows: before the start of the line, or beyond its end.
+
+    Unequal deviations are `stacked`; `clearance` is kept beyond the end.
+    """
+    reach = 0.5 * text_width + _ARROW_ROOM
+    if before:
+        middle = line.start - reach - _BALLOON_ROOM
+        far = middle - 0.5 * text_width
+    else:
+        middle = line.end + reach + clearance
+        far = middle + 0.5 * text_width
+    offset = _STACKED_OFFSET if stacked else _TEXT_OFFSET
+    text = line.shift(line.place(middle), 0.0, offset)
+    balloon = line.shift(text, reach, 0.8)
+    return DimensionLayout(text, balloon, (line.place(line.end), line.place(far)))
