@@ -2,6 +2,7 @@
 
 import sysconfig
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
@@ -121,16 +122,17 @@ def _plan_session(
     _refuse_present(texts, force=force)
     found = rehearse_session(planned, rehearsals, make_progress("rehearsed", quiet=quiet, lines=10))
     _write_new(texts, force=force)
+    visible = [asdict(effect) for effect in found.could_show]
     return Outcome(
         f"{folder}: {len(rows)} trials on {len(planned.blocks())} blocks; drag them, then "
         f"run: {then}",
-        {"nine sessions in ten would show": found["could_show"]},
+        {"nine sessions in ten would show": visible},
         notes=[
-            f"{found['verdicts'].count('none')} of {rehearsals} rehearsals without an effect end "
-            f"in none, as all should; {found['locked']} of {len(rows)} trials lock and give no "
+            f"{found.verdicts.count('none')} of {rehearsals} rehearsals without an effect end "
+            f"in none, as all should; {found.locked} of {len(rows)} trials lock and give no "
             "trace"
         ],
-        record={"written": list(map(str, texts)), "then": then, **found},
+        record={"written": list(map(str, texts)), "then": then, **asdict(found)},
     )
 
 
