@@ -108,8 +108,8 @@ def test_what_a_law_follows_is_said_in_words_where_its_name_holds_a_column(
     record = result.record
     entry = replace(record.effects[0], id=name, variant=name, covariate=covariate)
     asked = replace(record.next_experiment, separates=(name, "nothing"), repeats=1)
-    shown = replace(record, effects=[entry], next_experiment=asked)
-    page = render_loop_page(replace(result, record=shown))
+    changed = replace(record, effects=[entry], next_experiment=asked)
+    page = render_loop_page(replace(result, record=changed))
     box = page.split('class="box"')[1].split("</section>")[0]
     assert f"{shown}, mainly by" in box
     assert f"<h3>{heading}</h3>" in page

@@ -298,7 +298,8 @@ def _rises(noise: Noise, nominal: Floats, extended: Floats, channel: int) -> boo
         return False
     change = np.zeros(nominal.shape)
     change[:, channel] = np.nan_to_num(extended - nominal)[:, channel]
-    more = squares[1] - squares[0]
+    rise = squares[1] - squares[0]
     shared_variance = noise.compute_shared_variance(change)
-    std = np.sqrt(more.size * np.var(more, ddof=1) + 4.0 * shared_variance)
-    return bool(more.sum() > stats.t.isf(_RISE_CHANCE, more.size - 1) * std)
+    std = np.sqrt(rise.size * np.var(rise, ddof=1) + 4.0 * shared_variance)
+    quantile = stats.t.isf(_RISE_CHANCE, rise.size - 1)
+    return bool(rise.sum() > quantile * std)

@@ -110,32 +110,79 @@ def _compute_changes(
 ) -> list[Floats]:
     """Find the change of the prediction per unit of each amplitude, each of shape (n, c).
 
-    `slopes` keeps the slopes that are known. What a trial shows depends on its own state alone, so
-    that laws which change it by one number share the slope in that number.
+    `slopes` keeps the slopes that are known.
     """
-    effect, apply = shaped.law, shaped.law.apply
+    effect = shaped.law
     neutral = {p.name: p.start for p in effect.parameters} | dict(shaped.shape)
     amplitudes = [p for p in effect.parameters if p.name in effect.amplitudes]
-    effects = [*base.effects, effect]
-    values = base.values | {f"{effect.id}.{name}": value for name, value in neutral.items()}
-    if not isinstance(apply, SizedChange):
+    if isinstance(effect.apply, SizedChange):
+        step = _STEP * amplitudes[0].scale
+        slope, column = _find_size_slope(problem, base, effect, neutral, step, slopes)
         changes = []
         for p in amplitudes:
-            moved = values | {f"{effect.id}.{p.name}": p.start + _STEP * p.scale}
-            changes.append((problem.predict(effects, moved) - base.predicted) / _STEP)
+            size = effect.apply.size(column, neutral | {p.name: p.start + p.scale})
+            changes.append(slope * size[:, None])
         return changes
-    step = _STEP * amplitudes[0].scale
+    effects = [*base.effects, effect]
+    values = base.values | _name_values(effect, neutral)
+    changes = []
+    for p in amplitudes:
+        moved = values | {f"{effect.id}.{p.name}": p.start + _STEP * p.scale}
+        changes.append((problem.predict(effects, moved) - base.predicted) / _STEP)
+    return changes
+
+
+def _name_values(effect: Law, values: Mapping[str, float]) -> dict[str, float]:
+    """Name the values of a law's parameters as a fit does, ``law.parameter``."""
+    return {f"{effect.id}.{name}": value for name, value in values.items()}
+
+
+def _find_size_slope(
+    problem: Problem,
+    base: Fit,
+    effect: Law,
+    neutral: Mapping[str, float],
+    step: float,
+    slopes: _Slopes,
+) -> tuple[Floats, NDArray[np.generic]]:
+    """Find the slope of the prediction in the number by which a law changes each trial.
+
+    What a trial shows depends on its own state alone, so that laws which change the state alike
+    share the slope, which `slopes` keeps.
+
+    Parameters
+    ----------
+    problem : Problem
+    base : Fit
+    effect : Law
+        Its `apply` is a `SizedChange`.
+    neutral : Mapping[str, float]
+        Values of its parameters at which it changes nothing.
+    step : float
+        Of the difference, in the unit of the number.
+    slopes : dict
+
+    Returns
+    -------
+    slope : array of shape (n, c)
+    column : array
+        What the law follows.
+    """
+    apply = effect.apply
+    assert isinstance(apply, SizedChange)
     column = problem.trials.covariates.get(effect.covariate)
-    # only a law that follows it sees what the model computes
-    computed_name = effect.covariate if column is None else ""
-    key = apply.change, step, computed_name
-    if key not in slopes:
-        slopes[key] = differentiate_size(problem, effects, values, apply, base.predicted, step)
-    slope, computed = slopes[key]
+    key = apply.change, step, ""
     if column is None:
-        column = computed
-    sizes = [apply.size(column, neutral | {p.name: p.start + p.scale}) for p in amplitudes]
-    return [slope * size[:, None] for size in sizes]
+        # only a law that follows it sees what the model computes
+        key = apply.change, step, effect.covariate
+    if key not in slopes:
+        effects = [*base.effects, effect]
+        values = base.values | _name_values(effect, neutral)
+        slopes[key] = differentiate_size(problem, effects, values, apply, base.predicted, step)
+    slope, followed = slopes[key]
+    if column is None:
+        column = followed
+    return slope, column
 
 
 def _compute_batch(

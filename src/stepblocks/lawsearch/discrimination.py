@@ -82,12 +82,12 @@ def rank_settings(
     Ranking or None
         None where no setting separates the models.
     """
-    starts = {p.name: p.start for p in problem.model.parameters(grid)}
-    ahead_first = problem.model.predict(grid, starts | first.values, first.active)
-    ahead_second = problem.model.predict(grid, starts | second.values, second.active)
-    difference = ahead_first - ahead_second
+    model = problem.model
+    starts = {p.name: p.start for p in model.parameters(grid)}
+    ahead = model.predict(grid, starts | first.values, first.active)
+    difference = ahead - model.predict(grid, starts | second.values, second.active)
     scatter = _compute_scatter(problem, first, grid)
-    unknown = _compute_unknown_shift(problem, first, grid, ahead_first)
+    unknown = _compute_unknown_shift(problem, first, grid, ahead)
     # what is unknown of a specimen is common to all its trials
     common = unknown[:, :, None] * unknown[:, None, :]
     solved = np.linalg.solve(scatter + common, difference[:, :, None])[:, :, 0]
@@ -99,20 +99,22 @@ def rank_settings(
     order = _order_by_gain(gain)[:count]
     best = order[0]
     repeats = _count_repeats(difference[best], scatter[best], common[best])
-    channels = range(len(problem.trials.channels))
-    by_channel = difference[best] ** 2 / scatter[best][channels, channels]
-    of_mean = scatter[best] / max(repeats, 1)
+    by_channel = difference[best] ** 2 / np.diag(scatter[best])
+    leading_channel = _order_by_gain(by_channel)[0]
+    setting = grid.take(np.array([best]))
+    scatter_of_mean = scatter[best] / max(repeats, 1)
     return Ranking(
-        settings=tuple(_describe_setting(grid, row, shown, float(gain[row])) for row in order),
+        settings=tuple(_describe_setting(grid, row, shown, gain) for row in order),
         repeats=repeats,
-        width_after=_compute_width_after(problem, first, grid.take(np.array([best])), of_mean),
-        channel=problem.trials.channels[_order_by_gain(by_channel)[0]],
+        width_after=_compute_width_after(problem, first, setting, scatter_of_mean),
+        channel=problem.trials.channels[leading_channel],
     )
 
 
-def _describe_setting(grid: Trials, row: int, shown: Sequence[str], gain: float) -> RankedSetting:
-    """Give the covariates of one row of a grid that are shown, as plain values."""
-    return RankedSetting({name: grid.covariates[name][row].item() for name in shown}, gain)
+def _describe_setting(grid: Trials, row: int, shown: Sequence[str], gain: Floats) -> RankedSetting:
+    """Give the covariates of one row of a grid that are shown, as plain values, with its gain."""
+    settings = {name: grid.covariates[name][row].item() for name in shown}
+    return RankedSetting(settings, float(gain[row]))
 
 
 def _compute_scatter(problem: Problem, fitted: Fit, grid: Trials) -> Floats:
@@ -133,8 +135,10 @@ def _compute_unknown_shift(problem: Problem, fitted: Fit, grid: Trials, ahead: F
 
     The shift is that of one prior standard deviation, shape (m, c).
     """
-    shifted = {p.name: p.start + p.prior_std for p in _list_new_parameters(problem, fitted, grid)}
-    return problem.model.predict(grid, fitted.values | shifted, fitted.active) - ahead
+    new = _list_new_parameters(problem, fitted, grid)
+    shifted = {p.name: p.start + p.prior_std for p in new}
+    moved = problem.model.predict(grid, fitted.values | shifted, fitted.active)
+    return np.asarray(moved - ahead)
 
 
 def _list_new_parameters(problem: Problem, fitted: Fit, grid: Trials) -> list[Parameter]:
@@ -185,7 +189,8 @@ def _compute_width_after(
     rows = []
     for p in (*fitted.parameters, *new):
         step = STEP * p.scale
-        moved = ahead.predict(fitted.effects, values | {p.name: values[p.name] + step})[0]
+        shifted = values | {p.name: values[p.name] + step}
+        moved = ahead.predict(fitted.effects, shifted)[0]
         rows.append((moved - base) / step)
     slopes = np.array(rows)
     # the height of a block that is yet to be made is known by its prior alone

@@ -67,10 +67,11 @@ def fit(
     std = np.sqrt(np.diag(covariance)).tolist()
     names = [p.name for p in objective.parameters]
     count = problem.trials.values.size
+    values = objective.name_values(solution.x)
     return Fit(
         effects=objective.effects,
         parameters=objective.parameters,
-        values=objective.name_values(solution.x),
+        values=values,
         std=dict(zip(names, std, strict=True)),
         cost=float(residual @ residual),
         residual=residual[:count],

@@ -68,9 +68,10 @@ class Trials:
             )
         uncertainties = [f"{name}_std" for name in channels]
         measured = {*channels, *uncertainties, "block"}
-        covariates = {
-            str(name): column.to_numpy() for name, column in table.items() if name not in measured
-        }
+        covariates = {}
+        for name, column in table.items():
+            if name not in measured:
+                covariates[str(name)] = column.to_numpy()
         blocks = table.get("block", [""] * len(table))
         return cls(
             covariates=covariates,
@@ -90,13 +91,13 @@ class Trials:
 
     def take(self, rows: NDArray[np.generic]) -> "Trials":
         """Return the trials of a mask or an index."""
+        covariates = {name: column[rows] for name, column in self.covariates.items()}
+        values, std, block = self.values[rows], self.std[rows], self.block[rows]
+        floor = None
+        if self.floor is not None:
+            floor = self.floor[rows]
         return replace(
-            self,
-            covariates={name: column[rows] for name, column in self.covariates.items()},
-            values=self.values[rows],
-            std=self.std[rows],
-            block=self.block[rows],
-            floor=None if self.floor is None else self.floor[rows],
+            self, covariates=covariates, values=values, std=std, block=block, floor=floor
         )
 
     def without(self, rows: Sequence[int]) -> "Trials":

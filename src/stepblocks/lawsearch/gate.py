@@ -190,7 +190,8 @@ def _draw_noise(problem: Problem, base: Fit, draws: int, seed: int) -> Floats:
     seen = problem.trials.seen
     n, count, total = len(seen), seen.size, len(base.jacobian)
     by_trial = base.residual.reshape(seen.shape)
-    mean_square = np.sum(by_trial**2, axis=0) / np.maximum(seen.sum(axis=0), 1)
+    counts = np.maximum(seen.sum(axis=0), 1)
+    mean_square = np.sum(by_trial**2, axis=0) / counts
     std = np.maximum(np.sqrt(mean_square), 1e-12)
     # the tails are those of the residuals, but a sheer misfit counts no more than four deviations
     pool = np.clip(by_trial / std, -_MOST_DEVIATIONS, _MOST_DEVIATIONS)

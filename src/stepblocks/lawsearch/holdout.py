@@ -248,8 +248,10 @@ class HeldOutPredictor:
         test = self._trials.take(fold.rows)
         starts = {}
         for p in self._model.parameters(test):
+            starts[p.name] = p.start
             # without a prior the deviation is infinite, and may not be multiplied by zero
-            starts[p.name] = p.start + prior_shift * p.prior_std if prior_shift else p.start
+            if prior_shift:
+                starts[p.name] = p.start + prior_shift * p.prior_std
         ahead = Problem(self._model, test, fold.problem.noise)
         return ahead.predict(known, starts | fitted.values)
 
@@ -277,21 +279,21 @@ class HeldOutPredictor:
         nominal : sequence of arrays
             Errors of the nominal model, as `compute_errors` returns them.
         """
-        less = self.compute_errors((), prior_shift=-1.0)
-        more = self.compute_errors((), prior_shift=1.0)
-        found = []
-        for error, error_less, error_more in zip(nominal, less, more, strict=True):
-            found.append(_find_open_values(error, error_less, error_more))
-        return found
+        lowered = self.compute_errors((), prior_shift=-1.0)
+        raised = self.compute_errors((), prior_shift=1.0)
+        left_open = []
+        for error, error_lowered, error_raised in zip(nominal, lowered, raised, strict=True):
+            left_open.append(_find_open_values(error, error_lowered, error_raised))
+        return left_open
 
 
-def _find_open_values(error: Floats, less: Floats, more: Floats) -> NDArray[np.bool_]:
+def _find_open_values(error: Floats, lowered: Floats, raised: Floats) -> NDArray[np.bool_]:
     """Mark errors that move by more than a few typical errors; all have the shape (n, c).
 
-    `less` and `more` are the errors with the unknown moved.
+    `lowered` and `raised` are the errors with the unknown moved either way.
     """
     typical = pd.DataFrame(np.abs(error)).median().to_numpy()
-    reach = np.maximum(np.abs(less - error), np.abs(more - error))
+    reach = np.maximum(np.abs(lowered - error), np.abs(raised - error))
     # the reach is not-a-number where the specimen locks once it is moved: that is open, too
     decided = reach <= _MOST_OPEN * typical
     return np.asarray(np.isfinite(error) & ~decided)

@@ -124,8 +124,8 @@ def _list_rivals(
     `base` is the fit without the effect.
     """
     problem, current = found.problem, found.extended
-    most = min(rules.fits, _MOST_RIVAL_FITS)
-    choice = choose_in_place_of(effect, problem, current, base, candidates, most)
+    fits = min(rules.fits, _MOST_RIVAL_FITS)
+    choice = choose_in_place_of(effect, problem, current, base, candidates, fits)
     if choice is None or effect.id in found.walks:
         return []
     rivals = []
@@ -177,8 +177,8 @@ def _is_special_case(problem: Problem, current: Fit, effect: Law, rival: Fit) ->
     if len(sizes) != 1 or len(wider.parameters) < 2 or not only_amplitudes:
         return False
     alike = (wider, {p.name: sizes[0] for p in wider.parameters})
-    others = [(law, values) for law, values in current.active if law is not effect]
-    predicted = problem.model.predict(problem.trials, current.values, [*others, alike])
+    other_effects = [(law, values) for law, values in current.active if law is not effect]
+    predicted = problem.model.predict(problem.trials, current.values, [*other_effects, alike])
     return np.allclose(predicted, current.predicted, rtol=1e-9, atol=1e-12, equal_nan=True)
 
 

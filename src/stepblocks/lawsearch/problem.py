@@ -90,7 +90,8 @@ class Fit:
         """
         count = sum(len(law.parameters) + len(law.steps) for law in self.effects)
         evidence = sum(law.evidence for law in self.effects)
-        return self.cost - evidence + float(np.log(len(self.predicted))) * count
+        penalty = float(np.log(len(self.predicted))) * count
+        return self.cost - evidence + penalty
 
 
 @dataclass(frozen=True)
@@ -149,12 +150,9 @@ class Problem:
 
         They take the place of those that were added before.
         """
-        noise = build_noise(
-            self.trials,
-            [*self.model.systematics(self.trials), *common],
-            self.model.responses(self.trials, fitted.values, fitted.active),
-            self.noise.scatter,
-        )
+        systematics = [*self.model.systematics(self.trials), *common]
+        responses = self.model.responses(self.trials, fitted.values, fitted.active)
+        noise = build_noise(self.trials, systematics, responses, self.noise.scatter)
         return replace(self, noise=noise, common=tuple(common))
 
 

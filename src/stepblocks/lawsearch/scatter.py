@@ -107,8 +107,8 @@ def build_flexible_columns(
     # a column counts where the columns before it do not make it up
     remaining = np.abs(np.diagonal(np.linalg.qr(scaled, mode="r")))
     independent = np.flatnonzero(remaining > _LEAST_INDEPENDENT)
-    most = max(2, int(limit * len(trials)))
-    return np.asarray(np.linalg.qr(scaled[:, independent[:most]])[0])
+    column_limit = max(2, int(limit * len(trials)))
+    return np.asarray(np.linalg.qr(scaled[:, independent[:column_limit]])[0])
 
 
 def _list_levels_and_standardised(trials: Trials) -> tuple[list[Floats], list[Floats]]:
@@ -285,12 +285,14 @@ def estimate_scatter(residual: Residual, std: Floats, responses: Floats) -> Scat
         size = np.maximum(np.sqrt(np.mean(shown**2, axis=(0, 1)) * c), 1e-12)
     # the few misfits of a flexible regression must not set the scatter of all trials
     scaled = np.clip(filled / unit, -_CLIP, _CLIP)
+    start = np.concatenate([np.full(count, _QUANTITY_START), np.full(c, _CHANNEL_START)])
+    bounds = [_QUANTITY_BOUNDS] * count + [_CHANNEL_BOUNDS] * c
     solution = minimize(
         _make_likelihood(scaled, measured, shown / size, seen),
-        np.log(np.concatenate([np.full(count, _QUANTITY_START), np.full(c, _CHANNEL_START)])),
+        np.log(start),
         jac=True,
         method="L-BFGS-B",
-        bounds=[_QUANTITY_BOUNDS] * count + [_CHANNEL_BOUNDS] * c,
+        bounds=bounds,
         options={"maxiter": _ITERATIONS},
     )
     variance = np.exp(solution.x)
@@ -331,9 +333,9 @@ def _make_likelihood(
         cost = cost + np.sum(solved * scaled)
         cost -= np.sum(np.linalg.slogdet(inner)[1])
         gradient = np.empty(count + c)
-        gradient[:count] = np.sum(shown * (weighed - turned @ together), axis=(0, 1)) - np.sum(
-            np.sum(shown * solved[:, :, None], axis=1) ** 2, axis=0
-        )
+        by_determinant = np.sum(shown * (weighed - turned @ together), axis=(0, 1))
+        by_residual = np.sum(np.sum(shown * solved[:, :, None], axis=1) ** 2, axis=0)
+        gradient[:count] = by_determinant - by_residual
         per_channel = 1.0 / diagonal - np.sum(turned * weighed, axis=2) - solved**2
         gradient[count:] = np.where(seen, per_channel, 0.0).sum(axis=0)
         return float(cost), gradient * variance
@@ -354,5 +356,6 @@ def compute_least_scatter(scatters: Sequence[Scatter], responses: Floats) -> Sca
     # else: the least of either part alone would come to less than any estimate saw
     shown = np.mean(responses**2, axis=0)
     quantities = np.min([scatter.quantities for scatter in scatters], axis=0)
+    dof = min(scatter.dof for scatter in scatters)
     whole = np.min([scatter.channels + shown @ scatter.quantities for scatter in scatters], axis=0)
-    return Scatter(quantities, whole - shown @ quantities, min(s.dof for s in scatters))
+    return Scatter(quantities, whole - shown @ quantities, dof)

@@ -248,13 +248,13 @@ def add_or_replace_effect(
     if not same_place:
         return chosen
     # the law that stands there is too stiff
-    others = tuple(law for law in current.effects if law not in same_place)
-    base = fit(problem, others, current.values)
+    other_effects = tuple(law for law in current.effects if law not in same_place)
+    base = fit(problem, other_effects, current.values)
     better = []
     for law in _list_untried(candidates, current):
         if law.named or law.place != added.place:
             continue
-        fitted = fit(problem, (*others, law), base.values)
+        fitted = fit(problem, (*other_effects, law), base.values)
         if fitted.criterion < current.criterion - _LEAST_SMOOTH_GAIN:
             better.append(fitted)
     if better:

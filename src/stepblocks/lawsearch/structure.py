@@ -184,13 +184,11 @@ def find_groups(name: str, errors: OrderedErrors) -> Hint | None:
     low = tuple(sorted(errors.rows[in_low].tolist()))
     high = tuple(sorted(errors.rows[~in_low].tolist()))
     apart = values[~in_low].mean() - values[in_low].mean()
-    return Hint(
-        HintKind.GROUPS,
-        name,
-        float(np.exp(-0.5 * min(gain, _MOST_LOG_ODDS))),
-        f"{name} falls into two groups of {len(low)} and {len(high)} trials, {apart:.3g} apart",
-        (low, high),
+    chance = float(np.exp(-0.5 * min(gain, _MOST_LOG_ODDS)))
+    sentence = (
+        f"{name} falls into two groups of {len(low)} and {len(high)} trials, {apart:.3g} apart"
     )
+    return Hint(HintKind.GROUPS, name, chance, sentence, (low, high))
 
 
 def check_neighbours(name: str, values: Floats) -> Hint:

@@ -84,6 +84,6 @@ def split_into_levels(values: Floats) -> list[NDArray[np.intp]]:
     """
     from ruptures import KernelCPD
 
-    most = min(_MOST_LEVELS, len(values) // _SHORTEST_LEVEL)
+    level_limit = min(_MOST_LEVELS, len(values) // _SHORTEST_LEVEL)
     search = KernelCPD(kernel="linear", min_size=_SHORTEST_LEVEL).fit(values)
-    return [np.array(search.predict(n_bkps=count)[:-1]) for count in range(1, most)]
+    return [np.array(search.predict(n_bkps=count)[:-1]) for count in range(1, level_limit)]

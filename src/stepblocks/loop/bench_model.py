@@ -149,8 +149,7 @@ class SessionModel:
         constants = [Parameter("damper_share", "1", 0.5, -1.0, 2.0, 0.1, 0.5)]
         if self.scanned_radius and self.scanned_radius[0] < _SHARP:
             radius, std = self.scanned_radius
-            most = 3.0 * _SHARP
-            constants.append(Parameter("edge_radius", "m", radius, 0.0, most, 1e-7, std))
+            constants.append(Parameter("edge_radius", "m", radius, 0.0, 3.0 * _SHARP, 1e-7, std))
         load = self.known.get("load_bias_n")
         if load is not None:
             bias, std = load

@@ -155,12 +155,9 @@ def _estimate_interval(value: float, unit: str, std: float) -> Estimate:
 
 def _take_exponential(logarithm: Estimate) -> Estimate:
     """Turn the estimate of a logarithm into that of the number itself."""
-    return Estimate(
-        float(np.exp(logarithm.value)),
-        logarithm.unit,
-        float(np.exp(logarithm.low)),
-        float(np.exp(logarithm.high)),
-    )
+    value = float(np.exp(logarithm.value))
+    low, high = float(np.exp(logarithm.low)), float(np.exp(logarithm.high))
+    return Estimate(value, logarithm.unit, low, high)
 
 
 def _list_errors(
@@ -233,13 +230,15 @@ def _describe_finding(
     effect = finding.effect
     unexplained = finding.verdict is Verdict.UNEXPLAINED
     trial, channel = finding.leading_trial, finding.leading_channel
+    trial_name = str(table.names[trial.number])
+    channel_name = table.trials.channels[channel.number]
     evidence = FindingEvidence(
         claim=str(finding.verdict),
         gate_p_value=finding.gate_p,
         twice_log_likelihood_gain=finding.gain,
         law_named=effect.named and not unexplained,
-        leading_trial=LeadingTrial(str(table.names[trial.number]), trial.share),
-        leading_channel=LeadingChannel(table.trials.channels[channel.number], channel.share),
+        leading_trial=LeadingTrial(trial_name, trial.share),
+        leading_channel=LeadingChannel(channel_name, channel.share),
     )
     record = _describe_effect(effect, explanation.extended, evidence, explanation.problem)
     if effect.named and unexplained:

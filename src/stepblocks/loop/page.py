@@ -258,12 +258,14 @@ def compute_change(explanation: Explanation, effect: Law) -> EffectChange:
     The uncertainty follows to first order from that of the parameters of the effect.
     """
     problem, fitted = explanation.problem, explanation.extended
-    others = [(law, values) for law, values in fitted.active if law is not effect]
+    other_effects = [(law, values) for law, values in fitted.active if law is not effect]
 
     def predict_change(values: Mapping[str, float]) -> Floats:
-        active = [*others, (effect, effect.pick_own_values(values))]
+        active = [*other_effects, (effect, effect.pick_own_values(values))]
         with_effect = problem.model.predict(problem.trials, values, active)
-        return np.asarray(with_effect - problem.model.predict(problem.trials, values, others))
+        return np.asarray(
+            with_effect - problem.model.predict(problem.trials, values, other_effects)
+        )
 
     base = predict_change(fitted.values)
     channel = int(np.argmax(np.nanmean(np.abs(base[:, JUDGED]), axis=0)))

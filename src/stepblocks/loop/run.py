@@ -110,9 +110,7 @@ def loop_session(
     cores = jobs or len(os.sched_getaffinity(0))
     place = None if output is None else Path(output)
     if isinstance(session, pd.DataFrame):
-        scans = {}
-        if not forces_only:
-            scans = {block: dict(edges) for block, edges in inspected.items()}
+        scans = {} if forces_only else inspected
         stiffness, radius = point.tool.stiffness, point.ball_radius
         result = analyse_features(session, stiffness, radius, scans, jobs=cores, announce=announce)
         if place is not None:
@@ -168,6 +166,7 @@ class _SessionFolder:
         announce: Announce | None,
     ) -> LoopResult:
         """Measure and explain the session, and write the result where there is an output."""
+        from stepblocks.bench.figures import draw_trials
         from stepblocks.bench.measure import estimate_tool, measure_session
         from stepblocks.bench.traces import Traces
         from stepblocks.bench.trials import insert_conditions, open_trials, read_conditions
@@ -189,7 +188,7 @@ class _SessionFolder:
                 )
             result = self._explain(insert_conditions(features, conditions), jobs, announce)
             if output is not None:
-                self._write(result, output, tool)
+                _write_with_traces(result, output, partial(draw_trials, self.folder, tool=tool))
         return result
 
     def _explain(self, features: pd.DataFrame, jobs: int, announce: Announce | None) -> LoopResult:
@@ -218,14 +217,26 @@ class _SessionFolder:
         title = self.declared.title or self.folder.name
         return replace(result.add_unused_scans(found.unused), title=title)
 
-    def _write(self, result: LoopResult, output: Path, tool: Any) -> None:
-        """Write the result, with figures of the traces of trials that were held apart."""
-        from stepblocks.bench.figures import draw_trials
 
-        apart = [trial.trial for trial in result.record.apart[:_MOST_DRAWN]]
-        with tempfile.TemporaryDirectory(prefix="stepblocks-apart-") as scratch:
-            figures = draw_trials(self.folder, scratch, apart, tool) if apart else []
-            write_loop(result, output, figures)
+def _write_with_traces(
+    result: LoopResult, output: Path, draw_traces: Callable[[str, list[str]], list[Path]]
+) -> None:
+    """Write the result of a session, with figures of the trials that were held apart.
+
+    Parameters
+    ----------
+    result : LoopResult
+    output : Path
+        Folder.
+    draw_traces : callable
+        Draws the traces of trials, by name, into a folder, and returns the figures.
+    """
+    apart = [trial.trial for trial in result.record.apart[:_MOST_DRAWN]]
+    with tempfile.TemporaryDirectory(prefix="stepblocks-apart-") as scratch:
+        figures: list[Path] = []
+        if apart:
+            figures = draw_traces(scratch, apart)
+        write_loop(result, output, figures)
 
 
 def analyse_features(
@@ -320,13 +331,10 @@ def _explain_and_hold_out(
     # where tips stick no law is claimed, whatever parts of the trials would choose
     hints = find_regime_hints(table)
     folds = [] if hints else [*inside, *outside]
-    found = explain(
-        model,
-        trials,
-        model.candidates(trials),
-        rules,
-        announce=partial(announce, 1, 1 + len(folds)) if announce else None,
-    )
+    announce_first: Callable[[str], None] | None = None
+    if announce:
+        announce_first = partial(announce, 1, 1 + len(folds))
+    found = explain(model, trials, model.candidates(trials), rules, announce=announce_first)
     selected = _search_folds(table, found, folds, rules, jobs, announce)
     of_inside, of_outside = selected[: len(inside)], selected[len(inside) :]
     found = check_claims(found, of_inside, of_outside, model.cells(trials))

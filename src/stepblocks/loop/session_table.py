@@ -127,23 +127,29 @@ def build_session_table(
     for row, j in np.argwhere(outlying):
         reason = f"{CHANNELS[j]} lies far from all other trials"
         excluded.append(ExcludedTrial(str(names[row]), reason))
-    known_constants = estimate_unloaded_zeros(features) | dict(known or {})
+    model = SessionModel(
+        _guess_tool(trials, spring_constant),
+        scanned=_list_scanned_heights(scans or {}),
+        scanned_radius=_average_edge_radius(scans or {}),
+        known=estimate_unloaded_zeros(features) | dict(known or {}),
+        laws=_freeze_laws(laws or {}),
+    )
+    without_outliers = np.where(outlying, np.nan, trials.values)
     return SessionTable(
-        trials=replace(trials, values=np.where(outlying, np.nan, trials.values)),
+        trials=replace(trials, values=without_outliers),
         names=names,
         excluded=excluded,
         regimes=_count_regimes(table),
         static_friction=_find_static_friction(table),
-        model=SessionModel(
-            _guess_tool(trials, spring_constant),
-            scanned=_list_scanned_heights(scans or {}),
-            scanned_radius=_average_edge_radius(scans or {}),
-            known=known_constants,
-            laws=tuple((kind, tuple(law.items())) for kind, law in (laws or {}).items()),
-        ),
+        model=model,
         tip_radius_um=tip_radius * 1e6,
         measured=trials.values,
     )
+
+
+def _freeze_laws(laws: Mapping[str, Mapping[str, Any]]) -> tuple[tuple[str, Any], ...]:
+    """Turn known laws into pairs of kind and numbers, by which a cache can find a design again."""
+    return tuple((kind, tuple(law.items())) for kind, law in laws.items())
 
 
 def _check_columns(features: pd.DataFrame) -> None:

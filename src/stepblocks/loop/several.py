@@ -188,8 +188,9 @@ def _join_trials(tables: Mapping[str, SessionTable], model: SessionModel) -> Tri
         common = all(name in trials.covariates for trials in parts)
         if common and name != "day" and not name.endswith(_CLOCK):
             covariates[name] = np.concatenate([trials.covariates[name] for trials in parts])
-    covariates["run_order"] = _join_run_orders([model.order(trials) for trials in parts])
-    covariates["session"] = np.repeat(list(tables), [len(trials) for trials in parts])
+    orders = [model.order(trials) for trials in parts]
+    covariates["run_order"] = _join_run_orders(orders)
+    covariates["session"] = np.repeat(list(tables), [len(order) for order in orders])
     return Trials(
         covariates=covariates,
         channels=first.channels,
@@ -237,12 +238,13 @@ def pool_parameter(unit: str, sessions: Mapping[str, float], covariance: Floats)
     apart = np.eye(n) * unit_variance
 
     def compute_misfit(ratio: float) -> float:
-        return float(GLS(values, np.ones(n), covariance + ratio * apart).fit().ssr) - n + 1.0
+        pooled = GLS(values, np.ones(n), covariance + ratio * apart).fit()
+        return float(pooled.ssr) - n + 1.0
 
-    most = 1.0 + n * float(np.ptp(values)) ** 2 / unit_variance
+    largest_ratio = 1.0 + n * float(np.ptp(values)) ** 2 / unit_variance
     ratio = 0.0
     if compute_misfit(0.0) > 0.0:
-        ratio = float(brentq(compute_misfit, 0.0, most))
+        ratio = float(brentq(compute_misfit, 0.0, largest_ratio))
     pooled = GLS(values, np.ones(n), covariance + ratio * apart).fit()
     mean, variance = float(pooled.params[0]), float(pooled.normalized_cov_params[0, 0])
     # the spread among few sessions is known no better than their number allows (Higgins 2009,
@@ -250,7 +252,8 @@ def pool_parameter(unit: str, sessions: Mapping[str, float], covariance: Floats)
     quantile = stats.t.ppf(_LEVEL, n - 1) if n > 1 else WIDE
     reach = float(quantile * np.sqrt(ratio * unit_variance + variance))
     # a session's value with the others known is drawn to the mean as far as its error asks
-    shrunk = mean + ratio * apart @ np.linalg.solve(covariance + ratio * apart, values - mean)
+    whole = covariance + ratio * apart
+    shrunk = mean + ratio * apart @ np.linalg.solve(whole, values - mean)
     stds = np.sqrt(np.diag(covariance))
     of_sessions = {}
     rows = zip(sessions.items(), stds.tolist(), shrunk.tolist(), strict=True)
