@@ -39,12 +39,15 @@ from oracles.virtual_bench import Bench
 from oracles.virtual_session import Plan, write_session
 from stepblocks.bench.measure import measure_session
 from stepblocks.bench.session import open_session
-from stepblocks.lawsearch.explain import Explanation, Rules, Verdict, explain
+from stepblocks.lawsearch.explain import explain
+from stepblocks.lawsearch.findings import Explanation, Rules, Verdict
 from stepblocks.lawsearch.gate import compute_detectable
-from stepblocks.loop import bench_model, session_table
+from stepblocks.loop import bench_model
+from stepblocks.loop.block_scans import scan_blocks
+from stepblocks.loop.columns import CHANNEL_COLUMNS, Scale
 from stepblocks.loop.heights import add_height_errors
 from stepblocks.loop.run import analyse_features
-from stepblocks.loop.session_table import build_session_table, scan_blocks
+from stepblocks.loop.session_table import build_session_table
 from stepblocks.rig.state import CHANNELS
 
 _SHARP = (0.05e-6, 1.2e-6)  # radii of edges that a scan cannot tell from sharp ones [m]
@@ -322,7 +325,7 @@ def _measure_scans(folder: Path, blocks: list[str]) -> dict[str, dict[str, float
     shown = (*blocks, *(path.read_bytes() for path in files))
     if shown not in _LAST:
         _LAST.clear()
-        _LAST[shown] = scan_blocks(folder, "scans/{block}.csv", blocks)[0]
+        _LAST[shown] = scan_blocks(folder, "scans/{block}.csv", blocks).scans
     return _LAST[shown]
 
 
@@ -341,10 +344,12 @@ def _err_together(features: pd.DataFrame, random: np.random.Generator) -> pd.Dat
     )
     columns = (height, load, speed, height**2, height * load, load * speed, height * speed)
     changed = features.copy()
-    for channel, (name, _, kind) in zip(CHANNELS, session_table._COLUMNS, strict=True):
-        error = random.normal(0.0, bench_model._COMMON[channel], len(columns)) @ np.stack(columns)
+    for channel, of_channel in zip(CHANNELS, CHANNEL_COLUMNS, strict=True):
+        std = bench_model.COMMON_ERRORS[channel]
+        error = random.normal(0.0, std, len(columns)) @ np.stack(columns)
         # friction errs by itself, all others by a share of theirs
-        changed[name] += error if kind == "as is" else features[name] * np.expm1(error)
+        name, plain = of_channel.figure, of_channel.scale is Scale.PLAIN
+        changed[name] += error if plain else features[name] * np.expm1(error)
     return changed
 
 
@@ -388,7 +393,7 @@ def run_one(name: str, trials: int, seed: int, *, folds: bool = False) -> dict[s
         "outcome": judge(found, places),
         "verdict": str(found.verdict),
         "found": [
-            [f.effect.id, str(f.verdict), [r[0].id for r in f.rivals]] for f in found.findings
+            [f.effect.id, str(f.verdict), [r.effect.id for r in f.rivals]] for f in found.findings
         ],
         "told": [[h.kind, h.quantity] for h in found.hints],
         "false geometry": ("contact_geometry" not in {slot for slot, _ in places})
@@ -431,7 +436,7 @@ def judge(found: Explanation, places: set[tuple[str, str]]) -> str:
     told = {("told", h.quantity) for h in found.hints}
     if found.verdict is Verdict.NONE:
         return "none"
-    own = [({f.effect.place} | {r[0].place for r in f.rivals}, f) for f in found.findings]
+    own = [({f.effect.place} | {r.effect.place for r in f.rivals}, f) for f in found.findings]
     hits = [bool(group & places) and len(f.rivals) <= 2 for group, f in own]
     if not any(hits) and not told & places:
         return "wrong"

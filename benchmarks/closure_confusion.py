@@ -32,10 +32,11 @@ from oracles.feature_bench import (
     noise_free,
 )
 from stepblocks.contact.operating_point import Tool
-from stepblocks.lawsearch.adequacy import compare_directions
-from stepblocks.lawsearch.explain import Explanation, Rules, Verdict, explain
+from stepblocks.lawsearch.explain import explain
+from stepblocks.lawsearch.findings import Explanation, Rules, Verdict
 from stepblocks.lawsearch.fit import fit
 from stepblocks.lawsearch.forward_model import Trials
+from stepblocks.lawsearch.identifiability import compare_directions
 from stepblocks.lawsearch.law import Law, Parameter
 from stepblocks.loop.bench_model import SessionModel, list_candidates, list_covariate_ranges
 from stepblocks.rig.effects.smooth import SLOT_MOVES
@@ -180,7 +181,7 @@ def run_one(task: Task) -> dict[str, Any]:
         "outcome": outcome,
         "verdict": str(found.verdict),
         "found": [f.effect.id for f in found.findings],
-        "rivals": [[r[0].id for r in f.rivals] for f in found.findings],
+        "rivals": [[r.effect.id for r in f.rivals] for f in found.findings],
         "removed": removed(found, seed, truth) if names else None,
         "seconds": seconds,
     }
@@ -193,7 +194,7 @@ def judge(found: Explanation, truth: list[Law]) -> str:
     places = {e.place for e in truth}
     hits, undecided = set(), False
     for finding in found.findings:
-        listed = {finding.effect.place} | {r[0].place for r in finding.rivals}
+        listed = {finding.effect.place} | {r.effect.place for r in finding.rivals}
         if finding.effect.place in places:
             hits.add(finding.effect.place)
             undecided |= finding.verdict is Verdict.AMBIGUOUS
@@ -240,8 +241,8 @@ def group_named(found: Explanation) -> str:
         for e in list_candidates(table, list_covariate_ranges(table), True)
         if e.id == "block_tilt"
     ]
-    directions: dict[str, Any] = compare_directions(found.problem, found.nominal, effects)
-    by = directions["imitated_by_constants"].get("block_tilt", ())
+    directions = compare_directions(found.problem, found.nominal, effects)
+    by = directions.imitated_by_constants.get("block_tilt", ())
     return "group named" if not found.findings and "friction" in by else "wrong"
 
 

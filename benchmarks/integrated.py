@@ -14,8 +14,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from oracles.virtual_session import Plan, write_session
 from stepblocks.bench.measure import measure_session
+from stepblocks.loop.block_scans import scan_blocks
 from stepblocks.loop.run import analyse_features
-from stepblocks.loop.session_table import scan_blocks
 
 FIRST = 2  # seed; the model was looked at on others
 
@@ -31,9 +31,8 @@ def main():
             plan = Plan(trials=trials)
             write_session(session, plan, seed)
             features = measure_session(session)
-            scans, _ = scan_blocks(
-                session, "scans/{block}.csv", sorted(set(features["block"].dropna()))
-            )
+            blocks = sorted(set(features["block"].dropna()))
+            scans = scan_blocks(session, "scans/{block}.csv", blocks).scans
         result = analyse_features(
             features, plan.bench.stiffness, plan.bench.tip_radius, scans, jobs=2
         )

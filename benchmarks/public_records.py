@@ -28,7 +28,7 @@ from scipy.optimize import curve_fit
 from scipy.signal import butter, decimate, filtfilt
 
 from stepblocks import Law, Parameter, Trials, explain
-from stepblocks.lawsearch.explain import Explanation
+from stepblocks.lawsearch.findings import Explanation
 from stepblocks.lawsearch.law import Active
 
 Floats = NDArray[np.float64]

@@ -10,17 +10,19 @@ from statsmodels.api import OLS, add_constant
 from oracles.toy_model import Toy, toy_effects, toy_trials
 from stepblocks.lawsearch import adequacy
 from stepblocks.lawsearch.adequacy import (
-    compare_directions,
     compare_with_replicates,
     compute_smooth_p,
     find_largest_shares,
-    rank_settings,
 )
-from stepblocks.lawsearch.explain import Rules, explain
+from stepblocks.lawsearch.discrimination import rank_settings
+from stepblocks.lawsearch.explain import explain
+from stepblocks.lawsearch.findings import Rules
 from stepblocks.lawsearch.fit import build_problem, fit
 from stepblocks.lawsearch.forward_model import Floats, Trials
+from stepblocks.lawsearch.identifiability import compare_directions
 from stepblocks.lawsearch.law import Active, Law, Parameter
-from stepblocks.lawsearch.noise import Scatter, build_noise
+from stepblocks.lawsearch.noise import build_noise
+from stepblocks.lawsearch.scatter import Scatter
 
 _RULES = Rules(draws=200)
 
@@ -28,7 +30,7 @@ _RULES = Rules(draws=200)
 def test_what_a_constant_imitates_is_named_from_the_design_alone() -> None:
     problem = build_problem(Toy(), toy_trials(60, 4))
     outcome = compare_directions(problem, fit(problem), toy_effects())
-    assert outcome["imitated_by_constants"] == {"shift": ("a",)}
+    assert outcome.imitated_by_constants == {"shift": ("a",)}
 
 
 def test_the_next_trials_lie_where_the_rivals_differ_most() -> None:
@@ -38,11 +40,11 @@ def test_the_next_trials_lie_where_the_rivals_differ_most() -> None:
     proposal = rank_settings(found.problem, found.extended, found.nominal, grid, ("z",))
     assert proposal is not None
     difference = np.abs(grid.covariates["z"]) ** 2
-    best = float(proposal["trials"][0]["z"])
+    best = float(proposal.settings[0].settings["z"])
     # the nominal level sits at the mean of z^2, a third: the ends differ by 0.5 * 2/3, the middle
     # by 0.5 / 3
     assert best**2 == pytest.approx(float(difference.max()))
-    gains = [one["expected_gain"] for one in proposal["trials"]]
+    gains = [one.expected_gain for one in proposal.settings]
     assert gains == sorted(gains, reverse=True)
 
 
@@ -92,16 +94,16 @@ def test_a_specimen_that_is_yet_to_be_made_tells_no_more_than_its_own_level_leav
     assert new is not None
     assert never is not None
     size = extended.values["square_of_z.size"]
-    seen = known["trials"][0]["expected_gain"] / size**2  # of a level of one
+    seen = known.settings[0].expected_gain / size**2  # of a level of one
     # origin: law and level move both channels alike: the gain falls by 1 + 0.1^2 times that of one
-    assert new["trials"][0]["expected_gain"] == pytest.approx(
+    assert new.settings[0].expected_gain == pytest.approx(
         size**2 * seen / (1.0 + 0.01 * seen), rel=1e-6
     )
     # many trials on the known one settle it; of the new one its level stays open
-    assert known["repeats"] == int(np.ceil(12.0 / (size**2 * seen)))
-    assert new["repeats"] == int(np.ceil(12.0 / (seen * (size**2 - 0.12))))
+    assert known.repeats == int(np.ceil(12.0 / (size**2 * seen)))
+    assert new.repeats == int(np.ceil(12.0 / (seen * (size**2 - 0.12))))
     # odds of 400 to 1 ask for 12, and (0.2 / 0.1)^2 is the most that there is
-    assert never["repeats"] == 0
+    assert never.repeats == 0
 
 
 def test_the_interval_promised_after_the_next_trials_is_that_of_a_fit_with_them() -> None:
@@ -111,9 +113,9 @@ def test_the_interval_promised_after_the_next_trials_is_that_of_a_fit_with_them(
     nominal, extended = fit(problem), fit(problem, [law])
     asked = rank_settings(problem, extended, nominal, grid, ("z",))
     assert asked is not None
-    (best,) = np.flatnonzero(grid.covariates["z"] == asked["trials"][0]["z"])
+    (best,) = np.flatnonzero(grid.covariates["z"] == asked.settings[0].settings["z"])
     # origin: the same least squares with these trials among the others
-    new = grid.take(np.full(asked["repeats"], best))
+    new = grid.take(np.full(asked.repeats, best))
     both = Trials(
         {n: np.append(c, new.covariates[n]) for n, c in trials.covariates.items()},
         trials.channels,
@@ -125,10 +127,10 @@ def test_the_interval_promised_after_the_next_trials_is_that_of_a_fit_with_them(
     noise = build_noise(both, (), responses, problem.noise.scatter)
     after = fit(replace(problem, trials=both, noise=noise), [law])
     name = "square_of_z.size"
-    assert asked["width_after"] == {
+    assert asked.width_after == {
         name: pytest.approx(after.std[name] / extended.std[name], rel=1e-6)
     }
-    assert 0.3 < asked["width_after"][name] < 0.9
+    assert 0.3 < asked.width_after[name] < 0.9
 
 
 def test_settings_that_tie_are_asked_for_in_the_order_of_the_grid_whatever_the_last_bits() -> None:
@@ -147,23 +149,25 @@ def test_settings_that_tie_are_asked_for_in_the_order_of_the_grid_whatever_the_l
         rivals = found.extended, found.nominal
         proposal = rank_settings(found.problem, *rivals, grid, ("z",))
         assert proposal is not None
-        assert [one["z"] for one in proposal["trials"]] == z[[1, 2, 3, 0]].tolist()
+        assert [one.settings["z"] for one in proposal.settings] == z[[1, 2, 3, 0]].tolist()
 
 
 def test_pure_error_is_the_scatter_among_replicates() -> None:
     generator = np.random.default_rng(11)
     cells = [i // 4 for i in range(400)]
     noise = generator.normal(0.0, 0.2, 400)
-    fine = compare_with_replicates(noise, cells, free=1)
-    assert fine["replicate_std"] == pytest.approx(0.2, rel=0.1)
-    assert fine["lack_of_fit_p_value"] > 0.01
+    fine = compare_with_replicates(noise, cells, constants=1)
+    assert fine.replicate_std == pytest.approx(0.2, rel=0.1)
+    assert fine.lack_of_fit_p_value > 0.01
     assert (
-        compare_with_replicates(noise + 0.3 * np.sin(np.array(cells)), cells, free=1)[
-            "lack_of_fit_p_value"
-        ]
+        compare_with_replicates(
+            noise + 0.3 * np.sin(np.array(cells)), cells, constants=1
+        ).lack_of_fit_p_value
         < 1e-6
     )
-    assert np.isnan(compare_with_replicates(noise[:4], [0, 1, 2, 3], free=1)["lack_of_fit_p_value"])
+    assert np.isnan(
+        compare_with_replicates(noise[:4], [0, 1, 2, 3], constants=1).lack_of_fit_p_value
+    )
 
 
 def test_a_condition_that_never_changes_has_no_smooth_though_its_scatter_is_a_rounded_zero():
@@ -171,9 +175,9 @@ def test_a_condition_that_never_changes_has_no_smooth_though_its_scatter_is_a_ro
     trials = Trials(
         {"load_n": load}, ("energy",), np.zeros((20, 1)), np.ones((20, 1)), np.array(["a"] * 20)
     )
-    assert adequacy._smooth_columns(trials, "load_n") is None
+    assert adequacy.build_smooth_columns(trials, "load_n") is None
     changed = np.where(np.arange(20) < 10, 0.4, 0.5)
-    assert adequacy._smooth_columns(
+    assert adequacy.build_smooth_columns(
         replace(trials, covariates={"load_n": changed}), "load_n"
     ).shape == (
         20,
@@ -203,7 +207,7 @@ def test_the_constant_that_imitates_an_effect_most_is_named_first() -> None:
     outcome = compare_directions(problem, fit(problem), [lean])
     # closed form: on the first channel 1 + x is one column of a and one of b, and that of ones is
     # longer than that of x, which lies within one of zero
-    assert outcome["imitated_by_constants"] == {"lean": ("a", "b")}
+    assert outcome.imitated_by_constants == {"lean": ("a", "b")}
 
 
 @dataclass(frozen=True)

@@ -9,18 +9,15 @@ from scipy.stats import multivariate_normal, norm
 
 from oracles.toy_model import Toy, toy_effects, toy_trials
 from stepblocks.errors import PipelineError
-from stepblocks.lawsearch.fit import (
-    HopelessFitError,
-    Problem,
-    _Objective,
-    build_problem,
-    fit,
-)
+from stepblocks.lawsearch.fit import build_problem, fit
 from stepblocks.lawsearch.forward_model import Floats, Systematic, Trials
 from stepblocks.lawsearch.law import Law, Parameter
-from stepblocks.lawsearch.noise import (
+from stepblocks.lawsearch.noise import build_noise
+from stepblocks.lawsearch.objective import HopelessFitError, Objective
+from stepblocks.lawsearch.problem import Problem
+from stepblocks.lawsearch.scatter import (
+    Residual,
     Scatter,
-    build_noise,
     compute_least_scatter,
     compute_replicate_residual,
     estimate_scatter,
@@ -55,7 +52,7 @@ def test_a_fit_that_a_rival_leads_by_far_is_given_up_after_some_steps_and_no_oth
     for effect, lead, steps in ((bend, 42.9, 1), (jump, 75.0, 3)):
         done = fit(problem, (effect,))
         ahead, far_ahead = (
-            _Objective(problem, (effect,), done.cost - part * lead) for part in (0.99, 1.01)
+            Objective(problem, (effect,), done.cost - part * lead) for part in (0.99, 1.01)
         )
         end = np.array([done.values[p.name] for p in ahead.parameters]) / ahead.scale
         slopes = [one.jacobian(end) for one in (*(steps * [far_ahead]), *(5 * [ahead]))]
@@ -70,7 +67,7 @@ def test_scatter_is_split_between_the_common_quantity_and_the_channels() -> None
     responses = np.tile(np.array([[1.0], [2.0], [0.0]]), (n, 1, 1))
     residual = level * generator.standard_normal((n, 1)) * np.array([1.0, 2.0, 0.0])
     residual += own * generator.standard_normal((n, 3))
-    found = estimate_scatter(residual, np.full((n, 3), 0.02), responses, n)
+    found = estimate_scatter(Residual(residual, n), np.full((n, 3), 0.02), responses)
     assert np.sqrt(found.quantities[0]) == pytest.approx(level, rel=0.05)
     assert np.sqrt(found.channels + 0.02**2) == pytest.approx(own, rel=0.1)
 
@@ -241,7 +238,8 @@ def test_replicates_scatter_as_their_unbiased_variance_also_in_cells_of_unlike_s
     sizes = [2] * 10 + [4] * 10
     cells = np.repeat(np.arange(20), sizes)
     trials = toy_trials(60, 4)
-    residual, dof = compute_replicate_residual(trials, cells.tolist())
+    found = compute_replicate_residual(trials, cells.tolist())
+    residual, dof = found.values, found.dof
     assert dof == 60 - 20
     for j in range(2):
         variances = [np.var(trials.values[cells == one, j], ddof=1) for one in range(20)]
@@ -255,7 +253,7 @@ def test_the_slope_of_the_cost_is_its_derivative_where_values_are_censored() -> 
     floor[::3, 0] = trials.values[::3, 0] - 0.2
     values = np.where(np.isfinite(floor), np.nan, trials.values)
     problem = build_problem(Toy(), replace(trials, values=values, floor=floor))
-    objective = _Objective(problem, ())
+    objective = Objective(problem, ())
     x = objective.start + np.array([0.37, -0.21])
     for i, one in enumerate(np.eye(len(x)) * 1e-5):
         slope = (objective.residual(x + one) - objective.residual(x - one)) / 2e-5
@@ -267,7 +265,7 @@ def test_values_that_are_missing_take_no_part_in_the_scatter_of_the_others(unit:
     n, std = 400, 0.02 * unit
     residual = 0.1 * unit * np.random.default_rng(6).standard_normal((n, 2))
     residual[::4, 1] = np.nan
-    found = estimate_scatter(residual, np.full((n, 2), std), np.zeros((n, 2, 0)), n - 3)
+    found = estimate_scatter(Residual(residual, n - 3), np.full((n, 2), std), np.zeros((n, 2, 0)))
     # closed form: with equal uncertainties the most likely variance is the mean square, with the
     # degrees of freedom that the regression took, less that of the uncertainties
     expected = np.nanmean(residual**2, axis=0) * n / (n - 3) - std**2
@@ -289,7 +287,7 @@ def test_scatter_is_where_the_likelihood_of_a_normal_is_greatest() -> None:
             for row, shown in zip(residual, responses, strict=True)
         )
 
-    found = estimate_scatter(residual, std, responses, 80)
+    found = estimate_scatter(Residual(residual, 80), std, responses)
     best = likelihood(found.quantities, found.channels)
     for factor in (0.9, 1.1):
         for k in range(2):

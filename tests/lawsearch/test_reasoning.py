@@ -10,25 +10,21 @@ import numpy as np
 import pytest
 
 from oracles.toy_model import Toy, toy_effects, toy_trials
-from stepblocks.lawsearch.explain import (
-    Finding,
-    Rules,
-    Verdict,
-    _add_or_replace_effect,
-    explain,
-)
+from stepblocks.lawsearch.choice import Rival, select_likeliest
+from stepblocks.lawsearch.claims import check_claims, choose_delivered_effects
+from stepblocks.lawsearch.explain import explain
+from stepblocks.lawsearch.findings import Doubt, Finding, Rules, Verdict
 from stepblocks.lawsearch.fit import build_problem, fit
 from stepblocks.lawsearch.forward_model import Floats, Systematic, Trials
-from stepblocks.lawsearch.gate import Gate, score_candidates, select_likeliest
+from stepblocks.lawsearch.gate import Gate, score_candidates
 from stepblocks.lawsearch.holdout import (
     Holdout,
-    check_claims,
-    choose_delivered_effects,
     select_effects_without,
     split_by_block,
     split_within_blocks,
 )
 from stepblocks.lawsearch.law import Law, Parameter
+from stepblocks.lawsearch.search import add_or_replace_effect
 
 _RULES = Rules(draws=200)
 
@@ -74,7 +70,7 @@ def test_one_trial_carries_no_claim_and_is_named_with_its_share(seed: int) -> No
     found = explain(Toy(), far, laws, _RULES)
     (finding,) = found.findings
     assert found.verdict is finding.verdict is Verdict.UNEXPLAINED
-    assert finding.reason == "few trials carry it"
+    assert finding.reason is Doubt.FEW_TRIALS
     assert finding.leading_trial == (40, pytest.approx(1.0, abs=0.1))
     # the same line through all of them is a law
     slope = 0.3 * trials.covariates["w"][:, None] * [1.0, 2.0]
@@ -82,7 +78,7 @@ def test_one_trial_carries_no_claim_and_is_named_with_its_share(seed: int) -> No
         Toy(), replace(trials, values=trials.values + slope), laws, _RULES
     ).findings
     assert finding.verdict is Verdict.EFFECT
-    assert finding.leading_trial[1] < 0.1
+    assert finding.leading_trial.share < 0.1
 
 
 def test_a_law_that_is_the_only_one_asked_about_is_claimed_as_beside_others() -> None:
@@ -110,20 +106,21 @@ def test_covariates_that_run_together_are_ambiguous() -> None:
     found = explain(Toy(), trials, toy_effects(), _RULES)
     assert found.verdict is Verdict.AMBIGUOUS
     finding = found.findings[0]
-    assert {finding.effect.covariate, *(r[0].covariate for r in finding.rivals)} == {"z", "w"}
+    assert {finding.effect.covariate, *(r.effect.covariate for r in finding.rivals)} == {"z", "w"}
 
 
 def test_a_group_holds_the_truth_by_95_percent_and_names_no_more() -> None:
     base = fit(build_problem(Toy(), toy_trials(60, 3)))
     rivals = [
-        (replace(toy_effects()[0], id=str(behind)), base, behind) for behind in (0.0, 4.0, 6.0, 7.9)
+        Rival(replace(toy_effects()[0], id=str(behind)), base, behind)
+        for behind in (0.0, 4.0, 6.0, 7.9)
     ]
     # origin: exp(-behind / 2) to 1 for the effect itself; with two rivals the group holds 2.135 of
     # 2.204, which is 96.9 %
-    assert [r[2] for r in select_likeliest(rivals, rivals[:1])] == [0.0, 4.0]
-    assert [r[2] for r in select_likeliest(rivals, rivals[3:])] == [0.0, 4.0, 7.9]
+    assert [r.behind for r in select_likeliest(rivals, rivals[:1])] == [0.0, 4.0]
+    assert [r.behind for r in select_likeliest(rivals, rivals[3:])] == [0.0, 4.0, 7.9]
     # one alone is named even where the effect holds more than that: 1 of 1.019
-    assert [r[2] for r in select_likeliest(rivals[3:], rivals[3:])] == [7.9]
+    assert [r.behind for r in select_likeliest(rivals[3:], rivals[3:])] == [7.9]
     assert select_likeliest([], []) == ()
 
 
@@ -420,6 +417,6 @@ def test_a_line_that_is_too_stiff_gives_way_to_a_smooth_that_fits_far_better_and
         problem = build_problem(Toy(), data)
         current = fit(problem, (stiff,))
         chosen = fit(problem, (stiff, square), current.values)
-        found = _add_or_replace_effect(problem, current, chosen, [stiff, square, smooth])
+        found = add_or_replace_effect(problem, current, chosen, [stiff, square, smooth])
         # a law never stands beside a law of its place that it does not beat
         assert (found and [e.id for e in found.effects]) == expected

@@ -12,13 +12,15 @@ from scipy import stats
 
 from oracles.toy_model import Toy, toy_effects, toy_trials
 from stepblocks.lawsearch.adequacy import check_residuals
-from stepblocks.lawsearch.explain import _add_or_replace_effect, _exchange_or_drop_effect
+from stepblocks.lawsearch.choice import choose_candidate
 from stepblocks.lawsearch.fit import build_problem, fit
 from stepblocks.lawsearch.forward_model import Systematic
-from stepblocks.lawsearch.gate import choose_candidate, compute_detectable, score_candidates
+from stepblocks.lawsearch.gate import compute_detectable, score_candidates
 from stepblocks.lawsearch.law import Law, Parameter
 from stepblocks.lawsearch.mixture import find_bad_trials
-from stepblocks.lawsearch.noise import Scatter, build_noise
+from stepblocks.lawsearch.noise import build_noise
+from stepblocks.lawsearch.scatter import Scatter
+from stepblocks.lawsearch.search import add_or_replace_effect, exchange_or_drop_effect
 
 
 def _chosen(trials, effects, **keywords):
@@ -40,12 +42,12 @@ def squared():
 
 def test_the_candidate_that_explains_most_is_chosen_and_the_others_stand_behind_in_order(squared):
     _, base, choice = _chosen(squared, toy_effects())
-    assert choice[0].effects[-1].id == "square_of_z"
-    criteria = [trial.criterion for trial in choice[1]]
+    assert choice.effect.id == "square_of_z"
+    criteria = [trial.criterion for trial in choice.tried]
     assert criteria == sorted(criteria)
     # cost plus the logarithm of the number of trials for every parameter
-    assert choice[0].criterion == pytest.approx(choice[0].cost + np.log(120))
-    assert choice[0].criterion < base.criterion
+    assert choice.lead.criterion == pytest.approx(choice.lead.cost + np.log(120))
+    assert choice.lead.criterion < base.criterion
 
 
 def test_nothing_is_chosen_that_does_not_pay_for_its_parameters():
@@ -55,14 +57,14 @@ def test_nothing_is_chosen_that_does_not_pay_for_its_parameters():
 def test_of_laws_that_predict_the_same_the_one_of_lower_rank_gives_its_name(squared):
     law = toy_effects()[0]
     twins = [replace(law, id="twin_second", rank=2), replace(law, id="twin_first", rank=1)]
-    assert _chosen(squared, twins)[2][0].effects[-1].id == "twin_first"
+    assert _chosen(squared, twins)[2].effect.id == "twin_first"
 
 
 def test_a_law_leads_before_a_curve_that_follows_the_data_as_well(squared):
     law = toy_effects()[0]
     curve = replace(law, id="curve", named=False)
     named = replace(law, id="law", rank=9)
-    assert _chosen(squared, [curve, named])[2][0].effects[-1].id == "law"
+    assert _chosen(squared, [curve, named])[2].effect.id == "law"
 
 
 def test_a_law_driven_to_the_end_of_its_form_is_no_law():
@@ -80,7 +82,7 @@ def test_a_law_driven_to_the_end_of_its_form_is_no_law():
     rise = 0.5 * z + 0.1 * z**2
     trials = replace(trials, values=trials.values + np.stack([rise, 2.0 * rise], axis=1))
     choice = _chosen(trials, [law, toy_effects()[1]])[2]
-    assert [trial.effects[-1].id for trial in choice[1]] == ["line_of_z"]
+    assert [trial.effects[-1].id for trial in choice.tried] == ["line_of_z"]
 
 
 def test_an_effect_whose_fit_is_known_takes_part_and_is_not_fitted_again(squared):
@@ -88,12 +90,12 @@ def test_an_effect_whose_fit_is_known_takes_part_and_is_not_fitted_again(squared
     square, *others = toy_effects()
     known = fit(problem, (square,))
     _, base, choice = _chosen(squared, others, known=(known,))
-    assert choice[0] is known
+    assert choice.lead is known
     # nor is what cannot come near it: a straight line has nothing of an even law
-    assert len(choice[1]) == 1
+    assert len(choice.tried) == 1
     # one that is known to gain nothing leads nobody
     idle = replace(known, cost=base.cost, effects=(others[0],))
-    assert _chosen(squared, [square], known=(idle,))[2][0].effects == (square,)
+    assert _chosen(squared, [square], known=(idle,))[2].lead.effects == (square,)
 
 
 def test_a_law_that_gains_less_but_may_surprise_is_fitted_in_full(squared):
@@ -117,10 +119,10 @@ def test_a_law_that_gains_less_but_may_surprise_is_fitted_in_full(squared):
     opened = score_candidates(problem, base, laws, draws=0)
     gains = {score.effect.id: score.gain for score in opened.scores}
     choice = choose_candidate(problem, base, opened)
-    lead = base.cost - choice[0].cost
+    lead = base.cost - choice.lead.cost
     near = {name for name, gain in gains.items() if gain > lead - 42.0}
     far = {name for name, gain in gains.items() if gain < 0.3 * lead}
-    fitted = {trial.effects[-1].id for trial in choice[1]}
+    fitted = {trial.effects[-1].id for trial in choice.tried}
     assert len(near) > 1
     assert near <= fitted
     assert far
@@ -149,7 +151,8 @@ def test_trials_that_went_wrong_are_distinguished_from_those_that_scatter(shared
         Scatter(np.zeros(0), np.ones(1), 200),
     )
     problem = SimpleNamespace(trials=trials, noise=noise)
-    chance, share = find_bad_trials(problem, SimpleNamespace(predicted=np.zeros((200, 1))))
+    found = find_bad_trials(problem, SimpleNamespace(predicted=np.zeros((200, 1))))
+    chance, share = found.chance, found.share
     assert np.flatnonzero(chance > 0.9).tolist() == wrong
     assert share == pytest.approx(4 / 200, abs=0.015)
     # Bayes' rule with the share that was found and a second normal six times as wide
@@ -182,7 +185,7 @@ def test_a_law_of_another_place_does_not_lead_before_a_curve(squared):
     law = toy_effects()[0]
     curve = replace(law, id="curve", named=False)
     elsewhere = replace(law, id="law", rank=9, covariate="w")
-    assert _chosen(squared, [curve, elsewhere])[2][0].effects[-1].id == "curve"
+    assert _chosen(squared, [curve, elsewhere])[2].effect.id == "curve"
 
 
 def test_residuals_are_checked_over_every_covariate_where_there_are_enough_trials():
@@ -201,11 +204,11 @@ def test_a_law_at_another_place_leaves_those_that_stand_and_one_that_is_not_need
     problem = build_problem(Toy(), squared)
     needed, idle = effects["square_of_z"], effects["line_of_w"]
     both = fit(problem, (idle, needed))
-    assert _add_or_replace_effect(problem, fit(problem, (idle,)), both, toy_effects()) is both
-    left = _exchange_or_drop_effect(problem, both, toy_effects())
+    assert add_or_replace_effect(problem, fit(problem, (idle,)), both, toy_effects()) is both
+    left = exchange_or_drop_effect(problem, both, toy_effects())
     assert left.effects == (needed,)
     # one law alone is not looked for again
-    assert _exchange_or_drop_effect(problem, left, toy_effects()) is None
+    assert exchange_or_drop_effect(problem, left, toy_effects()) is None
 
 
 def test_an_effect_that_was_chosen_just_now_is_looked_for_no_second_time(squared):
@@ -221,9 +224,9 @@ def test_an_effect_that_was_chosen_just_now_is_looked_for_no_second_time(squared
         apply=lambda level, trials, values: level + values["size"] * (z**2 + z),
     )
     both = fit(problem, (effects["line_of_w"], bent))
-    found = _exchange_or_drop_effect(problem, both, toy_effects())
+    found = exchange_or_drop_effect(problem, both, toy_effects())
     assert {one.id for one in found.effects} == {"line_of_w", "square_of_z"}
-    assert _exchange_or_drop_effect(problem, both, toy_effects(), both.effects[-1]) is None
+    assert exchange_or_drop_effect(problem, both, toy_effects(), both.effects[-1]) is None
 
 
 def test_without_candidates_nothing_can_surprise(squared):
@@ -265,5 +268,5 @@ def test_a_jump_is_placed_between_the_trials_on_its_sides_wherever_its_fit_begin
     w = trials.covariates["w"]
     step = 0.5 * (w > 0.2)
     trials = replace(trials, values=trials.values + np.stack([step, 2.0 * step], axis=1))
-    _, _, (chosen, _) = _chosen(trials, [_jump_over_w()])
+    chosen = _chosen(trials, [_jump_over_w()])[2].lead
     assert w[w < 0.2].max() < chosen.values["jump.at"] < w[w > 0.2].min()

@@ -18,10 +18,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stepblocks.lawsearch.explain import Rules, Verdict, explain
-from stepblocks.lawsearch.fit import Fit
+from stepblocks.lawsearch.explain import explain
+from stepblocks.lawsearch.findings import Rules, Verdict
 from stepblocks.lawsearch.forward_model import Floats, Systematic, Trials
 from stepblocks.lawsearch.law import Active, Law, Parameter
+from stepblocks.lawsearch.problem import Fit
 
 _SHARED = Path(os.environ.get("STEPBLOCKS_SHARED", Path(__file__).parents[2] / ".." / "shared"))
 _RECORD = _SHARED / "real" / "silverbox" / "SNLS80mV.csv"

@@ -7,25 +7,20 @@ import pytest
 from scipy.stats import chi2, multivariate_normal
 
 from oracles.toy_model import Toy, toy_effects, toy_trials
-from stepblocks.lawsearch.explain import (
-    Rules,
-    Verdict,
-    _find_residual_structure,
-    _search_effects,
-    explain,
-)
+from stepblocks.lawsearch.explain import explain
+from stepblocks.lawsearch.findings import Rules, Verdict
 from stepblocks.lawsearch.fit import build_problem, fit
 from stepblocks.lawsearch.law import Law, Parameter
+from stepblocks.lawsearch.run_order import bound_jump_place, build_wandering_errors, follows_time
+from stepblocks.lawsearch.search import find_residual_structure, search_effects
 from stepblocks.lawsearch.structure import (
-    _find_clusters,
-    _follows_time,
-    _test_neighbours,
-    bound_jump_place,
-    build_wandering_errors,
+    OrderedErrors,
+    check_neighbours,
     estimate_quantity_errors,
+    find_groups,
     find_hints,
-    fit_random_walk,
 )
+from stepblocks.lawsearch.walk import fit_random_walk
 
 _MODEL = Toy()
 
@@ -61,10 +56,10 @@ def test_groups_nearer_than_the_uncertainty_of_an_error_are_none():
     # not scatter fell into groups a millionth apart
     values = np.concatenate([np.linspace(-1.0, 1.0, 40), np.linspace(9.0, 11.0, 20)]) * 1e-7
     rows = np.arange(60)
-    hint = _find_clusters("load", values, 1e-7, rows)
+    hint = find_groups("load", OrderedErrors(rows, values, np.full(60, 1e-7)))
     assert hint is not None
     assert [len(group) for group in hint.clusters] == [40, 20]
-    assert _find_clusters("load", values, 1e-6, rows) is None
+    assert find_groups("load", OrderedErrors(rows, values, np.full(60, 1e-6))) is None
 
 
 def test_neighbours_that_err_together_are_reported_and_no_law_is_read_off_them():
@@ -99,10 +94,10 @@ def test_the_likelihood_of_a_walk_is_that_of_its_covariance():
         own = contrast @ (s**2 * np.minimum.outer(order, order) + e**2 * np.eye(n)) @ contrast.T
         return float(multivariate_normal(np.zeros(n - 1), own).logpdf(contrast @ values))
 
-    gain, found_step, found_scatter = fit_random_walk(values)
+    walk = fit_random_walk(values)
     alone = float(np.sqrt(np.var(values) * n / (n - 1)))
-    assert gain == pytest.approx(
-        2.0 * (dense(found_step, found_scatter) - dense(0.0, alone)), abs=1e-6
+    assert walk.gain == pytest.approx(
+        2.0 * (dense(walk.step, walk.scatter) - dense(0.0, alone)), abs=1e-6
     )
 
 
@@ -115,7 +110,7 @@ def test_the_waves_of_a_wandering_quantity_are_those_that_carry_most_of_a_walk()
     place = np.arange(90)
     about_mean = np.eye(90) - 1.0 / 90
     walk = about_mean @ np.minimum.outer(place, place) @ about_mean
-    power = np.linalg.eigvalsh(walk)[::-1] * fit_random_walk(values)[1] ** 2
+    power = np.linalg.eigvalsh(walk)[::-1] * fit_random_walk(values).step ** 2
     assert len(found) == 23
     assert [one.std**2 for one in found] == pytest.approx(power[:23].tolist(), rel=1e-9)
     waves = np.array([one.column[:, 0] for one in found])
@@ -159,7 +154,7 @@ def test_an_effect_follows_time_where_its_covariate_does_and_not_where_it_is_con
     law = toy_effects()[0]
     problem = build_problem(_MODEL, trials)
     follows = {
-        name: _follows_time(problem, replace(law, covariate=name)) for name in ("hour", "same", "w")
+        name: follows_time(problem, replace(law, covariate=name)) for name in ("hour", "same", "w")
     }
     assert follows == {"hour": True, "same": False, "w": False}
 
@@ -174,8 +169,8 @@ def test_neighbours_are_tested_by_ljung_and_box_over_five_lags():
     )
     # origin: Ljung and Box 1978, Q = n (n + 2) sum r_k^2 / (n - k), chi squared of five lags
     q = n * (n + 2.0) * np.sum(r**2 / (n - np.arange(1.0, 6.0)))
-    assert fit_random_walk(values)[0] < 1e-6
-    found = _test_neighbours("level", values)
+    assert fit_random_walk(values).gain < 1e-6
+    found = check_neighbours("level", values)
     assert found.p_value == pytest.approx(2.0 * chi2.sf(q, 5), rel=1e-9)
 
 
@@ -196,7 +191,7 @@ def test_a_quantity_wanders_where_neighbours_err_together_and_not_where_trials_f
     walk = 0.12 * np.cumsum(random.standard_normal(160))
     heaps = 0.7 * random.integers(0, 2, 160)
     for shift, kind, wanders in ((walk, "neighbours", {"level"}), (heaps, "heaps", set())):
-        grown = _search_effects(build_problem(_MODEL, _shifted(160, 8, shift)), [], Rules(draws=20))
-        hints, _, found = _find_residual_structure(grown)
-        assert [hint.kind for hint in hints] == [kind]
-        assert found == wanders
+        grown = search_effects(build_problem(_MODEL, _shifted(160, 8, shift)), [], Rules(draws=20))
+        structure = find_residual_structure(grown)
+        assert [hint.kind for hint in structure.hints] == [kind]
+        assert structure.wandering == wanders

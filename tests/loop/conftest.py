@@ -4,7 +4,7 @@ import pytest
 
 from oracles.feature_bench import bench_trials, block_scans, design_columns
 from oracles.features_file import features_of
-from stepblocks.lawsearch.explain import Rules
+from stepblocks.lawsearch.findings import Rules
 from stepblocks.loop.bench_model import list_candidates, list_covariate_ranges
 from stepblocks.loop.run import analyse_features, write_loop
 

@@ -12,10 +12,11 @@ import pytest
 
 from oracles.feature_bench import bench_trials, design_columns, noise_free
 from stepblocks.contact.operating_point import Tool
-from stepblocks.lawsearch.fit import _Objective, build_problem, fit
+from stepblocks.lawsearch.directions import compute_tangent
+from stepblocks.lawsearch.fit import build_problem, fit
 from stepblocks.lawsearch.forward_model import Trials
-from stepblocks.lawsearch.gate import compute_tangent
 from stepblocks.lawsearch.law import SizedChange
+from stepblocks.lawsearch.objective import Objective
 from stepblocks.lawsearch.structure import find_hints
 from stepblocks.loop.bench_model import (
     SessionModel,
@@ -81,7 +82,7 @@ def test_laws_that_share_a_change_are_seen_as_if_each_were_tried_alone(trials):
         # so are the slopes that a fit follows
         slopes = []
         for like in (law, alone):
-            objective = _Objective(problem, (beside, like))
+            objective = Objective(problem, (beside, like))
             slopes.append(objective.jacobian(objective.start + 0.3))
         assert slopes[0] == pytest.approx(slopes[1], rel=0.02, abs=2e-3 * np.abs(slopes[1]).max())
 

@@ -13,9 +13,10 @@ from oracles.feature_bench import bench_trials, block_scans, design_columns
 from oracles.features_file import features_of
 from stepblocks.bench.session import open_session
 from stepblocks.errors import BenchError
-from stepblocks.lawsearch.adequacy import compare_directions
-from stepblocks.lawsearch.explain import Rules, Verdict, explain
+from stepblocks.lawsearch.explain import explain
+from stepblocks.lawsearch.findings import Rules, Verdict
 from stepblocks.lawsearch.fit import build_problem, fit
+from stepblocks.lawsearch.identifiability import compare_directions
 from stepblocks.loop.bench_model import list_candidates, list_covariate_ranges
 from stepblocks.loop.session_table import build_session_table, estimate_unloaded_zeros
 
@@ -174,7 +175,7 @@ def test_a_normal_gauge_that_shows_of_the_pull_differs_from_another_gain_by_its_
     found = _explained(_planted("normal_cross_talk", normal_cross_talk=0.06), None)
     (finding,) = found.findings
     assert finding.effect.place == ("sensor", "none")
-    assert {finding.effect.id, *(r[0].id for r in finding.rivals)} == {
+    assert {finding.effect.id, *(r.effect.id for r in finding.rivals)} == {
         "normal_gain",
         "normal_cross_talk",
     }
@@ -197,7 +198,7 @@ def test_a_gauge_that_shows_too_little_is_no_pivot_for_what_rubs_never_lifts():
     (low,) = _explained(_planted("sensor_gain", ln_gain=-0.04), None).findings
     assert (low.effect.id, low.verdict, low.rivals) == ("sensor_gain", Verdict.EFFECT, ())
     (high,) = _explained(_planted("sensor_gain", ln_gain=0.04), None).findings
-    assert "pivot_friction" in {high.effect.id, *(r[0].id for r in high.rivals)}
+    assert "pivot_friction" in {high.effect.id, *(r.effect.id for r in high.rivals)}
 
 
 def test_a_clock_is_what_the_constants_imitate_and_a_certificate_corrects_them():
@@ -205,7 +206,7 @@ def test_a_clock_is_what_the_constants_imitate_and_a_certificate_corrects_them()
     found = _explained((features, scans), None)
     assert found.verdict is Verdict.NONE
     (law,) = (law for law in list_candidates(found.problem.trials, ()) if law.id == "clock")
-    imitated = compare_directions(found.problem, found.nominal, [law])["imitated_by_constants"]
+    imitated = compare_directions(found.problem, found.nominal, [law]).imitated_by_constants
     assert "ln_ring_frequency" in imitated["clock"]
     told = _explained((features, scans), {"ln_clock": (0.02, 1e-4)})
     for name, change in (("ln_ring_frequency", 0.02), ("ln_decay_time", -0.02)):

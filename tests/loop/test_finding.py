@@ -12,18 +12,16 @@ from oracles.feature_bench import bench_trials, design_columns
 from oracles.features_file import features_of
 from oracles.virtual_bench import Bench
 from oracles.virtual_session import Plan, write_session
-from stepblocks.lawsearch.explain import Rules, Verdict, explain
-from stepblocks.lawsearch.holdout import check_claims
+from stepblocks.lawsearch.choice import Rival
+from stepblocks.lawsearch.claims import check_claims
+from stepblocks.lawsearch.explain import explain
+from stepblocks.lawsearch.findings import Rules, Verdict
 from stepblocks.lawsearch.structure import Hint
-from stepblocks.loop.finding import (
-    describe_covariate,
-    find_slope_unit,
-    format_errors,
-    format_value,
-    write_sentence,
-)
+from stepblocks.loop.finding import ErrorsInWords, format_errors, write_sentence
+from stepblocks.loop.record import EffectRecord, Estimate, ModelErrors, NoiseFloor, RivalEvidence
 from stepblocks.loop.run import analyse_features, loop_session
 from stepblocks.loop.session_table import build_session_table
+from stepblocks.loop.words import describe_covariate, find_slope_unit, format_value
 from stepblocks.rig.effects.named import list_named_laws
 from stepblocks.rig.effects.smooth import CovariateRange, list_smooth_laws
 
@@ -74,21 +72,16 @@ def test_an_effect_is_said_with_its_figures_and_the_error_before_and_after(worn)
 
 
 def test_an_error_that_rises_by_chance_says_so_and_no_other():
-    error = {"ln_energy_rms": 0.054, "ln_energy_rms_blocks_left_out": 0.06}
-    more = {"ln_energy_rms": 0.056, "ln_energy_rms_blocks_left_out": 0.05}
-    noise = {"noise_floor": {"ln_energy_rms": None}}
-    shown = format_errors({"nominal": {"error": error}, "extended": {"error": more | noise}})
+    unknown = NoiseFloor(math.nan, math.nan)
+    before = ModelErrors(0.054, 0.0, 0.06, 0.0, unknown)
+    after = ModelErrors(0.056, 0.0, 0.05, 0.0, unknown)
+    shown = format_errors(before, after)
     # exp(0.054) is 1.0555, exp(0.056) 1.0576: whole per cents, and none where nothing is known
-    assert shown == {
-        "before": "6 %",
-        "after": "6 %",
-        "before_blocks": "6 %",
-        "after_blocks": "5 %",
-        "noise": "unknown",
-    }
-    more["ln_energy_rms"] = 0.065
-    shown = format_errors({"nominal": {"error": error}, "extended": {"error": more | noise}})
-    assert shown["after"] == "7 % (by chance)"
+    assert shown == ErrorsInWords(
+        before="6 %", after="6 %", before_blocks="6 %", after_blocks="5 %", noise="unknown"
+    )
+    shown = format_errors(before, replace(after, ln_energy_rms=0.065))
+    assert shown.after == "7 % (by chance)"
 
 
 def test_the_words_of_a_law_have_a_place_for_each_of_its_figures_or_end_in_the_only_one():
@@ -101,10 +94,10 @@ def test_what_is_held_unexplained_says_why(worn):
     result = worn[2]
     (finding,) = result.found.findings
     whole = replace(result.found, verdict=Verdict.UNEXPLAINED, reason="the run is too short")
-    said = write_sentence(whole, result.document)
+    said = write_sentence(whole, result.record)
     assert "unexplained as a whole, as the run is too short" in said
     doubted = replace(finding, verdict=Verdict.UNEXPLAINED, reason="few trials carry it")
-    said = write_sentence(replace(whole, findings=(doubted,)), result.document)
+    said = write_sentence(replace(whole, findings=(doubted,)), result.record)
     assert "riction follows the order of the run, no law claimed: few trials carry it" in said
     # a reason that opens the sentence is not said again with each effect, nor an effect twice
     hint = Hint("stick-slip", "friction", 0.0, "the tip sticks")
@@ -112,8 +105,8 @@ def test_what_is_held_unexplained_says_why(worn):
     twice = replace(
         result.found, verdict=Verdict.UNEXPLAINED, findings=(stuck, stuck), hints=(hint,)
     )
-    effects = result.document["effects"] * 2
-    said = write_sentence(twice, result.document | {"effects": effects})
+    effects = [*result.record.effects, *result.record.effects]
+    said = write_sentence(twice, replace(result.record, effects=effects))
     parts = said.split("; ")
     assert parts[:2] == ["The tip sticks", "friction follows the order of the run, no law claimed"]
     assert said.count("friction follows") == 1
@@ -125,13 +118,16 @@ def test_a_rival_is_said_in_words_with_its_figures_and_no_law_by_its_place(worn)
     (pivot,) = (law for law in list_named_laws() if law.id == "pivot_friction")
     line = next(law for law in list_smooth_laws((_WARMTH,)) if not law.description)
     fitted = result.found.extended
-    rivals = ((pivot, fitted, 1.0), (line, fitted, 2.0), (line, fitted, 3.0))
+    rivals = (Rival(pivot, fitted, 1.0), Rival(line, fitted, 2.0), Rival(line, fitted, 3.0))
     open_ = replace(finding, verdict=Verdict.AMBIGUOUS, rivals=rivals)
-    share = {"value": 0.12, "unit": "1", "low": 0.05, "high": 0.19}
-    entries = [{"parameters": {"pivot_share": share}}, {"parameters": {}}, {"parameters": {}}]
+    share = Estimate(value=0.12, unit="1", low=0.05, high=0.19)
+    entries = [
+        EffectRecord("", "", "", "", "", parameters, RivalEvidence(1.0, ""))
+        for parameters in ({"pivot_share": share}, {}, {})
+    ]
     said = write_sentence(
         replace(result.found, verdict=Verdict.AMBIGUOUS, findings=(open_,)),
-        result.document | {"rivals": entries},
+        replace(result.record, rivals=entries),
     )
     slot = line.slot.replace("_", " ")
     assert said.split("), or ")[1:] == [
@@ -154,7 +150,7 @@ def test_the_channel_in_which_equal_trials_agree_better_than_a_law_is_named(worn
     # the decay differs from pair to pair as before, and a tenth as much between trials of a pair
     left[:, 5] = left[np.array(cells) * 2, 5] + 0.1 * left[:, 5]
     assert judge().verdict is Verdict.UNEXPLAINED
-    said = write_sentence(judge(), result.document)
+    said = write_sentence(judge(), result.record)
     assert "as trials of equal settings agree better than it in decay of the ring" in said
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from oracles.feature_bench import bench_trials, design_columns, noise_free
 from oracles.features_file import features_of
-from stepblocks.lawsearch.explain import Rules, Verdict
+from stepblocks.lawsearch.findings import Rules, Verdict
 from stepblocks.lawsearch.law import Law
 from stepblocks.loop.run import analyse_features, write_loop
 from stepblocks.predict.learned import predict_trials

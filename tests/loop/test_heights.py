@@ -8,8 +8,10 @@ import pytest
 
 from oracles.feature_bench import bench_trials, block_errors, design_columns
 from oracles.features_file import features_of
-from stepblocks.lawsearch.explain import Rules, Verdict, explain
-from stepblocks.lawsearch.holdout import choose_delivered_effects, split_by_block
+from stepblocks.lawsearch.claims import choose_delivered_effects
+from stepblocks.lawsearch.explain import explain
+from stepblocks.lawsearch.findings import Rules, Verdict
+from stepblocks.lawsearch.holdout import split_by_block
 from stepblocks.loop.heights import add_height_errors
 from stepblocks.loop.run import analyse_features
 from stepblocks.loop.session_table import build_session_table

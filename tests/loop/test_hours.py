@@ -12,11 +12,14 @@ import pytest
 from oracles.feature_bench import bench_trials, design_columns, noise_free
 from oracles.features_file import features_of
 from stepblocks.contact.operating_point import Tool
-from stepblocks.lawsearch.explain import Rules, Verdict, explain
+from stepblocks.lawsearch.adequacy import ReplicateTest
+from stepblocks.lawsearch.explain import explain
+from stepblocks.lawsearch.findings import Rules, Verdict
 from stepblocks.lawsearch.law import Law, Parameter
-from stepblocks.lawsearch.structure import bound_jump_place, split_into_levels
+from stepblocks.lawsearch.run_order import bound_jump_place
+from stepblocks.lawsearch.walk import split_into_levels
 from stepblocks.loop.bench_model import SessionModel, list_covariate_ranges
-from stepblocks.loop.result import _estimate_noise_floor
+from stepblocks.loop.compose import _estimate_noise_floor
 from stepblocks.loop.session_table import build_session_table
 
 _MODEL = SessionModel(Tool(frequency=300.0, decay_time=0.02))
@@ -177,8 +180,8 @@ def test_the_noise_beside_a_cause_that_goes_with_the_hour_is_what_the_bench_scat
     table = build_session_table(features_of(trials), 9810.0, 125e-6)
     model = table.model
     found = explain(model, table.trials, model.candidates(table.trials), Rules(draws=200))
-    unknown = {"replicate_std": math.nan, "replicate_dof": 0}
-    adequacy = {"pure_error": {"ln_energy": unknown, "ln_peak_force": unknown}}
-    energy, force = _estimate_noise_floor(table, found.extended, adequacy)
+    unknown = ReplicateTest(replicate_std=math.nan, replicate_dof=0, lack_of_fit_p_value=math.nan)
+    floor = _estimate_noise_floor(table, found.extended, [unknown, unknown])
+    energy, force = floor.ln_energy_rms, floor.ln_peak_force_rms
     assert energy == pytest.approx(scatter[0], rel=0.2)
     assert force == pytest.approx(scatter[1], rel=0.2)

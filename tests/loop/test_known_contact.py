@@ -7,7 +7,7 @@ import pytest
 
 from stepblocks.bench.measure import measure_session
 from stepblocks.bench.session import open_session
-from stepblocks.lawsearch.explain import Rules, Verdict
+from stepblocks.lawsearch.findings import Rules, Verdict
 from stepblocks.loop.run import analyse_features, write_loop
 from stepblocks.records.model import read_model
 from stepblocks.rehearse.run import simulate_session

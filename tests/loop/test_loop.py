@@ -21,10 +21,11 @@ from stepblocks.bench.measure import measure_session
 from stepblocks.contact.operating_point import Tool
 from stepblocks.declaration.read import load_set
 from stepblocks.errors import PipelineError
-from stepblocks.lawsearch.adequacy import compare_directions
-from stepblocks.lawsearch.explain import Rules, Verdict, explain
+from stepblocks.lawsearch.explain import explain
+from stepblocks.lawsearch.findings import Rules, Verdict
+from stepblocks.lawsearch.identifiability import compare_directions
 from stepblocks.loop.bench_model import SessionModel, list_candidates, list_covariate_ranges
-from stepblocks.loop.result import write_block_stimulus
+from stepblocks.loop.experiment import NextBlock, NextExperiment, write_block_stimulus
 from stepblocks.loop.run import loop_session, write_loop
 from stepblocks.loop.session_table import build_session_table
 from stepblocks.predict.learned import predict_trials
@@ -105,12 +106,12 @@ def test_the_effect_is_named_with_parameters_and_intervals(worn) -> None:
 def test_the_block_that_is_asked_for_can_be_built(worn, tmp_path: Path) -> None:
     _, _, result, _ = worn
     # only heights within those seen are asked for; where one of them is best no block is needed
-    asked = {"name": "step-015", "height": "15 um", "tip": "125 um", "friction": "0.160"}
-    trials = result.document["next_experiment"]["trials"]
-    text = write_block_stimulus({"block": asked, "trials": trials, "separates": ["one", "other"]})
+    asked = NextBlock(name="step-015", height="15 um", tip="125 um", friction="0.160")
+    trials = result.record.next_experiment.trials
+    text = write_block_stimulus(NextExperiment(("one", "other"), trials=trials, block=asked))
     (tmp_path / "next-block.toml").write_text(text)
     (block,) = load_set(tmp_path / "next-block.toml").stimuli
-    assert block.height.nominal == pytest.approx(float(asked["height"].removesuffix(" um")) * 1e-6)
+    assert block.height.nominal == pytest.approx(float(asked.height.removesuffix(" um")) * 1e-6)
 
 
 def test_a_constant_tilt_is_not_claimed_and_its_group_is_named() -> None:
@@ -130,7 +131,7 @@ def test_a_constant_tilt_is_not_claimed_and_its_group_is_named() -> None:
         expected, abs=4.0 * found.nominal.std["friction"] + 2e-3
     )
     named = compare_directions(found.problem, found.nominal, [tilt])
-    assert "friction" in named["imitated_by_constants"]["block_tilt"]
+    assert "friction" in named.imitated_by_constants["block_tilt"]
 
 
 def test_held_out_errors_fall_to_the_noise_floor(worn) -> None:

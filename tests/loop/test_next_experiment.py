@@ -6,10 +6,17 @@ import numpy as np
 import pytest
 
 from stepblocks.declaration.read import load_set
-from stepblocks.lawsearch.explain import Finding, Verdict
+from stepblocks.lawsearch.choice import Rival
+from stepblocks.lawsearch.discrimination import RankedSetting
+from stepblocks.lawsearch.findings import Finding, Verdict
 from stepblocks.lawsearch.fit import fit
 from stepblocks.loop.bench_model import list_candidates, list_covariate_ranges
-from stepblocks.loop.result import propose_experiment, write_block_stimulus
+from stepblocks.loop.experiment import (
+    NextBlock,
+    NextExperiment,
+    propose_experiment,
+    write_block_stimulus,
+)
 from stepblocks.loop.settings import build_grid
 from stepblocks.rig.effects.named import list_named_laws
 from stepblocks.rig.state import CHANNELS
@@ -33,25 +40,25 @@ def test_a_claim_without_a_rival_is_tried_against_nothing(found):
     claim = replace(found.findings[0], effect=law, rivals=())
     extended = fit(found.problem, (law,), {"load_dependent_friction.exponent": 0.1})
     asked = propose_experiment(replace(found, findings=(claim,), extended=extended))
-    assert asked["separates"] == ["load_dependent_friction", "nothing"]
-    gains = [trial["expected_gain"] for trial in asked["trials"]]
+    assert asked.separates == ("load_dependent_friction", "nothing")
+    gains = [trial.expected_gain for trial in asked.trials]
     assert gains == sorted(gains, reverse=True)
     # origin: twice a log likelihood of 12 is odds of 400 to 1
-    assert asked["repeats"] == int(np.ceil(12.0 / gains[0]))
+    assert asked.repeats == int(np.ceil(12.0 / gains[0]))
 
 
 def test_no_trial_is_asked_for_at_an_hour_that_has_gone(found):
     """What has run in stays so: the first trials would tell most, and do not come again."""
     asked = propose_experiment(found)
-    assert asked["separates"] == ["running_in", "nothing"]
+    assert asked.separates == ("running_in", "nothing")
     last = float(np.max(found.problem.trials.covariates["run_order"]))
-    assert all(trial["run_order"] == last + 1.0 for trial in asked["trials"])
-    assert asked["trials"] or "drag a fresh or cleaned block" in asked["calibration"][0]
+    assert all(trial.settings["run_order"] == last + 1.0 for trial in asked.trials)
+    assert asked.trials or "drag a fresh or cleaned block" in asked.calibration[0]
 
 
 def test_only_what_the_bench_has_done_is_asked_for_and_only_where_the_tip_slips(found):
     trials = found.problem.trials
-    asked = propose_experiment(found)["trials"]
+    asked = propose_experiment(found).rows
     claims = [
         replace(found, findings=(replace(found.findings[0], effect=law, rivals=()),), extended=one)
         for law in list_candidates(trials, list_covariate_ranges(trials))
@@ -59,7 +66,7 @@ def test_only_what_the_bench_has_done_is_asked_for_and_only_where_the_tip_slips(
         for one in [fit(found.problem, (law,), {})]
     ]
     for claim in claims:
-        asked = asked + propose_experiment(claim)["trials"]
+        asked = asked + propose_experiment(claim).rows
     assert len(asked) > 3 * len(claims)
     for name in ("load_n", "speed_mm_s"):
         assert {one[name] for one in asked} <= set(trials.covariates[name].tolist())
@@ -93,11 +100,11 @@ def test_rivals_are_asked_apart_from_each_other(found):
     )
     fitted = fit(found.problem, (law,), found.nominal.values)
     doubted = Finding(
-        finding.effect, Verdict.AMBIGUOUS, finding.gate_p, finding.gain, ((law, fitted, 1.0),)
+        finding.effect, Verdict.AMBIGUOUS, finding.gate_p, finding.gain, (Rival(law, fitted, 1.0),)
     )
     asked = propose_experiment(replace(found, findings=(doubted,), verdict=Verdict.AMBIGUOUS))
-    assert asked["separates"] == ["running_in", "trend_friction_run_order"]
-    assert {"height_um", "load_n", "speed_mm_s", "run_order"} < set(asked["trials"][0])
+    assert asked.separates == ("running_in", "trend_friction_run_order")
+    assert {"height_um", "load_n", "speed_mm_s", "run_order"} <= set(asked.trials[0].settings)
 
 
 def test_the_height_of_a_block_is_asked_of_no_other_block(found):
@@ -108,8 +115,8 @@ def test_the_height_of_a_block_is_asked_of_no_other_block(found):
     extended = fit(found.problem, (law,), {f"{law.id}.height_error_m": 3e-6})
     asked = propose_experiment(replace(found, findings=(claim,), extended=extended))
     height = float(trials.covariates["height_um"][0])
-    assert {one["height_um"] for one in asked["trials"]} == {height}
-    assert 0.0 < asked["width_after"][f"{law.id}.height_error_m"] < 1.0
+    assert {one.settings["height_um"] for one in asked.trials} == {height}
+    assert 0.0 < asked.width_after[f"{law.id}.height_error_m"] < 1.0
 
 
 def test_a_model_cannot_be_distinguished_from_itself(found):
@@ -119,27 +126,27 @@ def test_a_model_cannot_be_distinguished_from_itself(found):
         Verdict.AMBIGUOUS,
         finding.gate_p,
         finding.gain,
-        ((finding.effect, found.extended, 0.0),),
+        (Rival(finding.effect, found.extended, 0.0),),
     )
     asked = propose_experiment(replace(found, findings=(same,), verdict=Verdict.AMBIGUOUS))
-    assert asked["trials"] == []
-    assert "no setting within reach" in asked["note"]
+    assert asked.trials == ()
+    assert "no setting within reach" in asked.note
     assert write_block_stimulus(asked) is None
 
 
 def test_a_height_that_is_there_needs_no_new_block(found):
     heights = set(found.problem.trials.covariates["height_um"].tolist())
     asked = propose_experiment(found)
-    assert ("block" in asked) == (asked["trials"][0]["height_um"] not in heights)
+    assert (asked.block is not None) == (asked.trials[0].settings["height_um"] not in heights)
 
 
 @pytest.mark.parametrize("height", ["5 um", "15 um", "90 um"])
 def test_the_block_that_is_asked_for_is_a_stimulus(tmp_path, height):
-    asked = {
-        "separates": ["edge_rounding", "nothing"],
-        "trials": [{"load_n": 1.5}, {"load_n": 0.3}, {"load_n": 1.5}],
-        "block": {"name": "step-new", "height": height, "tip": "125 um", "friction": "0.170"},
-    }
+    asked = NextExperiment(
+        separates=("edge_rounding", "nothing"),
+        trials=tuple(RankedSetting({"load_n": load}, 6.0) for load in (1.5, 0.3, 1.5)),
+        block=NextBlock(name="step-new", height=height, tip="125 um", friction="0.170"),
+    )
     path = tmp_path / "next-block.toml"
     path.write_text(write_block_stimulus(asked))
     stimuli = load_set(path)
@@ -152,6 +159,6 @@ def test_the_block_that_is_asked_for_is_a_stimulus(tmp_path, height):
     assert stimuli.prediction.frictions == (0.17,)
 
 
-@pytest.mark.parametrize("experiment", [None, {}, {"separates": [], "trials": []}])
+@pytest.mark.parametrize("experiment", [None, NextExperiment(())])
 def test_no_block_is_written_where_none_is_asked_for(experiment):
     assert write_block_stimulus(experiment) is None

@@ -15,7 +15,7 @@ from oracles.features_file import features_of
 from stepblocks.cli import main
 from stepblocks.compute.processes import run_in_processes
 from stepblocks.errors import ContactError
-from stepblocks.lawsearch.explain import Rules, Verdict
+from stepblocks.lawsearch.findings import Rules, Verdict
 from stepblocks.loop.run import analyse_features, write_loop
 from stepblocks.predict.learned import predict_trials
 from stepblocks.records.model import read_model

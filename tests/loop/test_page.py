@@ -9,15 +9,18 @@ import pytest
 
 from stepblocks.files.figures import make_figure
 from stepblocks.files.pages import _format_cell
+from stepblocks.lawsearch.discrimination import RankedSetting
 from stepblocks.loop import page
-from stepblocks.loop.finding import CHANNELS_IN_WORDS
+from stepblocks.loop.channels import CHANNELS_IN_WORDS
 from stepblocks.loop.page import (
-    _average_by_setting,
-    _compute_change,
-    _find_abscissa,
-    _find_plot_positions,
+    Abscissa,
+    average_by_setting,
+    choose_covariate,
+    compute_change,
+    find_abscissa,
     render_loop_page,
 )
+from stepblocks.loop.record import ApartTrial, Estimate
 
 
 @pytest.fixture(scope="module")
@@ -77,8 +80,8 @@ def test_the_page_says_which_trial_and_which_channel_carry_an_effect_most(result
 
 
 def test_trials_held_apart_stand_in_a_table_with_what_they_look_like(result):
-    rows = [{"trial": "5", "chance": 0.98, "looks_like": "let go early, at 60 % of the peak force"}]
-    page = render_loop_page(replace(result, document=result.document | {"apart": rows}))
+    rows = [ApartTrial("5", 0.98, "let go early, at 60 % of the peak force")]
+    page = render_loop_page(replace(result, record=replace(result.record, apart=rows)))
     part = page.split('<h2 id="apart">')[1].split("<h2")[0]
     assert re.findall(r"<t[hd]>(.*?)</t[hd]>", part) == [
         *("trial", "chance that it went wrong", "looks like"),
@@ -103,18 +106,11 @@ def test_trials_held_apart_stand_in_a_table_with_what_they_look_like(result):
 def test_what_a_law_follows_is_said_in_words_where_its_name_holds_a_column(
     result, name, covariate, shown, heading
 ):
-    entry = result.document["effects"][0] | {
-        "id": name,
-        "variant": name,
-        "covariate": covariate,
-    }
-    asked = result.document["next_experiment"] | {"separates": [name, "nothing"], "repeats": 1}
-    page = render_loop_page(
-        replace(
-            result,
-            document=result.document | {"effects": [entry], "next_experiment": asked},
-        )
-    )
+    record = result.record
+    entry = replace(record.effects[0], id=name, variant=name, covariate=covariate)
+    asked = replace(record.next_experiment, separates=(name, "nothing"), repeats=1)
+    changed = replace(record, effects=[entry], next_experiment=asked)
+    page = render_loop_page(replace(result, record=changed))
     box = page.split('class="box"')[1].split("</section>")[0]
     assert f"{shown}, mainly by" in box
     assert f"<h3>{heading}</h3>" in page
@@ -123,18 +119,24 @@ def test_what_a_law_follows_is_said_in_words_where_its_name_holds_a_column(
 
 @pytest.mark.long
 def test_the_box_says_the_interval_that_the_next_trials_are_expected_to_leave(result):
-    entry = result.document["effects"][0]
-    one = {"value": 0.5, "low": 0.3, "high": 0.7, "unit": "1"}
-    asked = result.document["next_experiment"] | {
-        "separates": [entry["variant"], "nothing"],
-        "trials": [{"height_um": 50.0, "load_n": 0.5, "speed_mm_s": 2.0, "expected_gain": 6.0}],
-        "repeats": 2,
-        "channel": "ln_peak_force",
-        "width_after": {f"{entry['variant']}.size": 0.25},
-    }
-    changes = {"effects": [entry | {"parameters": {"size": one}}], "next_experiment": asked}
-    document = result.document | changes
-    page = render_loop_page(replace(result, document=document))
+    entry = result.record.effects[0]
+    size = Estimate(value=0.5, unit="1", low=0.3, high=0.7)
+    settings = {"height_um": 50.0, "load_n": 0.5, "speed_mm_s": 2.0}
+    asked = replace(
+        result.record.next_experiment,
+        separates=(entry.variant, "nothing"),
+        trials=(RankedSetting(settings, 6.0),),
+        repeats=2,
+        channel="ln_peak_force",
+        width_after={f"{entry.variant}.size": 0.25},
+    )
+
+    def render(experiment):
+        effects = [replace(entry, parameters={"size": size})]
+        record = replace(result.record, effects=effects, next_experiment=experiment)
+        return render_loop_page(replace(result, record=record))
+
+    page = render(asked)
     box = " ".join(page.split('class="box"')[1].split("</section>")[0].split())
     # origin: a quarter of 0.2 either side of 0.5
     assert "2 such trials confirm" in box
@@ -143,8 +145,7 @@ def test_the_box_says_the_interval_that_the_next_trials_are_expected_to_leave(re
         (0, "Even 1000 such trials do not confirm"),
         (1, "One such trial confirms"),
     ):
-        asked["repeats"] = repeats
-        assert said in " ".join(render_loop_page(replace(result, document=document)).split())
+        assert said in " ".join(render(replace(asked, repeats=repeats)).split())
 
 
 def test_a_title_from_a_session_cannot_break_the_page(result):
@@ -171,10 +172,11 @@ def test_figures_have_three_digits_and_what_does_not_exist_is_a_dash(value, show
 def test_the_curve_is_the_change_that_the_law_makes(result):
     found = result.found
     effect = found.findings[0].effect
-    j, change, std = _compute_change(found, effect)
-    assert found.problem.trials.channels[j] in ("ln_energy", "ln_peak_force")
-    (along, _), name = _find_abscissa(result, effect)
-    assert name == "run_order"
+    shown = compute_change(found, effect)
+    change, std = shown.change, shown.std
+    assert found.problem.trials.channels[shown.channel] in ("ln_energy", "ln_peak_force")
+    assert choose_covariate(result, effect) == "run_order"
+    along = result.table.trials.covariates["run_order"]
     # friction that has run in raises no force any more: the change falls along the run, and doubt
     # with it
     order = np.argsort(along)
@@ -187,15 +189,14 @@ def test_an_effect_that_follows_nothing_is_drawn_over_the_height(result):
     from stepblocks.rig.effects.named import list_named_laws
 
     laws = {law.id: law for law in list_named_laws()}
-    assert _find_abscissa(result, laws["edge_rounding"])[1] == "height_um"
-    assert _find_abscissa(result, laws["hardening_spring"])[1] == "peak_force_n"
+    assert choose_covariate(result, laws["edge_rounding"]) == "height_um"
+    assert choose_covariate(result, laws["hardening_spring"]) == "peak_force_n"
 
 
 def test_an_effect_of_a_label_is_drawn_as_points_under_its_labels(result, monkeypatch):
     drawn = []
     monkeypatch.setattr(page, "_encode_png", lambda figure: drawn.append(figure) or "")
-    labels = _find_plot_positions(result.table.trials.covariates["operator"]), "operator"
-    monkeypatch.setattr(page, "_find_abscissa", lambda *_: labels)
+    monkeypatch.setattr(page, "choose_covariate", lambda *_: "operator")
     page._draw_effect(result, result.found.findings[0].effect, "it")
     (axis,) = drawn[0].axes
     assert [one.get_text() for one in axis.get_xticklabels()] == ["A", "B"]
@@ -204,21 +205,21 @@ def test_an_effect_of_a_label_is_drawn_as_points_under_its_labels(result, monkey
 
 def test_few_settings_are_averaged_one_by_one_and_many_in_groups_of_equal_size():
     along = np.repeat([1.0, 2.0, 5.0], 4)
-    x, mean, spread = _average_by_setting(along, along**2, np.ones(12))
+    x, mean, spread = average_by_setting(along, along**2, np.ones(12))
     assert x.tolist() == [1.0, 2.0, 5.0]
     assert mean.tolist() == [1.0, 4.0, 25.0]
     assert spread.tolist() == [1.0, 1.0, 1.0]
     many = np.random.default_rng(1).permutation(100.0 * np.arange(200))
-    x, mean, _ = _average_by_setting(many, many, np.ones(200))
+    x, mean, _ = average_by_setting(many, many, np.ones(200))
     assert len(x) == 24
     assert np.all(np.diff(x) > 0.0)
     assert mean == pytest.approx(x)
 
 
 def test_labels_are_drawn_in_a_row_and_numbers_where_they_are():
-    x, ticks = _find_plot_positions(np.array(["B", "A", "B"]))
-    assert (x.tolist(), ticks) == ([1.0, 0.0, 1.0], {0: "A", 1: "B"})
-    assert _find_plot_positions(np.array([3, 1])) == (pytest.approx(np.array([3.0, 1.0])), {})
+    labels = find_abscissa(np.array(["B", "A", "B"]))
+    assert (labels.places.tolist(), labels.ticks) == ([1.0, 0.0, 1.0], {0: "A", 1: "B"})
+    assert find_abscissa(np.array([3, 1])) == Abscissa(pytest.approx(np.array([3.0, 1.0])), {})
 
 
 @pytest.mark.parametrize(
@@ -231,7 +232,8 @@ def test_labels_are_drawn_in_a_row_and_numbers_where_they_are():
 )
 def test_labels_under_a_figure_do_not_overlap(labels):
     figure, (axis, *_) = make_figure(1, 3, width=11.0, height=2.6)
-    places, written = _find_plot_positions(np.array(labels))
+    abscissa = find_abscissa(np.array(labels))
+    places, written = abscissa.places, abscissa.ticks
     axis.plot(places, 0.0 * places, ".")
     axis.set_xticks(list(written), list(written.values()))
     figure.draw_without_rendering()

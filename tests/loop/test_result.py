@@ -7,8 +7,10 @@ import pytest
 
 from oracles.feature_bench import bench_trials, block_scans, design_columns
 from oracles.features_file import features_of
-from stepblocks.lawsearch.explain import Finding, Rules, Verdict
-from stepblocks.loop.result import build_document, build_learned_model
+from stepblocks.lawsearch.choice import Rival
+from stepblocks.lawsearch.findings import Finding, Rules, Verdict
+from stepblocks.loop.compose import compose_record
+from stepblocks.loop.result import build_learned_model
 from stepblocks.loop.run import analyse_features
 from stepblocks.records.model import WIDE
 
@@ -22,9 +24,9 @@ def _again(result, scans=None, **changes):
     from dataclasses import replace
 
     found = replace(result.found, **changes)
-    return build_document(
-        result.table, found, (result.within, result.between), scans or {}, Rules(draws=200)
-    )
+    rules = Rules(draws=200)
+    record = compose_record(result.table, found, result.within, result.between, scans or {}, rules)
+    return record.as_document()
 
 
 def test_constants_stand_under_their_names_in_their_units(result):
@@ -62,7 +64,7 @@ def test_an_effect_that_only_stands_in_for_what_is_left_loses_its_name_and_keeps
 
 def test_a_rival_is_named_with_how_far_it_is_behind(result):
     (finding,) = result.found.findings
-    rival = (finding.effect, result.found.extended, 3.5)
+    rival = Rival(finding.effect, result.found.extended, 3.5)
     rivals = Finding(finding.effect, Verdict.AMBIGUOUS, finding.gate_p, finding.gain, (rival,))
     (entry,) = _again(result, findings=(rivals,), verdict=Verdict.AMBIGUOUS)["rivals"]
     assert entry["evidence"] == {"criterion_behind": 3.5, "instead_of": "running_in"}

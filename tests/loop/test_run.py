@@ -20,8 +20,9 @@ from oracles.virtual_session import Plan, write_session
 from stepblocks.bench.measure import measure_session
 from stepblocks.contact.operating_point import PAPER, OperatingPoint, Tool
 from stepblocks.errors import PipelineError
-from stepblocks.lawsearch.explain import Rules, Verdict
+from stepblocks.lawsearch.findings import Rules, Verdict
 from stepblocks.loop import run
+from stepblocks.loop.record import ApartTrial
 from stepblocks.loop.run import analyse_features, loop_session
 from stepblocks.predict.learned import predict_trials
 from stepblocks.records.model import build_model_document
@@ -95,7 +96,7 @@ def test_workers_give_the_same_answer_and_ask_a_script_for_no_guard(quiet, tmp_p
     script.write_text(
         "import json, pandas as pd\n"
         "from stepblocks.loop.run import analyse_features\n"
-        "from stepblocks.lawsearch.explain import Rules\n"
+        "from stepblocks.lawsearch.findings import Rules\n"
         "features = pd.read_csv('features.csv', dtype={'trial': str, 'block': str})\n"
         "result = analyse_features(features, 9810.0, 125e-6, jobs=2, rules=Rules(draws=60, "
         "fits=2))\n"
@@ -209,8 +210,8 @@ def test_records_that_do_not_exist_are_reported_before_anything_is_measured(tmp_
 
 def test_traces_of_trials_held_apart_are_drawn_on_the_page(worn, tmp_path, monkeypatch):
     write_session(tmp_path / "session", Plan(trials=6), 1)
-    rows = [{"trial": one, "chance": 0.99, "looks_like": "let go early"} for one in ("2", "5")]
-    shown = replace(worn[2], document=worn[2].document | {"apart": rows})
+    rows = [ApartTrial(trial, 0.99, "let go early") for trial in ("2", "5")]
+    shown = replace(worn[2], record=replace(worn[2].record, apart=rows))
     monkeypatch.setattr(run, "analyse_features", lambda *_, **__: shown)
     loop_session(tmp_path / "session", tmp_path / "with", jobs=1, forces_only=True)
     # the same result as it was written without trials held apart

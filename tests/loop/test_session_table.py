@@ -14,7 +14,8 @@ from oracles.learned import make_learned_model
 from stepblocks.cli import main
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.errors import PipelineError
-from stepblocks.loop.session_table import build_session_table, read_trial_table, scan_blocks
+from stepblocks.loop.block_scans import ScannedBlocks, scan_blocks
+from stepblocks.loop.session_table import build_session_table, read_trial_table
 from stepblocks.predict.learned import predict_trials
 from stepblocks.records.model import build_model_document
 from stepblocks.rig.state import CHANNELS
@@ -245,16 +246,17 @@ def test_a_scan_is_evaluated_line_by_line_and_what_fails_is_named(tmp_path):
         comments="",
     )
     (tmp_path / "scans/c.csv").write_text("x_um,z_um\n0,0\n")
-    found, failed = scan_blocks(tmp_path, "scans/{block}.csv", ["b", "c", "d"])
+    scanned = scan_blocks(tmp_path, "scans/{block}.csv", ["b", "c", "d"])
+    found, unused = scanned.scans, scanned.unused
     assert list(found) == ["b"]
     assert found["b"]["height_m"] == pytest.approx(50e-6, abs=20e-9)
     assert set(found["b"]) == {"height_m", "height_std_m", "edge_radius_m", "edge_radius_std_m"}
-    assert failed["d"] == "no file scans/d.csv"
-    assert "c.csv" in failed["c"]
+    assert unused["d"] == "no file scans/d.csv"
+    assert "c.csv" in unused["c"]
 
 
 def test_a_session_without_scans_has_none_and_none_is_missed(tmp_path):
-    assert scan_blocks(tmp_path, None, ["b"]) == ({}, {})
+    assert scan_blocks(tmp_path, None, ["b"]) == ScannedBlocks({}, {})
 
 
 def test_a_night_between_two_trials_begins_a_day_and_a_numbered_day_is_a_label(features):

@@ -14,7 +14,7 @@ import pytest
 from oracles.feature_bench import bench_trials, block_scans, design_columns
 from oracles.features_file import features_of
 from stepblocks.errors import PipelineError
-from stepblocks.lawsearch.explain import Rules
+from stepblocks.lawsearch.findings import Rules
 from stepblocks.lawsearch.fit import build_problem, fit
 from stepblocks.loop.run import write_loop
 from stepblocks.loop.session_table import build_session_table
@@ -35,18 +35,18 @@ PLANTED = ((ROUNDED, {"edge_radius_m": 8e-6}),)
 def test_sessions_that_agree_are_averaged_by_their_errors():
     errors = np.array([0.002, 0.001, 0.001])
     pooled = pool_parameter("1", {"a": 0.150, "b": 0.152, "c": 0.1515}, np.diag(errors**2))
-    assert pooled["among_sessions_std"] == 0.0
-    assert pooled["mean"] == pytest.approx(np.average([0.150, 0.152, 0.1515], weights=errors**-2.0))
-    assert pooled["mean_std"] == pytest.approx(1.0 / np.sqrt(np.sum(errors**-2.0)))
+    assert pooled.among_sessions_std == 0.0
+    assert pooled.mean == pytest.approx(np.average([0.150, 0.152, 0.1515], weights=errors**-2.0))
+    assert pooled.mean_std == pytest.approx(1.0 / np.sqrt(np.sum(errors**-2.0)))
 
 
 def test_days_that_differ_are_drawn_to_the_mean_by_no_more_than_their_error():
     values = {"a": 0.10, "b": 0.15, "c": 0.20}
     pooled = pool_parameter("1", values, 0.001**2 * np.eye(3))
     # origin: equal errors: the variance among sessions is that of the values less that of one
-    assert pooled["among_sessions_std"] == pytest.approx(np.sqrt(0.05**2 - 0.001**2), rel=1e-3)
-    assert pooled["sessions"]["a"]["shrunk"] == pytest.approx(0.10, abs=1e-4)
-    assert pooled["next"]["low"] < 0.0 < 0.3 < pooled["next"]["high"]
+    assert pooled.among_sessions_std == pytest.approx(np.sqrt(0.05**2 - 0.001**2), rel=1e-3)
+    assert pooled.sessions["a"].shrunk == pytest.approx(0.10, abs=1e-4)
+    assert pooled.next.low < 0.0 < 0.3 < pooled.next.high
 
 
 def test_an_error_that_all_days_share_does_not_average_out():
@@ -56,8 +56,8 @@ def test_an_error_that_all_days_share_does_not_average_out():
         "1", dict(zip("abcd", [0.15, 0.151, 0.149, 0.15], strict=True)), covariance
     )
     # origin: the mean of four equal errors beside a common one
-    assert pooled["mean_std"] == pytest.approx(np.sqrt(own**2 / 4.0 + shared**2))
-    assert pooled["among_sessions_std"] == 0.0
+    assert pooled.mean_std == pytest.approx(np.sqrt(own**2 / 4.0 + shared**2))
+    assert pooled.among_sessions_std == 0.0
 
 
 def test_the_next_session_lies_in_its_interval_as_often_as_stated():
@@ -67,7 +67,7 @@ def test_the_next_session_lies_in_its_interval_as_often_as_stated():
         truth = random.normal(0.15, 0.01, 5)
         seen = {str(i): v + random.normal(0, 3e-3) for i, v in enumerate(truth[:4])}
         pooled = pool_parameter("1", seen, 3e-3**2 * np.eye(4))
-        inside += pooled["next"]["low"] < truth[4] < pooled["next"]["high"]
+        inside += pooled.next.low < truth[4] < pooled.next.high
     # origin: 95 % of 400; 0.905 and 0.985 are four binomial deviations off
     assert 0.905 < inside / 400 < 0.985
 
@@ -114,15 +114,15 @@ def test_days_of_other_friction_leave_the_radius_where_it_is_and_show_their_spre
     radius = "edge_rounding.edge_radius_m"
     assert joint.values[radius] == pytest.approx(8e-6, abs=2.0 * joint.std[radius])
     shared = list_shared(joint, list(tables))
-    assert [round(one["value"], 2) for one in shared["friction"]["sessions"].values()] == [
+    assert [round(one.value, 2) for one in shared["friction"].sessions.values()] == [
         0.14,
         0.16,
         0.18,
     ]
     # origin: the standard deviation of the three planted values
-    assert shared["friction"]["among_sessions_std"] == pytest.approx(0.02, abs=2e-3)
-    assert shared["stiffness_ratio"]["among_sessions_std"] == 0.0
-    assert set(shared["stiffness_ratio"]["sessions"]) == set(tables)
+    assert shared["friction"].among_sessions_std == pytest.approx(0.02, abs=2e-3)
+    assert shared["stiffness_ratio"].among_sessions_std == 0.0
+    assert set(shared["stiffness_ratio"].sessions) == set(tables)
 
 
 def test_a_zero_that_one_day_knows_is_taken_off_that_day_alone():
@@ -149,7 +149,7 @@ def test_a_model_of_several_sessions_is_read_back_and_holds_their_mean(tmp_path)
     assert together.document["trials_analysed"] == 96
     write_loop(together, tmp_path)
     learned = read_model(tmp_path / "model.json")
-    assert learned.extended.values["friction"] == shared["friction"]["mean"]
+    assert learned.extended.values["friction"] == shared["friction"].mean
     assert learned.extended.values["friction"] == pytest.approx(0.16, abs=2e-3)
     assert (
         "friction[day-2]"

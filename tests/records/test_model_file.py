@@ -121,8 +121,9 @@ def _set(*keys, value):
         (_set("covariates", 0, "low", value="low"), "damaged"),
         (_set("scanned_height_m", "step-020", value=[1e-5]), "damaged"),
         (_set("scatter", "channel_std", value=[0.1]), "channel_std must be 7"),
-        (_set("scatter", "quantity_std", value=None), "quantity_std must be 3"),
-        (lambda document: document.pop("blocks"), "damaged: 'blocks'"),
+        (_set("scatter", "quantity_std", value=None), "damaged: scatter.quantity_std"),
+        (_set("scatter", "quantity_std", value=[0.1]), "quantity_std must be 3"),
+        (lambda document: document.pop("blocks"), "damaged: blocks is missing"),
         (
             _set("nominal", "values", 0, value=1e300),
             "friction of nominal must lie between 0.005 and 0.9, got 1e\\+300",
@@ -135,7 +136,10 @@ def _set(*keys, value):
             _set("extended", "values", 7, value=-1.0),
             "edge_rounding.edge_radius_m of extended must lie between 0 and",
         ),
-        (_set("extended", "names", 0, value="frictoin"), "damaged: 'friction'"),
+        (
+            _set("extended", "names", 0, value="frictoin"),
+            "damaged: friction of extended is missing",
+        ),
     ],
 )
 def test_damage_is_named_in_one_line(tmp_path, document, damage, said):

@@ -2,6 +2,7 @@
 
 import sysconfig
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
@@ -123,17 +124,18 @@ def _plan_session(
     progress = make_progress("rehearsed", quiet=quiet, lines=10)
     found = rehearse_session(planned, rehearsals, progress)
     _write_new(texts, force=force)
-    without_finding = found["verdicts"].count("none")
+    without_finding = found.verdicts.count("none")
     note = (
         f"{without_finding} of {rehearsals} rehearsals without an effect end in none, as all "
-        f"should; {found['locked']} of {len(rows)} trials lock and give no trace"
+        f"should; {found.locked} of {len(rows)} trials lock and give no trace"
     )
+    visible = [asdict(effect) for effect in found.could_show]
     return Outcome(
         f"{folder}: {len(rows)} trials on {len(planned.blocks())} blocks; drag them, then "
         f"run: {then}",
-        {"nine sessions in ten would show": found["could_show"]},
+        {"nine sessions in ten would show": visible},
         notes=[note],
-        record={"written": list(map(str, texts)), "then": then, **found},
+        record={"written": list(map(str, texts)), "then": then, **asdict(found)},
     )
 
 

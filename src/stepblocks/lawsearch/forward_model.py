@@ -1,4 +1,4 @@
-"""What the search is given: a table of trials, and a forward model of whatever field."""
+"""What a search is given: a table of trials, and a forward model of any field."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -16,22 +16,22 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Trials:
-    """Trials with what was set and what was measured.
+    """Trials: the conditions that were set and the channels that were measured.
 
     Attributes
     ----------
     covariates : Mapping[str, NDArray[np.generic]]
-        Conditions, numbers or labels, each of shape (n,).
+        Conditions by name, numbers or labels, each of shape (n,).
     channels : tuple[str, ...]
-        What was measured.
+        Names of what was measured.
     values : Floats
         Shape (n, c); not-a-number where a channel failed.
     std : Floats
         Shape (n, c), standard uncertainty of each value from its own measurement.
     block : NDArray[np.str_]
-        Shape (n,), specimen of each trial; errors of a specimen are common to its trials.
+        Shape (n,), specimen of each trial. Errors of a specimen are common to its trials.
     floor : Floats | None
-        Shape (n, c), what a censored value exceeds; not-a-number elsewhere.
+        Shape (n, c), lower limit of each censored value; not-a-number elsewhere.
     """
 
     covariates: Mapping[str, NDArray[np.generic]]
@@ -43,40 +43,42 @@ class Trials:
 
     @classmethod
     def from_table(cls, table: pd.DataFrame) -> "Trials":
-        """Take a table of pandas with a row for each trial.
+        """Build trials from a table with one row per trial.
 
         Parameters
         ----------
         table : DataFrame
-            A column with one of the same name and ``_std`` beside it was measured. ``block`` names
-            the specimen of a trial, one for all where it is missing. All others are covariates.
+            A column is a measured channel where another column has the same name with ``_std``
+            added, which holds its standard uncertainty. ``block`` names the specimen; without it
+            all trials share one. All other columns are covariates.
 
         Raises
         ------
         PipelineError
             If no column has an uncertainty beside it.
         """
-        # an array has none, and is not searched number by number
         columns = [str(name) for name in getattr(table, "columns", ())]
-        names = [name for name in columns if f"{name}_std" in columns]
-        errors = [f"{name}_std" for name in names]
-        PipelineError.require(
-            names,
-            "table must have a column that was measured and its uncertainty, such as period "
-            f"and period_std, got {' '.join(', '.join(columns).split()) or type(table)!s:.300}",
-        )
-        covariates = {
-            str(name): column.to_numpy()
-            for name, column in table.items()
-            if name not in (*names, *errors, "block")
-        }
-        values, std = (table[part].to_numpy(dtype=np.float64) for part in (names, errors))
+        channels = [name for name in columns if f"{name}_std" in columns]
+        if not channels:
+            # of what has no columns only the type is named: to print a large array takes seconds
+            received = " ".join(", ".join(columns).split()) or str(type(table))
+            raise PipelineError(
+                "table must have a measured column and its uncertainty, such as period and "
+                f"period_std, got {received:.300}"
+            )
+        uncertainties = [f"{name}_std" for name in channels]
+        measured = {*channels, *uncertainties, "block"}
+        covariates = {}
+        for name, column in table.items():
+            if name not in measured:
+                covariates[str(name)] = column.to_numpy()
+        blocks = table.get("block", [""] * len(table))
         return cls(
-            covariates,
-            tuple(names),
-            values,
-            std,
-            np.array(table.get("block", [""] * len(table)), dtype=np.str_),
+            covariates=covariates,
+            channels=tuple(channels),
+            values=table[channels].to_numpy(dtype=np.float64),
+            std=table[uncertainties].to_numpy(dtype=np.float64),
+            block=np.array(blocks, dtype=np.str_),
         )
 
     def __len__(self) -> int:
@@ -89,56 +91,54 @@ class Trials:
 
     def take(self, rows: NDArray[np.generic]) -> "Trials":
         """Return the trials of a mask or an index."""
+        covariates = {name: column[rows] for name, column in self.covariates.items()}
+        values, std, block = self.values[rows], self.std[rows], self.block[rows]
+        floor = None
+        if self.floor is not None:
+            floor = self.floor[rows]
         return replace(
-            self,
-            covariates={name: column[rows] for name, column in self.covariates.items()},
-            values=self.values[rows],
-            std=self.std[rows],
-            block=self.block[rows],
-            floor=None if self.floor is None else self.floor[rows],
+            self, covariates=covariates, values=values, std=std, block=block, floor=floor
         )
 
     def without(self, rows: Sequence[int]) -> "Trials":
-        """Return the same table with nothing measured in some rows."""
-        gone = np.isin(np.arange(len(self)), rows)[:, None]
-        return replace(
-            self,
-            values=np.where(gone, np.nan, self.values),
-            floor=None if self.floor is None else np.where(gone, np.nan, self.floor),
-        )
+        """Return the same table with the measurements of some rows removed."""
+        removed = np.isin(np.arange(len(self)), rows)[:, None]
+        floor = None
+        if self.floor is not None:
+            floor = np.where(removed, np.nan, self.floor)
+        return replace(self, values=np.where(removed, np.nan, self.values), floor=floor)
 
     def numeric(self, name: str) -> Floats | None:
         """Return a covariate as numbers, or None where it holds labels."""
         column = np.asarray(self.covariates[name])
-        return (
-            np.asarray(column, dtype=np.float64) if np.issubdtype(column.dtype, np.number) else None
-        )
+        if not np.issubdtype(column.dtype, np.number):
+            return None
+        return np.asarray(column, dtype=np.float64)
 
     def dummies(self, name: str, most: int) -> list[Floats]:
         """Return a column of zeros and ones for every label but the first.
 
-        The result is None where there are more than `most`.
+        The list is empty where the covariate has more than `most` labels.
         """
-        labels = np.unique(self.covariates[name])[1:]
-        return (
-            [(self.covariates[name] == label).astype(np.float64) for label in labels]
-            if len(labels) < most
-            else []
-        )
+        column = self.covariates[name]
+        labels_beside_first = np.unique(column)[1:]
+        if len(labels_beside_first) >= most:
+            return []
+        return [(column == label).astype(np.float64) for label in labels_beside_first]
 
 
 @dataclass(frozen=True)
 class Systematic:
-    """An error common to many trials: `column` times an unknown factor of standard deviation `std`.
+    """An error common to many trials: a column times one unknown factor.
 
     Attributes
     ----------
     channel : str
-        Empty where it shows in all.
+        Channel that shows the error; empty where all channels do.
     column : Floats
-        Shape (n,), or (n, c) where it shows in all channels.
+        Shape (n,), or (n, c) where all channels show the error.
     std : float
-        In the unit of the channel.
+        Standard deviation of the factor, in the unit of the channel.
     """
 
     channel: str
@@ -148,23 +148,32 @@ class Systematic:
 
 @runtime_checkable
 class ForwardModel(Protocol):
-    """What the search asks of a model."""
+    """What the search asks of a model.
+
+    ``quantities`` names what scatters from trial to trial; ``responses`` has one entry for each.
+    """
 
     @property
-    def quantities(
-        self,
-    ) -> Sequence[str]: ...  # names of what scatters among trials, those of `responses`
-    def order(self, trials: "Trials") -> Floats: ...  # of the trials in time, shape (n,)
-    def cells(self, trials: "Trials") -> Sequence[object]: ...  # trials of one cell are replicates
+    def quantities(self) -> Sequence[str]: ...
 
-    def parameters(self, trials: "Trials") -> Sequence[Parameter]: ...  # of the nominal model
+    # the trials in time, shape (n,)
+    def order(self, trials: "Trials") -> Floats: ...
+
+    # one label for each trial; trials of equal labels are replicates
+    def cells(self, trials: "Trials") -> Sequence[object]: ...
+
+    # of the nominal model
+    def parameters(self, trials: "Trials") -> Sequence[Parameter]: ...
+
+    # errors that trials share
     def systematics(self, trials: "Trials") -> Sequence[Systematic]: ...
 
-    # all channels, shape (n, c), and their change per unit of each quantity that scatters among
-    # trials, shape (n, c, k)
+    # all channels, shape (n, c)
     def predict(
         self, trials: "Trials", values: Mapping[str, float], effects: Active = ()
     ) -> Floats: ...
+
+    # change of all channels per unit of each quantity, shape (n, c, k)
     def responses(
         self, trials: "Trials", values: Mapping[str, float], effects: Active = ()
     ) -> Floats: ...

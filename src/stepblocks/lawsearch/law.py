@@ -1,4 +1,4 @@
-"""The shape that all effects share, whatever the model that they change, and their tests."""
+"""Laws: effects that a forward model may lack, each with the parameters that are fitted."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -8,8 +8,8 @@ import cloudpickle
 import numpy as np
 from numpy.typing import NDArray
 
-# ``apply(state, covariate, values)``: the model's state, what the effect follows, the values by
-# name
+# ``apply(state, covariate, values)`` takes the state of the model, the column that the effect
+# follows, and the values of its parameters by name; it returns the changed state
 Apply = Callable[[Any, Any, Mapping[str, float]], Any]
 
 
@@ -17,47 +17,50 @@ Apply = Callable[[Any, Any, Mapping[str, float]], Any]
 class SizedChange:
     """An ``apply`` that changes a state by one number per trial.
 
-    A search takes the slope of the state in that number once for all laws that share the change.
+    All laws that share a change also share the slope of the prediction in that number, so that a
+    search computes the slope once.
 
     Attributes
     ----------
     change : callable
-        ``change(state, size)`` returns the state changed by numbers of shape (n,); by zeros it is
-        the same.
+        ``change(state, size)`` returns the state changed by `size`, numbers of shape (n,). Zeros
+        leave the state as it is.
     size : callable
-        ``size(covariate, values)`` returns these numbers, linear in the amplitudes of the law.
+        ``size(covariate, values)`` returns these numbers. They are linear in the amplitudes of the
+        law.
     """
 
     change: Callable[..., object]
     size: Callable[..., NDArray[np.float64]]
 
     def __call__(self, state: object, covariate: object, values: Mapping[str, float]) -> object:
-        """Apply it."""
+        """Change the state by the size that the covariate and the values give."""
         return self.change(state, self.size(covariate, values))
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """A number to be fitted.
+    """A parameter that is fitted.
 
     Attributes
     ----------
     name : str
-        Of one parameter among those of a law, or of a model.
+        Unique among the parameters of its law or of its model.
     unit : str
-        As it is shown, such as ``m`` or ``1/N^2``; ``1`` where it has none.
+        Unit as it is printed, such as ``m`` or ``1/N^2``; ``1`` for a number without unit.
     start : float
-        Where a fit begins, the middle of the prior; an amplitude vanishes there [`unit`].
+        Where a fit begins, and the mean of the prior. An amplitude has no effect at its start
+        [`unit`].
     low : float
-        It is never less [`unit`].
+        Lower bound [`unit`].
     high : float
-        It is never more [`unit`].
+        Upper bound [`unit`].
     scale : float
-        A change that matters; it sets the step of differences [`unit`].
+        Size of a change that matters. It sets the step of finite differences [`unit`].
     prior_std : float
-        Of a normal prior about the start [`unit`].
+        Standard deviation of the normal prior about the start [`unit`]; infinite without a prior.
     block : str
-        The specimen whose trials alone it moves; empty for all.
+        Specimen whose trials alone the parameter moves; empty where it moves all trials.
     """
 
     name: str
@@ -72,40 +75,42 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Law:
-    """An effect: one slot of a model changed as a function of nothing or of one covariate.
+    """An effect: one slot of a model, changed as a function of one covariate or of none.
 
     Attributes
     ----------
     id : str
-        What follows a ``~`` tells variants of one effect apart.
+        Name of the law. A suffix after ``~`` distinguishes variants of one law.
     form : str
-        The law written out.
+        The law written as a formula.
     parameters : tuple[Parameter, ...]
-        What is fitted: amplitudes, and what gives the law its shape.
+        What is fitted: amplitudes, and parameters that give the law its shape.
     apply : callable
-        ``apply(state, covariate, values)`` returns the state of the model with the law in it.
+        ``apply(state, covariate, values)`` returns the state of the model with the law applied.
     slot : str
-        The part of the model that it changes.
+        Part of the model that the law changes.
     covariate : str
-        A column of the table of trials, a quantity of the model, or ``block``.
+        What the law follows: a column of the table of trials, a quantity of the model, ``block``,
+        or ``none``.
     shapes : tuple[Mapping[str, float], ...]
-        Values at which a search looks of the parameters that are no amplitudes [their units].
+        Values of the shape parameters at which a search scores the law [their units].
     named : bool
-        False for a smooth, which claims no law.
+        False for a smooth function, which claims no law.
     rank : int
-        Order of preference among laws that predict the same.
+        Order of preference among laws that predict the same; the lowest rank is preferred.
     description : str
-        What it is in the words of a sentence that ends in its figures, or that has ``{}`` where
-        each of them stands.
+        The law in words. The fitted values replace each ``{}``, or follow at the end of the
+        sentence where there is none.
     how_to_decide : str
-        What to do on the bench to tell it from its rivals.
+        What to do on the bench to distinguish the law from its rivals.
     given : bool
-        False where the covariate only says over what it shows, and its formula holds without a
-        value.
+        False where the covariate only says over what the law shows, and the formula holds without
+        a value of the covariate.
     steps : tuple[str, ...]
-        Parameters at which it changes at once, in the order of the covariate.
+        Parameters that give the places of sudden changes, in the order of the covariate.
     evidence : float
-        What a measurement beside the trials says for it, as a fall of the criterion [1].
+        What a measurement beside the trials says in favour of the law, as a fall of the criterion
+        [1].
     """
 
     id: str
@@ -123,8 +128,8 @@ class Law:
     steps: tuple[str, ...] = ()
     evidence: float = 0.0
 
-    # its functions have no name of their own by which a pickle could find them again
     def __getstate__(self) -> bytes:
+        # the functions of a law are closures, which the standard pickle cannot store
         return bytes(cloudpickle.dumps(vars(self)))
 
     def __setstate__(self, state: bytes) -> None:
@@ -133,30 +138,54 @@ class Law:
     @property
     def amplitudes(self) -> tuple[str, ...]:
         """Names of the parameters at whose start the effect vanishes."""
-        return tuple(p.name for p in self.parameters if p.name not in self.shapes[0])
+        shape_parameters = self.shapes[0]
+        names = [parameter.name for parameter in self.parameters]
+        return tuple(name for name in names if name not in shape_parameters)
 
     @property
     def place(self) -> tuple[str, str]:
-        """Slot and covariate: what an attribution is judged by."""
+        """Slot and covariate. Attributions are judged by these two."""
         return self.slot, self.covariate
 
     def pick_own_values(self, values: Mapping[str, float]) -> dict[str, float]:
-        """Pick the values of its parameters out of those of a fit.
+        """Return the values of the law's own parameters, by their names in the law.
 
-        A fit calls them ``law.parameter``.
+        Parameters
+        ----------
+        values : Mapping[str, float]
+            Values of a fit, which calls the parameters of a law ``law.parameter``.
         """
-        return {p.name: values[f"{self.id}.{p.name}"] for p in self.parameters}
+        return {
+            parameter.name: values[f"{self.id}.{parameter.name}"] for parameter in self.parameters
+        }
 
 
-Active = Sequence[tuple[Law, Mapping[str, float]]]  # effects with values of their parameters
+Active = Sequence[tuple[Law, Mapping[str, float]]]  # effects with the values of their parameters
 
 
 def correct_by_holm(p_values: Sequence[float]) -> NDArray[np.float64]:
-    """Correct the p value of each test (Holm 1979, Scand. J. Statist. 6, 65-70)."""
-    # as statsmodels does, which also collects the garbage of the whole process each time: that
-    # takes longer than the fits behind the p values
+    """Correct p values for multiple testing.
+
+    Parameters
+    ----------
+    p_values : sequence of float
+        One p value for each test.
+
+    Returns
+    -------
+    array of float
+        Corrected p values in the order of the tests (Holm 1979, Scand. J. Statist. 6, 65-70).
+
+    Examples
+    --------
+    >>> correct_by_holm([0.01, 0.5, 0.02]).tolist()
+    [0.03, 0.5, 0.04]
+    """
+    # statsmodels gives the same numbers, but collects the garbage of the whole process each time,
+    # which takes longer than the fits behind the p values
     rising = np.argsort(p_values)
-    steps = np.take(p_values, rising) * np.arange(len(rising), 0, -1)
+    tests_left = np.arange(len(rising), 0, -1)
+    steps = np.take(p_values, rising) * tests_left
     corrected = np.empty(len(rising))
     corrected[rising] = np.minimum(np.maximum.accumulate(steps), 1.0)
     return corrected

@@ -1,17 +1,38 @@
-"""Trials that went wrong: a second component of the likelihood, six times as wide, with a share."""
+"""Trials that went wrong: a second, wider component of the likelihood, with its share."""
+
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import stats
 
-from stepblocks.lawsearch.fit import Fit, Problem
 from stepblocks.lawsearch.forward_model import Floats
+from stepblocks.lawsearch.problem import Fit, Problem
 
-_WIDTH = 6.0  # of the second component in scatters of the first
+_WIDTH = 6.0  # of the second component, in standard deviations of the first
 _ROUNDS = 50
-_MOST = 0.2  # share of the trials, beyond which it is the model that is wrong
+_FIRST_SHARE = 0.05
+_LARGEST_SHARE = 0.5  # of the second component while it is estimated
+_MOST_BAD = 0.2  # share of the trials, beyond which it is the model that is wrong
+_LARGEST_LOG_ODDS = 500.0  # beyond which the exponential overflows
 
 
-def find_bad_trials(problem: Problem, fitted: Fit) -> tuple[Floats, float]:
+@dataclass(frozen=True)
+class BadTrials:
+    """Trials that went wrong.
+
+    Attributes
+    ----------
+    chance : Floats
+        Shape (n,), posterior probability that each trial went wrong.
+    share : float
+        Estimated share of such trials.
+    """
+
+    chance: Floats
+    share: float
+
+
+def find_bad_trials(problem: Problem, fitted: Fit) -> BadTrials:
     """Estimate the chance that each trial went wrong, and the share of such trials.
 
     Parameters
@@ -23,26 +44,34 @@ def find_bad_trials(problem: Problem, fitted: Fit) -> tuple[Floats, float]:
 
     Returns
     -------
-    chance : array of shape (n,)
-        Posterior probability by expectation maximisation (Dempster et al. 1977), zero of all where
-        the share comes to more than a fifth.
-    share : float
-        Estimated share of the wide component.
+    BadTrials
+        By expectation maximisation (Dempster et al. 1977); all chances are zero where the share
+        comes to more than a fifth.
     """
-    trials, factors = problem.trials, problem.noise.factors
-    # what trials share makes none of them a bad one
-    difference = problem.noise.subtract_shared(
-        np.where(trials.seen, trials.values - fitted.predicted, 0.0)
-    )
-    square = np.sum(np.einsum("nij,nj->ni", factors, difference) ** 2, axis=1)
+    trials = problem.trials
+    square = _compute_squared_distances(problem, fitted)
     freedom = trials.seen.sum(axis=1)
     known = freedom > 0
     # bad trials have widened the scatter that the noise was built from
-    square = square / max(1.0, float(np.median(square[known] / stats.chi2.median(freedom[known]))))
-    share = 0.05
+    typical = np.median(square[known] / stats.chi2.median(freedom[known]))
+    square = square / max(1.0, float(typical))
+    share = _FIRST_SHARE
     for _ in range(_ROUNDS):
-        odds = np.log(share / (1.0 - share)) - freedom * np.log(_WIDTH)
-        odds = odds + 0.5 * square * (1.0 - _WIDTH**-2)
-        chance = np.where(known, 1.0 / (1.0 + np.exp(-np.clip(odds, -500.0, 500.0))), 0.0)
-        share = float(np.clip(chance[known].mean(), 0.5 / len(trials), 0.5))
-    return (chance, share) if share <= _MOST else (np.zeros(len(trials)), 0.0)
+        log_odds = np.log(share / (1.0 - share)) - freedom * np.log(_WIDTH)
+        log_odds = log_odds + 0.5 * square * (1.0 - _WIDTH**-2)
+        log_odds = np.clip(log_odds, -_LARGEST_LOG_ODDS, _LARGEST_LOG_ODDS)
+        chance = np.where(known, 1.0 / (1.0 + np.exp(-log_odds)), 0.0)
+        share = float(np.clip(chance[known].mean(), 0.5 / len(trials), _LARGEST_SHARE))
+    if share > _MOST_BAD:
+        return BadTrials(np.zeros(len(trials)), 0.0)
+    return BadTrials(chance, share)
+
+
+def _compute_squared_distances(problem: Problem, fitted: Fit) -> Floats:
+    """Compute the squared whitened distance of each trial from the model, shape (n,)."""
+    trials = problem.trials
+    difference = np.where(trials.seen, trials.values - fitted.predicted, 0.0)
+    # errors that trials share make none of them a bad one
+    alone = problem.noise.subtract_shared(difference)
+    white = np.einsum("nij,nj->ni", problem.noise.factors, alone)
+    return np.asarray(np.sum(white**2, axis=1))

@@ -1,12 +1,57 @@
-"""What a trial that went wrong looks like, from its errors beside the model."""
+"""What a trial that went wrong looks like, by its errors beside the model."""
 
 import math
+from dataclasses import dataclass
+from enum import Enum
 
-from stepblocks.lawsearch.explain import Explanation
+import numpy as np
+
+from stepblocks.lawsearch.findings import Explanation
 from stepblocks.lawsearch.forward_model import Floats
+from stepblocks.loop.channels import ENERGY, FRICTION, JUDGED, PEAK_FORCE
 
-_SMALL = 0.06  # of a logarithm or of friction, which trials scatter by
-_CAUGHT = 0.3  # of ln E_v, missing though the peak is right
+# what trials scatter by, of the logarithm of the peak force and of friction; of the energy, which
+# goes with the square of the force, twice as much
+_SCATTER = 0.06
+_ENERGY_SCATTER = 2.0 * _SCATTER
+# share of the error of the energy within which it follows from the error of the peak force
+_ENERGY_TOLERANCE = 0.35
+_CAUGHT = -0.3  # error of ln E_v from which energy is missing though the peak force is right
+
+
+class TrialFault(Enum):
+    """What may have gone wrong with a trial."""
+
+    RELEASED_EARLY = "let go early, at {percent:.0f} % of the peak force"
+    RELEASED_EARLY_OR_WRONG_BLOCK = (
+        "let go early, at {percent:.0f} % of the peak force, or the block {twin}"
+    )
+    WRONG_BLOCK = "the block {twin} instead of {declared}"
+    CAUGHT_AGAIN = "caught again: {percent:.0f} % of the energy of its peak force"
+    FRICTION_DIFFERS = "friction differs by {difference:+.2g}"
+    UNKNOWN = "unlike all other trials"
+
+    def describe(self, **figures: object) -> str:
+        """Say what the trial looks like, with the figures that the fault names."""
+        return self.value.format(**figures)
+
+
+@dataclass(frozen=True)
+class TrialError:
+    """Measured less predicted values of one trial.
+
+    Attributes
+    ----------
+    energy : float
+        Of the logarithm of the vibration energy.
+    force : float
+        Of the logarithm of the peak force.
+    friction : float
+    """
+
+    energy: float
+    force: float
+    friction: float
 
 
 def describe_trial(explanation: Explanation, measured: Floats, row: int) -> str:
@@ -17,25 +62,45 @@ def describe_trial(explanation: Explanation, measured: Floats, row: int) -> str:
     explanation : Explanation
         With the fit beside which the trial errs.
     measured : array of shape (n, 7)
-        Channels as measured, what is held apart included.
+        Channels as measured, those of trials held apart included.
     row : int
         Of the trial.
     """
-    trials, fitted = explanation.problem.trials, explanation.extended
-    energy, force, friction = (measured[row] - fitted.predicted[row])[:3].tolist()
-    near = fitted.predicted[:, :2] - measured[row, :2]
-    like = (abs(near) < (2.0 * _SMALL, _SMALL)).all(axis=1) & (trials.block != trials.block[row])
-    for name in ("load_n", "speed_mm_s"):
-        like &= trials.covariates[name] == trials.covariates[name][row]
-    other = f", or the block {trials.block[like][0]}" if like.any() else ""
-    if force < -_SMALL and abs(energy - 2.0 * force) < 0.35 * abs(energy):
-        return f"let go early, at {100.0 * math.exp(force):.0f} % of the peak force{other}"
-    if other:
-        return f"the block {other.split()[-1]} instead of {trials.block[row]}"
-    if energy < -_CAUGHT and abs(force) < _SMALL:
-        return f"caught again: {100.0 * math.exp(energy):.0f} % of the energy of its peak force"
-    return (
-        f"friction is other by {friction:+.2g}"
-        if abs(friction) > _SMALL
-        else "unlike all other trials"
+    difference = measured[row] - explanation.extended.predicted[row]
+    error = TrialError(
+        energy=float(difference[ENERGY]),
+        force=float(difference[PEAK_FORCE]),
+        friction=float(difference[FRICTION]),
     )
+    twin = _find_block_with_same_forces(explanation, measured, row)
+    energy_follows_force = abs(error.energy - 2.0 * error.force) < _ENERGY_TOLERANCE * abs(
+        error.energy
+    )
+    if error.force < -_SCATTER and energy_follows_force:
+        percent = 100.0 * math.exp(error.force)
+        if twin is not None:
+            return TrialFault.RELEASED_EARLY_OR_WRONG_BLOCK.describe(percent=percent, twin=twin)
+        return TrialFault.RELEASED_EARLY.describe(percent=percent)
+    if twin is not None:
+        declared = explanation.problem.trials.block[row]
+        return TrialFault.WRONG_BLOCK.describe(twin=twin, declared=declared)
+    if error.energy < _CAUGHT and abs(error.force) < _SCATTER:
+        return TrialFault.CAUGHT_AGAIN.describe(percent=100.0 * math.exp(error.energy))
+    if abs(error.friction) > _SCATTER:
+        return TrialFault.FRICTION_DIFFERS.describe(difference=error.friction)
+    return TrialFault.UNKNOWN.describe()
+
+
+def _find_block_with_same_forces(
+    explanation: Explanation, measured: Floats, row: int
+) -> str | None:
+    """Find another block that is predicted to show what a trial showed, at its load and speed."""
+    trials = explanation.problem.trials
+    distance = np.abs(explanation.extended.predicted[:, JUDGED] - measured[row, JUDGED])
+    same_forces = (distance < (_ENERGY_SCATTER, _SCATTER)).all(axis=1)
+    alike = same_forces & (trials.block != trials.block[row])
+    for name in ("load_n", "speed_mm_s"):
+        alike &= trials.covariates[name] == trials.covariates[name][row]
+    if not alike.any():
+        return None
+    return str(trials.block[alike][0])

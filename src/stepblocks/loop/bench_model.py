@@ -22,10 +22,11 @@ from stepblocks.rig.effects.smooth import CovariateRange, list_smooth_laws
 from stepblocks.rig.forward import PEAK_FORCE, SPEED_OVER_LOAD, TOGETHER, BenchDesign
 from stepblocks.rig.state import CHANNELS, DragState, compute_channels
 
-# what the evaluation of traces may leave as an error common to many trials, one deviation per unit
-# of covariate; records of known truth show a tenth of most (`benchmarks/trace_bias.py slopes`), but
-# with so little for ramps the speed passed for a law of them in a session of another bench
-_COMMON = {
+# errors common to many trials that the evaluation of traces may leave in each channel, as one
+# standard deviation per unit of covariate. Records of known truth show a tenth of most
+# (`benchmarks/trace_bias.py slopes`), but with so little for ramps the speed passed for a law of
+# them in a session of another bench.
+COMMON_ERRORS = {
     "ln_energy": 0.008,
     "ln_peak_force": 0.003,
     "sliding_friction": 0.001,
@@ -34,16 +35,22 @@ _COMMON = {
     "ln_decay_time": 0.03,
     "normal_load_ratio": 0.002,
 }
-
-_SET = ("height_um", "load_n", "speed_mm_s", "run_order", PEAK_FORCE, SPEED_OVER_LOAD)
-# deviations of a covariate, by which the middle of such errors may be another, of channels that no
+# deviations of a covariate by which the middle of such errors may differ, in channels that no
 # constant of the model levels
-_MIDDLE = {"ln_peak_force": 0.2, "sliding_friction": 0.2, "normal_load_ratio": 0.2}
-_INTERACTING = 3  # readings of the surroundings that are asked for pair by pair
-_SHARP = 1.5e-6  # m, an edge that a scan shows to be no rounder
-# of the criterion: rounded edges in the scans decide among laws that explain the trials as well,
-# and no more, as a stylus rounds an edge too
-_SEEN = 8.0
+_MIDDLE_SHIFTS = {"ln_peak_force": 0.2, "sliding_friction": 0.2, "normal_load_ratio": 0.2}
+# covariates that are set or computed; all others are readings of the surroundings
+_SET = ("height_um", "load_n", "speed_mm_s", "run_order", PEAK_FORCE, SPEED_OVER_LOAD)
+_MOST_READINGS = 3  # of the surroundings that are tried pair by pair
+_LEAST_SPREAD = 1e-9  # of a logarithm, below which all its values are equal
+_MOST_LABELS = 8  # of a covariate that is tried
+_WIDE_RANGE = 5.0  # ratio of the ends of a range from which it is divided by logarithms
+_FEW_SETTINGS = 20  # distinct values below which a range may be divided by logarithms
+_FEWEST_PEAKS, _LEAST_PEAK_RANGE = 11, 1.001  # from which laws may follow the peak force
+_TRIALS_PER_BLOCK = 6  # from which laws may differ by block
+_SHARP = 1.5e-6  # m, radius below which an edge is sharp for all that a scan can show
+# by which the criterion of rounded edges falls where scans show them: it decides among laws that
+# explain the trials as well, and no more, since a stylus rounds an edge too
+_SEEN_IN_SCANS = 8.0
 # constants that each session has its own of, where several are explained together
 OF_A_DAY = ("friction", "ln_conversion", "ln_ring_frequency", "ln_decay_time")
 
@@ -52,12 +59,9 @@ OF_A_DAY = ("friction", "ln_conversion", "ln_ring_frequency", "ln_decay_time")
 def _find_design(
     trials: Trials, spring_constant: float, laws: tuple[tuple[str, Any], ...]
 ) -> BenchDesign:
-    return forward.build_bench_design(
-        trials.block,
-        trials.covariates,
-        spring_constant,
-        {kind: dict(numbers) for kind, numbers in laws},
-    )
+    """Build what was set on the bench, once for each table of trials."""
+    known_laws = {kind: dict(numbers) for kind, numbers in laws}
+    return forward.build_bench_design(trials.block, trials.covariates, spring_constant, known_laws)
 
 
 @dataclass(frozen=True)
@@ -69,18 +73,18 @@ class SessionModel:
     tool : Tool
         The nominal spring, and the ring with which the fit begins.
     height_std : float
-        Of blocks that are not scanned [m].
+        Standard deviation of the heights of blocks that are not scanned [m].
     scanned : Mapping[str, tuple[float, float]] | None
         Block to height and standard uncertainty [m].
     scanned_radius : tuple[float, float] | None
-        Of the edges from their scans: mean and uncertainty [m].
+        Mean radius of the edges from their scans, and its uncertainty [m].
     known : Mapping[str, tuple[float, float]]
-        Certified or tared.
+        Constants of the gauges that are certified or tared, with their uncertainties.
     laws : tuple of pairs
         Laws of friction and contact that are known beforehand, by kind: of each its name under
         ``law``, and its numbers.
     own : Mapping[str, Mapping[str, float]]
-        Of several sessions, named in the column ``session``: what is known in each.
+        Of several sessions, named in the column ``session``: constants that are known in each.
     quantities : ClassVar
         What scatters among trials, by its slot.
     """
@@ -92,60 +96,65 @@ class SessionModel:
     known: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     laws: tuple[tuple[str, Any], ...] = ()
     own: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    quantities: ClassVar = (
-        "friction",
-        "normal_load",
-        "conversion",
-    )
+    quantities: ClassVar = ("friction", "normal_load", "conversion")
 
     def order(self, trials: Trials) -> Floats:
-        """Order in time: the run order where it is given, else that of the table."""
-        run_order = trials.numeric("run_order") if "run_order" in trials.covariates else None
-        return np.arange(float(len(trials))) if run_order is None else run_order
+        """Order in time, shape (n,): the run order where there is one, else that of the table."""
+        run_order = None
+        if "run_order" in trials.covariates:
+            run_order = trials.numeric("run_order")
+        if run_order is None:
+            return np.arange(float(len(trials)))
+        return run_order
 
     def cells(self, trials: Trials) -> list[tuple[object, ...]]:
         """Trials of one block, load and speed, under the same labels, are replicates."""
-        labels = [n for n in trials.covariates if trials.numeric(n) is None]
-        columns = (trials.covariates[name].tolist() for name in ("load_n", "speed_mm_s", *labels))
+        labels = [name for name in trials.covariates if trials.numeric(name) is None]
+        names = ("load_n", "speed_mm_s", *labels)
+        columns = [trials.covariates[name].tolist() for name in names]
         return list(zip(trials.block.tolist(), *columns, strict=True))
 
     def parameters(self, trials: Trials) -> tuple[Parameter, ...]:
         """Constants of the nominal model and the height errors of the blocks of a table."""
-        found = forward.list_constants(
-            _find_design(trials, self.tool.stiffness, self.laws),
-            self.tool,
-            self.height_std,
-            self.scanned,
+        constants = list(
+            forward.list_constants(
+                _find_design(trials, self.tool.stiffness, self.laws),
+                self.tool,
+                self.height_std,
+                self.scanned,
+            )
         )
-        if spring := self.known.get("spring_constant"):
-            ratio, std = (one / self.tool.stiffness for one in spring)
-            found = tuple(
-                replace(p, start=ratio, prior_std=std) if p.name == "stiffness_ratio" else p
-                for p in found
-            )
-        # whether the gauge sees what the tool's damper takes nobody knows
-        own = [Parameter("damper_share", "1", 0.5, -1.0, 2.0, 0.1, 0.5)]
+        constants = [self._take_certified_spring(p) for p in constants]
+        constants += self._list_bench_constants()
+        if not self.own:
+            return tuple(constants)
+        of_a_day = []
+        for p in constants:
+            if p.name in OF_A_DAY:
+                of_a_day += [replace(p, name=f"{p.name}[{session}]") for session in self.own]
+        common = [p for p in constants if p.name not in OF_A_DAY]
+        return (*of_a_day, *common)
+
+    def _take_certified_spring(self, parameter: Parameter) -> Parameter:
+        """Give the stiffness the prior of its certificate, where there is one."""
+        spring = self.known.get("spring_constant")
+        if spring is None or parameter.name != "stiffness_ratio":
+            return parameter
+        ratio, std = (figure / self.tool.stiffness for figure in spring)
+        return replace(parameter, start=ratio, prior_std=std)
+
+    def _list_bench_constants(self) -> list[Parameter]:
+        """List the constants of damper, edges and weights beside those of the contact."""
+        # whether the gauge sees what the tool's damper takes is unknown
+        constants = [Parameter("damper_share", "1", 0.5, -1.0, 2.0, 0.1, 0.5)]
         if self.scanned_radius and self.scanned_radius[0] < _SHARP:
-            own.append(
-                Parameter(
-                    "edge_radius",
-                    "m",
-                    self.scanned_radius[0],
-                    0.0,
-                    3.0 * _SHARP,
-                    1e-7,
-                    self.scanned_radius[1],
-                )
-            )
-        if load := self.known.get("load_bias_n"):
-            own.append(Parameter("load_error", "N", load[0], -0.25, 0.6, 1e-3, load[1]))
-        days = [
-            replace(one, name=f"{one.name}[{session}]")
-            for one in found
-            for session in self.own
-            if one.name in OF_A_DAY
-        ]
-        return (*days, *(one for one in (*found, *own) if not days or one.name not in OF_A_DAY))
+            radius, std = self.scanned_radius
+            constants.append(Parameter("edge_radius", "m", radius, 0.0, 3.0 * _SHARP, 1e-7, std))
+        load = self.known.get("load_bias_n")
+        if load is not None:
+            bias, std = load
+            constants.append(Parameter("load_error", "N", bias, -0.25, 0.6, 1e-3, std))
+        return constants
 
     def systematics(self, trials: Trials) -> list[Systematic]:
         """Errors that the evaluation of traces may share among trials.
@@ -153,145 +162,189 @@ class SessionModel:
         A constant, and along height, load, speed, a square and products of them.
         """
         design = _find_design(trials, self.tool.stiffness, self.laws)
-        height, load, speed = (
-            _standardise(np.log(column)) for column in (design.height, design.load, design.speed)
-        )
+        height = _standardise(np.log(design.height))
+        load = _standardise(np.log(design.load))
+        speed = _standardise(np.log(design.speed))
         columns = (height, load, speed, height**2, height * load, load * speed, height * speed)
-        # each is a share of what is evaluated, and the slope of the ramp alone is no logarithm;
-        # about which middle they change nobody knows, and it is another without some of the trials
-        return [
-            Systematic(
-                channel,
-                column * np.nan_to_num(trials.values[:, trials.channels.index(channel)], nan=1.0)
-                if channel == "spring_constant"
-                else column,
-                _COMMON[channel],
-            )
-            for channel in CHANNELS
-            for column in (*columns, np.full(len(trials), _MIDDLE.get(channel, 0.0)))
-            if channel in trials.channels and np.any(column)
-        ]
+        errors = []
+        for channel in CHANNELS:
+            if channel not in trials.channels:
+                continue
+            # about which middle the errors change is unknown, and it differs without some trials
+            middle = np.full(len(trials), _MIDDLE_SHIFTS.get(channel, 0.0))
+            for column in (*columns, middle):
+                if np.any(column):
+                    shown = _scale_common_error(trials, channel, column)
+                    errors.append(Systematic(channel, shown, COMMON_ERRORS[channel]))
+        return errors
 
     def state(
         self, trials: Trials, values: Mapping[str, float | Floats], effects: Active = ()
     ) -> DragState:
         """Fill all slots, effects applied; of several sessions with the constants of each."""
-        constants: dict[str, float | Floats] = {name: one for name, (one, _) in self.known.items()}
+        constants: dict[str, float | Floats] = {
+            name: known[0] for name, known in self.known.items()
+        }
         if self.own:
-            days = trials.covariates["session"].tolist()
-            values = {**values} | {
-                name: np.array([values[f"{name}[{day}]"] for day in days]) for name in OF_A_DAY
-            }
-            constants = {
-                name: np.array([self.own[day].get(name, usual) for day in days])
-                for name, usual in constants.items()
-            }
-        state = forward.build_extended_state(
-            _find_design(trials, self.tool.stiffness, self.laws), values, effects
-        )
-        return apply_instrument_constants(state, None, constants) if constants else state
+            sessions = trials.covariates["session"].tolist()
+            values = {**values, **_spread_values_of_a_day(values, sessions)}
+            constants = self._spread_constants(constants, sessions)
+        design = _find_design(trials, self.tool.stiffness, self.laws)
+        state = forward.build_extended_state(design, values, effects)
+        if not constants:
+            return state
+        return apply_instrument_constants(state, None, constants)
+
+    def _spread_constants(
+        self, constants: Mapping[str, float | Floats], sessions: Sequence[str]
+    ) -> dict[str, float | Floats]:
+        """Give each trial the constants of its session; the usual ones where it knows none."""
+        spread: dict[str, float | Floats] = {}
+        for name, usual in constants.items():
+            of_trials = [self.own[session].get(name, usual) for session in sessions]
+            spread[name] = np.array(of_trials)
+        return spread
 
     def candidates(self, trials: Trials) -> tuple[Law, ...]:
-        """Return every effect that may be asked of a table.
+        """Return every effect that may be asked of a table, but for those that scans rule out."""
+        radius = self.scanned_radius[0] if self.scanned_radius else None
+        laws = list_candidates(trials, list_covariate_ranges(trials), scanned_radius=radius)
+        return tuple(self._limit_by_calibration(law) for law in laws)
 
-        Knowing what the scans have ruled out.
+    def _limit_by_calibration(self, law: Law) -> Law:
+        """Limit the constants of gauges and load by their calibrations.
+
+        They are what is added to the known constants: a calibration says how much that may be.
         """
-        # constants of gauges and load are what is added to the known ones: a calibration says how
-        # much that may be
-        open_to = {name: std for name, (_, std) in self.known.items()}
-
-        return tuple(
-            replace(
-                law,
-                parameters=tuple(
-                    replace(p, prior_std=open_to.get(p.name, p.prior_std)) for p in law.parameters
-                ),
-            )
-            if law.slot in ("sensor", "normal_load")
-            else law
-            for law in list_candidates(
-                trials,
-                list_covariate_ranges(trials),
-                scanned_radius=self.scanned_radius and self.scanned_radius[0],
-            )
-        )
+        if law.slot not in ("sensor", "normal_load"):
+            return law
+        parameters = []
+        for p in law.parameters:
+            if p.name in self.known:
+                parameters.append(replace(p, prior_std=self.known[p.name][1]))
+            else:
+                parameters.append(p)
+        return replace(law, parameters=tuple(parameters))
 
     def predict(self, trials: Trials, values: Mapping[str, float], effects: Active = ()) -> Floats:
-        """Predict all channels."""
+        """Predict all channels, shape (n, 7)."""
         return compute_channels(self.state(trials, values, effects))
 
     def responses(
         self, trials: Trials, values: Mapping[str, float], effects: Active = ()
     ) -> Floats:
-        """Change of the channels with friction, load and conversion.
-
-        These scatter from trial to trial.
-        """
+        """Change of the channels with what scatters from trial to trial, shape (n, 7, 3)."""
         return forward.compute_responses(self.state(trials, values, effects))
 
 
+def _scale_common_error(trials: Trials, channel: str, column: Floats) -> Floats:
+    """Turn a relative error into one of a channel; all channels but the ramp are logarithms."""
+    if channel != "spring_constant":
+        return column
+    measured = trials.values[:, trials.channels.index(channel)]
+    return column * np.nan_to_num(measured, nan=1.0)
+
+
+def _spread_values_of_a_day(
+    values: Mapping[str, float | Floats], sessions: Sequence[str]
+) -> dict[str, float | Floats]:
+    """Give each trial the values of its session of the constants that are those of a day."""
+    spread: dict[str, float | Floats] = {}
+    for name in OF_A_DAY:
+        spread[name] = np.array([values[f"{name}[{session}]"] for session in sessions])
+    return spread
+
+
 def _standardise(logarithm: Floats) -> Floats:
+    """Scale numbers to mean 0 and deviation 1; equal ones to zeros."""
     spread = float(np.std(logarithm))
     # the mean of equal numbers may differ from them in the last bit
-    return (
-        np.asarray((logarithm - logarithm.mean()) / spread)
-        if spread > 1e-9
-        else np.zeros_like(logarithm)
-    )
+    if spread <= _LEAST_SPREAD:
+        return np.zeros_like(logarithm)
+    return np.asarray((logarithm - logarithm.mean()) / spread)
 
 
 def list_covariate_ranges(trials: Trials) -> tuple[CovariateRange, ...]:
-    """Return the range of every covariate that varies, and of the peak force."""
-    found = []
-    for name, column in trials.covariates.items():
-        numbers = trials.numeric(name)
-        distinct = len(np.unique(column))
-        if name == "tip_radius_um" or distinct < 2:
-            continue
-        if numbers is not None:
-            low, high = float(numbers.min()), float(numbers.max())
-            found.append(
-                CovariateRange(
-                    name, low, high, low > 0.0 and high > 5.0 * low and distinct < 20, (), distinct
-                )
-            )
-        elif distinct <= 8:
-            found.append(
-                CovariateRange(name, labels=tuple(map(str, np.unique(column))), distinct=distinct)
-            )
-    if "ln_peak_force" in trials.channels:
-        force = trials.values[:, trials.channels.index("ln_peak_force")]
-        force = np.exp(force[np.isfinite(force)])
-        if force.size > 10 and force.max() > 1.001 * force.min():
-            found.append(CovariateRange(PEAK_FORCE, float(force.min()), float(force.max()), True))
-    if {"load_n", "speed_mm_s"} <= {place.name for place in found}:
-        ratio = np.unique(np.divide(trials.covariates["speed_mm_s"], trials.covariates["load_n"]))
-        found.append(
-            CovariateRange(
-                SPEED_OVER_LOAD, float(ratio[0]), float(ratio[-1]), True, distinct=len(ratio)
-            )
-        )
-    climate = [
-        place
-        for place in found
-        if not place.labels and place.distinct > 2 and place.name not in _SET
-    ]
-    found += [
-        CovariateRange(TOGETHER.join((one.name, other.name)), pair=(one, other))
-        for one, other in combinations(climate[:_INTERACTING], 2)
-    ]
+    """List the range of every covariate that varies, and of the quantities that laws may follow."""
+    ranges = []
+    for name in trials.covariates:
+        of_column = _find_column_range(trials, name)
+        if of_column is not None:
+            ranges.append(of_column)
+    peak_force = _find_peak_force_range(trials)
+    if peak_force is not None:
+        ranges.append(peak_force)
+    if {"load_n", "speed_mm_s"} <= {where.name for where in ranges}:
+        ratio = np.unique(_divide_speed_by_load(trials))
+        low, high = float(ratio[0]), float(ratio[-1])
+        ranges.append(CovariateRange(SPEED_OVER_LOAD, low, high, True, distinct=len(ratio)))
+    ranges += _pair_readings(ranges)
     blocks = tuple(str(block) for block in np.unique(trials.block))
-    if 2 < len(blocks) <= len(trials) / 6:
-        found.append(CovariateRange("block", labels=blocks, distinct=len(blocks)))
-    return tuple(found)
+    if 2 < len(blocks) <= len(trials) / _TRIALS_PER_BLOCK:
+        ranges.append(CovariateRange("block", labels=blocks, distinct=len(blocks)))
+    return tuple(ranges)
+
+
+def _find_column_range(trials: Trials, name: str) -> CovariateRange | None:
+    """Find the range of one column; None where it does not vary or has too many labels."""
+    labels = np.unique(trials.covariates[name])
+    distinct = len(labels)
+    if name == "tip_radius_um" or distinct < 2:
+        return None
+    numbers = trials.numeric(name)
+    if numbers is None:
+        if distinct > _MOST_LABELS:
+            return None
+        return CovariateRange(name, labels=tuple(map(str, labels)), distinct=distinct)
+    low, high = float(numbers.min()), float(numbers.max())
+    by_logarithm = low > 0.0 and high > _WIDE_RANGE * low and distinct < _FEW_SETTINGS
+    return CovariateRange(name, low, high, by_logarithm, (), distinct)
+
+
+def _find_peak_force_range(trials: Trials) -> CovariateRange | None:
+    """Find the range of the measured peak forces [N]; None where they are few or all alike."""
+    if "ln_peak_force" not in trials.channels:
+        return None
+    logarithm = trials.values[:, trials.channels.index("ln_peak_force")]
+    force = np.exp(logarithm[np.isfinite(logarithm)])
+    if force.size < _FEWEST_PEAKS or not force.max() > _LEAST_PEAK_RANGE * force.min():
+        return None
+    return CovariateRange(PEAK_FORCE, float(force.min()), float(force.max()), True)
+
+
+def _pair_readings(ranges: Sequence[CovariateRange]) -> list[CovariateRange]:
+    """Pair the readings of the surroundings, which may act together."""
+    readings = []
+    for where in ranges:
+        if not where.labels and where.distinct > 2 and where.name not in _SET:
+            readings.append(where)
+    pairs = []
+    for first, second in combinations(readings[:_MOST_READINGS], 2):
+        name = TOGETHER.join((first.name, second.name))
+        pairs.append(CovariateRange(name, pair=(first, second)))
+    return pairs
+
+
+def _divide_speed_by_load(trials: Trials) -> NDArray[np.generic]:
+    """Divide speed by load, which a viscous film follows [mm/s/N]."""
+    return np.asarray(np.divide(trials.covariates["speed_mm_s"], trials.covariates["load_n"]))
 
 
 def find_column(trials: Trials, predicted: Floats, covariate: str) -> NDArray[np.generic]:
-    """Return what an effect follows: a column of the table, or what the model computes."""
+    """Return what an effect follows: a column of the table, or what the model computes.
+
+    Parameters
+    ----------
+    trials : Trials
+    predicted : Floats
+        Shape (n, c), all channels.
+    covariate : str
+        Name of a column, or of a quantity of the model.
+    """
     if covariate == PEAK_FORCE:
         return np.asarray(np.exp(predicted[:, trials.channels.index("ln_peak_force")]))
     if covariate == SPEED_OVER_LOAD:
-        return np.asarray(np.divide(trials.covariates["speed_mm_s"], trials.covariates["load_n"]))
+        return _divide_speed_by_load(trials)
     return trials.covariates[covariate]
 
 
@@ -301,21 +354,29 @@ def list_candidates(
     with_imitated: bool = False,
     scanned_radius: float | None = None,
 ) -> tuple[Law, ...]:
-    """Return every effect that may be asked of a table.
+    """List every effect that may be asked of a table: laws whose covariate varies, and smooths.
 
-    These are the laws whose covariate varies, and all smooths.
+    Parameters
+    ----------
+    trials : Trials
+    ranges : sequence of CovariateRange
+        Of the covariates that vary.
+    with_imitated : bool
+        Whether effects are listed that constants imitate, or that scans rule out.
+    scanned_radius : float, optional
+        Mean radius of the scanned edges [m].
     """
-    names = {place.name for place in ranges} | {"none", "block"}
+    varying = {where.name for where in ranges} | {"none", "block"}
     sharp = scanned_radius is not None and scanned_radius < _SHARP
-    # friction imitates a tilt exactly; a search would only find the rounding between the two
-    ruled_out = {"block_tilt", "edge_rounding" if sharp else "tip_radius_error"}
-    laws = [
-        # where edges are sharp their rounding is ruled out
-        replace(law, evidence=_SEEN) if scanned_radius and law.id == "edge_rounding" else law
-        for law in list_named_laws(np.unique(trials.block).tolist())
-        if law.covariate in names
-    ]
-    return (
-        *(law for law in laws if with_imitated or law.id not in ruled_out),
-        *list_smooth_laws(ranges),
-    )
+    # friction imitates a tilt exactly: a search would only find the rounding between the two
+    by_scans = "edge_rounding" if sharp else "tip_radius_error"
+    ruled_out = {"block_tilt", by_scans}
+    laws = []
+    for law in list_named_laws(np.unique(trials.block).tolist()):
+        if law.covariate not in varying or (law.id in ruled_out and not with_imitated):
+            continue
+        if scanned_radius and law.id == "edge_rounding":
+            laws.append(replace(law, evidence=_SEEN_IN_SCANS))
+        else:
+            laws.append(law)
+    return (*laws, *list_smooth_laws(ranges))

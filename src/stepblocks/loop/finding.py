@@ -1,215 +1,219 @@
-"""The finding in one sentence, as a terminal, a report and result.json open with it."""
+"""The finding in one sentence, with which the terminal, the report and result.json open."""
 
-import math
-from collections.abc import Iterator, Sequence
-from functools import reduce
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from stepblocks.files.text import Document
-from stepblocks.lawsearch.explain import Explanation, Finding, Verdict
+from stepblocks.lawsearch.findings import Explanation, Finding, Verdict
 from stepblocks.lawsearch.law import Law
-from stepblocks.quantities import format_column_label
-from stepblocks.rig.effects.smooth import CovariateRange
-from stepblocks.rig.forward import PEAK_FORCE, SPEED_OVER_LOAD, TOGETHER
+from stepblocks.loop.channels import CHANNELS_IN_WORDS
+from stepblocks.loop.record import EffectRecord, Estimate, LoopRecord, ModelErrors
+from stepblocks.loop.session_table import STICK_SLIP
+from stepblocks.loop.words import describe_covariate, format_value
 
-# a factor and a unit that people read, by the unit that a parameter has; from `_MANY` on the plain
-# one
-_MANY = 1e3
-_READ = {
-    "m": (1e6, "µm"),
-    "N": (1e3, "mN"),
-    "s": (1e3, "ms"),
-    "m/s": (1e3, "mm/s"),
-    "rad": (1e3, "mrad"),
-    "N/m": (1e-3, "N/mm"),
-}
-# units of covariates by the ends of their names, the longest first
-_UNITS = {
-    "_mm_s": "(mm/s)",
-    "run_order": "trial",
-    "_pct": "%",
-    "_um": "um",
-    "_c": "K",
-    "_n": "N",
-    "_s": "s",
-}
-# what an effect follows, in words
-_COVARIATES = {
-    "height_um": "the height",
-    "load_n": "the load",
-    "speed_mm_s": "the speed",
-    "run_order": "the order of the run",
-    "temperature_c": "the temperature",
-    "humidity_pct": "the humidity",
-    "previous_load_n": "the load of the trial before",
-    "previous_height_um": "the height of the step before",
-    "passes_of_block": "the passes over a block",
-    "pause_s": "the pause before a trial",
-    "trials_since_rest": "the trials since a rest",
-    PEAK_FORCE: "the peak force",
-    SPEED_OVER_LOAD: "speed over load",
-    "none": "nothing that is set",
-    "block": "the block",
-}
-# what a trial shows, in words, its residual a difference of logarithms or of numbers
-CHANNELS_IN_WORDS = {
-    "ln_energy": "vibration energy",
-    "ln_peak_force": "peak force",
-    "sliding_friction": "friction before the edge",
-    "spring_constant": "stiffness of the ramp",
-    "ln_ring_frequency": "pitch of the ring",
-    "ln_decay_time": "decay of the ring",
-    "normal_load_ratio": "normal force over set load",
-}
+_MOST_DETECTABLE = 3  # effects that a sentence names as what would have shown
+_MOST_CHOICES = 2  # rivals that a sentence names
+_BLANK = "{}"  # in the description of a law, where a figure stands
 
 
-def describe_covariate(name: str) -> str:
-    """Say in words what an effect follows; a column that only this session has by its name."""
-    return " times ".join(
-        _COVARIATES.get(one, format_column_label(one).partition(",")[0])
-        for one in name.split(TOGETHER)
-    )
+@dataclass(frozen=True)
+class ErrorsInWords:
+    """Errors of E_v in percent, on trials and on blocks held out, before and after."""
+
+    before: str
+    after: str
+    before_blocks: str
+    after_blocks: str
+    noise: str
 
 
-def format_value(value: float, unit: str, reach: float = 0.0) -> str:
-    """Write a figure of a parameter in the unit that people read.
-
-    It has three digits, or the decimals that give its interval, of half width `reach`, two digits.
-    """
-    factor, shown = _READ.get(unit, (1.0, "" if unit == "1" else unit))
-    if unit in _READ and abs(value * factor) >= _MANY:
-        factor, shown = 1.0, unit
-    text = f"{value * factor:.3g}"
-    if reach > 0.0:
-        decimals = 1 - math.floor(math.log10(reach * factor))
-        # adding zero takes the sign from what rounds to none
-        text = f"{round(value * factor, decimals) + 0.0:.{max(decimals, 0)}f}"
-    return f"{text} {shown}".rstrip()
-
-
-def find_unit(covariate: str) -> str:
-    """Return the unit of differences along a covariate; its name where none is known."""
-    return next((unit for end, unit in _UNITS.items() if covariate.endswith(end)), covariate)
-
-
-def find_slope_unit(where: CovariateRange) -> tuple[float, str]:
-    """Return what a slope per half range is per unit of the covariate, and its unit."""
-    if where.pair:
-        (one, unit), (other, second) = map(find_slope_unit, where.pair)
-        return one * other, f"{unit} {second}"
-    if where.log:
-        return 2.0 / float(np.log(where.high / where.low)), f"1/ln {where.name}"
-    return 2.0 / (where.high - where.low), f"1/{find_unit(where.name)}"
-
-
-def write_summary(document: Document) -> str:
+def write_summary(record: LoopRecord) -> str:
     """Write verdict, number of trials and held-out error of the energy before and after."""
-    before, after = (
-        f"{document[part]['error']['ln_energy_rms']:.1%}" for part in ("nominal", "extended")
-    )
-    return f"{document['verdict']}, {document['trials_analysed']} trials, E_v {before} -> {after}"
+    before, after = record.nominal.error.ln_energy_rms, record.extended.error.ln_energy_rms
+    return f"{record.verdict}, {record.trials_analysed} trials, E_v {before:.1%} -> {after:.1%}"
 
 
-def write_sentence(explanation: Explanation, document: Document) -> str:
-    """Say what was found, how large, how far the error fell, and what noise leaves."""
-    errors = format_errors(document)
+def write_sentence(explanation: Explanation, record: LoopRecord) -> str:
+    """Say what was found, how large it is, how far the error fell, and what noise leaves.
+
+    Parameters
+    ----------
+    explanation : Explanation
+    record : LoopRecord
+        Contents of result.json; its own sentence is not read.
+    """
+    errors = format_errors(record.nominal.error, record.extended.error)
     if explanation.verdict is Verdict.NONE:
-        could = [
-            f"{e['text']} of {format_value(e['value'], e['unit'])}"
-            for e in document["could_have_shown"][:3]
-        ]
-        shown = f" (what would have shown: {', '.join(could)})" if could else ""
         return (
-            f"No effect beyond noise was found{shown}; error of E_v "
-            f"{errors['before']}, noise {errors['noise']}"
+            f"No effect beyond noise was found{_describe_detectable(record)}; error of E_v "
+            f"{errors.before}, noise {errors.noise}"
         )
-    told = [hint.sentence for hint in explanation.hints]
-    rivals = iter(document["rivals"])  # those of the first finding, then those of the next
-    parts = told + [
-        _describe_finding(f, entry, rivals, told)
-        for f, entry in zip(explanation.findings, document["effects"], strict=True)
-    ]
-    if explanation.verdict is Verdict.UNEXPLAINED and explanation.reason not in (
-        "",
-        *(f.reason for f in explanation.findings),
-    ):
-        where = CHANNELS_IN_WORDS.get(explanation.channel, explanation.channel)
-        parts.append(f"unexplained as a whole, as {explanation.reason}{where and f' in {where}'}")
-    if any(hint.kind != "stick-slip" for hint in explanation.hints):
-        parts.append("write down what differs between these trials")
-    text = (
-        "; ".join(dict.fromkeys(parts))
-        or "The trials differ by more than noise would do, and no law is claimed"
-    )
-    change = (
-        f"{errors['before']} -> {errors['after']} on new trials, "
-        f"{errors['before_blocks']} -> {errors['after_blocks']} on new blocks"
-        if explanation.findings
-        else errors["before"]
-    )
-    apart = f"; {n} trial{'s' if n > 1 else ''} held apart" if (n := len(document["apart"])) else ""
-    text = f"{text}{apart}; error of E_v {change}, noise {errors['noise']}"
+    parts = _list_parts(explanation, record)
+    text = "; ".join(dict.fromkeys(parts))
+    if not text:
+        text = "The trials differ by more than noise would do, and no law is claimed"
+    change = errors.before
+    if explanation.findings:
+        change = (
+            f"{errors.before} -> {errors.after} on new trials, "
+            f"{errors.before_blocks} -> {errors.after_blocks} on new blocks"
+        )
+    apart = _describe_apart(len(record.apart))
+    text = f"{text}{apart}; error of E_v {change}, noise {errors.noise}"
     return text[0].upper() + text[1:]
 
 
-def format_errors(document: Document) -> dict[str, str]:
-    """Say the errors of E_v of both models, on trials and on blocks held out, as percentages."""
-    extended = document["extended"]["error"]
-    figures = {
-        "before": document["nominal"]["error"]["ln_energy_rms"],
-        "after": extended["ln_energy_rms"],
-        "before_blocks": document["nominal"]["error"]["ln_energy_rms_blocks_left_out"],
-        "after_blocks": extended["ln_energy_rms_blocks_left_out"],
-        "noise": extended["noise_floor"]["ln_energy_rms"],
-    }
-    shown = {
-        name: np.rint(100.0 * np.expm1(np.nan if v is None else v)) for name, v in figures.items()
-    }
-    # a model that errs by more beyond chance is not delivered
-    return {
-        name: "unknown"
-        if np.isnan(value)
-        else f"{value:.0f} % (by chance)"
-        if value > shown[name.replace("after", "before")]
-        else f"{value:.0f} %"
-        for name, value in shown.items()
-    }
+def _describe_detectable(record: LoopRecord) -> str:
+    """Say in brackets what would have shown; empty where that is unknown."""
+    effects = []
+    for effect in record.could_have_shown[:_MOST_DETECTABLE]:
+        effects.append(f"{effect.text} of {format_value(effect.value, effect.unit)}")
+    if not effects:
+        return ""
+    return f" (what would have shown: {', '.join(effects)})"
+
+
+def _describe_apart(count: int) -> str:
+    """Say how many trials were held apart; empty where none were."""
+    if count == 0:
+        return ""
+    trials = "trial" if count == 1 else "trials"
+    return f"; {count} {trials} held apart"
+
+
+def _list_parts(explanation: Explanation, record: LoopRecord) -> list[str]:
+    """List what is said of the hints, the findings and the whole."""
+    sentences = [hint.sentence for hint in explanation.hints]
+    parts = [*sentences]
+    first_rival = 0
+    for finding, entry in zip(explanation.findings, record.effects, strict=True):
+        # the rivals of the first finding come first, then those of the next
+        last_rival = first_rival + len(finding.rivals)
+        rivals = record.rivals[first_rival:last_rival]
+        parts.append(_describe_finding(finding, entry, rivals, sentences))
+        first_rival = last_rival
+    doubt = _describe_doubt_of_whole(explanation)
+    if doubt:
+        parts.append(doubt)
+    if any(hint.kind != STICK_SLIP for hint in explanation.hints):
+        parts.append("write down what differs between these trials")
+    return parts
+
+
+def _describe_doubt_of_whole(explanation: Explanation) -> str:
+    """Say why the whole is not claimed; empty where a finding has said so, or it is claimed."""
+    if explanation.verdict is not Verdict.UNEXPLAINED or not explanation.reason:
+        return ""
+    if any(finding.reason == explanation.reason for finding in explanation.findings):
+        return ""
+    text = f"unexplained as a whole, as {explanation.reason}"
+    if explanation.channel:
+        channel = CHANNELS_IN_WORDS.get(explanation.channel, explanation.channel)
+        text = f"{text} in {channel}"
+    return text
+
+
+def format_errors(nominal: ModelErrors, extended: ModelErrors) -> ErrorsInWords:
+    """Write the errors of E_v of both models, on trials and on blocks held out, in percent.
+
+    A model that errs by more beyond chance is not delivered, so that a rise is one by chance.
+    """
+    before = _find_percent(nominal.ln_energy_rms)
+    before_blocks = _find_percent(nominal.ln_energy_rms_blocks_left_out)
+    after = _find_percent(extended.ln_energy_rms)
+    after_blocks = _find_percent(extended.ln_energy_rms_blocks_left_out)
+    return ErrorsInWords(
+        before=_format_percent(before),
+        after=_format_percent_after(after, before),
+        before_blocks=_format_percent(before_blocks),
+        after_blocks=_format_percent_after(after_blocks, before_blocks),
+        noise=_format_percent(_find_percent(extended.noise_floor.ln_energy_rms)),
+    )
+
+
+def _find_percent(rms: float) -> float:
+    """Turn an error of a logarithm into whole percents of the number itself."""
+    return float(np.rint(100.0 * np.expm1(rms)))
+
+
+def _format_percent(percent: float) -> str:
+    """Write an error in percent."""
+    return "unknown" if np.isnan(percent) else f"{percent:.0f} %"
+
+
+def _format_percent_after(after: float, before: float) -> str:
+    """Write the error of the extended model, and where it rose that it did so by chance."""
+    text = _format_percent(after)
+    return f"{text} (by chance)" if after > before else text
 
 
 def _describe_finding(
-    finding: Finding, entry: Document, rivals: Iterator[Document], told: Sequence[str]
+    finding: Finding,
+    entry: EffectRecord,
+    rivals: Sequence[EffectRecord],
+    sentences: Sequence[str],
 ) -> str:
-    # `told` is what the sentence has said before
+    """Say what was found, with its rivals or the reason why no law is claimed.
+
+    Parameters
+    ----------
+    finding : Finding
+    entry : EffectRecord
+        Of the finding in result.json.
+    rivals : sequence of EffectRecord
+        Of its rivals.
+    sentences : sequence of str
+        What has been said before and is not said again.
+    """
     law = finding.effect
-    others = [
-        _describe_law(rival, one)
-        for (rival, _, _), one in zip(finding.rivals, rivals, strict=False)
-    ]
     if finding.verdict is Verdict.UNEXPLAINED or not law.description:
-        why = f": {finding.reason}" if finding.reason not in ("", *told) else ""
-        return f"{_describe_law(law)}, no law claimed{why}"
+        text = f"{_describe_place(law)}, no law claimed"
+        if finding.reason and finding.reason not in sentences:
+            text = f"{text}: {finding.reason}"
+        return text
     text = _describe_law(law, entry)
     if finding.verdict is not Verdict.AMBIGUOUS:
         return text
-    choices = [text, *(others[:2] or ["what some folds chose instead"])]
+    choices = [text]
+    for rival, rival_entry in zip(finding.rivals, rivals, strict=True):
+        choices.append(_describe_law(rival.effect, rival_entry))
+    choices = choices[: 1 + _MOST_CHOICES]
+    if not finding.rivals:
+        choices.append("what some folds chose instead")
     return f"{', or '.join(choices)}; these trials cannot tell which"
 
 
-def _describe_law(law: Law, entry: Document | None = None) -> str:
-    # By its place alone where it has no words of its own, or no entry with its figures is given
-    if not (entry and law.description):
-        along = {"none": "is another", "block": "differs by block"}.get(
-            law.covariate, f"follows {describe_covariate(law.covariate)}"
-        )
-        return f"{law.slot.replace('_', ' ')} {along}"
-    figures = [
-        f"{key[key.index('[') + 1 : -1] + ' ' if '[' in key else ''}"
-        f"{format_value(p['value'], p['unit'])} ({format_value(p['low'], p['unit'])} to "
-        f"{format_value(p['high'], p['unit'])})"
-        for key, p in entry["parameters"].items()
-    ]
-    places = "" if "{}" in law.description else " " + ", ".join(["{}"] * len(figures))
-    return reduce(
-        lambda text, figure: text.replace("{}", figure, 1), figures, law.description + places
-    )
+def _describe_place(law: Law) -> str:
+    """Say which slot differs, and what it follows."""
+    slot = law.slot.replace("_", " ")
+    if law.covariate == "none":
+        return f"{slot} is another"
+    if law.covariate == "block":
+        return f"{slot} differs by block"
+    return f"{slot} follows {describe_covariate(law.covariate)}"
+
+
+def _describe_law(law: Law, entry: EffectRecord) -> str:
+    """Describe a law with its figures, or by its place where it has no words of its own."""
+    if not law.description:
+        return _describe_place(law)
+    figures = [_format_figure(name, estimate) for name, estimate in entry.parameters.items()]
+    text = law.description
+    if _BLANK not in text:
+        text = f"{text} {', '.join([_BLANK] * len(figures))}"
+    for figure in figures:
+        text = text.replace(_BLANK, figure, 1)
+    return text
+
+
+def _format_figure(name: str, estimate: Estimate) -> str:
+    """Write a parameter with its interval, after the label that its name has in brackets."""
+    value = format_value(estimate.value, estimate.unit)
+    low = format_value(estimate.low, estimate.unit)
+    high = format_value(estimate.high, estimate.unit)
+    figure = f"{value} ({low} to {high})"
+    _, bracket, label = name.partition("[")
+    if bracket:
+        return f"{label.removesuffix(']')} {figure}"
+    return figure

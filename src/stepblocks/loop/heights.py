@@ -1,94 +1,130 @@
 """Heights of blocks beyond their tolerance, as findings of their own."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 from scipy import stats
 
 from stepblocks.lawsearch.adequacy import find_largest_shares
-from stepblocks.lawsearch.explain import Explanation, Finding, Verdict
+from stepblocks.lawsearch.findings import Explanation, Finding, Verdict
 from stepblocks.lawsearch.fit import fit, fit_without
+from stepblocks.lawsearch.law import Law
+from stepblocks.lawsearch.problem import Fit, Problem
+from stepblocks.loop.bench_model import SessionModel
 from stepblocks.loop.session_table import SessionTable
 from stepblocks.rig.effects.named import list_named_laws
 from stepblocks.rig.forward import format_height_name
 
-_TOLERANCE = 2.0  # standard deviations of what a height that nobody measured may be off by
-_WIDE = 1.96
-_UNSEEN = (0.5e-6, 0.5e-6)  # m, edges that nobody scanned: their radius and its uncertainty
+_TOLERANCE = 2.0  # standard deviations that a height which nobody measured may be off by
+_WIDE = 1.96  # standard uncertainties beyond its tolerance from which a height is named
+# radius of edges that nobody scanned, and its uncertainty [m]
+_UNSCANNED_EDGES = (0.5e-6, 0.5e-6)
 
 
 def add_height_errors(explanation: Explanation, table: SessionTable) -> Explanation:
     """Name every block without a scan whose height is beyond its tolerance by 95 %.
 
-    Of those that a search has named the height error is known as well as that of the others.
+    The height error of blocks that a search has named becomes known as well as that of the others.
+
+    Parameters
+    ----------
+    explanation : Explanation
+    table : SessionTable
+
+    Returns
+    -------
+    Explanation
+        With a finding for each block that the search has not named, and heights as laws.
     """
-    model = table.model
     fitted = explanation.extended
-    heights = dict(model.scanned or {})
-    named = {e.id for e in fitted.effects}
-    off: dict[str, float] = {}
-    for block in np.unique(table.trials.block).tolist():
-        name = format_height_name(block)
-        beyond = abs(fitted.values.get(name, 0.0)) - _TOLERANCE * model.height_std
-        if block not in heights and (
-            f"block_height_error~{block}" in named or beyond > _WIDE * fitted.std[name]
-        ):
-            off[block] = float(stats.norm.sf(beyond / fitted.std[name]))
-    if not off:
+    beyond = _find_blocks_beyond_tolerance(fitted, table)
+    if not beyond:
         return explanation
-    laws = [law for law in list_named_laws(list(off)) if law.covariate == "block"]
-    # the heights of these blocks belong to the laws now
-    model = replace(
-        model,
-        scanned=heights
-        | {
-            one: (
-                1e-6 * float(table.trials.covariates["height_um"][table.trials.block == one][0]),
-                0.0,
-            )
-            for one in off
-        },
-    )
+    laws = [law for law in list_named_laws(list(beyond)) if law.covariate == "block"]
+    model = _give_heights_to_laws(table, list(beyond))
     problem = replace(explanation.problem, model=model)
-    start = fitted.values | {
-        f"{law.id}.height_error_m": fitted.values.get(f"{law.id}.height_error_m", 0.0)
-        + fitted.values[format_height_name(block)]
-        for law, block in zip(laws, off, strict=True)
-    }
-    added = [(law, p) for law, p in zip(laws, off.values(), strict=True) if law.id not in named]
-    extended = fit(problem, (*fitted.effects, *(law for law, _ in added)), start)
-    # what is delivered has sharp edges where nobody scanned them; what their rounding would change
-    # is part of the uncertainty
-    rounder = (
-        extended
-        if model.scanned_radius
-        else fit(
-            replace(problem, model=replace(model, scanned_radius=_UNSEEN)),
-            extended.effects,
-            extended.values,
-        )
-    )
-    doubt = {
-        name: float(np.hypot(rounder.std[name], rounder.values[name] - value))
-        for name, value in extended.values.items()
-    }
-    findings = list(explanation.findings)
-    for law, p_value in added:
-        bare = fit_without(problem, extended, law)
-        findings.append(
-            Finding(
-                law,
-                Verdict.EFFECT,
-                p_value,
-                bare.cost - extended.cost,
-                (),
-                *find_largest_shares(problem, bare, extended),
-            )
-        )
+    start = dict(fitted.values)
+    for law, block in zip(laws, beyond, strict=True):
+        name = f"{law.id}.height_error_m"
+        start[name] = fitted.values.get(name, 0.0) + fitted.values[format_height_name(block)]
+    named = {law.id for law in fitted.effects}
+    added = {}
+    for law, p_value in zip(laws, beyond.values(), strict=True):
+        if law.id not in named:
+            added[law.id] = p_value
+    new_laws = [law for law in laws if law.id in added]
+    extended = fit(problem, (*fitted.effects, *new_laws), start)
+    findings = [*explanation.findings]
+    for law in new_laws:
+        findings.append(_judge_height(problem, extended, law, added[law.id]))
+    verdict = explanation.verdict
+    if verdict is Verdict.NONE:
+        verdict = Verdict.EFFECT
     return replace(
         explanation,
         problem=problem,
-        extended=replace(extended, std=doubt),
+        extended=replace(extended, std=_estimate_doubt(problem, extended, model)),
         findings=tuple(findings),
-        verdict=Verdict.EFFECT if explanation.verdict is Verdict.NONE else explanation.verdict,
+        verdict=verdict,
     )
+
+
+def _find_blocks_beyond_tolerance(fitted: Fit, table: SessionTable) -> dict[str, float]:
+    """Find the blocks whose height is an effect, with the p values of their heights.
+
+    These are unscanned blocks whose height error exceeds its tolerance by 95 %, or that a search
+    has named.
+    """
+    scanned = table.model.scanned or {}
+    named = {law.id for law in fitted.effects}
+    tolerance = _TOLERANCE * table.model.height_std
+    found: dict[str, float] = {}
+    for block in np.unique(table.trials.block).tolist():
+        if block in scanned:
+            continue
+        name = format_height_name(block)
+        excess = abs(fitted.values.get(name, 0.0)) - tolerance
+        if f"block_height_error~{block}" in named or excess > _WIDE * fitted.std[name]:
+            found[block] = float(stats.norm.sf(excess / fitted.std[name]))
+    return found
+
+
+def _give_heights_to_laws(table: SessionTable, blocks: list[str]) -> SessionModel:
+    """Fix the heights of some blocks in the model at their nominal values: laws change them."""
+    scanned: Mapping[str, tuple[float, float]] = table.model.scanned or {}
+    heights = dict(scanned)
+    for block in blocks:
+        of_block = table.trials.covariates["height_um"][table.trials.block == block]
+        heights[block] = 1e-6 * float(of_block[0]), 0.0
+    return replace(table.model, scanned=heights)
+
+
+def _judge_height(problem: Problem, extended: Fit, law: Law, p_value: float) -> Finding:
+    """Make a finding of the height of a block."""
+    without = fit_without(problem, extended, law)
+    shares = find_largest_shares(problem, without, extended)
+    return Finding(
+        effect=law,
+        verdict=Verdict.EFFECT,
+        gate_p=p_value,
+        gain=without.cost - extended.cost,
+        leading_trial=shares.trial,
+        leading_channel=shares.channel,
+    )
+
+
+def _estimate_doubt(problem: Problem, extended: Fit, model: SessionModel) -> dict[str, float]:
+    """Estimate the uncertainty of all values, that of edges which nobody scanned included.
+
+    What is delivered has sharp edges where nobody scanned them; what their rounding would change
+    is part of the uncertainty.
+    """
+    rounder = extended
+    if not model.scanned_radius:
+        rounded = replace(problem, model=replace(model, scanned_radius=_UNSCANNED_EDGES))
+        rounder = fit(rounded, extended.effects, extended.values)
+    doubt = {}
+    for name, value in extended.values.items():
+        doubt[name] = float(np.hypot(rounder.std[name], rounder.values[name] - value))
+    return doubt

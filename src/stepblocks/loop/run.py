@@ -1,13 +1,12 @@
 """A session in; residual, effect, error before and after, out."""
 
-import json
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import nullcontext
-from dataclasses import replace
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 from threadpoolctl import threadpool_limits
@@ -17,40 +16,41 @@ from stepblocks.compute.processes import run_in_processes
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.errors import PipelineError
 from stepblocks.files.atomic import lock_folder, replace_text
-from stepblocks.lawsearch.explain import Explanation, Rules, explain
+from stepblocks.lawsearch.claims import check_claims, choose_delivered_effects, withdraw_claims
+from stepblocks.lawsearch.explain import explain
+from stepblocks.lawsearch.findings import Explanation, Rules
 from stepblocks.lawsearch.holdout import (
     Holdout,
-    check_claims,
-    choose_delivered_effects,
+    Rows,
     select_effects_without,
     split_by_block,
     split_within_blocks,
-    withdraw_claims,
 )
 from stepblocks.loop.bench_model import list_covariate_ranges
+from stepblocks.loop.block_scans import Scans, scan_blocks
+from stepblocks.loop.compose import compose_record
+from stepblocks.loop.experiment import write_block_stimulus
 from stepblocks.loop.heights import add_height_errors
-from stepblocks.loop.result import (
-    LoopResult,
-    build_document,
-    build_learned_model,
-    write_block_stimulus,
-)
+from stepblocks.loop.record import SCHEMA, format_document
+from stepblocks.loop.result import LoopResult, build_learned_model
 from stepblocks.loop.session_table import (
     Known,
-    Scans,
     SessionTable,
     build_session_table,
     find_regime_hints,
-    scan_blocks,
 )
 from stepblocks.records.as_built import list_measured_edges, read_records
 from stepblocks.records.model import build_model_document
 
-_WITHIN, _BETWEEN = 3, 4  # folds
-_FEWEST = 12  # trials that a fold must leave
-_DRAWN = 12  # trials held apart whose traces are drawn
+if TYPE_CHECKING:
+    from stepblocks.bench.session import Session
 
-Announce = Callable[[int, int, str], None]  # told which of how many searches runs, and what of it
+_FOLDS_WITHIN, _FOLDS_BETWEEN = 3, 4
+_FEWEST_BLOCKS = 3  # from which whole blocks are held out
+_FEWEST_TRIALS = 12  # that a fold must leave
+_MOST_DRAWN = 12  # trials held apart whose traces are drawn
+
+Announce = Callable[[int, int, str], None]  # which of how many searches runs, and what it tries
 
 
 def loop_session(
@@ -89,9 +89,9 @@ def loop_session(
         For a table: the radius of its tip and the spring of its tool, which else stand in
         ``session.toml``.
     progress : callable, optional
-        Told how many of how many trials are measured.
+        Receives how many of how many trials are measured.
     announce : callable, optional
-        Told which of how many searches runs, and what it tries, in words.
+        Receives which of how many searches runs, and what it tries, in words.
 
     Returns
     -------
@@ -104,81 +104,140 @@ def loop_session(
     StepblocksError
         If the session cannot be read, holds too few good trials, or the output cannot be written.
     """
-    from stepblocks.bench.conditions import insert_conditions, read_conditions
-    from stepblocks.bench.figures import draw_trials
-    from stepblocks.bench.measure import estimate_tool, measure_session
-    from stepblocks.bench.session import open_session
-    from stepblocks.bench.traces import Traces
-    from stepblocks.bench.trials import open_trials
-
-    inspected = (
-        list_measured_edges(read_records([Path(path) for path in as_built])) if as_built else {}
-    )
+    inspected = {}
+    if as_built:
+        inspected = list_measured_edges(read_records([Path(path) for path in as_built]))
     cores = jobs or count_cores()
+    place = None if output is None else Path(output)
     if isinstance(session, pd.DataFrame):
-        scans = {} if forces_only else {block: dict(one) for block, one in inspected.items()}
-        result = analyse_features(
-            session,
-            point.tool.stiffness,
-            point.ball_radius,
-            scans,
-            jobs=cores,
-            announce=announce,
-        )
-        if output is not None:
-            with lock_folder(Path(output)):
-                write_loop(result, Path(output))
+        scans = {} if forces_only else inspected
+        stiffness, radius = point.tool.stiffness, point.ball_radius
+        result = analyse_features(session, stiffness, radius, scans, jobs=cores, announce=announce)
+        if place is not None:
+            with lock_folder(place):
+                write_loop(result, place)
         return result
-    session = Path(session)
-    declared = open_session(session)
-    radius = declared.probe.tip_radius
-    if radius is None:
-        raise PipelineError(
-            f"`probe.tip_radius` must be given to explain a session [{session / 'session.toml'}]"
-        )
-    tool = None
-    if features is None:
-        with Traces(declared) as traces:  # a slip of session.toml is said before what it lacks
-            tool = estimate_tool(traces, open_trials(declared))
-    conditions = read_conditions(declared)
-    with nullcontext() if output is None else lock_folder(Path(output)):
-        if features is None:
-            features = measure_session(
-                session,
-                None if output is None else Path(output) / "features.csv",
-                jobs=cores,
-                progress=progress,
-                tool=tool,
+    folder = _SessionFolder.open(Path(session), inspected, forces_only=forces_only)
+    return folder.loop(place, cores, features, progress, announce)
+
+
+@dataclass(frozen=True)
+class _SessionFolder:
+    """A session folder that is to be explained.
+
+    Attributes
+    ----------
+    folder : Path
+    declared : Session
+        Its declaration.
+    tip_radius : float
+        Of the probe [m].
+    inspected : Mapping[str, Mapping[str, float]]
+        Heights and edge radii of inspected blocks, with their uncertainties [m].
+    forces_only : bool
+        Whether scans and inspected sizes are left out.
+    """
+
+    folder: Path
+    declared: "Session"
+    tip_radius: float
+    inspected: Scans
+    forces_only: bool
+
+    @classmethod
+    def open(cls, folder: Path, inspected: Scans, *, forces_only: bool) -> "_SessionFolder":
+        """Open a folder, and refuse it without the radius of the tip."""
+        from stepblocks.bench.session import open_session
+
+        declared = open_session(folder)
+        radius = declared.probe.tip_radius
+        if radius is None:
+            raise PipelineError(
+                f"`probe.tip_radius` must be given to explain a session [{folder / 'session.toml'}]"
             )
-        features = insert_conditions(features, conditions)
-        blocks = [] if forces_only else sorted(set(features["block"].dropna()))
+        return cls(folder, declared, radius, inspected, forces_only)
+
+    def loop(
+        self,
+        output: Path | None,
+        jobs: int,
+        features: pd.DataFrame | None,
+        progress: Callable[[int, int], None] | None,
+        announce: Announce | None,
+    ) -> LoopResult:
+        """Measure and explain the session, and write the result where there is an output."""
+        from stepblocks.bench.conditions import insert_conditions, read_conditions
+        from stepblocks.bench.figures import draw_trials
+        from stepblocks.bench.measure import estimate_tool, measure_session
+        from stepblocks.bench.traces import Traces
+        from stepblocks.bench.trials import open_trials
+
+        tool = None
+        if features is None:
+            # a slip of session.toml is reported before anything that the session lacks
+            with Traces(self.declared) as traces:
+                tool = estimate_tool(traces, open_trials(self.declared))
+        conditions = read_conditions(self.declared)
+        lock: AbstractContextManager[object] = nullcontext()
+        if output is not None:
+            lock = lock_folder(output)
+        with lock:
+            if features is None:
+                features_file = None if output is None else output / "features.csv"
+                features = measure_session(
+                    self.folder, features_file, jobs=jobs, progress=progress, tool=tool
+                )
+            result = self._explain(insert_conditions(features, conditions), jobs, announce)
+            if output is not None:
+                _write_with_traces(result, output, partial(draw_trials, self.folder, tool=tool))
+        return result
+
+    def _explain(self, features: pd.DataFrame, jobs: int, announce: Announce | None) -> LoopResult:
+        """Explain measured features with the sizes of the blocks that are known."""
+        blocks: list[str] = []
+        if not self.forces_only:
+            blocks = sorted(set(features["block"].dropna()))
         # what was inspected needs no scan
-        unknown = [block for block in blocks if block not in inspected]
-        scans, failed = scan_blocks(session, declared.stimuli.scans, unknown)
-        scans |= {block: dict(inspected[block]) for block in blocks if block in inspected}
+        unknown = [block for block in blocks if block not in self.inspected]
+        found = scan_blocks(self.folder, self.declared.stimuli.scans, unknown)
+        scans = dict(found.scans)
+        for block in blocks:
+            if block in self.inspected:
+                scans[block] = dict(self.inspected[block])
+        probe = self.declared.probe
         result = analyse_features(
             features,
-            declared.probe.spring_constant,
-            radius,
+            probe.spring_constant,
+            self.tip_radius,
             scans,
-            jobs=cores,
-            known=declared.calibration.list_known(),
-            laws=declared.probe.model_dump(include={"friction", "contact"}, exclude_none=True),
+            jobs=jobs,
+            known=self.declared.calibration.list_known(),
+            laws=probe.model_dump(include={"friction", "contact"}, exclude_none=True),
             announce=announce,
         )
-        result.document["scans"]["left_out"] = [
-            {"block": block, "reason": reason} for block, reason in failed.items()
-        ]
-        result = replace(result, title=declared.title or session.name)
-        if output is not None:
-            apart = [one["trial"] for one in result.document["apart"][:_DRAWN]]
-            with tempfile.TemporaryDirectory(prefix="stepblocks-apart-") as scratch:
-                write_loop(
-                    result,
-                    Path(output),
-                    draw_trials(session, scratch, apart, tool) if apart else [],
-                )
-    return result
+        title = self.declared.title or self.folder.name
+        return replace(result.add_unused_scans(found.unused), title=title)
+
+
+def _write_with_traces(
+    result: LoopResult, output: Path, draw_traces: Callable[[str, list[str]], list[Path]]
+) -> None:
+    """Write the result of a session, with figures of the trials that were held apart.
+
+    Parameters
+    ----------
+    result : LoopResult
+    output : Path
+        Folder.
+    draw_traces : callable
+        Draws the traces of trials, by name, into a folder, and returns the figures.
+    """
+    apart = [trial.trial for trial in result.record.apart[:_MOST_DRAWN]]
+    with tempfile.TemporaryDirectory(prefix="stepblocks-apart-") as scratch:
+        figures: list[Path] = []
+        if apart:
+            figures = draw_traces(scratch, apart)
+        write_loop(result, output, figures)
 
 
 def analyse_features(
@@ -195,16 +254,30 @@ def analyse_features(
 ) -> LoopResult:
     """Find what the nominal model lacks for a table of features.
 
-    `known` gives constants of the gauges that are known, if there are any, `laws` those of friction
-    and contact by name and numbers; the size of friction is fitted.
+    Parameters
+    ----------
+    features : DataFrame
+        As `measure_session` returns it.
+    spring_constant : float
+        Of the probe [N/m].
+    tip_radius : float
+        Of the probe [m], for trials whose tip has no number in its name.
+    scans : Scans, optional
+        Heights and edge radii of the blocks, with their uncertainties [m].
+    jobs : int
+        Processes.
+    rules : Rules, optional
+        When to claim what.
+    known : Known, optional
+        Constants of the gauges that are known, with their standard uncertainties.
+    laws : Mapping, optional
+        Laws of friction and contact that are known beforehand, each by its name and numbers; the
+        size of friction is fitted.
+    announce : callable, optional
+        Receives which of how many searches runs, and what it tries.
     """
-    return analyse_table(
-        build_session_table(features, spring_constant, tip_radius, scans, known, laws),
-        scans or {},
-        jobs=jobs,
-        rules=rules,
-        announce=announce,
-    )
+    table = build_session_table(features, spring_constant, tip_radius, scans, known, laws)
+    return analyse_table(table, scans or {}, jobs=jobs, rules=rules, announce=announce)
 
 
 def analyse_table(
@@ -215,89 +288,120 @@ def analyse_table(
     rules: Rules | None = None,
     announce: Announce | None = None,
 ) -> LoopResult:
-    """Find what the nominal model lacks for trials that can be analysed."""
+    """Find what the nominal model lacks for trials that can be analysed.
+
+    See `analyse_features`.
+    """
     rules = rules or Rules()
-    # our matrices are small: threads of the linear algebra only wait for each other
+    # the matrices are small: threads of the linear algebra only wait for each other
     with threadpool_limits(limits=1, user_api="blas"):
-        found, holdouts = _explain_and_hold_out(table, rules, jobs, announce)
+        explained = _explain_and_hold_out(table, rules, jobs, announce)
+    found, within, between = explained.found, explained.within, explained.between
     return LoopResult(
-        "",
-        table,
-        found,
-        *holdouts,
-        build_document(table, found, holdouts, scans, rules),
-        build_learned_model(table, found, list_covariate_ranges(table.trials)),
+        title="",
+        table=table,
+        found=found,
+        within=within,
+        between=between,
+        record=compose_record(table, found, within, between, scans, rules),
+        model=build_learned_model(table, found, list_covariate_ranges(table.trials)),
     )
+
+
+@dataclass(frozen=True)
+class _Explained:
+    """What was found, with the errors on trials held out within blocks and on whole blocks."""
+
+    found: Explanation
+    within: Holdout
+    between: Holdout
 
 
 def _explain_and_hold_out(
     table: SessionTable, rules: Rules, jobs: int, announce: Announce | None
-) -> tuple[Explanation, tuple[Holdout, Holdout]]:
-    # Explain all trials, and hold out trials within blocks and whole blocks. Every fold chooses its
-    # own effects.
+) -> _Explained:
+    """Explain all trials, and hold out trials within blocks and whole blocks.
+
+    Every fold chooses its own effects.
+    """
     model, trials = table.model, table.trials
-    inside, outside = (
-        [rows for rows in folds if len(trials) - len(rows) >= _FEWEST]
-        for folds in (
-            split_within_blocks(trials, _WITHIN, rules.seed),
-            split_by_block(trials, _BETWEEN) if len(set(trials.block.tolist())) > 2 else [],
-        )
-    )
+    inside = _keep_large_folds(table, split_within_blocks(trials, _FOLDS_WITHIN, rules.seed))
+    outside: list[Rows] = []
+    if len(set(trials.block.tolist())) >= _FEWEST_BLOCKS:
+        outside = _keep_large_folds(table, split_by_block(trials, _FOLDS_BETWEEN))
     # where tips stick no law is claimed, whatever parts of the trials would choose
     hints = find_regime_hints(table)
-    asked = [] if hints else [*inside, *outside]
-    searches = 1 + len(asked)
-    found = explain(
-        model,
-        trials,
-        model.candidates(trials),
-        rules,
-        announce=partial(announce, 1, searches) if announce else None,
+    folds = [] if hints else [*inside, *outside]
+    announce_first: Callable[[str], None] | None = None
+    if announce:
+        announce_first = partial(announce, 1, 1 + len(folds))
+    found = explain(model, trials, model.candidates(trials), rules, announce=announce_first)
+    selected = _search_folds(table, found, folds, rules, jobs, announce)
+    of_inside, of_outside = selected[: len(inside)], selected[len(inside) :]
+    found = check_claims(found, of_inside, of_outside, model.cells(trials))
+    found, (within, between) = choose_delivered_effects(
+        add_height_errors(found, table), (inside, outside), model.candidates
     )
-    one_fold = partial(
+    return _Explained(
+        withdraw_claims(found, hints),
+        Holdout(*within, selected=tuple(of_inside)),
+        Holdout(*between, selected=tuple(of_outside)),
+    )
+
+
+def _keep_large_folds(table: SessionTable, folds: Sequence[Rows]) -> list[Rows]:
+    """Keep the folds that leave enough trials for a fit."""
+    return [rows for rows in folds if len(table.trials) - len(rows) >= _FEWEST_TRIALS]
+
+
+def _search_folds(
+    table: SessionTable,
+    found: Explanation,
+    folds: Sequence[Rows],
+    rules: Rules,
+    jobs: int,
+    announce: Announce | None,
+) -> list[tuple[str, ...]]:
+    """Search without the trials of each fold, and return the names of the effects it chooses."""
+    search_without = partial(
         select_effects_without,
-        model,
+        table.model,
         found.problem.trials,
-        candidates=model.candidates,
+        candidates=table.model.candidates,
         rules=rules,
         values=found.extended.values,
     )
     selected: list[tuple[str, ...]] = []
-    for names in run_in_processes(one_fold, ((rows,) for rows in asked), jobs):
+    for names in run_in_processes(search_without, ((rows,) for rows in folds), jobs):
         selected.append(names)
         if announce:
-            announce(
-                1 + len(selected),
-                searches,
-                f"part {len(selected)} of {searches - 1} held out: {', '.join(names) or 'nothing'}",
-            )
-    within_blocks, of_blocks = selected[: len(inside)], selected[len(inside) :]
-    found = check_claims(found, within_blocks, of_blocks, model.cells(trials))
-    found, (within, between) = choose_delivered_effects(
-        add_height_errors(found, table), (inside, outside), model.candidates
-    )
-    return withdraw_claims(found, hints), (
-        Holdout(*within, tuple(within_blocks)),
-        Holdout(*between, tuple(of_blocks)),
-    )
+            chosen = ", ".join(names) or "nothing"
+            text = f"part {len(selected)} of {len(folds)} held out: {chosen}"
+            announce(1 + len(selected), 1 + len(folds), text)
+    return selected
 
 
 def write_loop(result: LoopResult, output: Path, traces: Sequence[Path] = ()) -> None:
     """Write result.json, model.json and report.html, each at once.
 
-    Where a block is asked for, next-block.toml is written too. `traces` are figures for the page.
+    Where a block is asked for, next-block.toml is written too.
+
+    Parameters
+    ----------
+    result : LoopResult
+    output : Path
+        Folder.
+    traces : sequence of Path
+        Figures of the trials that were held apart, for the page.
     """
     from stepblocks.loop.page import render_loop_page
 
-    for name, document in (
-        ("result.json", {"schema": 1, **result.document}),
-        ("model.json", build_model_document(result.model)),
-    ):
-        # numbers that JSON cannot hold become null
-        plain = json.loads(json.dumps(document, default=int), parse_constant=lambda _: None)
-        replace_text(output / name, json.dumps(plain, indent=2, allow_nan=False) + "\n")
+    document = {"schema": SCHEMA, **result.document}
+    replace_text(output / "result.json", format_document(document))
+    replace_text(output / "model.json", format_document(build_model_document(result.model)))
     # a block that an earlier run asked for is not asked for any more
     (output / "next-block.toml").unlink(missing_ok=True)
-    if asked := write_block_stimulus(result.document["next_experiment"]):
-        replace_text(output / "next-block.toml", asked)
+    stimulus = write_block_stimulus(result.record.next_experiment)
+    if stimulus is not None:
+        replace_text(output / "next-block.toml", stimulus)
     replace_text(output / "report.html", render_loop_page(result, traces))

@@ -1,44 +1,80 @@
-"""Settings that a next experiment may have: those seen, of a trial that is yet to come."""
+"""Settings that a next experiment may have: those of the session, for trials yet to come."""
 
 import itertools
+from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
-from stepblocks.lawsearch.forward_model import Trials
+from stepblocks.lawsearch.forward_model import Floats, Trials
 
 SHOWN = ("height_um", "load_n", "speed_mm_s")
-_HEIGHTS_UM = (5.0, 10.0, 15.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 90.0)
-MOST_SETTINGS = 12  # of a column that is set; one of more is read
+MOST_SETTINGS = 12  # of a column that is set; a column of more values is read
 COUNTED = ("run_order", "passes_of_block")  # a trial that is yet to come has the next number
-CHOSEN = ("trials_since_rest", "pause_s")  # whoever drags may rest, or go on
+CHOSEN = ("trials_since_rest", "pause_s")  # the person who drags may rest, or go on
 GONE = ("day", "session")  # their labels do not come again
+_HEIGHTS_UM = (5.0, 10.0, 15.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 90.0)
+_MOST_ROWS = 20_000
 
 
-def build_grid(trials: Trials, extra: list[str]) -> Trials:
-    """Build all combinations of settings, at the middle of what is read."""
-    seen = trials.covariates["height_um"]
-    heights = sorted({*(h for h in _HEIGHTS_UM if seen.min() < h < seen.max()), *seen.tolist()})
+def build_grid(trials: Trials, extra: Sequence[str]) -> Trials:
+    """Build a grid of all combinations of settings.
 
-    def list_settings(name: str) -> list[object]:
-        column = trials.covariates[name]
-        numbers = trials.numeric(name)
-        if name in COUNTED and numbers is not None:
-            return [float(numbers.max()) + 1.0]
-        if name in (*SHOWN, *extra):
-            found: list[object] = np.unique(column).tolist()
-            return [found[0], found[len(found) // 2], found[-1]] if name in CHOSEN else found
-        return [column[-1] if numbers is None else float(np.median(numbers))]
+    Parameters
+    ----------
+    trials : Trials
+        Trials of the session.
+    extra : sequence of str
+        Covariates that vary beside height, load and speed. All others are at their middle.
 
+    Returns
+    -------
+    Trials
+        One row for each combination, with nothing measured.
+    """
     names = dict.fromkeys((*SHOWN, *extra, *trials.covariates))
-    settings = {name: list_settings(name) for name in names} | {"height_um": heights}
-    rows = list(itertools.islice(itertools.product(*settings.values()), 20000))
-    columns = dict(zip(settings, map(np.array, zip(*rows, strict=True)), strict=True))
-    empty = np.full((len(rows), len(trials.channels)), np.nan)
-    known = dict(zip(trials.covariates["height_um"].tolist(), trials.block.tolist(), strict=True))
+    settings: dict[str, list[object]] = {}
+    for name in names:
+        settings[name] = _list_settings(trials, name, varied=name in (*SHOWN, *extra))
+    settings["height_um"] = [*_list_heights(trials)]
+    rows = list(itertools.islice(itertools.product(*settings.values()), _MOST_ROWS))
+    columns = {}
+    for name, column in zip(settings, zip(*rows, strict=True), strict=True):
+        columns[name] = np.array(column)
+    nothing = np.full((len(rows), len(trials.channels)), np.nan)
     return Trials(
-        columns,
-        trials.channels,
-        empty,
-        empty,
-        np.array([known.get(float(h), f"step-{h:03.0f}") for h in columns["height_um"]]),
+        columns, trials.channels, nothing, nothing, _name_blocks(trials, columns["height_um"])
     )
+
+
+def _list_settings(trials: Trials, name: str, *, varied: bool) -> list[object]:
+    """List the settings of a covariate for trials that are yet to come."""
+    column = trials.covariates[name]
+    numbers = trials.numeric(name)
+    if name in COUNTED and numbers is not None:
+        return [float(numbers.max()) + 1.0]
+    if varied:
+        seen: list[object] = np.unique(column).tolist()
+        if name in CHOSEN:
+            return [seen[0], seen[len(seen) // 2], seen[-1]]
+        return seen
+    if numbers is None:
+        return [column[-1]]
+    return [float(np.median(numbers))]
+
+
+def _list_heights(trials: Trials) -> list[float]:
+    """List the heights of the session and round ones between them [um]."""
+    seen = trials.covariates["height_um"]
+    between = [height for height in _HEIGHTS_UM if seen.min() < height < seen.max()]
+    return sorted({*between, *seen.tolist()})
+
+
+def _name_blocks(trials: Trials, heights: Floats) -> NDArray[np.str_]:
+    """Name the block of each height [um]: one of the session, or one that is yet to be made."""
+    heights_seen = trials.covariates["height_um"].tolist()
+    known = dict(zip(heights_seen, trials.block.tolist(), strict=True))
+    names = []
+    for height in heights:
+        names.append(known.get(float(height), f"step-{height:03.0f}"))
+    return np.array(names)

@@ -4,13 +4,14 @@ Spring, tip, blocks and laws are common to all of them; friction and ring are th
 the spread among days follows the next one.
 """
 
-import json
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import stats
 from scipy.optimize import brentq
 
@@ -18,80 +19,207 @@ from stepblocks.bench.session import open_session
 from stepblocks.compute.cores import count_cores
 from stepblocks.errors import PipelineError
 from stepblocks.files.atomic import lock_folder, replace_text
-from stepblocks.files.text import Document
-from stepblocks.lawsearch.explain import Rules
-from stepblocks.lawsearch.fit import Fit
+from stepblocks.lawsearch.findings import Rules
 from stepblocks.lawsearch.forward_model import Floats, Trials
-from stepblocks.loop.bench_model import OF_A_DAY
+from stepblocks.lawsearch.problem import Fit
+from stepblocks.loop.bench_model import OF_A_DAY, SessionModel
+from stepblocks.loop.block_scans import Scans
+from stepblocks.loop.record import SCHEMA, format_document, to_json
 from stepblocks.loop.result import LoopResult
 from stepblocks.loop.run import Announce, analyse_table, loop_session, write_loop
-from stepblocks.loop.session_table import Scans, SessionTable
+from stepblocks.loop.session_table import SessionTable
+from stepblocks.loop.usable_trials import ExcludedTrial
 from stepblocks.records.model import WIDE, LearnedFit
 
 _LEVEL = 0.975  # quantile of a 95 % interval
 _ONE_BLOCK = 10.0  # standard uncertainties by which scans of one block may differ
+_LEAST_VARIANCE = 1e-24  # of the errors of a parameter
+_CLOCK = "_elapsed_s"  # end of the name of a column of times since the start of a session
+
+
+@dataclass(frozen=True)
+class Interval:
+    """The ends of a 95 % interval."""
+
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class SessionValue:
+    """A parameter in one session.
+
+    Attributes
+    ----------
+    value : float
+    std : float
+        Standard uncertainty.
+    shrunk : float
+        The value drawn to the mean of the sessions as far as its uncertainty asks.
+    """
+
+    value: float
+    std: float
+    shrunk: float
+
+
+@dataclass(frozen=True)
+class PooledParameter:
+    """A parameter over several sessions.
+
+    Attributes
+    ----------
+    unit : str
+    mean : float
+    mean_std : float
+        Standard uncertainty of the mean.
+    among_sessions_std : float
+        Standard deviation among sessions beyond their own errors.
+    next : Interval
+        95 % interval in a session that is yet to come.
+    sessions : Mapping[str, SessionValue]
+        By the name of the session.
+    """
+
+    unit: str
+    mean: float
+    mean_std: float
+    among_sessions_std: float
+    next: Interval
+    sessions: Mapping[str, SessionValue]
+
+
+@dataclass(frozen=True)
+class SessionVerdict:
+    """What one session came to, or all together."""
+
+    verdict: str
+    finding: str
+
+
+@dataclass(frozen=True)
+class SessionsRecord:
+    """Contents of sessions.json."""
+
+    together: SessionVerdict
+    sessions: Mapping[str, SessionVerdict]
+    parameters: Mapping[str, PooledParameter]
 
 
 def join_tables(tables: Mapping[str, SessionTable]) -> SessionTable:
     """Join sessions in their order, each under its name in the column ``session``.
 
     The order of the run goes on from one to the next.
+
+    Parameters
+    ----------
+    tables : Mapping[str, SessionTable]
+        Sessions by their names.
+
+    Raises
+    ------
+    PipelineError
+        If the scans of a block differ between sessions.
     """
-    first, *_ = parts = list(tables.values())
-    measured, models = [table.trials for table in parts], [table.model for table in parts]
-    scans = {s: table.model.scanned or {} for s, table in tables.items()}
-    for block in dict.fromkeys(name for own in scans.values() for name in own):
-        seen = {s: own[block] for s, own in scans.items() if block in own}
-        heights, errors = np.transpose(list(seen.values()))
-        PipelineError.require(
-            np.ptp(heights) <= _ONE_BLOCK * np.linalg.norm(errors),
-            f"scans of the block {block!r} must agree, or blocks have names of their own, got "
-            + ", ".join(f"{1e6 * height:.4g} um in {s}" for s, (height, _) in seen.items()),
-        )
-    model = replace(
-        first.model,
-        scanned={block: height for own in scans.values() for block, height in own.items()},
-        # what one session knows of a gauge is taken for that of a session which does not
-        known={
-            name: np.mean([m.known[name] for m in models if name in m.known], axis=0).tolist()
-            for name in dict.fromkeys(name for m in models for name in m.known)
-        },
-        own={s: {n: v for n, (v, _) in t.model.known.items()} for s, t in tables.items()},
-    )
-    orders = [model.order(trials) for trials in measured]
-    before = np.cumsum([0.0, *(order.max() for order in orders[:-1])])
-    shared = set(first.trials.covariates).intersection(*(one.covariates for one in measured))
-    trials = Trials(
-        {
-            name: np.concatenate([one.covariates[name] for one in measured])
-            for name in first.trials.covariates
-            if name in shared - {"day"} and not name.endswith("_elapsed_s")
-        }
-        | {
-            "run_order": np.concatenate([a + b for a, b in zip(orders, before, strict=True)]),
-            "session": np.repeat(list(tables), [len(one) for one in measured]),
-        },
-        first.trials.channels,
-        np.concatenate([one.values for one in measured]),
-        np.concatenate([one.std for one in measured]),
-        np.concatenate([one.block for one in measured]),
-        np.concatenate(
-            [one.values * np.nan if one.floor is None else one.floor for one in measured]
-        ),
-    )
+    model = _join_models(tables)
+    parts = list(tables.values())
+    excluded = []
+    names: list[str] = []
+    regimes: Counter[str] = Counter()
+    for session, table in tables.items():
+        names += [f"{session}/{name}" for name in table.names]
+        for trial in table.excluded:
+            excluded.append(ExcludedTrial(f"{session}/{trial.trial}", trial.reason))
+        regimes.update(table.regimes)
     return replace(
-        first,
-        trials=trials,
-        names=np.array([f"{s}/{name}" for s, table in tables.items() for name in table.names]),
-        excluded=[(f"{s}/{t}", why) for s, table in tables.items() for t, why in table.excluded],
-        regimes=dict(sum((Counter(table.regimes) for table in parts), Counter())),
+        parts[0],
+        trials=_join_trials(tables, model),
+        names=np.array(names),
+        excluded=excluded,
+        regimes=dict(regimes),
         model=model,
         measured=np.concatenate([table.measured for table in parts]),
     )
 
 
-def pool_parameter(unit: str, sessions: Mapping[str, float], covariance: Floats) -> Document:
-    """Pool a parameter that each session has its own value of, as sessions.json shows it.
+def _join_models(tables: Mapping[str, SessionTable]) -> SessionModel:
+    """Join the models of sessions: the blocks of all, and the known constants of each."""
+    models = {session: table.model for session, table in tables.items()}
+    scanned: dict[str, tuple[float, float]] = {}
+    for model in models.values():
+        scanned |= model.scanned or {}
+    for block in scanned:
+        _check_scans_agree(block, models)
+    # what one session knows of a gauge is taken for that of a session which does not
+    known: dict[str, tuple[float, float]] = {}
+    for name in dict.fromkeys(name for model in models.values() for name in model.known):
+        certificates = [model.known[name] for model in models.values() if name in model.known]
+        value, std = np.mean(certificates, axis=0).tolist()
+        known[name] = value, std
+    own = {}
+    for session, model in models.items():
+        own[session] = {name: value for name, (value, _) in model.known.items()}
+    first = next(iter(models.values()))
+    return replace(first, scanned=scanned, known=known, own=own)
+
+
+def _check_scans_agree(block: str, models: Mapping[str, SessionModel]) -> None:
+    """Refuse a block of one name whose scans show different heights in two sessions."""
+    seen = {}
+    for session, model in models.items():
+        if model.scanned and block in model.scanned:
+            seen[session] = model.scanned[block]
+    heights, errors = np.transpose(list(seen.values()))
+    if np.ptp(heights) <= _ONE_BLOCK * np.linalg.norm(errors):
+        return
+    texts = [f"{1e6 * height:.4g} um in {session}" for session, (height, _) in seen.items()]
+    raise PipelineError(
+        f"scans of the block {block!r} must agree, or blocks have names of their own, got "
+        f"{', '.join(texts)}"
+    )
+
+
+def _join_trials(tables: Mapping[str, SessionTable], model: SessionModel) -> Trials:
+    """Join the trials of sessions, with the covariates that all of them have."""
+    parts = [table.trials for table in tables.values()]
+    first = parts[0]
+    covariates: dict[str, NDArray[np.generic]] = {}
+    for name in first.covariates:
+        common = all(name in trials.covariates for trials in parts)
+        if common and name != "day" and not name.endswith(_CLOCK):
+            covariates[name] = np.concatenate([trials.covariates[name] for trials in parts])
+    orders = [model.order(trials) for trials in parts]
+    covariates["run_order"] = _join_run_orders(orders)
+    covariates["session"] = np.repeat(list(tables), [len(order) for order in orders])
+    return Trials(
+        covariates=covariates,
+        channels=first.channels,
+        values=np.concatenate([trials.values for trials in parts]),
+        std=np.concatenate([trials.std for trials in parts]),
+        block=np.concatenate([trials.block for trials in parts]),
+        floor=np.concatenate([_find_floor(trials) for trials in parts]),
+    )
+
+
+def _join_run_orders(orders: Sequence[Floats]) -> Floats:
+    """Let each session go on where the one before has ended; each order has the shape (n,)."""
+    ends = np.cumsum([0.0, *(order.max() for order in orders[:-1])])
+    shifted = [order + end for order, end in zip(orders, ends, strict=True)]
+    return np.concatenate(shifted)
+
+
+def _find_floor(trials: Trials) -> Floats:
+    """Return the floors of the censored values, shape (n, c); not-a-number where there are none."""
+    if trials.floor is None:
+        return trials.values * np.nan
+    return trials.floor
+
+
+def pool_parameter(unit: str, sessions: Mapping[str, float], covariance: Floats) -> PooledParameter:
+    """Pool a parameter of which each session has its own value.
+
+    Sessions are draws from a distribution: the spread among them is Paule and Mandel's estimate of
+    random effects (1982), for errors that the sessions share.
 
     Parameters
     ----------
@@ -105,60 +233,68 @@ def pool_parameter(unit: str, sessions: Mapping[str, float], covariance: Floats)
 
     n = len(sessions)
     values = np.array(list(sessions.values()))
-    # in units of their errors: the search has an absolute tolerance
-    apart = np.eye(n) * max(float(np.mean(np.diag(covariance))), 1e-24)
+    # in units of their errors: the search for a root has an absolute tolerance
+    unit_variance = max(float(np.mean(np.diag(covariance))), _LEAST_VARIANCE)
+    apart = np.eye(n) * unit_variance
 
-    # draws from a distribution over sessions: Paule and Mandel's estimate of random effects (1982),
-    # for errors that the sessions share
-    def misfit(ratio: float) -> float:
-        return float(GLS(values, np.ones(n), covariance + ratio * apart).fit().ssr) - n + 1.0
+    def compute_misfit(ratio: float) -> float:
+        pooled = GLS(values, np.ones(n), covariance + ratio * apart).fit()
+        return float(pooled.ssr) - n + 1.0
 
-    most = 1.0 + n * float(np.ptp(values)) ** 2 / apart[0, 0]
-    ratio = float(brentq(misfit, 0.0, most)) if misfit(0.0) > 0.0 else 0.0
+    largest_ratio = 1.0 + n * float(np.ptp(values)) ** 2 / unit_variance
+    ratio = 0.0
+    if compute_misfit(0.0) > 0.0:
+        ratio = float(brentq(compute_misfit, 0.0, largest_ratio))
     pooled = GLS(values, np.ones(n), covariance + ratio * apart).fit()
     mean, variance = float(pooled.params[0]), float(pooled.normalized_cov_params[0, 0])
-    # of as many sessions, the spread among them is known no better (Higgins 2009,
+    # the spread among few sessions is known no better than their number allows (Higgins 2009,
     # doi:10.1111/j.1467-985X.2008.00552.x)
-    wide = stats.t.ppf(_LEVEL, n - 1) if n > 1 else WIDE
-    reach = float(wide * np.sqrt(ratio * apart[0, 0] + variance))
-    # a session's own value with the others known is drawn to the mean as far as its error asks
-    shrunk = mean + ratio * apart @ np.linalg.solve(covariance + ratio * apart, values - mean)
-    errors = np.sqrt(np.diag(covariance))
-    return {
-        "unit": unit,
-        "mean": mean,
-        "mean_std": float(np.sqrt(variance)),
-        "among_sessions_std": float(np.sqrt(ratio * apart[0, 0])),  # beyond their own errors
-        # 95 % interval in a session that is yet to come
-        "next": {"low": mean - reach, "high": mean + reach},
-        "sessions": {
-            session: {"value": value, "std": std, "shrunk": drawn}
-            for (session, value), std, drawn in zip(
-                sessions.items(), errors.tolist(), shrunk.tolist(), strict=True
-            )
-        },
-    }
+    quantile = stats.t.ppf(_LEVEL, n - 1) if n > 1 else WIDE
+    reach = float(quantile * np.sqrt(ratio * unit_variance + variance))
+    # a session's value with the others known is drawn to the mean as far as its error asks
+    whole = covariance + ratio * apart
+    shrunk = mean + ratio * apart @ np.linalg.solve(whole, values - mean)
+    stds = np.sqrt(np.diag(covariance))
+    of_sessions = {}
+    rows = zip(sessions.items(), stds.tolist(), shrunk.tolist(), strict=True)
+    for (session, value), std, drawn in rows:
+        of_sessions[session] = SessionValue(value, std, drawn)
+    return PooledParameter(
+        unit=unit,
+        mean=mean,
+        mean_std=float(np.sqrt(variance)),
+        among_sessions_std=float(np.sqrt(ratio * unit_variance)),
+        next=Interval(mean - reach, mean + reach),
+        sessions=of_sessions,
+    )
 
 
-def list_shared(fitted: Fit, sessions: Sequence[str]) -> dict[str, Document]:
-    """List what sessions share and how they differ, by parameter of a fit of all of them."""
-    shared: dict[str, Document] = {}
-    at = {name: row for row, name in enumerate(fitted.values)}
+def list_shared(fitted: Fit, sessions: Sequence[str]) -> dict[str, PooledParameter]:
+    """List what sessions share and how they differ, by parameter of a fit of all of them.
+
+    Parameters
+    ----------
+    fitted : Fit
+        Its parameters of a day are called ``parameter[session]``.
+    sessions : sequence of str
+        Names of the sessions.
+    """
+    shared: dict[str, PooledParameter] = {}
+    row_of = {name: row for row, name in enumerate(fitted.values)}
     for parameter in fitted.parameters:
-        own = parameter.name.partition("[")[0]
-        of_a_day = {one: f"{own}[{one}]" for one in sessions if own in OF_A_DAY}
-        names = of_a_day or {"": parameter.name}
-        rows = [at[name] for name in names.values()]
-        pooled = pool_parameter(
-            parameter.unit,
-            {session: fitted.values[name] for session, name in names.items()},
-            fitted.covariance[np.ix_(rows, rows)],
-        )
-        if of_a_day:
-            shared[own] = pooled
+        plain_name = parameter.name.partition("[")[0]
+        if plain_name in OF_A_DAY:
+            names = {session: f"{plain_name}[{session}]" for session in sessions}
         else:
-            common = dict.fromkeys(sessions, pooled["sessions"][""])
-            shared[parameter.name] = pooled | {"sessions": common}
+            names = {"": parameter.name}
+        rows = [row_of[name] for name in names.values()]
+        values = {session: fitted.values[name] for session, name in names.items()}
+        pooled = pool_parameter(parameter.unit, values, fitted.covariance[np.ix_(rows, rows)])
+        if plain_name in OF_A_DAY:
+            shared[plain_name] = pooled
+        else:
+            common = dict.fromkeys(sessions, pooled.sessions[""])
+            shared[parameter.name] = replace(pooled, sessions=common)
     return shared
 
 
@@ -169,30 +305,46 @@ def explain_together(
     jobs: int = 1,
     rules: Rules | None = None,
     announce: Announce | None = None,
-) -> tuple[LoopResult, dict[str, Document]]:
-    """Explain the trials of all sessions, by name, in one likelihood.
+) -> tuple[LoopResult, dict[str, PooledParameter]]:
+    """Explain the trials of all sessions in one likelihood.
 
-    Beside the result stands what the sessions share. The model predicts the next one.
+    Parameters
+    ----------
+    tables : Mapping[str, SessionTable]
+        Sessions by their names.
+    scans : Scans
+        Of the blocks of all sessions.
+    jobs, rules, announce
+        As in `analyse_features`.
+
+    Returns
+    -------
+    result : LoopResult
+        Its model predicts the next session.
+    shared : dict[str, PooledParameter]
+        What the sessions share, by parameter of the extended model.
     """
     result = analyse_table(join_tables(tables), scans, jobs=jobs, rules=rules, announce=announce)
-    fits = result.found.nominal, result.found.extended
-    pooled = [list_shared(fitted, list(tables)) for fitted in fits]
-    nominal, extended = (
-        LearnedFit(
-            {name: one["mean"] for name, one in shared.items()},
-            tuple(one["unit"] for one in shared.values()),
-            np.diag(
-                [one["mean_std"] ** 2 + one["among_sessions_std"] ** 2 for one in shared.values()]
-            ),
-            fitted.effects,
-        )
-        for shared, fitted in zip(pooled, fits, strict=True)
+    sessions = list(tables)
+    nominal, extended = result.found.nominal, result.found.extended
+    shared = list_shared(extended, sessions)
+    model = replace(
+        result.model,
+        verdict="several sessions",
+        nominal=_predict_next(nominal, list_shared(nominal, sessions)),
+        extended=_predict_next(extended, shared),
     )
-    return replace(
-        result,
-        title=", ".join(tables),
-        model=replace(result.model, verdict="several sessions", nominal=nominal, extended=extended),
-    ), pooled[1]
+    return replace(result, title=", ".join(tables), model=model), shared
+
+
+def _predict_next(fitted: Fit, shared: Mapping[str, PooledParameter]) -> LearnedFit:
+    """Predict the constants and effects of a session that is yet to come."""
+    values, units, variances = {}, [], []
+    for name, pooled in shared.items():
+        values[name] = pooled.mean
+        units.append(pooled.unit)
+        variances.append(pooled.mean_std**2 + pooled.among_sessions_std**2)
+    return LearnedFit(values, tuple(units), np.diag(variances), fitted.effects)
 
 
 def loop_sessions(
@@ -204,7 +356,7 @@ def loop_sessions(
     as_built: Sequence[str | Path] = (),
     progress: Callable[[int, int], None] | None = None,
     announce: Announce | None = None,
-) -> Document:
+) -> dict[str, Any]:
     """Explain every session in a folder of its own, and all of them in one likelihood.
 
     Parameters
@@ -230,27 +382,13 @@ def loop_sessions(
         If a session cannot be explained, two have one name, their springs or laws
         differ, or the output cannot be written.
     """
-    folders = {Path(session).resolve().name: Path(session) for session in sessions}
-    names = [Path(session).resolve().name for session in sessions]
-    if twice := sorted({name for name in names if names.count(name) > 1}):
-        raise PipelineError(f"sessions must have names of their own, got {twice[0]!r} twice")
-    probes = {name: open_session(folder).probe for name, folder in folders.items()}
-    stated = {
-        name: ", ".join(
-            [f"{one.spring_constant:g} N/m", *map(str, filter(None, (one.friction, one.contact)))]
-        )
-        for name, one in probes.items()
-    }
-    PipelineError.require(
-        len(set(stated.values())) <= 1,
-        "`probe.spring_constant`, `probe.friction` and `probe.contact` must be the same in "
-        "sessions that are explained together, got "
-        + "; ".join(f"{one} in {name}" for name, one in stated.items()),
-    )
+    folders = _name_folders(sessions)
+    _check_probes(folders)
     output = Path(output)
     with lock_folder(output):
-        results = {
-            name: loop_session(
+        results = {}
+        for name, folder in folders.items():
+            results[name] = loop_session(
                 folder,
                 output / name,
                 jobs=jobs,
@@ -259,26 +397,61 @@ def loop_sessions(
                 progress=progress,
                 announce=announce,
             )
-            for name, folder in folders.items()
-        }
         together, shared = explain_together(
             {name: result.table for name, result in results.items()},
-            {b: one for r in results.values() for b, one in r.document["scans"]["blocks"].items()},
+            _join_scans(results.values()),
             jobs=jobs or count_cores(),
             announce=announce,
         )
         write_loop(together, output)
-        verdicts = {
-            name: {"verdict": str(result.verdict), "finding": result.document["finding"]}
-            for name, result in {"": together, **results}.items()
-        }
-        document = {
-            "together": verdicts.pop(""),
-            "sessions": verdicts,
-            "parameters": shared,
-        }
-        replace_text(
-            output / "sessions.json",
-            json.dumps({"schema": 1, **document}, indent=2, allow_nan=False) + "\n",
+        record = SessionsRecord(
+            together=_summarise(together),
+            sessions={name: _summarise(result) for name, result in results.items()},
+            parameters=shared,
         )
+        document: dict[str, Any] = to_json(record)
+        replace_text(output / "sessions.json", format_document({"schema": SCHEMA, **document}))
     return document
+
+
+def _name_folders(sessions: Sequence[str | Path]) -> dict[str, Path]:
+    """Name each folder by its last part; two of one name are refused."""
+    folders: dict[str, Path] = {}
+    repeated = set()
+    for session in sessions:
+        name = Path(session).resolve().name
+        if name in folders:
+            repeated.add(name)
+        folders[name] = Path(session)
+    if repeated:
+        raise PipelineError(f"sessions must have names of their own, got {min(repeated)!r} twice")
+    return folders
+
+
+def _check_probes(folders: Mapping[str, Path]) -> None:
+    """Refuse sessions whose springs or known laws differ."""
+    stated = {}
+    for name, folder in folders.items():
+        probe = open_session(folder).probe
+        laws = [str(law) for law in (probe.friction, probe.contact) if law]
+        stated[name] = ", ".join([f"{probe.spring_constant:g} N/m", *laws])
+    if len(set(stated.values())) <= 1:
+        return
+    texts = [f"{probe} in {name}" for name, probe in stated.items()]
+    raise PipelineError(
+        "`probe.spring_constant`, `probe.friction` and `probe.contact` must be the same in "
+        f"sessions that are explained together, got {'; '.join(texts)}"
+    )
+
+
+def _join_scans(results: Iterable[LoopResult]) -> Scans:
+    """Join the scans of the blocks of all sessions; those of the last session count."""
+    scans: dict[str, Mapping[str, float]] = {}
+    for result in results:
+        scans |= result.record.scans.blocks
+    return scans
+
+
+def _summarise(result: LoopResult) -> SessionVerdict:
+    """Give verdict and finding of a session."""
+    return SessionVerdict(str(result.verdict), result.record.finding)

@@ -3,18 +3,18 @@
 Predictions from it do not need the session that it came from.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import TypeAdapter
+from pydantic import TypeAdapter, ValidationError
 
 from stepblocks.contact.operating_point import Tool
 from stepblocks.errors import ContactError, PipelineError, QuantityError
-from stepblocks.files.text import Document, read_document
+from stepblocks.files.text import read_document
 from stepblocks.lawsearch.law import Active, Law, Parameter
 from stepblocks.rig.effects.named import list_named_laws
 from stepblocks.rig.effects.smooth import CovariateRange, list_smooth_laws
@@ -24,18 +24,20 @@ from stepblocks.rig.state import CHANNELS, Floats
 WIDE = 1.959964  # standard deviations either side of a 95 % interval
 _FORMAT = "stepblocks-model-2"
 _FORMAT_BEFORE = "stepblocks-model-1"  # gave the scatter of friction, not of its logarithm
-_LARGEST = 20_000_000  # bytes
+_LARGEST_FILE = 20_000_000  # bytes
+_QUANTITIES = ("ln_friction", "ln_load", "ln_conversion")  # what scatters among trials
 
 
 @dataclass(frozen=True)
 class LearnedFit:
-    """Constants and effects of one model, with what is known of them together.
+    """Constants and effects of one model, with their joint covariance.
 
     Attributes
     ----------
     values : Mapping[str, float]
-        By name; those of an effect are called ``law.parameter``.
+        By name; a parameter of an effect is called ``law.parameter``.
     units : tuple[str, ...]
+        In the order of the values.
     covariance : Floats
         Shape (p, p), in the order of the values.
     laws : tuple[Law, ...]
@@ -47,11 +49,10 @@ class LearnedFit:
     laws: tuple[Law, ...] = ()
 
     def active(self, values: Mapping[str, float] | None = None) -> Active:
-        """Return the effects with their fitted values, or with others."""
-        return [
-            (law, law.pick_own_values(self.values if values is None else values))
-            for law in self.laws
-        ]
+        """Return the effects with their fitted values, or with other `values`."""
+        if values is None:
+            values = self.values
+        return [(law, law.pick_own_values(values)) for law in self.laws]
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,7 @@ class LearnedModel:
     tip_radius_um : float
         Of trials whose tip has no number in its name [um].
     height_std : float
-        Of a block that nobody has measured [m].
+        Standard deviation of the height of a block that nobody has measured [m].
     scanned : Mapping[str, tuple[float, float]]
         Heights of blocks and their standard uncertainties [m].
     blocks : tuple[str, ...]
@@ -81,7 +82,7 @@ class LearnedModel:
     extended : LearnedFit
         With the effects found.
     known_laws : Mapping[str, Mapping[str, Any]]
-        Laws of friction and contact of both, by kind, each by its name and numbers.
+        Laws of friction and contact of both fits, by kind, each by its name and numbers.
     """
 
     verdict: str
@@ -98,44 +99,120 @@ class LearnedModel:
     known_laws: Mapping[str, Mapping[str, Any]] = field(default_factory=dict, repr=False)
 
 
-def build_model_document(learned: LearnedModel) -> dict[str, object]:
-    """Return the extended model as a document of plain numbers."""
+@dataclass(frozen=True, kw_only=True)
+class ProbePart:
+    """The probe in model.json, with the laws of friction and contact that are known."""
+
+    spring_constant_n_per_m: float
+    tip_radius_um: float
+    friction: dict[str, Any] | None = None
+    contact: dict[str, Any] | None = None
+
+
+@dataclass(frozen=True)
+class StartPart:
+    """The ring with which the fit began, in model.json."""
+
+    ring_frequency_hz: float
+    decay_time_s: float
+
+
+@dataclass(frozen=True)
+class ScatterPart:
+    """What scatters among trials in model.json, as standard deviations."""
+
+    quantities: Sequence[str]
+    quantity_std: Sequence[float]
+    channels: Sequence[str]
+    channel_std: Sequence[float]
+
+
+@dataclass(frozen=True)
+class EffectPart:
+    """An effect in model.json; its name tells the law."""
+
+    id: str
+    slot: str = ""
+    covariate: str = ""
+    form: str = ""
+
+
+@dataclass(frozen=True)
+class FitPart:
+    """One fit in model.json."""
+
+    names: Sequence[str]
+    units: Sequence[str]
+    values: Sequence[float]
+    covariance: Sequence[Sequence[float]]
+    effects: Sequence[EffectPart]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelFile:
+    """Contents of model.json, in the order of its keys."""
+
+    format: str
+    verdict: str = ""
+    probe: ProbePart
+    start: StartPart
+    block_height_std_m: float
+    scanned_height_m: Mapping[str, tuple[float, float]]
+    blocks: Sequence[str]
+    covariates: tuple[CovariateRange, ...]
+    scatter: ScatterPart
+    nominal: FitPart
+    extended: FitPart
+
+    def as_document(self) -> dict[str, Any]:
+        """Return the form in JSON, without the laws that are not known."""
+        document = asdict(self)
+        for kind in ("friction", "contact"):
+            if document["probe"][kind] is None:
+                del document["probe"][kind]
+        return document
+
+
+def build_model_document(learned: LearnedModel) -> dict[str, Any]:
+    """Return a learned model as the plain values of model.json."""
+    return _build_model_file(learned).as_document()
+
+
+def _build_model_file(learned: LearnedModel) -> ModelFile:
+    """Turn a learned model into the contents of its file."""
     tool = learned.tool
-    return {
-        "format": _FORMAT,
-        "verdict": learned.verdict,
-        "probe": {
-            "spring_constant_n_per_m": tool.stiffness,
-            "tip_radius_um": learned.tip_radius_um,
-        }
-        | {kind: dict(one) for kind, one in learned.known_laws.items()},
-        "start": {"ring_frequency_hz": tool.frequency, "decay_time_s": tool.decay_time},
-        "block_height_std_m": learned.height_std,
-        "scanned_height_m": learned.scanned,
-        "blocks": learned.blocks,
-        "covariates": [asdict(place) for place in learned.ranges],
-        "scatter": {
-            "quantities": ["ln_friction", "ln_load", "ln_conversion"],
-            "quantity_std": learned.quantity_std.tolist(),
-            "channels": CHANNELS,
-            "channel_std": learned.channel_std.tolist(),
-        },
-        "nominal": _build_fit_document(learned.nominal),
-        "extended": _build_fit_document(learned.extended),
-    }
+    laws = {kind: dict(law) for kind, law in learned.known_laws.items()}
+    return ModelFile(
+        format=_FORMAT,
+        verdict=learned.verdict,
+        probe=ProbePart(
+            spring_constant_n_per_m=tool.stiffness, tip_radius_um=learned.tip_radius_um, **laws
+        ),
+        start=StartPart(tool.frequency, tool.decay_time),
+        block_height_std_m=learned.height_std,
+        scanned_height_m=learned.scanned,
+        blocks=learned.blocks,
+        covariates=learned.ranges,
+        scatter=ScatterPart(
+            quantities=_QUANTITIES,
+            quantity_std=learned.quantity_std.tolist(),
+            channels=CHANNELS,
+            channel_std=learned.channel_std.tolist(),
+        ),
+        nominal=_build_fit_part(learned.nominal),
+        extended=_build_fit_part(learned.extended),
+    )
 
 
-def _build_fit_document(fitted: LearnedFit) -> dict[str, object]:
-    return {
-        "names": list(fitted.values),
-        "units": fitted.units,
-        "values": list(fitted.values.values()),
-        "covariance": fitted.covariance.tolist(),
-        "effects": [
-            {"id": e.id, "slot": e.slot, "covariate": e.covariate, "form": e.form}
-            for e in fitted.laws
-        ],
-    }
+def _build_fit_part(fitted: LearnedFit) -> FitPart:
+    """Turn a fit into its part of the file."""
+    return FitPart(
+        names=list(fitted.values),
+        units=fitted.units,
+        values=list(fitted.values.values()),
+        covariance=fitted.covariance.tolist(),
+        effects=[EffectPart(law.id, law.slot, law.covariate, law.form) for law in fitted.laws],
+    )
 
 
 def read_model(path: str | Path) -> LearnedModel:
@@ -157,93 +234,128 @@ def read_model(path: str | Path) -> LearnedModel:
         If the file cannot be read, is of another format, incomplete or damaged.
     """
     path = Path(path)
-    document = read_document(path, "model", PipelineError, _LARGEST, "JSON")
+    document = read_document(path, "model", PipelineError, _LARGEST_FILE, "JSON")
     known = (_FORMAT, _FORMAT_BEFORE)
-    PipelineError.require(
-        isinstance(document, dict) and document.get("format") in known,
-        f"model must have the format {' or '.join(known)} [{path}]",
-    )
+    if not isinstance(document, dict) or document.get("format") not in known:
+        raise PipelineError(f"model must have the format {' or '.join(known)} [{path}]")
     try:
-        return _parse_model(document, path)
-    except (KeyError, TypeError, ValueError, AttributeError, ContactError) as error:
+        file = TypeAdapter(ModelFile).validate_python(document)
+        return _parse_model(file, path)
+    except ValidationError as error:
         raise PipelineError(
-            f"model is incomplete or damaged: {' '.join(str(error).split()):.80} [{path}]"
+            f"model is incomplete or damaged: {_describe_damage(error)} [{path}]"
         ) from error
+    except (QuantityError, ContactError) as error:
+        raise PipelineError(f"model is incomplete or damaged: {error} [{path}]") from error
 
 
-def _parse_model(document: Document, path: Path) -> LearnedModel:
-    probe, start, scatter = document["probe"], document["start"], document["scatter"]
-    ranges = TypeAdapter(tuple[CovariateRange, ...]).validate_python(document["covariates"])
-    blocks = tuple(str(block) for block in document["blocks"])
-    laws = {law.id: law for law in (*list_named_laws(blocks), *list_smooth_laws(ranges))}
-    extended = _parse_fit("extended", document["extended"], laws, path)
-    quantity_std = _parse_numbers("quantity_std", scatter["quantity_std"], (3,))
-    if document["format"] == _FORMAT_BEFORE:
+def _describe_damage(error: ValidationError) -> str:
+    """Say what is wrong with the first value that is."""
+    finding = error.errors(include_url=False)[0]
+    place = ".".join(str(step) for step in finding["loc"])
+    if finding["type"] == "missing":
+        return f"{place} is missing"
+    return f"{place}: {finding['msg']}"
+
+
+def _parse_model(file: ModelFile, path: Path) -> LearnedModel:
+    """Turn the contents of a file into a learned model; `path` is named where it cannot be."""
+    blocks = tuple(file.blocks)
+    known = (*list_named_laws(blocks), *list_smooth_laws(file.covariates))
+    laws = {law.id: law for law in known}
+    extended = _parse_fit("extended", file.extended, laws, path)
+    quantity_std = _parse_numbers("quantity_std", file.scatter.quantity_std, (len(_QUANTITIES),))
+    if file.format == _FORMAT_BEFORE:
         quantity_std[0] /= extended.values["friction"]
+    known_laws = {}
+    for kind, law in (("friction", file.probe.friction), ("contact", file.probe.contact)):
+        if law is not None:
+            known_laws[kind] = law
     return LearnedModel(
-        verdict=str(document.get("verdict", "")),
+        verdict=file.verdict,
         tool=Tool(
-            stiffness=float(probe["spring_constant_n_per_m"]),
-            frequency=float(start["ring_frequency_hz"]),
-            decay_time=float(start["decay_time_s"]),
+            stiffness=file.probe.spring_constant_n_per_m,
+            frequency=file.start.ring_frequency_hz,
+            decay_time=file.start.decay_time_s,
         ),
-        tip_radius_um=float(probe["tip_radius_um"]),
-        height_std=float(document["block_height_std_m"]),
-        scanned=TypeAdapter(dict[str, tuple[float, float]]).validate_python(
-            document["scanned_height_m"]
-        ),
+        tip_radius_um=file.probe.tip_radius_um,
+        height_std=file.block_height_std_m,
+        scanned=file.scanned_height_m,
         blocks=blocks,
-        ranges=ranges,
+        ranges=file.covariates,
         quantity_std=quantity_std,
-        channel_std=_parse_numbers("channel_std", scatter["channel_std"], (len(CHANNELS),)),
-        nominal=_parse_fit("nominal", document["nominal"], laws, path),
+        channel_std=_parse_numbers("channel_std", file.scatter.channel_std, (len(CHANNELS),)),
+        nominal=_parse_fit("nominal", file.nominal, laws, path),
         extended=extended,
-        known_laws={kind: probe[kind] for kind in ("friction", "contact") if kind in probe},
+        known_laws=known_laws,
     )
 
 
-def _parse_fit(name: str, part: Document, laws: Mapping[str, Law], path: Path) -> LearnedFit:
-    names = [str(n) for n in part["names"]]
-    values = dict(
-        zip(
-            names,
-            _parse_numbers(f"values of {name}", part["values"], (len(names),)).tolist(),
-            strict=True,
+def _parse_fit(name: str, part: FitPart, laws: Mapping[str, Law], path: Path) -> LearnedFit:
+    """Turn a part of a file into a fit, and check its values.
+
+    Parameters
+    ----------
+    name : str
+        Of the part, for messages.
+    part : FitPart
+    laws : Mapping[str, Law]
+        All laws that are known, by name.
+    path : Path
+        Of the file, for messages.
+    """
+    count = len(part.names)
+    numbers = _parse_numbers(f"values of {name}", part.values, (count,))
+    values = dict(zip(part.names, numbers.tolist(), strict=True))
+    covariance = _parse_numbers(f"covariance of {name}", part.covariance, (count, count))
+    unknown = [effect.id for effect in part.effects if effect.id not in laws]
+    if unknown:
+        raise PipelineError(
+            f"model has the law {', '.join(unknown)}, which is not known: give its file by --laws, "
+            f"or install the package that offers it [{path}]"
         )
-    )
-    covariance = _parse_numbers(
-        f"covariance of {name}", part["covariance"], (len(names), len(names))
-    )
-    unknown = [str(e["id"]) for e in part["effects"] if str(e["id"]) not in laws]
-    PipelineError.require(
-        not unknown,
-        f"model has the law {', '.join(unknown)}, which is not known: give its file by --laws, or "
-        f"install the package that offers it [{path}]",
-    )
-    effects = tuple(laws[str(e["id"])] for e in part["effects"])
-    own = [(f"{law.id}.{p.name}", p.low, p.high) for law in effects for p in law.parameters]
-    for key, low, high in (*((p.name, p.low, p.high) for p in _list_constants()), *own):
-        QuantityError.require(
-            low <= values[key] <= high,
-            f"{key} of {name} must lie between {low:g} and {high:g}, got {values[key]:g}",
+    effects = tuple(laws[effect.id] for effect in part.effects)
+    for constant in _list_constants():
+        _check_value(name, constant.name, constant, values)
+    for law in effects:
+        for parameter in law.parameters:
+            _check_value(name, f"{law.id}.{parameter.name}", parameter, values)
+    return LearnedFit(values, tuple(part.units), covariance, effects)
+
+
+def _check_value(part: str, name: str, parameter: Parameter, values: Mapping[str, float]) -> None:
+    """Refuse a value that is missing or beyond the bounds of its parameter."""
+    if name not in values:
+        raise QuantityError(f"{name} of {part} is missing")
+    low, high = parameter.low, parameter.high
+    if not low <= values[name] <= high:
+        raise QuantityError(
+            f"{name} of {part} must lie between {low:g} and {high:g}, got {values[name]:g}"
         )
-    return LearnedFit(values, tuple(str(unit) for unit in part["units"]), covariance, effects)
 
 
 @cache
 def _list_constants() -> tuple[Parameter, ...]:
-    # Constants of every session. What a single trial adds is the height of its block, which comes
-    # last.
+    """List the constants of every session.
+
+    A single trial adds the height of its block, which comes last and is left out.
+    """
     columns = ("height_um", "load_n", "speed_mm_s", "tip_radius_um")
-    return list_constants(
-        build_bench_design(np.array(["block"]), {name: np.ones(1) for name in columns}, 1.0)
-    )[:-1]
+    ones = {name: np.ones(1) for name in columns}
+    return list_constants(build_bench_design(np.array(["block"]), ones, 1.0))[:-1]
 
 
 def _parse_numbers(name: str, raw: object, shape: tuple[int, ...]) -> Floats:
-    numbers = np.asarray(raw, dtype=np.float64)
-    QuantityError.require(
-        numbers.shape == shape and np.all(np.isfinite(numbers)),
-        f"{name} must be {' by '.join(map(str, shape))} finite numbers",
-    )
+    """Turn numbers of a file into an array, and refuse another shape or a number not finite."""
+    try:
+        numbers = np.asarray(raw, dtype=np.float64)
+    except ValueError as error:  # rows of different lengths
+        raise QuantityError(f"{name} must be {_format_shape(shape)} finite numbers") from error
+    if numbers.shape != shape or not np.all(np.isfinite(numbers)):
+        raise QuantityError(f"{name} must be {_format_shape(shape)} finite numbers")
     return numbers
+
+
+def _format_shape(shape: tuple[int, ...]) -> str:
+    """Write a shape, such as ``3 by 3``."""
+    return " by ".join(map(str, shape))

@@ -26,6 +26,7 @@ from stepblocks.parts.characteristics import (
 )
 from stepblocks.parts.conditions import NO_ORDER, OrderSpec
 from stepblocks.parts.kind import Part
+from stepblocks.parts.material import Material
 from stepblocks.parts.on_paper import describe_default_demands
 from stepblocks.quantities import format_quantity
 

@@ -1,0 +1,226 @@
+"""Choice among candidates: full fits of those that score best, and the rivals of the best fit."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from stepblocks.lawsearch.directions import compute_tangent
+from stepblocks.lawsearch.fit import fit
+from stepblocks.lawsearch.gate import Gate, Score
+from stepblocks.lawsearch.law import Law
+from stepblocks.lawsearch.objective import HopelessFitError, is_hopeless
+from stepblocks.lawsearch.problem import Fit, Problem
+
+_EVALUATIONS = 25  # of the model in the fit of a candidate, at most
+_FIRST_STEP = 8.0  # of an amplitude, at most, in units of its scale
+_PLACES_TRIED = 3  # of a sudden change, from which its fit begins
+_COST_DIGITS = 3  # to which costs are compared: last bits decide nothing
+_AT_BOUND = 0.01  # share of a parameter's range within which it counts as driven to its bound
+_CLOSE = 1.0  # of the criterion, within which the preferred of two named laws leads
+# chance, by Schwarz's criterion, with which an effect and the rivals named with it hold the truth
+_GROUP_CHANCE = 0.95
+
+
+class Rival(NamedTuple):
+    """An effect that may stand for another.
+
+    Attributes
+    ----------
+    effect : Law
+    fitted : Fit
+        Fit with it in the place of the other.
+    behind : float
+        How far the criterion of that fit is behind.
+    """
+
+    effect: Law
+    fitted: Fit
+    behind: float
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The candidate that leads.
+
+    Attributes
+    ----------
+    lead : Fit
+        Its effect is the last of the effects of the fit.
+    tried : tuple[Fit, ...]
+        All candidates that were fitted, best first.
+    """
+
+    lead: Fit
+    tried: tuple[Fit, ...]
+
+    @property
+    def effect(self) -> Law:
+        """The candidate itself."""
+        return self.lead.effects[-1]
+
+
+def choose_candidate(
+    problem: Problem,
+    base: Fit,
+    opened: Gate,
+    most: int = 14,
+    tie: float = 6.0,
+    known: Sequence[Fit] = (),
+) -> Choice | None:
+    """Fit the candidates that score best, and choose among them and fits that are known.
+
+    Parameters
+    ----------
+    problem : Problem
+    base : Fit
+        Fit without any of the candidates.
+    opened : Gate
+        Scores of the candidates.
+    most : int
+        Laws, and as many smooths, that are fitted.
+    tie : float
+        Of the criterion, within which a named law leads a smooth of its place.
+    known : sequence of Fit
+        Fits of further candidates.
+
+    Returns
+    -------
+    Choice or None
+        None where no candidate improves the criterion.
+    """
+    tried = list(known)
+    by_gain = sorted(_select_scores(opened.scores, most), key=lambda score: -score.gain)
+    for score in by_gain:
+        # what gains far less to first order than another gained in full cannot lead
+        rival_cost = min([base.cost, *(fitted.cost for fitted in tried)])
+        if is_hopeless(score.gain, base.cost - rival_cost):
+            continue
+        fitted = _fit_candidate(problem, base, score, rival_cost)
+        if fitted is not None and not _is_at_bound(score.effect, fitted):
+            tried.append(fitted)
+    tried.sort(key=lambda fitted: (fitted.criterion, fitted.effects[-1].rank))
+    if not tried or tried[0].criterion >= base.criterion:
+        return None
+    return Choice(_prefer_named_law(tried, tie), tuple(tried))
+
+
+def _prefer_named_law(tried: Sequence[Fit], tie: float) -> Fit:
+    """Return the best fit, or that of a named law of its place that does as well within `tie`."""
+    best = tried[0]
+    place = best.effects[-1].place
+    named = []
+    for fitted in tried:
+        law = fitted.effects[-1]
+        if law.named and law.place == place and fitted.criterion <= best.criterion + tie:
+            named.append(fitted)
+    if not named:
+        return best
+    close = [f for f in named if f.criterion <= named[0].criterion + _CLOSE]
+    return min(close, key=lambda fitted: (fitted.effects[-1].rank, fitted.criterion))
+
+
+def _select_scores(scores: Sequence[Score], most: int) -> list[Score]:
+    """Select the laws and the smooths that are worth a fit; `scores` are in order, best first.
+
+    Beside the best smooths, the best of each further place stands for that place.
+    """
+    named = [score for score in scores if score.effect.named][:most]
+    smooth = [score for score in scores if not score.effect.named]
+    leading = smooth[:most]
+    places = {score.effect.place for score in leading}
+    further = []
+    for score in smooth:
+        if score.effect.place not in places:
+            places.add(score.effect.place)
+            further.append(score)
+    return [*named, *leading, *further[: most // 2]]
+
+
+def _is_at_bound(effect: Law, fitted: Fit) -> bool:
+    """Tell whether a shape parameter of a named law was driven to the end of its range.
+
+    A settling that never settles is a drift and no running-in.
+    """
+    if not effect.named:
+        return False
+    values = effect.pick_own_values(fitted.values)
+    for p in effect.parameters:
+        if p.name in effect.amplitudes:
+            continue
+        slack = _AT_BOUND * (p.high - p.low)
+        # close to its lower end a length or a time counts in smaller steps
+        inside = p.low + 0.1 * slack < values[p.name] < p.high - slack
+        if not inside:
+            return True
+    return False
+
+
+def _fit_candidate(problem: Problem, base: Fit, score: Score, rival: float) -> Fit | None:
+    """Fit a candidate beside a base fit from where the first order has it.
+
+    The result is None where the fit fails, or stays far behind the cost of a rival.
+    """
+    effect = score.effect
+    step = np.clip(score.step, -_FIRST_STEP, _FIRST_STEP)
+    # the constants give way to first order, so that the fit begins near its valley
+    change = compute_tangent(problem, base, effect, score.shape) @ step
+    scales = [p.scale for p in base.parameters]
+    shift = base.covariance @ (base.jacobian[: len(change)].T @ change / scales)
+    start = {}
+    for p, of_constant in zip(base.parameters, shift.tolist(), strict=True):
+        start[p.name] = base.values[p.name] - of_constant
+    steps = dict(zip(effect.amplitudes, step.tolist(), strict=True))
+    for p in effect.parameters:
+        name = f"{effect.id}.{p.name}"
+        if p.name in steps:
+            start[name] = p.start + steps[p.name] * p.scale
+        else:
+            start[name] = score.shape.get(p.name, p.start)
+    try:
+        found = fit(problem, (*base.effects, effect), start, _EVALUATIONS, rival)
+        if effect.steps:
+            found = _try_further_places(problem, found, effect)
+    except (np.linalg.LinAlgError, ValueError, FloatingPointError, HopelessFitError):
+        return None
+    return found
+
+
+def _try_further_places(problem: Problem, found: Fit, effect: Law) -> Fit:
+    """Fit a sudden change from the places that suit its size next best, and return the best fit.
+
+    The cost has a valley between any two trials, and the deepest one need not be where the first
+    order has it.
+    """
+    starts, costs = [], []
+    for shape in effect.shapes:
+        start = found.values | {f"{effect.id}.{name}": place for name, place in shape.items()}
+        residual = problem.trials.values - problem.predict(found.effects, start)
+        starts.append(start)
+        costs.append(np.sum(problem.noise.whiten(residual) ** 2))
+    order = np.argsort(np.round(costs, _COST_DIGITS), kind="stable")
+    fits = [found]
+    for i in order[1:_PLACES_TRIED]:
+        fits.append(fit(problem, found.effects, starts[i], _EVALUATIONS))
+    return min(fits, key=lambda fitted: fitted.criterion)
+
+
+def select_likeliest(rivals: Sequence[Rival], always: Sequence[Rival]) -> tuple[Rival, ...]:
+    """Select as many rivals of an effect as hold the truth together with it by 95 %.
+
+    Parameters
+    ----------
+    rivals : sequence of Rival
+        In order, the likeliest first.
+    always : sequence of Rival
+        Those among them that are kept however unlikely.
+    """
+    odds = np.exp([-0.5 * rival.behind for rival in rivals])
+    # chance of the effect and all rivals before each one
+    chance_before = (1.0 + np.cumsum(odds) - odds) / (1.0 + odds.sum())
+    kept = []
+    for rival, chance in zip(rivals, chance_before, strict=True):
+        if chance < _GROUP_CHANCE or rival in always:
+            kept.append(rival)
+    return tuple(kept)

@@ -1,0 +1,305 @@
+"""What held-out trials and replicates leave of the claims of a search."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy import stats
+
+from stepblocks.lawsearch.adequacy import compare_with_replicates
+from stepblocks.lawsearch.findings import Doubt, Explanation, Finding, Verdict
+from stepblocks.lawsearch.fit import fit
+from stepblocks.lawsearch.forward_model import Floats
+from stepblocks.lawsearch.holdout import (
+    HeldOutErrors,
+    HeldOutPredictor,
+    ListCandidates,
+    Rows,
+)
+from stepblocks.lawsearch.law import Law
+from stepblocks.lawsearch.noise import Noise
+from stepblocks.lawsearch.structure import Hint
+
+_RISE = 1.005  # ratio of errors from which one counts as a rise
+_RISE_CHANCE = 0.01  # that errors rise as much beside a model that is no worse
+_LACK_OF_FIT = 0.005  # level of the lack of fit against replicates, over all channels
+_JUDGED_CHANNELS = (0, 1)  # those in which a delivered model may not be worse
+
+
+def check_claims(
+    explanation: Explanation,
+    within: Sequence[Sequence[str]],
+    between: Sequence[Sequence[str]],
+    cells: Sequence[object],
+) -> Explanation:
+    """Keep the claim of an effect only where replicates and every fold that sees it support it.
+
+    Parameters
+    ----------
+    explanation : Explanation
+    within : sequence of sequences of str
+        Names of the effects that each fold within blocks chose.
+    between : sequence of sequences of str
+        The same of folds that hold out whole blocks.
+    cells : sequence
+        Label of each trial; trials of equal labels are replicates.
+    """
+    findings = []
+    for finding in explanation.findings:
+        if finding.verdict is not Verdict.EFFECT:
+            findings.append(finding)
+        elif finding.effect.covariate == "block":
+            # without its specimen nobody sees what a specimen does
+            findings.append(_judge_by_folds(finding, within))
+        else:
+            findings.append(_judge_by_folds(finding, [*within, *between]))
+    checked = replace(explanation, findings=tuple(findings))
+    lacking = _find_lacking_channel(explanation, cells)
+    if lacking is not None:
+        checked = replace(checked, adequate=False)
+    if explanation.verdict is not Verdict.EFFECT:
+        return checked
+    if lacking is not None:
+        return replace(
+            checked,
+            verdict=Verdict.UNEXPLAINED,
+            reason=Doubt.REPLICATES_AGREE_BETTER,
+            channel=lacking,
+        )
+    doubted = {finding.verdict for finding in findings} - {Verdict.EFFECT}
+    verdict = min(doubted, default=Verdict.EFFECT, key=list(Verdict).index)
+    return replace(checked, verdict=verdict)
+
+
+def _find_lacking_channel(explanation: Explanation, cells: Sequence[object]) -> str | None:
+    """Find the channel whose replicates agree better than the extended model, if there is one."""
+    seen = explanation.problem.trials.seen
+    extended = explanation.extended
+    residual = np.where(seen, extended.residual.reshape(seen.shape), np.nan)
+    p_values = []
+    for column in residual.T:
+        test = compare_with_replicates(column, cells, len(extended.parameters))
+        p_values.append(test.lack_of_fit_p_value)
+    known = [p_value for p_value in p_values if np.isfinite(p_value)]
+    if not known or min(known) * len(known) >= _LACK_OF_FIT:
+        return None
+    return explanation.problem.trials.channels[p_values.index(min(known))]
+
+
+def _judge_by_folds(finding: Finding, folds: Sequence[Sequence[str]]) -> Finding:
+    """Judge a law by the choices of the folds, each of which has fewer trials."""
+    family = finding.effect.id.split("~")[0]
+    blind, contradicting = False, False
+    for names in folds:
+        families = [name.split("~")[0] for name in names]
+        if family in families:
+            continue
+        # a fold that chooses nothing is blind to the law; one that chooses another contradicts it
+        blind = blind or not names
+        contradicting = contradicting or bool(names)
+    if contradicting:
+        return replace(finding, verdict=Verdict.AMBIGUOUS)
+    if blind:
+        return replace(finding, verdict=Verdict.UNEXPLAINED, reason=Doubt.FOLDS_MISS_IT)
+    return finding
+
+
+def withdraw_claims(explanation: Explanation, hints: tuple[Hint, ...]) -> Explanation:
+    """Withdraw every claim where something beyond the model's reach is known to have gone on."""
+    if not hints:
+        return explanation
+    reason = hints[0].sentence
+    return replace(
+        explanation,
+        findings=_withdraw_all(explanation.findings, reason),
+        verdict=Verdict.UNEXPLAINED,
+        hints=(*hints, *explanation.hints),
+    )
+
+
+def _withdraw_all(findings: Sequence[Finding], reason: str) -> tuple[Finding, ...]:
+    """Withdraw the claims of all findings for one reason."""
+    return tuple(replace(f, verdict=Verdict.UNEXPLAINED, reason=reason) for f in findings)
+
+
+def choose_delivered_effects(
+    explanation: Explanation, ways: Sequence[Sequence[Rows]], candidates: ListCandidates
+) -> tuple[Explanation, list[HeldOutErrors]]:
+    """Predict held-out trials with the model that is delivered, and deliver nothing that is worse.
+
+    Parameters
+    ----------
+    explanation : Explanation
+        What all trials say.
+    ways : sequence of sequences of rows
+        For each way of holding out, the rows of each fold; first the way that leaves trials of
+        every specimen in.
+    candidates : callable
+        Effects that may be asked of a table: one of a specimen that a fold never saw is not.
+
+    Returns
+    -------
+    explanation : Explanation
+        The same, less the effects that raise the error in one of the first two channels.
+    errors : list of HeldOutErrors
+        One for each way.
+    """
+    predictor = HeldOutPredictor(explanation, ways, candidates)
+    all_errors = predictor.compute_errors(())
+    left_open = predictor.find_open_values(all_errors)
+    nominal = []
+    for error, is_open in zip(all_errors, left_open, strict=True):
+        nominal.append(np.where(is_open, np.nan, error))
+    of_specimens, base = _keep_laws_of_specimens(explanation, predictor, nominal)
+    findings, errors = _drop_worsening(explanation, predictor, of_specimens, base)
+    delivered = _deliver(explanation, findings)
+    held_out = []
+    for i in range(len(ways)):
+        extended = np.where(left_open[i], np.nan, errors[i])
+        held_out.append(HeldOutErrors(nominal[i], extended, left_open[i]))
+    return delivered, held_out
+
+
+def _keep_laws_of_specimens(
+    explanation: Explanation, predictor: HeldOutPredictor, nominal: list[Floats]
+) -> tuple[list[Law], list[Floats]]:
+    """Keep the laws of single specimens unless other trials of the specimens speak against them.
+
+    A law of one specimen says nothing of others, and cannot be judged by them.
+
+    Parameters
+    ----------
+    explanation : Explanation
+    predictor : HeldOutPredictor
+    nominal : list of arrays
+        Errors of the nominal model, one for each way of holding out and one of all trials.
+
+    Returns
+    -------
+    laws : list of Law
+    errors : list of arrays
+        Errors of the model with these laws.
+    """
+    laws = []
+    for finding in explanation.findings:
+        if finding.effect.named and finding.effect.covariate == "block":
+            laws.append(finding.effect)
+    if not laws:
+        return [], nominal
+    errors = predictor.compute_errors(laws, explanation.extended.values)
+    if _is_worse(explanation.problem.noise, nominal[:1], errors[:1]):
+        return [], nominal
+    return laws, errors
+
+
+def _drop_worsening(
+    explanation: Explanation,
+    predictor: HeldOutPredictor,
+    of_specimens: Sequence[Law],
+    base: list[Floats],
+) -> tuple[tuple[Finding, ...], list[Floats]]:
+    """Drop the weakest findings until held-out trials are predicted no worse than without them.
+
+    Parameters
+    ----------
+    explanation : Explanation
+    predictor : HeldOutPredictor
+    of_specimens : sequence of Law
+        Laws that are kept.
+    base : list of arrays
+        Errors of the model with these laws alone.
+
+    Returns
+    -------
+    findings : tuple of Finding
+        Those that stay.
+    errors : list of arrays
+        Errors of the model with their effects.
+    """
+    findings = explanation.findings
+    kept = {law.id for law in of_specimens}
+    while len(findings) > len(kept):
+        effects = [finding.effect for finding in findings]
+        errors = predictor.compute_errors(effects, explanation.extended.values)
+        if not _is_worse(explanation.problem.noise, base, errors):
+            return findings, errors
+        droppable = [finding for finding in findings if finding.effect.id not in kept]
+        # what was taken out along the run without a claim goes first
+        weakest = min(droppable, key=lambda f: (f.effect.id not in explanation.walks, f.gain))
+        findings = tuple(finding for finding in findings if finding is not weakest)
+    return findings, base
+
+
+def _deliver(explanation: Explanation, findings: tuple[Finding, ...]) -> Explanation:
+    """Deliver the model with the effects of some findings, and say which claims had to go."""
+    effects = [finding.effect for finding in findings]
+    delivered = {law.id for law in effects}
+    dropped = []
+    for finding in explanation.findings:
+        if finding.effect.id not in delivered:
+            dropped.append(finding.effect)
+    if not dropped:
+        return explanation
+    start: Mapping[str, float] = explanation.extended.values
+    extended = fit(explanation.problem, effects, start)
+    explanation = replace(explanation, findings=findings, extended=extended)
+    claimed = [_name_claim(law) for law in dropped if law.id not in explanation.walks]
+    if not claimed:
+        return explanation
+    names = " and ".join(claimed).replace("_", " ").replace("~", " ")
+    reason = f"held-out trials are predicted worse with {names} in the model"
+    return replace(
+        explanation,
+        findings=_withdraw_all(findings, reason),
+        verdict=Verdict.UNEXPLAINED,
+        adequate=False,
+        reason=reason,
+        channel="",
+    )
+
+
+def _name_claim(law: Law) -> str:
+    """Name a law, or the place of a smooth."""
+    if law.named:
+        return law.id
+    return f"{law.slot} over {law.covariate}"
+
+
+def _is_worse(noise: Noise, before: Sequence[Floats], after: Sequence[Floats]) -> bool:
+    """Tell whether an error of one way of holding out rises in one of the judged channels."""
+    for old, new in zip(before, after, strict=True):
+        for channel in _JUDGED_CHANNELS:
+            if _rises(noise, old, new, channel):
+                return True
+    return False
+
+
+def _rises(noise: Noise, nominal: Floats, extended: Floats, channel: int) -> bool:
+    """Tell whether an error rises visibly and not by chance.
+
+    Beside a true law that hardly moves it, an error rises by chance half the time, or in every
+    trial by a part in ten thousand. A one-sided test of paired squared errors (Diebold and Mariano
+    1995, doi:10.2307/1392185) decides. Their sum also scatters by the errors that trials share: to
+    first order by twice their sum weighed by the change of the prediction.
+
+    Parameters
+    ----------
+    noise : Noise
+    nominal, extended : Floats
+        Shape (n, c), errors before and after.
+    channel : int
+    """
+    known = np.isfinite(nominal[:, channel])
+    squares = np.square([nominal, extended])[:, known, channel]
+    if not squares.size:
+        return False
+    before, after = np.sqrt(np.mean(squares, axis=1))
+    if not after > _RISE * before:
+        return False
+    change = np.zeros(nominal.shape)
+    change[:, channel] = np.nan_to_num(extended - nominal)[:, channel]
+    rise = squares[1] - squares[0]
+    shared_variance = noise.compute_shared_variance(change)
+    std = np.sqrt(rise.size * np.var(rise, ddof=1) + 4.0 * shared_variance)
+    quantile = stats.t.isf(_RISE_CHANCE, rise.size - 1)
+    return bool(rise.sum() > quantile * std)

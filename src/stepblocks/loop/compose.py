@@ -1,0 +1,407 @@
+"""Compose the contents of result.json from what a session came to."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
+
+import numpy as np
+import pandas as pd
+
+from stepblocks.lawsearch.adequacy import ReplicateTest, compare_with_replicates
+from stepblocks.lawsearch.choice import Rival
+from stepblocks.lawsearch.findings import Explanation, Finding, Rules, Verdict
+from stepblocks.lawsearch.forward_model import Floats, Trials
+from stepblocks.lawsearch.gate import compute_detectable
+from stepblocks.lawsearch.holdout import Holdout
+from stepblocks.lawsearch.identifiability import compare_directions
+from stepblocks.lawsearch.law import Law
+from stepblocks.lawsearch.problem import Fit, Problem
+from stepblocks.lawsearch.run_order import bound_jump_place
+from stepblocks.lawsearch.scatter import Residual, compute_flexible_residual
+from stepblocks.lawsearch.structure import Hint
+from stepblocks.loop.apart import describe_trial
+from stepblocks.loop.bench_model import find_column, list_candidates, list_covariate_ranges
+from stepblocks.loop.block_scans import Scans
+from stepblocks.loop.channels import ENERGY, JUDGED, PEAK_FORCE
+from stepblocks.loop.experiment import propose_experiment
+from stepblocks.loop.finding import write_sentence
+from stepblocks.loop.record import (
+    AdequacyRecord,
+    ApartTrial,
+    CensoredTrials,
+    DetectableEffect,
+    EffectRecord,
+    Estimate,
+    FindingEvidence,
+    HintRecord,
+    IdentifiabilityRecord,
+    KnownConstant,
+    LeadingChannel,
+    LeadingTrial,
+    LoopRecord,
+    ModelErrors,
+    ModelRecord,
+    NoiseFloor,
+    ResidualCheckRecord,
+    RivalEvidence,
+    ScansRecord,
+)
+from stepblocks.loop.session_table import SessionTable
+from stepblocks.loop.words import find_slope_unit, find_unit
+from stepblocks.records.model import WIDE
+
+# degrees of freedom from which the scatter among replicates is known to a sixth
+_LEAST_REPLICATE_FREEDOM = 20
+_BELOW_BOUND = 3.0  # deviations by which a prediction lies plainly below the bound of a peak
+_MOST_CHECKS = 8  # tests of residuals that are listed
+_LEAST_RADIUS_STD = 1e-7  # m, uncertainty of an edge radius that counts at least
+# name and unit of constants that people know in another form
+_KNOWN_NAMES = {
+    "ln_conversion": ("conversion", "1"),
+    "stiffness_ratio": ("spring_constant", "N/m"),
+    "ln_ring_frequency": ("ring_frequency", "Hz"),
+    "ln_decay_time": ("decay_time", "s"),
+}
+# what the equations never tell apart, whatever the design
+_BY_THE_EQUATIONS = (
+    ("block_tilt", "friction"),
+    ("edge_rounding", "tip_radius_error"),
+    ("conversion", "1 / spring_constant of the ring", "load gain squared, in energies alone"),
+)
+
+
+def compose_record(
+    table: SessionTable,
+    explanation: Explanation,
+    within: Holdout,
+    between: Holdout,
+    scans: Scans,
+    rules: Rules,
+) -> LoopRecord:
+    """Compose the contents of result.json.
+
+    Parameters
+    ----------
+    table : SessionTable
+    explanation : Explanation
+    within : Holdout
+        Errors on trials held out within blocks.
+    between : Holdout
+        Errors on blocks held out.
+    scans : Scans
+        What the scans of the blocks showed.
+    rules : Rules
+        Of the search.
+    """
+    pure_error = _test_against_replicates(table, explanation)
+    floor = _estimate_noise_floor(table, explanation.extended, list(pure_error.values()))
+    spring = table.model.tool.stiffness
+    nominal_errors, extended_errors = _list_errors(within, between, floor)
+    hints = [_describe_hint(hint, table) for hint in explanation.hints]
+    record = LoopRecord(
+        finding="",
+        verdict=explanation.verdict,
+        nominal=_describe_model(explanation.nominal, spring, nominal_errors),
+        extended=_describe_model(explanation.extended, spring, extended_errors),
+        effects=[_describe_finding(f, explanation, table) for f in explanation.findings],
+        rivals=_list_rivals(explanation),
+        hints=hints,
+        unwritten=hints,
+        known_of_the_gauges={
+            name: KnownConstant(value, std) for name, (value, std) in table.model.known.items()
+        },
+        could_have_shown=_list_detectable(explanation),
+        excluded=table.excluded,
+        flagged=[trial for trial in table.excluded if trial.is_mislabelled],
+        apart=_list_apart(table, explanation),
+        regimes=table.regimes,
+        censored=_list_censored(table, explanation),
+        next_experiment=propose_experiment(explanation),
+        adequacy=_describe_adequacy(explanation, rules, pure_error),
+        identifiability=_describe_identifiability(explanation),
+        scans=_describe_scans(scans),
+        left_open_on_new_blocks=table.names[between.left_open[:, ENERGY]].tolist(),
+        selected_in_folds=[*within.selected, *between.selected],
+        trials_analysed=len(table.trials),
+    )
+    return replace(record, finding=write_sentence(explanation, record))
+
+
+def _describe_model(fitted: Fit, spring: float, errors: ModelErrors) -> ModelRecord:
+    """Describe a fitted model; `spring` is the nominal spring constant [N/m]."""
+    return ModelRecord(_describe_constants(fitted, spring), errors, fitted.cost)
+
+
+def _describe_constants(fitted: Fit, spring: float) -> dict[str, Estimate]:
+    """Give the constants of a fitted model under the names people use, with 95 % intervals."""
+    estimates = {}
+    for parameter in fitted.parameters:
+        value, std = fitted.values[parameter.name], fitted.std[parameter.name]
+        # a constant of one session among several has the session in brackets behind its name
+        constant, bracket, session = parameter.name.partition("[")
+        name, unit = _KNOWN_NAMES.get(constant, (constant, parameter.unit))
+        if constant == "stiffness_ratio":
+            value, std = spring * value, spring * std
+        estimate = _estimate_interval(value, unit, std)
+        if constant.startswith("ln_"):
+            estimate = _take_exponential(estimate)
+        estimates[name + bracket + session] = estimate
+    return estimates
+
+
+def _estimate_interval(value: float, unit: str, std: float) -> Estimate:
+    """Give a value with the 95 % interval of a normal distribution."""
+    return Estimate(value, unit, value - WIDE * std, value + WIDE * std)
+
+
+def _take_exponential(logarithm: Estimate) -> Estimate:
+    """Turn the estimate of a logarithm into that of the number itself."""
+    value = float(np.exp(logarithm.value))
+    low, high = float(np.exp(logarithm.low)), float(np.exp(logarithm.high))
+    return Estimate(value, logarithm.unit, low, high)
+
+
+def _list_errors(
+    within: Holdout, between: Holdout, floor: NoiseFloor
+) -> tuple[ModelErrors, ModelErrors]:
+    """List the errors on held-out trials of the nominal and of the extended model."""
+    energy, force = within.rms(ENERGY), within.rms(PEAK_FORCE)
+    energy_blocks, force_blocks = between.rms(ENERGY), between.rms(PEAK_FORCE)
+    errors = zip(energy, force, energy_blocks, force_blocks, strict=True)
+    nominal, extended = (ModelErrors(*of_model, noise_floor=floor) for of_model in errors)
+    return nominal, extended
+
+
+def _test_against_replicates(
+    table: SessionTable, explanation: Explanation
+) -> dict[str, ReplicateTest]:
+    """Test the misfit of energy and peak force against the scatter among replicates."""
+    residual = _compute_residual(table, explanation.extended)
+    cells = table.model.cells(table.trials)
+    constants = len(explanation.extended.parameters)
+    tests = {}
+    for j in (ENERGY, PEAK_FORCE):
+        channel = table.trials.channels[j]
+        tests[channel] = compare_with_replicates(residual[:, j], cells, constants)
+    return tests
+
+
+def _compute_residual(table: SessionTable, fitted: Fit) -> Floats:
+    """Compute measured less predicted values, shape (n, c); not-a-number where unseen."""
+    return np.where(table.trials.seen, table.trials.values - fitted.predicted, np.nan)
+
+
+def _estimate_noise_floor(
+    table: SessionTable, fitted: Fit, replicates: Sequence[ReplicateTest]
+) -> NoiseFloor:
+    """Estimate the least error that noise allows in energy and peak force.
+
+    It is the least scatter about a regression that trusts no model, about the model, and among
+    replicates.
+
+    Parameters
+    ----------
+    table : SessionTable
+    fitted : Fit
+        Of the extended model.
+    replicates : sequence of ReplicateTest
+        Of energy and peak force.
+    """
+    trials = table.trials
+    residuals = [
+        compute_flexible_residual(trials, table.model.systematics(trials)),
+        Residual(_compute_residual(table, fitted), fitted.count_freedom()),
+    ]
+    floors = []
+    for residual in residuals:
+        judged = residual.values[:, JUDGED]
+        floors.append(np.sqrt(np.nansum(judged**2, axis=0) / max(residual.dof, 1)))
+    among_replicates = []
+    for test in replicates:
+        known = test.replicate_dof >= _LEAST_REPLICATE_FREEDOM
+        among_replicates.append(test.replicate_std if known else np.inf)
+    energy, force = np.fmin.reduce([*floors, among_replicates]).tolist()
+    return NoiseFloor(energy, force)
+
+
+def _describe_finding(
+    finding: Finding, explanation: Explanation, table: SessionTable
+) -> EffectRecord:
+    """Describe an effect that was found, with the grounds for its claim."""
+    effect = finding.effect
+    unexplained = finding.verdict is Verdict.UNEXPLAINED
+    trial, channel = finding.leading_trial, finding.leading_channel
+    trial_name = str(table.names[trial.number])
+    channel_name = table.trials.channels[channel.number]
+    evidence = FindingEvidence(
+        claim=str(finding.verdict),
+        gate_p_value=finding.gate_p,
+        twice_log_likelihood_gain=finding.gain,
+        law_named=effect.named and not unexplained,
+        leading_trial=LeadingTrial(trial_name, trial.share),
+        leading_channel=LeadingChannel(channel_name, channel.share),
+    )
+    record = _describe_effect(effect, explanation.extended, evidence, explanation.problem)
+    if effect.named and unexplained:
+        # it improves the fit, not the explanation: the curve stays, the name goes
+        return replace(record, id=f"unexplained_{effect.slot}_{effect.covariate}")
+    return record
+
+
+def _list_rivals(explanation: Explanation) -> list[EffectRecord]:
+    """Describe the rivals of all findings, those of the first finding first."""
+    records = []
+    for finding in explanation.findings:
+        for rival in finding.rivals:
+            records.append(_describe_rival(rival, finding.effect, explanation.problem))
+    return records
+
+
+def _describe_rival(rival: Rival, effect: Law, problem: Problem) -> EffectRecord:
+    """Describe an effect that may stand for another one."""
+    evidence = RivalEvidence(rival.behind, instead_of=effect.id.split("~")[0])
+    return _describe_effect(rival.effect, rival.fitted, evidence, problem)
+
+
+def _describe_effect(
+    effect: Law, fitted: Fit, evidence: FindingEvidence | RivalEvidence, problem: Problem
+) -> EffectRecord:
+    """Describe an effect with its fitted parameters and their 95 % intervals."""
+    return EffectRecord(
+        id=effect.id.split("~")[0],
+        variant=effect.id,
+        slot=effect.slot,
+        covariate=effect.covariate,
+        form=effect.form,
+        parameters=_describe_parameters(effect, fitted, problem),
+        evidence=evidence,
+    )
+
+
+def _describe_parameters(effect: Law, fitted: Fit, problem: Problem) -> dict[str, Estimate]:
+    """Give the fitted parameters of an effect with their 95 % intervals."""
+    values, std = effect.pick_own_values(fitted.values), effect.pick_own_values(fitted.std)
+    scale, slope_unit = 1.0, ""
+    if effect.id.startswith("trend_"):
+        # the law has its slope per half range
+        ranges = {where.name: where for where in list_covariate_ranges(problem.trials)}
+        scale, slope_unit = find_slope_unit(ranges[effect.covariate])
+    estimates = {}
+    for p in effect.parameters:
+        unit = slope_unit or p.unit
+        estimates[p.name] = _estimate_interval(scale * values[p.name], unit, scale * std[p.name])
+    for name in effect.steps:
+        column = find_column(problem.trials, fitted.predicted, effect.covariate)
+        low, high = bound_jump_place(problem, fitted, effect, name, column)
+        # a place on a scale of degrees is no difference of temperatures
+        unit = find_unit(effect.covariate).strip("()").replace("K", "°C")
+        estimates[name] = replace(estimates[name], low=low, high=high, unit=unit)
+    return estimates
+
+
+def _describe_hint(hint: Hint, table: SessionTable) -> HintRecord:
+    """Describe a difference that no column describes, with the names of its trials."""
+    groups = []
+    for rows in hint.clusters:
+        groups.append([str(table.names[row]) for row in rows])
+    return HintRecord(
+        kind=str(hint.kind),
+        quantity=hint.quantity,
+        p_value=hint.p_value,
+        text=hint.sentence,
+        said=hint.sentence,
+        groups=groups,
+        heaps=groups,
+    )
+
+
+def _list_general_laws(trials: Trials, *, with_imitated: bool = False) -> list[Law]:
+    """List the named laws that may be asked of a table, but for those of single blocks."""
+    laws = list_candidates(trials, list_covariate_ranges(trials), with_imitated)
+    return [law for law in laws if law.named and law.covariate != "block"]
+
+
+def _list_detectable(explanation: Explanation) -> list[DetectableEffect]:
+    """List the smallest effect of each slot that the last gate lets through nine times in ten."""
+    laws = _list_general_laws(explanation.problem.trials)
+    sizes = compute_detectable(explanation.problem, explanation.extended, laws, explanation.needed)
+    by_slot: dict[str, DetectableEffect] = {}
+    for law in laws:
+        size = sizes.get(law.id, np.nan)
+        if law.slot in by_slot or not np.isfinite(size):
+            continue
+        (amplitude,) = (p for p in law.parameters if p.name in law.amplitudes)
+        text = law.id.replace("_", " ")
+        by_slot[law.slot] = DetectableEffect(
+            id=law.id,
+            slot=law.slot,
+            covariate=law.covariate,
+            parameter=amplitude.name,
+            value=size,
+            unit=amplitude.unit,
+            text=text,
+            said=text,
+        )
+    return list(by_slot.values())
+
+
+def _list_apart(table: SessionTable, explanation: Explanation) -> list[ApartTrial]:
+    """List the trials that went wrong, with the chance that they did and what they look like."""
+    measured = np.isfinite(table.measured[:, JUDGED])
+    outlying = measured & np.isnan(table.trials.values[:, JUDGED])
+    chances = dict.fromkeys(np.flatnonzero(outlying.any(axis=1)).tolist(), 1.0)
+    for trial in explanation.apart:
+        chances[trial.row] = trial.chance
+    records = []
+    for row, chance in sorted(chances.items()):
+        looks_like = describe_trial(explanation, table.measured, row)
+        records.append(ApartTrial(str(table.names[row]), chance, looks_like))
+    return records
+
+
+def _list_censored(table: SessionTable, explanation: Explanation) -> CensoredTrials:
+    """List trials whose peak is known as a bound alone, and those predicted plainly below it."""
+    trials, fitted = table.trials, explanation.extended
+    bound = np.full(len(trials), np.nan)
+    if trials.floor is not None:
+        bound = trials.floor[:, PEAK_FORCE]
+    bounded = np.isfinite(bound)
+    scatter = explanation.problem.noise.scatter
+    responses = table.model.responses(trials, fitted.values, fitted.active)[:, PEAK_FORCE]
+    spread = np.sqrt(scatter.channels[PEAK_FORCE] + responses**2 @ scatter.quantities)
+    below = bounded & (fitted.predicted[:, PEAK_FORCE] < bound - _BELOW_BOUND * spread)
+    return CensoredTrials(table.names[bounded].tolist(), table.names[below].tolist())
+
+
+def _describe_adequacy(
+    explanation: Explanation, rules: Rules, pure_error: Mapping[str, ReplicateTest]
+) -> AdequacyRecord:
+    """Say whether the extended model is enough, and by which tests."""
+    by_p_value = sorted(explanation.checks, key=lambda check: check.p_value)
+    checks = [ResidualCheckRecord(*check) for check in by_p_value[:_MOST_CHECKS]]
+    return AdequacyRecord(
+        adequate=explanation.adequate and explanation.last_gate_p > rules.alpha,
+        last_gate_p_value=explanation.last_gate_p,
+        gate_level=rules.alpha,
+        pure_error=pure_error,
+        residual_against_covariates=checks,
+    )
+
+
+def _describe_identifiability(explanation: Explanation) -> IdentifiabilityRecord:
+    """Say what the design, and what the equations, cannot tell apart."""
+    laws = _list_general_laws(explanation.problem.trials, with_imitated=True)
+    found = compare_directions(explanation.problem, explanation.nominal, laws)
+    return IdentifiabilityRecord(**asdict(found), by_the_equations=_BY_THE_EQUATIONS)
+
+
+def _describe_scans(scans: Scans) -> ScansRecord:
+    """Give what the scans showed, with the mean edge radius weighed by its uncertainty."""
+    blocks = {block: dict(scan) for block, scan in scans.items()}
+    edges = pd.DataFrame(
+        [*scans.values()], columns=["edge_radius_m", "edge_radius_std_m"], dtype=np.float64
+    )
+    radius, std = edges[np.isfinite(edges).all(axis=1)].to_numpy().T
+    if not radius.size:
+        return ScansRecord(blocks)
+    weights = np.maximum(std, _LEAST_RADIUS_STD) ** -2.0
+    return ScansRecord(blocks, mean_edge_radius_m=float(np.average(radius, weights=weights)))

@@ -1,0 +1,107 @@
+"""Covariates, units and figures as people read them."""
+
+import math
+
+import numpy as np
+
+from stepblocks.quantities import format_column_label
+from stepblocks.rig.effects.smooth import CovariateRange
+from stepblocks.rig.forward import PEAK_FORCE, SPEED_OVER_LOAD, TOGETHER
+
+# factor and unit in which people read a parameter, by the unit that the parameter has
+_READABLE_UNITS = {
+    "m": (1e6, "µm"),
+    "N": (1e3, "mN"),
+    "s": (1e3, "ms"),
+    "m/s": (1e3, "mm/s"),
+    "rad": (1e3, "mrad"),
+    "N/m": (1e-3, "N/mm"),
+}
+_LARGEST_READABLE = 1e3  # figure from which the plain unit is used
+# units of differences along a covariate by the end of its name, the longest first
+_COVARIATE_UNITS = {
+    "_mm_s": "(mm/s)",
+    "run_order": "trial",
+    "_pct": "%",
+    "_um": "um",
+    "_c": "K",
+    "_n": "N",
+    "_s": "s",
+}
+_COVARIATES = {
+    "height_um": "the height",
+    "load_n": "the load",
+    "speed_mm_s": "the speed",
+    "run_order": "the order of the run",
+    "temperature_c": "the temperature",
+    "humidity_pct": "the humidity",
+    "previous_load_n": "the load of the trial before",
+    "previous_height_um": "the height of the step before",
+    "passes_of_block": "the passes over a block",
+    "pause_s": "the pause before a trial",
+    "trials_since_rest": "the trials since a rest",
+    PEAK_FORCE: "the peak force",
+    SPEED_OVER_LOAD: "speed over load",
+    "none": "nothing that is set",
+    "block": "the block",
+}
+
+
+def describe_covariate(name: str) -> str:
+    """Name what an effect follows; a column that only this session has keeps its own name."""
+    parts = [_describe_single_covariate(part) for part in name.split(TOGETHER)]
+    return " times ".join(parts)
+
+
+def _describe_single_covariate(name: str) -> str:
+    """Name one covariate in words, without its unit."""
+    if name in _COVARIATES:
+        return _COVARIATES[name]
+    return format_column_label(name).partition(",")[0]
+
+
+def format_value(value: float, unit: str, reach: float = 0.0) -> str:
+    """Write a figure of a parameter in the unit in which people read it.
+
+    Parameters
+    ----------
+    value : float
+    unit : str
+        Unit of `value`.
+    reach : float
+        Half width of its interval. The figure has the decimals that give this two digits, or three
+        digits where it is zero.
+    """
+    plain_unit = "" if unit == "1" else unit
+    factor, shown_unit = _READABLE_UNITS.get(unit, (1.0, plain_unit))
+    if unit in _READABLE_UNITS and abs(value * factor) >= _LARGEST_READABLE:
+        factor, shown_unit = 1.0, unit
+    text = f"{value * factor:.3g}"
+    if reach > 0.0:
+        decimals = 1 - math.floor(math.log10(reach * factor))
+        # adding zero takes the sign from a figure that is rounded to zero
+        rounded = round(value * factor, decimals) + 0.0
+        text = f"{rounded:.{max(decimals, 0)}f}"
+    return f"{text} {shown_unit}".rstrip()
+
+
+def find_unit(covariate: str) -> str:
+    """Return the unit of differences along a covariate; its name where none is known."""
+    for ending, unit in _COVARIATE_UNITS.items():
+        if covariate.endswith(ending):
+            return unit
+    return covariate
+
+
+def find_slope_unit(where: CovariateRange) -> tuple[float, str]:
+    """Find the factor from a slope per half range to a slope per unit, and the unit of the latter.
+
+    For a pair of covariates both are products.
+    """
+    if where.pair:
+        first_factor, first_unit = find_slope_unit(where.pair[0])
+        second_factor, second_unit = find_slope_unit(where.pair[1])
+        return first_factor * second_factor, f"{first_unit} {second_unit}"
+    if where.log:
+        return 2.0 / float(np.log(where.high / where.low)), f"1/ln {where.name}"
+    return 2.0 / (where.high - where.low), f"1/{find_unit(where.name)}"
