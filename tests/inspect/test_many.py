@@ -9,13 +9,11 @@ import pytest
 from oracles.softgauge import correlated_noise, edge_gauge
 from stepblocks.cli import main
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.budget import Instrument, Outcome
-from stepblocks.inspect.many import (
-    estimate_repeatability,
-    inspect_many,
-    write_many,
-)
-from stepblocks.inspect.measure import EvaluationOptions
+from stepblocks.inspect.budget import Instrument
+from stepblocks.inspect.conformity import Outcome
+from stepblocks.inspect.evaluation import EvaluationOptions
+from stepblocks.inspect.many import inspect_many, write_many
+from stepblocks.inspect.repeatability import estimate_repeatability
 
 X = np.arange(-400, 400) * 1e-6
 OPTICAL = EvaluationOptions(stylus_radius=0.0, stylus_cone=0.0)

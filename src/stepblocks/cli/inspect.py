@@ -247,9 +247,9 @@ def inspect(
     Evaluates a profile or height map and judges it by ISO 14253-1. Exit codes: 0 conforms, 1 does
     not conform, 2 cannot be read or evaluated, 3 not proven or not all measured.
     """
+    from stepblocks.inspect.evaluation import EvaluationOptions
     from stepblocks.inspect.levelling import LEVELS
-    from stepblocks.inspect.many import is_table
-    from stepblocks.inspect.measure import EvaluationOptions
+    from stepblocks.inspect.scan_list import is_table
     from stepblocks.records.laboratory import read_laboratory
 
     refuse_both(stimulus=stimulus, standard=standard)
