@@ -104,13 +104,14 @@ class _Plot:
     @property
     def highest(self) -> float:
         """Highest height of the picture [m]."""
-        return min(_MARGIN * self.heights[-1], self.radius)
+        return min(_MARGIN * float(self.heights[-1]), self.radius)
 
     def draw_angle(self) -> Curve:
         """Draw the critical angle [deg], which exists up to the radius of the tip."""
 
         def compute_degrees(height: Array) -> Array:
-            return np.degrees(kernels.compute_angle_on_step(height, self.radius))
+            degrees: Array = np.degrees(kernels.compute_angle_on_step(height, self.radius))
+            return degrees
 
         return self._draw("critical angle", self.radius, compute_degrees)
 

@@ -173,7 +173,7 @@ def _list_built_files(sections: Sequence[Section]) -> Iterator[str]:
 
 
 def _show_section(section: Section, links: Mapping[str, Sequence[Link]]) -> _ShownSection:
-    """Collect what the page shows of a set."""
+    """Collect what the page shows of a set; `links` stand by ``set/id``."""
     stimuli = section.stimuli
     parts = {part.id: part for part in stimuli.stimuli}
     rows = []
@@ -181,25 +181,8 @@ def _show_section(section: Section, links: Mapping[str, Sequence[Link]]) -> _Sho
         predictions = [
             prediction for prediction in section.predictions if prediction.stimulus == identity
         ]
-        folder = f"{stimuli.name}/{identity}"
-        part = parts.get(identity)
-        rows.append(
-            _Row(
-                id=identity,
-                set=stimuli.name,
-                folder=folder,
-                links=links.get(folder, []),
-                files=[name for name in record.outputs if Path(name).suffix in _LINKED_ENDINGS],
-                predictions=[tabulate_prediction(prediction) for prediction in predictions],
-                summary=list(summarise(predictions)),
-                material=part.material.designation if part else "",
-                colour=_choose_colour(part),
-                kind=record.kind,
-                dimensions=record.dimensions,
-                derived=record.derived,
-                verdicts=record.verdicts,
-            )
-        )
+        linked = links.get(f"{stimuli.name}/{identity}", [])
+        rows.append(_show_row(stimuli.name, parts[identity], record, predictions, linked))
     curves = compute_curves(stimuli)
     return _ShownSection(
         name=stimuli.name,
@@ -211,10 +194,30 @@ def _show_section(section: Section, links: Mapping[str, Sequence[Link]]) -> _Sho
     )
 
 
-def _choose_colour(part: Part | None) -> str:
-    if part is None:
-        return _COLOUR
-    return _COLOUR_BY_MATERIAL.get(part.material.name, _COLOUR)
+def _show_row(
+    set_name: str,
+    part: Part,
+    record: StimulusRecord,
+    predictions: Sequence[Prediction],
+    links: Sequence[Link],
+) -> _Row:
+    """Collect what the page shows of one stimulus."""
+    material = part.material
+    return _Row(
+        id=part.id,
+        set=set_name,
+        folder=f"{set_name}/{part.id}",
+        links=links,
+        files=[name for name in record.outputs if Path(name).suffix in _LINKED_ENDINGS],
+        predictions=[tabulate_prediction(prediction) for prediction in predictions],
+        summary=list(summarise(predictions)),
+        material=material.designation,
+        colour=_COLOUR_BY_MATERIAL.get(material.name, _COLOUR),
+        kind=record.kind,
+        dimensions=record.dimensions,
+        derived=record.derived,
+        verdicts=record.verdicts,
+    )
 
 
 def summarise(predictions: Sequence[Prediction]) -> Iterator[str]:

@@ -10,7 +10,7 @@ from contextlib import closing
 from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias, cast
 
 from stepblocks import __version__
 from stepblocks.build.fingerprint import compute_code_fingerprint, describe_environment
@@ -169,14 +169,9 @@ def _find_sources(
     files: "Source | Sequence[Source] | None",
 ) -> "dict[str, Path | StimulusSet]":
     """Find stimulus files and declared sets by the names of their sets."""
-    stated: Sequence[Source] = ()
-    if isinstance(files, list | tuple):
-        stated = files
-    elif files is not None:
-        stated = (files,)
     paths: list[str | Path] = []
     sources: list[Path | StimulusSet] = []
-    for source in stated:
+    for source in _list_sources(files):
         if isinstance(source, str | Path):
             paths.append(source)
         else:
@@ -187,6 +182,15 @@ def _find_sources(
     if len(by_name) != len(sources):
         raise PipelineError(f"sets must have different names, got {', '.join(sorted(by_name))}")
     return by_name
+
+
+def _list_sources(files: "Source | Sequence[Source] | None") -> "list[Source]":
+    """List what a user states as one source, as several, or not at all."""
+    if files is None:
+        return []
+    if isinstance(files, list | tuple):
+        return list(files)
+    return [cast("Source", files)]
 
 
 def _name_set(source: "Path | StimulusSet") -> str:
