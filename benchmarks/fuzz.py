@@ -127,7 +127,7 @@ def _texts(work: Path) -> Iterator[Kind]:
     import json
 
     from oracles.learned import make_learned_model
-    from stepblocks.build.manifest import load_json, load_record, write_sealed
+    from stepblocks.build.manifest import load_record, load_sealed, write_sealed
     from stepblocks.declaration.read import load_set
     from stepblocks.haptics.devices import load_devices
     from stepblocks.predict.sweep.read import load_sweep
@@ -193,7 +193,7 @@ def _texts(work: Path) -> Iterator[Kind]:
     )
 
     def records(path: Path) -> object:
-        return load_record(path.parent), load_json(path)
+        return load_record(path.parent), load_sealed(path)
 
     yield "records", ([("record.json", (work / "record.json").read_bytes())], records)
 

@@ -2,10 +2,10 @@ from .artefacts.check import check_artefact as check_artefact
 from .artefacts.heightfield import sample_height_field as sample_height_field
 from .artefacts.step.check_step import check_step as check_step
 from .bench.measure import measure_session as measure_session
+from .build.check import check_output as check_output
 from .build.run import (
     BuildReport as BuildReport,
     build_sets as build_sets,
-    check_output as check_output,
 )
 from .contact.counterface import (
     Counterface as Counterface,

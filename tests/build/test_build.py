@@ -291,13 +291,17 @@ CHOSEN = """
 import sys
 from pathlib import Path
 from stepblocks import build_sets
-from stepblocks.build.make import build_stimuli
+from stepblocks.build.make import OutdatedStimulus, build_stimuli
 from stepblocks.declaration.read import load_set
 
 output, *files = map(Path, sys.argv[1:])
 chosen = {"hook-125", "tip-125", "crown-shoulder", "gap-020-lip"}
-every = [(one.name, part, "", one.order) for one in map(load_set, files) for part in one.stimuli]
-parts = [one for one in every if one[1].id in chosen]
+every = [
+    OutdatedStimulus(one.name, part, "", one.order)
+    for one in map(load_set, files)
+    for part in one.stimuli
+]
+parts = [one for one in every if one.part.id in chosen]
 assert len(list(build_stimuli(parts, output, 1))) == len(chosen)
 build_sets(files, output, only="step-010", jobs=1)  # with tables and page of all of them
 """

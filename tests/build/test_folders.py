@@ -10,21 +10,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stepblocks.build import manifest as manifests, page as pages, run as building
+from stepblocks.build import fingerprint, page as pages, run as building
+from stepblocks.build.check import check_output
+from stepblocks.build.linked import find_linked_files
 from stepblocks.build.manifest import (
     MANIFEST,
     RECORD,
     are_intact,
-    find_linked_files,
     find_unchanged,
     hash_bytes,
     hash_file,
-    list_outputs,
-    load_json,
+    load_manifest,
     load_record,
+    load_sealed,
     write_sealed,
 )
-from stepblocks.build.run import BuildReport, build_sets, check_output
+from stepblocks.build.run import BuildReport, build_sets
 from stepblocks.cli import main
 from stepblocks.errors import PipelineError
 from stepblocks.files.atomic import lock_folder, make_draft_folder, resolve_inside
@@ -90,15 +91,15 @@ def test_a_list_of_files_is_intact_when_all_are_there_as_written(tmp_path):
 @pytest.mark.parametrize("content", ["", "{", "[1]", '{"outputs": [1]}', '{"outputs": "x"}'])
 def test_a_record_that_is_none_lists_no_files(content, tmp_path):
     (tmp_path / RECORD).write_text(content)
-    assert list_outputs(load_json(tmp_path / RECORD)) == {}
-    assert load_json(tmp_path / "none.json") == {}
+    assert load_record(tmp_path) is None
+    assert load_manifest(tmp_path) is None
 
 
 def test_the_fingerprint_hangs_on_code_and_libraries(monkeypatch):
-    before = manifests.compute_code_fingerprint()
-    assert manifests.compute_code_fingerprint() == before
-    monkeypatch.setattr(manifests, "version", lambda name: "0.0")
-    assert manifests.compute_code_fingerprint() != before
+    before = fingerprint.compute_code_fingerprint()
+    assert fingerprint.compute_code_fingerprint() == before
+    monkeypatch.setattr(fingerprint, "version", lambda name: "0.0")
+    assert fingerprint.compute_code_fingerprint() != before
 
 
 @pytest.mark.parametrize("place", ["absolute", "parent"])
@@ -107,13 +108,13 @@ def test_a_manifest_that_names_a_file_outside_does_not_delete_it(place, copy, tm
     victim.parent.mkdir()
     victim.write_text("mine")
     name = str(victim) if place == "absolute" else "../precious/notes.txt"
-    content = load_json(copy / "manifest.json")
+    content = load_sealed(copy / "manifest.json")
     content["outputs"][name] = hash_file(victim)
     content["code"] = "an older one"
     write_sealed(copy / "manifest.json", content)
     build_sets(SHEATHS, copy, jobs=1)
     assert victim.read_text() == "mine"
-    assert name not in list_outputs(load_json(copy / "manifest.json"))
+    assert name not in load_manifest(copy).outputs
 
 
 @pytest.mark.parametrize("place", ["absolute", "parent"])
@@ -121,7 +122,7 @@ def test_a_record_that_names_a_file_outside_does_not_delete_it(place, copy, tmp_
     victim = tmp_path / "out" / "mine.txt"
     victim.write_text("mine")
     path = copy / "sheaths" / "sheath-soft" / RECORD
-    content = load_json(path)
+    content = load_sealed(path)
     content["outputs"][str(victim) if place == "absolute" else "../../mine.txt"] = hash_file(victim)
     write_sealed(path, content)
     report = build_sets(SHEATHS, copy, jobs=1)
@@ -137,16 +138,16 @@ def test_a_manifest_that_was_altered_by_hand_is_made_again(lost, copy):
     content = json.loads(whole)
     del content[lost]
     path.write_text(json.dumps(content))
-    assert load_json(path) == {}
+    assert load_manifest(copy) is None
     assert build_sets(SHEATHS, copy, jobs=1).current == 2
     assert path.read_text() == whole
 
 
 def test_the_manifest_says_with_what_it_was_made(copy):
-    made = load_json(copy / "manifest.json")["made_with"]
-    assert made["python"] == ".".join(map(str, sys.version_info[:3]))
-    assert made["platform"].startswith("Linux ")
-    assert made["libraries"]["numpy"] == np.__version__
+    made = load_manifest(copy).made_with
+    assert made.python == ".".join(map(str, sys.version_info[:3]))
+    assert made.platform.startswith("Linux ")
+    assert made.libraries["numpy"] == np.__version__
 
 
 def test_a_second_run_into_the_same_folder_is_refused_and_writes_nothing(tmp_path, capsys):
@@ -206,7 +207,7 @@ def test_check_predicts_a_table_again_and_does_not_ask_the_manifest_alone(copy):
     at = rows[0].index("vibration_energy_uj")
     rows[2][at] = str(1.001 * float(rows[2][at]))
     table.write_text("\n".join(map(",".join, rows)) + "\n")
-    content = load_json(manifest)
+    content = load_sealed(manifest)
     content["outputs"]["sheaths/predictions.csv"] = hash_file(table)
     write_sealed(manifest, content)  # as if a program that errs had written both
     verdicts = dict(check_output(SHEATHS, copy))["sheaths/predictions.csv"]
@@ -233,7 +234,7 @@ def test_a_record_that_has_lost_a_part_counts_as_not_built(lost, copy):
     content = json.loads(path.read_text())
     del content[lost]
     path.write_text(json.dumps(content))
-    assert load_record(path.parent) == {}
+    assert load_record(path.parent) is None
     # the other is left out of the page
     assert build_sets(SHEATHS, copy, only="sheath-hard", jobs=1).built == []
     assert "sheath-soft.step" not in (copy / "index.html").read_text()

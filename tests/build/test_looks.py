@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 
 from stepblocks.build import picture
-from stepblocks.build.page import Section, _compute_curves, _summarise, write_page
+from stepblocks.build.curves import compute_curves
+from stepblocks.build.manifest import StimulusRecord
+from stepblocks.build.page import Section, summarise, write_page
 from stepblocks.build.picture import draw_part, exaggerate_heights, write_view_script
 from stepblocks.contact.energy import Status
 from stepblocks.declaration.read import load_set
@@ -82,7 +84,7 @@ def blocks(request):
 
 
 def test_the_curves_are_equations_1_and_2_of_the_paper(blocks):
-    figure = json.loads(_compute_curves(blocks))
+    figure = json.loads(compute_curves(blocks).as_json())
     grid = blocks.prediction
     radius, load, stiffness = grid.tip_radii[0], max(grid.normal_loads), grid.tool.stiffness
     by_name = {one["name"]: dict(zip("xy", one["curve"], strict=True)) for one in figure["curves"]}
@@ -104,7 +106,7 @@ def test_the_curves_are_equations_1_and_2_of_the_paper(blocks):
 
 
 def test_no_curve_or_mark_goes_on_where_the_tip_locks(blocks):
-    figure = json.loads(_compute_curves(blocks))
+    figure = json.loads(compute_curves(blocks).as_json())
     radius = blocks.prediction.tip_radii[0]
     locking = [radius * (1.0 - math.sin(math.atan(mu))) * 1e6 for mu in blocks.prediction.frictions]
     for one, limit in zip(figure["curves"][1:], locking, strict=True):
@@ -120,7 +122,7 @@ def test_no_curve_or_mark_goes_on_where_the_tip_locks(blocks):
 
 
 def test_a_set_without_blocks_has_no_curves(request):
-    assert _compute_curves(load_set(request.config.rootpath / "stimuli" / "sheaths.toml")) is None
+    assert compute_curves(load_set(request.config.rootpath / "stimuli" / "sheaths.toml")) is None
 
 
 def release(status, force=0.0, energy=0.0):
@@ -131,12 +133,12 @@ def release(status, force=0.0, energy=0.0):
 def test_the_summary_says_what_is_felt_and_what_is_not():
     felt = [release(Status.RELEASES, 0.5, 1e-6), release(Status.RELEASES, 2.0, 30e-6)]
     locked, flat = release(Status.LOCKED), release(Status.NO_CATCH)
-    assert list(_summarise(felt)) == ["up: 0.5 to 2 N, 1 to 30 µJ"]
-    assert list(_summarise([*felt, locked, locked])) == [
+    assert list(summarise(felt)) == ["up: 0.5 to 2 N, 1 to 30 µJ"]
+    assert list(summarise([*felt, locked, locked])) == [
         "up: 0.5 to 2 N, 1 to 30 µJ; locked in 2 of 4"
     ]
-    assert list(_summarise([locked, flat])) == ["up: locked in 1 of 2; no catch in 1 of 2"]
-    assert list(_summarise([])) == []
+    assert list(summarise([locked, flat])) == ["up: locked in 1 of 2; no catch in 1 of 2"]
+    assert list(summarise([])) == []
 
 
 def test_the_page_opens_with_the_steps_of_the_paper_and_else_keeps_the_order_of_the_user(
@@ -160,8 +162,9 @@ def test_the_page_links_what_other_commands_left_and_nothing_else(blocks, tmp_pa
         "dimensions": [["height", "10 um"]],
         "derived": [],
         "verdicts": [],
+        "outputs": {"a.step": ""},
     }
-    sections = [Section(blocks, (), {"step-010": record | {"outputs": {"a.step": ""}}})]
+    sections = [Section(blocks, (), {"step-010": StimulusRecord.from_json(record)})]
     assert "evidence.html" not in write_page(sections, tmp_path)[1].read_text()
     for name in (
         "evidence/evidence.html",
@@ -184,7 +187,9 @@ def test_the_page_escapes_what_a_file_says_and_shows_what_failed(blocks, tmp_pat
         "outputs": {"step-010.step": "", "step-010.png": "", "view.js": ""},
     }
     named = blocks.model_copy(update={"title": "Ten <b>blocks</b>"})
-    script, page = write_page([Section(named, (), {"step-010": record})], tmp_path)
+    script, page = write_page(
+        [Section(named, (), {"step-010": StimulusRecord.from_json(record)})], tmp_path
+    )
     text = page.read_text()
     assert "Ten &lt;b&gt;blocks&lt;/b&gt;" in text
     assert "&lt;volume&gt; &amp; more" in text

@@ -31,7 +31,7 @@ class _Axis:
 
     def list_positions(self, count: int) -> Heights:
         """List the positions of so many samples [m]."""
-        return self.origin + self.spacing * np.arange(count)
+        return np.asarray(self.origin + self.spacing * np.arange(count), dtype=np.float64)
 
 
 @dataclass(frozen=True)

@@ -2,18 +2,19 @@
 
 import json
 import time
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeAlias
 
 from stepblocks.artefacts.meshes.write import MESH_FORMATS, write_pieces
 from stepblocks.build.manifest import (
     RECORD,
+    NamedText,
+    RecordedVerdict,
+    StimulusRecord,
     find_unchanged,
     hash_file,
-    list_outputs,
-    load_json,
+    load_record,
     write_sealed,
 )
 from stepblocks.compute.cores import count_cores
@@ -22,74 +23,101 @@ from stepblocks.files.atomic import make_draft_folder, move_into_place, sync_fol
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.kind import Part
 
-# set, stimulus, hash of its inputs, and the order that its STEP file states
-OutdatedStimulus: TypeAlias = tuple[str, Part, str, OrderSpec]
+
+@dataclass(frozen=True)
+class OutdatedStimulus:
+    """A stimulus to build.
+
+    Attributes
+    ----------
+    set_name : str
+        Its set.
+    part : Part
+        The stimulus.
+    key : str
+        Hash of its inputs.
+    order : OrderSpec
+        The order that its STEP file states.
+    """
+
+    set_name: str
+    part: Part
+    key: str
+    order: OrderSpec
+
+    @property
+    def name(self) -> str:
+        """Set and id, ``"set/id"``."""
+        return f"{self.set_name}/{self.part.id}"
 
 
 @dataclass(frozen=True)
 class BuiltStimulus:
-    """What became of one stimulus."""
+    """What became of one stimulus: its name ``"set/id"``, and the time it took [s]."""
 
-    name: str  # ``"set/id"``
-    seconds: float  # time it took [s]
+    name: str
+    seconds: float
 
 
 def build_stimuli(
     outdated: Sequence[OutdatedStimulus], output: Path, jobs: int | None
 ) -> Generator[BuiltStimulus]:
     """Make stimuli in as many processes as there are cores; give each when it is ready."""
+    processes = jobs or count_cores()
+    calls = [(output, stimulus) for stimulus in outdated]
     return run_in_processes(
-        build_stimulus,
-        ((output, *one) for one in outdated),
-        min(jobs or count_cores(), max(len(outdated), 1)),
-        in_order=False,
+        build_stimulus, calls, min(processes, max(len(calls), 1)), in_order=False
     )
 
 
 def list_checkable_files(stimulus: Part, folder: Path) -> list[Path]:
     """List the artefacts of a stimulus that can be checked."""
-    fields = ("heightfield.tiff", "heightfield.npz") if stimulus.has_working_faces else ()
-    names = (
-        f"{stimulus.id}.step",
-        *(body + ending for body in stimulus.bodies for ending in MESH_FORMATS),
-        *(f"{stimulus.id}.{ending}" for ending in ("convex.obj", *fields, "png")),
-        "specification.json",
-    )
+    names = [f"{stimulus.id}.step"]
+    for body in stimulus.bodies:
+        names += [body + ending for ending in MESH_FORMATS]
+    names.append(f"{stimulus.id}.convex.obj")
+    if stimulus.has_working_faces:
+        names += [f"{stimulus.id}.heightfield.tiff", f"{stimulus.id}.heightfield.npz"]
+    names += [f"{stimulus.id}.png", "specification.json"]
     return [folder / name for name in names]
 
 
-def build_stimulus(
-    output: Path, set_name: str, stimulus: Part, key: str, order: OrderSpec
-) -> BuiltStimulus:
+def build_stimulus(output: Path, outdated: OutdatedStimulus) -> BuiltStimulus:
     """Build, write, read back and measure one stimulus."""
+    started = time.perf_counter()
+    part = outdated.part
+    with make_draft_folder(output / f"{outdated.set_name}-{part.id}") as draft:
+        _write_artefacts(part, draft, outdated.order)
+        record = _make_record(part, outdated.key, draft)
+        sync_folder(draft)
+        _replace_files(draft, output / outdated.set_name / part.id, record)
+    return BuiltStimulus(outdated.name, time.perf_counter() - started)
+
+
+def _make_record(part: Part, key: str, draft: Path) -> StimulusRecord:
+    """Hash and check the artefacts in a draft folder."""
     from stepblocks.artefacts.check import check_artefact
 
-    started = time.perf_counter()
-    with make_draft_folder(output / f"{set_name}-{stimulus.id}") as workshop:
-        _write_artefacts(stimulus, workshop, order)
-        paths = list_checkable_files(stimulus, workshop)
-        # of all that was asked for: what somebody removes meanwhile is missed and not left out
-        outputs = {path.name: hash_file(path) for path in sorted({*paths, *workshop.iterdir()})}
-        record = {
-            "schema": 1,
-            "key": key,
-            "stimulus": stimulus.id,
-            "kind": stimulus.kind_name,
-            "dimensions": [[name, str(value)] for name, value in stimulus.dimensions()],
-            "derived": stimulus.derived(),
-            "verdicts": [
-                verdict.as_record() | {"text": str(verdict)}
-                for path in paths
-                for verdict in check_artefact(stimulus, path)
-            ],
-            "outputs": outputs,
-        }
-        sync_folder(workshop)
-        _replace_files(workshop, output / set_name / stimulus.id, record)
-    return BuiltStimulus(f"{set_name}/{stimulus.id}", time.perf_counter() - started)
+    paths = list_checkable_files(part, draft)
+    # of all that was asked for: what somebody removes meanwhile is missed and not left out
+    outputs = {path.name: hash_file(path) for path in sorted({*paths, *draft.iterdir()})}
+    verdicts = []
+    for path in paths:
+        for verdict in check_artefact(part, path):
+            verdicts.append(RecordedVerdict(str(verdict), verdict.passed, verdict.as_record()))
+    return StimulusRecord(
+        key=key,
+        stimulus=part.id,
+        kind=part.kind_name,
+        dimensions=[NamedText(name, str(value)) for name, value in part.dimensions()],
+        derived=[NamedText(*entry) for entry in part.derived()],
+        verdicts=verdicts,
+        outputs=outputs,
+    )
 
 
 def _write_artefacts(stimulus: Part, folder: Path, order: OrderSpec) -> None:
+    """Write every file of a stimulus into a folder."""
     from stepblocks.artefacts.heightfield import write_height_field
     from stepblocks.artefacts.step.write import write_step_ap242
     from stepblocks.build.picture import draw_part, write_view_script
@@ -105,20 +133,23 @@ def _write_artefacts(stimulus: Part, folder: Path, order: OrderSpec) -> None:
     if stimulus.has_working_faces:
         write_height_field(folder / f"{stimulus.id}.heightfield", stimulus)
     arrays = [(mesh.vertices, mesh.triangles) for mesh in meshes]
-    draw_part(folder / f"{stimulus.id}.png", arrays, *stimulus.choose_close_up())
-    write_view_script(folder / "view.js", stimulus.id, arrays, *stimulus.choose_close_up())
+    exaggeration, half_width, centre = stimulus.choose_close_up()
+    draw_part(folder / f"{stimulus.id}.png", arrays, exaggeration, half_width, centre)
+    write_view_script(folder / "view.js", stimulus.id, arrays, exaggeration, half_width, centre)
     specification = json.dumps({"schema": 1, **stimulus.record()}, indent=2, allow_nan=False)
     (folder / "specification.json").write_text(specification + "\n", encoding="utf-8", newline="\n")
 
 
-def _replace_files(draft: Path, folder: Path, record: Mapping[str, object]) -> None:
-    # Replace a stimulus's files one by one; files that this program did not write stay
+def _replace_files(draft: Path, folder: Path, record: StimulusRecord) -> None:
+    """Replace a stimulus's files one by one; files that this program did not write stay."""
     folder.mkdir(parents=True, exist_ok=True)
-    outputs, before = list_outputs(record), list_outputs(load_json(folder / RECORD))
+    replaced = load_record(folder)
     (folder / RECORD).unlink(missing_ok=True)
-    for name in outputs:
+    for name in record.outputs:
         move_into_place(draft / name, folder / name)
-    for name in set(before) - set(outputs):
-        if (left := find_unchanged(folder, name, before[name])) is not None:
-            left.unlink()
-    write_sealed(folder / RECORD, record)
+    if replaced is not None:
+        for name in set(replaced.outputs) - set(record.outputs):
+            stale = find_unchanged(folder, name, replaced.outputs[name])
+            if stale is not None:
+                stale.unlink()
+    write_sealed(folder / RECORD, record.as_json())

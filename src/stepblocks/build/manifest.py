@@ -1,63 +1,189 @@
-"""Hashes of inputs, code and outputs of a build.
+"""The documents of a build: what was made of which inputs, with hashes of every file.
 
 Uses the standard library only, so that an up-to-date build costs nothing.
 """
 
 import hashlib
 import json
-import platform
-from collections.abc import Iterable, Mapping
-from contextlib import suppress
-from importlib.metadata import PackageNotFoundError, version
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any, NamedTuple
 
-import stepblocks
+from stepblocks.build.fingerprint import Environment
 from stepblocks.files.atomic import replace_text, resolve_inside
-from stepblocks.files.text import Document, measure_file_size
+from stepblocks.files.text import measure_file_size
 
 MANIFEST = "manifest.json"  # in the output folder
 RECORD = "record.json"  # in the folder of each stimulus
+MODEL_INPUT = "--model"  # stands among the inputs for the model of a session
 
+_SCHEMA = 1
 _MOST_BYTES = 500_000_000  # of a manifest
 
-# libraries whose version can change a byte that is written
-_SHAPING = (
-    "cadquery",
-    "cadquery-ocp",
-    "jinja2",
-    "manifold3d",
-    "matplotlib",
-    "numpy",
-    "plotly",
-    "pyvista",
-    "shapely",
-    "tifffile",
-    "trimesh",
-    "vtk",
-)
 
-# what other commands leave beside a build: title, and where; {} stands for set and stimulus
-_BESIDE = {
-    "the page to feel": "feel.html",
-    "evidence": "evidence/evidence.html",
-    "the closed loop": "loop/report.html",
-    "the study": "study/report/report.html",
-}
-_OF_A_PART = {
-    "drawing": "{}/*.drawing.pdf",
-    "drawing, SVG": "{}/*.drawing.svg",
-    "drawing, DXF": "{}/*.drawing.dxf",
-    "inspection sheet": "{}/*.inspection-sheet.html",
-    "sheet to fill in": "{}/*.inspection-sheet.csv",
-    "inspection plan": "{}/*.plan.qif",
-    "setup sheet": "{}/*.setup.html",
-    "stock": "{}/*.stock.step",
-    "routes": "{}/*.routes.csv",
-    "gauge blocks, STEP": "{}/*.gauge.step",
-    "inspection": "inspect/*{id}*.inspection.html",
-    "scene": "scenes/{}/*/README.md",
-    "": "{}/{id}.*",  # whatever else was written for it, by the end of its name
-}
+class Link(NamedTuple):
+    """A file that the page links: title, and name below the output folder."""
+
+    title: str
+    name: str
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """What stands in the output folder.
+
+    Attributes
+    ----------
+    stepblocks : str
+        Version of this package.
+    code : str
+        Its fingerprint, and that of the libraries.
+    made_with : Environment
+        With what it was made.
+    inputs : mapping of str to str
+        Hash of every stimulus file, and of the model; empty where only a part was built.
+    stimuli : int
+        How many were made.
+    failures : sequence of str
+        Failed checks, a line each.
+    linked : mapping of str to sequence of Link
+        Files of other commands, as `find_linked_files` gives them.
+    outputs : mapping of str to str
+        Hash of every file by its name.
+    """
+
+    stepblocks: str
+    code: str
+    made_with: Environment
+    inputs: Mapping[str, str]
+    stimuli: int
+    failures: Sequence[str]
+    linked: Mapping[str, Sequence[Link]]
+    outputs: Mapping[str, str]
+
+    def as_json(self) -> dict[str, object]:
+        """Return it as JSON holds it."""
+        return {
+            "schema": _SCHEMA,
+            "stepblocks": self.stepblocks,
+            "code": self.code,
+            "made_with": self.made_with.as_json(),
+            "inputs": dict(self.inputs),
+            "stimuli": self.stimuli,
+            "failures": list(self.failures),
+            "linked": {part: list(links) for part, links in self.linked.items()},
+            "outputs": dict(sorted(self.outputs.items())),
+        }
+
+    @classmethod
+    def from_json(cls, content: Mapping[str, Any]) -> "Manifest":
+        """Read what `as_json` gives; what an older version did not write is empty."""
+        linked = {}
+        for part, links in content.get("linked", {}).items():
+            linked[part] = [Link(*link) for link in links]
+        return cls(
+            stepblocks=content.get("stepblocks", ""),
+            code=content.get("code", ""),
+            made_with=Environment.from_json(content.get("made_with", {})),
+            inputs=content.get("inputs", {}),
+            stimuli=content.get("stimuli", 0),
+            failures=content.get("failures", []),
+            linked=linked,
+            outputs=content.get("outputs", {}),
+        )
+
+
+@dataclass(frozen=True)
+class RecordedVerdict:
+    """What a check found, as it is recorded.
+
+    Attributes
+    ----------
+    text : str
+        The line that a person reads.
+    passed : bool
+        Whether it is within its limit.
+    values : mapping of str to object
+        What was measured, its nominal and its limit, units in the names.
+    """
+
+    text: str
+    passed: bool
+    values: Mapping[str, object] = field(default_factory=dict)
+
+    def as_json(self) -> dict[str, object]:
+        """Return it as JSON holds it."""
+        return {**self.values, "text": self.text}
+
+    @classmethod
+    def from_json(cls, content: Mapping[str, Any]) -> "RecordedVerdict":
+        """Read what `as_json` gives."""
+        values = {name: value for name, value in content.items() if name != "text"}
+        return cls(content["text"], content["passed"], values)
+
+
+class NamedText(NamedTuple):
+    """A dimension or a derived figure of a stimulus, for people."""
+
+    name: str
+    text: str
+
+
+@dataclass(frozen=True)
+class StimulusRecord:
+    """What was made of one stimulus.
+
+    Attributes
+    ----------
+    key : str
+        Hash of its inputs.
+    stimulus : str
+        Its id.
+    kind : str
+        What people call its kind.
+    dimensions, derived : sequence of NamedText
+        What was declared, and what follows from it.
+    verdicts : sequence of RecordedVerdict
+        What the checks of its files found.
+    outputs : mapping of str to str
+        Hash of every file by its name.
+    """
+
+    key: str
+    stimulus: str
+    kind: str
+    dimensions: Sequence[NamedText]
+    derived: Sequence[NamedText]
+    verdicts: Sequence[RecordedVerdict]
+    outputs: Mapping[str, str]
+
+    def as_json(self) -> dict[str, object]:
+        """Return it as JSON holds it."""
+        return {
+            "schema": _SCHEMA,
+            "key": self.key,
+            "stimulus": self.stimulus,
+            "kind": self.kind,
+            "dimensions": list(self.dimensions),
+            "derived": list(self.derived),
+            "verdicts": [verdict.as_json() for verdict in self.verdicts],
+            "outputs": dict(self.outputs),
+        }
+
+    @classmethod
+    def from_json(cls, content: Mapping[str, Any]) -> "StimulusRecord":
+        """Read what `as_json` gives; what an older version did not write is empty."""
+        verdicts = content.get("verdicts", [])
+        return cls(
+            key=content.get("key", ""),
+            stimulus=content.get("stimulus", ""),
+            kind=content.get("kind", ""),
+            dimensions=[NamedText(*entry) for entry in content.get("dimensions", [])],
+            derived=[NamedText(*entry) for entry in content.get("derived", [])],
+            verdicts=[RecordedVerdict.from_json(verdict) for verdict in verdicts],
+            outputs=content.get("outputs", {}),
+        )
 
 
 def hash_bytes(content: bytes) -> str:
@@ -74,108 +200,57 @@ def hash_file(path: Path) -> str:
         return ""
 
 
-def compute_code_fingerprint() -> str:
-    """Hash this package and the versions of the libraries that shape its output."""
-    root = Path(stepblocks.__file__).parent
-    total = hashlib.sha256()
-    for path in sorted(root.rglob("*")):
-        if path.suffix in {".py", ".html", ".css", ".j2", ".toml"}:
-            total.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
-    for name, known in _list_libraries().items():
-        total.update(f"{name}=={known}\n".encode() if known else f"{name} missing\n".encode())
-    return total.hexdigest()
-
-
-def _list_libraries() -> dict[str, str]:
-    found = dict.fromkeys(_SHAPING, "")
-    for name in _SHAPING:
-        with suppress(PackageNotFoundError):
-            found[name] = version(name)
-    return found
-
-
-def describe_environment() -> dict[str, object]:
-    """Describe Python, platform, C library and libraries of this process.
-
-    The C library matters: its sine has last bits of its own.
-    """
-    system = " ".join(filter(None, (platform.system(), platform.machine(), *platform.libc_ver())))
-    return {"python": platform.python_version(), "platform": system, "libraries": _list_libraries()}
-
-
 def write_sealed(path: Path, content: Mapping[str, object]) -> None:
     """Write JSON with a hash of itself; a file that was altered later is not used."""
-    replace_text(
-        path,
-        json.dumps({**content, "seal": _compute_seal(content)}, indent=1, allow_nan=False) + "\n",
-    )
+    sealed = {**content, "seal": _compute_seal(content)}
+    replace_text(path, json.dumps(sealed, indent=1, allow_nan=False) + "\n")
 
 
 def _compute_seal(content: Mapping[str, object]) -> str:
     return hash_bytes(json.dumps(content, sort_keys=True).encode())
 
 
-def load_json(path: Path) -> Document:
-    """Read a JSON object that this program wrote; empty for anything else."""
+def load_sealed(path: Path) -> dict[str, Any] | None:
+    """Read a JSON object that this program wrote; None for anything else."""
     try:
-        content = (
-            json.loads(path.read_text(encoding="utf-8"))
-            if measure_file_size(path) < _MOST_BYTES
-            else {}
-        )
+        if measure_file_size(path) >= _MOST_BYTES:
+            return None
+        content = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
-        return {}
-    seal = content.pop("seal", None) if isinstance(content, dict) else None
-    return content if seal == _compute_seal(content) else {}
+        return None
+    if not isinstance(content, dict):
+        return None
+    seal = content.pop("seal", None)
+    if seal != _compute_seal(content):
+        return None
+    return content
 
 
-def list_outputs(record: Mapping[str, object]) -> dict[str, str]:
-    """Return the hashes of the files that a manifest or a record lists."""
-    outputs = record.get("outputs")
-    return outputs if isinstance(outputs, dict) else {}
+def load_manifest(output: Path) -> Manifest | None:
+    """Read the manifest of an output folder; None where there is none that is whole."""
+    content = load_sealed(output / MANIFEST)
+    if content is None:
+        return None
+    return Manifest.from_json(content)
 
 
-def load_record(folder: Path) -> Document:
-    """Read the record of a stimulus; empty where it was not made or is not whole."""
-    record = load_json(folder / RECORD)
-    return record if list_outputs(record) else {}
+def load_record(folder: Path) -> StimulusRecord | None:
+    """Read the record of a stimulus; None where it was not made or is not whole."""
+    content = load_sealed(folder / RECORD)
+    if content is None or not content.get("outputs"):
+        return None
+    return StimulusRecord.from_json(content)
 
 
 def find_unchanged(folder: Path, name: str, digest: str) -> Path | None:
     """Return the file of a name if it lies in the folder and is as it was written."""
     path = resolve_inside(folder, name)
-    return path if path is not None and hash_file(path) == digest else None
+    if path is None or hash_file(path) != digest:
+        return None
+    return path
 
 
 def are_intact(folder: Path, outputs: Mapping[str, str]) -> bool:
     """Tell whether there are files listed, all in the folder and as they were written."""
-    return bool(outputs) and all(
-        find_unchanged(folder, name, known) for name, known in outputs.items()
-    )
-
-
-def find_linked_files(output: Path, outputs: Iterable[str]) -> dict[str, list[list[str]]]:
-    """Find files that other commands left beside the outputs of a build.
-
-    Those of the whole folder stand under the empty name, those of a part under ``set/id``.
-    """
-    own = set(outputs)
-    parts = [name.removesuffix(f"/{RECORD}") for name in own if name.endswith(f"/{RECORD}")]
-    found = {
-        "": [
-            *([title, name] for title, name in _BESIDE.items() if (output / name).is_file()),
-            *(
-                [f"drawing of the series {path.name}", path.relative_to(output).as_posix()]
-                for path in sorted(output.glob("*/*.series*"))
-            ),
-        ]
-    }
-    for part in sorted(parts):
-        for title, pattern in _OF_A_PART.items():
-            for path in sorted(output.glob(pattern.format(part, id=Path(part).name))):
-                name = path.relative_to(output).as_posix()
-                more = {"scene": f": {path.parent.name}", "": path.name.partition(".")[2]}
-                if name not in own:
-                    own.add(name)
-                    found.setdefault(part, []).append([f"{title}{more.get(title, '')}", name])
-    return found
+    unchanged = (find_unchanged(folder, name, digest) for name, digest in outputs.items())
+    return bool(outputs) and None not in unchanged

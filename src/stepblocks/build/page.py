@@ -1,29 +1,31 @@
 """The page of an output folder: pictures, dimensions, predictions, verdicts, 3-D view."""
 
-import json
-import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
-import numpy as np
-
-from stepblocks.build.manifest import RECORD, find_linked_files, list_outputs
-from stepblocks.contact import Array, kernels
+from stepblocks.build.curves import compute_curves
+from stepblocks.build.linked import WHOLE_FOLDER, find_linked_files
+from stepblocks.build.manifest import RECORD, Link, NamedText, RecordedVerdict, StimulusRecord
 from stepblocks.contact.energy import Status
 from stepblocks.declaration.set import StimulusSet
 from stepblocks.files.atomic import replace_text
 from stepblocks.files.pages import render_page
-from stepblocks.files.text import Document
+from stepblocks.parts.kind import Part
 from stepblocks.predict.columns import tabulate_prediction
 from stepblocks.predict.predictions import Prediction
 from stepblocks.quantities import format_span
 
-# colours of the view
-_MATERIALS = {"brass": "#d8b44e", "pmma": "#bfe3ee", "zirconia": "#f1ead8", "stainless": "#bcc6ce"}
-# columns of predictions.csv that the page shows
-_SHOWN = (
+# Colours of the view
+_COLOUR_BY_MATERIAL = {
+    "brass": "#d8b44e",
+    "pmma": "#bfe3ee",
+    "zirconia": "#f1ead8",
+    "stainless": "#bcc6ce",
+}
+_COLOUR = "#b9c4ce"
+# Columns of predictions.csv that the page shows
+_SHOWN_COLUMNS = (
     "drag",
     "tip_radius_um",
     "step_height_um",
@@ -43,190 +45,209 @@ _SHOWN = (
     "drag_vibration_energy_uj",
     "felt_by",
 )
-# files that the page links
-_LINKED = {
-    ".step",
-    ".stl",
-    ".obj",
-    ".ply",
-    ".3mf",
-    ".glb",
-    ".tiff",
-    ".npz",
-    ".json",
-}
-_WORDS = {Status.LOCKED: "locked", Status.TOO_HIGH: "too high", Status.NO_CATCH: "no catch"} | {
-    status: f"beyond the {status.removeprefix('beyond-')}, no energy,"
-    for status in Status
-    if status.is_beyond_limit
+# Endings of the files that the page links
+_LINKED_ENDINGS = {".step", ".stl", ".obj", ".ply", ".3mf", ".glb", ".tiff", ".npz", ".json"}
+_FIRST_SET = "paper-ten"  # the steps of the paper come first, then the user's own order
+_STATUS_WORDS = {
+    Status.LOCKED: "locked",
+    Status.TOO_HIGH: "too high",
+    Status.NO_CATCH: "no catch",
 }
 
 
 @dataclass(frozen=True)
 class Section:
-    """A set with what is predicted of it and what was made of it."""
+    """A set with what is predicted of it and what was made of it.
+
+    Attributes
+    ----------
+    stimuli : StimulusSet
+        The set.
+    predictions : sequence of Prediction
+        Of all its stimuli.
+    records : mapping of str to StimulusRecord
+        By id, of those that were made.
+    files : sequence of str
+        Names of the files of the whole set.
+    """
 
     stimuli: StimulusSet
     predictions: Sequence[Prediction]
-    records: Mapping[str, Document]  # by stimulus, of those that were made
-    files: Sequence[str] = ()  # of the whole set
+    records: Mapping[str, StimulusRecord]
+    files: Sequence[str] = ()
+
+
+@dataclass(frozen=True)
+class _Row:
+    """What the page shows of one stimulus."""
+
+    id: str
+    set: str
+    folder: str
+    links: Sequence[Link]
+    files: Sequence[str]
+    predictions: Sequence[Mapping[str, object]]
+    summary: Sequence[str]
+    material: str
+    colour: str
+    kind: str
+    dimensions: Sequence[NamedText]
+    derived: Sequence[NamedText]
+    verdicts: Sequence[RecordedVerdict]
+
+    @property
+    def failed(self) -> list[RecordedVerdict]:
+        """The checks that failed."""
+        return [verdict for verdict in self.verdicts if not verdict.passed]
+
+
+@dataclass(frozen=True)
+class _ShownSection:
+    """What the page shows of one set; its figure is JSON, None for a set without step blocks."""
+
+    name: str
+    title: str
+    source: str
+    rows: Sequence[_Row]
+    figure: str | None
+    files: Sequence[str]
 
 
 def write_page(sections: Sequence[Section], output: Path) -> list[Path]:
-    """Write ``index.html`` with the script of plotly beside it, for use without a network."""
+    """Write ``index.html`` with the script of plotly beside it, for use without a network.
+
+    Parameters
+    ----------
+    sections : sequence of Section
+        The sets, in the user's order.
+    output : Path
+        The output folder.
+
+    Returns
+    -------
+    list of Path
+        The script and the page.
+    """
+    script = _write_plot_script(output)
+    links = find_linked_files(output, _list_built_files(sections))
+    ordered = sorted(sections, key=lambda section: section.stimuli.name != _FIRST_SET)
+    shown = [_show_section(section, links) for section in ordered]
+    rows = [row for section in shown for row in section.rows]
+    text = render_page(
+        "stepblocks.build",
+        "index.html",
+        sections=shown,
+        rows=rows,
+        total=len(rows),
+        failed=sum(bool(row.failed) for row in rows),
+        checks=sum(len(row.verdicts) for row in rows),
+        kinds=sorted({row.kind for row in rows}),
+        links=links[WHOLE_FOLDER],
+        shown=_SHOWN_COLUMNS,
+    )
+    page = output / "index.html"
+    replace_text(page, text)
+    return [script, page]
+
+
+def _write_plot_script(output: Path) -> Path:
+    """Write the script of plotly, where it is not there already."""
     from plotly.offline import get_plotlyjs
 
     script = output / "assets" / "plotly.min.js"
-    page = output / "index.html"
     source = get_plotlyjs()
     script.parent.mkdir(exist_ok=True)
     if not script.is_file() or script.read_text(encoding="utf-8") != source:
         replace_text(script, source)
-    links = find_linked_files(
-        output,
-        [
-            f"{one.stimuli.name}/{name}/{file}"
-            for one in sections
-            for name, record in one.records.items()
-            for file in (RECORD, *list_outputs(record))
-        ],
-    )
-    # the steps of the paper come first, else the user's own order
-    sets = [
-        _describe_section(section, links)
-        for section in sorted(sections, key=lambda one: one.stimuli.name != "paper-ten")
-    ]
-    rows = [row for section in sets for row in section["rows"]]
-    replace_text(
-        page,
-        render_page(
-            "stepblocks.build",
-            "index.html",
-            sections=sets,
-            rows=rows,
-            total=len(rows),
-            failed=sum(bool(row["failed"]) for row in rows),
-            checks=sum(len(row["verdicts"]) for row in rows),
-            kinds=sorted({row["kind"] for row in rows}),
-            links=links[""],
-            shown=_SHOWN,
-        ),
-    )
-    return [script, page]
+    return script
 
 
-def _describe_section(section: Section, links: Mapping[str, Sequence[Sequence[str]]]) -> Document:
+def _list_built_files(sections: Sequence[Section]) -> Iterator[str]:
+    """List the names of all files of all stimuli below the output folder."""
+    for section in sections:
+        for identity, record in section.records.items():
+            folder = f"{section.stimuli.name}/{identity}"
+            yield f"{folder}/{RECORD}"
+            for name in record.outputs:
+                yield f"{folder}/{name}"
+
+
+def _show_section(section: Section, links: Mapping[str, Sequence[Link]]) -> _ShownSection:
+    """Collect what the page shows of a set; `links` stand by ``set/id``."""
     stimuli = section.stimuli
-    materials = {part.id: part.material for part in stimuli.stimuli}
+    parts = {part.id: part for part in stimuli.stimuli}
     rows = []
     for identity, record in section.records.items():
-        predictions = [one for one in section.predictions if one.stimulus == identity]
-        folder = f"{stimuli.name}/{identity}"
-        material = materials.get(identity)
-        rows.append(
-            {
-                "id": identity,
-                "set": stimuli.name,
-                "folder": folder,
-                "links": links.get(folder, []),
-                "files": [name for name in record["outputs"] if Path(name).suffix in _LINKED],
-                "failed": [verdict for verdict in record["verdicts"] if not verdict["passed"]],
-                "predictions": list(map(tabulate_prediction, predictions)),
-                "summary": list(_summarise(predictions)),
-                "material": material.designation if material else "",
-                "colour": _MATERIALS.get(material.name if material else "", "#b9c4ce"),
-                **{name: record[name] for name in ("kind", "dimensions", "derived", "verdicts")},
-            }
-        )
-    return {
-        "name": stimuli.name,
-        "title": stimuli.title,
-        "source": stimuli.source,
-        "rows": rows,
-        "figure": _compute_curves(stimuli),
-        "files": section.files,
-    }
-
-
-def _summarise(predictions: Sequence[Prediction]) -> Iterator[str]:
-    # Range of what is felt in each direction, and what locks
-    for drag in dict.fromkeys(prediction.drag for prediction in predictions):
-        releases = [prediction.release for prediction in predictions if prediction.drag == drag]
-        released = [one for one in releases if one.status is Status.RELEASES]
-        figures = {
-            "force": [one.pull_force for one in released],
-            "energy": [one.vibration_energy for one in released],
-        }
-        spans = (
-            format_span(min(values), max(values), name)
-            for name, values in figures.items()
-            if values
-        )
-        counts = {
-            words: sum(release.status is status for release in releases)
-            for status, words in _WORDS.items()
-        }
-        others = [
-            f"{words} in {count} of {len(releases)}" for words, count in counts.items() if count
+        predictions = [
+            prediction for prediction in section.predictions if prediction.stimulus == identity
         ]
-        yield f"{drag}: " + "; ".join(filter(None, [", ".join(spans), *others]))
-
-
-def _compute_curves(stimuli: StimulusSet) -> str | None:
-    # Compute the curves of equations (1) and (2) and the step blocks on them, as JSON; the page
-    # draws them. The curves hold for the first tip and the largest load.
-    blocks = sorted(stimuli.step_block, key=lambda one: one.height.nominal)
-    if not blocks:
-        return None
-    grid = stimuli.prediction
-    radius = grid.tip_radii[0]
-    load = max(grid.normal_loads)
-    tool = grid.as_tool()
-    limit, most = tool.limits.first
-    marks = np.array([block.height.nominal for block in blocks])
-    top = min(1.25 * marks[-1], radius)
-    curves = []
-
-    def add(name: str, least: float, y: Callable[[Array], Array]) -> None:
-        # a curve up to a height, and the blocks on it
-        grids = {"curve": np.linspace(0.002 * top, top, 300), "marks": marks}
-        shown = {key: heights[heights <= least] for key, heights in grids.items()}
-        curves.append(
-            {"name": name}
-            | {
-                key: [_round_to_six_digits(x * 1e6), _round_to_six_digits(y(x))]
-                for key, x in shown.items()
-            }
-        )
-
-    def energy(heights: Array, friction: float) -> Array:
-        force = kernels.compute_pull_force(
-            load, kernels.compute_angle_on_step(heights, radius), friction
-        )
-        energies: Array = kernels.compute_stored_energy(force, tool.stiffness)
-        return 1e6 * tool.conversion * energies
-
-    add("critical angle", radius, lambda x: np.degrees(kernels.compute_angle_on_step(x, radius)))
-    frictions = [grid.first_point(friction=one).friction for one in grid.coefficients]
-    for friction in frictions:
-        # where the pull reaches the limit: F = N tan(a + atan mu); beyond it there is no energy
-        least = float(
-            kernels.compute_height_at_angle(math.atan2(most, load) - math.atan(friction), radius)
-        )
-        add(f"E<sub>v</sub>, µ {friction:g}", least, partial(energy, friction=friction))
-    locking = [float(kernels.compute_locking_height(radius, mu)) for mu in frictions]
-    return json.dumps(
-        {
-            "title": f"Tip {radius * 1e6:g} µm, load {load:g} N; dotted: above it the tip locks; "
-            f"no energy beyond {most:g} N ({limit})",
-            "names": [block.id for block in blocks],
-            "curves": curves,
-            "locking": [height * 1e6 if height < 1.02 * top else None for height in locking],
-            "highest": top * 1e6,
-        },
-        allow_nan=False,
+        linked = links.get(f"{stimuli.name}/{identity}", [])
+        rows.append(_show_row(stimuli.name, parts[identity], record, predictions, linked))
+    curves = compute_curves(stimuli)
+    return _ShownSection(
+        name=stimuli.name,
+        title=stimuli.title,
+        source=stimuli.source,
+        rows=rows,
+        figure=None if curves is None else curves.as_json(),
+        files=section.files,
     )
 
 
-def _round_to_six_digits(values: Iterable[float]) -> list[float]:
-    return [float(f"{value:.6g}") for value in values if math.isfinite(value)]
+def _show_row(
+    set_name: str,
+    part: Part,
+    record: StimulusRecord,
+    predictions: Sequence[Prediction],
+    links: Sequence[Link],
+) -> _Row:
+    """Collect what the page shows of one stimulus."""
+    material = part.material
+    return _Row(
+        id=part.id,
+        set=set_name,
+        folder=f"{set_name}/{part.id}",
+        links=links,
+        files=[name for name in record.outputs if Path(name).suffix in _LINKED_ENDINGS],
+        predictions=[tabulate_prediction(prediction) for prediction in predictions],
+        summary=list(summarise(predictions)),
+        material=material.designation,
+        colour=_COLOUR_BY_MATERIAL.get(material.name, _COLOUR),
+        kind=record.kind,
+        dimensions=record.dimensions,
+        derived=record.derived,
+        verdicts=record.verdicts,
+    )
+
+
+def summarise(predictions: Sequence[Prediction]) -> Iterator[str]:
+    """Say for each direction the range of what is felt, and in how many cases nothing is.
+
+    A line reads ``up: 0.5 to 2 N, 1 to 30 µJ; locked in 2 of 4``.
+    """
+    for drag in dict.fromkeys(prediction.drag for prediction in predictions):
+        releases = [prediction.release for prediction in predictions if prediction.drag == drag]
+        released = [release for release in releases if release.status is Status.RELEASES]
+        clauses = []
+        if released:
+            forces = [release.pull_force for release in released]
+            energies = [release.vibration_energy for release in released]
+            force = format_span(min(forces), max(forces), "force")
+            energy = format_span(min(energies), max(energies), "energy")
+            clauses.append(f"{force}, {energy}")
+        clauses += _count_unfelt([release.status for release in releases])
+        yield f"{drag}: {'; '.join(clauses)}"
+
+
+def _count_unfelt(statuses: Sequence[Status]) -> Iterator[str]:
+    """Say how often each status occurs that gives no vibration."""
+    for status in (*_STATUS_WORDS, *(status for status in Status if status.is_beyond_limit)):
+        count = statuses.count(status)
+        if count:
+            yield f"{_name_status(status)} in {count} of {len(statuses)}"
+
+
+def _name_status(status: Status) -> str:
+    if status in _STATUS_WORDS:
+        return _STATUS_WORDS[status]
+    return f"beyond the {status.removeprefix('beyond-')}, no energy,"

@@ -4,6 +4,7 @@ import base64
 import json
 import os
 from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -15,16 +16,25 @@ from numpy.typing import NDArray
 from stepblocks.parts.kind import Manifold
 
 Polydata: TypeAlias = Any  # a surface of pyvista [mm]
-Arrays = tuple[NDArray[np.float64], NDArray[np.int64]]
+Vertices = NDArray[np.float64]
+# A body: points [m], shape (n, 3), and corners of its triangles, shape (m, 3)
+Arrays = tuple[Vertices, NDArray[np.int64]]
+Point = tuple[float, float, float]
+
 _COLOURS = ("#d3dbe3", "#efdcae")
 _INK = "#1d2a36"
+_WINDOW = (960, 400)  # pixels
+_SHARP = 25.0  # least angle between faces whose edge is drawn [deg]
+_LONG = 1.5  # a part longer than that many of its widths fills the window as it is
+_MOST_SHORT_CORNERS = 1 << 16  # points that two bytes can number
 
 
-def exaggerate_heights(vertices: NDArray[np.float64], factor: float) -> NDArray[np.float64]:
+def exaggerate_heights(vertices: Vertices, factor: float) -> Vertices:
     """Stretch heights over z = 0 and leave what lies below."""
-    result = vertices.copy()
-    result[:, 2] = np.where(result[:, 2] > 0.0, result[:, 2] * factor, result[:, 2])
-    return result
+    stretched = vertices.copy()
+    z = stretched[:, 2]
+    stretched[:, 2] = np.where(z > 0.0, z * factor, z)
+    return stretched
 
 
 def draw_part(
@@ -32,126 +42,93 @@ def draw_part(
     meshes: Sequence[Arrays],
     exaggeration: float,
     half_width: float,
-    centre: tuple[float, float, float],
+    centre: Point,
 ) -> None:
-    """Render a part."""
+    """Render a part, whole on the left and close up on the right.
+
+    Parameters
+    ----------
+    path : Path
+        The PNG.
+    meshes : sequence of (vertices, triangles)
+        Its bodies [m].
+    exaggeration : float
+        Factor of the heights over z = 0 on the left [1].
+    half_width : float
+        Half of the width of the close-up [m].
+    centre : tuple of float
+        Middle of the close-up [m].
+    """
     if "DISPLAY" not in os.environ:  # without a screen VTK first tries X11 and complains
         os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
 
-    plotter = pv.Plotter(off_screen=True, shape=(1, 2), window_size=(960, 400), border=False)
+    stretched = []
+    for vertices, triangles in meshes:
+        stretched.append((exaggerate_heights(vertices, exaggeration), triangles))
+    caption = f"heights over the lower face x {exaggeration:g}"
+    if exaggeration == 1.0:
+        caption = "whole part"
+    plotter = pv.Plotter(off_screen=True, shape=(1, 2), window_size=_WINDOW, border=False)
     try:
         plotter.subplot(0, 0)
-        whole = [
-            (exaggerate_heights(vertices, exaggeration), triangles)
-            for vertices, triangles in meshes
-        ]
-        _show(
-            plotter,
-            _cut_open(whole),
-            "whole part"
-            if exaggeration == 1.0
-            else f"heights over the lower face x {exaggeration:g}",
-        )
+        _show(plotter, _cut_open(stretched), caption)
         plotter.subplot(0, 1)
-        _show(
-            plotter,
-            [_cut_box(mesh, half_width, centre) for mesh in meshes],
-            f"true scale, {2e6 * half_width:.4g} µm wide",
-        )
+        window = [_cut_box(mesh, half_width, centre) for mesh in meshes]
+        _show(plotter, window, f"true scale, {2e6 * half_width:.4g} µm wide")
         plotter.screenshot(str(path), return_img=False)
     finally:
         plotter.close()
 
 
-def _make_polydata(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> Polydata:
+def _make_polydata(vertices: Vertices, triangles: NDArray[np.int64]) -> Polydata:
+    """Make a surface [mm] of vertices [m]."""
     return pv.PolyData.from_regular_faces(vertices * 1e3, triangles)
 
 
 def _cut_mesh(mesh: Arrays, cut: Callable[[Manifold], Manifold]) -> Polydata:
-    # Cut a body in millimetres, closed where it is cut
+    """Cut a body as a solid in millimetres, so that it is closed where it is cut."""
     vertices, triangles = mesh
-    left = cut(
-        manifold3d.Manifold(manifold3d.Mesh64(vertices * 1e3, triangles.astype(np.uint64)))
-    ).to_mesh64()
-    return _make_polydata(
-        np.asarray(left.vert_properties)[:, :3] * 1e-3, np.asarray(left.tri_verts).astype(np.int64)
-    )
+    solid = manifold3d.Manifold(manifold3d.Mesh64(vertices * 1e3, triangles.astype(np.uint64)))
+    remainder = cut(solid).to_mesh64()
+    points = np.asarray(remainder.vert_properties)[:, :3] * 1e-3
+    return _make_polydata(points, np.asarray(remainder.tri_verts).astype(np.int64))
 
 
-def _cut_box(mesh: Arrays, half_width: float, centre: tuple[float, float, float]) -> Polydata:
-    # Cut out what of a body lies in a box
-    box = manifold3d.Manifold.cube([2e3 * half_width] * 3, True).translate(
-        [1e3 * c for c in centre]
-    )
-    return _cut_mesh(mesh, lambda solid: solid ^ box)
+def _cut_box(mesh: Arrays, half_width: float, centre: Point) -> Polydata:
+    """Cut out what of a body lies in a cube [m]."""
+    side = 2e3 * half_width
+    middle = [1e3 * coordinate for coordinate in centre]
+    cube = manifold3d.Manifold.cube([side, side, side], True).translate(middle)
+    return _cut_mesh(mesh, lambda solid: solid ^ cube)
 
 
 def _cut_open(meshes: Sequence[Arrays]) -> list[Polydata]:
-    # Cut parts of several bodies open, so that what is inside can be seen
+    """Cut parts of several bodies open, so that what is inside can be seen."""
     if len(meshes) == 1:
-        return [_make_polydata(*meshes[0])]
-    return [
-        _cut_mesh(mesh, lambda solid: solid.trim_by_plane((0.0, 1.0, 0.0), 0.0)) for mesh in meshes
-    ]
+        vertices, triangles = meshes[0]
+        return [_make_polydata(vertices, triangles)]
+    return [_cut_mesh(mesh, _cut_in_half) for mesh in meshes]
 
 
-def write_view_script(
-    path: Path,
-    identity: str,
-    meshes: Sequence[Arrays],
-    exaggeration: float,
-    half_width: float,
-    centre: tuple[float, float, float],
-) -> None:
-    """Write the bodies [mm] as a call of the page's function ``stepblocksView``."""
-    # Coordinates are float32, a nanometre in 20 mm, and corners uint16 where that is enough, in
-    # base64: half the size of digits.
-
-    def pack_values(values: NDArray[np.generic], kind: str) -> str:
-        return base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode("ascii")
-
-    bodies = [
-        {
-            name: pack_values(column * 1e3, "<f4")
-            for name, column in zip("xyz", vertices.T, strict=True)
-        }
-        | {
-            name: pack_values(column, f"<u{wide}")
-            for name, column in zip("ijk", triangles.T, strict=True)
-        }
-        | {"bytes_of_a_corner": wide}
-        for vertices, triangles in meshes
-        for wide in (2 if len(vertices) <= 1 << 16 else 4,)
-    ]
-    data = {
-        "id": identity,
-        "unit": "mm",
-        "exaggeration": exaggeration,
-        "half_width": half_width * 1e3,
-        "centre": [value * 1e3 for value in centre],
-        "bodies": bodies,
-    }
-    path.write_text(
-        f"stepblocksView({json.dumps(data, separators=(',', ':'), allow_nan=False)});\n",
-        encoding="ascii",
-        newline="\n",
-    )
+def _cut_in_half(solid: Manifold) -> Manifold:
+    return solid.trim_by_plane((0.0, 1.0, 0.0), 0.0)
 
 
-def _show(plotter: Any, bodies: list[Polydata], caption: str) -> None:
+def _show(plotter: Any, bodies: Sequence[Polydata], caption: str) -> None:
+    """Show bodies with their sharp edges in the current half of the window."""
     plotter.set_background("white")
-    for index, one in enumerate(bodies):
-        if one.n_cells == 0:
+    for index, body in enumerate(bodies):
+        if body.n_cells == 0:
             continue
         plotter.add_mesh(
-            one,
-            color=_COLOURS[index % 2],
+            body,
+            color=_COLOURS[index % len(_COLOURS)],
             smooth_shading=False,
             ambient=0.35,
             diffuse=0.65,
             specular=0.1,
         )
-        edges = one.extract_feature_edges(25.0, boundary_edges=False, manifold_edges=False)
+        edges = body.extract_feature_edges(_SHARP, boundary_edges=False, manifold_edges=False)
         if edges.n_cells:
             plotter.add_mesh(edges, color=_INK, line_width=1.5)
     plotter.add_text(caption, position=(10, 8), font_size=10, color=_INK)
@@ -160,5 +137,69 @@ def _show(plotter: Any, bodies: list[Polydata], caption: str) -> None:
     plotter.camera.elevation = -12.0
     plotter.enable_parallel_projection()
     plotter.reset_camera()
-    extents = sorted(np.ptp(np.reshape(plotter.bounds, (3, 2)), axis=1))
-    plotter.camera.zoom(1.2 if extents[-1] < 1.5 * extents[-2] else 1.0)
+    _, width, length = sorted(np.ptp(np.reshape(plotter.bounds, (3, 2)), axis=1))
+    plotter.camera.zoom(1.2 if length < _LONG * width else 1.0)
+
+
+@dataclass(frozen=True)
+class _ViewedBody:
+    """A body of the 3-D view: coordinates [mm] as float32, corners as uint16 or uint32, in base64.
+
+    float32 is a nanometre in 20 mm; base64 takes half the size of digits.
+    """
+
+    x: str
+    y: str
+    z: str
+    i: str
+    j: str
+    k: str
+    bytes_of_a_corner: int
+
+
+@dataclass(frozen=True)
+class _View:
+    """What the page's function ``stepblocksView`` is called with; lengths in millimetres."""
+
+    id: str
+    unit: str
+    exaggeration: float
+    half_width: float
+    centre: list[float]
+    bodies: list[_ViewedBody]
+
+
+def write_view_script(
+    path: Path,
+    identity: str,
+    meshes: Sequence[Arrays],
+    exaggeration: float,
+    half_width: float,
+    centre: Point,
+) -> None:
+    """Write the bodies [mm] as a call of the page's function ``stepblocksView``.
+
+    The parameters are those of `draw_part`, and the id of the part.
+    """
+    view = _View(
+        id=identity,
+        unit="mm",
+        exaggeration=exaggeration,
+        half_width=half_width * 1e3,
+        centre=[coordinate * 1e3 for coordinate in centre],
+        bodies=[_pack_body(vertices, triangles) for vertices, triangles in meshes],
+    )
+    data = json.dumps(asdict(view), separators=(",", ":"), allow_nan=False)
+    path.write_text(f"stepblocksView({data});\n", encoding="ascii")
+
+
+def _pack_body(vertices: Vertices, triangles: NDArray[np.int64]) -> _ViewedBody:
+    corner_bytes = 2 if len(vertices) <= _MOST_SHORT_CORNERS else 4
+    x, y, z = (_pack_values(column * 1e3, "<f4") for column in vertices.T)
+    i, j, k = (_pack_values(column, f"<u{corner_bytes}") for column in triangles.T)
+    return _ViewedBody(x, y, z, i, j, k, corner_bytes)
+
+
+def _pack_values(values: NDArray[Any], kind: str) -> str:
+    """Write values of a type, such as ``<f4``, in base64."""
+    return base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode("ascii")

@@ -103,7 +103,7 @@ def check(
     files = files or []
     if files and all(path.suffix.lower() in (".step", ".stp", ".p21") for path in files):
         return _check_step_files(files)
-    from stepblocks.build.run import check_output
+    from stepblocks.build.check import check_output
 
     count = 0
     failed: list[str] = []

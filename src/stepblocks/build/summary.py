@@ -1,0 +1,101 @@
+"""The tables and the page of an output folder, written from the records of its stimuli."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from stepblocks.build import page
+from stepblocks.build.manifest import RECORD, StimulusRecord, hash_bytes, load_record
+from stepblocks.declaration.set import StimulusSet
+from stepblocks.files.atomic import replace_text
+from stepblocks.predict.columns import format_predictions_csv
+from stepblocks.predict.learned import apply_model, format_learned_columns
+from stepblocks.predict.predictions import predict_all
+from stepblocks.predict.sheaths import write_sheath_files
+from stepblocks.records.model import LearnedModel
+
+PREDICTIONS = "predictions.csv"  # in the folder of each set
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What stands in an output folder.
+
+    Attributes
+    ----------
+    stimuli : int
+        How many were made.
+    failures : list of str
+        Failed checks, a line each.
+    outputs : dict of str to str
+        Hash of every file by its name.
+    """
+
+    stimuli: int
+    failures: list[str]
+    outputs: dict[str, str]
+
+
+def write_tables_and_page(
+    sets: Sequence[StimulusSet], output: Path, learned: LearnedModel | None
+) -> Summary:
+    """Write tables and page from the records.
+
+    Parameters
+    ----------
+    sets : sequence of StimulusSet
+        All sets of the folder, built or not.
+    output : Path
+        The output folder.
+    learned : LearnedModel or None
+        Model whose constants and effects the predictions have.
+    """
+    outputs: dict[str, str] = {}
+    failures: list[str] = []
+    sections = []
+    for declared in sets:
+        stimuli = apply_model(declared, learned) if learned else declared
+        section = _write_tables(stimuli, output / stimuli.name, learned)
+        sections.append(section)
+        folder = output / stimuli.name
+        outputs |= _hash_files([folder / name for name in section.files], output)
+        for identity, record in section.records.items():
+            outputs |= _hash_files([folder / identity / RECORD], output)
+            outputs |= _list_outputs(record, f"{stimuli.name}/{identity}")
+            failures += _list_failures(record, f"{stimuli.name}/{identity}")
+    outputs |= _hash_files(page.write_page(sections, output), output)
+    stimuli_made = sum(len(section.records) for section in sections)
+    return Summary(stimuli_made, failures, outputs)
+
+
+def _write_tables(stimuli: StimulusSet, folder: Path, learned: LearnedModel | None) -> page.Section:
+    """Write the tables of a set; return what the page shows of it."""
+    folder.mkdir(exist_ok=True)
+    predictions = predict_all(stimuli)
+    add_columns = partial(format_learned_columns, learned=learned) if learned else None
+    replace_text(folder / PREDICTIONS, format_predictions_csv(predictions, add_columns))
+    records = {}
+    for stimulus in stimuli.stimuli:
+        record = load_record(folder / stimulus.id)
+        if record is not None:
+            records[stimulus.id] = record
+    files = [PREDICTIONS, *(path.name for path in write_sheath_files(stimuli, folder))]
+    return page.Section(stimuli, predictions, records, files)
+
+
+def _hash_files(paths: Iterable[Path], output: Path) -> dict[str, str]:
+    """Hash files by their names below the output folder.
+
+    A file that somebody removed meanwhile is an error: its hash would stand for no file.
+    """
+    return {path.relative_to(output).as_posix(): hash_bytes(path.read_bytes()) for path in paths}
+
+
+def _list_outputs(record: StimulusRecord, place: str) -> dict[str, str]:
+    """List the hashes of the files of a stimulus by their names below the output folder."""
+    return {f"{place}/{name}": digest for name, digest in record.outputs.items()}
+
+
+def _list_failures(record: StimulusRecord, place: str) -> list[str]:
+    return [f"{place}/{verdict.text}" for verdict in record.verdicts if not verdict.passed]
