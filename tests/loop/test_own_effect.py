@@ -31,7 +31,7 @@ FILM = sb.Law(
     ),
     slot="friction",
     covariate="speed_mm_s",
-    said="friction has a valley over the speed: rise",
+    description="friction has a valley over the speed: rise",
 )
 
 
