@@ -435,13 +435,13 @@ class ProfiledMargin(Margin):
         inputs = {"ball_radius": ball_radius, **self.dimensions, **dimensions}
         mean = {name: float(np.mean(value)) for name, value in inputs.items()}
         ball = mean.pop("ball_radius")
-        own = _find_steepest_angles(*replace(self, **mean).section(REACH), ball)
+        between_sides = _find_steepest_angles(*replace(self, **mean).section(REACH), ball)
         if all(np.ndim(value) == 0 for value in inputs.values()):
-            return own
+            return between_sides
         level, drawn = super().angles(ball, **mean), super().angles(**inputs)
         return Angles(
-            _shift_angles(drawn.forward, own.forward, level.forward),
-            _shift_angles(drawn.backward, own.backward, level.backward),
+            _shift_angles(drawn.forward, between_sides.forward, level.forward),
+            _shift_angles(drawn.backward, between_sides.backward, level.backward),
         )
 
     def section(self, run: float) -> tuple[Array, Array]:
@@ -461,13 +461,13 @@ class ProfiledMargin(Margin):
         )
 
 
-def _shift_angles(drawn: Real, own: float, level: float) -> Array:
-    """Shift angles between level sides by that of the sides as they are, within its range [rad].
+def _shift_angles(drawn: Real, between_sides: float, level: float) -> Array:
+    """Shift angles that are drawn between level sides to those of the sides as they are [rad].
 
-    Where nothing catches, and at a riser, they stay.
+    At the mean both kinds of sides are known. Where nothing catches, and at a riser, angles stay.
     """
     is_climb = (drawn > 0.0) & (drawn < 0.5 * np.pi)
-    shifted = np.clip(own + drawn - level, 0.0, 0.5 * np.pi)
+    shifted = np.clip(between_sides + drawn - level, 0.0, 0.5 * np.pi)
     return np.asarray(np.where(is_climb, shifted, drawn))
 
 
@@ -478,11 +478,11 @@ def find_scanned_angle(
 
     The steepest rise of the path of the tip's centre over it, up the step.
     """
-    known = height[np.isfinite(height)]
-    tenth = len(known) // 10
+    measured = height[np.isfinite(height)]
+    tenth = len(measured) // 10
     if tenth == 0:
         return None
-    is_rising = float(np.median(known[-tenth:])) > float(np.median(known[:tenth]))
+    is_rising = float(np.median(measured[-tenth:])) > float(np.median(measured[:tenth]))
     if is_rising:
         angle = _find_steepest_angles(position, height, ball).forward
     else:

@@ -135,16 +135,16 @@ def _require(
 def read_lengths(name: str, values: object) -> NDArray[np.float64]:
     """Read a row of finite lengths on a bench as an array [m]."""
     try:
-        found: NDArray[np.float64] = np.ascontiguousarray(
+        lengths: NDArray[np.float64] = np.ascontiguousarray(
             np.ma.filled(np.ma.asarray(values, dtype=float), np.nan)
         )
     except (TypeError, ValueError) as error:
         raise ContactError(
             f"profile {name} must be numbers [m], got {type(values).__name__}: {error}"
         ) from error
-    if found.ndim == 1 and found.size:  # else `require_points` refuses it
-        _require_lengths(name, found)
-    return found
+    if lengths.ndim == 1 and lengths.size:  # else `require_points` refuses it
+        _require_lengths(name, lengths)
+    return lengths
 
 
 def _require_lengths(name: str, lengths: NDArray[np.float64]) -> None:
@@ -156,10 +156,10 @@ def _require_lengths(name: str, lengths: NDArray[np.float64]) -> None:
             f"profile {name} must be finite, point {first} of {lengths.size} is "
             f"{lengths[first]}; Profile.from_scan bridges points that were not measured"
         )
-    most = float(np.abs(lengths).max())
-    if most > MOST_LENGTH:
+    greatest = float(np.abs(lengths).max())
+    if greatest > MOST_LENGTH:
         raise ContactError(
-            f"profile {name} must lie within {MOST_LENGTH:g} m, got {most:g} m; lengths are in "
+            f"profile {name} must lie within {MOST_LENGTH:g} m, got {greatest:g} m; lengths are in "
             "metres: 25 um is 25e-6"
         )
 

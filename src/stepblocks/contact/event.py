@@ -166,9 +166,9 @@ def compute_ring_force(event: VibrationEvent, rate: float) -> Array:
     """
     if event.waveform is not None:
         simulated = event.waveform.force
-        known = np.arange(len(simulated)) / event.waveform.rate
-        wanted = np.arange(math.floor(known[-1] * rate) + 1) / rate
-        return np.asarray(np.interp(wanted, known, simulated))
+        times = np.arange(len(simulated)) / event.waveform.rate
+        wanted = np.arange(math.floor(times[-1] * rate) + 1) / rate
+        return np.asarray(np.interp(wanted, times, simulated))
     tool = event.tool
     time = np.arange(math.ceil(_LENGTH * tool.decay_time * rate)) / rate
     envelope = event.amplitude * np.exp(-time / tool.decay_time)

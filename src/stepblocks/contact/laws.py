@@ -257,8 +257,8 @@ def _find_maker(law: str) -> Callable[..., object]:
         return _SHIPPED[law]
     offered = {entry.name: entry for entry in entry_points(group="stepblocks.laws")}
     if law not in offered:
-        known = [*_SHIPPED, *offered]
-        raise QuantityError(f"laws must be of {', '.join(known)}, got {law!r}")
+        names = [*_SHIPPED, *offered]
+        raise QuantityError(f"laws must be of {', '.join(names)}, got {law!r}")
     return cast(Callable[..., object], offered[law].load())
 
 

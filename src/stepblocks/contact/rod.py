@@ -100,11 +100,11 @@ class RodRing:
         """Logarithm of the ratio of two amplitudes one period apart [1]."""
         return math.pi * self.loss_factor
 
-    def as_tool(self, like: Tool = PAPER.tool) -> Tool:
+    def as_tool(self, tool: Tool = PAPER.tool) -> Tool:
         """Return the tool that rings so, equal to another in all else."""
-        ratio_kept = like.frequency_deviation * self.frequency / like.frequency
+        ratio_kept = tool.frequency_deviation * self.frequency / tool.frequency
         return replace(
-            like,
+            tool,
             stiffness=self.stiffness,
             frequency=self.frequency,
             frequency_deviation=ratio_kept,
@@ -426,9 +426,9 @@ class _HeldRod(NamedTuple):
         """Build the matrix of the first-order system of coordinates and their rates."""
         from scipy.linalg import solve
 
-        zero, one = np.zeros_like(self.mass), np.eye(len(self.mass))
+        zero, unity = np.zeros_like(self.mass), np.eye(len(self.mass))
         of_spring, of_damper = -solve(self.mass, self.spring), -solve(self.mass, self.damper)
-        return np.block([[zero, one], [of_spring, of_damper]])
+        return np.block([[zero, unity], [of_spring, of_damper]])
 
     def find_pulled_state(self, modes: Sequence[Mode]) -> Array:
         """Find coordinates and rates under 1 N on the tip, which moves rod and handle."""

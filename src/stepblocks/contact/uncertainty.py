@@ -112,11 +112,11 @@ def compute_sensitivities(
 
     NaN where the drag does not release at both ends of a difference.
     """
-    known = _derive_in_closed_form(face, point, backward)
+    closed_forms = _derive_in_closed_form(face, point, backward)
     sensitivities = {}
     for name in uncertainty:
-        if name in known:
-            sensitivities[name] = known[name]
+        if name in closed_forms:
+            sensitivities[name] = closed_forms[name]
         else:
             sensitivities[name] = _derive_by_differences(face, point, uncertainty, name, backward)
     return sensitivities

@@ -36,10 +36,10 @@ def compute_needed_pulls(places: CatchPlaces, settings: DragSettings) -> NDArray
 def find_force_limit(needed: NDArray[np.float64], settings: DragSettings) -> float:
     """Pull past which the tip counts as locked [N]."""
     load, rubbed = settings.normal_load, settings.tissue_friction
-    most = needed.max(initial=rubbed) - rubbed
-    if math.isinf(most):
+    climb = needed.max(initial=rubbed) - rubbed
+    if math.isinf(climb):
         return _LOCKED_LIMIT * load
-    return float(_HELD_LIMIT * max(most, load) + rubbed)
+    return float(_HELD_LIMIT * max(climb, load) + rubbed)
 
 
 class Grain(NamedTuple):

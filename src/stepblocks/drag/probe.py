@@ -109,16 +109,16 @@ class Probe:
             force = float(compute_softened_force(force, self.hardening / self.stiffness**3))
         return force / self.stiffness
 
-    def energy(self, force: float, rest: float = 0.0) -> float:
+    def energy(self, force: float, steady_force: float = 0.0) -> float:
         """Energy of the spring at a force, above that at its rest [J].
 
-        At rest a steady force of `rest` [N] pulls.
+        At rest a `steady_force` [N] pulls.
         """
         if self.hardening == 0.0:
-            return 0.5 * (force - rest) * (force - rest) / self.stiffness
-        stretch, rest_stretch = self.stretch(force), self.stretch(rest)
+            return 0.5 * (force - steady_force) * (force - steady_force) / self.stiffness
+        stretch, rest_stretch = self.stretch(force), self.stretch(steady_force)
         stored = self._store(stretch) - self._store(rest_stretch)
-        return stored - rest * (stretch - rest_stretch)
+        return stored - steady_force * (stretch - rest_stretch)
 
     def _store(self, stretch: float) -> float:
         """Energy of the hardening spring at a stretch [m], in J."""
@@ -207,7 +207,7 @@ class DragSettings:
     @classmethod
     def under(cls, point: OperatingPoint, **changes: object) -> "DragSettings":
         """Take load, friction, speed and tissue from an operating point."""
-        known: dict[str, object] = {
+        of_point: dict[str, object] = {
             "normal_load": point.normal_load,
             "friction": point.friction,
             "speed": point.speed,
@@ -215,16 +215,16 @@ class DragSettings:
             "tissue_damping": point.tissue.damping,
             "tissue_friction": point.tissue.friction,
         }
-        settings = cls(**known | changes)  # type: ignore[arg-type]
+        settings = cls(**of_point | changes)  # type: ignore[arg-type]
         law = point.friction_law
         if law is None or "friction" in changes:
             return settings
         sliding = law.coefficient(settings.speed, point.normal_load, 0.0, 0.0)
-        rest = law.coefficient(0.0, point.normal_load, 0.0, 0.0)
+        at_rest = law.coefficient(0.0, point.normal_load, 0.0, 0.0)
         return replace(
             settings,
             friction=sliding,
-            static_friction=rest if rest > sliding else 0.0,
+            static_friction=at_rest if at_rest > sliding else 0.0,
             friction_law=law,
         )
 

@@ -7,7 +7,7 @@ from difflib import get_close_matches
 from functools import cached_property
 from html import escape
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import pandas as pd
 
@@ -21,14 +21,13 @@ from stepblocks.drag.events import drag_face
 from stepblocks.drag.figures import draw_force, draw_spectra, plot_force
 from stepblocks.drag.kernels import COLUMNS
 from stepblocks.drag.probe import SETTINGS, Setting
+from stepblocks.drag.record import build_record
 from stepblocks.drag.result import DragResult
 from stepblocks.drag.subject import resolve_subject
-from stepblocks.drag.summary import write_summary
 from stepblocks.errors import ContactError, PipelineError
 from stepblocks.files.atomic import replace_text
 from stepblocks.files.figures import Axes, take_axes
 from stepblocks.files.tables import write_table
-from stepblocks.files.text import Document
 from stepblocks.parts.kind import Part
 from stepblocks.scans.read import Scan
 
@@ -144,9 +143,9 @@ class Drag(DragResult):
         return axes
 
     @cached_property
-    def summary(self) -> Document:
+    def summary(self) -> dict[str, Any]:
         """What ``drag.json`` says of the release that was asked about, units in the names."""
-        return write_summary(self)
+        return build_record(self).to_json()
 
     def write(self, folder: Path) -> None:
         """Write ``trace.csv``, ``events.csv``, ``drag.json`` and ``force.png``.
@@ -233,32 +232,32 @@ def drag_over(
     ['feature']
     """
     named = _find_setting(setting)
-    given = _read_values(values)
+    keywords = _read_values(values)
     if named is not None:
-        given = {"load": named.normal_load, "friction": named.friction} | given
-    settings = _choose_settings(given)
-    found = resolve_subject(subject, given, backward, stimuli)
+        keywords = {"load": named.normal_load, "friction": named.friction} | keywords
+    settings = _choose_settings(keywords)
+    target = resolve_subject(subject, keywords, backward, stimuli)
     point = replace(
-        found.point, contact=contact or found.point.contact, tool=tool or found.point.tool
+        target.point, contact=contact or target.point.contact, tool=tool or target.point.tool
     )
-    face = found.face
+    face = target.face
     if x_range is not None:
         if not isinstance(face, Profile):
-            raise PipelineError(f"x_range is for a profile; {found.name} has one edge")
+            raise PipelineError(f"x_range is for a profile; {target.name} has one edge")
         face = replace(face, feature=x_range)
     changes = {} if named is None else named.changes(point.tool, point.normal_load)
     for name in _OF_PROBE:
-        if name in given:
-            changes[name] = given[name]
+        if name in keywords:
+            changes[name] = keywords[name]
     try:
         formula = face.release(point, backward)
         trace = drag_face(face, point, backward, settings=settings, probe=changes)
     except ContactError as error:
-        if found.place:
-            raise PipelineError(f"{error} {found.place}") from error
+        if target.place:
+            raise PipelineError(f"{error} {target.place}") from error
         raise
     return Drag(
-        f"Drag over {found.name}",
+        f"Drag over {target.name}",
         trace,
         formula,
         point.tool,

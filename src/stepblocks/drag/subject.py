@@ -151,18 +151,18 @@ def _find_declared_part(text: str, stimuli: Sets | None) -> _DeclaredPart:
         sets, pattern = load_sets(stimuli), text
     else:
         raise PipelineError(f"{_RULE}, or FILE.toml/ID (no folder stimuli here), got {text!r}")
-    found = []
+    matches = []
     for declared, _ in sets:
         for part in declared.stimuli:
             if matches_pattern(pattern, declared.name, part.id):
-                found.append(_DeclaredPart(declared, part))
-    if not found:
+                matches.append(_DeclaredPart(declared, part))
+    if not matches:
         places = ", ".join(place for _, place in sets)
-        known = ", ".join(part.id for declared, _ in sets for part in declared.stimuli)
+        identities = ", ".join(part.id for declared, _ in sets for part in declared.stimuli)
         raise PipelineError(
-            f"{_RULE}, or declared in {places}, got {text!r}; declared are {known:.200}"
+            f"{_RULE}, or declared in {places}, got {text!r}; declared are {identities:.200}"
         )
-    if len(found) > 1:
-        names = ", ".join(f"{stimuli.name}/{part.id}" for stimuli, part in found)
+    if len(matches) > 1:
+        names = ", ".join(f"{stimuli.name}/{part.id}" for stimuli, part in matches)
         raise PipelineError(f"stimulus must be one, {identity!r} is several: {names}")
-    return found[0]
+    return matches[0]

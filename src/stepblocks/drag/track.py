@@ -75,13 +75,13 @@ class Track(CentrePath):
         height, slope, square = _expand_about(self.cubics[before], width)
         left = np.column_stack([height, slope, square])
         right = self.cubics[self.kinks, :3]
-        both = np.stack([left, right], axis=1)
+        branches = np.stack([left, right], axis=1)
         # a branch is a line or an arc about a corner, which bends by 1 / R; the cubic of a piece
         # that is short beside the sampling may bend by far more
         level = 0.5 / self.ball_radius
-        lowest = -_BENT_DOWN * level * (1.0 + both[..., 1] ** 2) ** 1.5
-        both[..., 2] = np.clip(both[..., 2], lowest, _BENT_UP * level)
-        return both
+        lowest = -_BENT_DOWN * level * (1.0 + branches[..., 1] ** 2) ** 1.5
+        branches[..., 2] = np.clip(branches[..., 2], lowest, _BENT_UP * level)
+        return branches
 
     def evaluate(self, x: Array, side: Literal["left", "right"] = "right") -> tuple[Array, Array]:
         """Height [m] and slope [1] at any positions; at a knot, of the piece on one side."""
@@ -212,11 +212,11 @@ class Track(CentrePath):
         """
         left, right = self.slopes
         steepest = np.maximum(np.abs(left), np.abs(right))
-        found = np.flatnonzero(steepest > _FLAT)
-        if found.size == 0:
+        steep = np.flatnonzero(steepest > _FLAT)
+        if steep.size == 0:
             middle = float(0.5 * (self.x[0] + self.x[-1]))
             return middle, middle
-        return float(self.x[found[0]]), float(self.x[found[-1]])
+        return float(self.x[steep[0]]), float(self.x[steep[-1]])
 
 
 def _expand_about(cubics: Array, distance: Array) -> tuple[Array, Array, Array]:

@@ -73,8 +73,8 @@ class BenchDesign:
         law = self.laws.get("friction") or FrictionLaw(lambda speed, load, place, time: 1.0)
         compute = np.vectorize(law.coefficient, otypes=[float])
         sliding = compute(self.speed, self.load, 0.0, 0.0)
-        rest = compute(0.0, self.load, 0.0, 0.0)
-        return sliding / law.coefficient(0.0, 1.0, 0.0, 0.0), rest / sliding
+        at_rest = compute(0.0, self.load, 0.0, 0.0)
+        return sliding / law.coefficient(0.0, 1.0, 0.0, 0.0), at_rest / sliding
 
     @cached_property
     def indentation(self) -> tuple[Floats, Floats] | None:
@@ -169,9 +169,9 @@ def list_constants(
     ]
     for block in np.unique(design.block).tolist():
         nominal = float(design.height[design.block == block][0])
-        known, spread = (scanned or {}).get(block, (nominal, height_std))
+        height, spread = (scanned or {}).get(block, (nominal, height_std))
         reach = min(_HEIGHT_REACH * height_std, _MOST_OF_STEP * nominal)
-        constants.append(_make_height_constant(block, known - nominal, reach, spread))
+        constants.append(_make_height_constant(block, height - nominal, reach, spread))
     return tuple(constants)
 
 

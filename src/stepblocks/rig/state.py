@@ -201,8 +201,8 @@ def _lag_behind(state: DragState, shown: _Shown) -> _Shown:
     slope = state.stiffness * state.speed
     late = np.maximum(state.lag, _LEAST_LAG)
     ramp_time = np.maximum(shown.peak - shown.sliding, 0.0) / slope
-    settled = 1.0 - np.exp(-np.minimum(ramp_time / late, _MOST_RAMP))
-    peak = np.maximum(shown.peak - slope * late * settled, _LEAST_FORCE)
+    share_seen = 1.0 - np.exp(-np.minimum(ramp_time / late, _MOST_RAMP))
+    peak = np.maximum(shown.peak - slope * late * share_seen, _LEAST_FORCE)
     energy = shown.energy / (1.0 + (2.0 * np.pi * state.frequency * late) ** 2)
     return shown._replace(peak=peak, energy=energy)
 

@@ -146,10 +146,10 @@ def build_envelope_path(discs: list[Disc], lines: list[Line], ball_radius: float
     shapes = _Shapes(discs, lines, ball_radius)
     knots = np.unique(np.clip(np.concatenate([[start, end], shapes.place_knots()]), start, end))
     for _ in range(_PASSES):
-        more = _add_crossings(shapes, knots)
-        if len(more) == len(knots):
+        refined = _add_crossings(shapes, knots)
+        if len(refined) == len(knots):
             break
-        knots = more
+        knots = refined
     top = shapes.find_top(0.5 * (knots[1:] + knots[:-1]))
     return CentrePath(
         knots,

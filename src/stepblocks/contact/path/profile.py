@@ -179,10 +179,10 @@ def _find_least_steepest(path: TipPath) -> float:
     rounding.
     """
     rise = np.diff(path.height) / np.diff(path.position)
-    known = rise[np.isfinite(rise)]
-    if known.size == 0:
+    measured = rise[np.isfinite(rise)]
+    if measured.size == 0:
         return 0.0
-    return float(known.max()) * (1.0 - 1e-9) - 1e-9
+    return float(measured.max()) * (1.0 - 1e-9) - 1e-9
 
 
 def _find_tolerance(path: TipPath) -> float:

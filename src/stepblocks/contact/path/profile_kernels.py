@@ -82,14 +82,14 @@ def dilate_profile(
             depth -= 1
             begin, end, first, last = stack[depth]
             middle = (begin + end) // 2
-            rest, u, element = find_best_contact(
+            resting, u, element = find_best_contact(
                 positions[middle],
                 max(first, under[middle]),
                 min(last, until[middle]),
                 elements,
                 radius,
             )
-            height[middle] = rest if element >= 0 else math.nan
+            height[middle] = resting if element >= 0 else math.nan
             contact[middle], touched[middle] = u, element
             if begin < middle:
                 stack[depth] = (begin, middle - 1, first, element if element >= 0 else last)

@@ -172,7 +172,7 @@ def settle_ledger(
     """
     if is_first:
         ledger = _add_ledgers(ledger, stored, -1.0)
-    settled = _add_ledgers(ledger, stored, 1.0)
+    balanced = _add_ledgers(ledger, stored, 1.0)
     if passes:
-        passage[_NOTED:] = np.array(settled)
-    return settled if ends else ledger
+        passage[_NOTED:] = np.array(balanced)
+    return balanced if ends else ledger

@@ -36,9 +36,9 @@ def offer_laws(file: str | Path) -> tuple[Law, ...]:
     path = Path(file).resolve()
     # a file that was changed since is another one, also to workers, which begin with it
     changed_ns = path.stat().st_mtime_ns if path.exists() else 0
-    found = _run_laws(path, changed_ns)
+    laws = _run_laws(path, changed_ns)
     os.environ[_OFFERED] = f"{changed_ns}:{path}"
-    return found
+    return laws
 
 
 @cache

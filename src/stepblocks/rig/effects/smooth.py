@@ -381,8 +381,8 @@ def _make_periodic_law(slot: str, covariate: CovariateRange) -> Law:
         return np.asarray(values["cosine"] * np.cos(phase) + values["sine"] * np.sin(phase))
 
     # half a turn over the whole run apart, so that a fit begins within its own valley
-    most = min(int(2.0 * reach / _SHORTEST_PERIOD), _MOST_TURNS)
-    turns = np.arange(3, most + 1)
+    last_turn = min(int(2.0 * reach / _SHORTEST_PERIOD), _MOST_TURNS)
+    turns = np.arange(3, last_turn + 1)
     return Law(
         f"periodic_{slot}_{covariate.name}",
         f"{move.form}, g = a cos(2 pi n / P) + b sin(2 pi n / P)",
@@ -452,13 +452,13 @@ def _follow(basis: Callable[[NDArray[np.generic]], Floats], names: Names) -> Siz
     A fit asks for the same column hundreds of times; the reference that is kept makes its identity
     safe.
     """
-    known: NDArray[np.generic] | None = None
+    last_column: NDArray[np.generic] | None = None
     columns: Floats = np.empty(0)
 
     def follow(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
-        nonlocal known, columns
-        if known is not column:
-            known, columns = column, basis(column)
+        nonlocal last_column, columns
+        if last_column is not column:
+            last_column, columns = column, basis(column)
         return np.asarray(columns @ np.array([values[name] for name in names]))
 
     return follow
