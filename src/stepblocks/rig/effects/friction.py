@@ -71,6 +71,7 @@ def _settle(state: DragState, order: Floats, values: Mapping[str, float]) -> Dra
 def _make_settling_law(
     name: str,
     form: str,
+    *,
     trials: float,
     least: float,
     covariate: str,
