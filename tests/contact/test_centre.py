@@ -10,7 +10,7 @@ import pytest
 
 from oracles.scenes import corner_path
 from stepblocks.contact.critical_angle import find_step_angle
-from stepblocks.contact.path.centre import FeatureRange, build_envelope_path
+from stepblocks.contact.path.centre import Disc, FeatureRange, Line, build_envelope_path
 from stepblocks.errors import ContactError
 
 R = 90e-6
@@ -34,8 +34,8 @@ def test_over_a_slope_the_centre_runs_a_radius_beside_it():
 
 
 def test_a_corner_is_a_disc_of_no_radius():
-    lines = [((-1e-3, 0.0), (0.0, 0.0)), ((0.0, 30e-6), (1e-3, 30e-6))]
-    path, same = corner_path(STEP, R), build_envelope_path([(0.0, 30e-6, 0.0)], lines, R)
+    lines = [Line((-1e-3, 0.0), (0.0, 0.0)), Line((0.0, 30e-6), (1e-3, 30e-6))]
+    path, same = corner_path(STEP, R), build_envelope_path([Disc(0.0, 30e-6, 0.0)], lines, R)
     assert same.find_notch(+1.0) == pytest.approx(path.find_notch(+1.0), abs=1e-12)
     x, z, angle = path.find_notch(+1.0)
     assert angle == pytest.approx(find_step_angle(30e-6, R), rel=1e-9)
@@ -45,8 +45,8 @@ def test_a_corner_is_a_disc_of_no_radius():
 def test_a_rounding_and_a_ball_exchange_their_radii():
     # seen from the centre of the arc, a ball of R over a rounding of r is a ball of R + r over a
     # sharp edge
-    lines = [((-1e-3, 0.0), (0.0, 0.0)), ((12e-6, 30e-6), (1e-3, 30e-6))]
-    rounded = build_envelope_path([(12e-6, 18e-6, 12e-6)], lines, R)
+    lines = [Line((-1e-3, 0.0), (0.0, 0.0)), Line((12e-6, 30e-6), (1e-3, 30e-6))]
+    rounded = build_envelope_path([Disc(12e-6, 18e-6, 12e-6)], lines, R)
     assert rounded.find_notch(+1.0)[2] == pytest.approx(find_step_angle(30e-6, R + 12e-6), rel=1e-9)
 
 

@@ -108,6 +108,15 @@ def test_a_pulled_handle_drags_a_tool_of_two_modes():
     assert done.ring.energy == pytest.approx(sum(done.ring.mode_energies))
 
 
+def test_a_tool_of_two_modes_takes_a_law_of_friction():
+    # a law that is a constant is that coefficient; to check it, the rows were read as if they had
+    # no columns for the modes
+    law = sb.FrictionLaw(lambda speed, load, place, time: 0.15)
+    by_law = sb.drag_over("25 um", tool=TOOL, friction=law)
+    plain = sb.drag_over("25 um", tool=TOOL, friction=0.15)
+    assert by_law.trace.peak_force == pytest.approx(plain.trace.peak_force, rel=1e-12)
+
+
 def test_a_set_a_sweep_and_a_prediction_drag_the_same_tool(tmp_path):
     by_hand = sb.drag_over(sb.Step(25e-6), tool=TOOL)
     alone = sb.drag_over(sb.Step(25e-6))

@@ -154,7 +154,7 @@ def test_the_release_is_marked_where_it_is_on_the_axis_of_milliseconds():
 def test_other_releases_than_the_one_asked_about_are_marked_too():
     time = np.linspace(0.0, 0.3, 4)
     events = [
-        SimpleNamespace(status=status, released_s=at)
+        SimpleNamespace(status=Status(status), released_s=at)
         for status, at in (("releases", 0.05), ("run-over", 0.1), ("releases", 0.125))
     ]
     trace = SimpleNamespace(
@@ -171,7 +171,7 @@ def test_other_releases_than_the_one_asked_about_are_marked_too():
 def test_a_ring_ends_where_the_next_release_is_and_not_where_the_tip_runs_over_a_place():
     trace = trace_of(length=120e-3)
     events = tuple(
-        SimpleNamespace(status=status, released_s=at, pull_n=PEAK)
+        SimpleNamespace(status=Status(status), released_s=at, pull_n=PEAK)
         for status, at in (("releases", RELEASE), ("run-over", 30e-3), ("releases", 60e-3))
     )
     cut = _cut_ring(replace(trace, events=events), 0)
@@ -184,7 +184,7 @@ def test_of_a_place_that_is_met_twice_the_release_answers_and_not_the_way_past_i
     events = tuple(
         SimpleNamespace(
             place=3,
-            status=status,
+            status=Status(status),
             caught_s=at - 1e-3,
             released_s=at,
             pull_n=pull,
@@ -205,7 +205,7 @@ def test_a_ring_ends_at_the_very_next_release_and_each_release_rings_by_itself()
     again = first.rows[first.column("time_s") >= RELEASE].copy()
     again[:, 0] += pause
     events = tuple(
-        SimpleNamespace(status="releases", released_s=at, pull_n=PEAK, place=0)
+        SimpleNamespace(status=Status.RELEASES, released_s=at, pull_n=PEAK, place=0)
         for at in (RELEASE, RELEASE + pause)
     )
     trace = replace(first, rows=np.concatenate([first.rows, again]), events=events)

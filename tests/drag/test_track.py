@@ -2,7 +2,6 @@
 
 import math
 import os
-from dataclasses import astuple, fields
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +15,7 @@ from stepblocks.contact.laws import LinearContact
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.drag import kernels
 from stepblocks.drag.catches import find_catch_places
+from stepblocks.drag.plan import build_model
 from stepblocks.drag.probe import PAPER_DRAG, DragSettings
 from stepblocks.drag.run import drag_over
 from stepblocks.drag.simulate import simulate_drag
@@ -203,24 +203,24 @@ def test_over_a_face_that_is_its_own_mirror_image_a_tip_is_pulled_left_as_it_is_
     track = build_track(Profile(x, z * 50e-6), R)
     assert track.x[track.kinks] == pytest.approx(np.array([-300, -100, 100, 300]) * 1e-6, abs=1e-12)
     window, depth = 0.3 * R, PAPER_DRAG.find_indentation(1.0)
-    path = track.x, track.cubics, track.kinks, track.part_branches(np.arange(4), 1e-6, window)
+    branches = track.part_branches(np.arange(4), 1e-6, window)
+    path = kernels.Path(track.x, track.cubics, track.kinks, branches)
     settings = DragSettings(1.0, 0.15, speed=0.0, pulling_force=1.0, handle_mass=0.05)
-    given = {field.name: float(getattr(settings, field.name)) for field in fields(settings)[:-1]}
+    model = build_model(PAPER_DRAG, settings, window, 1e6)
+    none = np.zeros(0)
     rows = {}
     for way in (1.0, -1.0):
-        found, count, *_ = kernels.integrate(
+        outcome = kernels.integrate(
             path,
-            tuple(map(float, astuple(PAPER_DRAG)[:-1])),
-            PAPER_DRAG.stiffness,
+            model._replace(handle=model.handle._replace(pull=way)),
             np.empty((0, 3)),
-            tuple((given | {"pulling_force": way}).values()),
-            (0.15, 1e6, 1e9, False),
-            (-way * 0.5e-3, -depth, window, 0.0, 1e-6),
-            (1e-7, 150_000, 100),
-            (np.zeros(0),) * 5,
+            kernels.Start(-way * 0.5e-3, -depth, 0.0),
+            kernels.Pace(1e-7, 150_000, 100),
+            kernels.Places(none, none, none, np.zeros(0, dtype=bool), none),
+            kernels.Stop(float(track.x[0]), float(track.x[-1]), 1e9, settings.ring_time, 1e-6),
             None,
         )
-        rows[way] = dict(zip(kernels.COLUMNS, found[:count].T, strict=True))
+        rows[way] = dict(zip(kernels.COLUMNS, outcome.rows.T, strict=True))
     right, left = rows[1.0], rows[-1.0]
     assert right["x_m"][-1] > 1e-3
     for name, sign, close in (("x_m", -1, 1e-12), ("y_m", 1, 1e-12), ("fx_n", -1, 1e-6)):

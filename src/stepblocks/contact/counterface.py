@@ -26,6 +26,7 @@ from stepblocks.contact.domain import (
     unwrap_scalar,
 )
 from stepblocks.contact.energy import Release, find_release
+from stepblocks.contact.kernels import Angles
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.contact.path.centre import (
     CentrePath,
@@ -40,6 +41,7 @@ from stepblocks.quantities import format_quantity
 
 SIDE = 0.5e-3  # of a margin that was scanned [m]
 REACH = 5e-3  # half length of a centre path on either side of the edge [m]
+_CHORDS = 400  # of a rounded edge
 _LENGTH = "length", MOST_LENGTH  # of a dimension of a counterface
 
 
@@ -73,7 +75,7 @@ class Counterface(ABC):
         return {name: getattr(self, name) for name in self._dimensions}
 
     @abstractmethod
-    def angles(self, ball_radius: Real, **dimensions: Real) -> tuple[Real, Real]:
+    def angles(self, ball_radius: Real, **dimensions: Real) -> Angles:
         """Critical angles [rad], forward and backward; 0 without a catch, pi / 2 at a riser."""
 
     def angle_slopes(self, ball_radius: float) -> dict[str, float]:
@@ -82,22 +84,17 @@ class Counterface(ABC):
 
     def deviate_dimensions(self, deviations: Mapping[str, Real]) -> dict[str, Real]:
         """Dimensions that deviate from the nominal, kept where the angles are defined [m]."""
-        return {
-            name: np.maximum(value + deviations.get(name, 0.0), 0.0)
-            for name, value in self.dimensions.items()
-        }
+        deviated: dict[str, Real] = {}
+        for name, nominal in self.dimensions.items():
+            deviated[name] = np.maximum(nominal + deviations.get(name, 0.0), 0.0)
+        return deviated
 
     def release(self, point: OperatingPoint, backward: bool = False) -> Release:
         """Force and energy of one drag, equations (1) and (2)."""
-        ContactError.require(
-            backward in (False, True), f"backward must be True or False, got {backward!r}"
-        )
-        return find_release(
-            self.angles(point.ball_radius)[bool(backward)],
-            point.normal_load,
-            point.friction,
-            point.tool,
-        )
+        if backward not in (False, True):
+            raise ContactError(f"backward must be True or False, got {backward!r}")
+        angle = self.angles(point.ball_radius).towards(backward)
+        return find_release(angle, point.normal_load, point.friction, point.tool)
 
     def heights(self, x: Array) -> Array:
         """Heights over the near side [m] at positions across the edge [m].
@@ -150,27 +147,24 @@ class Step(Counterface):
     def breakpoints(self) -> tuple[float, ...]:
         return (0.0, self.edge_radius) if self.edge_radius > 0.0 else (0.0,)
 
-    def angles(self, ball_radius: Real, **dimensions: Real) -> tuple[Real, Real]:
-        at = self.dimensions | dimensions
-        return find_step_angle(at["height"], ball_radius, at["edge_radius"]), 0.0
+    def angles(self, ball_radius: Real, **dimensions: Real) -> Angles:
+        height = dimensions.get("height", self.height)
+        edge_radius = dimensions.get("edge_radius", self.edge_radius)
+        return Angles(find_step_angle(height, ball_radius, edge_radius), 0.0)
 
     def angle_slopes(self, ball_radius: float) -> dict[str, float]:
         """Where the edge is met, not the riser."""
         radius = ball_radius + self.edge_radius
-        by_height = float(
-            1.0 / (radius * np.sin(kernels.compute_angle_on_step(self.height, radius)))
-        )
+        angle = kernels.compute_angle_on_step(self.height, radius)
+        by_height = float(1.0 / (radius * np.sin(angle)))
         by_radius = -by_height * self.height / radius
         return {"height": by_height, "edge_radius": by_radius, "ball_radius": by_radius}
 
     def heights(self, x: Array) -> Array:
+        radius = self.edge_radius
         # from the arc's centre back towards the riser
-        across = np.clip(self.edge_radius - x, 0.0, self.edge_radius)
-        rounded = (
-            self.height
-            - self.edge_radius
-            + np.sqrt(self.edge_radius * self.edge_radius - across * across)
-        )
+        across = np.clip(radius - x, 0.0, radius)
+        rounded = self.height - radius + np.sqrt(radius * radius - across * across)
         return np.where(x < 0.0, 0.0, rounded)
 
     def section(self, run: float) -> tuple[Array, Array]:
@@ -179,9 +173,13 @@ class Step(Counterface):
         They lie at most ``r (pi / 800)^2 / 8`` inside it, and it ends where r exceeds H.
         """
         height, radius = self.height, self.edge_radius
-        span = np.arccos(max(1.0 - height / radius, 0.0)) if radius > 0.0 else 0.0
-        angles = np.linspace(span, 0.0, 401 if radius > 0.0 else 1)
-        x, z = radius * (1.0 - np.sin(angles)), height - radius * (1.0 - np.cos(angles))
+        if radius > 0.0:
+            span = np.arccos(max(1.0 - height / radius, 0.0))
+            angles = np.linspace(span, 0.0, _CHORDS + 1)
+        else:
+            angles = np.zeros(1)
+        x = radius * (1.0 - np.sin(angles))
+        z = height - radius * (1.0 - np.cos(angles))
         z[-1] = height
         return (
             np.concatenate([[x[0] - run, x[0]], x, [radius + run]]),
@@ -193,8 +191,9 @@ class Step(Counterface):
         height, radius = self.height, self.edge_radius
         if radius == 0.0:
             return super().outline()
-        lines = [((-REACH, 0.0), (0.0, 0.0)), ((radius, height), (REACH, height))]
-        return [(radius, height - radius, radius)], lines
+        lower = Line((-REACH, 0.0), (0.0, 0.0))
+        upper = Line((radius, height), (REACH, height))
+        return [Disc(radius, height - radius, radius)], [lower, upper]
 
 
 @dataclass(frozen=True)
@@ -232,16 +231,20 @@ class Margin(Counterface):
     def breakpoints(self) -> tuple[float, ...]:
         return tuple(sorted({0.0, self.gap, self.opening}))
 
-    def angles(self, ball_radius: Real, **dimensions: Real) -> tuple[Real, Real]:
+    def angles(self, ball_radius: Real, **dimensions: Real) -> Angles:
         """In closed form; the gap is taken to be deeper than the tip sinks."""
-        at = self.dimensions | dimensions
-        return compute_bevelled_margin_angles(at["gap"], at["opening"], at["rise"], ball_radius)
+        gap = dimensions.get("gap", self.gap)
+        opening = dimensions.get("opening", self.opening)
+        rise = dimensions.get("rise", self.rise)
+        return compute_bevelled_margin_angles(gap, opening, rise, ball_radius)
 
     def deviate_dimensions(self, deviations: Mapping[str, Real]) -> dict[str, Real]:
         """Let an opening that is not named follow the gap, as that of a square end does."""
         gap = self.gap + deviations.get("gap", 0.0)
-        follows = self.opening + gap - self.gap
-        opening = self.opening + deviations["opening"] if "opening" in deviations else follows
+        if "opening" in deviations:
+            opening = self.opening + deviations["opening"]
+        else:
+            opening = self.opening + gap - self.gap
         return {
             "gap": np.maximum(gap, 0.0),
             "opening": opening,
@@ -249,16 +252,21 @@ class Margin(Counterface):
         }
 
     def section(self, run: float) -> tuple[Array, Array]:
-        opening, gap, rise, depth, fall = self.opening, self.gap, self.rise, self.depth, self.fall
-        corners = [(min(opening, 0.0), 0.0)]
-        if opening > gap:
-            corners += [(0.0, -depth), (gap, -depth - fall * gap), (gap, rise + gap - opening)]
-        elif opening > 0.0:
-            corners += [(0.0, -depth), (opening, -depth - fall * opening)]
-        x, z = np.array(
-            [(corners[0][0] - run, 0.0), *corners, (opening, rise), (opening + run, rise)]
-        ).T
+        corners = [(min(self.opening, 0.0), 0.0), *self._list_floor_corners()]
+        first_x, last_x = corners[0][0] - run, self.opening + run
+        far_side = [(self.opening, self.rise), (last_x, self.rise)]
+        x, z = np.array([(first_x, 0.0), *corners, *far_side]).T
         return x, z
+
+    def _list_floor_corners(self) -> list[tuple[float, float]]:
+        """List the corners (x, z) [m] of the floor of the gap and of the bevel behind it."""
+        near = (0.0, -self.depth)
+        if self.opening > self.gap:
+            far = (self.gap, -self.depth - self.fall * self.gap)
+            return [near, far, (self.gap, self.rise + self.gap - self.opening)]
+        if self.opening > 0.0:
+            return [near, (self.opening, -self.depth - self.fall * self.opening)]
+        return []
 
 
 @dataclass(frozen=True)
@@ -281,13 +289,13 @@ class Groove(Counterface):
         convert_fields(self, width=_LENGTH)
         convert_fields(self, 1e-3, flank=("angle", 0.5 * math.pi))
 
-    def angles(self, ball_radius: Real, **dimensions: Real) -> tuple[Real, Real]:
+    def angles(self, ball_radius: Real, **dimensions: Real) -> Angles:
         """``sin a = g / 2R``, or along the flanks onto which the ball sinks."""
-        at = self.dimensions | dimensions
-        angle = unwrap_scalar(
-            np.minimum(find_margin_angles(at["width"], 0.0, ball_radius)[0], at["flank"])
-        )
-        return angle, angle
+        width = dimensions.get("width", self.width)
+        between_shoulders = find_margin_angles(width, 0.0, ball_radius).forward
+        along_flank = dimensions.get("flank", self.flank)
+        angle = unwrap_scalar(np.minimum(between_shoulders, along_flank))
+        return Angles(angle, angle)
 
     def section(self, run: float) -> tuple[Array, Array]:
         half = 0.5 * self.width
@@ -326,16 +334,22 @@ class Profile(Counterface):
             object.__setattr__(self, name, read_lengths(name, getattr(self, name)))
         require_points(self.x, self.z)
         if self.feature is not None:
-            first, last = (read_number("feature", one, "length") for one in self.feature)
-            ContactError.require(
-                self.x[0] <= first < last <= self.x[-1],
+            object.__setattr__(self, "feature", self._read_feature(*self.feature))
+
+    def _read_feature(self, first: object, last: object) -> tuple[float, float]:
+        """Read a range of x [m], or refuse one that does not lie within the profile."""
+        begin = read_number("feature", first, "length")
+        end = read_number("feature", last, "length")
+        if not self.x[0] <= begin < end <= self.x[-1]:
+            raise ContactError(
                 f"feature must be a range of x within the profile ({self.x[0]:g} to "
-                f"{self.x[-1]:g} m), got {first:g} to {last:g} m",
+                f"{self.x[-1]:g} m), got {begin:g} to {end:g} m"
             )
-            object.__setattr__(self, "feature", (first, last))
+        return begin, end
 
     def __repr__(self) -> str:
-        run, span = (format_quantity(float(np.ptp(one)), "length") for one in (self.x, self.z))
+        run = format_quantity(float(np.ptp(self.x)), "length")
+        span = format_quantity(float(np.ptp(self.z)), "length")
         return f"Profile({self.x.size} points over {run}, heights over {span})"
 
     @classmethod
@@ -354,38 +368,36 @@ class Profile(Counterface):
         ContactError
             If fewer than half of the points were measured.
         """
-        known = np.isfinite(scan.height)
-        ContactError.require(
-            2 * int(known.sum()) >= known.size,
-            f"at least half of a scan must be measured, got {int(known.sum())} of {known.size} "
-            "points",
-        )
-        return cls(scan.position[known], scan.height[known], feature)
+        is_known = np.isfinite(scan.height)
+        count = int(is_known.sum())
+        if 2 * count < is_known.size:
+            raise ContactError(
+                f"at least half of a scan must be measured, got {count} of {is_known.size} points"
+            )
+        return cls(scan.position[is_known], scan.height[is_known], feature)
 
-    def angles(self, ball_radius: Real, **dimensions: Real) -> tuple[Real, Real]:
+    def angles(self, ball_radius: Real, **dimensions: Real) -> Angles:
         """By exact dilation: the steepest slopes of the path of the tip, once for each ball."""
-        balls, which = np.unique(np.asarray(ball_radius, dtype=np.float64), return_inverse=True)
-        found = np.array(
-            [_find_steepest_angles(self.x, self.z, float(ball), self.feature) for ball in balls]
-        )[which]
-        forward, backward = (
-            unwrap_scalar(found[..., way].reshape(np.shape(ball_radius))) for way in (0, 1)
+        radii = np.asarray(ball_radius, dtype=np.float64)
+        balls, which = np.unique(radii, return_inverse=True)
+        forward, backward = np.empty(balls.size), np.empty(balls.size)
+        for number, ball in enumerate(balls.tolist()):
+            angles = _find_steepest_angles(self.x, self.z, ball, self.feature)
+            forward[number], backward[number] = angles
+        return Angles(
+            unwrap_scalar(forward[which].reshape(radii.shape)),
+            unwrap_scalar(backward[which].reshape(radii.shape)),
         )
-        return forward, backward
 
     def heights(self, x: Array) -> Array:
         """Between the points on straight lines; at a riser the higher side."""
-        last = np.searchsorted(self.x, x, side="right")
-        first = np.searchsorted(self.x, x, side="left")
-        between: Array = np.interp(x, self.x, self.z)
-        on = last > first  # on a point, or on several that make a riser
-        if not np.any(on):
-            return between
-        ends = [
-            self.z[a:b].max() if b > a else value
-            for a, b, value in zip(first, last, between, strict=True)
-        ]
-        return np.where(on, np.asarray(ends), between)
+        end = np.searchsorted(self.x, x, side="right")
+        begin = np.searchsorted(self.x, x, side="left")
+        heights: Array = np.interp(x, self.x, self.z)
+        is_on_point = end > begin  # on a point, or on several that make a riser
+        for number in np.flatnonzero(is_on_point).tolist():
+            heights[number] = self.z[begin[number] : end[number]].max()
+        return heights
 
     def section(self, run: float) -> tuple[Array, Array]:
         return self.x, self.z
@@ -396,15 +408,15 @@ class Profile(Counterface):
 
     def centre_path(self, ball_radius: float) -> CentrePath:
         discs, lines = self.outline()
-        (first, start), (last, end) = lines[0][0], lines[-1][1]
+        first, last = lines[0].start, lines[-1].end
         # level beyond both ends, where the ball meets the first point from a radius away
-        before, behind = (first - ball_radius, start), (last + ball_radius, end)
-        path = build_envelope_path(
-            [*discs, (first, start, 0.0), (last, end, 0.0)],
-            [(before, lines[0][0]), *lines, (lines[-1][1], behind)],
-            ball_radius,
-        )
-        return replace(path, feature=self.feature and FeatureRange(*self.feature, ball_radius))
+        before = Line((first[0] - ball_radius, first[1]), first)
+        behind = Line(last, (last[0] + ball_radius, last[1]))
+        ends = [Disc(*first, 0.0), Disc(*last, 0.0)]
+        path = build_envelope_path([*discs, *ends], [before, *lines, behind], ball_radius)
+        if self.feature is None:
+            return path
+        return replace(path, feature=FeatureRange(*self.feature, ball_radius))
 
 
 @dataclass(frozen=True)
@@ -418,22 +430,19 @@ class ProfiledMargin(Margin):
     crown_slope: float = 0.0  # against the tooth at the margin [1]
     crown_curvature: float = 0.0  # 1/m
 
-    def angles(self, ball_radius: Real, **dimensions: Real) -> tuple[Real, Real]:
+    def angles(self, ball_radius: Real, **dimensions: Real) -> Angles:
         """By exact dilation; draws differ from their mean as between level sides."""
-        at = {"ball_radius": ball_radius, **self.dimensions, **dimensions}
-        mean = {name: float(np.mean(one)) for name, one in at.items()}
+        inputs = {"ball_radius": ball_radius, **self.dimensions, **dimensions}
+        mean = {name: float(np.mean(value)) for name, value in inputs.items()}
         ball = mean.pop("ball_radius")
-        found = _find_steepest_angles(*replace(self, **mean).section(REACH), ball)
-        if all(np.ndim(one) == 0 for one in at.values()):
-            return found
-        level, drawn = super().angles(ball, **mean), super().angles(**at)
-        forward, backward = (
-            np.where(
-                (now > 0.0) & (now < 0.5 * np.pi), np.clip(own + now - once, 0.0, 0.5 * np.pi), now
-            )
-            for own, once, now in zip(found, level, drawn, strict=True)
+        between_sides = _find_steepest_angles(*replace(self, **mean).section(REACH), ball)
+        if all(np.ndim(value) == 0 for value in inputs.values()):
+            return between_sides
+        level, drawn = super().angles(ball, **mean), super().angles(**inputs)
+        return Angles(
+            _shift_angles(drawn.forward, between_sides.forward, level.forward),
+            _shift_angles(drawn.backward, between_sides.backward, level.backward),
         )
-        return forward, backward
 
     def section(self, run: float) -> tuple[Array, Array]:
         """Tooth, floor of the gap, bevel and crown.
@@ -443,12 +452,23 @@ class ProfiledMargin(Margin):
         x, z = super().section(0.0)
         along = np.linspace(SIDE, 0.0, 21)
         tooth = 0.5 * self.tooth_curvature * along**2
-        crown = self.rise + (self.crown_slope * along + 0.5 * self.crown_curvature * along**2)[::-1]
+        bend = self.crown_slope * along + 0.5 * self.crown_curvature * along**2
+        crown = self.rise + bend[::-1]
         before, behind = x[0] - along, x[-1] + along[::-1]
         return (
             np.concatenate([before[:1] - run, before, x[2:-2], behind, behind[-1:] + run]),
             np.concatenate([tooth[:1], tooth, z[2:-2], crown, crown[-1:]]),
         )
+
+
+def _shift_angles(drawn: Real, between_sides: float, level: float) -> Array:
+    """Shift angles that are drawn between level sides to those of the sides as they are [rad].
+
+    At the mean both kinds of sides are known. Where nothing catches, and at a riser, angles stay.
+    """
+    is_climb = (drawn > 0.0) & (drawn < 0.5 * np.pi)
+    shifted = np.clip(between_sides + drawn - level, 0.0, 0.5 * np.pi)
+    return np.asarray(np.where(is_climb, shifted, drawn))
 
 
 def find_scanned_angle(
@@ -458,14 +478,18 @@ def find_scanned_angle(
 
     The steepest rise of the path of the tip's centre over it, up the step.
     """
-    known = height[np.isfinite(height)]
-    tenth = len(known) // 10
+    measured = height[np.isfinite(height)]
+    tenth = len(measured) // 10
     if tenth == 0:
         return None
-    rising = float(np.median(known[-tenth:])) > float(np.median(known[:tenth]))
-    x, z = (position, height) if rising else (-position[::-1], height[::-1])
-    angle = _find_steepest_angles(x, z, ball)[0]
-    return angle if 0.0 < angle < 0.5 * math.pi else None
+    is_rising = float(np.median(measured[-tenth:])) > float(np.median(measured[:tenth]))
+    if is_rising:
+        angle = _find_steepest_angles(position, height, ball).forward
+    else:
+        angle = _find_steepest_angles(-position[::-1], height[::-1], ball).forward
+    if 0.0 < angle < 0.5 * math.pi:
+        return float(angle)
+    return None
 
 
 def _find_steepest_angles(
@@ -473,15 +497,19 @@ def _find_steepest_angles(
     z: Array,
     ball: float,
     feature: tuple[float, float] | None = None,
-) -> tuple[float, float]:
-    # Critical angles over a profile by exact dilation [rad], forward and backward
+) -> Angles:
+    """Critical angles over a profile by exact dilation [rad], where the tip touches a range [m]."""
     # compiled kernels, loaded where they are used
     from stepblocks.contact.path.profile import build_profile_path, find_steepest_catch
 
     path = build_profile_path(x, z, ball)
-    return (
+    mirrored_feature = None
+    if feature is not None:
+        first, last = feature
+        mirrored_feature = -last, -first
+    return Angles(
         find_steepest_catch(path, feature).angle,
-        find_steepest_catch(path.mirrored(), feature and (-feature[1], -feature[0])).angle,
+        find_steepest_catch(path.mirrored(), mirrored_feature).angle,
     )
 
 

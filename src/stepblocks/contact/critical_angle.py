@@ -16,6 +16,7 @@ from stepblocks.contact.domain import (
     require_positive,
     unwrap_scalar,
 )
+from stepblocks.contact.kernels import Angles
 
 
 @overload
@@ -62,13 +63,7 @@ def find_step_angle(height: Real, ball_radius: Real, edge_radius: Real = 0.0) ->
     return unwrap_scalar(kernels.compute_step_angle(height, ball_radius + edge_radius))
 
 
-@overload
-def find_margin_angles(opening: float, rise: float, ball_radius: float) -> tuple[float, float]: ...
-@overload
-def find_margin_angles(
-    opening: Array | Sequence[float], rise: Real, ball_radius: Real
-) -> tuple[Array, Array]: ...
-def find_margin_angles(opening: Real, rise: Real, ball_radius: Real) -> tuple[Real, Real]:
+def find_margin_angles(opening: Real, rise: Real, ball_radius: Real) -> Angles:
     """Critical angles over a margin or a groove.
 
     Its two shoulders are `opening` apart, the second higher by `rise`.
@@ -81,8 +76,9 @@ def find_margin_angles(opening: Real, rise: Real, ball_radius: Real) -> tuple[Re
 
     Returns
     -------
-    forward, backward : float or ndarray, of the shape to which the arguments broadcast
-        Critical angle [rad] dragging from the first shoulder to the second, and back: 0 where
+    Angles
+        As `forward` and `backward`, floats or arrays of the shape to which the arguments broadcast:
+        critical angle [rad] dragging from the first shoulder to the second, and back: 0 where
         nothing catches, ``asin(g / 2R)`` out of a groove between equal shoulders, a right angle
         where the ball falls between them.
 
@@ -102,27 +98,30 @@ def find_margin_angles(opening: Real, rise: Real, ball_radius: Real) -> tuple[Re
     True
     """
     opening, rise, ball_radius = _check_lengths(opening=opening, rise=rise, ball_radius=ball_radius)
-    forward, backward = kernels.compute_margin_angles(opening, rise, ball_radius)
-    return unwrap_scalar(forward), unwrap_scalar(backward)
+    angles = kernels.compute_margin_angles(opening, rise, ball_radius)
+    return Angles(unwrap_scalar(angles.forward), unwrap_scalar(angles.backward))
 
 
 def compute_bevelled_margin_angles(
     gap: Real, opening: Real, rise: Real, ball_radius: Real
-) -> tuple[Real, Real]:
+) -> Angles:
     """`find_margin_angles` where a far side is bevelled at 45 degrees beyond its gap."""
     gap, rise, ball_radius = _check_lengths(gap=gap, rise=rise, ball_radius=ball_radius)
     opening = np.asarray(opening, dtype=np.float64)[()]
     require_finite("opening", opening, "m")  # below 0 a lip overlaps
-    forward, backward = kernels.compute_bevelled_margin_angles(gap, opening, rise, ball_radius)
-    return unwrap_scalar(forward), unwrap_scalar(backward)
+    angles = kernels.compute_bevelled_margin_angles(gap, opening, rise, ball_radius)
+    return Angles(unwrap_scalar(angles.forward), unwrap_scalar(angles.backward))
 
 
 _RULES = {"ball_radius": require_positive, "rise": require_finite}
 
 
 def _check_lengths(**lengths: Real) -> list[Real]:
-    # Convert lengths to arrays, a single one to a number, and refuse what has no angle
-    arrays = {name: np.asarray(value, dtype=np.float64)[()] for name, value in lengths.items()}
-    for name, value in arrays.items():
-        _RULES.get(name, require_not_negative)(name, value, "m")
-    return list(arrays.values())
+    """Convert lengths to arrays, a single one to a number, and refuse what has no angle."""
+    arrays = []
+    for name, value in lengths.items():
+        array = np.asarray(value, dtype=np.float64)[()]
+        check = _RULES.get(name, require_not_negative)
+        check(name, array, "m")
+        arrays.append(array)
+    return arrays

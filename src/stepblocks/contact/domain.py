@@ -1,7 +1,4 @@
-"""The domain of the formulas.
-
-Each value outside it, alone or in an array, is refused in the same words.
-"""
+"""The domain of the formulas: values outside it, alone or in an array, are refused."""
 
 import math
 from dataclasses import fields
@@ -20,11 +17,11 @@ MOST_BALL = 0.05  # of the radius of a tip, magnified models included [m]
 
 def format_changed_fields(value: Any) -> str:
     """Write a dataclass in a line, without the fields that have their default."""
-    changed = [
-        f"{field.name}={getattr(value, field.name)!r}"
-        for field in fields(value)
-        if getattr(value, field.name) != field.default
-    ]
+    changed = []
+    for field in fields(value):
+        current = getattr(value, field.name)
+        if current != field.default:
+            changed.append(f"{field.name}={current!r}")
     return f"{type(value).__name__}({', '.join(changed)})"
 
 
@@ -35,22 +32,29 @@ def convert_fields(owner: object, low: float | None = None, **bounds: tuple[str,
     it each must be positive.
     """
     for name, (dimension, high) in bounds.items():
-        unit = DIMENSIONS[dimension]
         value = read_number(name, getattr(owner, name), dimension)
-        if low is None:
-            require_positive(name, value, unit)
-        elif low == 0.0:
-            require_not_negative(name, value, unit)
-        else:
-            require_finite(name, value, unit)
-        if value > high or (low is not None and value < low):
-            rule = f"be at most {high:g}" if low is None else f"lie between {low:g} and {high:g}"
-            raise ContactError(
-                f"{name} must {rule} {unit}".rstrip()
-                + f", got {value:g}"
-                + ("; lengths are in metres: 25 um is 25e-6" if dimension == "length" else "")
-            )
+        _require_between(name, value, dimension, low, high)
         object.__setattr__(owner, name, value)
+
+
+def _require_between(
+    name: str, value: float, dimension: str, low: float | None, high: float
+) -> None:
+    """Refuse a value outside its bounds; without a lower one it must be positive."""
+    unit = DIMENSIONS[dimension]
+    if low is None:
+        require_positive(name, value, unit)
+    elif low == 0.0:
+        require_not_negative(name, value, unit)
+    else:
+        require_finite(name, value, unit)
+    if value <= high and (low is None or value >= low):
+        return
+    rule = f"be at most {high:g}" if low is None else f"lie between {low:g} and {high:g}"
+    message = f"{name} must {rule} {unit}".rstrip() + f", got {value:g}"
+    if dimension == "length":
+        message += "; lengths are in metres: 25 um is 25e-6"
+    raise ContactError(message)
 
 
 def read_number(name: str, value: object, dimension: str) -> float:
@@ -93,19 +97,21 @@ def require_finite(name: str, value: Real, unit: str = "") -> None:
 
 def require_points(x: NDArray[np.float64], z: NDArray[np.float64]) -> None:
     """Refuse a profile that is not two rows of one length, or whose positions do not ascend."""
-    ContactError.require(
-        x.ndim == 1 and x.shape == z.shape,
-        f"profile needs x and z of one equal length, got shapes {x.shape} and {z.shape}",
-    )
-    ContactError.require(x.size >= 2, f"profile needs at least 2 points, got {x.size}")
+    if x.ndim != 1 or x.shape != z.shape:
+        raise ContactError(
+            f"profile needs x and z of one equal length, got shapes {x.shape} and {z.shape}"
+        )
+    if x.size < 2:
+        raise ContactError(f"profile needs at least 2 points, got {x.size}")
     falls = np.flatnonzero(np.diff(x) < 0.0)
     if falls.size:
-        n = int(falls[0]) + 1
+        number = int(falls[0]) + 1
         raise ContactError(
-            f"profile positions must not decrease, point {n} lies at {x[n]:g} m behind "
-            f"{x[n - 1]:g} m; sort the points"
+            f"profile positions must not decrease, point {number} lies at {x[number]:g} m behind "
+            f"{x[number - 1]:g} m; sort the points"
         )
-    ContactError.require(x[-1] != x[0], "profile must extend along x, got a single position")
+    if x[-1] == x[0]:
+        raise ContactError("profile must extend along x, got a single position")
 
 
 def unwrap_scalar(value: Real) -> Real:
@@ -123,35 +129,42 @@ def select_where(condition: Real, if_so: Real, otherwise: Real) -> Real:
 def _require(
     name: str, value: Real, unit: str, good: NDArray[np.bool_] | np.bool_, rule: str
 ) -> None:
+    """Refuse values of which not all are `good`; the message shows the first that is not."""
     if not good.all():
         first = np.asarray(value)[np.logical_not(good)].flat[0]
-        raise ContactError(f"{name} must be {rule}, got {first:g}{unit and ' ' + unit}")
+        raise ContactError(f"{name} must be {rule}, got {first:g} {unit}".rstrip())
 
 
 def read_lengths(name: str, values: object) -> NDArray[np.float64]:
     """Read a row of finite lengths on a bench as an array [m]."""
     try:
-        found: NDArray[np.float64] = np.ascontiguousarray(
+        lengths: NDArray[np.float64] = np.ascontiguousarray(
             np.ma.filled(np.ma.asarray(values, dtype=float), np.nan)
         )
     except (TypeError, ValueError) as error:
         raise ContactError(
             f"profile {name} must be numbers [m], got {type(values).__name__}: {error}"
         ) from error
-    if found.ndim == 1 and found.size:
-        wrong = np.flatnonzero(~np.isfinite(found))
-        if wrong.size:
-            raise ContactError(
-                f"profile {name} must be finite, point {int(wrong[0])} of {found.size} is "
-                f"{found[wrong[0]]}; Profile.from_scan bridges points that were not measured"
-            )
-        most = float(np.abs(found).max())
-        ContactError.require(
-            most <= MOST_LENGTH,
-            f"profile {name} must lie within {MOST_LENGTH:g} m, got {most:g} m; lengths are in "
-            "metres: 25 um is 25e-6",
+    if lengths.ndim == 1 and lengths.size:  # else `require_points` refuses it
+        _require_lengths(name, lengths)
+    return lengths
+
+
+def _require_lengths(name: str, lengths: NDArray[np.float64]) -> None:
+    """Refuse lengths [m] that are not finite, or too large for a bench."""
+    wrong = np.flatnonzero(~np.isfinite(lengths))
+    if wrong.size:
+        first = int(wrong[0])
+        raise ContactError(
+            f"profile {name} must be finite, point {first} of {lengths.size} is "
+            f"{lengths[first]}; Profile.from_scan bridges points that were not measured"
         )
-    return found
+    greatest = float(np.abs(lengths).max())
+    if greatest > MOST_LENGTH:
+        raise ContactError(
+            f"profile {name} must lie within {MOST_LENGTH:g} m, got {greatest:g} m; lengths are in "
+            "metres: 25 um is 25e-6"
+        )
 
 
 class Scanned(Protocol):

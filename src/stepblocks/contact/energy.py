@@ -5,7 +5,7 @@ The equation gives a locked probe an energy too; here such a probe has none.
 
 import math
 from dataclasses import dataclass
-from enum import StrEnum
+from enum import IntEnum, StrEnum
 from typing import Any, Generic, Never, overload
 
 import numpy as np
@@ -43,17 +43,15 @@ class Status(StrEnum):
         The slip takes more pull than a hand exerts.
     """
 
-    RELEASES = "releases"  # it climbs, slips and rings
-    LOCKED = "locked"  # ``a + atan mu`` is a right angle or more: no pulling force lifts it
-    # the step is as high as the ball or higher: the ball meets the riser, not the edge
+    RELEASES = "releases"
+    LOCKED = "locked"
     TOO_HIGH = "too-high"
-    # the tip comes in flight, or slides, and is not caught; in the drag in time alone
     RUN_OVER = "run-over"
-    NO_CATCH = "no-catch"  # the path of the ball's centre never rises in this direction
-    BEYOND_STRENGTH = "beyond-strength"  # the pull that it takes is more than the tool bears,
-    BEYOND_SPRING = "beyond-spring"  # than its spring is linear to,
-    BEYOND_GAUGE = "beyond-gauge"  # than the gauge shows,
-    BEYOND_HAND = "beyond-hand"  # or than a hand exerts
+    NO_CATCH = "no-catch"
+    BEYOND_STRENGTH = "beyond-strength"
+    BEYOND_SPRING = "beyond-spring"
+    BEYOND_GAUGE = "beyond-gauge"
+    BEYOND_HAND = "beyond-hand"
 
     @classmethod
     def _missing_(cls, value: object) -> Never:
@@ -62,11 +60,16 @@ class Status(StrEnum):
     @property
     def is_beyond_limit(self) -> bool:
         """Whether it is a limit, and no geometry, that keeps the tip from slipping."""
-        return self.value.startswith("beyond-")
+        return self in _BEYOND_LIMIT.values()
 
 
-_KINDS = (Status.NO_CATCH, Status.TOO_HIGH, Status.LOCKED, Status.RELEASES)
-
+# by the name of the limit, see `Limits`
+_BEYOND_LIMIT = {
+    "strength": Status.BEYOND_STRENGTH,
+    "spring": Status.BEYOND_SPRING,
+    "gauge": Status.BEYOND_GAUGE,
+    "hand": Status.BEYOND_HAND,
+}
 
 Statuses = TypeVar("Statuses", Status, NDArray[np.str_], default=Status)
 Floats = TypeVar("Floats", float, Array, default=float)
@@ -150,36 +153,56 @@ def find_release(
     >>> find_release(angles, normal_load=1.0, friction=0.3).status.tolist()
     ['releases', 'locked']
     """
-    a, load, mu = (
-        np.asarray(value, dtype=np.float64)[()] for value in (angle, normal_load, friction)
-    )
+    a = np.asarray(angle, dtype=np.float64)[()]
+    load = np.asarray(normal_load, dtype=np.float64)[()]
+    mu = np.asarray(friction, dtype=np.float64)[()]
     require_positive("normal_load", load, "N")
     require_not_negative("friction", mu)
-    inside = (a >= 0.0) & (a <= 0.5 * math.pi)
-    if not inside.all():
-        wrong = np.degrees(np.asarray(a)[np.logical_not(inside)].flat[0])
-        raise ContactError(f"angle must lie between 0 and 90 deg, got {wrong:g} deg")
-    # the first of these that holds
-    kind = select_where(
-        a == 0.0,
-        0,
-        select_where(a == 0.5 * math.pi, 1, select_where(a + np.arctan(mu) >= 0.5 * math.pi, 2, 3)),
-    )
-    released = kind == 3
+    _require_angles(a)
+    geometry = _classify_geometry(a, mu)
+    is_releasing = geometry == _Geometry.RELEASES
+    climbed = select_where(is_releasing, a, 0.0)
     force = select_where(
-        released,
-        kernels.compute_pull_force(load, select_where(released, a, 0.0), mu),
+        is_releasing,
+        kernels.compute_pull_force(load, climbed, mu),
         math.nan * (a + load + mu),
     )
-    limit, most = tool.limits.first
-    beyond = released & (force > most)
-    energy = select_where(
-        beyond, math.nan, tool.conversion * kernels.compute_stored_energy(force, tool.stiffness)
-    )
+    limit = tool.limits.first
+    is_beyond = is_releasing & (force > limit.force)
+    stored = kernels.compute_stored_energy(force, tool.stiffness)
+    energy = select_where(is_beyond, math.nan, tool.conversion * stored)
     power = energy / tool.ring_duration
     figures = (a, force, energy, power, power / tool.detection_threshold)
-    kinds = (*_KINDS, Status(f"beyond-{limit}"))
-    kind = select_where(beyond, len(_KINDS), kind)
+    statuses = (*_STATUSES, _BEYOND_LIMIT[limit.name])
+    which = select_where(is_beyond, len(_STATUSES), geometry)
     if np.ndim(force) == 0:
-        return Release(kinds[kind], *map(float, figures))
-    return Release(*np.broadcast_arrays(np.array(kinds)[kind], *figures))
+        return Release(statuses[which], *map(float, figures))
+    return Release(*np.broadcast_arrays(np.array(statuses)[which], *figures))
+
+
+class _Geometry(IntEnum):
+    """What the geometry alone makes of a drag; the place of its status in `_STATUSES`."""
+
+    NO_CATCH = 0
+    TOO_HIGH = 1
+    LOCKED = 2
+    RELEASES = 3
+
+
+_STATUSES = (Status.NO_CATCH, Status.TOO_HIGH, Status.LOCKED, Status.RELEASES)
+
+
+def _require_angles(angle: Any) -> None:
+    """Refuse an angle outside 0 to a right angle [rad]."""
+    is_inside = (angle >= 0.0) & (angle <= 0.5 * math.pi)
+    if not is_inside.all():
+        first = np.asarray(angle)[np.logical_not(is_inside)].flat[0]
+        raise ContactError(f"angle must lie between 0 and 90 deg, got {np.degrees(first):g} deg")
+
+
+def _classify_geometry(angle: Any, friction: Any) -> Any:
+    """Find the first `_Geometry` that holds, of a number or for each of an array."""
+    is_locked = angle + np.arctan(friction) >= 0.5 * math.pi
+    climbs = select_where(is_locked, _Geometry.LOCKED, _Geometry.RELEASES)
+    rises = select_where(angle == 0.5 * math.pi, _Geometry.TOO_HIGH, climbs)
+    return select_where(angle == 0.0, _Geometry.NO_CATCH, rises)

@@ -34,10 +34,17 @@ def find_energy_change(
     >>> f"{find_energy_change(Step(25e-6), Step(26e-6), PAPER):+.1%}"
     '+5.4%'
     """
-    first, second = (
-        one if isinstance(one, Release) else take_counterface(one).release(point, backward)
-        for one in (before, after)
-    )
+    first = _find_release(before, point, backward)
+    second = _find_release(after, point, backward)
     if first.status is not Status.RELEASES or second.status is not Status.RELEASES:
         return math.nan
     return float(second.vibration_energy / first.vibration_energy - 1.0)
+
+
+def _find_release(
+    surface: Counterface | Scanned | Release, point: OperatingPoint, backward: bool
+) -> Release:
+    """Return the release over a surface; one that is known already stays as it is."""
+    if isinstance(surface, Release):
+        return surface
+    return take_counterface(surface).release(point, backward)

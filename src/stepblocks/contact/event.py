@@ -1,7 +1,4 @@
-"""The vibration as an event.
-
-After the release the tool is a spring that rings freely, its damper spends E_v in all.
-"""
+"""The vibration as an event: a free ring of the tool, of which its damper spends E_v in all."""
 
 import math
 from dataclasses import dataclass, field
@@ -14,6 +11,7 @@ from stepblocks.contact.counterface import Counterface, take_counterface
 from stepblocks.contact.domain import Scanned
 from stepblocks.contact.energy import Status, find_release
 from stepblocks.contact.operating_point import OperatingPoint, Tool
+from stepblocks.contact.path.centre import CentrePath
 
 _LENGTH = 7.0  # of a rendered ring in time constants: all but 1e-6 of the energy
 _EXPONENTIAL = (
@@ -28,10 +26,6 @@ _SIMULATED = (
 _RULE = (
     "2/(stiffness_n_per_m decay_s) (1 + 1/(2 pi frequency_hz decay_s)^2) times the integral of "
     "force^2"
-)
-_LEARNED = (
-    *("peak_force_n", "peak_force_low_n", "peak_force_high_n"),
-    *("energy_j", "energy_low_j", "energy_high_j"),
 )
 
 
@@ -140,21 +134,29 @@ def list_vibration_events(
         If the ball is too large for the profile, or the profile has too many corners.
     """
     path = take_counterface(face).centre_path(point.ball_radius)
+    return (
+        _predict_event(path, point, stimulus, +1),
+        _predict_event(path, point, stimulus, -1),
+    )
 
-    def predict_event(direction: int) -> VibrationEvent:
-        notch = path.find_notch(direction)
-        release = find_release(notch[2], point.normal_load, point.friction, point.tool)
-        return VibrationEvent(
-            stimulus,
-            release.status,
-            direction,
-            *notch,
-            release.pull_force,
-            release.vibration_energy,
-            point.tool,
-        )
 
-    return predict_event(+1), predict_event(-1)
+def _predict_event(
+    path: CentrePath, point: OperatingPoint, stimulus: str, direction: int
+) -> VibrationEvent:
+    """Predict the ring of one drag along a path of the ball's centre."""
+    notch = path.find_notch(direction)
+    release = find_release(notch.angle, point.normal_load, point.friction, point.tool)
+    return VibrationEvent(
+        stimulus,
+        release.status,
+        direction,
+        notch.x,
+        notch.z,
+        notch.angle,
+        release.pull_force,
+        release.vibration_energy,
+        point.tool,
+    )
 
 
 def compute_ring_force(event: VibrationEvent, rate: float) -> Array:
@@ -163,14 +165,14 @@ def compute_ring_force(event: VibrationEvent, rate: float) -> Array:
     It lasts for seven time constants, or for the length of the waveform.
     """
     if event.waveform is not None:
-        known = np.arange(len(event.waveform.force)) / event.waveform.rate
-        wanted = np.arange(math.floor(known[-1] * rate) + 1) / rate
-        return np.asarray(np.interp(wanted, known, event.waveform.force))
+        simulated = event.waveform.force
+        times = np.arange(len(simulated)) / event.waveform.rate
+        wanted = np.arange(math.floor(times[-1] * rate) + 1) / rate
+        return np.asarray(np.interp(wanted, times, simulated))
     tool = event.tool
     time = np.arange(math.ceil(_LENGTH * tool.decay_time * rate)) / rate
-    return np.asarray(
-        event.amplitude * np.exp(-time / tool.decay_time) * np.sin(math.tau * tool.frequency * time)
-    )
+    envelope = event.amplitude * np.exp(-time / tool.decay_time)
+    return np.asarray(envelope * np.sin(math.tau * tool.frequency * time))
 
 
 def compute_ring_energy(force: ArrayLike, rate: float, tool: Tool) -> float:
@@ -188,8 +190,29 @@ def build_event_record(event: VibrationEvent, scale: float = 1.0) -> dict[str, o
 
     What is not a number is written as None.
     """
-    tool, wave, learned = event.tool, event.waveform, event.learned
-    record: dict[str, object] = {
+    record = {
+        **_write_release(event, scale),
+        **_write_pitch(event.tool),
+        "limit_n": event.tool.limits.first.force if event.status.is_beyond_limit else math.nan,
+        "decay_s": event.tool.decay_time,
+        "stiffness_n_per_m": event.tool.stiffness,
+        "effective_mass_kg": event.tool.effective_mass,
+        "amplitude_n": event.amplitude,
+        "amplitude_m_per_s2": event.amplitude / event.tool.effective_mass,
+        "scale": scale,
+        "waveform": _EXPONENTIAL if event.waveform is None else _SIMULATED,
+        "energy_rule": _RULE,
+    }
+    if event.waveform is not None:
+        record |= _write_waveform(event.waveform)
+    if event.learned is not None:
+        record["learned"] = replace_nan_by_none(_write_learned(event.learned))
+    return replace_nan_by_none(record)
+
+
+def _write_release(event: VibrationEvent, scale: float) -> dict[str, object]:
+    """Write where and how the probe releases, lengths magnified by a scale."""
+    return {
         "stimulus": event.stimulus,
         "drag": event.drag,
         "status": event.status.value,
@@ -199,34 +222,47 @@ def build_event_record(event: VibrationEvent, scale: float = 1.0) -> dict[str, o
         "critical_angle_deg": math.degrees(event.critical_angle),
         "critical_force_n": event.critical_force,
         "energy_j": event.energy,
+    }
+
+
+def _write_pitch(tool: Tool) -> dict[str, object]:
+    """Write the frequency of a ring and how far it may be off."""
+    return {
         "frequency_hz": tool.frequency,
         "frequency_low_hz": tool.frequency - tool.frequency_deviation,
         "frequency_high_hz": tool.frequency + tool.frequency_deviation,
-        "limit_n": tool.limits.first[1] if event.status.is_beyond_limit else math.nan,
-        "decay_s": tool.decay_time,
-        "stiffness_n_per_m": tool.stiffness,
-        "effective_mass_kg": tool.effective_mass,
-        "amplitude_n": event.amplitude,
-        "amplitude_m_per_s2": event.amplitude / tool.effective_mass,
-        "scale": scale,
-        "waveform": _EXPONENTIAL if wave is None else _SIMULATED,
-        "energy_rule": _RULE,
     }
-    if wave is not None:
-        record |= {
-            "simulated_delay_s": wave.delay,
-            "simulated_peak_force_n": wave.simulated_peak,
-            "simulated_energy_j": wave.simulated_energy,
-            "simulated_factor": wave.factor,
-        }
-    if learned is not None:
-        figures = zip(_LEARNED, learned.peak_force + learned.energy, strict=True)
-        record["learned"] = replace_nan_by_none({"status": learned.status, **dict(figures)})
-    return replace_nan_by_none(record)
+
+
+def _write_waveform(waveform: Waveform) -> dict[str, object]:
+    """Write where a simulated ring comes from."""
+    return {
+        "simulated_delay_s": waveform.delay,
+        "simulated_peak_force_n": waveform.simulated_peak,
+        "simulated_energy_j": waveform.simulated_energy,
+        "simulated_factor": waveform.factor,
+    }
+
+
+def _write_learned(learned: LearnedPrediction) -> dict[str, object]:
+    """Write what a model of a session says, each figure with its bounds."""
+    force, force_low, force_high = learned.peak_force
+    energy, energy_low, energy_high = learned.energy
+    return {
+        "status": learned.status,
+        "peak_force_n": force,
+        "peak_force_low_n": force_low,
+        "peak_force_high_n": force_high,
+        "energy_j": energy,
+        "energy_low_j": energy_low,
+        "energy_high_j": energy_high,
+    }
 
 
 def replace_nan_by_none(record: dict[str, object]) -> dict[str, object]:
-    """Put None for what is not a number."""
-    return {
-        k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in record.items()
-    }
+    """Return a record with None for every number that is not finite."""
+    replaced = dict(record)
+    for name, value in record.items():
+        if isinstance(value, float) and not math.isfinite(value):
+            replaced[name] = None
+    return replaced

@@ -3,9 +3,30 @@
 `critical_angle` and `energy` check what these take as it comes.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from stepblocks.contact.domain import Real, select_where
+
+_LEAST_CUBIC = 1e-9  # of a hardening spring [1/N^2]: a straight one would divide by zero
+
+
+class Angles(NamedTuple):
+    """Critical angles of both drags over a counterface.
+
+    Attributes
+    ----------
+    forward, backward : float or ndarray
+        Of the drag towards growing and towards falling x [rad].
+    """
+
+    forward: Real
+    backward: Real
+
+    def towards(self, backward: bool) -> Real:
+        """Return the angle of one of the drags."""
+        return self.backward if backward else self.forward
 
 
 def compute_angle_on_step(height: Real, radius_sum: Real) -> Real:
@@ -19,14 +40,10 @@ def compute_angle_on_step(height: Real, radius_sum: Real) -> Real:
 
 def compute_step_angle(height: Real, radius_sum: Real) -> Real:
     """`compute_angle_on_step`, and a right angle where the ball meets the riser, ``H >= R + r``."""
-    riser = height >= radius_sum
-    return select_where(
-        riser,
-        0.5 * np.pi,
-        compute_angle_on_step(
-            select_where(riser, 0.0, height), select_where(riser, 1.0, radius_sum)
-        ),
-    )
+    is_riser = height >= radius_sum
+    below = select_where(is_riser, 0.0, height)
+    radius = select_where(is_riser, 1.0, radius_sum)
+    return select_where(is_riser, 0.5 * np.pi, compute_angle_on_step(below, radius))
 
 
 def compute_angle_out_of_groove(width: Real, rise: Real, ball_radius: Real) -> Real:
@@ -35,59 +52,81 @@ def compute_angle_out_of_groove(width: Real, rise: Real, ball_radius: Real) -> R
     return np.arctan2(rise, width) + np.arcsin(0.5 * np.hypot(width, rise) / ball_radius)
 
 
-def compute_margin_angles(opening: Real, rise: Real, ball_radius: Real) -> tuple[Real, Real]:
-    """Critical angles over two corners `opening` apart.
+def compute_margin_angles(opening: Real, rise: Real, ball_radius: Real) -> Angles:
+    """Critical angles over two corners `opening` apart [rad].
 
-    The far one higher by `rise` of either sign: forward, backward.
+    The far one is higher by `rise` of either sign.
     """
-    # where the ball still rides on the lower shoulder when it meets the higher corner, the step
-    # alone counts; where its centre sinks below that corner it leans on the wall, which it never
-    # climbs, and meets the lower corner from a radius away
     high = np.abs(rise)
-    reach = select_where(
-        high < ball_radius, np.sqrt(np.maximum(high * (2.0 * ball_radius - high), 0.0)), ball_radius
-    )
-    riding = opening <= reach
+    is_low = high < ball_radius
+    chord = np.sqrt(np.maximum(high * (2.0 * ball_radius - high), 0.0))
+    reach = select_where(is_low, chord, ball_radius)
+    # where the ball still rides on the lower shoulder when it meets the higher corner, the step
+    # alone counts
+    is_riding = opening <= reach
     step = compute_step_angle(high, ball_radius)
-    near = np.hypot(opening, high) < 2.0 * ball_radius
-    wide, up = select_where(near, opening, ball_radius), select_where(near, high, 0.0)
-    climb = compute_angle_out_of_groove(wide, up, ball_radius)
-    leaning = ~near | (climb >= 0.5 * np.pi)
+    # where its centre sinks below that corner it leans on the wall, which it never climbs, and
+    # meets the lower corner from a radius away
+    is_near = np.hypot(opening, high) < 2.0 * ball_radius
+    width = select_where(is_near, opening, ball_radius)
+    height = select_where(is_near, high, 0.0)
+    climb = compute_angle_out_of_groove(width, height, ball_radius)
+    is_leaning = ~is_near | (climb >= 0.5 * np.pi)
     lean = np.arcsin(np.clip((opening - ball_radius) / ball_radius, 0.0, 1.0))
-    hung = np.maximum(compute_angle_out_of_groove(wide, -up, ball_radius), 0.0)
-    towards_high = select_where(riding, step, select_where(leaning, 0.5 * np.pi, climb))
-    towards_low = select_where(riding, 0.0, select_where(leaning, lean, hung))
-    upwards = rise >= 0.0
-    return select_where(upwards, towards_high, towards_low), select_where(
-        upwards, towards_low, towards_high
+    hung = np.maximum(compute_angle_out_of_groove(width, -height, ball_radius), 0.0)
+    beyond_high = select_where(is_leaning, 0.5 * np.pi, climb)
+    beyond_low = select_where(is_leaning, lean, hung)
+    towards_high = select_where(is_riding, step, beyond_high)
+    towards_low = select_where(is_riding, 0.0, beyond_low)
+    is_upwards = rise >= 0.0
+    return Angles(
+        select_where(is_upwards, towards_high, towards_low),
+        select_where(is_upwards, towards_low, towards_high),
     )
 
 
 def compute_bevelled_margin_angles(
     gap: Real, opening: Real, rise: Real, ball_radius: Real
-) -> tuple[Real, Real]:
-    """Critical angles over a margin whose far side is bevelled at 45 degrees beyond its `gap`."""
-    # the ball first touches the outer corner (opening, rise), the bevel, or its inner corner, and
-    # on its way back climbs the near corner from the same place; up to `gap` the far side ends
-    # square, or in a lip that overlaps the near side
+) -> Angles:
+    """Critical angles over a margin whose far side is bevelled at 45 degrees beyond its `gap`.
+
+    The ball first touches the outer corner (opening, rise), the bevel, or its inner corner, and on
+    its way back climbs the near corner from the same place. Up to `gap` the far side ends square,
+    or in a lip that overlaps the near side.
+    """
     square = compute_margin_angles(np.maximum(opening, 0.0), rise, ball_radius)
-    bevelled = opening > gap
+    is_bevelled = opening > gap
     opening = np.maximum(opening, gap)
     diagonal = np.sqrt(0.5) * ball_radius
-    # centre (x, z) of a ball that touches the bevel, z = x + d, and the near corner, x^2 + z^2 =
-    # R^2
-    d = rise - opening + 2.0 * diagonal
-    x = 0.5 * (np.sqrt(np.maximum(2.0 * ball_radius * ball_radius - d * d, 0.0)) - d)
-    leaning = x + d <= 0.0  # its centre lies below the near corner: it leans on the wall
-    # or rides on the near shoulder
-    x = select_where(leaning, ball_radius, select_where(x < 0.0, ball_radius - d, x))
-    back = select_where(leaning, 0.5 * np.pi, np.arcsin(np.clip(x / ball_radius, 0.0, 1.0)))
+    x, back = _touch_bevel(rise - opening + 2.0 * diagonal, ball_radius)
     outer = compute_margin_angles(opening, rise, ball_radius)
     inner = compute_margin_angles(gap, rise - (opening - gap), ball_radius)
-    on_outer, on_inner = x + diagonal >= opening, x + diagonal <= gap
-    forward = select_where(on_outer, outer[0], select_where(on_inner, inner[0], 0.25 * np.pi))
-    backward = select_where(on_outer, outer[1], select_where(on_inner, inner[1], back))
-    return select_where(bevelled, forward, square[0]), select_where(bevelled, backward, square[1])
+    is_on_outer, is_on_inner = x + diagonal >= opening, x + diagonal <= gap
+    on_bevel = select_where(is_on_inner, inner.forward, 0.25 * np.pi)
+    back_from_bevel = select_where(is_on_inner, inner.backward, back)
+    forward = select_where(is_on_outer, outer.forward, on_bevel)
+    backward = select_where(is_on_outer, outer.backward, back_from_bevel)
+    return Angles(
+        select_where(is_bevelled, forward, square.forward),
+        select_where(is_bevelled, backward, square.backward),
+    )
+
+
+def _touch_bevel(offset: Real, ball_radius: Real) -> tuple[Real, Real]:
+    """Find a ball that touches a bevel and the near corner.
+
+    Its centre (x, z) lies on ``z = x + offset`` and ``x^2 + z^2 = R^2``. Returns x [m] and the
+    critical angle on the way back over the near corner [rad].
+    """
+    chord = np.sqrt(np.maximum(2.0 * ball_radius * ball_radius - offset * offset, 0.0))
+    x = 0.5 * (chord - offset)
+    # its centre lies below the near corner: it leans on the wall
+    is_leaning = x + offset <= 0.0
+    # or rides on the near shoulder
+    riding = select_where(x < 0.0, ball_radius - offset, x)
+    x = select_where(is_leaning, ball_radius, riding)
+    climb = np.arcsin(np.clip(x / ball_radius, 0.0, 1.0))
+    return x, select_where(is_leaning, 0.5 * np.pi, climb)
 
 
 def compute_pull_force(normal_load: Real, angle: Real, friction: Real) -> Real:
@@ -121,23 +160,23 @@ def compute_softened_force(force: Real, cubic: Real) -> Real:
 
     It is the force that the spring would have if it did not harden.
     """
-    root = np.sqrt(3.0 * np.maximum(cubic, 1e-9))
+    root = np.sqrt(3.0 * np.maximum(cubic, _LEAST_CUBIC))
     return 2.0 / root * np.sinh(np.arcsinh(1.5 * force * root) / 3.0)
 
 
 def compute_release(
     angle: Real, friction: Real, normal_load: Real, stiffness: Real, conversion: Real
 ) -> tuple[Real, Real]:
-    """Force and vibration energy over arrays.
+    """Force [N] and vibration energy [J] over arrays.
 
-    Both infinite where the tip is held, both 0 where nothing catches.
+    Both are infinite where the tip is held, and 0 where nothing catches.
     """
-    held = angle + np.arctan(friction) >= 0.5 * np.pi
-    force = compute_pull_force(normal_load, np.where(held, 0.0, angle), friction)
+    is_held = angle + np.arctan(friction) >= 0.5 * np.pi
+    force = compute_pull_force(normal_load, np.where(is_held, 0.0, angle), friction)
     with np.errstate(divide="ignore", invalid="ignore"):
         energy = conversion * compute_stored_energy(force, stiffness)
-    none = angle == 0.0
+    is_flat = angle == 0.0
     return (
-        np.where(held, np.inf, np.where(none, 0.0, force)),
-        np.where(held, np.inf, np.where(none, 0.0, energy)),
+        np.where(is_held, np.inf, np.where(is_flat, 0.0, force)),
+        np.where(is_held, np.inf, np.where(is_flat, 0.0, energy)),
     )

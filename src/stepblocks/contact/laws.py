@@ -55,11 +55,11 @@ class FrictionLaw:
         require_not_negative("bristle_stiffness", self.bristle_stiffness, "N/m")
         for speed in (0.0, 5e-3, 0.5):
             value = self.coefficient(speed, 1.0, 0.0, 0.0)
-            ContactError.require(
-                0.0 <= value < math.inf,
-                f"a law of friction must give a finite coefficient of at least 0, got "
-                f"{value!r} at {speed:g} m/s",
-            )
+            if not 0.0 <= value < math.inf:
+                raise ContactError(
+                    f"a law of friction must give a finite coefficient of at least 0, got "
+                    f"{value!r} at {speed:g} m/s"
+                )
 
 
 class Stribeck(FrictionLaw):
@@ -233,28 +233,40 @@ def build_laws(declared: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     The name of each, under ``law``, is that of a law that ships or of an entry point of the group
     ``stepblocks.laws``; what stands beside it are its numbers.
     """
-    return {kind: _build_law(kind, **one) for kind, one in declared.items()}
+    return {kind: _build_law(kind, **numbers) for kind, numbers in declared.items()}
 
 
 def _build_law(kind: str, law: str = "", **numbers: Any) -> object:
-    offered = {one.name: one for one in entry_points(group="stepblocks.laws")}
-    known = [*_SHIPPED, *offered]
-    if kind not in _KINDS or law not in known:
-        wrong, right = (kind, list(_KINDS)) if kind not in _KINDS else (law, known)
-        raise QuantityError(f"laws must be of {', '.join(right)}, got {wrong!r}")
+    """Build one law of a kind from its name and its numbers."""
+    if kind not in _KINDS:
+        raise QuantityError(f"laws must be of {', '.join(_KINDS)}, got {kind!r}")
     try:
-        given = {
-            name: read_number(name, value, _DIMENSIONS[name]) if name in _DIMENSIONS else value
-            for name, value in numbers.items()
-        }
-        built = (_SHIPPED[law] if law in _SHIPPED else offered[law].load())(**given)
+        make = _find_maker(law)
+        values = {name: _read_value(name, value) for name, value in numbers.items()}
+        built = make(**values)
     except (TypeError, ContactError) as error:
         raise QuantityError(f"law of {kind} {law!r}: {error}") from error
-    QuantityError.require(
-        isinstance(built, _KINDS[kind]),
-        f"law of {kind} must be of {_KINDS[kind].__name__}, {law!r} is not",
-    )
+    if not isinstance(built, _KINDS[kind]):
+        raise QuantityError(f"law of {kind} must be of {_KINDS[kind].__name__}, {law!r} is not")
     return built
+
+
+def _find_maker(law: str) -> Callable[..., object]:
+    """Find what builds a law by its name: one that ships, or an entry point of a package."""
+    if law in _SHIPPED:
+        return _SHIPPED[law]
+    offered = {entry.name: entry for entry in entry_points(group="stepblocks.laws")}
+    if law not in offered:
+        names = [*_SHIPPED, *offered]
+        raise QuantityError(f"laws must be of {', '.join(names)}, got {law!r}")
+    return cast(Callable[..., object], offered[law].load())
+
+
+def _read_value(name: str, value: object) -> object:
+    """Read a number of a law in SI where its dimension is known, else take it as it is."""
+    if name in _DIMENSIONS:
+        return read_number(name, value, _DIMENSIONS[name])
+    return value
 
 
 @lru_cache(maxsize=64)
@@ -264,10 +276,11 @@ def compile_coefficient(function: Coefficient) -> Coefficient:
     from numba.core.errors import NumbaError
 
     signature = "float64(float64, float64, float64, float64)"
+    source = getattr(function, "py_func", function)
     try:
-        return cast(Coefficient, cfunc(signature)(getattr(function, "py_func", function)))
+        return cast(Coefficient, cfunc(signature)(source))
     except (NumbaError, TypeError, AttributeError) as error:
+        reason = str(error).strip().splitlines()[-1].strip()
         raise ContactError(
-            f"a law of friction must be a function of four floats that numba compiles: "
-            f"{str(error).strip().splitlines()[-1].strip()}"
+            f"a law of friction must be a function of four floats that numba compiles: {reason}"
         ) from error

@@ -5,6 +5,7 @@ The ball, the load, the friction, the speed, and the tool as a spring that rings
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from stepblocks.contact.domain import (
     MOST_BALL,
@@ -21,6 +22,13 @@ _BAND_SHARE = 0.86  # [1]
 _HALF_BAND = 50.0  # [Hz]
 
 
+class Limit(NamedTuple):
+    """A greatest tangential force."""
+
+    name: str  # of the field of `Limits`
+    force: float  # [N]
+
+
 @dataclass(frozen=True)
 class Limits:
     """Greatest tangential forces [N] that something holds or gives.
@@ -35,14 +43,14 @@ class Limits:
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            ContactError.require(
-                value > 0.0, f"limit of the {name} must be positive, got {value:g} N"
-            )
+            if not value > 0.0:
+                raise ContactError(f"limit of the {name} must be positive, got {value:g} N")
 
     @property
-    def first(self) -> tuple[str, float]:
-        """Name and force of the one that a growing pull meets first."""
-        return min(vars(self).items(), key=lambda one: one[1])
+    def first(self) -> Limit:
+        """The limit that a growing pull meets first."""
+        limits = [Limit(name, value) for name, value in vars(self).items()]
+        return min(limits, key=lambda limit: limit.force)
 
 
 @dataclass(frozen=True)
@@ -99,18 +107,16 @@ class Tool:
             decay_time=("time", 1e6),
         )
         convert_fields(self, 0.0, frequency_deviation=("frequency", 1e7))
-        listed = (
-            tuple(self.overtones)
-            if isinstance(self.overtones, (list, tuple))
-            else (self.overtones,)
-        )
-        for one in listed:
-            ContactError.require(
-                isinstance(one, Overtone) and one.frequency > self.frequency,
-                f"overtones must be Overtone objects above the frequency of the tool, "
-                f"{self.frequency:g} Hz, got {shorten_value(one)}",
-            )
-        object.__setattr__(self, "overtones", listed)
+        overtones: object = self.overtones
+        if not isinstance(overtones, (list, tuple)):
+            overtones = (overtones,)
+        for overtone in overtones:
+            if not isinstance(overtone, Overtone) or not overtone.frequency > self.frequency:
+                raise ContactError(
+                    f"overtones must be Overtone objects above the frequency of the tool, "
+                    f"{self.frequency:g} Hz, got {shorten_value(overtone)}"
+                )
+        object.__setattr__(self, "overtones", tuple(overtones))
 
     @property
     def effective_mass(self) -> float:
@@ -178,9 +184,9 @@ class OperatingPoint:
     __repr__ = format_changed_fields
 
     def __post_init__(self) -> None:
-        given: object = self.friction
-        if isinstance(given, FrictionLaw):
-            object.__setattr__(self, "friction_law", given)
+        friction: object = self.friction
+        if isinstance(friction, FrictionLaw):
+            object.__setattr__(self, "friction_law", friction)
         convert_fields(
             self,
             ball_radius=("length", MOST_BALL),
@@ -188,9 +194,8 @@ class OperatingPoint:
             speed=("speed", 100.0),
         )
         if self.friction_law is not None:
-            object.__setattr__(
-                self, "friction", self.friction_law.coefficient(0.0, self.normal_load, 0.0, 0.0)
-            )
+            at_rest = self.friction_law.coefficient(0.0, self.normal_load, 0.0, 0.0)
+            object.__setattr__(self, "friction", at_rest)
         convert_fields(self, 0.0, friction=("ratio", 1e3))
 
 

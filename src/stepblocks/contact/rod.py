@@ -7,6 +7,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,6 +20,8 @@ from stepblocks.errors import ContactError
 # own; the loss is taken from the undamped shape, each part's loss factor weighted by its share of
 # the strain energy
 # cubic elements: frequency to 1e-7 of the closed form
+_TIP = -2  # coordinate of the deflection of the tip
+_SHORTEST = 1e-9  # free lengths: a shorter piece is rounding
 _PER_LENGTH = 32  # of the free length
 _HELD = 48  # of a bedding
 _BENDING = np.array(
@@ -87,29 +90,33 @@ class RodRing:
 
     @property
     def decay_time(self) -> float:
-        """Time in which the amplitude falls to 1/e [s]."""
-        return 1.0 / (math.pi * self.frequency * self.loss_factor) if self.loss_factor else math.inf
+        """Time in which the amplitude falls to 1/e [s]; infinite without a loss."""
+        if not self.loss_factor:
+            return math.inf
+        return 1.0 / (math.pi * self.frequency * self.loss_factor)
 
     @property
     def log_decrement(self) -> float:
         """Logarithm of the ratio of two amplitudes one period apart [1]."""
         return math.pi * self.loss_factor
 
-    def as_tool(self, like: Tool = PAPER.tool) -> Tool:
-        """Return the tool that rings so, like another in all else."""
+    def as_tool(self, tool: Tool = PAPER.tool) -> Tool:
+        """Return the tool that rings so, equal to another in all else."""
+        ratio_kept = tool.frequency_deviation * self.frequency / tool.frequency
         return replace(
-            like,
+            tool,
             stiffness=self.stiffness,
             frequency=self.frequency,
-            # the same share of it
-            frequency_deviation=like.frequency_deviation * self.frequency / like.frequency,
+            frequency_deviation=ratio_kept,
             decay_time=self.decay_time,
         )
 
     def mean_energy(self, duration: float) -> float:
-        """Return the mean over a time of the ring's energy, that at the start taken as 1."""
+        """Return the mean over a time [s] of the ring's energy, that at the start taken as 1."""
         spent = 2.0 * duration / self.decay_time
-        return -math.expm1(-spent) / spent if spent else 1.0
+        if not spent:
+            return 1.0
+        return -math.expm1(-spent) / spent
 
 
 def fit_rod(
@@ -137,31 +144,28 @@ def fit_rod(
     # wave number times length, and what mass at the end makes it an eigenvalue: 1 + cos cosh = r b
     # (sin cosh - cos sinh)
     beta = length * (rod.line_mass * (math.tau * frequency) ** 2 / bending) ** 0.25
-    over = beta * (math.sin(beta) * math.cosh(beta) - math.cos(beta) * math.sinh(beta))
-    ratio = (1.0 + math.cos(beta) * math.cosh(beta)) / over if over else math.inf
+    sine, cosine = math.sin(beta), math.cos(beta)
+    over = beta * (sine * math.cosh(beta) - cosine * math.sinh(beta))
+    ratio = (1.0 + cosine * math.cosh(beta)) / over if over else math.inf
     if ratio < 0.0:
         raise ContactError(
             "frequency must not exceed that of the bare shank of this diameter and stiffness "
             f"({compute_rod_ring(rod).frequency:.4g} Hz), got {frequency:g} Hz"
         )
-    return Rod(bending, rod.line_mass, length, ratio * rod.line_mass * length, rod.loss_factor)
+    return replace(rod, end_mass=ratio * rod.line_mass * length)
 
 
 def compute_bush_stiffness(bore: float, outer: float, modulus: float, poisson: float) -> float:
-    """Stiffness per length of a bonded bush whose core moves sideways in a rigid shell."""
-    # Adkins, Gent (1954), Br. J. Appl. Phys. 5, 354, for Poisson's ratio 0.5; else Muskhelishvili's
-    # ring between rigid circles
+    """Stiffness per length of a bonded bush whose core moves sideways in a rigid shell [N/m^2].
+
+    Adkins, Gent (1954), Br. J. Appl. Phys. 5, 354, for Poisson's ratio 0.5; else Muskhelishvili's
+    ring between rigid circles. `bore` and `outer` are diameters [m], `modulus` is Young's [Pa].
+    """
     shear = modulus / (2.0 * (1.0 + poisson))
     kappa = 3.0 - 4.0 * poisson
-    grown = (outer**2 - bore**2) / (outer**2 + bore**2)
-    return (
-        8.0
-        * math.pi
-        * shear
-        * (1.0 - poisson)
-        * kappa
-        / (kappa**2 * math.log(outer / bore) - grown)
-    )
+    thickness = (outer**2 - bore**2) / (outer**2 + bore**2)
+    giving = kappa**2 * math.log(outer / bore) - thickness
+    return 8.0 * math.pi * shear * (1.0 - poisson) * kappa / giving
 
 
 def compute_rod_ring(rod: Rod, sheath: Sleeve | Hold | None = None) -> RodRing:
@@ -172,78 +176,103 @@ def compute_rod_ring(rod: Rod, sheath: Sleeve | Hold | None = None) -> RodRing:
     from scipy.linalg import eigh, solve
 
     if isinstance(sheath, Sleeve):
-        end = sheath.start + sheath.length
-        ContactError.require(
-            sheath.length > 0.0 <= sheath.start and end <= rod.length * (1.0 + 1e-12),
-            f"a sheath must lie on the free length of the shank, 0 to {rod.length * 1e3:.4g} "
-            f"mm from the clamp, got {sheath.start * 1e3:.4g} to {end * 1e3:.4g} mm",
-        )
-    parts, mass, losses, _ = _assemble_matrices(rod, sheath)
-    total = np.sum(parts, axis=0)
+        _require_on_rod(rod, sheath)
+    matrices = _assemble_matrices(rod, sheath)
+    total = matrices.stiffness
     # asked for as the largest flexibility, the lowest mode keeps its digits beside short elements
     last = total.shape[0] - 1
-    values, shapes = eigh(mass, total, subset_by_index=[last, last])
-    shape = shapes[:, 0]
-    energies = np.array([shape @ part @ shape for part in parts])
+    values, shapes = eigh(matrices.mass, total, subset_by_index=[last, last])
+    energies = matrices.compute_strain_energies(shapes[:, 0])
     shares = energies / energies.sum()
-    push = np.eye(total.shape[0])[-2]
+    push = np.eye(total.shape[0])[_TIP]
+    deflection = float(solve(total, push, assume_a="pos")[_TIP])
     unit = rod.bending_stiffness / rod.length**3
+    omega = math.sqrt(unit / float(values[0]) / (rod.line_mass * rod.length))
     return RodRing(
-        unit / float(solve(total, push, assume_a="pos")[-2]),
-        math.sqrt(unit / float(values[0]) / (rod.line_mass * rod.length)) / math.tau,
-        float(shares @ losses),
+        unit / deflection,
+        omega / math.tau,
+        float(shares @ matrices.losses),
         float(shares[1:].sum()),
     )
 
 
-def _assemble_matrices(
-    rod: Rod, sheath: Sleeve | Hold | None
-) -> tuple[list[Array], Array, Array, Array]:
-    # Stiffness of rod and sheath, the mass of both, the loss factor of each, what their inertia
-    # pushes when shifted
+def _require_on_rod(rod: Rod, sleeve: Sleeve) -> None:
+    """Refuse a sheath that does not lie on the free length of the rod."""
+    end = sleeve.start + sleeve.length
+    if sleeve.length > 0.0 and sleeve.start >= 0.0 and end <= rod.length * (1.0 + 1e-12):
+        return
+    raise ContactError(
+        f"a sheath must lie on the free length of the shank, 0 to {rod.length * 1e3:.4g} "
+        f"mm from the clamp, got {sleeve.start * 1e3:.4g} to {end * 1e3:.4g} mm"
+    )
+
+
+class _Matrices(NamedTuple):
+    """Matrices of the free coordinates, n of them, in units of the rod."""
+
+    parts: list[Array]  # stiffness of the rod and of its sheath, each of shape (n, n)
+    mass: Array  # of both together, shape (n, n)
+    losses: Array  # loss factors of rod and sheath, shape (2,)
+    pushes: Array  # what the inertia pushes when all is shifted sideways, shape (n,)
+
+    @property
+    def stiffness(self) -> Array:
+        """Stiffness of rod and sheath together, shape (n, n)."""
+        return np.asarray(np.sum(self.parts, axis=0))
+
+    def compute_strain_energies(self, shape: Array) -> Array:
+        """Strain energies of rod and sheath in a shape, shape (2,)."""
+        return np.array([shape @ part @ shape for part in self.parts])
+
+
+def _assemble_matrices(rod: Rod, sheath: Sleeve | Hold | None) -> _Matrices:
+    """Assemble the elements between the nodes: deflection and slope at each are coordinates."""
     nodes = _place_nodes(rod, sheath)
-    own, worn, mass = np.zeros((3, 2 * nodes.size, 2 * nodes.size))
-    for index, (a, b) in enumerate(itertools.pairwise(nodes)):
-        span = b - a
-        at = slice(2 * index, 2 * index + 4)
+    of_rod, of_sheath, mass = np.zeros((3, 2 * nodes.size, 2 * nodes.size))
+    for index, (begin, end) in enumerate(itertools.pairwise(nodes)):
+        span = end - begin
+        block = slice(2 * index, 2 * index + 4)
         turn = np.array([1.0, span, 1.0, span])
         scale = np.outer(turn, turn)
-        bending, inertia = scale * _BENDING / span**3, scale * _INERTIA * span
-        own[at, at] += bending
-        mass[at, at] += inertia
-        middle = 0.5 * (a + b) * rod.length
+        bending = scale * _BENDING / span**3
+        inertia = scale * _INERTIA * span
+        of_rod[block, block] += bending
+        mass[block, block] += inertia
+        middle = 0.5 * (begin + end) * rod.length
         if isinstance(sheath, Sleeve) and sheath.start < middle < sheath.start + sheath.length:
-            worn[at, at] += sheath.bending_stiffness / rod.bending_stiffness * bending
-            mass[at, at] += sheath.line_mass / rod.line_mass * inertia
+            stiffening = sheath.bending_stiffness / rod.bending_stiffness
+            of_sheath[block, block] += stiffening * bending
+            mass[block, block] += sheath.line_mass / rod.line_mass * inertia
         if isinstance(sheath, Hold) and middle < 0.0:
-            worn[at, at] += sheath.line_stiffness * rod.length**4 / rod.bending_stiffness * inertia
-    mass[-2, -2] += rod.end_mass / (rod.line_mass * rod.length)
+            bedding = sheath.line_stiffness * rod.length**4 / rod.bending_stiffness
+            of_sheath[block, block] += bedding * inertia
+    mass[_TIP, _TIP] += rod.end_mass / (rod.line_mass * rod.length)
     losses = np.array([rod.loss_factor, sheath.loss_factor if sheath else 0.0])
-    free = slice(0 if isinstance(sheath, Hold) else 2, None)
+    clamped = 0 if isinstance(sheath, Hold) else 2
+    free = slice(clamped, None)
     pushes = np.tile([1.0, 0.0], nodes.size) @ mass
-    return [part[free, free] for part in (own, worn)], mass[free, free], losses, pushes[free]
+    parts = [of_rod[free, free], of_sheath[free, free]]
+    return _Matrices(parts, mass[free, free], losses, pushes[free])
 
 
 def _place_nodes(rod: Rod, sheath: Sleeve | Hold | None) -> Array:
-    # Places of the nodes in units of the free length; every end of a sheath is one
+    """Places of the nodes in units of the free length; every end of a sheath is one."""
     ends = {0.0, 1.0}
     if isinstance(sheath, Sleeve):
-        ends |= {
-            min(place / rod.length, 1.0) for place in (sheath.start, sheath.start + sheath.length)
-        }
+        for place in (sheath.start, sheath.start + sheath.length):
+            ends.add(min(place / rod.length, 1.0))
     elif sheath is not None:
         ends.add(-sheath.length / rod.length)
     pieces = sorted(ends)
-    kept = [pieces[0], *(b for a, b in itertools.pairwise(pieces) if b - a > 1e-9)]
-    counts = [
-        _HELD if b <= 0.0 else max(1, math.ceil(_PER_LENGTH * (b - a)))
-        for a, b in itertools.pairwise(kept)
-    ]
-    spans = [
-        np.linspace(a, b, n, endpoint=False)
-        for (a, b), n in zip(itertools.pairwise(kept), counts, strict=True)
-    ]
-    return np.concatenate([*spans, [kept[-1]]])
+    kept = pieces[:1]
+    for begin, end in itertools.pairwise(pieces):
+        if end - begin > _SHORTEST:
+            kept.append(end)
+    spans = []
+    for begin, end in itertools.pairwise(kept):
+        count = _HELD if end <= 0.0 else max(1, math.ceil(_PER_LENGTH * (end - begin)))
+        spans.append(np.linspace(begin, end, count, endpoint=False))
+    return np.concatenate([*spans, kept[-1:]])
 
 
 _HIGHEST = 1000.0  # of the modes that are felt [Hz]: above it the Pacinian threshold rises steeply
@@ -296,27 +325,26 @@ def compute_modes(
     """
     from scipy.linalg import eigh
 
-    parts, mass, losses, pushes = _assemble_matrices(rod, sheath)
-    values, shapes = eigh(np.sum(parts, axis=0), mass)
+    matrices = _assemble_matrices(rod, sheath)
+    values, shapes = eigh(matrices.stiffness, matrices.mass)
     unit = math.sqrt(rod.bending_stiffness / (rod.line_mass * rod.length**4)) / math.tau
     scale = math.sqrt(rod.line_mass * rod.length)  # kg^0.5
-    found = []
+    modes = []
     for value, shape in zip(values, shapes.T, strict=True):
         frequency = unit * math.sqrt(max(float(value), 0.0))
         if frequency > highest:
             break
-        energies = np.array([shape @ part @ shape for part in parts])
-        momentum, tip = float(pushes @ shape), float(shape[-2])
-        found.append(
-            Mode(
-                frequency,
-                float(energies @ losses / energies.sum()),
-                momentum * tip,
-                momentum * scale,
-                tip / scale,
-            )
+        energies = matrices.compute_strain_energies(shape)
+        momentum, tip = float(matrices.pushes @ shape), float(shape[_TIP])
+        mode = Mode(
+            frequency,
+            float(energies @ matrices.losses / energies.sum()),
+            momentum * tip,
+            momentum * scale,
+            tip / scale,
         )
-    return found
+        modes.append(mode)
+    return modes
 
 
 def compute_clamp_force(modes: Sequence[Mode], time: Array, blow: bool = False) -> Array:
@@ -325,19 +353,19 @@ def compute_clamp_force(modes: Sequence[Mode], time: Array, blow: bool = False) 
     It can also follow a blow of 1 N s there.
     """
     total = np.zeros_like(time)
-    for one in modes:
-        w = math.tau * one.frequency
-        wave = w * np.sin(w * time) if blow else np.cos(w * time)
-        total += one.reaction * np.exp(-0.5 * w * one.loss_factor * time) * wave
+    for mode in modes:
+        omega = math.tau * mode.frequency
+        wave = omega * np.sin(omega * time) if blow else np.cos(omega * time)
+        total += mode.reaction * np.exp(-0.5 * omega * mode.loss_factor * time) * wave
     return total
 
 
 def compute_sensed_energy(
     modes: Sequence[Mode], duration: float = PAPER.tool.ring_duration
 ) -> float:
-    """Square of the force on a sensor between rod or sheath and clamp, over a time [s].
+    """Integrate the square of the force on a sensor between rod or sheath and clamp [N^2 s].
 
-    It is for a pull of 1 N; the energy there is in proportion to it.
+    It is for a pull of 1 N, over a `duration` [s]; the energy there is in proportion to it.
     """
     time = np.linspace(0.0, duration, _SAMPLES)
     return float(np.trapezoid(compute_clamp_force(modes, time) ** 2, time))
@@ -351,35 +379,68 @@ def compute_finger_share(
     duration: float = PAPER.tool.ring_duration,
 ) -> float:
     """Share of the stored energy that the grasp of a hand takes up as vibration over a time [1]."""
-    from scipy.linalg import expm, solve, solve_continuous_lyapunov
+    from scipy.linalg import expm, solve_continuous_lyapunov
 
-    # the modes of the held rod ride on a handle that the hand carries: q'' + w eta q' + w^2 q = -G
-    # u'' for each
-    n = len(modes)
-    w = np.array([math.tau * one.frequency for one in modes])
-    momentum, tip = np.array([one.momentum for one in modes]), np.array([one.tip for one in modes])
-    displaced = hand.handle_mass + rod.line_mass * rod.length + rod.end_mass
-    mass = np.diag([*np.ones(n), displaced, hand.mass])
-    mass[n, :n] = mass[:n, n] = momentum
-    handle, arm = np.eye(n + 2)[n:]
-    grasp = handle - arm
-    spring = (
-        np.diag([*(w**2), 0.0, 0.0])
-        + hand.grasp_stiffness * np.outer(grasp, grasp)
-        + hand.arm_stiffness * np.outer(arm, arm)
-    )
-    damper = np.diag([*(w * [one.loss_factor for one in modes]), 0.0, 0.0])
-    damper += hand.grasp_damping * np.outer(grasp, grasp) + hand.arm_damping * np.outer(arm, arm)
-    system = np.block(
-        [[np.zeros_like(mass), np.eye(n + 2)], [-solve(mass, spring), -solve(mass, damper)]]
-    )
-    pull = np.concatenate([tip, [1.0, 0.0]])  # 1 N on the tip moves rod and handle
-    start = np.concatenate([solve(spring, pull), np.zeros(n + 2)])
-    values, vectors = np.linalg.eig(system)
-    parts = np.linalg.solve(vectors, start)
-    parts[np.abs(values.imag) < math.tau * _LOWEST] = 0.0
-    ring = np.real(vectors @ parts)
-    lossy = np.concatenate([np.zeros(n + 2), grasp])
+    held = _HeldRod.assemble(rod, modes, hand)
+    system, size = held.build_system(), len(held.mass)
+    ring = _drop_slow_parts(system, held.find_pulled_state(modes))
+    lossy = np.concatenate([np.zeros(size), held.grasp])
     spent = solve_continuous_lyapunov(system.T, -hand.grasp_damping * np.outer(lossy, lossy))
     later = expm(system * duration) @ ring
     return float((ring @ spent @ ring - later @ spent @ later) / (0.5 / stiffness))
+
+
+class _HeldRod(NamedTuple):
+    """The modes of a rod on a handle that a hand carries.
+
+    Coordinates are those of the n modes, then of the handle and of the mass behind the grasp, each
+    mode by ``q'' + w eta q' + w^2 q = -G u''``; matrices of shape (n + 2, n + 2).
+    """
+
+    mass: Array
+    damper: Array
+    spring: Array
+    grasp: Array  # by how much each coordinate stretches the grasp, shape (n + 2,)
+
+    @classmethod
+    def assemble(cls, rod: Rod, modes: Sequence[Mode], hand: Hand) -> "_HeldRod":
+        """Assemble modes, handle and hand."""
+        count = len(modes)
+        omega = np.array([math.tau * mode.frequency for mode in modes])
+        losses = np.array([mode.loss_factor for mode in modes])
+        momentum = np.array([mode.momentum for mode in modes])
+        displaced = hand.handle_mass + rod.line_mass * rod.length + rod.end_mass
+        mass = np.diag([*np.ones(count), displaced, hand.mass])
+        mass[count, :count] = momentum
+        mass[:count, count] = momentum
+        handle, arm = np.eye(count + 2)[count:]
+        grasp = handle - arm
+        of_grasp, of_arm = np.outer(grasp, grasp), np.outer(arm, arm)
+        spring = np.diag([*(omega**2), 0.0, 0.0]) + hand.grasp_stiffness * of_grasp
+        spring = spring + hand.arm_stiffness * of_arm
+        damper = np.diag([*(omega * losses), 0.0, 0.0])
+        damper += hand.grasp_damping * of_grasp + hand.arm_damping * of_arm
+        return cls(mass, damper, spring, grasp)
+
+    def build_system(self) -> Array:
+        """Build the matrix of the first-order system of coordinates and their rates."""
+        from scipy.linalg import solve
+
+        zero, unity = np.zeros_like(self.mass), np.eye(len(self.mass))
+        of_spring, of_damper = -solve(self.mass, self.spring), -solve(self.mass, self.damper)
+        return np.block([[zero, unity], [of_spring, of_damper]])
+
+    def find_pulled_state(self, modes: Sequence[Mode]) -> Array:
+        """Find coordinates and rates under 1 N on the tip, which moves rod and handle."""
+        from scipy.linalg import solve
+
+        pull = np.array([*(mode.tip for mode in modes), 1.0, 0.0])
+        return np.concatenate([solve(self.spring, pull), np.zeros(len(self.mass))])
+
+
+def _drop_slow_parts(system: Array, state: Array) -> Array:
+    """Return a state of a first-order system without what moves more slowly than a vibration."""
+    values, vectors = np.linalg.eig(system)
+    parts = np.linalg.solve(vectors, state)
+    parts[np.abs(values.imag) < math.tau * _LOWEST] = 0.0
+    return np.asarray(np.real(vectors @ parts))

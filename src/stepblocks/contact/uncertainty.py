@@ -1,10 +1,7 @@
-"""Intervals of a prediction from the uncertainties of its inputs.
-
-They come from sensitivities and from drawing; tolerances follow from them.
-"""
+"""Intervals of a prediction from the uncertainties of its inputs, by sensitivities and draws."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from statistics import NormalDist
@@ -19,7 +16,10 @@ from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.errors import ContactError
 from stepblocks.quantities import check_seed
 
-_TAILS = 0.025, 0.975  # of an interval of 95 %
+_LOW_TAIL, _HIGH_TAIL = 0.025, 0.975  # of an interval of 95 %
+_STEP = 1e-3  # of an uncertainty, by which a sensitivity is taken by differences
+_AGREEMENT = 0.1  # of the width of an interval, by which drawn and analytic ends may differ
+_LEAST_DRAWS, _MOST_DRAWS = 100, 10_000_000
 _SMALLEST_BALL = 1e-3  # a drawn ball keeps this share of its nominal radius [1]
 _KNOWN = 300.0  # logarithm of a factor beyond which nothing is known
 
@@ -85,24 +85,22 @@ def compute_deviated_releases(
 
     Infinite where the tip is held, 0 where nothing catches.
     """
-    sizes = face.deviate_dimensions(deviations)
-    nominal = list_inputs(face, point)
-    at = {
-        name: np.maximum(nominal[name] + deviations.get(name, 0.0), 0.0)
-        for name in nominal
-        if name not in sizes
-    }
-    ball = np.maximum(at["ball_radius"], _SMALLEST_BALL * point.ball_radius)
+    dimensions = face.deviate_dimensions(deviations)
+    deviated: dict[str, Real] = {}
+    for name, nominal in list_inputs(face, point).items():
+        if name not in dimensions:
+            deviated[name] = np.maximum(nominal + deviations.get(name, 0.0), 0.0)
+    ball = np.maximum(deviated["ball_radius"], _SMALLEST_BALL * point.ball_radius)
     force, energy = kernels.compute_release(
-        face.angles(ball, **sizes)[backward],
-        at["friction"],
-        at["normal_load"],
-        at["stiffness"],
-        at["conversion"],
+        face.angles(ball, **dimensions).towards(backward),
+        deviated["friction"],
+        deviated["normal_load"],
+        deviated["stiffness"],
+        deviated["conversion"],
     )
     force = np.broadcast_to(force, energy.shape)
-    held = force > point.tool.limits.first[1]
-    return np.where(held, np.inf, force), np.where(held, np.inf, energy)
+    is_held = force > point.tool.limits.first.force
+    return np.where(is_held, np.inf, force), np.where(is_held, np.inf, energy)
 
 
 def compute_sensitivities(
@@ -111,11 +109,27 @@ def compute_sensitivities(
     uncertainty: Mapping[str, float],
     backward: bool = False,
 ) -> dict[str, float]:
-    """Derive ln E_v = 2 ln F - ln k + ln C_v by each uncertain input, per unit of the input."""
+    """Derive ln E_v = 2 ln F - ln k + ln C_v by each uncertain input, per unit of the input.
+
+    NaN where the drag does not release at both ends of a difference.
+    """
+    closed_forms = _derive_in_closed_form(face, point, backward)
+    sensitivities = {}
+    for name in uncertainty:
+        if name in closed_forms:
+            sensitivities[name] = closed_forms[name]
+        else:
+            sensitivities[name] = _derive_by_differences(face, point, uncertainty, name, backward)
+    return sensitivities
+
+
+def _derive_in_closed_form(
+    face: Counterface, point: OperatingPoint, backward: bool
+) -> dict[str, float]:
+    """Derive ln E_v by all inputs of which the derivative has a closed form."""
     release = face.release(point, backward)
-    ContactError.require(
-        release.status is Status.RELEASES, f"an edge that is {release.status} has no sensitivity"
-    )
+    if release.status is not Status.RELEASES:
+        raise ContactError(f"an edge that is {release.status} has no sensitivity")
     # of ln F, F = N tan(a + atan mu)
     by_angle = 2.0 / math.sin(2.0 * (release.angle + math.atan(point.friction)))
     slopes = {
@@ -124,20 +138,30 @@ def compute_sensitivities(
         "stiffness": -1.0 / point.tool.stiffness,
         "conversion": 1.0 / point.tool.conversion,
     }
-    closed = {} if backward else face.angle_slopes(point.ball_radius)
-    slopes |= {name: 2.0 * by_angle * slope for name, slope in closed.items()}
-    # by differences; NaN where one end does not release
-    for name in uncertainty.keys() - slopes.keys():
-        slopes[name] = 0.0
-        step = 1e-3 * uncertainty[name]
-        if step > 0.0:
-            deviations: dict[str, Real] = dict.fromkeys(uncertainty, 0.0) | {
-                name: np.array([step, -step])
-            }
-            up, down = compute_deviated_releases(face, point, deviations, backward)[1]
-            released = min(up, down) > 0.0 and max(up, down) < math.inf
-            slopes[name] = math.log(up / down) / (2.0 * step) if released else math.nan
-    return {name: slopes[name] for name in uncertainty}
+    if not backward:
+        for name, slope in face.angle_slopes(point.ball_radius).items():
+            slopes[name] = 2.0 * by_angle * slope
+    return slopes
+
+
+def _derive_by_differences(
+    face: Counterface,
+    point: OperatingPoint,
+    uncertainty: Mapping[str, float],
+    name: str,
+    backward: bool,
+) -> float:
+    """Derive ln E_v by one input over a small part of its uncertainty."""
+    step = _STEP * uncertainty[name]
+    if not step > 0.0:
+        return 0.0
+    deviations: dict[str, Real] = dict.fromkeys(uncertainty, 0.0)
+    deviations[name] = np.array([step, -step])
+    _, energies = compute_deviated_releases(face, point, deviations, backward)
+    up, down = energies
+    if not (min(up, down) > 0.0 and max(up, down) < math.inf):
+        return math.nan
+    return math.log(up / down) / (2.0 * step)
 
 
 def estimate_interval(
@@ -191,54 +215,68 @@ def estimate_interval(
     check_seed(seed)
     face = take_counterface(face)
     names = list(list_inputs(face, point))
-    for name, value in uncertainty.items():
-        ContactError.require(
-            name in names, f"uncertainty must be of {', '.join(names)}, got {name!r}"
-        )
-        require_not_negative(f"uncertainty of {name}", value)
-    uncertainty = {name: uncertainty[name] for name in names if name in uncertainty}
+    uncertainty = _check_uncertainty(uncertainty, names)
     release = face.release(point, backward)
     normal = dict(zip(names, draw_standard_normal(len(names), draws, seed), strict=True))
-    forces, energies = compute_deviated_releases(
-        face, point, {name: width * normal[name] for name, width in uncertainty.items()}, backward
-    )
-    drawn = (*_find_quantiles(forces, draws), *_find_quantiles(energies, draws))
-    low = high = math.nan  # to first order in the logarithm
+    deviations = {name: width * normal[name] for name, width in uncertainty.items()}
+    forces, energies = compute_deviated_releases(face, point, deviations, backward)
+    force_low, force_high = _find_quantiles(forces, draws)
+    energy_low, energy_high = _find_quantiles(energies, draws)
+    low = high = math.nan
     if release.status is Status.RELEASES:
-        slopes = compute_sensitivities(face, point, uncertainty, backward)
-        spread = math.sqrt(
-            sum(
-                shifted * shifted
-                for shifted in (slopes[name] * uncertainty[name] for name in uncertainty)
-            )
-        )
-        wide = NormalDist().inv_cdf(_TAILS[1]) * spread
-        ContactError.require(
-            wide < _KNOWN,
-            "uncertainties must leave the energy known to a factor, got spreads as large as "
-            "the values",
-        )
-        low, high = (
-            release.vibration_energy * math.exp(-wide),
-            release.vibration_energy * math.exp(wide),
-        )
+        low, high = _estimate_to_first_order(face, point, uncertainty, backward)
     width = max(high - low, 1e-12 * release.vibration_energy)
+    apart = max(abs(energy_low - low), abs(energy_high - high))
     return Interval(
-        release.status,
-        release.pull_force,
-        release.vibration_energy,
-        *drawn,
-        low,
-        high,
-        float(np.isinf(forces).mean()),
-        bool(max(abs(drawn[2] - low), abs(drawn[3] - high)) < 0.1 * width),
+        status=release.status,
+        force=release.pull_force,
+        energy=release.vibration_energy,
+        force_low=force_low,
+        force_high=force_high,
+        energy_low=energy_low,
+        energy_high=energy_high,
+        analytic_energy_low=low,
+        analytic_energy_high=high,
+        held_probability=float(np.isinf(forces).mean()),
+        agrees=bool(apart < _AGREEMENT * width),
     )
+
+
+def _check_uncertainty(uncertainty: Mapping[str, float], names: Sequence[str]) -> dict[str, float]:
+    """Return uncertainties in the order of their inputs, or refuse an unknown or negative one."""
+    for name, value in uncertainty.items():
+        if name not in names:
+            raise ContactError(f"uncertainty must be of {', '.join(names)}, got {name!r}")
+        require_not_negative(f"uncertainty of {name}", value)
+    return {name: uncertainty[name] for name in names if name in uncertainty}
+
+
+def _estimate_to_first_order(
+    face: Counterface, point: OperatingPoint, uncertainty: Mapping[str, float], backward: bool
+) -> tuple[float, float]:
+    """Estimate both ends of the interval of a release to first order in the logarithm [J]."""
+    slopes = compute_sensitivities(face, point, uncertainty, backward)
+    variance = 0.0
+    for name, width in uncertainty.items():
+        shift = slopes[name] * width
+        variance += shift * shift
+    spread = NormalDist().inv_cdf(_HIGH_TAIL) * math.sqrt(variance)
+    if not spread < _KNOWN:
+        raise ContactError(
+            "uncertainties must leave the energy known to a factor, got spreads as large as the "
+            "values"
+        )
+    energy = face.release(point, backward).vibration_energy
+    return energy * math.exp(-spread), energy * math.exp(spread)
 
 
 def _find_quantiles(values: Array, draws: int) -> tuple[float, float]:
-    # Find both ends by the inverse of the empirical distribution, as numpy's "inverted_cdf" has it
-    # a share of the draws that is a whole number but for rounding is that number
-    ends = [max(math.ceil(tail * draws - 1e-6) - 1, 0) for tail in _TAILS]
+    """Find both ends by the inverse of the empirical distribution.
+
+    It is numpy's "inverted_cdf", but that a share of the draws which is a whole number but for
+    rounding is that number.
+    """
+    ends = [max(math.ceil(tail * draws - 1e-6) - 1, 0) for tail in (_LOW_TAIL, _HIGH_TAIL)]
     low, high = np.partition(np.broadcast_to(values, draws), ends)[ends]
     return float(low), float(high)
 
@@ -249,9 +287,8 @@ def draw_standard_normal(inputs: int, draws: int, seed: int) -> Array:
 
     Equal arguments give the same numbers.
     """
-    ContactError.require(
-        100 <= draws <= 10_000_000, f"draws must lie between 100 and 10 million, got {draws}"
-    )
+    if not _LEAST_DRAWS <= draws <= _MOST_DRAWS:
+        raise ContactError(f"draws must lie between 100 and 10 million, got {draws}")
     numbers = np.random.default_rng(seed).standard_normal((inputs, draws))
     numbers.setflags(write=False)
     return numbers

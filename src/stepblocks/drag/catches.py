@@ -1,18 +1,18 @@
-"""Where a tip can be caught on its track.
-
-Every place at which the slope of its path has a maximum.
-"""
+"""Where a tip can be caught on its track: every place where the slope of its path is greatest."""
 
 import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stepblocks.contact import Array
 from stepblocks.contact.path.centre import CentrePath
 
+Indices = NDArray[np.int64]
 LEAST_ANGLE = math.radians(0.5)  # a slope that rises by less is no catch
 _LEVEL = math.radians(0.02)  # slopes that differ by less are one
+_EQUAL_ANGLES = 1e-7  # share by which angles may differ that count as equal
 _AHEAD = 0.05  # the approach to a place begins at least so many radii before its foot
 
 
@@ -46,12 +46,15 @@ class CatchPlaces(NamedTuple):
 
 def find_asked_place(places: CatchPlaces, within: tuple[float, float] | None) -> int | None:
     """Find the place with the greatest angle, of those whose edge lies `within` a range [m]."""
-    low, high = within or (-np.inf, np.inf)
-    angle = np.where((places.contact >= low) & (places.contact <= high), places.angle, -np.inf)
+    angle = places.angle
+    if within is not None:
+        low, high = within
+        is_inside = (places.contact >= low) & (places.contact <= high)
+        angle = np.where(is_inside, angle, -np.inf)
     if not np.isfinite(angle).any():
         return None
     # of equal angles, to what a double can tell, the first counts
-    return int(np.flatnonzero(angle >= angle.max() * (1.0 - 1e-7))[0])
+    return int(np.flatnonzero(angle >= angle.max() * (1.0 - _EQUAL_ANGLES))[0])
 
 
 def find_catch_places(
@@ -64,30 +67,49 @@ def find_catch_places(
     x = np.repeat(track.x, 2)[1:-1]
     angle = np.arctan(np.column_stack([track.slope_start, track.slope_end]).ravel())
     peaks, _ = find_peaks(angle, prominence=least, height=least)
-    first, last = peaks.copy(), peaks.copy()
-    for n, peak in enumerate(peaks):
-        while first[n] > 0 and angle[first[n] - 1] >= angle[peak] - _LEVEL:
-            first[n] -= 1
-        while last[n] < angle.size - 1 and angle[last[n] + 1] >= angle[peak] - _LEVEL:
-            last[n] += 1
+    first, last = _widen_peaks(angle, peaks)
     # rounding makes several peaks of one slope
-    single = np.append(True, first[1:] > last[:-1])[: peaks.size]
-    peaks, first, last = peaks[single], first[single], last[single]
-    start = np.full(peaks.size, -np.inf)
-    behind = x[last]
-    for n in range(peaks.size):
-        following = first[n + 1] if n + 1 < peaks.size else angle.size - 1
-        ahead = angle[last[n] : following + 1]
-        behind[n] = x[last[n] + int(np.argmax(ahead <= 0.5 * (angle[peaks[n]] + ahead.min())))]
-        if n > 0:
-            between = slice(int(last[n - 1]), int(first[n]) + 1)
-            low = np.flatnonzero(angle[between] <= angle[between].min() + _LEVEL) + last[n - 1]
-            start[n] = max(x[low[0]], x[low[-1]] - _AHEAD * ball_radius)
+    is_single = np.append(True, first[1:] > last[:-1])[: peaks.size]
+    peaks, first, last = peaks[is_single], first[is_single], last[is_single]
     return CatchPlaces(
         x[first],
         angle[peaks],
         x[last],
-        behind,
-        start,
+        _find_ends(x, angle, peaks, first, last),
+        _find_starts(x, angle, first, last, _AHEAD * ball_radius),
         x[first] + ball_radius * np.sin(angle[peaks]),
     )
+
+
+def _widen_peaks(angle: Array, peaks: Indices) -> tuple[Indices, Indices]:
+    """Find where the slope about each peak begins and ends to be that of the peak."""
+    first, last = peaks.copy(), peaks.copy()
+    for number, peak in enumerate(peaks):
+        least = angle[peak] - _LEVEL
+        while first[number] > 0 and angle[first[number] - 1] >= least:
+            first[number] -= 1
+        while last[number] < angle.size - 1 and angle[last[number] + 1] >= least:
+            last[number] += 1
+    return first, last
+
+
+def _find_ends(x: Array, angle: Array, peaks: Indices, first: Indices, last: Indices) -> Array:
+    """Find where the slope behind each peak has fallen by half of its fall [m]."""
+    ends = x[last]
+    following = np.append(first[1:], angle.size - 1)[: peaks.size]
+    for number, peak in enumerate(peaks):
+        ahead = angle[last[number] : following[number] + 1]
+        half = 0.5 * (angle[peak] + ahead.min())
+        ends[number] = x[last[number] + int(np.argmax(ahead <= half))]
+    return ends
+
+
+def _find_starts(x: Array, angle: Array, first: Indices, last: Indices, ahead: float) -> Array:
+    """Find where the approach to each peak begins, `ahead` of its foot at least [m]."""
+    starts = np.full(first.size, -np.inf)
+    for number in range(1, first.size):
+        begin = int(last[number - 1])
+        between = angle[begin : int(first[number]) + 1]
+        level = np.flatnonzero(between <= between.min() + _LEVEL) + begin
+        starts[number] = max(x[level[0]], x[level[-1]] - ahead)
+    return starts

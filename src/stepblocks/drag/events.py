@@ -7,42 +7,65 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from stepblocks.contact.counterface import Counterface
+from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.drag.probe import DragSettings, build_probe
 from stepblocks.drag.ring import measure_ring
-from stepblocks.drag.simulate import DragEvent, DragTrace, simulate_drag
+from stepblocks.drag.simulate import Belonging, DragEvent, DragTrace, simulate_drag
 from stepblocks.drag.track import build_track
 
 
 def list_events(
     trace: DragTrace, backward: bool, within: tuple[float, float] | None
 ) -> tuple[DragEvent, ...]:
-    """List every place that the tip came to, with its ring; positions are on the surface."""
+    """List every place that the tip came to, with its ring; positions are on the surface.
+
+    Events at the place that was asked about, and those `within` a range of x [m], belong to the
+    feature.
+    """
     sign = -1.0 if backward else 1.0
-    asked = trace.events[trace.asked] if trace.asked >= 0 else None
-
-    def complete(number: int, one: DragEvent) -> DragEvent:
-        belongs = "before" if asked is None or one.x_m < asked.x_m else "after"
-        inside = within is not None and within[0] <= sign * one.contact_x_m <= within[1]
-        if inside or (asked is not None and one.place == asked.place):
-            belongs = "feature"
+    events = []
+    for number, event in enumerate(trace.events):
         placed = replace(
-            one, belongs_to=belongs, x_m=sign * one.x_m, contact_x_m=sign * one.contact_x_m
+            event,
+            belongs_to=_find_belonging(trace, event, sign * event.contact_x_m, within),
+            x_m=sign * event.x_m,
+            contact_x_m=sign * event.contact_x_m,
         )
-        if one.status != "releases":
-            return placed
-        ring = measure_ring(trace, spectra=False, event=number)
-        return replace(
-            placed,
-            sliding_force_n=ring.level,
-            stored_energy_j=trace.probe.energy(one.pull_n),
-            vibration_energy_j=ring.energy,
-            ring_share=ring.share,
-            ring_decay_s=ring.decay_time,
-            fall_energy_j=ring.fall_energy,
-        )
+        if event.status is Status.RELEASES:
+            placed = _add_ring(placed, trace, number)
+        events.append(placed)
+    return tuple(events)
 
-    return tuple(complete(number, one) for number, one in enumerate(trace.events))
+
+def _find_belonging(
+    trace: DragTrace, event: DragEvent, contact_x: float, within: tuple[float, float] | None
+) -> Belonging:
+    """Find to what an event belongs, whose edge lies at `contact_x` on the surface [m]."""
+    if within is not None and within[0] <= contact_x <= within[1]:
+        return Belonging.FEATURE
+    if trace.asked < 0:
+        return Belonging.BEFORE
+    asked = trace.events[trace.asked]
+    if event.place == asked.place:
+        return Belonging.FEATURE
+    if event.x_m < asked.x_m:
+        return Belonging.BEFORE
+    return Belonging.AFTER
+
+
+def _add_ring(event: DragEvent, trace: DragTrace, number: int) -> DragEvent:
+    """Return a release with the figures of its ring; `number` is that of the event."""
+    ring = measure_ring(trace, spectra=False, event=number)
+    return replace(
+        event,
+        sliding_force_n=ring.level,
+        stored_energy_j=trace.probe.energy(event.pull_n),
+        vibration_energy_j=ring.energy,
+        ring_share=ring.share,
+        ring_decay_s=ring.decay_time,
+        fall_energy_j=ring.fall_energy,
+    )
 
 
 def drag_face(
@@ -55,12 +78,16 @@ def drag_face(
 ) -> DragTrace:
     """Drag over a counterface in time.
 
-    The trace answers for the edge that the equations answer for.
+    The trace answers for the edge that the equations answer for. `settings` and `probe` are fields
+    of `DragSettings` and `Probe` that differ from those of the operating point.
     """
     track = build_track(face, point.ball_radius, backward)
+    within = None
+    if track.feature is not None:
+        within = track.feature.first, track.feature.last
     return simulate_drag(
         track,
         build_probe(point.tool, point.ball_radius, point.contact, **(probe or {})),
         DragSettings.under(point, **(settings or {})),
-        track.feature and track.feature[:2],
+        within,
     )

@@ -6,27 +6,29 @@ from stepblocks.contact.energy import Status
 from stepblocks.drag.ring import (
     LOADING_BAND,
     RING_BAND,
+    Phase,
     compute_band_share,
     compute_phase_spectrum,
 )
 from stepblocks.drag.simulate import DragTrace
 from stepblocks.files.figures import Axes, make_figure, save_figure
 
+_LABELS = {"fx_n": "tangential $F_x$ [N]", "fy_n": "normal $F_y$ [N]"}
+_BANDS = {Phase.LOADING: LOADING_BAND, Phase.VIBRATION: RING_BAND}
+_HIGHEST = 600.0  # of the spectra that are shown [Hz]
 _BLUE, _RED, _GREY = "#1f4e79", "#b03030", "#808080"
 
 
 def plot_force(trace: DragTrace, axes: "Axes", channel: str = "fx_n") -> "Axes":
     """Plot one force against time.
 
-    The release that was asked about in red, other events in grey.
+    The release that was asked about is marked in red, any other in grey.
     """
     axes.plot(trace.column("time_s") * 1e3, trace.column(channel), lw=0.8, color=_BLUE)
-    axes.set_ylabel(
-        {"fx_n": "tangential $F_x$ [N]", "fy_n": "normal $F_y$ [N]"}.get(channel, channel)
-    )
-    for number, one in enumerate(trace.events):
-        if one.status == "releases" and number != trace.asked:
-            axes.axvline(one.released_s * 1e3, color=_GREY, lw=0.5, ls=":")
+    axes.set_ylabel(_LABELS.get(channel, channel))
+    for number, event in enumerate(trace.events):
+        if event.status is Status.RELEASES and number != trace.asked:
+            axes.axvline(event.released_s * 1e3, color=_GREY, lw=0.5, ls=":")
     if trace.status is Status.RELEASES:
         axes.axvline(trace.release_time * 1e3, color=_RED, lw=0.8, ls="--")
     return axes
@@ -55,26 +57,23 @@ def draw_force(trace: DragTrace, path: Path, title: str) -> None:
 def draw_spectra(trace: DragTrace, path: Path, title: str) -> None:
     """Draw the spectra of both forces while loading and vibrating, as figures 4 and 5 do."""
     figure, axes = make_figure(2, 2, sharex=True, height=5.0)
-    for row, (channel, label) in enumerate((("fx_n", "$F_x$"), ("fy_n", "$F_y$"))):
-        for axis, (phase, band) in zip(
-            axes[row], (("loading", LOADING_BAND), ("vibration", RING_BAND)), strict=True
-        ):
-            frequency, energy = compute_phase_spectrum(trace, phase, channel)
-            shown = frequency <= 600.0
-            axis.plot(
-                frequency[shown],
-                energy[shown] / max(float(energy[shown].max()), 1e-300),
-                lw=0.9,
-                color=_BLUE,
-            )
-            axis.axvspan(*band, color="#f0c040", alpha=0.25, lw=0)
-            axis.set_title(
-                f"{phase}, {label}: {compute_band_share(frequency, energy, band):.0%} in "
-                f"{band[0]:.0f}-{band[1]:.0f} Hz",
-                fontsize=9,
-            )
-            axis.set_ylabel("relative energy")
+    for row, (channel, label) in zip(axes, (("fx_n", "$F_x$"), ("fy_n", "$F_y$")), strict=True):
+        _draw_spectrum(row[0], trace, Phase.LOADING, channel, label)
+        _draw_spectrum(row[1], trace, Phase.VIBRATION, channel, label)
     for axis in axes[1]:
         axis.set_xlabel("frequency [Hz]")
     figure.suptitle(title, fontsize=10)
     save_figure(figure, path)
+
+
+def _draw_spectrum(axis: "Axes", trace: DragTrace, phase: Phase, channel: str, label: str) -> None:
+    """Draw the spectrum of one force in one phase, and the band in which the paper finds it."""
+    low, high = _BANDS[phase]
+    frequency, energy = compute_phase_spectrum(trace, phase, channel)
+    is_shown = frequency <= _HIGHEST
+    shown = energy[is_shown]
+    axis.plot(frequency[is_shown], shown / max(float(shown.max()), 1e-300), lw=0.9, color=_BLUE)
+    axis.axvspan(low, high, color="#f0c040", alpha=0.25, lw=0)
+    share = compute_band_share(frequency, energy, (low, high))
+    axis.set_title(f"{phase}, {label}: {share:.0%} in {low:.0f}-{high:.0f} Hz", fontsize=9)
+    axis.set_ylabel("relative energy")

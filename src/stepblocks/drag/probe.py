@@ -5,12 +5,25 @@ Named settings reproduce the figures of the paper.
 
 import math
 from dataclasses import dataclass, fields, replace
+from typing import NamedTuple
 
 from stepblocks.contact.domain import require_not_negative, require_positive
 from stepblocks.contact.kernels import compute_softened_force
 from stepblocks.contact.laws import ContactLaw, FrictionLaw, Hertz
 from stepblocks.contact.operating_point import PAPER, OperatingPoint, Tool
 from stepblocks.errors import ContactError
+
+_POWERS = 1.0, 4.0  # of a contact: from a spring to one that is far from any body
+_RESOLUTIONS = 4.0, 1e4  # steps per period
+_GRAVITY = 9.81  # m/s^2
+
+
+class Mode(NamedTuple):
+    """A further mode of the tool."""
+
+    stiffness: float  # [N/m]
+    mass: float  # [kg]
+    damping: float  # [N s/m]
 
 
 @dataclass(frozen=True)
@@ -38,9 +51,9 @@ class Probe:
         Mass that is lifted with the carrier [kg]; used where `normal_stiffness` is not 0.
     hardening : float
         k3 of ``F = k x + k3 x^3``, Duffing's spring [N/m^3].
-    overtones : tuple
-        Stiffness [N/m], mass [kg] and damper [N s/m] of each further mode. `stiffness` is that of
-        all modes together; mass, damping and frequency are those of the first.
+    overtones : tuple of Mode
+        Further modes. `stiffness` is that of all modes together; mass, damping and frequency are
+        those of the first.
     """
 
     stiffness: float
@@ -52,7 +65,7 @@ class Probe:
     normal_stiffness: float = 0.0
     carrier_mass: float = 0.0
     hardening: float = 0.0
-    overtones: tuple[tuple[float, float, float], ...] = ()
+    overtones: tuple[Mode, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("stiffness", "mass", "contact_stiffness"):
@@ -65,23 +78,21 @@ class Probe:
             "hardening",
         ):
             require_not_negative(name, getattr(self, name))
-        ContactError.require(
-            1.0 <= self.contact_power <= 4.0,
-            f"contact_power must lie between 1 (linear) and 4, got {self.contact_power:g}",
-        )
-        ContactError.require(
-            self.normal_stiffness == 0.0 or self.carrier_mass > 0.0,
-            "carrier_mass must be positive where normal_stiffness is not 0",
-        )
-        ContactError.require(
-            self.hardening == 0.0 or not self.overtones,
-            "hardening is for a tool of one mode, this one has overtones",
-        )
+        softest, hardest = _POWERS
+        if not softest <= self.contact_power <= hardest:
+            raise ContactError(
+                f"contact_power must lie between 1 (linear) and 4, got {self.contact_power:g}"
+            )
+        if self.normal_stiffness > 0.0 and self.carrier_mass == 0.0:
+            raise ContactError("carrier_mass must be positive where normal_stiffness is not 0")
+        if self.hardening > 0.0 and self.overtones:
+            raise ContactError("hardening is for a tool of one mode, this one has overtones")
 
     @property
     def first_stiffness(self) -> float:
         """Stiffness of the first mode [N/m], which gives way less than all modes together."""
-        return self.stiffness / (1.0 - sum(self.stiffness / one[0] for one in self.overtones))
+        share_of_overtones = sum(self.stiffness / mode.stiffness for mode in self.overtones)
+        return self.stiffness / (1.0 - share_of_overtones)
 
     @property
     def frequency(self) -> float:
@@ -98,16 +109,20 @@ class Probe:
             force = float(compute_softened_force(force, self.hardening / self.stiffness**3))
         return force / self.stiffness
 
-    def energy(self, force: float, rest: float = 0.0) -> float:
+    def energy(self, force: float, steady_force: float = 0.0) -> float:
         """Energy of the spring at a force, above that at its rest [J].
 
-        Another force pulls steadily at rest.
+        At rest a `steady_force` [N] pulls.
         """
         if self.hardening == 0.0:
-            return 0.5 * (force - rest) * (force - rest) / self.stiffness
-        x, r = self.stretch(force), self.stretch(rest)
-        own, at_rest = (0.5 * self.stiffness * s**2 + 0.25 * self.hardening * s**4 for s in (x, r))
-        return own - at_rest - rest * (x - r)
+            return 0.5 * (force - steady_force) * (force - steady_force) / self.stiffness
+        stretch, rest_stretch = self.stretch(force), self.stretch(steady_force)
+        stored = self._store(stretch) - self._store(rest_stretch)
+        return stored - steady_force * (stretch - rest_stretch)
+
+    def _store(self, stretch: float) -> float:
+        """Energy of the hardening spring at a stretch [m], in J."""
+        return 0.5 * self.stiffness * stretch**2 + 0.25 * self.hardening * stretch**4
 
 
 @dataclass(frozen=True)
@@ -175,39 +190,41 @@ class DragSettings:
             require_positive(name, getattr(self, name))
         for field in fields(self)[:-1]:
             require_not_negative(field.name, getattr(self, field.name))
-        ContactError.require(
-            (self.speed > 0.0) != (self.pulling_force > 0.0),
-            "exactly one of speed and pulling_force must be positive",
-        )
-        ContactError.require(
-            self.pulling_force == 0.0 or self.handle_mass > 0.0,
-            "handle_mass must be positive where a pulling_force acts",
-        )
-        ContactError.require(
-            self.static_friction == 0.0 or self.static_friction >= self.friction,
-            f"static_friction must not be less than friction ({self.friction:g})",
-        )
-        ContactError.require(
-            4.0 <= self.resolution <= 1e4,
-            f"resolution must lie between 4 and 10000 steps per period, got {self.resolution:g}",
-        )
+        if (self.speed > 0.0) == (self.pulling_force > 0.0):
+            raise ContactError("exactly one of speed and pulling_force must be positive")
+        if self.pulling_force > 0.0 and self.handle_mass == 0.0:
+            raise ContactError("handle_mass must be positive where a pulling_force acts")
+        if 0.0 < self.static_friction < self.friction:
+            raise ContactError(
+                f"static_friction must not be less than friction ({self.friction:g})"
+            )
+        coarsest, finest = _RESOLUTIONS
+        if not coarsest <= self.resolution <= finest:
+            raise ContactError(
+                f"resolution must lie between 4 and 10000 steps per period, got {self.resolution:g}"
+            )
 
     @classmethod
     def under(cls, point: OperatingPoint, **changes: object) -> "DragSettings":
         """Take load, friction, speed and tissue from an operating point."""
-        wall = {f"tissue_{name}": value for name, value in vars(point.tissue).items()}
-        known = {"normal_load": point.normal_load, "friction": point.friction, "speed": point.speed}
-        settings = cls(**known | wall | changes)
+        of_point: dict[str, object] = {
+            "normal_load": point.normal_load,
+            "friction": point.friction,
+            "speed": point.speed,
+            "tissue_stiffness": point.tissue.stiffness,
+            "tissue_damping": point.tissue.damping,
+            "tissue_friction": point.tissue.friction,
+        }
+        settings = cls(**of_point | changes)  # type: ignore[arg-type]
         law = point.friction_law
         if law is None or "friction" in changes:
             return settings
-        sliding, rest = (
-            law.coefficient(speed, point.normal_load, 0.0, 0.0) for speed in (settings.speed, 0.0)
-        )
+        sliding = law.coefficient(settings.speed, point.normal_load, 0.0, 0.0)
+        at_rest = law.coefficient(0.0, point.normal_load, 0.0, 0.0)
         return replace(
             settings,
             friction=sliding,
-            static_friction=rest if rest > sliding else 0.0,
+            static_friction=at_rest if at_rest > sliding else 0.0,
             friction_law=law,
         )
 
@@ -218,9 +235,8 @@ class DragSettings:
 
     def find_sliding_force(self, slope: float = 0.0) -> float:
         """Find the pull that slides the tip up a slope [1], N tan(atan s + atan mu) [N]."""
-        return (slope + self.friction) / (
-            1.0 - slope * self.friction
-        ) * self.normal_load + self.tissue_friction
+        tangent = (slope + self.friction) / (1.0 - slope * self.friction)
+        return tangent * self.normal_load + self.tissue_friction
 
 
 def build_probe(
@@ -232,14 +248,17 @@ def build_probe(
     """
     stiffness, power = (contact or Hertz()).power_law(ball_radius)
     # the modes in a row are as soft as the tool; their masses are as their ratios say
-    mass = tool.effective_mass * (
-        1.0 + sum((tool.frequency / one.frequency) ** 2 / one.mass_ratio for one in tool.overtones)
+    softness = sum(
+        (tool.frequency / overtone.frequency) ** 2 / overtone.mass_ratio
+        for overtone in tool.overtones
     )
+    mass = tool.effective_mass * (1.0 + softness)
     overtones = []
-    for one in tool.overtones:
-        own = one.mass_ratio * mass
-        omega = math.tau * one.frequency
-        overtones.append((own * omega * omega, own, 2.0 * own / one.decay_time))
+    for overtone in tool.overtones:
+        mode_mass = overtone.mass_ratio * mass
+        omega = math.tau * overtone.frequency
+        damping = 2.0 * mode_mass / overtone.decay_time
+        overtones.append(Mode(mode_mass * omega * omega, mode_mass, damping))
     values = {
         "stiffness": tool.stiffness,
         "mass": mass,
@@ -277,14 +296,11 @@ class Setting:
     holder_mass: float
 
     def changes(self, tool: Tool, normal_load: float) -> dict[str, float]:
-        """Return the changes of the probe.
-
-        A round rod is as stiff along the normal, the load behind it.
-        """
+        """Return what the probe changes by this way: a round rod is as stiff along the normal."""
         return {
             "damping_ratio": self.damping_ratio,
             "normal_stiffness": tool.stiffness,
-            "carrier_mass": normal_load / 9.81 + self.holder_mass,
+            "carrier_mass": normal_load / _GRAVITY + self.holder_mass,
         }
 
 

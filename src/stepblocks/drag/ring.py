@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, field, replace
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,19 @@ LOADING_BAND = (0.0, 100.0)
 RING_BAND = (250.0, 350.0)
 _PAPER_RING = PAPER.tool.ring_duration
 _QUIET = 0.05  # of the first swing: below it the ring has ended
+_SETTLED = 0.25  # last part of a ring, over which its settled force is measured
+# shares of the peak and of the level of sliding: above their sum the pull has not fallen yet
+_OF_PEAK, _OF_LEVEL = 0.9, 0.1
 _FEWEST = 3  # samples of a ring that the next place cuts short
+_FEWEST_OF_PHASE = 16  # samples of a spectrum
+_NOTHING = 1e-300  # which keeps a quotient finite
+
+
+class Phase(StrEnum):
+    """A part of a trace that has a spectrum."""
+
+    LOADING = "loading"
+    VIBRATION = "vibration"
 
 
 @dataclass(frozen=True)
@@ -66,19 +79,26 @@ class Ring:
 
 
 def _cut_ring(trace: DragTrace, event: int) -> DragTrace:
-    # Cut what belongs to one release: its pull, from the release to the next one or to the end
-    if event < 0:
-        return replace(trace, rows=trace.rows[trace.column("time_s") >= trace.release_time])
-    one = trace.events[event]
-    later = [other.released_s for other in trace.events[event + 1 :] if other.status == "releases"]
+    """Cut what belongs to one release: its pull, from the release to the next one or to the end.
+
+    `event` is the number of the release, or -1 for the only one of a trace without events.
+    """
     time = trace.column("time_s")
-    first = int(np.searchsorted(time, one.released_s))
-    last = max(int(np.searchsorted(time, later[0])), first + _FEWEST) if later else len(time)
+    if event < 0:
+        return replace(trace, rows=trace.rows[time >= trace.release_time])
+    released = trace.events[event]
+    first = int(np.searchsorted(time, released.released_s))
+    last = len(time)
+    for later in trace.events[event + 1 :]:
+        if later.status is Status.RELEASES:
+            end = int(np.searchsorted(time, later.released_s))
+            last = max(end, first + _FEWEST)
+            break
     return replace(
         trace,
         rows=trace.rows[first:last],
-        peak_force=one.pull_n,
-        release_time=one.released_s,
+        peak_force=released.pull_n,
+        release_time=released.released_s,
         asked=event,
     )
 
@@ -86,66 +106,114 @@ def _cut_ring(trace: DragTrace, event: int) -> DragTrace:
 def measure_ring(trace: DragTrace, *, spectra: bool = True, event: int | None = None) -> Ring:
     """Measure the ring of the release that was asked about, or of another event.
 
-    The three spectral figures take longer than the drag itself.
+    Parameters
+    ----------
+    trace : DragTrace
+        With a release.
+    spectra : bool
+        Whether to compute the three spectral figures, which takes longer than the drag itself.
+    event : int, optional
+        Number of the event; by default the one that was asked about.
+
+    Returns
+    -------
+    Ring
+        Its spectral figures are NaN without `spectra`.
+
+    Raises
+    ------
+    ContactError
+        If the trace has no release or ends too early, or if the ring has more energy than it is
+        given.
     """
-    ContactError.require(
-        event is not None or trace.status is Status.RELEASES,
-        f"a trace that is {trace.status} has no ring",
-    )
+    if event is None:
+        _check_length(trace)
     cut = _cut_ring(trace, trace.asked if event is None else event)
-    time, swing = cut.column("time_s"), cut.column("fx_n")
-    ContactError.require(
-        event is not None or trace.column("time_s")[-1] - trace.release_time >= _PAPER_RING,
-        f"a ring needs {_PAPER_RING:g} s after the release, got "
-        f"{time[-1] - trace.release_time:g} s",
-    )
     level = cut.sliding_force
-    # the lowest point of the first swing lies within one period of the release, after the fall
-    # itself; on a long ramp the pull stays near its peak for long before it falls
-    period = 1.0 / trace.probe.frequency
-    held = time[(time <= _find_fall_time(cut)) & (swing > 0.9 * cut.peak_force + 0.1 * level)]
-    end = max(cut.release_time + 2.0 * period, held.max(initial=0.0) + 1.5 * period)
-    first = swing[: max(np.searchsorted(time, end), _FEWEST)]
-    amplitude = max(level - float(first.min()), 0.0)
-    loud = np.flatnonzero(np.abs(swing - _measure_settled_force(cut)) > _QUIET * amplitude)
-    duration = float(time[loud[-1]] - cut.release_time) if loud.size else 0.0
-    energy = (
-        trace.probe.energy(level - amplitude, level)
-        if trace.probe.hardening > 0.0
-        else trace.probe.energy(amplitude)
-    )
-    modes: tuple[float, ...] = ()
-    if trace.probe.overtones:
-        stiffness = [trace.probe.first_stiffness, *(one[0] for one in trace.probe.overtones)]
-        swings = np.maximum(level - cut.rows[: first.size, len(COLUMNS) :].min(axis=0), 0.0)
-        modes = tuple((0.5 * swings * swings / stiffness).tolist())
-        energy = sum(modes)
+    swing = _cut_first_swing(cut, level)
+    force = swing.column("fx_n")
+    amplitude = max(level - float(force.min()), 0.0)
+    mode_energies = _compute_mode_energies(swing, level)
+    if mode_energies:
+        energy = sum(mode_energies)
+    elif trace.probe.hardening > 0.0:
+        energy = trace.probe.energy(level - amplitude, level)
+    else:
+        energy = trace.probe.energy(amplitude)
     # the spring and the fall of the load feed the first swing, which ends where the tip turns
-    heights = cut.column("y_m")[: int(np.argmin(first)) + 1]
+    heights = cut.column("y_m")[: int(np.argmin(force)) + 1]
     fall = trace.settings.normal_load * float(heights[0] - heights.min())
-    given = cut.stored_energy + fall
-    ContactError.require(
-        energy <= given,
-        f"the ring at {cut.release_time:.6g} s has {energy:.3g} J, but is given {given:.3g} J: "
-        "its energy ledger fails; raise the resolution",
-    )
+    available = cut.stored_energy + fall
+    if not energy <= available:
+        raise ContactError(
+            f"the ring at {cut.release_time:.6g} s has {energy:.3g} J, but is given "
+            f"{available:.3g} J: its energy ledger fails; raise the resolution"
+        )
     ring = Ring(
         amplitude,
         level,
         energy,
-        energy / given,
-        duration,
+        energy / available,
+        _find_duration(cut, amplitude),
         _find_decay_time(cut),
         fall,
-        mode_energies=modes,
+        mode_energies=mode_energies,
     )
-    if not spectra:
-        return ring
-    frequencies, power = compute_phase_spectrum(trace, "vibration")
+    return _add_spectra(ring, trace) if spectra else ring
+
+
+def _check_length(trace: DragTrace) -> None:
+    """Refuse a trace whose release is missing or too close to its end."""
+    if trace.status is not Status.RELEASES:
+        raise ContactError(f"a trace that is {trace.status} has no ring")
+    length = float(trace.column("time_s")[-1] - trace.release_time)
+    if not length >= _PAPER_RING:
+        raise ContactError(f"a ring needs {_PAPER_RING:g} s after the release, got {length:g} s")
+
+
+def _cut_first_swing(cut: DragTrace, level: float) -> DragTrace:
+    """Cut the first swing of a ring about a `level` [N].
+
+    Its lowest point lies within one period of the release, after the fall itself; on a long ramp
+    the pull stays near its peak for long before it falls.
+    """
+    time, force = cut.column("time_s"), cut.column("fx_n")
+    period = 1.0 / cut.probe.frequency
+    near_peak = _OF_PEAK * cut.peak_force + _OF_LEVEL * level
+    is_held = (time <= _find_fall_time(cut)) & (force > near_peak)
+    end = max(cut.release_time + 2.0 * period, time[is_held].max(initial=0.0) + 1.5 * period)
+    count = max(int(np.searchsorted(time, end)), _FEWEST)
+    return replace(cut, rows=cut.rows[:count])
+
+
+def _compute_mode_energies(swing: DragTrace, level: float) -> tuple[float, ...]:
+    """Energy of each mode by its own swing [J], the first one first; none without overtones."""
+    probe = swing.probe
+    if not probe.overtones:
+        return ()
+    stiffness = [probe.first_stiffness, *(mode.stiffness for mode in probe.overtones)]
+    lowest = swing.rows[:, len(COLUMNS) :].min(axis=0)
+    amplitudes = np.maximum(level - lowest, 0.0)
+    return tuple((0.5 * amplitudes * amplitudes / stiffness).tolist())
+
+
+def _find_duration(cut: DragTrace, amplitude: float) -> float:
+    """Time until the force stays near where it settles [s]."""
+    off = np.abs(cut.column("fx_n") - _measure_settled_force(cut))
+    loud = np.flatnonzero(off > _QUIET * amplitude)
+    if loud.size == 0:
+        return 0.0
+    return float(cut.column("time_s")[loud[-1]] - cut.release_time)
+
+
+def _add_spectra(ring: Ring, trace: DragTrace) -> Ring:
+    """Return the ring with its three spectral figures."""
+    frequencies, power = compute_phase_spectrum(trace, Phase.VIBRATION)
+    loading = compute_phase_spectrum(trace, Phase.LOADING)
     return replace(
         ring,
         frequency=float(frequencies[np.argmax(power)]),
-        loading_share=compute_band_share(*compute_phase_spectrum(trace, "loading"), LOADING_BAND),
+        loading_share=compute_band_share(*loading, LOADING_BAND),
         ring_band_share=compute_band_share(frequencies, power, RING_BAND),
     )
 
@@ -153,64 +221,98 @@ def measure_ring(trace: DragTrace, *, spectra: bool = True, event: int | None = 
 def compute_phase_spectrum(
     trace: DragTrace, phase: str, channel: str = "fx_n"
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Energy spectrum of one phase of a trace, as in figures 4 and 5 of the paper."""
+    """Energy spectrum of one phase of a trace, as in figures 4 and 5 of the paper.
+
+    Parameters
+    ----------
+    trace : DragTrace
+        With a release.
+    phase : Phase or str
+        ``"loading"`` or ``"vibration"``.
+    channel : str
+        Column of the trace.
+
+    Returns
+    -------
+    frequency, energy : ndarray
+        Frequencies [Hz] and energy density there [unit of the channel squared times s/Hz].
+
+    Raises
+    ------
+    ContactError
+        If the phase is unknown, or has fewer than 16 samples.
+    """
     from scipy.signal import periodogram
 
-    time, values = trace.column("time_s"), trace.column(channel)
     rate = trace.settings.sample_rate
-    ContactError.require(
-        phase in ("loading", "vibration"), f"phase must be loading or vibration, got {phase!r}"
-    )
+    values = trace.column(channel)[_select_phase(trace, phase)]
+    if values.size < _FEWEST_OF_PHASE:
+        raise ContactError(
+            f"the {phase} phase has {values.size} samples, at least {_FEWEST_OF_PHASE} are needed"
+        )
+    points = 1 << math.ceil(math.log2(max(values.size, rate)))
+    frequency, density = periodogram(values, rate, nfft=points, detrend="constant")
+    return np.asarray(frequency), np.asarray(density * values.size / rate)
+
+
+def _select_phase(trace: DragTrace, phase: str) -> NDArray[np.bool_]:
+    """Select the samples of a phase; the loading begins where the place before lets go."""
+    if phase not in tuple(Phase):
+        raise ContactError(f"phase must be loading or vibration, got {phase!r}")
+    time = trace.column("time_s")
+    if phase == Phase.LOADING:
+        before = -math.inf
+        if trace.asked > 0:
+            before = trace.events[trace.asked - 1].released_s
+        return np.asarray((time < trace.release_time) & (time > before))
     cut = _cut_ring(trace, trace.asked)
     begin = _find_fall_time(cut)
-    # the loading begins where the place before lets go
-    before = trace.events[trace.asked - 1].released_s if trace.asked > 0 else -math.inf
-    loading = (time < trace.release_time) & (time > before)
-    end = min(begin + _PAPER_RING, math.nextafter(float(cut.column("time_s")[-1]), math.inf))
-    part = values[loading if phase == "loading" else (time >= begin) & (time < end)]
-    ContactError.require(
-        part.size >= 16, f"the {phase} phase has {part.size} samples, at least 16 are needed"
-    )
-    frequency, density = periodogram(
-        part, rate, nfft=1 << math.ceil(math.log2(max(part.size, rate))), detrend="constant"
-    )
-    return np.asarray(frequency), np.asarray(density * part.size / rate)
+    last = float(cut.column("time_s")[-1])
+    end = min(begin + _PAPER_RING, math.nextafter(last, math.inf))
+    return np.asarray((time >= begin) & (time < end))
 
 
 def _find_decay_time(cut: DragTrace) -> float:
-    # Time after the fall in which the greatest deviation of each half period sinks to 1/e of the
-    # first [s]
+    """Time after the fall in which the swings sink to 1/e of the first [s].
+
+    A swing is the greatest deviation in half a period. NaN where the trace ends before.
+    """
     force = cut.column("fx_n")[cut.column("time_s") >= _find_fall_time(cut)]
     rate = cut.settings.sample_rate
     half = max(round(0.5 * rate / cut.probe.frequency), 2)
-    off = np.abs(force[: force.size // half * half] - _measure_settled_force(cut))
-    swings = off.reshape(-1, half).max(axis=1)
+    whole = force[: force.size // half * half]
+    swings = np.abs(whole - _measure_settled_force(cut)).reshape(-1, half).max(axis=1)
     below = np.flatnonzero(swings <= swings[:1] / math.e)
     if below.size == 0 or below[0] == 0:
         return math.nan
     last = int(below[0])
     # between two half periods the swings fall exponentially
-    fall = math.log(swings[last - 1] / max(swings[last], 1e-300))
-    part = math.log(swings[last - 1] * math.e / swings[0]) / max(fall, 1e-300)
+    fall = math.log(swings[last - 1] / max(swings[last], _NOTHING))
+    part = math.log(swings[last - 1] * math.e / swings[0]) / max(fall, _NOTHING)
     return (last - 1 + min(part, 1.0)) * half / rate
 
 
 def _measure_settled_force(cut: DragTrace) -> float:
-    # Mean pull over the last whole periods, so that a ring that still goes on averages out [N]
+    """Mean pull over the last whole periods, so that a ring that goes on averages out [N]."""
     time, force = cut.column("time_s"), cut.column("fx_n")
-    periods = max(np.floor(0.25 * (time[-1] - cut.release_time) * cut.probe.frequency), 1.0)
+    last_part = _SETTLED * (time[-1] - cut.release_time)
+    periods = max(np.floor(last_part * cut.probe.frequency), 1.0)
     count = max(round(periods / cut.probe.frequency * cut.settings.sample_rate), 2)
     return float(force[-count - 1 : -1].mean())
 
 
 def _find_fall_time(cut: DragTrace) -> float:
-    # First time after the release at which the pull is down at that of sliding [s]
+    """Find when the pull is first down at that of sliding, after the release [s]."""
     below = np.flatnonzero(cut.column("fx_n") <= cut.sliding_force)
-    return float(cut.column("time_s")[below[0]]) if below.size else cut.release_time
+    if below.size == 0:
+        return cut.release_time
+    return float(cut.column("time_s")[below[0]])
 
 
 def compute_band_share(
     frequency: NDArray[np.float64], energy: NDArray[np.float64], band: tuple[float, float]
 ) -> float:
     """Share of a spectrum's energy between two frequencies [1]."""
-    return float(energy[(frequency >= band[0]) & (frequency <= band[1])].sum() / energy.sum())
+    low, high = band
+    is_inside = (frequency >= low) & (frequency <= high)
+    return float(energy[is_inside].sum() / energy.sum())

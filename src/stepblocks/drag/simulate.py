@@ -1,11 +1,8 @@
-"""One drag: it takes a track, a probe and settings.
-
-It gives the trace, every passage and the ledger of energy.
-"""
+"""One drag: a track, a probe and settings in; the trace, its events and its energy ledger out."""
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
+from enum import StrEnum
 from functools import cached_property
 
 import numpy as np
@@ -15,17 +12,36 @@ from stepblocks.contact.energy import Status
 from stepblocks.contact.laws import FrictionLaw, compile_coefficient
 from stepblocks.drag import kernels
 from stepblocks.drag.catches import CatchPlaces, find_asked_place
+from stepblocks.drag.plan import (
+    build_model,
+    build_path,
+    compute_needed_pulls,
+    find_force_limit,
+    find_time_step,
+    plan_steps,
+)
 from stepblocks.drag.probe import DragSettings, Probe
 from stepblocks.drag.track import NEAR, PATCHES, Track
 from stepblocks.errors import ContactError
 
-_MOST_STEPS = 200_000_000
-_MOST_ROWS = 2_000_000
 _OPEN = 2e-2  # of the ledger's greatest entry: a ledger that closes less well is an error
 _FINEST = 300.0  # steps per period that are tried before it is
+_FINER = 4.0  # factor on the steps per period at each trial
 _BLOW = 0.3  # of the indentation of the hardest blow, within which two contacts part smoothly
 _SWING = 2.0  # periods after a release in which the tip has made its first swing
 _RISE = 0.1  # of the rise that a place asks for, below which the tip was not caught there
+_LEAST_RISE = 1.02  # of the sliding force: a place that asks for less pull is level ground
+_FALLEN_BACK = 0.01  # radii behind a place from which the tip must climb it again
+_LEAST_SCALE = 0.02  # of the energies of a drag: the least scale of the ledger of one place
+_NO_ENERGY = 1e-300  # J, which keeps an empty ledger from a division by zero
+
+
+class Belonging(StrEnum):
+    """To what the place of an event belongs."""
+
+    FEATURE = "feature"  # what was asked about, or the place with the greatest critical angle
+    BEFORE = "before"  # the texture or another edge ahead of it
+    AFTER = "after"  # the same behind it
 
 
 @dataclass(frozen=True)
@@ -36,12 +52,12 @@ class DragEvent:
     ----------
     place : int
         Number of the place in the order of the track.
-    status : str
-        ``"releases"``; ``"run-over"`` where the tip came in flight, or slid, and was not caught;
-        ``"locked"`` where no pull lifts a rigid tip.
-    belongs_to : str
-        ``"feature"``: what was asked about, or the place with the greatest critical angle;
-        ``"before"`` and ``"after"`` it: the texture, or another edge.
+    status : Status
+        ``RELEASES``; ``RUN_OVER`` where the tip came in flight, or slid, and was not caught;
+        ``LOCKED`` where no pull lifts a rigid tip.
+    belongs_to : Belonging, optional
+        ``FEATURE``: what was asked about, or the place with the greatest critical angle;
+        ``BEFORE`` and ``AFTER`` it: the texture, or another edge; None until that is known.
     x_m, contact_x_m : float
         Position of the tip's axis and of the edge that it touches [m].
     critical_angle_deg : float
@@ -69,8 +85,8 @@ class DragEvent:
     """
 
     place: int
-    status: str
-    belongs_to: str
+    status: Status
+    belongs_to: Belonging | None
     x_m: float
     contact_x_m: float
     critical_angle_deg: float
@@ -145,22 +161,27 @@ class DragTrace:
         """Tangential force that slides the tip up the face where it lands after the release [N]."""
         if self.asked < 0:
             return self.settings.find_sliding_force()
-        one = self.events[self.asked]
-        since = self.column("time_s") - one.released_s
-        swing = self.rows[(since >= 0.0) & (since <= _SWING / self.probe.frequency)]
-        force, x = (swing[:, kernels.COLUMNS.index(name)] for name in ("fx_n", "x_m"))
-        return self.settings.find_sliding_force(
-            self.track.find_landing_slope(one.place, float(x[np.argmin(force)]))
-        )
+        event = self.events[self.asked]
+        since_release = self.column("time_s") - event.released_s
+        in_first_swing = (since_release >= 0.0) & (since_release <= _SWING / self.probe.frequency)
+        force = self.column("fx_n")[in_first_swing]
+        x = self.column("x_m")[in_first_swing]
+        landed = float(x[np.argmin(force)])
+        slope = self.track.find_landing_slope(event.place, landed)
+        return self.settings.find_sliding_force(slope)
 
     def column(self, name: str) -> NDArray[np.float64]:
         """One column of the trace by its name, such as ``"fx_n"``."""
         return self.rows[:, kernels.COLUMNS.index(name)]
 
 
-def _compute_unexplained_share(ledger: NDArray[np.float64], least: float = 1e-300) -> float:
-    # Part of a ledger that its entries do not account for, over the greatest of them or `least` [1]
-    return float(abs(ledger[0] - ledger[1:].sum()) / max(np.abs(ledger).max(), least))
+def _compute_unexplained_share(ledger: NDArray[np.float64], least: float = _NO_ENERGY) -> float:
+    """Part of a ledger [J] that its entries do not account for [1].
+
+    It is taken over the greatest of them, or over `least` [J].
+    """
+    unexplained = abs(ledger[0] - ledger[1:].sum())
+    return float(unexplained / max(np.abs(ledger).max(), least))
 
 
 def simulate_drag(
@@ -171,113 +192,114 @@ def simulate_drag(
 ) -> DragTrace:
     """Integrate the drag of a tip over a track until it has passed every place and rung.
 
-    The status is that of the place with the greatest critical angle, of those whose edge lies
-    `within` a range along the track [m].
+    Parameters
+    ----------
+    track, probe, settings : Track, Probe, DragSettings
+        What is dragged over, by what and how.
+    within : tuple of float, optional
+        Range along the track that was asked about [m].
+
+    Returns
+    -------
+    DragTrace
+        Its status is that of the place with the greatest critical angle, of those whose edge lies
+        `within` that range.
+
+    Raises
+    ------
+    ContactError
+        If the drag needs more steps or rows than can be afforded, if a law of friction gives no
+        coefficient on the way, or if the energy ledger does not close.
     """
-    mu_s = settings.friction_at_rest
-    x = max(track.features[0] - settings.lead, float(track.x[0]))
     places = track.catch_places
-    needed = _compute_needed_pulls(places, settings)
-    level = settings.find_sliding_force()
-    rises = _RISE * (needed - level)
-    limit = _find_force_limit(needed, settings)
-    dt, bristle, blow = _find_time_step(probe, settings, limit)
-    end = (
-        (track.features[1] - x + limit / probe.stiffness) / settings.speed + settings.ring_time
-        if settings.speed > 0.0
-        else 20.0 * settings.ring_time
-    )
-    steps = math.ceil(end / dt)
-    ContactError.require(
-        steps <= _MOST_STEPS,
-        f"drag of {end:g} s needs {steps} steps of {dt:.2g} s, more than "
-        f"{_MOST_STEPS}; drag faster",
-    )
-    every = max(round(1.0 / (settings.sample_rate * dt)), 1)
-    dt = 1.0 / (settings.sample_rate * every)  # rows at exactly the sample rate
-    steps = math.ceil(end / dt)
-    ContactError.require(
-        steps // every <= _MOST_ROWS,
-        f"sample_rate of {settings.sample_rate:g} Hz gives more than {_MOST_ROWS} rows; "
-        "record fewer",
-    )
-    own = settings.friction_law
-    depth = probe.find_indentation(settings.normal_load)
-    patch = math.sqrt(track.ball_radius * depth)
-    window = min(NEAR * track.ball_radius, PATCHES * patch)
-    shared = track.list_separate_kinks(depth, window)
-    pressed = track.press_flat(shared, patch)
-    rows, count, peak, ledger, passed, passes = kernels.integrate(
-        (
-            pressed.x,
-            pressed.cubics,
-            pressed.kinks,
-            track.part_branches(shared, _BLOW * blow, window),
-        ),
-        tuple(float(getattr(probe, field.name)) for field in fields(probe)[:-1]),
-        probe.first_stiffness,
-        np.array(probe.overtones).reshape(-1, 3),
-        tuple(float(getattr(settings, field.name)) for field in fields(settings)[:-1]),
-        (
-            float(mu_s),
-            bristle,
-            limit,
-            own is not None and own.bristle_stiffness > 0.0,
-        ),
-        (
-            x,
-            float(np.interp(x, track.x, track.z)) - depth,
-            window,
-            probe.stretch(level),
-            0.01 * track.ball_radius,
-        ),
-        (dt, steps, every),
-        (
-            places.last,
-            places.behind,
-            places.start,
-            np.isinf(needed).astype(np.float64),
-            rises,
-        ),
-        None if own is None else compile_coefficient(own.coefficient),
-    )
-    if own is not None:
-        _check_law(own, rows[:count])
-    events = tuple(_list_events(passed[:passes], places, needed, rises, level))
-    trace = DragTrace(
-        rows=rows[:count].copy(),
-        status=Status.NO_CATCH,
-        peak_force=float(peak[0]),
-        release_time=float(peak[1]),
-        ledger=dict(zip(kernels.LEDGER, map(float, ledger), strict=True)),
-        time_step=dt,
-        probe=probe,
-        settings=settings,
-        track=track,
-        events=events,
-    )
-    open_share = max([trace.ledger_error, *(one.ledger_error for one in events)])
+    needed = compute_needed_pulls(places, settings)
+    rises = _RISE * (needed - settings.find_sliding_force())
+    trace = _integrate(track, probe, settings, needed, rises)
+    errors = [trace.ledger_error, *(event.ledger_error for event in trace.events)]
+    open_share = max(errors)
     if open_share > _OPEN and settings.resolution < _FINEST:
-        return simulate_drag(
-            track, probe, replace(settings, resolution=4.0 * settings.resolution), within
+        finer = replace(settings, resolution=_FINER * settings.resolution)
+        return simulate_drag(track, probe, finer, within)
+    if not open_share <= _OPEN:
+        raise ContactError(
+            f"the energy ledger of the drag does not close, {open_share:.1%} is open; raise the "
+            "resolution"
         )
-    ContactError.require(
-        open_share <= _OPEN,
-        f"the energy ledger of the drag does not close, {open_share:.1%} is open; raise the "
-        "resolution",
-    )
     wanted = find_asked_place(places, within)
-    if wanted is None or needed[wanted] <= (
-        1.02 * mu_s * settings.normal_load + settings.tissue_friction
-    ):
+    if wanted is None:
+        return trace
+    level_pull = (
+        _LEAST_RISE * settings.friction_at_rest * settings.normal_load + settings.tissue_friction
+    )
+    if needed[wanted] <= level_pull:
         return trace
     return _report_asked_place(trace, wanted, places, needed)
 
 
+def _integrate(
+    track: Track,
+    probe: Probe,
+    settings: DragSettings,
+    needed: NDArray[np.float64],
+    rises: NDArray[np.float64],
+) -> DragTrace:
+    """Run the integrator once; the trace does not know yet which place was asked about.
+
+    Of each place, `needed` is the pull of equation (1) and `rises` the rise by which it holds the
+    tip [N].
+    """
+    places = track.catch_places
+    limit = find_force_limit(needed, settings)
+    grain = find_time_step(probe, settings, limit)
+    start_x = max(track.features[0] - settings.lead, float(track.x[0]))
+    pace = plan_steps(track, probe, settings, start_x, limit, grain.time_step)
+    depth = probe.find_indentation(settings.normal_load)
+    patch = math.sqrt(track.ball_radius * depth)
+    window = min(NEAR * track.ball_radius, PATCHES * patch)
+    path = build_path(track, depth, patch, window, _BLOW * grain.blow)
+    start = kernels.Start(
+        start_x,
+        float(np.interp(start_x, track.x, track.z)) - depth,
+        probe.stretch(settings.find_sliding_force()),
+    )
+    law = settings.friction_law
+    outcome = kernels.integrate(
+        path,
+        build_model(probe, settings, window, grain.bristle_stiffness),
+        np.array(probe.overtones).reshape(-1, 3),
+        start,
+        pace,
+        kernels.Places(places.start, places.last, places.behind, np.isinf(needed), rises),
+        kernels.Stop(
+            left=float(path.knots[0]),
+            right=float(path.knots[-1]),
+            pull=limit,
+            ring_time=float(settings.ring_time),
+            fall_back=_FALLEN_BACK * track.ball_radius,
+        ),
+        None if law is None else compile_coefficient(law.coefficient),
+    )
+    if law is not None:
+        _check_law(law, outcome.rows)
+    return DragTrace(
+        rows=outcome.rows.copy(),
+        status=Status.NO_CATCH,
+        peak_force=outcome.peak_force,
+        release_time=outcome.peak_time,
+        ledger=outcome.ledger._asdict(),
+        time_step=pace.time_step,
+        probe=probe,
+        settings=settings,
+        track=track,
+        events=_list_events(outcome.passages, places, needed, rises, settings.find_sliding_force()),
+    )
+
+
 def _check_law(law: FrictionLaw, rows: NDArray[np.float64]) -> None:
-    # Refuse a law that gave no coefficient on the way: the tip would stick, or be driven
-    touching = rows[rows[:, kernels.COLUMNS.index("normal_n")] > 0.0]
-    for time, _, _, x, _, speed, _, _, load, _ in touching.tolist():
+    """Refuse a law that gave no coefficient on the way: the tip would stick, or be driven."""
+    columns = [kernels.COLUMNS.index(name) for name in ("time_s", "x_m", "vx_m_s", "normal_n")]
+    is_touching = rows[:, kernels.COLUMNS.index("normal_n")] > 0.0
+    for time, x, speed, load in rows[is_touching][:, columns].tolist():
         value = law.coefficient(speed, load, x, time)
         if not 0.0 <= value < math.inf:
             raise ContactError(
@@ -287,42 +309,65 @@ def _check_law(law: FrictionLaw, rows: NDArray[np.float64]) -> None:
 
 
 def _list_events(
-    passed: NDArray[np.float64],
+    passages: NDArray[np.float64],
     places: CatchPlaces,
     needed: NDArray[np.float64],
     rises: NDArray[np.float64],
-    level: float,
-) -> Iterator[DragEvent]:
-    # Read the rows of the kernel: which place, whether it held the tip, and its own ledger
-    before = np.zeros(10)
-    # between two ripples little energy flows: a fiftieth of that of the drag is the least scale
-    least = 0.02 * float(np.abs(passed[:, 7:]).max()) if len(passed) else 0.0
-    for row in passed:
-        n = int(row[0])
-        pull, time, low, low_time, behind = row[[1, 2, 4, 5, 6]].tolist()
-        # a spring that pulls less than the force of sliding, `level`, has lifted nothing
-        of_elastic_tip = "releases" if pull - low > rises[n] and pull > level else "run-over"
-        yield DragEvent(
-            place=n,
-            status="locked" if math.isinf(needed[n]) else of_elastic_tip,
-            belongs_to="",
-            x_m=float(places.x[n]),
-            contact_x_m=float(places.contact[n]),
-            critical_angle_deg=math.degrees(places.angle[n]),
-            formula_pull_n=float(needed[n]),
-            caught_s=low_time,
-            released_s=time if math.isfinite(pull) else behind,
-            pull_n=pull if math.isfinite(pull) else math.nan,
-            ledger_error=_compute_unexplained_share(row[7:] - before, least),
+    sliding_pull: float,
+) -> tuple[DragEvent, ...]:
+    """Read the passages of the integrator, shape (n, 17): each with its own ledger.
+
+    Of each place, `needed` is the pull of equation (1) and `rises` the rise by which it holds the
+    tip; `sliding_pull` is that of level ground [N].
+    """
+    noted = len(kernels.Passage._fields)
+    ledgers = passages[:, noted:]
+    # between two ripples little energy flows
+    least = _LEAST_SCALE * float(np.abs(ledgers).max(initial=0.0))
+    events = []
+    ledger_before = np.zeros(len(kernels.LEDGER))
+    for row, ledger in zip(passages.tolist(), ledgers, strict=True):
+        passage = kernels.Passage(*row[:noted])
+        place = int(passage.place)
+        never_rose = not math.isfinite(passage.greatest)
+        event = DragEvent(
+            place=place,
+            status=_classify_passage(passage, needed[place], rises[place], sliding_pull),
+            belongs_to=None,
+            x_m=float(places.x[place]),
+            contact_x_m=float(places.contact[place]),
+            critical_angle_deg=math.degrees(places.angle[place]),
+            formula_pull_n=float(needed[place]),
+            caught_s=passage.least_time,
+            released_s=passage.passed_time if never_rose else passage.greatest_time,
+            pull_n=math.nan if never_rose else passage.greatest,
+            ledger_error=_compute_unexplained_share(ledger - ledger_before, least),
         )
-        before = row[7:]
+        events.append(event)
+        ledger_before = ledger
+    return tuple(events)
+
+
+def _classify_passage(
+    passage: kernels.Passage, needed: float, rise: float, sliding_pull: float
+) -> Status:
+    """Tell whether a place held the tip, which needs a rise of the pull [N]."""
+    if math.isinf(needed):
+        return Status.LOCKED
+    # a spring that pulls less than the force of sliding has lifted nothing
+    if passage.greatest - passage.least > rise and passage.greatest > sliding_pull:
+        return Status.RELEASES
+    return Status.RUN_OVER
 
 
 def _report_asked_place(
     trace: DragTrace, wanted: int, places: CatchPlaces, needed: NDArray[np.float64]
 ) -> DragTrace:
-    # Give the trace the status and the figures of the place that was asked about
-    met = [n for n, one in enumerate(trace.events) if one.place == wanted]
+    """Give the trace the status and the figures of the place that was asked about.
+
+    Where the tip has passed it several times, the first passage counts that it was not run over.
+    """
+    met = [number for number, event in enumerate(trace.events) if event.place == wanted]
     if not met:
         return replace(
             trace,
@@ -330,78 +375,38 @@ def _report_asked_place(
             reason=f"the tip does not pass x = {places.x[wanted] * 1e3:.4g} mm, which takes "
             f"{needed[wanted]:.4g} N; the pull grows to {trace.peak_force:.4g} N",
         )
-    asked = next((n for n in met if trace.events[n].status != "run-over"), met[0])
-    one = trace.events[asked]
-    reasons = {
-        "locked": f"no pull lifts a rigid tip over {one.critical_angle_deg:.4g} deg; the elastic "
-        f"contact gives way at {one.pull_n:.4g} N",
-        "run-over": _describe_run_over(trace, one),
-    }
+    asked = met[0]
+    for number in met:
+        if trace.events[number].status is not Status.RUN_OVER:
+            asked = number
+            break
+    event = trace.events[asked]
     return replace(
         trace,
-        status=Status(one.status),
-        peak_force=trace.peak_force if math.isnan(one.pull_n) else one.pull_n,
-        release_time=one.released_s,
+        status=event.status,
+        peak_force=trace.peak_force if math.isnan(event.pull_n) else event.pull_n,
+        release_time=event.released_s,
         asked=asked,
-        reason=reasons.get(one.status, ""),
+        reason=_explain_event(trace, event),
     )
 
 
-def _describe_run_over(trace: DragTrace, one: DragEvent) -> str:
-    # Why a place did not catch the tip: it flew there, or slid on
-    rows = np.searchsorted(
-        trace.column("time_s"), (min(one.caught_s, one.released_s), one.released_s)
-    )
-    if trace.column("normal_n")[max(rows[0] - 1, 0) : rows[1] + 1].min() <= 0.0:
+def _explain_event(trace: DragTrace, event: DragEvent) -> str:
+    """Say in one sentence why an event is no release; nothing of one that is."""
+    if event.status is Status.LOCKED:
+        return (
+            f"no pull lifts a rigid tip over {event.critical_angle_deg:.4g} deg; the elastic "
+            f"contact gives way at {event.pull_n:.4g} N"
+        )
+    if event.status is not Status.RUN_OVER:
+        return ""
+    begin = min(event.caught_s, event.released_s)
+    first, last = np.searchsorted(trace.column("time_s"), (begin, event.released_s)).tolist()
+    normal_force = trace.column("normal_n")[max(first - 1, 0) : last + 1]
+    if normal_force.min() <= 0.0:
         return "the tip comes over it in flight and is not caught"
     return (
         f"the tip slides over it and is not caught: the pull rises by less than {_RISE:.0%} of "
         "what equation (1) asks, as over an edge that the contact presses flat, or fast after a "
         "slip"
-    )
-
-
-def _compute_needed_pulls(places: CatchPlaces, settings: DragSettings) -> NDArray[np.float64]:
-    # Pull that lifts a rigid tip over each place, equation (1) [N]; infinite where none does
-    total = places.angle + math.atan(settings.friction_at_rest)
-    locked = total >= 0.5 * math.pi - 1e-6
-    return np.where(
-        locked,
-        math.inf,
-        settings.normal_load * np.tan(np.where(locked, 0.0, total)) + settings.tissue_friction,
-    )
-
-
-def _find_force_limit(needed: NDArray[np.float64], settings: DragSettings) -> float:
-    # Pull past which the tip counts as locked [N]
-    load, rubbed = settings.normal_load, settings.tissue_friction
-    most = needed.max(initial=rubbed) - rubbed
-    return 50.0 * load if math.isinf(most) else 3.0 * max(most, load) + rubbed
-
-
-def _find_time_step(
-    probe: Probe, settings: DragSettings, limit: float
-) -> tuple[float, float, float]:
-    # Step [s], stiffness of the tangential contact [N/m] and indentation of the hardest blow [m]
-    # the normal force to be resolved: the climb's, or that of a blow with all of the spring's
-    # energy
-    stored = 0.5 * (limit / 3.0) ** 2 / probe.stiffness
-    climb = min(limit, 20.0 * settings.normal_load)
-    p, stiffness = probe.contact_power, probe.contact_stiffness
-    blow = stiffness * float(((p + 1.0) * stored / stiffness) ** (p / (p + 1.0)))
-    force = max(climb, blow)
-    normal = p * force / probe.find_indentation(force)
-    under_load = p * settings.normal_load / probe.find_indentation(settings.normal_load)
-    # Mindlin: the tangential stiffness of a contact is 2 (1 - nu) / (2 - nu) = 0.82 of the normal
-    # one, at nu = 0.3
-    law = settings.friction_law
-    tangential = (law.bristle_stiffness if law else 0.0) or 0.82 * under_load
-    # a blow meets the tip before any mode gives way
-    light = 1.0 / (1.0 / probe.mass + sum(1.0 / mass for _, mass, _ in probe.overtones))
-    own = sum(stiffness / mass for stiffness, mass, _ in probe.overtones)
-    fastest = math.sqrt((2.0 * normal + 2.0 * tangential + probe.stiffness) / light + own)
-    return (
-        2.0 * math.pi / (fastest * settings.resolution),
-        tangential,
-        probe.find_indentation(blow),
     )

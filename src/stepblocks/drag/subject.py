@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any, NamedTuple
 
 from stepblocks.contact.counterface import Counterface, Profile, Step, take_counterface
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
@@ -42,30 +43,22 @@ def resolve_subject(
     if not isinstance(subject, (str, Path)):
         if hasattr(subject, "__len__"):  # a table or arrays
             subject = load_scan(subject)
-        return _take_surface(
-            getattr(subject, "id", "a counterface"), take_counterface(subject), values
-        )
-    if (path := Path(subject)).suffix.lower() == ".csv":
-        columns = read_si_columns(
-            read_table(path), {name: ([name], "length", None) for name in ("x", "z")}, path
-        )
-        try:
-            profile = Profile(columns["x"], columns["z"])
-        except ContactError as error:
-            raise PipelineError(f"{error} [{path}]") from error
-        return _take_surface(escape_file_name(path.name), profile, values, f"[{path}]")
-    if path.suffix.lower() not in ("", ".toml") and path.is_file():  # of an instrument
-        return _take_surface(
-            escape_file_name(path.name), take_counterface(load_scan(path)), values, f"[{path}]"
-        )
+        name = getattr(subject, "id", "a counterface")
+        return _take_surface(name, take_counterface(subject), values)
+    path = Path(subject)
+    suffix = path.suffix.lower()
+    if suffix == ".csv":
+        return _take_surface(escape_file_name(path.name), _read_profile(path), values, f"[{path}]")
+    if suffix not in ("", ".toml") and path.is_file():  # of an instrument
+        face = take_counterface(load_scan(path))
+        return _take_surface(escape_file_name(path.name), face, values, f"[{path}]")
     try:
         height = parse_quantity(str(subject), "length")
     except QuantityError:
-        return _resolve_declared_part(*_find_declared_part(str(subject), stimuli), values, backward)
-    PipelineError.require(
-        "step_height" not in values,
-        f"step_height is for a declared tip, the step here is {subject}",
-    )
+        declared = _find_declared_part(str(subject), stimuli)
+        return _resolve_declared_part(declared, values, backward)
+    if "step_height" in values:
+        raise PipelineError(f"step_height is for a declared tip, the step here is {subject}")
     return Subject(
         f"a step of {format_quantity(height, 'length')}",
         Step(height, values.get("edge_radius", 0.0)),
@@ -73,84 +66,103 @@ def resolve_subject(
     )
 
 
+def _read_profile(path: Path) -> Profile:
+    """Read a profile from the columns x and z of a CSV, their units in their names."""
+    wanted = {"x": (["x"], "length", None), "z": (["z"], "length", None)}
+    columns = read_si_columns(read_table(path), wanted, path)
+    try:
+        return Profile(columns["x"], columns["z"])
+    except ContactError as error:
+        raise PipelineError(f"{error} [{path}]") from error
+
+
 def _take_surface(
     name: str, face: Counterface, values: Mapping[str, float], place: str = ""
 ) -> Subject:
-    # Take a surface under the paper's conditions; its shape is its own
+    """Take a surface under the paper's conditions; its shape is not to be changed."""
     for size in ("edge_radius", "step_height"):
-        PipelineError.require(
-            size not in values,
-            f"{size} is for a plain step; {face!r} has its own shape {place}".rstrip(),
-        )
+        if size in values:
+            rule = f"{size} is for a plain step; {face!r} has its own shape {place}"
+            raise PipelineError(rule.rstrip())
     return Subject(name, face, change_point(PAPER, values), place)
 
 
+class _DeclaredPart(NamedTuple):
+    """A part, and the set that declares it."""
+
+    stimuli: StimulusSet
+    part: Part
+
+
 def _resolve_declared_part(
-    stimuli: StimulusSet, part: Part, values: Mapping[str, float], backward: bool
+    declared: _DeclaredPart, values: Mapping[str, float], backward: bool
 ) -> Subject:
-    # Drag over a part, or with it, under the first tip, load, friction and step of its set unless
-    # `values` differ
-    own = {
-        "edge_radius": "--edge-radius is for a plain step; a stimulus declares its own",
-        "tip_radius": "--tip-radius must not be given for a tip, it declares its own"
-        if part.ball is not None
-        else "",
-        "step_height": "--step-height is for a declared tip; a block declares its own"
-        if part.crossed
-        else "",
-    }
-    for name, rule in own.items():
-        PipelineError.require(not rule or name not in values, f"{rule} [{stimuli.name}/{part.id}]")
+    """Drag over a part, or with it, unless `values` differ under the first conditions of its set.
+
+    These are tip, load and friction, and the step where the part is a tip.
+    """
+    stimuli, part = declared
+    _refuse_declared_values(declared, values)
     point = choose_operating_point(stimuli, part, {})
-    height = None if part.crossed else values.get("step_height", stimuli.prediction.step_heights[0])
-    face = part.counterface(height)
-    name = part.id
-    if height is not None:
-        probe = name if part.ball is not None else f"probe in {name}"
+    if part.crossed:
+        face = part.counterface(None)
+        name = part.id
+        if len(face.ways) > 1:
+            name = f"{name}, {face.ways[bool(backward)]}"
+    else:
+        height = values.get("step_height", stimuli.prediction.step_heights[0])
+        face = part.counterface(height)
+        probe = part.id if part.ball is not None else f"probe in {part.id}"
         name = f"{probe} over a step of {format_quantity(height, 'length')}"
-    elif len(face.ways) > 1:
-        name = f"{name}, {face.ways[bool(backward)]}"
     return Subject(name, face, change_point(point, values))
+
+
+def _refuse_declared_values(declared: _DeclaredPart, values: Mapping[str, float]) -> None:
+    """Refuse a value that the part declares itself."""
+    stimuli, part = declared
+    rules = {"edge_radius": "--edge-radius is for a plain step; a stimulus declares its own"}
+    if part.ball is not None:
+        rules["tip_radius"] = "--tip-radius must not be given for a tip, it declares its own"
+    if part.crossed:
+        rules["step_height"] = "--step-height is for a declared tip; a block declares its own"
+    for name, rule in rules.items():
+        if name in values:
+            raise PipelineError(f"{rule} [{stimuli.name}/{part.id}]")
 
 
 def change_point(point: OperatingPoint, values: Mapping[str, float]) -> OperatingPoint:
     """Return the point with the given values; a new coefficient replaces a law of friction."""
-    of_tool = {name: values[name] for name in OF_TOOL if name in values}
-    changes: dict[str, object] = {
-        field: values[name] for name, field in OF_POINT.items() if name in values
-    }
+    of_tool: dict[str, Any] = {name: values[name] for name in OF_TOOL if name in values}
+    changes: dict[str, Any] = {"tool": replace(point.tool, **of_tool)}
+    for name, field in OF_POINT.items():
+        if name in values:
+            changes[field] = values[name]
     if "friction" in changes:
         changes["friction_law"] = None
-    return replace(point, tool=replace(point.tool, **of_tool), **changes)  # type: ignore[arg-type]
+    return replace(point, **changes)
 
 
-def _find_declared_part(text: str, stimuli: Sets | None) -> tuple[StimulusSet, Part]:
-    # Find a stimulus by ``ID``, ``SET/ID`` or ``FILE.toml/ID``
-    head, _, identity = text.rpartition("/")
-    meant = stimuli
-    wanted = text
-    if head.endswith(".toml"):
-        meant = Path(head)
-        wanted = identity
+def _find_declared_part(text: str, stimuli: Sets | None) -> _DeclaredPart:
+    """Find a stimulus by ``ID``, ``SET/ID`` or ``FILE.toml/ID``."""
+    folder, _, identity = text.rpartition("/")
+    if folder.endswith(".toml"):
+        sets, pattern = load_sets(Path(folder)), identity
+    elif stimuli is not None or Path("stimuli").is_dir():
+        sets, pattern = load_sets(stimuli), text
     else:
-        PipelineError.require(
-            stimuli is not None or Path("stimuli").is_dir(),
-            f"{_RULE}, or FILE.toml/ID (no folder stimuli here), got {text!r}",
-        )
-    sets = load_sets(meant)
-    found = [
-        (one, part)
-        for one, _ in sets
-        for part in one.stimuli
-        if matches_pattern(wanted, one.name, part.id)
-    ]
-    if len(found) > 1:
-        names = ", ".join(f"{one.name}/{part.id}" for one, part in found)
-        raise PipelineError(f"stimulus must be one, {identity!r} is several: {names}")
-    if not found:
+        raise PipelineError(f"{_RULE}, or FILE.toml/ID (no folder stimuli here), got {text!r}")
+    matches = []
+    for declared, _ in sets:
+        for part in declared.stimuli:
+            if matches_pattern(pattern, declared.name, part.id):
+                matches.append(_DeclaredPart(declared, part))
+    if not matches:
         places = ", ".join(place for _, place in sets)
-        known = ", ".join(part.id for one, _ in sets for part in one.stimuli)
+        identities = ", ".join(part.id for declared, _ in sets for part in declared.stimuli)
         raise PipelineError(
-            f"{_RULE}, or declared in {places}, got {text!r}; declared are {known:.200}"
+            f"{_RULE}, or declared in {places}, got {text!r}; declared are {identities:.200}"
         )
-    return found[0]
+    if len(matches) > 1:
+        names = ", ".join(f"{stimuli.name}/{part.id}" for stimuli, part in matches)
+        raise PipelineError(f"stimulus must be one, {identity!r} is several: {names}")
+    return matches[0]

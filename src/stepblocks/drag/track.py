@@ -6,7 +6,7 @@ Cubic pieces between nodes, and the kinks where two contacts share the load.
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -32,6 +32,13 @@ _RISER = 0.5 * math.pi - 1e-5  # a path that is steeper jumps [rad]
 _STEEPEST = 15.0  # slope at which a path falls at most [1]: along a wall no step is short enough
 _WALL = 0.15  # radii from its foot over which a wall is spread
 _LEAST_FACE = 1e-3  # radii: a narrower face carries no tip
+_BENT_DOWN, _BENT_UP = 1.05, 0.05  # most that a branch bends, of the arc about a corner
+_ROUGHNESS = 0.1  # of the indentation, by which a branch may stand above the path
+_FLAT = math.tan(math.radians(1.0))  # slope below which a path counts as level
+_GRID = 0.01  # radii between the positions at which a path is looked at first
+_LEAST_PIECE = 1e-6  # radii between two nodes
+_MOST_NODES = 2_000_000
+_ARC_KNOTS, _FACE_KNOTS = 400, 50  # of a step in closed form: of its arc and of either face
 _LEVEL = 400.0  # radii by which a surface goes on level: a released spring may throw the tip far
 
 
@@ -53,38 +60,35 @@ class Track(CentrePath):
 
         The shape is (n - 1, 4).
         """
-        h = np.diff(self.x)
-        a, b = self.slope_start, self.slope_end
-        d = np.diff(self.z) / h
-        return np.column_stack(
-            [self.z[:-1], a, (3.0 * d - 2.0 * a - b) / h, (a + b - 2.0 * d) / (h * h)]
-        )
+        width = np.diff(self.x)
+        first, last = self.slope_start, self.slope_end
+        chord = np.diff(self.z) / width
+        square = (3.0 * chord - 2.0 * first - last) / width
+        cube = (first + last - 2.0 * chord) / (width * width)
+        return np.column_stack([self.z[:-1], first, square, cube])
 
     @cached_property
     def branches(self) -> Array:
         """Height, slope, half the curvature of both branches at each kink; shape (m, 2, 3)."""
-        h = np.diff(self.x)[self.kinks - 1]
-        k0, k1, k2, k3 = self.cubics[self.kinks - 1].T
-        ends = (
-            k0 + h * (k1 + h * (k2 + h * k3)),
-            k1 + h * (2.0 * k2 + 3.0 * h * k3),
-            k2 + 3.0 * h * k3,
-        )
-        both = np.stack([np.column_stack(ends), self.cubics[self.kinks, :3]], axis=1)
+        before = self.kinks - 1  # the pieces that end at a kink
+        width = np.diff(self.x)[before]
+        height, slope, square = _expand_about(self.cubics[before], width)
+        left = np.column_stack([height, slope, square])
+        right = self.cubics[self.kinks, :3]
+        branches = np.stack([left, right], axis=1)
         # a branch is a line or an arc about a corner, which bends by 1 / R; the cubic of a piece
         # that is short beside the sampling may bend by far more
         level = 0.5 / self.ball_radius
-        both[..., 2] = np.clip(
-            both[..., 2], -1.05 * level * (1.0 + both[..., 1] ** 2) ** 1.5, 0.05 * level
-        )
-        return both
+        lowest = -_BENT_DOWN * level * (1.0 + branches[..., 1] ** 2) ** 1.5
+        branches[..., 2] = np.clip(branches[..., 2], lowest, _BENT_UP * level)
+        return branches
 
     def evaluate(self, x: Array, side: Literal["left", "right"] = "right") -> tuple[Array, Array]:
         """Height [m] and slope [1] at any positions; at a knot, of the piece on one side."""
-        piece = np.clip(np.searchsorted(self.x, x, side=side) - 1, 0, self.x.size - 2)
-        k0, k1, k2, k3 = self.cubics.T[:, piece]
-        d = x - self.x[piece]
-        return k0 + d * (k1 + d * (k2 + d * k3)), k1 + d * (2.0 * k2 + 3.0 * d * k3)
+        last = self.x.size - 2
+        piece = np.clip(np.searchsorted(self.x, x, side=side) - 1, 0, last)
+        height, slope, _ = _expand_about(self.cubics[piece], x - self.x[piece])
+        return height, slope
 
     def find_landing_slope(self, place: int, landed: float) -> float:
         """Slope of the face behind a place where the tip has `landed` [m] after its release [1].
@@ -92,21 +96,29 @@ class Track(CentrePath):
         It is the median over what the ball touches there; where it turns about an edge it touches
         nothing new. Down a face that falls it counts as far as the tip has come.
         """
-        radius, places = self.ball_radius, self.catch_places
-        begin = max(places.last[place] + radius * math.sin(places.angle[place]), landed - radius)
-        steep = places.x[place + 1 :][places.angle[place + 1 :] > 0.5 * places.angle[place]]
-        end = max(begin, steep.min(initial=begin + 2.0 * radius))
-        width = np.diff(self.x)
-        before, behind = (one / np.hypot(1.0, one) for one in (self.slope_start, self.slope_end))
-        moved = np.clip(1.0 + radius * (behind - before) / width, 0.0, 1.0)
-        touched = moved * np.diff(np.clip(self.x, begin, end))
+        begin, end = self._find_face(place, landed)
+        touched = self._compute_touched_lengths() * np.diff(np.clip(self.x, begin, end))
         face = 0.0
-        if touched.sum() > _LEAST_FACE * radius:
-            slopes = np.diff(self.z) / width
-            order = np.argsort(slopes)
-            share = np.cumsum(touched[order])
-            face = float(slopes[order[np.searchsorted(share, 0.5 * share[-1])]])
-        return max(face, min(float(self.evaluate(np.array(landed))[1]), 0.0))
+        if touched.sum() > _LEAST_FACE * self.ball_radius:
+            face = _find_median(np.diff(self.z) / np.diff(self.x), touched)
+        slope_where_landed = float(self.evaluate(np.array(landed))[1])
+        return max(face, min(slope_where_landed, 0.0))
+
+    def _find_face(self, place: int, landed: float) -> tuple[float, float]:
+        """Find from where to where [m] the face behind a place counts."""
+        radius, places = self.ball_radius, self.catch_places
+        behind_edge = places.last[place] + radius * math.sin(places.angle[place])
+        begin = max(behind_edge, landed - radius)
+        is_steep = places.angle[place + 1 :] > 0.5 * places.angle[place]
+        next_steep = places.x[place + 1 :][is_steep]
+        return begin, max(begin, next_steep.min(initial=begin + 2.0 * radius))
+
+    def _compute_touched_lengths(self) -> Array:
+        """Length of surface that the ball newly touches along each piece, over that piece [1]."""
+        radius, width = self.ball_radius, np.diff(self.x)
+        sine_before = self.slope_start / np.hypot(1.0, self.slope_start)
+        sine_behind = self.slope_end / np.hypot(1.0, self.slope_end)
+        return np.clip(1.0 + radius * (sine_behind - sine_before) / width, 0.0, 1.0)
 
     def list_separate_kinks(self, depth: float, window: float) -> NDArray[np.int64]:
         """List the kinks at which two contacts share the load and part before the next one is near.
@@ -116,19 +128,27 @@ class Track(CentrePath):
         without another in reach of the window and of the patch of contact is a low step.
         """
         places = self.x[self.kinks]
-        away = np.diff(places, prepend=-math.inf, append=math.inf)
-        alone = np.minimum(away[:-1], away[1:]) > 2.0 * max(
-            window, math.sqrt(self.ball_radius * depth)
-        )
+        gaps = _measure_gaps(places)
+        patch = math.sqrt(self.ball_radius * depth)
+        is_alone = np.minimum(gaps[:-1], gaps[1:]) > 2.0 * max(window, patch)
+        left, right = self.slopes
+        turn = np.arctan(left[self.kinks]) - np.arctan(right[self.kinks])
         kept: list[int] = []
-        before, behind = (np.arctan(one[self.kinks]) for one in self.slopes)
-        for n in np.argsort(before - behind, kind="stable").tolist():
-            steps = 0.5 * np.abs(places[kept] - places[n]).min(initial=2.0 * window) * _PARTING
-            c0, s0, b0 = self.branches[n].T[:, :, None]
-            apart = self.evaluate(places[n] + steps)[0] - (c0 + steps * (s0 + steps * b0))
-            if apart.min() >= -0.1 * depth and (alone[n] or apart[:, -1].min() >= depth):
-                kept.append(n)
+        for number in np.argsort(turn, kind="stable").tolist():  # the sharpest first
+            distance = np.abs(places[kept] - places[number]).min(initial=2.0 * window)
+            apart = self._measure_parting(number, 0.5 * distance * _PARTING)
+            if apart.min() < -_ROUGHNESS * depth:
+                continue
+            if is_alone[number] or apart[:, -1].min() >= depth:
+                kept.append(number)
         return np.array(sorted(kept), dtype=np.int64)
+
+    def _measure_parting(self, number: int, reach: Array) -> Array:
+        """Depth of both branches at a kink below the path at a distance [m], shape (2, n)."""
+        height, slope, square = self.branches[number].T[:, :, None]
+        branch = height + reach * (slope + reach * square)
+        height_of_path, _ = self.evaluate(self.x[self.kinks][number] + reach)
+        return np.asarray(height_of_path - branch)
 
     def part_branches(self, kept: NDArray[np.int64], depth: float, window: float) -> Array:
         """Coefficients of both branches at the kinks that are `kept`, shape (k, 2, 4).
@@ -137,16 +157,19 @@ class Track(CentrePath):
         the end of a window [m]: a contact that ended there at once would make energy of nothing.
         """
         places = self.x[self.kinks[kept]]
-        room = 0.5 * np.diff(places, prepend=-math.inf, append=math.inf).clip(max=2.0 * window)
+        room = 0.5 * _measure_gaps(places).clip(max=2.0 * window)
         reach = np.column_stack([room[1:], -room[:-1]])
-        c0, s0, b0 = self.branches[kept].transpose(2, 0, 1)
-        apart = self.evaluate(places[:, None] + reach)[0] - (c0 + reach * (s0 + reach * b0))
+        height, slope, square = self.branches[kept].transpose(2, 0, 1)
+        branch = height + reach * (slope + reach * square)
+        apart = self.evaluate(places[:, None] + reach)[0] - branch
         # a face ends where the other one is touched: from there on the ball rolls off its corner,
         # by x^2 / 2R
-        width = self.ball_radius * np.diff(s0 / np.hypot(1.0, s0))
-        rolled = 0.5 * np.maximum(np.abs(reach) - width, 0.0) ** 2 / self.ball_radius
-        short = np.maximum(np.maximum(depth - apart, rolled + b0 * reach * reach), 0.0)
-        return np.stack([c0, s0, b0, -short / reach**3], axis=-1)
+        width = self.ball_radius * np.diff(slope / np.hypot(1.0, slope))
+        beyond_face = np.maximum(np.abs(reach) - width, 0.0)
+        rolled = 0.5 * beyond_face**2 / self.ball_radius
+        needed = np.maximum(depth - apart, rolled + square * reach * reach)
+        missing = np.maximum(needed, 0.0)
+        return np.stack([height, slope, square, -missing / reach**3], axis=-1)
 
     def press_flat(self, kept: NDArray[np.int64], patch: float) -> "Track":
         """Return the track with a bend in the place of each kink that is not `kept`.
@@ -157,21 +180,22 @@ class Track(CentrePath):
         if kept.size == self.kinks.size:
             return self
         places = self.x[self.kinks]
-        room = _HALF * np.diff(places, prepend=-math.inf, append=math.inf)
+        room = _HALF * _measure_gaps(places)
         width = np.clip(np.minimum(room[:-1], room[1:]), _BEND * self.ball_radius, patch)
-        first, last = (np.delete(ends, kept) for ends in (places - width, places + width))
+        first, last = np.delete(places - width, kept), np.delete(places + width, kept)
         knots = np.unique(np.concatenate([self.x, first, last]))
-        bent = np.searchsorted(np.sort(first), knots) > np.searchsorted(
-            np.sort(last), knots, "right"
-        )
-        knots = knots[~bent | np.isin(knots, places[kept])]
-        (z, behind), (_, before) = self.evaluate(knots), self.evaluate(knots, "left")
+        begun = np.searchsorted(np.sort(first), knots)
+        ended = np.searchsorted(np.sort(last), knots, "right")
+        is_bent = begun > ended
+        knots = knots[~is_bent | np.isin(knots, places[kept])]
+        z, slope_behind = self.evaluate(knots)
+        _, slope_before = self.evaluate(knots, "left")
         return replace(
             self,
             x=knots,
             z=z,
-            slope_start=behind[:-1],
-            slope_end=before[1:],
+            slope_start=slope_behind[:-1],
+            slope_end=slope_before[1:],
             kinks=np.searchsorted(knots, places[kept]),
         )
 
@@ -186,9 +210,36 @@ class Track(CentrePath):
 
         The middle if it is flat.
         """
-        found = np.flatnonzero(np.maximum(*np.abs(self.slopes)) > math.tan(math.radians(1.0)))
-        places = self.x[found] if found.size else 0.5 * (self.x[:1] + self.x[-1:])
-        return float(places[0]), float(places[-1])
+        left, right = self.slopes
+        steepest = np.maximum(np.abs(left), np.abs(right))
+        steep = np.flatnonzero(steepest > _FLAT)
+        if steep.size == 0:
+            middle = float(0.5 * (self.x[0] + self.x[-1]))
+            return middle, middle
+        return float(self.x[steep[0]]), float(self.x[steep[-1]])
+
+
+def _expand_about(cubics: Array, distance: Array) -> tuple[Array, Array, Array]:
+    """Height [m], slope [1] and half the curvature [1/m] of cubics at a distance [m].
+
+    `cubics` has the coefficients in its last axis, of length 4.
+    """
+    c0, c1, c2, c3 = np.moveaxis(cubics, -1, 0)
+    height = c0 + distance * (c1 + distance * (c2 + distance * c3))
+    slope = c1 + distance * (2.0 * c2 + 3.0 * distance * c3)
+    return height, slope, c2 + 3.0 * distance * c3
+
+
+def _measure_gaps(places: Array) -> Array:
+    """Distance from each place to the one before, and from the last one to none, shape (n + 1,)."""
+    return np.diff(places, prepend=-math.inf, append=math.inf)
+
+
+def _find_median(values: Array, weights: Array) -> float:
+    """Find the median of values of unlike weights."""
+    order = np.argsort(values)
+    share = np.cumsum(weights[order])
+    return float(values[order[np.searchsorted(share, 0.5 * share[-1])]])
 
 
 @lru_cache(maxsize=16)  # a track is long to compute and serves every load and friction
@@ -199,98 +250,159 @@ def build_track(face: Counterface, ball_radius: float, backward: bool = False) -
     track = build_profile_track(*face.section(4.0 * ball_radius), ball_radius, backward=backward)
     if not isinstance(face, Profile) or face.feature is None:
         return track
-    first, last = (-face.feature[1], -face.feature[0]) if backward else face.feature
+    first, last = face.feature
+    if backward:
+        first, last = -last, -first
     return replace(track, feature=FeatureRange(first, last, ball_radius))
 
 
 def build_profile_track(
     x: ArrayLike, z: ArrayLike, ball_radius: float, *, backward: bool = False
 ) -> Track:
-    """Track of a ball over any profile."""
+    """Track of a ball over any profile.
+
+    Parameters
+    ----------
+    x, z : array_like
+        Positions and heights of the profile [m], shape (n,).
+    ball_radius : float
+        R [m].
+    backward : bool
+        Whether the drag is towards falling x.
+
+    Returns
+    -------
+    Track
+        Towards growing x; a profile that is dragged over backward is mirrored.
+
+    Raises
+    ------
+    ContactError
+        If the profile is too long for the ball, or has a riser as high as the ball.
+    """
     xs, zs = np.asarray(x, dtype=np.float64), np.asarray(z, dtype=np.float64)
     if backward:
         xs, zs = -xs[::-1], zs[::-1]
-    # the ball meets the first point a radius before it, and leaves the last one as far behind
-    first, last = float(xs.min()) - ball_radius, float(xs.max()) + ball_radius
-    count = math.ceil((last - first) / (0.01 * ball_radius))
-    ContactError.require(
-        count <= 2_000_000,
-        f"profile of {np.ptp(xs):g} m is too long to drag over with a ball of {ball_radius:g} m",
-    )
-    grid = np.linspace(first, last, count + 1)
-    where, before, behind = _find_notches(
-        xs, zs, build_profile_path(xs, zs, ball_radius, positions=grid)
-    )
-    ContactError.require(
-        (behind <= _RISER).all(),
-        "profile has a riser as high as the ball (too-high); the tip would never climb it",
-    )
-    # two nodes closer than a millionth of the radius would make a cubic of rounding errors
-    room = 1e-6 * ball_radius
-    sharp = (behind - before > _KINK) & (np.diff(where, append=math.inf) > room)
-    nodes = np.unique(np.concatenate([grid, where[sharp]]))
-    crowded = np.diff(nodes) <= room
-    crowded = np.append(crowded, False) | np.append(False, crowded)
-    # down a wall the tip falls along a slope that it crosses in several steps
-    feet = np.append(where[sharp & (before < -math.atan(_STEEPEST))], math.inf)
-    crowded |= feet[np.searchsorted(feet, nodes, "right")] - nodes < _WALL * ball_radius
-    nodes = nodes[~crowded | np.isin(nodes, where[sharp])]
-    right = build_profile_path(xs, zs, ball_radius, positions=nodes)
-    kinks = np.searchsorted(nodes, where[sharp])
-    left, slope = right.slope.copy(), right.slope.copy()
-    left[kinks], slope[kinks] = np.tan(before[sharp]), np.tan(behind[sharp])
-    left, slope = np.maximum(left, -_STEEPEST), np.maximum(slope, -_STEEPEST)
-    ends = nodes[0] - _LEVEL * ball_radius, nodes[-1] + _LEVEL * ball_radius
+    grid = _lay_grid(xs, ball_radius)
+    notches = _find_notches(xs, zs, build_profile_path(xs, zs, ball_radius, positions=grid))
+    if not (notches.behind <= _RISER).all():
+        raise ContactError(
+            "profile has a riser as high as the ball (too-high); the tip would never climb it"
+        )
+    # two nodes closer than that would make a cubic of rounding errors
+    room = _LEAST_PIECE * ball_radius
+    is_apart = np.diff(notches.position, append=math.inf) > room
+    kinks = notches.select((notches.behind - notches.before > _KINK) & is_apart)
+    nodes = _choose_nodes(grid, kinks, room, ball_radius)
+    path = build_profile_path(xs, zs, ball_radius, positions=nodes)
+    numbers = np.searchsorted(nodes, kinks.position)
+    left, right = path.slope.copy(), path.slope.copy()
+    left[numbers], right[numbers] = np.tan(kinks.before), np.tan(kinks.behind)
+    left, right = np.maximum(left, -_STEEPEST), np.maximum(right, -_STEEPEST)
+    first, last = nodes[0] - _LEVEL * ball_radius, nodes[-1] + _LEVEL * ball_radius
     return Track(
-        np.concatenate([ends[:1], nodes, ends[1:]]),
-        np.pad(right.height, 1, "edge"),
-        np.pad(slope[:-1], 1),
+        np.concatenate([[first], nodes, [last]]),
+        np.pad(path.height, 1, "edge"),
+        np.pad(right[:-1], 1),
         np.pad(left[1:], 1),
-        kinks + 1,
+        numbers + 1,
         ball_radius,
     )
 
 
-def _find_notches(x: Array, z: Array, path: TipPath) -> tuple[Array, Array, Array]:
-    # Place of the sharpest notch between neighbouring positions [m], and the angles of the path
-    # before and behind it [rad]; arcs and lines only bend down, so the notch lies in the half that
-    # turns up more
+def _lay_grid(x: Array, ball_radius: float) -> Array:
+    """Positions at which a path is looked at first [m].
+
+    The ball meets the first point a radius before it, and leaves the last one as far behind.
+    """
+    first, last = float(x.min()) - ball_radius, float(x.max()) + ball_radius
+    count = math.ceil((last - first) / (_GRID * ball_radius))
+    if count > _MOST_NODES:
+        raise ContactError(
+            f"profile of {np.ptp(x):g} m is too long to drag over with a ball of {ball_radius:g} m"
+        )
+    return np.linspace(first, last, count + 1)
+
+
+def _choose_nodes(grid: Array, kinks: "_Notches", room: float, ball_radius: float) -> Array:
+    """Merge a grid and the kinks [m]; only the kinks keep a node nearer than `room` to another.
+
+    Down a wall the tip falls along a slope that it crosses in several steps.
+    """
+    nodes = np.unique(np.concatenate([grid, kinks.position]))
+    is_close = np.diff(nodes) <= room
+    is_crowded = np.append(is_close, False) | np.append(False, is_close)
+    is_foot = kinks.before < -math.atan(_STEEPEST)
+    feet = np.append(kinks.position[is_foot], math.inf)
+    is_crowded |= feet[np.searchsorted(feet, nodes, "right")] - nodes < _WALL * ball_radius
+    return np.asarray(nodes[~is_crowded | np.isin(nodes, kinks.position)])
+
+
+class _Notches(NamedTuple):
+    """Notches of a path, arrays of shape (n,)."""
+
+    position: Array  # [m]
+    before: Array  # angle of the path to the left [rad]
+    behind: Array  # angle of the path to the right [rad]
+
+    def select(self, wanted: NDArray[np.bool_]) -> "_Notches":
+        """Return some of the notches."""
+        return _Notches(self.position[wanted], self.before[wanted], self.behind[wanted])
+
+
+def _find_notches(x: Array, z: Array, path: TipPath) -> _Notches:
+    """Find the sharpest notch between each two neighbouring positions of a path.
+
+    Arcs and lines only bend down, so it lies in the half that turns up more.
+    """
     low, high = path.position[:-1], path.position[1:]
     before, behind = np.arctan(path.slope[:-1]), np.arctan(path.slope[1:])
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
-        angle = np.arctan(build_profile_path(x, z, path.ball_radius, positions=middle).slope)
-        first = angle - before > behind - angle
-        low, before = np.where(first, low, middle), np.where(first, before, angle)
-        high, behind = np.where(first, middle, high), np.where(first, angle, behind)
-    return high, before, behind
+        halved = build_profile_path(x, z, path.ball_radius, positions=middle)
+        angle = np.arctan(halved.slope)
+        is_left = angle - before > behind - angle
+        low, before = np.where(is_left, low, middle), np.where(is_left, before, angle)
+        high, behind = np.where(is_left, middle, high), np.where(is_left, angle, behind)
+    return _Notches(high, before, behind)
 
 
 def build_step_track(height: float, ball_radius: float, edge_radius: float = 0.0) -> Track:
-    """Track over one step up, its wall at x = 0, in closed form."""
+    """Track over one step up, its wall at x = 0, in closed form.
+
+    Parameters
+    ----------
+    height, ball_radius, edge_radius : float
+        H, R and r [m].
+
+    Raises
+    ------
+    ContactError
+        If a length is not positive, or the step as high as ball and edge together.
+    """
     radius = ball_radius + edge_radius
     require_positive("ball radius", ball_radius, "m")
     require_positive("height", height, "m")
     require_not_negative("edge_radius", edge_radius, "m")
-    ContactError.require(
-        height < radius,
-        f"height must be less than R + r ({radius:g} m), got {height:g} m: too-high, the tip "
-        "is held",
-    )
+    if not height < radius:
+        raise ContactError(
+            f"height must be less than R + r ({radius:g} m), got {height:g} m: too-high, the tip "
+            "is held"
+        )
     length = _LEVEL * ball_radius
     angle = 2.0 * math.asin(math.sqrt(0.5 * height / radius))
-    angles = np.linspace(angle, 0.0, 400)
-    before = np.linspace(-length, -radius * math.sin(angle), 50)[:-1]
+    angles = np.linspace(angle, 0.0, _ARC_KNOTS)
+    lower = np.linspace(-length, -radius * math.sin(angle), _FACE_KNOTS)[:-1]
+    upper = np.linspace(0.0, length, _FACE_KNOTS)[1:]
     # the arc of a round edge has its middle behind the wall
-    x = edge_radius + np.concatenate(
-        [before, -radius * np.sin(angles), np.linspace(0.0, length, 50)[1:]]
-    )
-    arc = slice(49, 449)
+    x = edge_radius + np.concatenate([lower, -radius * np.sin(angles), upper])
+    kink = lower.size
+    arc = slice(kink, kink + _ARC_KNOTS)
     z = np.where(x < edge_radius, 0.0, height)
     z[arc] = height - 2.0 * radius * np.square(np.sin(0.5 * angles))
-    z[49] = 0.0
-    slope = np.zeros_like(x)
-    slope[arc] = np.tan(angles)
-    left = slope.copy()
-    left[49] = 0.0  # the lower face ends level, the arc begins at the critical angle
-    return Track(x, z, slope[:-1], left[1:], np.array([49]), ball_radius)
+    z[kink] = 0.0
+    right = np.zeros_like(x)
+    right[arc] = np.tan(angles)
+    left = right.copy()
+    left[kink] = 0.0  # the lower face ends level, the arc begins at the critical angle
+    return Track(x, z, right[:-1], left[1:], np.array([kink]), ball_radius)

@@ -15,12 +15,19 @@ from numpy.typing import NDArray
 from stepblocks.contact.laws import FrictionLaw, build_laws
 from stepblocks.contact.operating_point import PAPER, Tool
 from stepblocks.errors import ContactError, PipelineError
-from stepblocks.lawsearch.law import Active, Parameter
+from stepblocks.lawsearch.law import Active, Law, Parameter
 from stepblocks.rig.state import DragState, Floats, compute_channels, press_edge
 
 TOGETHER = " * "  # between the names of two covariates that act together
 PEAK_FORCE = "peak_force_n"  # a quantity of the model that an effect may follow like a column
 SPEED_OVER_LOAD = "speed_mm_s / load_n"  # of a viscous film: Hersey's number
+_HEIGHT_REACH = 12.0  # standard uncertainties that the height of a block may be off
+_MOST_OF_STEP = 0.8  # of its height that a step may be off: it stays a step
+_HEIGHT_SCALE = 0.3e-6  # change of a height that matters [m]
+_LEAST_HEIGHT_STD = 0.1e-6  # of any height [m]
+_RESPONSE_STEP = 1e-4  # of a logarithm, by which a response is taken
+_RADIUS_TOLERANCE = 0.01  # share by which a label may differ from the declared radius
+_COLUMNS = ("height_um", "load_n", "speed_mm_s", "tip_radius_um")
 _COMPUTED = ("none", "block", PEAK_FORCE, SPEED_OVER_LOAD)  # no columns of their own
 
 
@@ -42,21 +49,20 @@ class BenchDesign:
     def __post_init__(self) -> None:
         for name in ("height", "load", "speed", "tip_radius"):
             column = getattr(self, name)
-            ContactError.require(
-                np.all(np.isfinite(column)) and np.all(column > 0.0),
-                f"{name} of every trial must be positive and finite",
+            if not np.all(np.isfinite(column) & (column > 0.0)):
+                raise ContactError(f"{name} of every trial must be positive and finite")
+        if len(self.block) == 0:
+            raise ContactError("block must name at least one trial")
+        if not (np.isfinite(self.spring_constant) and self.spring_constant > 0.0):
+            raise ContactError(
+                f"spring_constant must be positive and finite, got {self.spring_constant:g} N/m"
             )
-        ContactError.require(len(self.block) != 0, "block must name at least one trial")
-        ContactError.require(
-            np.isfinite(self.spring_constant) and self.spring_constant > 0.0,
-            f"spring_constant must be positive and finite, got {self.spring_constant:g} N/m",
-        )
 
     @cached_property
     def members(self) -> tuple[tuple[str, ...], NDArray[np.intp]]:
         """Names of the blocks' height errors, and which of them each trial has."""
         blocks, inverse = np.unique(self.block, return_inverse=True)
-        return tuple(format_height_name(str(b)) for b in blocks), inverse
+        return tuple(format_height_name(block) for block in blocks.tolist()), inverse
 
     @cached_property
     def friction_shape(self) -> tuple[Floats, Floats]:
@@ -66,17 +72,17 @@ class BenchDesign:
         """
         law = self.laws.get("friction") or FrictionLaw(lambda speed, load, place, time: 1.0)
         compute = np.vectorize(law.coefficient, otypes=[float])
-        sliding, rest = (compute(speed, self.load, 0.0, 0.0) for speed in (self.speed, 0.0))
-        return sliding / law.coefficient(0.0, 1.0, 0.0, 0.0), rest / sliding
+        sliding = compute(self.speed, self.load, 0.0, 0.0)
+        at_rest = compute(0.0, self.load, 0.0, 0.0)
+        return sliding / law.coefficient(0.0, 1.0, 0.0, 0.0), at_rest / sliding
 
     @cached_property
     def indentation(self) -> tuple[Floats, Floats] | None:
         """Depth of the contact at 1 N [m], and the power of the load that it follows [1]."""
         if "contact" not in self.laws:
             return None
-        stiffness, power = np.vectorize(self.laws["contact"].power_law, otypes=[float, float])(
-            self.tip_radius
-        )
+        compute = np.vectorize(self.laws["contact"].power_law, otypes=[float, float])
+        stiffness, power = compute(self.tip_radius)
         return stiffness ** (-1.0 / power), 1.0 / power
 
 
@@ -90,19 +96,16 @@ def build_bench_design(
 
     `laws` are known beforehand: each by name with its numbers, as `build_laws` takes them.
     """
-    height, load, speed, radius = (
-        np.asarray(covariates[name], dtype=np.float64)
-        for name in ("height_um", "load_n", "speed_mm_s", "tip_radius_um")
-    )
+    columns = {name: np.asarray(covariates[name], dtype=np.float64) for name in _COLUMNS}
     return BenchDesign(
         block,
-        height * 1e-6,
-        load,
-        speed * 1e-3,
-        radius * 1e-6,
-        spring_constant,
-        covariates,
-        build_laws(laws or {}),
+        height=columns["height_um"] * 1e-6,
+        load=columns["load_n"],
+        speed=columns["speed_mm_s"] * 1e-3,
+        tip_radius=columns["tip_radius_um"] * 1e-6,
+        spring_constant=spring_constant,
+        covariates=covariates,
+        laws=build_laws(laws or {}),
     )
 
 
@@ -117,13 +120,14 @@ def parse_tip_radius_um(tip: str, default: float) -> float:
 
 def read_tip_radii(tips: Iterable[str], declared_um: float, place: str = "") -> NDArray[np.float64]:
     """Read radii of tips from their labels [um]; refuse them where none is the declared radius."""
-    found = np.array([parse_tip_radius_um(tip, declared_um) for tip in tips])
-    PipelineError.require(
-        not found.size or bool(np.isclose(found, declared_um, rtol=0.01).any()),
-        f"tips of the table must agree with `probe.tip_radius`, {declared_um:g} um: their labels "
-        f"say {', '.join(f'{one:g} um' for one in np.unique(found))}; correct either{place}",
-    )
-    return found
+    radii = np.array([parse_tip_radius_um(tip, declared_um) for tip in tips])
+    if radii.size and not np.isclose(radii, declared_um, rtol=_RADIUS_TOLERANCE).any():
+        labels = ", ".join(f"{radius:g} um" for radius in np.unique(radii).tolist())
+        raise PipelineError(
+            f"tips of the table must agree with `probe.tip_radius`, {declared_um:g} um: their "
+            f"labels say {labels}; correct either{place}"
+        )
+    return radii
 
 
 def format_height_name(block: str) -> str:
@@ -135,48 +139,65 @@ def list_constants(
     design: BenchDesign,
     tool: Tool = PAPER.tool,
     height_std: float = 1e-6,
-    scanned: Mapping[str, tuple[float, float]]
-    | None = None,  # height and standard uncertainty of blocks [m]
+    scanned: Mapping[str, tuple[float, float]] | None = None,
 ) -> tuple[Parameter, ...]:
     """List the constants fitted to a session.
 
-    They are those from the ring of `tool` on, and the height error of each block, which may be
-    `scanned`.
+    Parameters
+    ----------
+    design : BenchDesign
+        What was set on the bench.
+    tool : Tool
+        Whose ring and conversion the constants begin with.
+    height_std : float
+        Standard uncertainty of the height of a block that was not scanned [m].
+    scanned : mapping of str to tuple of float, optional
+        Height and standard uncertainty of scanned blocks [m].
+
+    Returns
+    -------
+    tuple of Parameter
+        Five constants of the bench, and the height error of each block.
     """
-    found = [
+    frequency, decay_time = float(np.log(tool.frequency)), float(np.log(tool.decay_time))
+    constants = [
         Parameter("friction", "1", PAPER.friction, 0.005, 0.9, 0.02),
         Parameter("ln_conversion", "1", float(np.log(tool.conversion)), -9.0, 4.0, 0.1),
         Parameter("stiffness_ratio", "1", 1.0, 0.2, 5.0, 0.02),
-        Parameter("ln_ring_frequency", "ln Hz", float(np.log(tool.frequency)), 3.0, 9.0, 0.01),
-        Parameter("ln_decay_time", "ln s", float(np.log(tool.decay_time)), -9.0, 1.0, 0.05),
+        Parameter("ln_ring_frequency", "ln Hz", frequency, 3.0, 9.0, 0.01),
+        Parameter("ln_decay_time", "ln s", decay_time, -9.0, 1.0, 0.05),
     ]
     for block in np.unique(design.block).tolist():
         nominal = float(design.height[design.block == block][0])
-        known, spread = (scanned or {}).get(block, (nominal, height_std))
-        start = known - nominal
-        # the bounds keep a step a step
-        reach = min(12.0 * height_std, 0.8 * nominal)
-        found.append(
-            Parameter(
-                format_height_name(block),
-                "m",
-                start,
-                start - reach,
-                start + reach,
-                0.3e-6,
-                max(spread, 0.1e-6),
-                block,
-            )
-        )
-    return tuple(found)
+        height, spread = (scanned or {}).get(block, (nominal, height_std))
+        reach = min(_HEIGHT_REACH * height_std, _MOST_OF_STEP * nominal)
+        constants.append(_make_height_constant(block, height - nominal, reach, spread))
+    return tuple(constants)
+
+
+def _make_height_constant(block: str, start: float, reach: float, spread: float) -> Parameter:
+    """Make the height error of a block: where it begins, how far it may go, its spread [m]."""
+    return Parameter(
+        format_height_name(block),
+        "m",
+        start,
+        start - reach,
+        start + reach,
+        _HEIGHT_SCALE,
+        max(spread, _LEAST_HEIGHT_STD),
+        block,
+    )
 
 
 @lru_cache(maxsize=64)
 def _build_empty_state(count: int) -> DragState:
-    # Every slot zero; shared by all states of as many trials, and never written to
+    """Build a state of which every slot is zero.
+
+    It is shared by all states of as many trials, and never written to.
+    """
     zero = np.zeros(count)
     zero.flags.writeable = False
-    slots: dict[str, Any] = dict.fromkeys((slot.name for slot in fields(DragState)), zero)
+    slots: dict[str, Any] = {slot.name: zero for slot in fields(DragState)}
     return DragState(**slots)
 
 
@@ -184,12 +205,11 @@ def build_nominal_state(design: BenchDesign, values: Mapping[str, float | Floats
     """Fill the slots from the design and the constants, each one number or one of each trial."""
     names, inverse = design.members
     errors = np.array([values.get(name, 0.0) for name in names])
-    one = np.ones(len(design.block))
+    unity = np.ones(len(design.block))
     sliding, at_release = design.friction_shape
-    frequency, decay_time = (
-        np.exp(values[f"ln_{name}"]) * one for name in ("ring_frequency", "decay_time")
-    )
-    off = values.get("load_error", 0.0) * one
+    frequency = np.exp(values["ln_ring_frequency"]) * unity
+    decay_time = np.exp(values["ln_decay_time"]) * unity
+    load_error = values.get("load_error", 0.0) * unity
     # while the tip is held and the handle goes on, the tool's damper 2 k / (omega^2 T) takes its
     # share of the pull
     damper = 2.0 * design.spring_constant / ((2.0 * np.pi * frequency) ** 2 * decay_time)
@@ -197,24 +217,26 @@ def build_nominal_state(design: BenchDesign, values: Mapping[str, float | Floats
         height=design.height + errors[inverse],
         radius=design.tip_radius + values.get("edge_radius", 0.0),
         friction=values["friction"] * sliding,
-        load=design.load + off,
+        load=design.load + load_error,
         set_load=design.load,
         speed=design.speed,
-        stiffness=design.spring_constant * values["stiffness_ratio"] * one,
-        ring_stiffness=design.spring_constant * one,
-        conversion=np.exp(values["ln_conversion"]) * one,
+        stiffness=design.spring_constant * values["stiffness_ratio"] * unity,
+        ring_stiffness=design.spring_constant * unity,
+        conversion=np.exp(values["ln_conversion"]) * unity,
         edge_factor=at_release,
-        damping=one,
-        gain=one,
-        normal_gain=one,
-        sensed_offset=off,
+        damping=unity,
+        gain=unity,
+        normal_gain=unity,
+        sensed_offset=load_error,
         climb_drag=-values.get("damper_share", 0.0) * damper * design.speed,
         frequency=frequency,
         decay_time=decay_time,
         nominal_stiffness=design.spring_constant,
     )
-    indentation = design.indentation
-    return state if indentation is None else press_edge(state, *indentation)
+    if design.indentation is None:
+        return state
+    depth, power = design.indentation
+    return press_edge(state, depth, power)
 
 
 def build_extended_state(
@@ -225,17 +247,16 @@ def build_extended_state(
     Release after contact, what follows the peak when it is known.
     """
     state = build_nominal_state(design, values)
-    for law, own in sorted(
-        active,
-        key=lambda pair: (
-            pair[0].given and pair[0].covariate == PEAK_FORCE,
-            pair[0].slot == "conversion",
-        ),
-    ):
-        state = law.apply(
-            state, select_covariate(design, state, law.covariate) if law.given else None, own
-        )
+    for law, law_values in sorted(active, key=lambda effect: _find_turn(effect[0])):
+        column = select_covariate(design, state, law.covariate) if law.given else None
+        state = law.apply(state, column, law_values)
     return state
+
+
+def _find_turn(law: Law) -> tuple[bool, bool]:
+    """Find when a law is applied: after those of which it needs the peak or the contact."""
+    follows_peak = law.given and law.covariate == PEAK_FORCE
+    return follows_peak, law.slot == "conversion"
 
 
 def list_covariate_columns(covariate: str) -> tuple[str, ...]:
@@ -256,9 +277,8 @@ def select_covariate(
     if covariate == SPEED_OVER_LOAD:
         return 1e3 * design.speed / design.load
     if TOGETHER in covariate:
-        return np.stack(
-            [design.covariates[name] for name in list_covariate_columns(covariate)], axis=1
-        )
+        columns = [design.covariates[name] for name in list_covariate_columns(covariate)]
+        return np.stack(columns, axis=1)
     return design.covariates[covariate]
 
 
@@ -268,13 +288,12 @@ def compute_responses(state: DragState) -> Floats:
     These three scatter among trials; the shape is (n, 7, 3).
     """
     base = compute_channels(state)
-    step = 1e-4
+    step = _RESPONSE_STEP
     weight = state.set_load + state.sensed_offset
-    shifted = (
-        state.changed(friction=state.friction * (1.0 + step)),
-        state.changed(
-            load=state.load * (1.0 + step), sensed_offset=state.sensed_offset + step * weight
-        ),
-        state.changed(conversion=state.conversion * (1.0 + step)),
+    of_friction = state.changed(friction=state.friction * (1.0 + step))
+    of_load = state.changed(
+        load=state.load * (1.0 + step), sensed_offset=state.sensed_offset + step * weight
     )
-    return np.stack([(compute_channels(other) - base) / step for other in shifted], axis=2)
+    of_conversion = state.changed(conversion=state.conversion * (1.0 + step))
+    shifted = (of_friction, of_load, of_conversion)
+    return np.stack([(compute_channels(changed) - base) / step for changed in shifted], axis=2)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from stepblocks.contact import kernels
 
 Floats = NDArray[np.float64]
+Labels = NDArray[np.str_]
 
 # what a trial shows: logarithms of J, N, Hz and s; spring constant over its nominal value; measured
 # over set load
@@ -29,7 +30,15 @@ CHANNELS: tuple[str, ...] = (
 _STEEPEST = np.deg2rad(89.0)
 _LEAST_LOAD, _LEAST_FORCE = 1e-3, 1e-4  # N, where a fit strays
 _LEAST_ENERGY = 1e-30  # of what is left of a ring, below which a fit may stray but no logarithm [J]
+_LEAST_LAG = 1e-18  # of a gauge, where a fit strays [s]
+_LEAST_LEFT = 0.1  # share of a ring's energy that losses leave: what is less fades out smoothly
+_LOWEST_STEP, _HIGHEST_STEP = 1e-9, 1.0  # of a step over the radius, where a fit strays
+_MOST_RAMP = 50.0  # time constants of a gauge after which it has settled
 _LINE_SHARE = 0.9  # of its time, to which the evaluation of a trace fits the line of a bent ramp
+# A loop after Rayleigh shows a swing of A as A (1 + b A), late by 4 b A / 3 pi. A fit of the ring
+# weighs b A exp(-t / T) by exp(-2 t / T): 8/9 of it at the release, and T shorter by 4/9.
+_LOOP_AT_RELEASE = 8.0 / 9.0
+_LOOP_OF_DECAY = 4.0 / 9.0
 
 
 @dataclass(frozen=True)
@@ -53,9 +62,7 @@ class DragState:
     ring_stiffness: Floats  # of the ring [N/m]
     give: Floats  # of the contact, in series with the spring while that is loaded [m/N]
     hardening: Floats  # g of ``F = u + g u^3`` with u = k x [1/N^2]
-    pitch_share: (
-        Floats  # of the first amplitude squared that the pitch of the fitted ring shows [1]
-    )
+    pitch_share: Floats  # of the first amplitude squared that the pitch of a fit shows [1]
     conversion: Floats  # share C_v of the stored energy that rings [1]
     lost_energy: Floats  # spent before the ring [J]
     drag: Floats  # tangential force beside friction, at any time [N]
@@ -77,11 +84,10 @@ class DragState:
     nominal_stiffness: float  # to which frequency and channel refer [N/m]
 
     def _slope(self) -> Floats:
-        share = np.minimum(np.maximum(self.height / self.radius, 1e-9), 1.0)
-        return np.asarray(
-            kernels.compute_angle_on_step(share, 1.0)
-            + (self.tilt + np.arctan(self.friction * self.edge_factor))
-        )
+        """Slope of the path at release plus angle of friction [rad], whether locked or not."""
+        step = np.minimum(np.maximum(self.height / self.radius, _LOWEST_STEP), _HIGHEST_STEP)
+        friction_angle = np.arctan(self.friction * self.edge_factor)
+        return np.asarray(kernels.compute_angle_on_step(step, 1.0) + (self.tilt + friction_angle))
 
     def angle(self) -> Floats:
         """Slope of the path at release plus angle of friction [rad], held below locking."""
@@ -89,25 +95,20 @@ class DragState:
 
     def locked(self) -> NDArray[np.bool_]:
         """Where the tip never climbs."""
-        return np.asarray((self._slope() >= 0.5 * np.pi) | (self.height >= self.radius))
+        is_steep = self._slope() >= 0.5 * np.pi
+        return np.asarray(is_steep | (self.height >= self.radius))
 
     def peak_force(self) -> Floats:
         """Tangential force on the tool at release [N]; equation (1)."""
         lifted = np.maximum(self.load + self.climb_load, _LEAST_LOAD)
         # the friction is in the angle, and held below locking with it
-        return np.asarray(
-            np.maximum(
-                kernels.compute_pull_force(lifted, self.angle(), 0.0) + self.drag + self.climb_drag,
-                _LEAST_FORCE,
-            )
-        )
+        climb = kernels.compute_pull_force(lifted, self.angle(), 0.0)
+        return np.asarray(np.maximum(climb + self.drag + self.climb_drag, _LEAST_FORCE))
 
     def sliding_force(self) -> Floats:
         """Tangential force on the tool before the edge [N]."""
-        return np.asarray(
-            kernels.compute_pull_force(np.maximum(self.load, _LEAST_LOAD), self.tilt, self.friction)
-            + self.drag
-        )
+        load = np.maximum(self.load, _LEAST_LOAD)
+        return np.asarray(kernels.compute_pull_force(load, self.tilt, self.friction) + self.drag)
 
     def changed(self, **slots: object) -> "DragState":
         """Return a copy with some slots changed.
@@ -125,100 +126,141 @@ def press_edge(state: DragState, depth: float | Floats, power: float | Floats) -
 
     `depth` is that at 1 N [m], and follows the force across the edge with a power.
     """
-    across = (
-        np.maximum(state.load, _LEAST_LOAD)
-        * np.cos(np.arctan(state.friction * state.edge_factor))
-        / np.cos(state.angle())
-    )
+    friction_angle = np.arctan(state.friction * state.edge_factor)
+    load = np.maximum(state.load, _LEAST_LOAD)
+    across = load * np.cos(friction_angle) / np.cos(state.angle())
     deep = depth * across**power
+    # the ball comes nearer to the edge by the depth: cos a = (R - H) / (R - deep)
+    height = state.radius * (state.height - deep) / (state.radius - deep)
     cosine = 1.0 - np.clip(state.height / state.radius, 1e-3, 1.0)
     # in the corner floor and edge give way to the pull, in the middle of the ramp with half of what
     # the edge will bear
-    both = (1.0 + cosine**2) / (1.0 - cosine**2) * power * depth * (0.5 * across) ** (power - 1.0)
-    # the ball comes nearer to the edge by the depth: cos a = (R - H) / (R - deep)
-    return state.changed(
-        height=state.radius * (state.height - deep) / (state.radius - deep),
-        give=state.give + both,
-    )
+    steepness = (1.0 + cosine**2) / (1.0 - cosine**2)
+    give = steepness * power * depth * (0.5 * across) ** (power - 1.0)
+    return state.changed(height=height, give=state.give + give)
 
 
 def compute_channels(state: DragState) -> Floats:
     """Show the `CHANNELS` of n trials, shape (n, 7)."""
     force, sliding = state.peak_force(), state.sliding_force()
     spring = _compute_spring(state, force, sliding)
-    energy = state.conversion * spring.stored
-    # what is left never turns negative: below a tenth it fades out smoothly
-    if state.lost_energy.any():
-        left = energy - state.lost_energy
-        floor = 0.1 * energy
-        energy = np.where(left > floor, left, floor * np.exp(np.minimum(left / floor - 1.0, 0.0)))
+    energy = _lose_energy(state, state.conversion * spring.stored)
     # an amplitude of force counts as A^2 / 2k with the nominal k, whatever k it rings with: a
     # stiffer spring shows no more
     energy = energy * (state.ring_stiffness / state.nominal_stiffness)
     if state.hardening.any():
-        # 2 k E = c A^2 + g A^4 / 2 about the level that it rings about; the force at A is A (c + g
-        # A^2)
-        double = 2.0 * state.nominal_stiffness * energy
-        root = np.sqrt(spring.level**2 + 2.0 * state.hardening * double)
-        square = 2.0 * double / (spring.level + root)
-        energy = (
-            square
-            * (spring.level + state.hardening * square) ** 2
-            / (2.0 * state.nominal_stiffness)
-        )
-        spring = spring._replace(
-            pitch=spring.level + 0.75 * state.pitch_share * state.hardening * square
-        )
-    peak = force
+        energy, spring = _harden_ring(state, energy, spring)
+    shown = _Shown(energy, force, sliding, state.stiffness * spring.slope)
     if state.lag.any():
-        # of first order: late on the ramp by its time constant, and the ring is flatter by sqrt(1 +
-        # (2 pi f tau)^2)
-        slope = state.stiffness * state.speed
-        late = np.maximum(state.lag, 1e-18)
-        ramp = np.maximum(force - sliding, 0.0) / slope
-        peak = np.maximum(
-            force - slope * late * (1.0 - np.exp(-np.minimum(ramp / late, 50.0))), _LEAST_FORCE
-        )
-        energy = energy / (1.0 + (2.0 * np.pi * state.frequency * late) ** 2)
+        shown = _lag_behind(state, shown)
+    # how far the loops of the gauge open [1]
+    loop = state.gauge_hysteresis * np.sqrt(2.0 * state.nominal_stiffness * shown.energy)
+    if state.gauge_square.any() or loop.any():
+        shown = _bend_gauge(state, shown, force, loop)
+    return _read_instrument(state, shown, spring, sliding, loop)
+
+
+class _Shown(NamedTuple):
+    """What the tangential gauge shows of a trial, each of shape (n,)."""
+
+    energy: Floats  # of the ring on the nominal spring [J]
+    peak: Floats  # greatest force [N]
+    sliding: Floats  # force before the edge [N]
+    ramp: Floats  # slope of the line through the ramp, over the way of the handle [N/m]
+
+
+def _lose_energy(state: DragState, energy: Floats) -> Floats:
+    """Take off what is lost before the ring [J]; what is left never turns negative."""
+    if not state.lost_energy.any():
+        return energy
+    left = energy - state.lost_energy
+    floor = _LEAST_LEFT * energy
+    fading = floor * np.exp(np.minimum(left / floor - 1.0, 0.0))
+    return np.where(left > floor, left, fading)
+
+
+def _harden_ring(state: DragState, energy: Floats, spring: "_Spring") -> tuple[Floats, "_Spring"]:
+    """Return the energy that the swing of a hardening spring shows [J], and the spring's pitch.
+
+    2 k E = c A^2 + g A^4 / 2 about the level that it rings about; the force at A is A (c + g A^2).
+    """
+    double = 2.0 * state.nominal_stiffness * energy
+    root = np.sqrt(spring.level**2 + 2.0 * state.hardening * double)
+    square = 2.0 * double / (spring.level + root)
+    at_amplitude = (spring.level + state.hardening * square) ** 2
+    shown = square * at_amplitude / (2.0 * state.nominal_stiffness)
+    pitch = spring.level + 0.75 * state.pitch_share * state.hardening * square
+    return shown, spring._replace(pitch=pitch)
+
+
+def _lag_behind(state: DragState, shown: _Shown) -> _Shown:
+    """Show a trial by a gauge of first order.
+
+    It is late on the ramp by its time constant, and flattens the ring by sqrt(1 + (2 pi f tau)^2).
+    """
+    slope = state.stiffness * state.speed
+    late = np.maximum(state.lag, _LEAST_LAG)
+    ramp_time = np.maximum(shown.peak - shown.sliding, 0.0) / slope
+    share_seen = 1.0 - np.exp(-np.minimum(ramp_time / late, _MOST_RAMP))
+    peak = np.maximum(shown.peak - slope * late * share_seen, _LEAST_FORCE)
+    energy = shown.energy / (1.0 + (2.0 * np.pi * state.frequency * late) ** 2)
+    return shown._replace(peak=peak, energy=energy)
+
+
+def _bend_gauge(state: DragState, shown: _Shown, force: Floats, loop: Floats) -> _Shown:
+    """Show a trial by a gauge that is not linear, or has loops after Rayleigh.
+
+    The ring swings about the sliding force, and the line of the ramp ends below the peak `force`
+    that acts [N].
+    """
+    bend = state.gauge_square + state.gauge_hysteresis
+    sliding = shown.sliding
+    end = sliding + _LINE_SHARE * (force - sliding)
+    swing = 1.0 + 2.0 * state.gauge_square * sliding + _LOOP_AT_RELEASE * loop
+    return _Shown(
+        energy=shown.energy * swing**2,
+        peak=shown.peak * (1.0 + bend * shown.peak),
+        sliding=sliding * (1.0 + bend * sliding),
+        ramp=shown.ramp * (1.0 + bend * (sliding + end)),
+    )
+
+
+def _read_instrument(
+    state: DragState, shown: _Shown, spring: "_Spring", sliding: Floats, loop: Floats
+) -> Floats:
+    """Read the channels by the constants of both gauges and of their clock, shape (n, 7).
+
+    `sliding` is the force that acts before the edge [N], `loop` how far the loops open [1].
+    """
     pressed = np.maximum(state.set_load + state.sensed_offset, _LEAST_LOAD)
     normal = pressed + state.normal_cross_talk * sliding
     normal = normal * (1.0 + state.normal_square * normal)
     sensed = np.maximum(state.normal_gain * normal + state.normal_zero, _LEAST_LOAD)
     beside = state.zero + state.cross_talk * pressed
-    ring, ramp = (
-        state.ring_stiffness * spring.pitch / state.nominal_stiffness,
-        state.stiffness * spring.slope,
-    )
-    # loops after Rayleigh: a swing of A shows A (1 + b A), late by 4 b A / 3 pi; a fit of the ring
-    # weighs b A exp(-t / T) by exp(-2 t / T): 8/9 of it at the release, and T shorter by 4/9
-    loop = state.gauge_hysteresis * np.sqrt(2.0 * state.nominal_stiffness * energy)
-    if state.gauge_square.any() or loop.any():
-        # the ring swings about the sliding force, and the line of the ramp ends below the peak
-        bend = state.gauge_square + state.gauge_hysteresis
-        end = sliding + _LINE_SHARE * (force - sliding)
-        energy = energy * (1.0 + 2.0 * state.gauge_square * sliding + 8.0 / 9.0 * loop) ** 2
-        ramp = ramp * (1.0 + bend * (sliding + end))
-        peak, sliding = (one * (1.0 + bend * one) for one in (peak, sliding))
-    shown = (
-        np.log(np.maximum(state.gain**2 * energy, _LEAST_ENERGY)),
-        np.log(np.maximum(state.gain * peak + beside, _LEAST_FORCE)),
-        (state.gain * sliding + beside) / sensed,
-        state.gain
-        * ramp
-        / (1.0 + ramp * state.give)
-        * np.exp(-state.ln_clock)
-        / state.nominal_stiffness,
-        np.log(state.frequency * np.sqrt(ring))
-        - state.ln_clock
-        + 8.0 / 27.0 / np.pi**2 * loop / (state.frequency * state.decay_time),
-        np.log(state.decay_time / state.damping) + state.ln_clock - 4.0 / 9.0 * loop,
+    energy = np.maximum(state.gain**2 * shown.energy, _LEAST_ENERGY)
+    peak = np.maximum(state.gain * shown.peak + beside, _LEAST_FORCE)
+    friction = (state.gain * shown.sliding + beside) / sensed
+    ramp = state.gain * shown.ramp / (1.0 + shown.ramp * state.give)
+    spring_constant = ramp * np.exp(-state.ln_clock) / state.nominal_stiffness
+    ring_stiffness = state.ring_stiffness * spring.pitch / state.nominal_stiffness
+    frequency = np.log(state.frequency * np.sqrt(ring_stiffness)) - state.ln_clock
+    flattening = 8.0 / 27.0 / np.pi**2 * loop / (state.frequency * state.decay_time)
+    decay = np.log(state.decay_time / state.damping) + state.ln_clock
+    channels = (
+        np.log(energy),
+        np.log(peak),
+        friction,
+        spring_constant,
+        frequency + flattening,
+        decay - _LOOP_OF_DECAY * loop,
         sensed / state.set_load,
     )
-    return np.asarray(np.array(shown).T, order="C")
+    return np.asarray(np.array(channels).T, order="C")
 
 
 class _Spring(NamedTuple):
-    # What a spring ``F = u + g u^3`` is at one deflection ``u = k x`` [N], each of shape (n,)
+    """What a spring ``F = u + g u^3`` is at one deflection ``u = k x`` [N], each of shape (n,)."""
+
     stored: Floats  # energy at the peak [J]
     slope: Floats  # of the straight line through its ramp, over k
     level: Floats  # its stiffness at the sliding force, over k
@@ -226,18 +268,18 @@ class _Spring(NamedTuple):
 
 
 def _compute_spring(state: DragState, force: Floats, sliding: Floats) -> _Spring:
+    """Compute the spring between the sliding force and the peak [N]."""
     if not state.hardening.any():
-        one = np.ones_like(force)
-        return _Spring(kernels.compute_stored_energy(force, state.stiffness), one, one, one)
+        unity = np.ones_like(force)
+        stored = kernels.compute_stored_energy(force, state.stiffness)
+        return _Spring(stored, unity, unity, unity)
     cubic = state.hardening
-    low, top = (kernels.compute_softened_force(one, cubic) for one in (sliding, force))
+    low = kernels.compute_softened_force(sliding, cubic)
+    top = kernels.compute_softened_force(force, cubic)
     # the least-squares line through u + g u^3 over a stretch of u, in closed form
     half = 0.5 * _LINE_SHARE * np.maximum(top - low, 0.0)
     middle = low + half
     slope = 1.0 + cubic * (3.0 * middle**2 + 0.6 * half**2)
     level = 1.0 + 3.0 * cubic * low**2
-    stored = (
-        kernels.compute_stored_energy(top, state.stiffness)
-        + 0.25 * cubic * top**4 / state.stiffness
-    )
-    return _Spring(stored, slope, level, level)
+    linear = kernels.compute_stored_energy(top, state.stiffness)
+    return _Spring(linear + 0.25 * cubic * top**4 / state.stiffness, slope, level, level)

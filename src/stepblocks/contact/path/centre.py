@@ -1,7 +1,4 @@
-"""The path of the ball's centre over a stimulus, what a point-like proxy slides on.
-
-Corners become circles, planes lines.
-"""
+"""The path of the ball's centre over a stimulus: corners become circles, planes lines."""
 
 import itertools
 import math
@@ -14,15 +11,40 @@ from numpy.typing import ArrayLike, NDArray
 from stepblocks.contact import Array
 from stepblocks.errors import ContactError
 
-Disc = tuple[float, float, float]  # centre and radius [m]
-Line = tuple[tuple[float, float], tuple[float, float]]  # from one point to another [m]
+Point = tuple[float, float]  # x and z [m]
 STEEPEST = 1e9  # slope that stands for a vertical wall
 # chord of a circle [rad]; the slope between knots is interpolated, so the notch itself is exact
 _ANGLE_STEP = 2e-3
+_LEAST_KNOTS = 16  # of one circle
+_MOST_CORNERS = 2000  # of a profile
+_PASSES = 3  # each adds the crossings that it finds
 _MOST_KNOTS = 20_000  # of all circles together; a scan has hundreds of them
 _CATCH = 1e-6  # a change of slope that counts as a notch
 _CLOSE = 1e-15  # by which a place may lie beside the end of a shape [m]
 _AT_ONCE = 100_000  # heights of all shapes, beyond which a path is looked at in parts
+
+
+class Disc(NamedTuple):
+    """A disc, or a corner of radius 0."""
+
+    x: float  # of its centre [m]
+    z: float  # of its centre [m]
+    radius: float  # [m]
+
+
+class Line(NamedTuple):
+    """A line towards growing x."""
+
+    start: Point
+    end: Point
+
+
+class Notch(NamedTuple):
+    """Where a probe catches on the path of its centre."""
+
+    x: float  # [m]
+    z: float  # [m]
+    angle: float  # critical angle [rad]; 0 for none
 
 
 class FeatureRange(NamedTuple):
@@ -57,32 +79,40 @@ class CentrePath:
     slope_end: Array
     feature: FeatureRange | None = field(default=None, kw_only=True)
 
-    def find_notch(self, direction: float) -> tuple[float, float, float]:
-        """Find where the probe catches: x, z and the critical angle, 0 for none."""
-        slope, knots = (
-            (self.slope_start, slice(0, -1)) if direction > 0 else (-self.slope_end, slice(1, None))
-        )
+    def find_notch(self, direction: float) -> Notch:
+        """Find where the probe catches: the steepest rise in the direction of the drag."""
+        is_forward = direction > 0
+        if is_forward:
+            slope, x = self.slope_start, self.x[:-1]
+        else:
+            slope, x = -self.slope_end, self.x[1:]
         if self.feature is not None:
             reach = self.feature.ball_radius * slope / np.hypot(1.0, slope)
-            touched = self.x[knots] + math.copysign(1.0, direction) * reach
-            slope = np.where(
-                (touched >= self.feature.first) & (touched <= self.feature.last), slope, -np.inf
-            )
-        index = int(np.argmax(slope))
-        rise = float(slope[index])
-        knot = index + (direction <= 0)
-        angle = 0.5 * math.pi if rise >= STEEPEST else math.atan(max(rise, 0.0))
-        return float(self.x[knot]), float(self.z[knot]), angle if angle > _CATCH else 0.0
+            touched = x + math.copysign(1.0, direction) * reach
+            is_asked = (touched >= self.feature.first) & (touched <= self.feature.last)
+            slope = np.where(is_asked, slope, -np.inf)
+        piece = int(np.argmax(slope))
+        knot = piece if is_forward else piece + 1
+        return Notch(float(self.x[knot]), float(self.z[knot]), _find_angle(float(slope[piece])))
 
     def scaled(self, scale: float) -> "CentrePath":
         """Return the path magnified; slopes, and with them all forces, stay."""
+        feature = self.feature
+        if feature is not None:
+            feature = FeatureRange(
+                scale * feature.first, scale * feature.last, scale * feature.ball_radius
+            )
         return CentrePath(
-            self.x * scale,
-            self.z * scale,
-            self.slope_start,
-            self.slope_end,
-            feature=self.feature and FeatureRange(*(scale * one for one in self.feature)),
+            self.x * scale, self.z * scale, self.slope_start, self.slope_end, feature=feature
         )
+
+
+def _find_angle(slope: float) -> float:
+    """Find the critical angle of a slope [rad]; 0 where it is too small to catch."""
+    if slope >= STEEPEST:
+        return 0.5 * math.pi
+    angle = math.atan(max(slope, 0.0))
+    return angle if angle > _CATCH else 0.0
 
 
 def find_outline(points: ArrayLike) -> tuple[list[Disc], list[Line]]:
@@ -90,102 +120,140 @@ def find_outline(points: ArrayLike) -> tuple[list[Disc], list[Line]]:
 
     Equal x make a vertical wall.
     """
-    flat = np.asarray(points, dtype=np.float64)
+    corners = np.asarray(points, dtype=np.float64)
     # every corner becomes a circle, and every circle is compared with every other
-    ContactError.require(
-        2 <= len(flat) <= 2000 and np.isfinite(flat).all() and (np.diff(flat[:, 0]) >= 0.0).all(),
-        f"a profile must have 2 to 2000 finite points that do not descend in x, got {len(flat)}",
+    is_outline = (
+        2 <= len(corners) <= _MOST_CORNERS
+        and np.isfinite(corners).all()
+        and (np.diff(corners[:, 0]) >= 0.0).all()
     )
-    corners = [(float(x), float(z)) for x, z in flat]
-    lines = [(a, b) for a, b in itertools.pairwise(corners) if b[0] > a[0]]
-    return [(x, z, 0.0) for x, z in corners[1:-1]], lines
+    if not is_outline:
+        raise ContactError(
+            f"a profile must have 2 to {_MOST_CORNERS} finite points that do not descend in x, got "
+            f"{len(corners)}"
+        )
+    discs = [Disc(x, z, 0.0) for x, z in corners[1:-1].tolist()]
+    lines = []
+    for (x0, z0), (x1, z1) in itertools.pairwise(corners.tolist()):
+        if x1 > x0:
+            lines.append(Line((x0, z0), (x1, z1)))
+    return discs, lines
 
 
 def build_envelope_path(discs: list[Disc], lines: list[Line], ball_radius: float) -> CentrePath:
     """Upper envelope of circles grown by the ball and of lines lifted by it."""
-    start, end = lines[0][0][0], lines[-1][1][0]
+    start, end = lines[0].start[0], lines[-1].end[0]
     shapes = _Shapes(discs, lines, ball_radius)
-    knots = np.unique(np.clip(np.concatenate([[start, end], shapes.knots()]), start, end))
-    for _ in range(3):  # each pass adds the crossings that it finds between neighbouring pieces
-        middle = 0.5 * (knots[1:] + knots[:-1])
-        top = shapes.top(middle)
-        changes = np.flatnonzero(top[1:] != top[:-1])
-        found = [shapes.crossing(top[i : i + 2], middle[i], middle[i + 1]) for i in changes]
-        merged = np.unique(np.concatenate([knots, found])) if found else knots
-        merged = merged[np.concatenate([[True], np.diff(merged) > _CLOSE])]
-        if len(merged) == len(knots):
+    knots = np.unique(np.clip(np.concatenate([[start, end], shapes.place_knots()]), start, end))
+    for _ in range(_PASSES):
+        refined = _add_crossings(shapes, knots)
+        if len(refined) == len(knots):
             break
-        knots = merged
-    top = shapes.top(0.5 * (knots[1:] + knots[:-1]))
+        knots = refined
+    top = shapes.find_top(0.5 * (knots[1:] + knots[:-1]))
     return CentrePath(
         knots,
-        shapes.heights(shapes.top(knots), knots),
-        shapes.slopes(top, knots[:-1]),
-        shapes.slopes(top, knots[1:]),
+        shapes.compute_heights(shapes.find_top(knots), knots),
+        shapes.compute_slopes(top, knots[:-1]),
+        shapes.compute_slopes(top, knots[1:]),
     )
 
 
+def _add_crossings(shapes: "_Shapes", knots: Array) -> Array:
+    """Add the crossings between neighbouring pieces whose highest shapes differ."""
+    middle = 0.5 * (knots[1:] + knots[:-1])
+    top = shapes.find_top(middle)
+    crossings = []
+    for piece in np.flatnonzero(top[1:] != top[:-1]).tolist():
+        pair = top[piece : piece + 2]
+        crossings.append(shapes.find_crossing(pair, middle[piece], middle[piece + 1]))
+    merged = np.unique(np.concatenate([knots, crossings]))
+    is_apart = np.concatenate([[True], np.diff(merged) > _CLOSE])
+    return np.asarray(merged[is_apart])
+
+
+class _Row(NamedTuple):
+    """A circle or a line as one row of `_Shapes`."""
+
+    x: float  # of the middle, or of the first point [m]
+    z: float  # of the same [m]
+    radius: float  # 0 for a line [m]
+    slope: float  # 0 for a circle [1]
+    begin: float  # from where [m]
+    end: float  # to where [m]
+
+
 class _Shapes:
-    # Circles, then lines: middle or first point, radius and slope, and from where to where
+    """Circles, then lines, as arrays of shape (n,)."""
+
     def __init__(self, discs: list[Disc], lines: list[Line], ball_radius: float) -> None:
         self.circles = len(discs)
-        rows = [
-            (x, z, r + ball_radius, 0.0, x - r - ball_radius, x + r + ball_radius)
-            for x, z, r in discs
-        ]
-        for (x0, z0), (x1, z1) in lines:
-            slope = (z1 - z0) / (x1 - x0)
-            length = math.hypot(1.0, slope)
-            shift = -ball_radius * slope / length
-            rows.append((x0 + shift, z0 + ball_radius / length, 0.0, slope, x0 + shift, x1 + shift))
-        self.x, self.z, self.r, self.slope, self.begin, self.end = np.array(rows).T
+        rows = [_grow_disc(disc, ball_radius) for disc in discs]
+        rows += [_lift_line(line, ball_radius) for line in lines]
+        self.x, self.z, self.radius, self.slope, self.begin, self.end = np.array(rows).T
 
-    def knots(self) -> Array:
-        count = max(16, min(math.ceil(math.pi / _ANGLE_STEP), _MOST_KNOTS // max(self.circles, 1)))
-        circles: Array = (
-            self.x[: self.circles, None]
-            + self.r[: self.circles, None]
-            * np.sin(np.linspace(-0.5 * math.pi, 0.5 * math.pi, count))
-        ).ravel()
-        return np.concatenate([circles, self.begin[self.circles :], self.end[self.circles :]])
+    def place_knots(self) -> Array:
+        """Lay knots on every circle, and at both ends of every line [m]."""
+        count = math.ceil(math.pi / _ANGLE_STEP)
+        count = max(_LEAST_KNOTS, min(count, _MOST_KNOTS // max(self.circles, 1)))
+        sines = np.sin(np.linspace(-0.5 * math.pi, 0.5 * math.pi, count))
+        middle, radius = self.x[: self.circles, None], self.radius[: self.circles, None]
+        on_circles = (middle + radius * sines).ravel()
+        lines = slice(self.circles, None)
+        return np.concatenate([on_circles, self.begin[lines], self.end[lines]])
 
-    def heights(self, index: NDArray[np.int64], x: Array | float) -> Array:
-        # Heights of shapes, by number, at their places
+    def compute_heights(self, index: NDArray[np.int64], x: Array | float) -> Array:
+        """Heights of shapes, by number, at their places [m]; minus infinity beyond their ends."""
         run = x - self.x[index]
-        across = self.r[index] ** 2 - run**2
+        across = self.radius[index] ** 2 - run**2
         height = self.z[index] + self.slope[index] * run + np.sqrt(np.maximum(across, 0.0))
-        is_there = (
-            (x >= self.begin[index] - _CLOSE)
-            & (x <= self.end[index] + _CLOSE)
-            & ((across >= 0.0) | (index >= self.circles))
-        )
+        is_between = (x >= self.begin[index] - _CLOSE) & (x <= self.end[index] + _CLOSE)
+        is_there = is_between & ((across >= 0.0) | (index >= self.circles))
         return np.where(is_there, height, -np.inf)
 
-    def top(self, x: Array) -> NDArray[np.int64]:
-        # Highest shape at each place: in a short part of the path few shapes lie
-        found = []
-        for part in np.array_split(x, max(1, len(x) * len(self.x) // _AT_ONCE)):
+    def find_top(self, x: Array) -> NDArray[np.int64]:
+        """Find the highest shape at each place, part by part: few shapes lie in each."""
+        parts = max(1, len(x) * len(self.x) // _AT_ONCE)
+        highest = []
+        for part in np.array_split(x, parts):
             is_near = (self.begin <= part[-1] + _CLOSE) & (self.end >= part[0] - _CLOSE)
             near = np.union1d(0, np.flatnonzero(is_near))  # where none is, the first
-            found.append(near[self.heights(near[:, None], part).argmax(axis=0)])
-        return np.concatenate(found)
+            heights = self.compute_heights(near[:, None], part)
+            highest.append(near[heights.argmax(axis=0)])
+        return np.concatenate(highest)
 
-    def crossing(self, pair: NDArray[np.int64], low: float, high: float) -> float:
+    def find_crossing(self, pair: NDArray[np.int64], low: float, high: float) -> float:
+        """Find where two shapes cross between two places [m]; the lower place if they do not."""
         from scipy.optimize import brentq
 
-        def difference(x: float) -> float:
-            a, b = self.heights(pair, x).tolist()
-            return math.copysign(1.0, a) if math.isinf(a) or math.isinf(b) else a - b
+        def compute_difference(x: float) -> float:
+            first, second = self.compute_heights(pair, x).tolist()
+            if math.isinf(first) or math.isinf(second):
+                return math.copysign(1.0, first)
+            return float(first - second)
 
-        if difference(low) * difference(high) >= 0.0:
+        if compute_difference(low) * compute_difference(high) >= 0.0:
             return low
-        return float(brentq(difference, low, high, xtol=1e-16, rtol=8.9e-16))
+        return float(brentq(compute_difference, low, high, xtol=1e-16, rtol=8.9e-16))
 
-    def slopes(self, index: NDArray[np.int64], x: Array) -> Array:
+    def compute_slopes(self, index: NDArray[np.int64], x: Array) -> Array:
+        """Slopes of shapes, by number, at their places [1]."""
         run = self.x[index] - x
-        across = np.sqrt(np.maximum(self.r[index] ** 2 - run**2, _CLOSE**2))
-        return np.asarray(
-            np.where(
-                index < self.circles, np.clip(run / across, -STEEPEST, STEEPEST), self.slope[index]
-            )
-        )
+        across = np.sqrt(np.maximum(self.radius[index] ** 2 - run**2, _CLOSE**2))
+        on_circle = np.clip(run / across, -STEEPEST, STEEPEST)
+        return np.asarray(np.where(index < self.circles, on_circle, self.slope[index]))
+
+
+def _grow_disc(disc: Disc, ball_radius: float) -> _Row:
+    """Grow a disc by the ball."""
+    begin, end = disc.x - disc.radius - ball_radius, disc.x + disc.radius + ball_radius
+    return _Row(disc.x, disc.z, disc.radius + ball_radius, 0.0, begin, end)
+
+
+def _lift_line(line: Line, ball_radius: float) -> _Row:
+    """Lift a line by the ball along its normal."""
+    (x0, z0), (x1, z1) = line
+    slope = (z1 - z0) / (x1 - x0)
+    length = math.hypot(1.0, slope)
+    shift = -ball_radius * slope / length
+    return _Row(x0 + shift, z0 + ball_radius / length, 0.0, slope, x0 + shift, x1 + shift)

@@ -1,7 +1,4 @@
-"""The path of a probe tip over a profile.
-
-Exact dilation by a ball, what it touches, and where the tip catches.
-"""
+"""The path of a probe tip over a profile: its dilation by a ball, and where the tip catches."""
 
 import math
 from dataclasses import dataclass
@@ -15,6 +12,8 @@ from stepblocks.contact.domain import require_points, require_positive
 from stepblocks.contact.path import profile_kernels as kernels
 from stepblocks.errors import ContactError
 
+_NO_ELEMENT = -1
+_JUMP_WIDTH = 2e-13  # radii
 _MOST_POSITIONS = 4_000_000  # of the path; it takes 100 bytes for each
 
 
@@ -37,16 +36,16 @@ class TipPath:
         """Return the path as it is met on the way back."""
         x0, z0, x1, z1, offset = self.elements[::-1].T
         elements = np.ascontiguousarray(np.column_stack([-x1, z1, -x0, z0, -offset]))
-        position, contact = (
-            np.ascontiguousarray(-self.position[::-1]),
-            np.ascontiguousarray(-self.contact[::-1]),
-        )
-        element = np.where(self.element < 0, -1, len(elements) - 1 - self.element)[::-1].copy()
+        position = np.ascontiguousarray(-self.position[::-1])
+        contact = np.ascontiguousarray(-self.contact[::-1])
+        counted_back = len(elements) - 1 - self.element
+        element = np.where(self.element < 0, _NO_ELEMENT, counted_back)[::-1].copy()
+        slope = kernels.compute_path_slopes(position, contact, element, self.ball_radius)
         return TipPath(
             position,
             self.height[::-1].copy(),
             contact,
-            kernels.compute_path_slopes(position, contact, element, self.ball_radius),
+            slope,
             element,
             elements,
             self.ball_radius,
@@ -64,79 +63,75 @@ def build_profile_path(
 
     Two points at one place are a riser; a point of NaN was not measured.
     """
-    # exact dilation, h(x) = max_u z(u) - t(u - x), at positions that must increase; the surface
-    # goes on level beyond both ends
+    # exact dilation, h(x) = max_u z(u) - t(u - x), at positions that must increase
     require_positive("ball radius", ball_radius, "m")
     xs, zs = _check_profile(x, z)
-    finite = np.isfinite(zs)
-    width = 2.0 * ball_radius
-    elements = _list_elements(xs, zs, ball_radius)
-    (first, last), (start, end) = xs[finite][[0, -1]], zs[finite][[0, -1]]
-    elements = np.vstack(
-        [
-            [first - 2.0 * width, start, first, start, 0.0],
-            elements,
-            [last, end, last + 2.0 * width, end, 0.0],
-        ]
-    )
-    where = _choose_positions(xs, width) if positions is None else positions
-    height, contact, which = kernels.dilate_profile(where, elements, ball_radius)
-    return TipPath(
-        where,
-        height,
-        contact,
-        kernels.compute_path_slopes(where, contact, which, ball_radius),
-        which,
-        elements,
-        ball_radius,
-    )
+    elements = _add_level_ends(_list_elements(xs, zs, ball_radius), xs, zs, ball_radius)
+    where = _choose_positions(xs, ball_radius) if positions is None else positions
+    height, contact, element = kernels.dilate_profile(where, elements, ball_radius)
+    slope = kernels.compute_path_slopes(where, contact, element, ball_radius)
+    return TipPath(where, height, contact, slope, element, elements, ball_radius)
+
+
+def _add_level_ends(elements: Array, x: Array, z: Array, ball_radius: float) -> Array:
+    """Let the surface go on level beyond both ends, farther than the tip reaches."""
+    is_measured = np.isfinite(z)
+    first, last = x[is_measured][[0, -1]]
+    start, end = z[is_measured][[0, -1]]
+    beyond = 4.0 * ball_radius
+    before = [first - beyond, start, first, start, 0.0]
+    behind = [last, end, last + beyond, end, 0.0]
+    return np.vstack([before, elements, behind])
 
 
 def _list_elements(x: Array, z: Array, radius: float) -> Array:
-    # Segments of a profile with the offset at which the ball is as steep as each, shape (m, 5) [m]
-    finite = np.isfinite(z)
-    joined = finite[:-1] & finite[1:]
-    lone = finite & ~np.concatenate([[False], joined]) & ~np.concatenate([joined, [False]])
-    ends = x[:-1], z[:-1], x[1:], z[1:]
-    pieces = [
-        np.concatenate([end[joined], own[lone]])
-        for end, own in zip(ends, (x, z, x, z), strict=True)
-    ]
-    order = np.argsort(pieces[0], kind="stable")
-    x0, z0, x1, z1 = (piece[order] for piece in pieces)
+    """Segments of a profile with the offset at which the ball is as steep as each [m].
+
+    The shape is (m, 5); a measured point without a measured neighbour is a segment of no length.
+    """
+    is_measured = np.isfinite(z)
+    is_joined = is_measured[:-1] & is_measured[1:]
+    joins_left, joins_right = np.append(False, is_joined), np.append(is_joined, False)
+    is_lone = is_measured & ~joins_left & ~joins_right
+    x0 = np.concatenate([x[:-1][is_joined], x[is_lone]])
+    z0 = np.concatenate([z[:-1][is_joined], z[is_lone]])
+    x1 = np.concatenate([x[1:][is_joined], x[is_lone]])
+    z1 = np.concatenate([z[1:][is_joined], z[is_lone]])
+    order = np.argsort(x0, kind="stable")
+    x0, z0, x1, z1 = x0[order], z0[order], x1[order], z1[order]
     length = np.hypot(x1 - x0, z1 - z0)
     offset = np.divide(radius * (z1 - z0), length, out=np.zeros_like(length), where=length > 0.0)
     return np.ascontiguousarray(np.column_stack([x0, z0, x1, z1, offset]))
 
 
 def _check_profile(x: ArrayLike, z: ArrayLike) -> tuple[Array, Array]:
+    """Return positions and heights [m] as arrays, or refuse what has no path."""
     xs, zs = np.asarray(x, dtype=np.float64), np.asarray(z, dtype=np.float64)
     require_points(xs, zs)
-    ContactError.require(
-        np.isfinite(xs).all(), "profile positions must be finite, got a NaN or an infinity"
-    )
-    ContactError.require(
-        not np.isinf(zs).any(), "profile heights must be finite or NaN for missing, got an infinity"
-    )
-    ContactError.require(
-        np.isfinite(zs).sum() >= 2, "profile needs at least 2 heights that are not NaN"
-    )
+    if not np.isfinite(xs).all():
+        raise ContactError("profile positions must be finite, got a NaN or an infinity")
+    if np.isinf(zs).any():
+        raise ContactError("profile heights must be finite or NaN for missing, got an infinity")
+    if np.isfinite(zs).sum() < 2:
+        raise ContactError("profile needs at least 2 heights that are not NaN")
     return xs, zs
 
 
-def _choose_positions(x: Array, width: float) -> Array:
+def _choose_positions(x: Array, ball_radius: float) -> Array:
+    """Positions of the tip [m]: every point, and between them so many that none is far."""
     # a ball meets the first point from a radius away
-    x = np.concatenate([[x[0] - 0.5 * width], x, [x[-1] + 0.5 * width]])
-    pieces = np.maximum(np.ceil(np.diff(x) / (0.04 * width)), 1)
-    ContactError.require(
-        pieces.sum() <= _MOST_POSITIONS,
-        f"profile of {x[-1] - x[0]:.3g} m with {x.size} points is too long for a ball of "
-        f"{0.5 * width:.3g} m; cut it out around the edge",
-    )
+    ends = np.concatenate([[x[0] - ball_radius], x, [x[-1] + ball_radius]])
+    widths = np.diff(ends)
+    pieces = np.maximum(np.ceil(widths / (0.04 * (2.0 * ball_radius))), 1)
+    if pieces.sum() > _MOST_POSITIONS:
+        raise ContactError(
+            f"profile of {ends[-1] - ends[0]:.3g} m with {ends.size} points is too long for a ball "
+            f"of {ball_radius:.3g} m; cut it out around the edge"
+        )
     pieces = pieces.astype(int)
-    number = np.arange(pieces.sum()) - np.repeat(np.cumsum(pieces) - pieces, pieces)
-    starts = number * np.repeat(np.diff(x) / pieces, pieces) + np.repeat(x[:-1], pieces)
-    return np.unique(np.append(starts, x[-1]))
+    numbers = np.arange(pieces.sum()) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+    starts = numbers * np.repeat(widths / pieces, pieces) + np.repeat(ends[:-1], pieces)
+    return np.unique(np.append(starts, ends[-1]))
 
 
 class Catch(NamedTuple):
@@ -154,30 +149,43 @@ def find_steepest_catch(path: TipPath, within: tuple[float, float] | None = None
 
     `within` holds the search to a range of the positions that the tip touches [m].
     """
-    rise = np.diff(path.height) / np.diff(path.position)
-    finite = rise[np.isfinite(rise)]
-    # the mean slope of an interval is never more than its greatest, a little less guards against
-    # rounding: only steeper ones count
-    floor = float(finite.max()) * (1.0 - 1e-9) - 1e-9 if finite.size else 0.0
     # steepest rise between neighbouring positions, its place, and the contact there, (n - 1, 3)
-    slopes = kernels.find_steepest_in_each(
+    steepest = kernels.find_steepest_in_each(
         path.position,
         path.height,
         path.contact,
         path.element,
-        -math.inf if within is not None else floor,
+        _find_least_steepest(path) if within is None else -math.inf,
         path.elements,
         path.ball_radius,
-        max(2e-13 * path.ball_radius, 4.0 * float(np.spacing(np.abs(path.position).max()))),
+        _find_tolerance(path),
     )
-    ContactError.require(
-        not np.isnan(slopes[:, 0]).all(),
-        "path has no two neighbouring positions with a surface under the tip",
-    )
+    if np.isnan(steepest[:, 0]).all():
+        raise ContactError("path has no two neighbouring positions with a surface under the tip")
     if within is not None:
-        inside = (slopes[:, 2] >= within[0]) & (slopes[:, 2] <= within[1])
-        if not inside.any():
+        first, last = within
+        is_inside = (steepest[:, 2] >= first) & (steepest[:, 2] <= last)
+        if not is_inside.any():
             return Catch(math.nan, math.nan, 0.0)  # the tip touches nothing there
-        slopes = slopes[inside]
-    slope, where, contact = map(float, slopes[np.nanargmax(slopes[:, 0])])
-    return Catch(where, contact, math.atan(max(slope, 0.0)))
+        steepest = steepest[is_inside]
+    slope, position, contact = steepest[np.nanargmax(steepest[:, 0])].tolist()
+    return Catch(position, contact, math.atan(max(slope, 0.0)))
+
+
+def _find_least_steepest(path: TipPath) -> float:
+    """Find a slope that the steepest one reaches at least [1]: only steeper intervals count.
+
+    The mean slope of an interval is never more than its greatest; a little less guards against
+    rounding.
+    """
+    rise = np.diff(path.height) / np.diff(path.position)
+    measured = rise[np.isfinite(rise)]
+    if measured.size == 0:
+        return 0.0
+    return float(measured.max()) * (1.0 - 1e-9) - 1e-9
+
+
+def _find_tolerance(path: TipPath) -> float:
+    """Find the width [m] below which an interval that still climbs is a jump."""
+    of_rounding = 4.0 * float(np.spacing(np.abs(path.position).max()))
+    return max(_JUMP_WIDTH * path.ball_radius, of_rounding)

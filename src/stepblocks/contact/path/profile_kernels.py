@@ -12,21 +12,27 @@ from numpy.typing import NDArray
 from stepblocks.contact import Array
 
 # The surface is a row of elements, segments from (x0, z0) to (x1, z1) in order of x; a lone sample
-# is one of no length
-_CHUNK = 512
+# is one of no length. Columns: x0, z0, x1, z1, and how far from the tip's axis the ball is as steep
+# as the element.
+_CHUNK = 512  # positions whose elements stay in the cache of the processor
+_DEPTH = 128  # of the halving of a chunk
+_BRACKETS = 256  # that are halved at once
 _JUMP = 1e6  # slope of 89.99994 deg
 _SAME = 1e-6  # share by which slopes may differ along one line, from the rounding of its points
+_GREATEST = 1e12  # slope from which that share is not taken
 
 
 @njit(cache=True)
-def _compute_height_resting_on(
+def _compute_resting_height(
     u: float, x: float, x0: float, z0: float, x1: float, z1: float, radius: float
 ) -> float:
-    # Height at which the ball at `x` rests on a segment's point `u`, within its reach but for
-    # rounding
+    """Height at which the ball at `x` rests on a segment's point `u` [m].
+
+    The point is within its reach but for rounding.
+    """
     z = z0 + (z1 - z0) * ((u - x0) / (x1 - x0)) if x1 > x0 else max(z0, z1)
-    squared = min((u - x) * (u - x), radius * radius)
-    return z - squared / (radius + math.sqrt(radius * radius - squared))
+    square = min((u - x) * (u - x), radius * radius)
+    return z - square / (radius + math.sqrt(radius * radius - square))
 
 
 @njit(cache=True)
@@ -35,74 +41,91 @@ def find_best_contact(
 ) -> tuple[float, float, int]:
     """Height of the tip at `x`, contact position and element among `first` to `last`, or -1."""
     low, high = x - radius, x + radius
-    best, where, which = -np.inf, math.nan, -1
-    for e in range(first, last + 1):
-        x0, z0, x1, z1 = elements[e, 0], elements[e, 1], elements[e, 2], elements[e, 3]
-        # t is never negative: an element below the best rest cannot carry the tip
-        if (z0 <= best and z1 <= best) or x1 < low or x0 > high:
+    best, contact, touched = -np.inf, math.nan, -1
+    for element in range(first, last + 1):
+        x0, z0 = elements[element, 0], elements[element, 1]
+        x1, z1 = elements[element, 2], elements[element, 3]
+        if x1 < low or x0 > high:
             continue
-        # elements[e, 4] is where the ball is as steep as the element
-        u = min(max(x + elements[e, 4], max(x0, low)), min(x1, high))
-        rest = _compute_height_resting_on(u, x, x0, z0, x1, z1, radius)
-        if rest > best:
-            best, where, which = rest, u, e
-    return best, where, which
+        # an element below the best rest cannot carry the tip
+        if z0 <= best and z1 <= best:
+            continue
+        as_steep = x + elements[element, 4]
+        u = min(max(as_steep, max(x0, low)), min(x1, high))
+        height = _compute_resting_height(u, x, x0, z0, x1, z1, radius)
+        if height > best:
+            best, contact, touched = height, u, element
+    return best, contact, touched
 
 
 @njit(cache=True)
 def dilate_profile(
     positions: Array, elements: Array, radius: float
 ) -> tuple[Array, Array, NDArray[np.int64]]:
-    """Height of the tip, contact position and element at each of the increasing `positions`."""
-    n = positions.size
-    height, contact, which = np.empty(n), np.empty(n), np.empty(n, np.int64)
+    """Height of the tip, contact position and element at each of the increasing `positions`.
+
+    The contact moves to the right with the ball: halving the positions narrows the candidates, at a
+    cost of N log N.
+    """
+    count = positions.size
+    height, contact = np.empty(count), np.empty(count)
+    touched = np.empty(count, np.int64)
     # first and last element within the tip's reach at each position
     under = np.searchsorted(elements[:, 2], positions - radius)
     until = np.searchsorted(elements[:, 0], positions + radius, side="right") - 1
-    stack = np.empty((128, 4), np.int64)
-    # the contact moves to the right with the ball: halving the positions narrows the candidates, at
-    # a cost of N log N
-    for start in range(0, n, _CHUNK):  # chunks keep the candidates in the cache
-        stop = min(start + _CHUNK, n) - 1
+    stack = np.empty((_DEPTH, 4), np.int64)
+    for start in range(0, count, _CHUNK):
+        stop = min(start + _CHUNK, count) - 1
         stack[0] = (start, stop, under[start], until[stop])
         depth = 1
         while depth > 0:
             depth -= 1
-            a, b, first, last = stack[depth]
-            middle = (a + b) // 2
-            begin, end = max(first, under[middle]), min(last, until[middle])
-            rest, u, e = find_best_contact(positions[middle], begin, end, elements, radius)
-            height[middle] = rest if e >= 0 else math.nan
-            contact[middle], which[middle] = u, e
-            if a < middle:
-                stack[depth] = (a, middle - 1, first, e if e >= 0 else last)
+            begin, end, first, last = stack[depth]
+            middle = (begin + end) // 2
+            resting, u, element = find_best_contact(
+                positions[middle],
+                max(first, under[middle]),
+                min(last, until[middle]),
+                elements,
+                radius,
+            )
+            height[middle] = resting if element >= 0 else math.nan
+            contact[middle], touched[middle] = u, element
+            if begin < middle:
+                stack[depth] = (begin, middle - 1, first, element if element >= 0 else last)
                 depth += 1
-            if middle < b:
-                stack[depth] = (middle + 1, b, e if e >= 0 else first, last)
+            if middle < end:
+                stack[depth] = (middle + 1, end, element if element >= 0 else first, last)
                 depth += 1
-    return height, contact, which
+    return height, contact, touched
 
 
 @njit(cache=True)
 def _compute_slope(x: float, u: float, radius: float) -> float:
-    # Slope of the path just ahead of the ball that touches at `u`
-    v = u - x
-    if abs(v) >= radius:
-        return math.copysign(np.inf, v)
-    return v / math.sqrt((radius - v) * (radius + v))
+    """Slope of the path just ahead of the ball at `x` that touches at `u` [1]."""
+    ahead = u - x
+    if abs(ahead) >= radius:
+        return math.copysign(np.inf, ahead)
+    return ahead / math.sqrt((radius - ahead) * (radius + ahead))
 
 
 @njit(cache=True)
-def compute_path_slopes(positions: Array, contact: Array, which: Array, radius: float) -> Array:
-    """Slope of the path at each position, from the contact found there.
+def compute_path_slopes(positions: Array, contact: Array, touched: Array, radius: float) -> Array:
+    """Slope of the path at each position, from the contact found there [1].
 
     NaN where nothing is touched.
     """
     slopes = np.full(positions.size, np.nan)
-    for k in range(positions.size):
-        if which[k] >= 0:
-            slopes[k] = _compute_slope(positions[k], contact[k], radius)
+    for number in range(positions.size):
+        if touched[number] >= 0:
+            slopes[number] = _compute_slope(positions[number], contact[number], radius)
     return slopes
+
+
+@njit(cache=True)
+def _allow_rounding(slope: float) -> float:
+    """By how much a slope may differ from another along one line [1]."""
+    return _SAME * min(abs(slope), _GREATEST)
 
 
 @njit(cache=True)
@@ -114,37 +137,37 @@ def _find_steepest_between(
     radius: float,
     tolerance: float,
 ) -> tuple[float, float, float]:
-    # Greatest slope over `best` of the path between two `ends` (x, h, x, h), where, and the contact
-    # there
-    # while one element is touched the path is concave and steepest at its left end: only brackets
-    # whose ends touch different elements are halved, and one of the width `tolerance` that still
-    # climbs is a jump of infinite slope
-    where = touch = math.nan
-    stack, marks = np.empty((256, 4)), np.empty((256, 2), np.int64)
+    """Greatest slope over `best` of the path between two `ends`, where, and the contact there.
+
+    Ends are (x, h, x, h) [m]. While one element is touched the path is concave and steepest at its
+    left end: only brackets whose ends touch different elements are halved, and one of the width
+    `tolerance` that still climbs is a jump of infinite slope.
+    """
+    where = contact = math.nan
+    stack, marks = np.empty((_BRACKETS, 4)), np.empty((_BRACKETS, 2), np.int64)
     stack[0], marks[0] = ends, touched
     depth = 1
     while depth > 0:
         depth -= 1
         x0, h0, x1, h1 = stack[depth]
-        e0, e1 = marks[depth]
-        if e0 == e1 or e0 < 0 or e1 < 0:
+        left, right = marks[depth]
+        if left == right or left < 0 or right < 0:
             continue
         middle = x0 + 0.5 * (x1 - x0)
         if x1 - x0 <= tolerance or middle <= x0 or middle >= x1:
             if h1 - h0 > _JUMP * (x1 - x0):
-                best, where, touch = np.inf, x1, elements[e1, 0]
+                best, where, contact = np.inf, x1, elements[right, 0]
             continue
-        h, u, e = find_best_contact(middle, e0, e1, elements, radius)
-        if e >= 0:
-            s = _compute_slope(middle, u, radius)
-            # right brackets come first, so that among equals the leftmost stays: the break itself;
-            # slopes along one line differ by their last bits
-            if s >= best - _SAME * min(abs(best), 1e12):
-                best, where, touch = max(s, best), middle, u
-        stack[depth], marks[depth] = (x0, h0, middle, h), (e0, e)
-        stack[depth + 1], marks[depth + 1] = (middle, h, x1, h1), (e, e1)
+        h, u, element = find_best_contact(middle, left, right, elements, radius)
+        if element >= 0:
+            slope = _compute_slope(middle, u, radius)
+            # right brackets come first, so that among equals the leftmost stays: the break itself
+            if slope >= best - _allow_rounding(best):
+                best, where, contact = max(slope, best), middle, u
+        stack[depth], marks[depth] = (x0, h0, middle, h), (left, element)
+        stack[depth + 1], marks[depth + 1] = (middle, h, x1, h1), (element, right)
         depth += 2
-    return best, where, touch
+    return best, where, contact
 
 
 @njit(cache=True)
@@ -152,7 +175,7 @@ def find_steepest_in_each(
     positions: Array,
     height: Array,
     contact: Array,
-    which: Array,
+    touched: Array,
     floor: float,
     elements: Array,
     radius: float,
@@ -160,33 +183,30 @@ def find_steepest_in_each(
 ) -> Array:
     """Steepest rise between neighbours, where, and the contact there, shape (n - 1, 3).
 
-    Below `floor` the left end's alone.
+    Of intervals that rise by less than `floor` [1] it is that of the left end.
     """
-    n = positions.size
-    found = np.full((n - 1, 3), np.nan)
-    right_slope = compute_path_slopes(positions, contact, which, radius)
-    for k in range(n - 1):
-        a, b = which[k], which[k + 1]
-        if a < 0 or b < 0:
+    count = positions.size
+    steepest = np.full((count - 1, 3), np.nan)
+    slopes = compute_path_slopes(positions, contact, touched, radius)
+    for left in range(count - 1):
+        right = left + 1
+        if touched[left] < 0 or touched[right] < 0:
             continue
-        found[k, 0], found[k, 1], found[k, 2] = right_slope[k], positions[k], contact[k]
+        slope, where, u = slopes[left], positions[left], contact[left]
         # the contact of the right end, seen from the left end, is steeper than all between
-        if a == b or _compute_slope(positions[k], contact[k + 1], radius) <= floor:
-            continue
-        best, where, touch = _find_steepest_between(
-            (positions[k], height[k], positions[k + 1], height[k + 1]),
-            (a, b),
-            found[k, 0],
-            elements,
-            radius,
-            tolerance,
-        )
-        if best > found[k, 0] + _SAME * min(abs(found[k, 0]), 1e12):
-            found[k, 0], found[k, 1], found[k, 2] = best, where, touch
-        if right_slope[k + 1] > found[k, 0] + _SAME * min(abs(found[k, 0]), 1e12):
-            found[k, 0], found[k, 1], found[k, 2] = (
-                right_slope[k + 1],
-                positions[k + 1],
-                contact[k + 1],
+        bound = _compute_slope(positions[left], contact[right], radius)
+        if touched[left] != touched[right] and not bound <= floor:
+            best, best_where, best_u = _find_steepest_between(
+                (positions[left], height[left], positions[right], height[right]),
+                (touched[left], touched[right]),
+                slope,
+                elements,
+                radius,
+                tolerance,
             )
-    return found
+            if best > slope + _allow_rounding(slope):
+                slope, where, u = best, best_where, best_u
+            if slopes[right] > slope + _allow_rounding(slope):
+                slope, where, u = slopes[right], positions[right], contact[right]
+        steepest[left, 0], steepest[left, 1], steepest[left, 2] = slope, where, u
+    return steepest

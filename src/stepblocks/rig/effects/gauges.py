@@ -21,24 +21,31 @@ _CLOCK = Parameter("ln_clock", "1", 0.0, -0.5, 0.5, 1e-3, 0.01)
 _LAG = Parameter("time_constant_s", "s", 0.0, 0.0, 5e-3, 1e-4)
 
 
+# Slots of the state that a constant shifts, and those that it multiplies by its exponential
+_SHIFTED = {
+    "zero": "zero_n",
+    "cross_talk": "cross_talk",
+    "normal_zero": "normal_zero_n",
+    "normal_cross_talk": "normal_cross_talk",
+    "gauge_square": "square_per_n",
+    "gauge_hysteresis": "rayleigh_per_n",
+    "normal_square": "normal_square_per_n",
+    "lag": "time_constant_s",
+    "ln_clock": "ln_clock",
+}
+_SCALED = {"normal_gain": "normal_ln_gain", "gain": "ln_gain"}
+
+
 def apply_instrument_constants(
     state: DragState, _: object, values: Mapping[str, float | Floats]
 ) -> DragState:
     """Set whichever constants of the two gauges and of their clock are given."""
-    given = values.get
-    return state.changed(
-        zero=state.zero + given("zero_n", 0.0),
-        cross_talk=state.cross_talk + given("cross_talk", 0.0),
-        normal_zero=state.normal_zero + given("normal_zero_n", 0.0),
-        normal_gain=state.normal_gain * np.exp(given("normal_ln_gain", 0.0)),
-        normal_cross_talk=state.normal_cross_talk + given("normal_cross_talk", 0.0),
-        gain=state.gain * np.exp(given("ln_gain", 0.0)),
-        gauge_square=state.gauge_square + given("square_per_n", 0.0),
-        gauge_hysteresis=state.gauge_hysteresis + given("rayleigh_per_n", 0.0),
-        normal_square=state.normal_square + given("normal_square_per_n", 0.0),
-        lag=state.lag + given("time_constant_s", 0.0),
-        ln_clock=state.ln_clock + given("ln_clock", 0.0),
-    )
+    slots = {}
+    for slot, name in _SHIFTED.items():
+        slots[slot] = getattr(state, slot) + values.get(name, 0.0)
+    for slot, name in _SCALED.items():
+        slots[slot] = getattr(state, slot) * np.exp(values.get(name, 0.0))
+    return state.changed(**slots)
 
 
 _gauge = partial(Law, slot="sensor", apply=apply_instrument_constants)

@@ -34,36 +34,42 @@ def offer_laws(file: str | Path) -> tuple[Law, ...]:
         If it cannot be run, or defines no law.
     """
     path = Path(file).resolve()
-    # what was changed since is another file, also to workers, which begin with it
-    offered = f"{path.stat().st_mtime_ns if path.exists() else 0}:{path}"
-    found = _run_laws(offered)
-    os.environ[_OFFERED] = offered
-    return found
+    # a file that was changed since is another one, also to workers, which begin with it
+    changed_ns = path.stat().st_mtime_ns if path.exists() else 0
+    laws = _run_laws(path, changed_ns)
+    os.environ[_OFFERED] = f"{changed_ns}:{path}"
+    return laws
 
 
 @cache
-def _run_laws(offered: str) -> tuple[Law, ...]:
-    path = offered.partition(":")[2]
+def _run_laws(path: Path, changed_ns: int) -> tuple[Law, ...]:
+    """Run a file as it was at a time [ns] and return the laws that it defines."""
     try:
-        names = runpy.run_path(path)
+        names = runpy.run_path(str(path))
     except Exception as error:  # what a file of somebody else raises
         reason = f"{type(error).__name__}: {' '.join(str(error).split()):.200}"
         raise ContactError(f"laws cannot be loaded, {reason} [{path}]") from error
     # by their names or in lists; one that has a name and stands in a list is one
-    offers = [one if isinstance(one, list | tuple) else [one] for one in names.values()]
-    laws = {id(law): law for some in offers for law in some if isinstance(law, Law)}
-    found = tuple(laws.values())
-    ContactError.require(found, f"laws must be stepblocks.Law, and there is none [{path}]")
-    return found
+    laws: dict[int, Law] = {}
+    for value in names.values():
+        values = value if isinstance(value, list | tuple) else [value]
+        for candidate in values:
+            if isinstance(candidate, Law):
+                laws[id(candidate)] = candidate
+    if not laws:
+        raise ContactError(f"laws must be stepblocks.Law, and there is none [{path}]")
+    return tuple(laws.values())
 
 
 def list_offered_laws() -> list[Law]:
     """Return entry points of the group ``stepblocks.effects``, then what `offer_laws` was given."""
-    own = [one.load() for one in entry_points(group="stepblocks.effects")]
+    offered: list[Law] = []
+    for entry in entry_points(group="stepblocks.effects"):
+        law = entry.load()
+        if not isinstance(law, Law):
+            raise ContactError(f"entry points of stepblocks.effects must be a Law, got {law!r:.60}")
+        offered.append(law)
     if _OFFERED in os.environ:
-        own += _run_laws(os.environ[_OFFERED])
-    if wrong := [one for one in own if not isinstance(one, Law)]:
-        raise ContactError(
-            f"entry points of stepblocks.effects must be a Law, got {wrong[0]!r:.60}"
-        )
-    return own
+        changed_ns, _, path = os.environ[_OFFERED].partition(":")
+        offered += _run_laws(Path(path), int(changed_ns))
+    return offered

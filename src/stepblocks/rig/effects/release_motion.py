@@ -1,9 +1,7 @@
-"""Motion of the tip from breaking loose to its first swing.
-
-It is in units of radius sum, load and the mass of the tool.
-"""
+"""Motion of the tip from breaking loose to its first swing, in units of radius, load and mass."""
 
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -13,127 +11,197 @@ from stepblocks.contact.kernels import compute_softened_force
 
 _STEPS_PER_RADIAN = 30.0  # of the tool's swing: E_v within 3 % of that of ever smaller steps
 _MOST_RADIANS = 400.0  # a tip that is still on the edge climbs down with the handle
-_HIGHEST = 0.97  # step over radius to which a fit may stray
+_LOWEST, _HIGHEST = 1e-6, 0.97  # step over radius to which a fit may stray
 _STEEPEST = np.deg2rad(89.0)  # slope to which a fit may stray
 _LEAST_SHARE = 0.01  # of the peak, below which no gauge tells a swing from noise
-
 
 # tips that move together: processors that take eight numbers at once move them as fast as one
 _LANES = 8
 _STEP = 1.0 / _STEPS_PER_RADIAN
 _MOST_STEPS = _MOST_RADIANS * _STEPS_PER_RADIAN
-# numbers that tell of one tip: what stays, what moves, what is kept of the way, and whether it is
-# done and after how many steps
+# Numbers of one tip. Time in 1/omega, positions in R, forces in N, k R / N = stiffness.
+(
+    _FRICTION,
+    _STIFFNESS,
+    _GIVE,  # 1 / stiffness
+    _DRIVE,  # speed of the handle
+    _DRAG,  # of the tool's damper
+    _CUBIC,  # of a hardening spring
+    _FORCE,
+    _X,
+    _VELOCITY,
+    _HANDLE,
+    _Y,
+    _UP,  # velocity upwards
+    _LAST,  # height of the path one step before
+    _ALOFT,  # 1 where the tip has left the path
+    _PEAK,  # greatest force
+    _LOWEST_FORCE,
+    _DONE,  # 1 where the first swing is over
+    _STEPS,  # made so far
+    _REACH,  # where the edge ends
+) = range(19)
 _NUMBERS = 19
+
+
+@njit(forceinline=True, error_model="numpy")
+def _land(friction: float, sine: float, ground: float, velocity: float, up: float) -> float:
+    """Velocity along the drag of a tip that lands on its path and does not bounce.
+
+    `sine` and `ground` are sine and cosine of the slope.
+    """
+    lost = friction * max(velocity * sine - up * ground, 0.0)
+    along = max(velocity * ground + up * sine - lost, 0.0)
+    return along * ground
+
+
+@njit(forceinline=True, error_model="numpy")
+def _climb(
+    pull: float,
+    friction: float,
+    give: float,
+    sine: float,
+    ground: float,
+    bend: float,
+    velocity: float,
+) -> float:
+    """Velocity after a step along the edge; `bend` is y'' x'^2.
+
+    Where the tip stops, it sticks or slips back for what is left of the step.
+    """
+    # by how much the pull exceeds what holds it ahead, and back: over cos^2 of the slope with
+    # the angle of friction added, or taken off
+    rub, slip, lever = friction * ground, friction * sine, ground * give
+    ahead = pull * (ground - slip) - (sine + rub)
+    back = pull * (ground + slip) - (sine - rub)
+    forward = ahead * lever + (sine + rub) * bend
+    backward = back * lever + (sine - rub) * bend
+    loose = backward if back < 0.0 else forward if ahead > 0.0 else 0.0
+    gained = backward if velocity < 0.0 else forward if velocity > 0.0 else loose
+    climbed = velocity + gained * _STEP
+    turned = loose * (_STEP + velocity / gained)
+    return turned if climbed * velocity < 0.0 else climbed
 
 
 @njit(cache=True, error_model="numpy")
 def _move_tips(s: Array) -> None:
-    # One step of as many tips as there are lanes; `s` holds every number of them side by side.
-    # Without a branch, which would move them one by one.
-    # The mass is lifted as well as moved: (1 + T tan a) x'' = F - T (1 + y'' x'^2), T = tan(a +
-    # atan mu), while it is pressed on; it may fly off, stop on its way, and slip back. Time in
-    # 1/omega, positions in R, forces in N, k R / N = stiffness.
+    """Move as many tips as there are lanes by one step, without a branch.
+
+    `s` holds every number of them side by side, shape (19 * lanes,); branches would move the tips
+    one by one. The mass is lifted as well as moved: (1 + T tan a) x'' = F - T (1 + y'' x'^2), T =
+    tan(a + atan mu), while it is pressed on; it may fly off, stop on its way, and slip back.
+    """
     n = _LANES
     for j in range(n):
-        friction, stiffness, give, drive = s[j], s[n + j], s[2 * n + j], s[3 * n + j]
-        drag, cubic, reach = s[4 * n + j], s[5 * n + j], s[18 * n + j]
-        force, x, velocity, handle = s[6 * n + j], s[7 * n + j], s[8 * n + j], s[9 * n + j]
-        y, up, last, aloft = s[10 * n + j], s[11 * n + j], s[12 * n + j], s[13 * n + j]
+        friction, stiffness = s[_FRICTION * n + j], s[_STIFFNESS * n + j]
+        give, drive = s[_GIVE * n + j], s[_DRIVE * n + j]
+        reach, x, velocity = s[_REACH * n + j], s[_X * n + j], s[_VELOCITY * n + j]
+        y, up, is_aloft = s[_Y * n + j], s[_UP * n + j], s[_ALOFT * n + j] > 0.0
         left = max(reach - x, 0.0)
         # the share of the step in which the tip is on the edge still
         on = min(left / (velocity * _STEP), 1.0) if velocity > 0.0 else 1.0
         sine = min(left, 1.0)
         square = 1.0 - sine * sine
         ground = np.sqrt(square)
-        pull = force + drag * (drive - velocity)
-        flies = (aloft > 0.0) & (y > ground)
-        # one that lands does not bounce
-        lost = friction * max(velocity * sine - up * ground, 0.0)
-        along = max(velocity * ground + up * sine - lost, 0.0)
-        velocity = along * ground if (aloft > 0.0) & (y <= ground) else velocity
+        pull = s[_FORCE * n + j] + s[_DRAG * n + j] * (drive - velocity)
+        flies = is_aloft & (y > ground)
+        landed = _land(friction, sine, ground, velocity, up)
+        velocity = landed if is_aloft & (y <= ground) else velocity
         bend = on * velocity * velocity / square if left > 0.0 else 0.0
         leaves = flies | (ground - stiffness * bend + sine * pull <= 0.0)
-        up = (up if flies else (ground - last) * _STEPS_PER_RADIAN) - _STEP * give
-        # by how much the pull exceeds what holds it ahead, and back: over cos^2 of the slope with
-        # the angle of friction added, or taken off
-        rub, slip, lever = friction * ground, friction * sine, ground * give
-        ahead = pull * (ground - slip) - (sine + rub)
-        back = pull * (ground + slip) - (sine - rub)
-        forward = ahead * lever + (sine + rub) * bend
-        backward = back * lever + (sine - rub) * bend
-        # where it stops, it sticks or slips back for the rest of the step
-        loose = backward if back < 0.0 else forward if ahead > 0.0 else 0.0
-        gained = backward if velocity < 0.0 else forward if velocity > 0.0 else loose
-        climbed = velocity + gained * _STEP
-        turned = loose * (_STEP + velocity / gained)
-        climbed = turned if climbed * velocity < 0.0 else climbed
+        rising = (ground - s[_LAST * n + j]) * _STEPS_PER_RADIAN
+        up = (up if flies else rising) - _STEP * give
+        climbed = _climb(pull, friction, give, sine, ground, bend, velocity)
         velocity = velocity + pull * give * _STEP if leaves else climbed
         x += velocity * _STEP
-        handle += drive * _STEP
+        handle = s[_HANDLE * n + j] + drive * _STEP
         stretch = stiffness * (handle - x)
-        force = stretch + cubic * stretch**3
-        lowest = s[15 * n + j]
+        force = stretch + s[_CUBIC * n + j] * stretch**3
+        lowest = s[_LOWEST_FORCE * n + j]
         swings = (x >= reach) | (force < friction)
         past = (force > lowest) & ((lowest < friction) | (velocity <= drive))
-        s[6 * n + j], s[7 * n + j], s[8 * n + j], s[9 * n + j] = force, x, velocity, handle
-        s[10 * n + j] = (y if flies else ground) + up * _STEP
-        s[11 * n + j], s[12 * n + j] = up, ground
-        s[13 * n + j] = 1.0 if leaves else 0.0
-        s[14 * n + j] = max(s[14 * n + j], force)
-        s[15 * n + j] = min(lowest, force) if swings else lowest
-        s[16 * n + j] = 1.0 if (swings & past) | (s[17 * n + j] >= _MOST_STEPS) else 0.0
-        s[17 * n + j] += 1.0
+        s[_FORCE * n + j], s[_X * n + j] = force, x
+        s[_VELOCITY * n + j], s[_HANDLE * n + j] = velocity, handle
+        s[_Y * n + j] = (y if flies else ground) + up * _STEP
+        s[_UP * n + j], s[_LAST * n + j] = up, ground
+        s[_ALOFT * n + j] = 1.0 if leaves else 0.0
+        s[_PEAK * n + j] = max(s[_PEAK * n + j], force)
+        s[_LOWEST_FORCE * n + j] = min(lowest, force) if swings else lowest
+        s[_DONE * n + j] = 1.0 if (swings & past) | (s[_STEPS * n + j] >= _MOST_STEPS) else 0.0
+        s[_STEPS * n + j] += 1.0
 
 
 @njit(cache=True)
 def _move_all_tips(tips: Array) -> None:
-    # Move every tip to its end, a row of `tips` each; a lane whose tip is done takes the next
+    """Move every tip to its end, a row of `tips` each; a lane whose tip is done takes the next."""
     lanes = np.zeros((_NUMBERS, _LANES))
-    lanes[16] = 1.0
+    lanes[_DONE] = 1.0
     owner = np.full(_LANES, len(tips))
     waiting = done = 0
     while done < len(tips):
-        for j in range(_LANES):
-            if lanes[16, j] > 0.0:
-                if owner[j] < len(tips):
-                    tips[owner[j]] = lanes[:, j]
+        for lane in range(_LANES):
+            if lanes[_DONE, lane] > 0.0:
+                if owner[lane] < len(tips):
+                    tips[owner[lane]] = lanes[:, lane]
                     done += 1
-                owner[j] = waiting
-                lanes[:, j] = tips[min(waiting, len(tips) - 1)]
+                owner[lane] = waiting
+                lanes[:, lane] = tips[min(waiting, len(tips) - 1)]
                 waiting += 1
         _move_tips(lanes.reshape(-1))
 
 
 @lru_cache(maxsize=64)  # most parameters of a fit do not change the motion
 def _integrate_climbs(cases: bytes) -> Array:
-    # Peak force over that at which the tip breaks loose. Energy of the first swing below sliding
-    # over that stored, undamped.
-    height, friction, stiffness, speed, damping, cubic = np.frombuffer(cases).reshape(6, -1)
-    edge = np.arccos(1.0 - height)
-    friction = np.minimum(friction, np.tan(_STEEPEST - edge))
-    drive, drag = speed / stiffness, 2.0 * damping * stiffness
-    start = np.maximum(np.tan(edge + np.arctan(friction)) - drag * drive, _LEAST_SHARE)
-    tips = np.zeros((len(height), _NUMBERS))
-    tips[:, :6] = np.stack([friction, stiffness, 1.0 / stiffness, drive, drag, cubic], axis=1)
-    tips[:, [6, 14, 15]] = start[:, None]
-    tips[:, 9] = compute_softened_force(start, cubic) / stiffness
-    tips[:, 12] = 1.0 - height
-    tips[:, 18] = np.sin(edge)
+    """Peak force over that at which the tip breaks loose, and the share that rings, shape (2, n).
+
+    The share is the energy of the first swing below sliding over that stored, undamped. `cases` are
+    the bytes of `_Cases` as an array of shape (6, n).
+    """
+    case = _Cases(*np.frombuffer(cases).reshape(len(_Cases._fields), -1))
+    edge = np.arccos(1.0 - case.height)
+    friction = np.minimum(case.friction, np.tan(_STEEPEST - edge))
+    drive, drag = case.speed / case.stiffness, 2.0 * case.damping * case.stiffness
+    breaking_loose = np.tan(edge + np.arctan(friction)) - drag * drive
+    start = np.maximum(breaking_loose, _LEAST_SHARE)
+    tips = np.zeros((len(edge), _NUMBERS))
+    tips[:, _FRICTION], tips[:, _STIFFNESS] = friction, case.stiffness
+    tips[:, _GIVE], tips[:, _DRIVE] = 1.0 / case.stiffness, drive
+    tips[:, _DRAG], tips[:, _CUBIC] = drag, case.cubic
+    tips[:, [_FORCE, _PEAK, _LOWEST_FORCE]] = start[:, None]
+    tips[:, _HANDLE] = compute_softened_force(start, case.cubic) / case.stiffness
+    tips[:, _LAST] = 1.0 - case.height
+    tips[:, _REACH] = np.sin(edge)
     # the slowest first: one that climbs down with the handle at last would move in a lane alone
     slow = np.argsort(drive, kind="stable")
     moved = tips[slow]
     _move_all_tips(moved)
     tips[slow] = moved
-    peak, lowest = tips[:, 14], tips[:, 15]
-    level, low, top = compute_softened_force(np.stack([friction, lowest, peak]), cubic)
-    swing = (
-        0.5 * (low**2 - level**2) + 0.25 * cubic * (low**4 - level**4) - friction * (low - level)
-    )
+    peak, lowest = tips[:, _PEAK], tips[:, _LOWEST_FORCE]
+    share = _compute_ring_share(case, friction, peak, lowest)
+    return np.stack([peak / start, np.where(lowest < friction, share, 0.0)])
+
+
+def _compute_ring_share(case: "_Cases", friction: Array, peak: Array, lowest: Array) -> Array:
+    """Energy of the first swing below sliding over that stored at the peak, undamped [1]."""
+    forces = np.stack([friction, lowest, peak])
+    level, low, top = compute_softened_force(forces, case.cubic)
+    quartic = 0.25 * case.cubic * (low**4 - level**4)
+    swing = 0.5 * (low**2 - level**2) + quartic - friction * (low - level)
+    stored = 0.5 * top**2 + 0.25 * case.cubic * top**4
     # half a period of the damper lies between the swing above sliding, which counts, and the one
     # below
-    share = swing / (0.5 * top**2 + 0.25 * cubic * top**4) * np.exp(2.0 * np.pi * damping)
-    return np.stack([peak / start, np.where(lowest < friction, share, 0.0)])
+    return np.asarray(swing / stored * np.exp(2.0 * np.pi * case.damping))
+
+
+class _Cases(NamedTuple):
+    """Releases in units of radius sum, load and mass, arrays of shape (n,)."""
+
+    height: Array
+    friction: Array
+    stiffness: Array
+    speed: Array
+    damping: Array
+    cubic: Array
 
 
 def compute_release(
@@ -146,11 +214,22 @@ def compute_release(
 ) -> tuple[Array, Array]:
     """Compute the logarithms of the peak's excess and of the share that rings.
 
-    They depend on V k / (omega N), the damping ratio and g N^2.
+    Parameters
+    ----------
+    height : ndarray
+        Step over radius sum [1]; all arrays have the shape (n,).
+    friction, damping : ndarray
+        Coefficient of friction, and damping ratio of the tool [1].
+    stiffness, speed, cubic : ndarray
+        k R / N, V k / (omega N) and g N^2 [1].
+
+    Returns
+    -------
+    excess, share : ndarray
+        Logarithms of the peak over the force that breaks the tip loose, and of the share of the
+        stored energy that rings.
     """
-    excess, share = _integrate_climbs(
-        np.stack(
-            [np.clip(height, 1e-6, _HIGHEST), friction, stiffness, speed, damping, cubic]
-        ).tobytes()
-    )
+    held = np.clip(height, _LOWEST, _HIGHEST)
+    cases = np.stack(_Cases(held, friction, stiffness, speed, damping, cubic))
+    excess, share = _integrate_climbs(cases.tobytes())
     return np.log(excess), np.log(np.maximum(share, _LEAST_SHARE**2))

@@ -12,8 +12,11 @@ from stepblocks.rig.forward import SPEED_OVER_LOAD
 from stepblocks.rig.state import DragState, Floats
 
 Change = Callable[[DragState, Floats], DragState]
+Size = Callable[[NDArray[np.generic], Mapping[str, float]], Floats]
+Names = tuple[str, ...]
 
 _PIECES = 4
+_RUN = "run_order"
 
 
 @dataclass(frozen=True)
@@ -47,7 +50,9 @@ class CovariateRange:
     @property
     def freedom(self) -> int:
         """Columns of its smooth."""
-        return len(self.labels) - 1 if self.labels else min(_PIECES, self.distinct - 1)
+        if self.labels:
+            return len(self.labels) - 1
+        return min(_PIECES, self.distinct - 1)
 
     def unit(self, column: NDArray[np.generic]) -> Floats:
         """Lay numbers out from 0 to 1; beyond the range they stay at its end."""
@@ -76,30 +81,54 @@ class CovariateRange:
         from scipy.interpolate import BSpline
 
         if self.labels:
-            # a label that the data had not is taken for the mean of all
-            other = ~np.isin(column, self.labels) / len(self.labels)
-            return np.stack([(column == label) + other for label in self.labels[1:]], axis=1)
+            # a label that the data did not have is taken for the mean of all
+            mean = ~np.isin(column, self.labels) / len(self.labels)
+            return np.stack([(column == label) + mean for label in self.labels[1:]], axis=1)
         if self.freedom < _PIECES:
             return self.line(column) ** np.arange(1, self.freedom + 1)
         # a constant belongs to the nominal model: one spline goes, the rest vanish in the middle
         knots = np.concatenate([np.zeros(3), np.linspace(0.0, 1.0, _PIECES - 1), np.ones(3)])
-        design = BSpline(knots, np.eye(_PIECES + 1), 3)(np.append(self.unit(column), 0.5))
-        return np.asarray((design[:-1] - design[-1])[:, [0, 1, 3, 4]])
+        splines = BSpline(knots, np.eye(_PIECES + 1), 3)
+        places = np.append(self.unit(column), 0.5)
+        values = splines(places)
+        above_middle = values[:-1] - values[-1]
+        return np.asarray(above_middle[:, [0, 1, 3, 4]])
 
 
 def _make_scaling(between: tuple[float, float] | None = None, **powers: float) -> Change:
-    # Multiply each slot by a power of exp g
-    def change(state: DragState, g: Floats) -> DragState:
-        held = g if between is None else np.clip(g, *between)
-        return state.changed(
-            **{slot: getattr(state, slot) * np.exp(power * held) for slot, power in powers.items()}
-        )
+    """Multiply each slot by a power of exp g, where g may be held between two bounds."""
 
-    return change
+    def scale(state: DragState, g: Floats) -> DragState:
+        held = g if between is None else np.clip(g, *between)
+        slots = {}
+        for slot, power in powers.items():
+            slots[slot] = getattr(state, slot) * np.exp(power * held)
+        return state.changed(**slots)
+
+    return scale
 
 
 def _make_shift(*slots: str, by: float = 0.1) -> Change:
-    return lambda state, g: state.changed(**{slot: getattr(state, slot) + by * g for slot in slots})
+    """Add `by` times g to each slot, in its unit."""
+
+    def shift(state: DragState, g: Floats) -> DragState:
+        shifted = {slot: getattr(state, slot) + by * g for slot in slots}
+        return state.changed(**shifted)
+
+    return shift
+
+
+def _scale_seen_load(state: DragState, g: Floats) -> DragState:
+    """Multiply the load by exp g, as the normal gauge sees it."""
+    weight = state.set_load + state.sensed_offset
+    return state.changed(
+        load=state.load * np.exp(g), sensed_offset=state.sensed_offset + weight * np.expm1(g)
+    )
+
+
+def _scale_climb_load(state: DragState, g: Floats) -> DragState:
+    """Multiply the load by exp g while the tip climbs."""
+    return state.changed(climb_load=state.climb_load + state.set_load * np.expm1(g))
 
 
 class Move(NamedTuple):
@@ -116,20 +145,9 @@ SLOT_MOVES = {
     "height": Move("contact_geometry", "H + 10 um g", _make_shift("height", by=1e-5)),
     "friction": Move("friction", "mu exp g", _make_scaling((-4.0, 2.0), friction=1)),
     "load": Move("normal_load", "F_py exp g, unseen by the gauge", _make_scaling(load=1)),
-    "seen_load": Move(
-        "normal_load",
-        "F_py exp g, seen by the gauge",
-        lambda s, g: s.changed(
-            load=s.load * np.exp(g),
-            sensed_offset=s.sensed_offset + (s.set_load + s.sensed_offset) * np.expm1(g),
-        ),
-    ),
+    "seen_load": Move("normal_load", "F_py exp g, seen by the gauge", _scale_seen_load),
     "load_offset": Move("normal_load", "F_py + 0.1 N g", _make_shift("load", "sensed_offset")),
-    "climb_load": Move(
-        "normal_load",
-        "F_py exp g while climbing",
-        lambda s, g: s.changed(climb_load=s.climb_load + s.set_load * np.expm1(g)),
-    ),
+    "climb_load": Move("normal_load", "F_py exp g while climbing", _scale_climb_load),
     "stiffness": Move("stiffness", "k exp g", _make_scaling(stiffness=1, ring_stiffness=1)),
     "weighed_stiffness": Move(
         "stiffness",
@@ -160,8 +178,10 @@ _MOVED_BY: dict[str, tuple[str, ...]] = {
     SPEED_OVER_LOAD: _JUMPING,
 }
 _SHORTEST_PERIOD = 6.0  # trials
+_MOST_TURNS = 500  # half turns of a swing over the run: of thousands of trials more are most work
 _LEVELS = ("second", "third", "fourth", "fifth")
 _STEP_SHAPES = 12  # places along the run at which a search looks for a sudden change
+_STEP_WIDTH = 2e-3  # of the range: a hundredth of the spacing leaves a fit no way to move
 
 
 def list_smooth_laws(covariates: Sequence[CovariateRange]) -> tuple[Law, ...]:
@@ -170,35 +190,57 @@ def list_smooth_laws(covariates: Sequence[CovariateRange]) -> tuple[Law, ...]:
     What the log implies, such as the passes over a block, moves a few slots alone.
     """
     laws: list[Law] = []
-    for where in covariates:
-        for name in _MOVED_BY.get(where.name, SLOT_MOVES):
-            # pauses are short or long, and a line through two heaps says no more than a jump
-            if where.pair or (not where.labels and where.distinct > 2 and where.name != "pause_s"):
-                laws.append(_make_covariate_law("trend", name, where))
-            if not where.pair:
-                laws.append(_make_covariate_law("smooth", name, where))
-        if where.labels and where.name != "block":
-            laws.append(_make_added_load_law(where))
-        if where.labels or where.pair or where.distinct <= 2 * _STEP_SHAPES:
-            continue
-        run = where.name == "run_order"
-        laws += [_make_step_law(name, where) for name in (_STEPPING if run else _JUMPING)]
-        for name in _JUMPING if run else ():
-            laws += [_make_step_law(name, where, levels) for levels in range(3, len(_LEVELS) + 2)]
-            laws.append(_make_periodic_law(name, where))
+    for covariate in covariates:
+        laws += _list_covariate_laws(covariate)
+        if covariate.labels and covariate.name != "block":
+            laws.append(_make_added_load_law(covariate))
+        is_number = not covariate.labels and not covariate.pair
+        if is_number and covariate.distinct > 2 * _STEP_SHAPES:
+            laws += _list_jump_laws(covariate)
     return tuple(laws)
 
 
+def _list_covariate_laws(covariate: CovariateRange) -> list[Law]:
+    """List lines and smooths of every slot that a covariate may move."""
+    laws = []
+    for slot in _MOVED_BY.get(covariate.name, SLOT_MOVES):
+        if _has_trend(covariate):
+            laws.append(_make_trend_law(slot, covariate))
+        if not covariate.pair:
+            laws.append(_make_smooth_law(slot, covariate))
+    return laws
+
+
+def _has_trend(covariate: CovariateRange) -> bool:
+    """Whether a straight line over a covariate says more than a jump.
+
+    Pauses are short or long, and a line through two heaps does not.
+    """
+    if covariate.pair:
+        return True
+    return not covariate.labels and covariate.distinct > 2 and covariate.name != "pause_s"
+
+
+def _list_jump_laws(covariate: CovariateRange) -> list[Law]:
+    """List sudden changes over a covariate; along the run also several levels, and swings."""
+    if covariate.name != _RUN:
+        return [_make_step_law(slot, covariate) for slot in _JUMPING]
+    laws = [_make_step_law(slot, covariate) for slot in _STEPPING]
+    for slot in _JUMPING:
+        for levels in range(3, len(_LEVELS) + 2):
+            laws.append(_make_levels_law(slot, covariate, levels))
+        laws.append(_make_periodic_law(slot, covariate))
+    return laws
+
+
 def _make_added_load_law(covariate: CovariateRange) -> Law:
-    # Each label presses by its own force more than the weights
+    """Let each label press by a force of its own more than the weights."""
     names = tuple(f"added_n[{label}]" for label in covariate.labels)
 
     def add(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
-        return np.select(
-            [np.asarray(column) == label for label in covariate.labels],
-            [values[n] for n in names],
-            0.0,
-        )
+        labels = np.asarray(column)
+        is_label = [labels == label for label in covariate.labels]
+        return np.select(is_label, [values[name] for name in names], 0.0)
 
     return Law(
         f"added_load_{covariate.name}",
@@ -211,128 +253,212 @@ def _make_added_load_law(covariate: CovariateRange) -> Law:
     )
 
 
-def _make_step_law(name: str, covariate: CovariateRange, levels: int = 2) -> Law:
-    # Change a slot where a covariate passes a value: of the radius along the run a chipped tip. Of
-    # more than two levels each counts from the first.
-    run = covariate.name == "run_order"
-    move = SLOT_MOVES[name]
-    chip = name == "radius"
-    several = levels > 2
+def _make_step_size(covariate: CovariateRange, sizes: Names, places: Names) -> Size:
+    """Size of a change that goes from level to level where a covariate passes the places.
+
+    `sizes` and `places` are the names of the parameters; each size counts from the first level.
+    """
+    width = _STEP_WIDTH * (covariate.high - covariate.low)
+
+    def step(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
+        numbers = np.asarray(column, dtype=np.float64)
+        past = numbers[:, None] - [values[name] for name in places]
+        rises = np.diff([values[name] for name in sizes], prepend=0.0)
+        passed = 0.5 * (1.0 + np.tanh(past / (2.0 * width)))
+        return np.asarray(passed @ rises)
+
+    return step
+
+
+def _make_step_place(covariate: CovariateRange) -> Parameter:
+    """Make the place along a covariate at which something changes at once."""
+    name = "at_trial" if covariate.name == _RUN else "at"
     reach = covariate.high - covariate.low
-    width = 2e-3 * reach  # a hundredth of the spacing would leave a fit no way to move
-    marks = [f"[{one}]" for one in _LEVELS[: levels - 1]] if several else [""]
-    at = Parameter(
-        "at_trial" if run else "at",
-        "1",
-        covariate.low + 0.5 * reach,
-        covariate.low,
-        covariate.high,
-        0.02 * reach,
-    )
-    size = (
-        Parameter("radius_step_m", "m", 0.0, -1e-4, 3e-4, 3e-6)
-        if chip
-        else Parameter("step", "1", 0.0, -3.0, 3.0, 0.1)
-    )
-    sizes, places = ([replace(one, name=one.name + mark) for mark in marks] for one in (size, at))
+    middle = covariate.low + 0.5 * reach
+    return Parameter(name, "1", middle, covariate.low, covariate.high, 0.02 * reach)
 
-    def step(order: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
-        past = np.asarray(order, dtype=np.float64)[:, None] - [values[p.name] for p in places]
-        rises = np.diff([values[p.name] for p in sizes], prepend=0.0)
-        return np.asarray(0.5 * (1.0 + np.tanh(past / (2.0 * width))) @ rises)
 
-    # where one change is looked for, or several to begin with
-    shares = (
-        np.arange(1, levels)[None] / levels
-        if several
-        else np.arange(0.5, _STEP_SHAPES)[:, None] / _STEP_SHAPES
-    )
-    description = (
-        f"{name} goes from level to level along the run, by ln above the first and from:"
-        if several
-        else f"{name} changes at once: by {{}} in ln, "
-        f"from {'' if run else 'a ' + covariate.name.replace('_', ' ') + ' of '}{{}} on"
-    )
+def _list_step_shapes(
+    covariate: CovariateRange, places: Names, shares: NDArray[np.float64]
+) -> tuple[dict[str, float], ...]:
+    """List where a search looks for the places, by shares of the range, shape (n, places)."""
+    reach = covariate.high - covariate.low
+    shapes = []
+    for row in shares.tolist():
+        shape = {}
+        for name, share in zip(places, row, strict=True):
+            shape[name] = covariate.low + reach * share
+        shapes.append(shape)
+    return tuple(shapes)
+
+
+def _make_step_law(slot: str, covariate: CovariateRange) -> Law:
+    """Change a slot where a covariate passes a value: of the radius along the run a chipped tip."""
+    if slot == "radius":
+        return _make_chip_law(covariate)
+    move = SLOT_MOVES[slot]
+    place = _make_step_place(covariate)
+    size = Parameter("step", "1", 0.0, -3.0, 3.0, 0.1)
+    shares = np.arange(0.5, _STEP_SHAPES)[:, None] / _STEP_SHAPES
+    words = "" if covariate.name == _RUN else f"a {covariate.name.replace('_', ' ')} of "
     return Law(
-        "tip_chip" if chip else f"step_{name}_{covariate.name}{f'~{levels}' if several else ''}",
-        f"{'R + w' if chip else f'{move.form}, g'} from one value of {covariate.name} on",
-        tuple(one for pair in zip(sizes, places, strict=True) for one in pair),
-        SizedChange(_make_shift("radius", by=1.0) if chip else move.change, step),
+        f"step_{slot}_{covariate.name}",
+        f"{move.form}, g from one value of {covariate.name} on",
+        (size, place),
+        SizedChange(move.change, _make_step_size(covariate, (size.name,), (place.name,))),
         move.slot,
         covariate.name,
-        tuple(
-            {
-                p.name: covariate.low + reach * float(share)
-                for p, share in zip(places, row, strict=True)
-            }
-            for row in shares
-        ),
-        named=chip or name in _JUMPING,
-        rank=2 if chip else 15,
-        description="the tip chipped: its radius changed by {}, at {}" if chip else description,
-        steps=tuple(p.name for p in places),
+        _list_step_shapes(covariate, (place.name,), shares),
+        named=slot in _JUMPING,
+        rank=15,
+        description=f"{slot} changes at once: by {{}} in ln, from {words}{{}} on",
+        steps=(place.name,),
     )
 
 
-def _make_periodic_law(name: str, covariate: CovariateRange) -> Law:
-    # Let a slot swing along the run, with any period from a few trials to three quarters of it:
-    # what went up and down once need not come back
-    move = SLOT_MOVES[name]
+def _make_chip_law(covariate: CovariateRange) -> Law:
+    """Change the radius of the tip at once along the run."""
+    place = _make_step_place(covariate)
+    size = Parameter("radius_step_m", "m", 0.0, -1e-4, 3e-4, 3e-6)
+    shares = np.arange(0.5, _STEP_SHAPES)[:, None] / _STEP_SHAPES
+    step = _make_step_size(covariate, (size.name,), (place.name,))
+    return Law(
+        "tip_chip",
+        f"R + w from one value of {covariate.name} on",
+        (size, place),
+        SizedChange(_make_shift("radius", by=1.0), step),
+        SLOT_MOVES["radius"].slot,
+        covariate.name,
+        _list_step_shapes(covariate, (place.name,), shares),
+        rank=2,
+        description="the tip chipped: its radius changed by {}, at {}",
+        steps=(place.name,),
+    )
+
+
+def _make_levels_law(slot: str, covariate: CovariateRange, levels: int) -> Law:
+    """Let a slot go from level to level along the run, each counted from the first."""
+    move = SLOT_MOVES[slot]
+    size = Parameter("step", "1", 0.0, -3.0, 3.0, 0.1)
+    place = _make_step_place(covariate)
+    parameters: list[Parameter] = []
+    sizes, places = [], []
+    for level in _LEVELS[: levels - 1]:
+        sizes.append(f"{size.name}[{level}]")
+        places.append(f"{place.name}[{level}]")
+        parameters += [replace(size, name=sizes[-1]), replace(place, name=places[-1])]
+    # where a search begins
+    shares = np.arange(1, levels)[None] / levels
+    return Law(
+        f"step_{slot}_{covariate.name}~{levels}",
+        f"{move.form}, g from one value of {covariate.name} on",
+        tuple(parameters),
+        SizedChange(move.change, _make_step_size(covariate, tuple(sizes), tuple(places))),
+        move.slot,
+        covariate.name,
+        _list_step_shapes(covariate, tuple(places), shares),
+        named=slot in _JUMPING,
+        rank=15,
+        description=f"{slot} goes from level to level along the run, by ln above the first and "
+        "from:",
+        steps=tuple(places),
+    )
+
+
+def _make_periodic_law(slot: str, covariate: CovariateRange) -> Law:
+    """Let a slot swing along the run.
+
+    Any period from a few trials to three quarters of the run may be found: what went up and down
+    once need not come back.
+    """
+    move = SLOT_MOVES[slot]
     reach = covariate.high - covariate.low
-    parts = tuple(Parameter(part, "1", 0.0, -2.0, 2.0, 0.05) for part in ("cosine", "sine"))
+    cosine = Parameter("cosine", "1", 0.0, -2.0, 2.0, 0.05)
     period = Parameter("period_trials", "1", 0.5 * reach, 0.8 * _SHORTEST_PERIOD, 0.75 * reach, 0.5)
 
     def swing(order: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
         phase = 2.0 * np.pi * np.asarray(order, dtype=np.float64) / values["period_trials"]
         return np.asarray(values["cosine"] * np.cos(phase) + values["sine"] * np.sin(phase))
 
-    # half a turn over the whole run apart, so that a fit begins within its own valley; 250 turns at
-    # most, for of thousands of trials the shorter periods would be most of the work
-    turns = np.arange(3, min(int(2.0 * reach / _SHORTEST_PERIOD), 500) + 1)
+    # half a turn over the whole run apart, so that a fit begins within its own valley
+    last_turn = min(int(2.0 * reach / _SHORTEST_PERIOD), _MOST_TURNS)
+    turns = np.arange(3, last_turn + 1)
     return Law(
-        f"periodic_{name}_{covariate.name}",
+        f"periodic_{slot}_{covariate.name}",
         f"{move.form}, g = a cos(2 pi n / P) + b sin(2 pi n / P)",
-        (*parts, period),
+        (cosine, replace(cosine, name="sine"), period),
         SizedChange(move.change, swing),
         move.slot,
         covariate.name,
         tuple({"period_trials": float(2.0 * reach / turn)} for turn in turns),
         rank=12,
-        description=f"{name} swings along the run: cosine {{}}, sine {{}}, every {{}} trials",
+        description=f"{slot} swings along the run: cosine {{}}, sine {{}}, every {{}} trials",
     )
 
 
-def _make_covariate_law(kind: str, slot: str, covariate: CovariateRange) -> Law:
+def _make_trend_law(slot: str, covariate: CovariateRange) -> Law:
+    """Let a slot follow a covariate along a straight line."""
     move = SLOT_MOVES[slot]
-    trend = kind == "trend"
-    labels = covariate.labels if slot in _JUMPING and covariate.name != "block" else ()
-    names = ("slope",) if trend else tuple(f"g{i + 1}" for i in range(covariate.freedom))
-    names = tuple(f"g[{label}]" for label in labels[1:]) or names
     description = ""
-    if labels:
-        description = (
-            f"{slot} has a level for each {covariate.name}, by ln above that of {labels[0]}:"
-        )
-    elif trend and covariate.name == "run_order" and slot in _JUMPING:
+    if covariate.name == _RUN and slot in _JUMPING:
         description = f"{slot} drifts along the run, by ln"
-    basis = covariate.line if trend else covariate.basis
-    last: list[NDArray[np.generic] | None] = [None, None]
-
-    def follow(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
-        # a fit asks for the same column hundreds of times; the reference kept makes its identity
-        # safe
-        if last[0] is not column:
-            last[:] = [column, basis(column)]
-        return np.asarray(last[1] @ np.array([values[name] for name in names]))
-
     return Law(
-        f"{kind}_{slot}_{covariate.name}",
-        f"{move.form}, g {'a straight line' if trend else 'smooth'} over {covariate.name}",
-        tuple(Parameter(name, "1", 0.0, -3.0, 3.0, 0.1) for name in names),
-        SizedChange(move.change, follow),
+        f"trend_{slot}_{covariate.name}",
+        f"{move.form}, g a straight line over {covariate.name}",
+        (_make_amplitude("slope"),),
+        SizedChange(move.change, _follow(covariate.line, ("slope",))),
         move.slot,
         covariate.name,
         named=bool(description),
-        rank=10 if trend else 20,
+        rank=10,
         description=description,
     )
+
+
+def _make_smooth_law(slot: str, covariate: CovariateRange) -> Law:
+    """Let a slot follow a covariate along a smooth, or take a level for each label."""
+    move = SLOT_MOVES[slot]
+    has_levels = bool(covariate.labels) and slot in _JUMPING and covariate.name != "block"
+    if has_levels:
+        names = tuple(f"g[{label}]" for label in covariate.labels[1:])
+        description = (
+            f"{slot} has a level for each {covariate.name}, by ln above that of "
+            f"{covariate.labels[0]}:"
+        )
+    else:
+        names = tuple(f"g{number}" for number in range(1, covariate.freedom + 1))
+        description = ""
+    return Law(
+        f"smooth_{slot}_{covariate.name}",
+        f"{move.form}, g smooth over {covariate.name}",
+        tuple(_make_amplitude(name) for name in names),
+        SizedChange(move.change, _follow(covariate.basis, names)),
+        move.slot,
+        covariate.name,
+        named=has_levels,
+        rank=20,
+        description=description,
+    )
+
+
+def _make_amplitude(name: str) -> Parameter:
+    """Make the amplitude of a line or a smooth."""
+    return Parameter(name, "1", 0.0, -3.0, 3.0, 0.1)
+
+
+def _follow(basis: Callable[[NDArray[np.generic]], Floats], names: Names) -> Size:
+    """Size of a change that is a sum of columns, each by its amplitude.
+
+    A fit asks for the same column hundreds of times; the reference that is kept makes its identity
+    safe.
+    """
+    last_column: NDArray[np.generic] | None = None
+    columns: Floats = np.empty(0)
+
+    def follow(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
+        nonlocal last_column, columns
+        if last_column is not column:
+            last_column, columns = column, basis(column)
+        return np.asarray(columns @ np.array([values[name] for name in names]))
+
+    return follow

@@ -1,0 +1,180 @@
+"""Where the tip touches its path, and how hard: one contact, or two at a kink."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from stepblocks.drag.kernels.model import NormalContact, Path
+from stepblocks.drag.kernels.motion import Motion
+
+_HERTZ = 1.5  # power of a ball on a plane, which needs a root alone
+
+
+class Cubic(NamedTuple):
+    """Coefficients in powers of the distance from where the cubic begins."""
+
+    height: float  # [m]
+    slope: float  # [1]
+    square: float  # [1/m]
+    cube: float  # [1/m^2]
+
+
+class Touch(NamedTuple):
+    """One contact at one moment, open or pressed."""
+
+    gap: float  # by which the path stands above the tip [m]; below 0 the contact is open
+    slope: float  # of the path [1]
+    cosine: float  # of the angle of the slope [1]; 1 where the contact is open
+    x: float  # elastic force on the tip [N]
+    y: float
+    normal: float  # elastic and lossy force along the normal [N]
+    loss: float  # lossy force along the normal [N]
+
+
+class Piece(NamedTuple):
+    """One piece of the path."""
+
+    number: int
+    left: float  # where it begins [m]; minus infinity for the first
+    right: float  # where it ends [m]; infinity for the last
+    origin: float  # of its powers [m]
+    cubic: Cubic
+
+
+class Kink(NamedTuple):
+    """A kink of the path, and how far it is to its neighbours."""
+
+    number: int
+    x: float  # [m]; infinity on a path without a kink
+    x_before: float  # of the kink before [m]; minus infinity for none
+    x_after: float  # of the kink after it [m]; infinity for none
+    left: Cubic  # branch that is touched left of it
+    right: Cubic
+
+
+@njit
+def find_piece(path: Path, x: float, number: int) -> Piece:
+    """Find the piece of the path at `x`, from one that is near."""
+    knots, cubics = path.knots, path.cubics
+    last = knots.size - 2
+    while number < last and x >= knots[number + 1]:
+        number += 1
+    while number > 0 and x < knots[number]:
+        number -= 1
+    left = knots[number] if number > 0 else -np.inf
+    right = knots[number + 1] if number < last else np.inf
+    row = cubics[number]
+    return Piece(number, left, right, knots[number], Cubic(row[0], row[1], row[2], row[3]))
+
+
+@njit(forceinline=True)
+def is_other_kink_nearer(kink: Kink, x: float) -> bool:
+    """Whether a neighbour of a kink is nearer to `x`."""
+    distance = abs(kink.x - x)
+    return abs(kink.x_after - x) < distance or abs(kink.x_before - x) < distance
+
+
+@njit
+def find_nearest_kink(path: Path, x: float, number: int) -> Kink:
+    """Find the kink that is nearest to `x`, from one that is near."""
+    knots, kinks = path.knots, path.kinks
+    if kinks.size == 0:
+        none = Cubic(0.0, 0.0, 0.0, 0.0)
+        return Kink(0, np.inf, -np.inf, np.inf, none, none)
+    last = kinks.size - 1
+    while number < last and abs(knots[kinks[number + 1]] - x) < abs(knots[kinks[number]] - x):
+        number += 1
+    while number > 0 and abs(knots[kinks[number - 1]] - x) < abs(knots[kinks[number]] - x):
+        number -= 1
+    left, right = path.branches[number, 0], path.branches[number, 1]
+    return Kink(
+        number,
+        knots[kinks[number]],
+        knots[kinks[number - 1]] if number > 0 else -np.inf,
+        knots[kinks[number + 1]] if number < last else np.inf,
+        Cubic(left[0], left[1], left[2], left[3]),
+        Cubic(right[0], right[1], right[2], right[3]),
+    )
+
+
+@njit(forceinline=True)
+def touch_piece(piece: Piece, contact: NormalContact, tip: Motion, speed: Motion) -> Touch:
+    """Find the contact with the piece of the path under the tip."""
+    return _touch_cubic(piece.cubic, tip.x - piece.origin, contact, tip, speed)
+
+
+@njit(forceinline=True)
+def touch_beyond_kink(
+    kink: Kink, window: float, contact: NormalContact, tip: Motion, speed: Motion
+) -> Touch:
+    """Find the contact with the branch on the other side of the nearest kink.
+
+    It is open where the kink is not within the `window` [m].
+    """
+    distance = tip.x - kink.x
+    if abs(distance) < window:
+        branch = kink.left if distance >= 0.0 else kink.right
+        touch = _touch_cubic(branch, distance, contact, tip, speed)
+        if touch.gap > 0.0:
+            return touch
+    return Touch(0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@njit(forceinline=True)
+def _touch_cubic(
+    cubic: Cubic, distance: float, contact: NormalContact, tip: Motion, speed: Motion
+) -> Touch:
+    """Find the contact with a cubic, at a distance [m] from where its powers begin."""
+    bent = cubic.slope + distance * (cubic.square + distance * cubic.cube)
+    gap = cubic.height + distance * bent - tip.y
+    slope = cubic.slope + distance * (2.0 * cubic.square + 3.0 * distance * cubic.cube)
+    if gap > 0.0:
+        curvature = 2.0 * cubic.square + 6.0 * distance * cubic.cube
+        return press_contact(contact, gap, slope, curvature, speed)
+    return Touch(gap, slope, 1.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@njit(forceinline=True)
+def press_contact(
+    contact: NormalContact, gap: float, slope: float, curvature: float, speed: Motion
+) -> Touch:
+    """Compute the force of a contact that is pressed in by a `gap` > 0.
+
+    The elastic force is the gradient of a potential of the indentation along the normal, which
+    conserves energy on a curved path too; the loss is that of Hunt and Crossley.
+    """
+    cosine = 1.0 / math.sqrt(1.0 + slope * slope)
+    dent = gap * cosine
+    root = math.sqrt(dent) if contact.power == _HERTZ else dent ** (contact.power - 1.0)
+    elastic = contact.stiffness * (dent * root)
+    approach = slope * speed.x - speed.y
+    # a contact never pulls
+    loss = max(elastic * contact.loss * cosine * approach, -elastic)
+    turning = gap * slope * curvature * cosine * cosine * cosine
+    return Touch(
+        gap,
+        slope,
+        cosine,
+        -elastic * (slope * cosine - turning),
+        elastic * cosine,
+        elastic + loss,
+        loss,
+    )
+
+
+@njit(forceinline=True)
+def compute_sliding_speed(touch: Touch, speed: Motion) -> float:
+    """Speed of the tip along the surface at a contact [m/s]."""
+    return touch.cosine * (speed.x + touch.slope * speed.y)
+
+
+@njit
+def compute_dent_energy(contact: NormalContact, under: Touch, beyond: Touch) -> float:
+    """Elastic energy of both contacts [J]."""
+    power = contact.power + 1.0
+    dents = (
+        max(under.gap * under.cosine, 0.0) ** power + max(beyond.gap * beyond.cosine, 0.0) ** power
+    )
+    return contact.stiffness * dents / power

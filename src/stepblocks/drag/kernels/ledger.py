@@ -1,0 +1,178 @@
+"""The ledger of energy: what is put in, stored and lost, by the very velocities of each step."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from stepblocks.contact import Array
+from stepblocks.drag.kernels.contact import Touch, compute_dent_energy
+from stepblocks.drag.kernels.model import Ledger, Model, Passage
+from stepblocks.drag.kernels.motion import Motion
+from stepblocks.drag.kernels.spring import Ring
+from stepblocks.drag.kernels.surface import Surface
+
+_NOTED = len(Passage._fields)
+
+
+class Powers(NamedTuple):
+    """Powers over one kick [W]."""
+
+    work: float  # of the handle or of the pulling force
+    damping_x: float  # of the dampers along the drag, that of the handle's guide among them
+    damping_y: float  # of the dampers upwards
+    overtones: float  # of the dampers of the overtones
+    friction: float  # of the grip of both contacts on the tip
+    wall: float  # lost to the wall and stored in it
+    impact: float  # of the lossy force of both contacts on the tip
+
+
+@njit(forceinline=True)
+def compute_powers(
+    model: Model,
+    before: Motion,
+    mean: Motion,
+    tip_speed: float,
+    tug: float,
+    spring: float,
+    surface: Surface,
+    wall: float,
+    overtone_loss: float,
+) -> Powers:
+    """Compute what flows over a kick.
+
+    `before` and `mean` are the velocities where it begins and in its middle, of the first mode
+    along the drag; `tip_speed` is that of the tip itself [m/s].
+    """
+    handle = model.handle
+    damping_x = tug * (mean.handle - mean.x)
+    if handle.is_driven:
+        work = (spring + tug) * mean.handle
+    else:
+        work = handle.pull * mean.handle
+        damping_x = damping_x + handle.damping * before.handle * mean.handle
+    return Powers(
+        work,
+        damping_x,
+        _compute_damping_y(model, before, mean),
+        overtone_loss,
+        surface.grip_x * tip_speed + surface.grip_y * mean.y,
+        wall * tip_speed,
+        surface.loss_x * tip_speed + surface.loss_y * mean.y,
+    )
+
+
+@njit(forceinline=True)
+def _compute_damping_y(model: Model, before: Motion, mean: Motion) -> float:
+    """Power of the damper upwards [W]."""
+    damping = model.carrier.damping
+    if model.carrier.is_sprung:
+        return damping * (before.carrier - before.y) * (mean.carrier - mean.y)
+    return damping * mean.y * mean.y
+
+
+@njit(forceinline=True)
+def add_powers(ledger: Ledger, powers: Powers, time: float) -> Ledger:
+    """Add what flows over a time [s]."""
+    damping_loss = ledger.damping_loss + powers.damping_x * time
+    damping_loss = damping_loss + powers.damping_y * time
+    return Ledger(
+        ledger.handle_work + powers.work * time,
+        ledger.kinetic,
+        ledger.spring,
+        ledger.lift,
+        ledger.contact,
+        ledger.bristle,
+        ledger.friction_loss - powers.friction * time,
+        damping_loss + powers.overtones * time,
+        ledger.impact_loss - powers.impact * time,
+        ledger.tissue_loss + powers.wall * time,
+    )
+
+
+@njit(forceinline=True)
+def take_stored_from_losses(ledger: Ledger, bristles: float, wall: float) -> Ledger:
+    """Take from the losses what bristles and wall have stored over a step [J]."""
+    return Ledger(
+        ledger.handle_work,
+        ledger.kinetic,
+        ledger.spring,
+        ledger.lift,
+        ledger.contact,
+        ledger.bristle + wall,
+        ledger.friction_loss - bristles,
+        ledger.damping_loss,
+        ledger.impact_loss,
+        ledger.tissue_loss - wall,
+    )
+
+
+@njit
+def compute_stored_energies(
+    model: Model,
+    position: Motion,
+    mean: Motion,
+    stretch: float,
+    under: Touch,
+    beyond: Touch,
+    bristle_energy: float,
+    ring: Ring,
+) -> Ledger:
+    """Energies that are stored at the middle of a kick, as entries of the ledger [J]."""
+    spring, handle, carrier = model.spring, model.handle, model.carrier
+    tip = 0.5 * spring.mass * (mean.x * mean.x + mean.y * mean.y)
+    kinetic = tip + 0.5 * carrier.mass * mean.carrier * mean.carrier + ring.kinetic
+    if not handle.is_driven:
+        kinetic = kinetic + 0.5 * handle.mass * mean.handle * mean.handle
+    linear = 0.5 * spring.stiffness * stretch**2
+    cubic = 0.25 * spring.hardening * stretch**4
+    if carrier.is_sprung:
+        weight_spring = 0.5 * carrier.stiffness * (position.carrier - position.y) ** 2
+        lift = carrier.load * position.carrier + weight_spring
+    else:
+        lift = carrier.load * position.y
+    return Ledger(
+        0.0,
+        kinetic,
+        linear + cubic + ring.elastic,
+        lift,
+        compute_dent_energy(model.contact, under, beyond),
+        bristle_energy,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+    )
+
+
+@njit
+def _add_ledgers(ledger: Ledger, stored: Ledger, factor: float) -> Ledger:
+    """Add entry by entry, the second ledger times a factor of 1 or -1."""
+    return Ledger(
+        ledger.handle_work + factor * stored.handle_work,
+        ledger.kinetic + factor * stored.kinetic,
+        ledger.spring + factor * stored.spring,
+        ledger.lift + factor * stored.lift,
+        ledger.contact + factor * stored.contact,
+        ledger.bristle + factor * stored.bristle,
+        ledger.friction_loss + factor * stored.friction_loss,
+        ledger.damping_loss + factor * stored.damping_loss,
+        ledger.impact_loss + factor * stored.impact_loss,
+        ledger.tissue_loss + factor * stored.tissue_loss,
+    )
+
+
+@njit
+def settle_ledger(
+    ledger: Ledger, stored: Ledger, passage: Array, is_first: bool, passes: bool, ends: bool
+) -> Ledger:
+    """Take what is stored off the ledger at the first step, and put it on at the end [J].
+
+    At a passage the ledger with what is stored is noted in its row, behind that of `Passage`.
+    """
+    if is_first:
+        ledger = _add_ledgers(ledger, stored, -1.0)
+    balanced = _add_ledgers(ledger, stored, 1.0)
+    if passes:
+        passage[_NOTED:] = np.array(balanced)
+    return balanced if ends else ledger

@@ -1,0 +1,51 @@
+"""What the surface does to the tip: both contacts and their friction together."""
+
+from typing import NamedTuple
+
+from numba import njit
+
+from stepblocks.drag.kernels.contact import Touch
+from stepblocks.drag.kernels.friction import Grip
+from stepblocks.drag.kernels.model import Carrier
+
+
+class Surface(NamedTuple):
+    """Forces of the surface on the tip [N]."""
+
+    x: float  # all of them, along the drag
+    y: float  # all of them, upwards
+    loss_x: float  # lossy part of the contacts
+    loss_y: float
+    grip_x: float  # friction
+    grip_y: float
+    normal: float  # sum of both contacts along their normals
+    friction: float  # sum of both contacts along their tangents
+
+
+@njit(forceinline=True)
+def combine_contacts(under: Touch, beyond: Touch, hold: Grip, hold_beyond: Grip) -> Surface:
+    """Add the contact under the tip and the one beyond the kink."""
+    loss_x = -under.loss * under.slope * under.cosine - beyond.loss * beyond.slope * beyond.cosine
+    loss_y = under.loss * under.cosine + beyond.loss * beyond.cosine
+    grip_x = -hold.force * under.cosine - hold_beyond.force * beyond.cosine
+    steep_here = hold.force * under.slope * under.cosine
+    steep_beyond = hold_beyond.force * beyond.slope * beyond.cosine
+    grip_y = -steep_here - steep_beyond
+    return Surface(
+        under.x + beyond.x + loss_x + grip_x,
+        under.y + beyond.y + loss_y + grip_y,
+        loss_x,
+        loss_y,
+        grip_x,
+        grip_y,
+        under.normal + beyond.normal,
+        hold.force + hold_beyond.force,
+    )
+
+
+@njit(forceinline=True)
+def compute_pressed_force(carrier: Carrier, surface: Surface, hold: float) -> float:
+    """Compute the normal force that a gauge reads [N]: of carrier or surface."""
+    if carrier.is_sprung:
+        return -hold
+    return surface.y

@@ -1,0 +1,101 @@
+"""Effects of the release: which share of the stored energy rings."""
+
+from collections.abc import Mapping
+from functools import partial
+
+import numpy as np
+
+from stepblocks.contact.operating_point import PAPER
+from stepblocks.lawsearch.law import Law, Parameter
+from stepblocks.rig.state import DragState, Floats
+
+_conversion = partial(Law, slot="conversion")
+
+# at which the share is that of the nominal model
+_SPEED = 6e-3  # [m/s]
+ROOM_TEMPERATURE = 22.0  # [C]
+_LEAST_LOAD = 1e-3  # where a fit strays [N]
+
+
+def _follow_speed(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
+    """Let the share follow a power of the speed."""
+    factor = (state.speed / _SPEED) ** values["exponent"]
+    return state.changed(conversion=state.conversion * factor)
+
+
+def _follow_temperature(
+    state: DragState, celsius: Floats, values: Mapping[str, float]
+) -> DragState:
+    """Let the share follow the temperature [C]."""
+    factor = np.exp(values["rate_per_k"] * (celsius - ROOM_TEMPERATURE))
+    return state.changed(conversion=state.conversion * factor)
+
+
+def _move_tip(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
+    """Let the tip have a mass that is moved and lifted while the handle goes on."""
+    weight = values["weight"]
+    if weight == 0.0:
+        return state
+    # compiled kernels, loaded where they are used
+    from stepblocks.rig.effects.release_motion import compute_release
+
+    load = np.maximum(state.load, _LEAST_LOAD)
+    # k m = (k / omega)^2: the ring itself tells the mass that moves
+    omega = 2.0 * np.pi * state.frequency
+    momentum = state.stiffness / omega
+    excess, share = compute_release(
+        state.height / state.radius,
+        state.friction,
+        state.stiffness * state.radius / load,
+        state.speed * momentum / load,
+        state.damping / (omega * state.decay_time),
+        np.maximum(state.hardening, 0.0) * load**2,
+    )
+    change = share - np.log(PAPER.tool.conversion)
+    return state.changed(
+        climb_load=state.climb_load + load * np.expm1(weight * excess),
+        conversion=state.conversion * np.exp(weight * change),
+    )
+
+
+def _spend_work(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
+    """Take the work of lifting the tip and rubbing over the step off the ring."""
+    reach = np.sqrt(np.maximum(state.height * (2.0 * state.radius - state.height), 0.0))
+    work = state.load * (state.height + state.friction * reach)
+    return state.changed(lost_energy=state.lost_energy + values["share"] * work)
+
+
+CONVERSION_LAWS: tuple[Law, ...] = (
+    _conversion(
+        "speed_dependent_conversion",
+        "C_v (v / 6 mm/s)^q",
+        (Parameter("exponent", "1", 0.0, -2.0, 2.0, 0.03),),
+        _follow_speed,
+        covariate="speed_mm_s",
+        description="the share that rings follows the speed: exponent",
+    ),
+    _conversion(
+        "temperature_dependent_conversion",
+        "C_v exp(g (T - 22 C))",
+        (Parameter("rate_per_k", "1/K", 0.0, -1.0, 1.0, 0.01),),
+        _follow_temperature,
+        covariate="temperature_c",
+        description="the share that rings follows the temperature, per K by",
+    ),
+    _conversion(
+        "real_release",
+        "C_v and peak from (1 + T tan a) x'' = F - T (1 + y'' x'^2), T = tan(a + atan mu), to the "
+        "power w",
+        (Parameter("weight", "1", 0.0, 0.0, 1.5, 0.05),),
+        _move_tip,
+        description="the tip must be moved and lifted over the step: weight of that motion",
+    ),
+    _conversion(
+        "real_release~work",  # the same by energies alone
+        "E_v = C_v F_px^2 / 2k - s F_py (H + mu sqrt(H (2R - H)))",
+        (Parameter("share", "1", 0.0, -1.0, 3.0, 0.02),),
+        _spend_work,
+        rank=1,
+        description="the tip must be moved and lifted over the step: weight of that motion",
+    ),
+)

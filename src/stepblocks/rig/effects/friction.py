@@ -1,0 +1,183 @@
+"""Effects of friction: what its coefficient follows beside the constant of the nominal model."""
+
+from collections.abc import Mapping
+from functools import partial
+
+import numpy as np
+
+from stepblocks.lawsearch.law import Law, Parameter
+from stepblocks.rig.forward import SPEED_OVER_LOAD
+from stepblocks.rig.state import DragState, Floats
+
+_friction = partial(Law, slot="friction")
+_by_speed = partial(
+    _friction,
+    covariate="speed_mm_s",
+    description="friction falls with speed: excess at rest {}, over a speed of {}",
+)
+
+# at which the coefficient is that of the nominal model
+_LOAD = 0.6  # [N]
+_SPEED = 6e-3  # [m/s]
+_LEAST_FACTOR = 0.02  # on the coefficient, where a fit strays
+
+
+def _fall_with_load(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
+    """Let friction follow a power of the load."""
+    factor = (state.load / _LOAD) ** -values["exponent"]
+    return state.changed(friction=state.friction * factor)
+
+
+def _change_on_edge(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
+    """Let an edge that is ground, coated or worn rub otherwise than the faces."""
+    return state.changed(edge_factor=state.edge_factor * values["edge_over_face"])
+
+
+def _fall_with_speed(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
+    """Let friction fall from rest to sliding, after Stribeck."""
+    falling = np.exp(-state.speed / values["stribeck_speed_m_per_s"])
+    return state.changed(friction=state.friction * (1.0 + values["excess"] * falling))
+
+
+def _follow_logarithm(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
+    """Let friction follow the logarithm of the speed, as of dry contacts."""
+    factor = 1.0 + values["slope"] * np.log(state.speed / _SPEED)
+    return state.changed(friction=state.friction * np.maximum(factor, _LEAST_FACTOR))
+
+
+def _build_film(state: DragState, ratio: Floats, values: Mapping[str, float]) -> DragState:
+    """Let a film that speed builds and load presses out carry the tip [ratio in mm/(N s)]."""
+    falling = np.exp(-1e-3 * ratio / values["number"])
+    return state.changed(friction=state.friction * (1.0 + values["excess"] * falling))
+
+
+def _thin_film(state: DragState, ratio: Floats, values: Mapping[str, float]) -> DragState:
+    """Let friction follow a power of speed over load [ratio in mm/(N s)]."""
+    return state.changed(friction=state.friction * (0.1 * ratio) ** -values["exponent"])
+
+
+def _carry_over(state: DragState, before: Floats, values: Mapping[str, float]) -> DragState:
+    """Let friction follow the load of the trial before [N]."""
+    factor = (before / _LOAD) ** values["exponent"]
+    return state.changed(friction=state.friction * factor)
+
+
+def _settle(state: DragState, order: Floats, values: Mapping[str, float]) -> DragState:
+    """Let friction settle over a number of trials."""
+    factor = 1.0 + values["excess"] * np.exp(-order / values["settling_trials"])
+    return state.changed(friction=state.friction * np.maximum(factor, _LEAST_FACTOR))
+
+
+def _make_settling_law(
+    name: str,
+    form: str,
+    *,
+    trials: float,
+    least: float,
+    covariate: str,
+    description: str,
+    how_to_decide: str,
+) -> Law:
+    """Make the effect of a fresh contact, or of one that a rest has changed.
+
+    It settles over so many `trials`, and over `least` at least.
+    """
+    return _friction(
+        name,
+        form,
+        (
+            Parameter("excess", "1", 0.0, -0.95, 20.0, 0.05),
+            Parameter("settling_trials", "1", trials, least, 1000.0, 0.2 * trials),
+        ),
+        _settle,
+        covariate=covariate,
+        shapes=tuple({"settling_trials": trials * factor} for factor in (0.3, 0.8, 2.0, 8.0)),
+        description=description,
+        how_to_decide=how_to_decide,
+    )
+
+
+FRICTION_LAWS: tuple[Law, ...] = (
+    _friction(
+        "load_dependent_friction",  # an elastic contact after Hertz has p = 1/3
+        "mu (F_py / 0.6 N)^-p",
+        (Parameter("exponent", "1", 0.0, -3.0, 3.0, 0.05),),
+        _fall_with_load,
+        covariate="load_n",
+        description="friction falls with load: exponent",
+    ),
+    _friction(
+        "edge_friction",
+        "e mu while the tip climbs, mu on the faces",
+        (Parameter("edge_over_face", "1", 1.0, 0.1, 4.0, 0.03),),
+        _change_on_edge,
+        description="friction on the edge over that on the faces is",
+        how_to_decide="turn the blocks round, and drag a block with a fresh edge",
+    ),
+    _by_speed(
+        "stribeck_friction",
+        "mu (1 + s exp(-v / v_s))",
+        (
+            Parameter("excess", "1", 0.0, -0.95, 10.0, 0.05),
+            Parameter("stribeck_speed_m_per_s", "m/s", 5e-3, 5e-4, 1e-1, 1e-3),
+        ),
+        _fall_with_speed,
+        shapes=tuple({"stribeck_speed_m_per_s": speed} for speed in (1.5e-3, 4e-3, 9e-3, 2.5e-2)),
+    ),
+    _by_speed(
+        "stribeck_friction~logarithmic",
+        "mu (1 + s ln(v / 6 mm/s))",
+        (Parameter("slope", "1", 0.0, -2.0, 2.0, 0.03),),
+        _follow_logarithm,
+        rank=1,
+        description="friction goes with the logarithm of speed: slope",
+    ),
+    _friction(
+        "hersey_friction",
+        "mu (1 + s exp(-(v / F_py) / h))",
+        (
+            Parameter("excess", "1", 0.0, -0.95, 10.0, 0.05),
+            Parameter("number", "m/(N s)", 8e-3, 5e-4, 2e-1, 1e-3),
+        ),
+        _build_film,
+        covariate=SPEED_OVER_LOAD,
+        shapes=tuple({"number": number} for number in (3e-3, 8e-3, 2e-2, 5e-2)),
+        description="friction follows speed over load: excess at rest {}, over a ratio of {}",
+    ),
+    _friction(
+        "hersey_friction~power",
+        "mu ((v / F_py) / 0.01 m/(N s))^-p",
+        (Parameter("exponent", "1", 0.0, -2.0, 2.0, 0.03),),
+        _thin_film,
+        covariate=SPEED_OVER_LOAD,
+        rank=1,
+        description="friction follows speed over load: exponent",
+    ),
+    _friction(
+        "carried_over",
+        "mu (F_before / 0.6 N)^p",
+        (Parameter("exponent", "1", 0.0, -2.0, 2.0, 0.03),),
+        _carry_over,
+        covariate="previous_load_n",
+        description="friction follows the load of the trial before: exponent",
+        how_to_decide="repeat one trial after a light and after a heavy one",
+    ),
+    _make_settling_law(
+        "running_in",
+        "mu (1 + s exp(-n / n0))",
+        trials=50.0,
+        least=3.0,
+        covariate="run_order",
+        description="friction runs in: excess at first {}, trials to settle {}",
+        how_to_decide="drag a fresh or cleaned block: friction begins high again",
+    ),
+    _make_settling_law(
+        "rest",
+        "mu (1 + s exp(-n / n0)), n trials since a rest",
+        trials=5.0,
+        least=0.5,
+        covariate="trials_since_rest",
+        description="friction differs after a rest: excess at first {}, trials to settle {}",
+        how_to_decide="repeat one trial before and after a rest",
+    ),
+)

@@ -1,0 +1,145 @@
+"""Effects of the contact's geometry: what changes radius, height or slope of the edge."""
+
+from collections.abc import Mapping
+from functools import partial
+
+from stepblocks.lawsearch.law import Law, Parameter
+from stepblocks.rig.state import DragState, Floats, Labels, press_edge
+
+_geometry = partial(Law, slot="contact_geometry")
+
+_HERTZ_POWER = 2.0 / 3.0  # of the load, which the depth of a ball on an edge follows
+
+
+def _round_edge(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
+    """Round every edge by a radius."""
+    return state.changed(radius=state.radius + values["edge_radius_m"])
+
+
+def _wear_tip(state: DragState, order: Floats, values: Mapping[str, float]) -> DragState:
+    """Let the radius of the tip grow with every trial."""
+    return state.changed(radius=state.radius + values["growth_m_per_trial"] * order)
+
+
+def _polish_edge(state: DragState, passes: Floats, values: Mapping[str, float]) -> DragState:
+    """Let the radius of an edge grow with every pass over its block."""
+    return state.changed(radius=state.radius + values["growth_m_per_pass"] * passes)
+
+
+def _change_tip_radius(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
+    """Let the tip have another radius than stated."""
+    return state.changed(radius=state.radius + values["radius_error_m"])
+
+
+def _flatten_tip(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
+    """Let the ball ride lower by the depth of a flat: every step stands higher by it."""
+    return state.changed(height=state.height + values["flat_depth_m"])
+
+
+def _tilt_blocks(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
+    """Tilt the blocks along the drag."""
+    return state.changed(tilt=state.tilt + values["tilt_rad"])
+
+
+def _indent(power: float, state: DragState, _: object, values: Mapping[str, float]) -> DragState:
+    """Let the contact give way by a power of the load."""
+    return press_edge(state, values["depth_at_1n_m"], power)
+
+
+def _change_block_height(
+    block: str, state: DragState, blocks: Labels, values: Mapping[str, float]
+) -> DragState:
+    """Let one block have another height than stated."""
+    error = values["height_error_m"] * (blocks == block)
+    return state.changed(height=state.height + error)
+
+
+def _make_indentation_law(variant: str, power: float, rank: int) -> Law:
+    """Make the effect of a ball on the edge after Hertz, or of whatever holds block or tip."""
+    return _geometry(
+        f"elastic_indentation{variant}",
+        f"cos a = (R - H) / (R - d N^p), p = {power:.3g}, N = F_py cos(atan mu) / cos(a + "
+        "atan mu) across the edge",
+        (Parameter("depth_at_1n_m", "m", 0.0, -5e-6, 5e-5, 1e-6),),
+        partial(_indent, power),
+        covariate="load_n",
+        rank=rank,
+        description="the contact gives way: depth at 1 N",
+    )
+
+
+def make_height_error_law(block: str) -> Law:
+    """Make the effect of a block far from its nominal height.
+
+    Small errors are priors of the nominal model.
+    """
+    return _geometry(
+        f"block_height_error~{block}",
+        f"H -> H + h on {block}",
+        (Parameter("height_error_m", "m", 0.0, -4e-5, 4e-5, 1e-6),),
+        partial(_change_block_height, block),
+        covariate="block",
+        description=f"the height of block {block} differs from the stated one by",
+        how_to_decide=f"scan or gauge the block {block}",
+    )
+
+
+GEOMETRY_LAWS: tuple[Law, ...] = (
+    _geometry(
+        "edge_rounding",
+        "a = arccos(1 - H / (R + r))",
+        (Parameter("edge_radius_m", "m", 0.0, 0.0, 3e-4, 5e-6),),
+        _round_edge,
+        description="edges are rounded: r =",
+        how_to_decide="scan the edges, or drag the same blocks with another tip",
+    ),
+    _geometry(
+        "tip_wear",
+        "R(n) = R + w n",
+        (Parameter("growth_m_per_trial", "m", 0.0, 0.0, 5e-6, 3e-8),),
+        _wear_tip,
+        covariate="run_order",
+        description="the tip wears: its radius grows per trial by",
+        how_to_decide="swap the tip",
+    ),
+    _geometry(
+        "edge_polish",
+        "r(n) = r + w n, n passes over the block",
+        (Parameter("growth_m_per_pass", "m", 0.0, -5e-6, 2e-5, 1e-7),),
+        _polish_edge,
+        covariate="passes_of_block",
+        rank=1,
+        description="each pass polishes the edge of its block: the radius grows by",
+        how_to_decide="scan an edge before and after, or drag a block that nobody has used",
+    ),
+    _geometry(
+        "tip_radius_error",
+        "R -> R + w; the same as a rounded edge, which a scan must rule out",
+        (Parameter("radius_error_m", "m", 0.0, -1e-4, 3e-4, 5e-6),),
+        _change_tip_radius,
+        rank=1,
+        description="the radius of the tip differs from the stated one by",
+        how_to_decide="swap the tip, or measure it",
+    ),
+    _geometry(
+        "tip_flat",
+        "a = arccos(1 - (H + d) / R), flat of half width sqrt(2 R d)",
+        (Parameter("flat_depth_m", "m", 0.0, 0.0, 3e-5, 1e-6),),
+        _flatten_tip,
+        rank=1,
+        description="the tip has a flat, of a depth of",
+        how_to_decide="swap the tip",
+    ),
+    _geometry(
+        # for every force and energy the same as friction tan(atan mu + t)
+        "block_tilt",
+        "a -> a + t",
+        (Parameter("tilt_rad", "rad", 0.0, -0.3, 0.3, 0.01),),
+        _tilt_blocks,
+        rank=5,
+        description="the blocks are tilted by",
+        how_to_decide="turn the blocks round: a tilt changes its sign",
+    ),
+    _make_indentation_law("", _HERTZ_POWER, rank=0),
+    _make_indentation_law("~linear", 1.0, rank=1),
+)
