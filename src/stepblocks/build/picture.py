@@ -190,7 +190,7 @@ def write_view_script(
         bodies=[_pack_body(vertices, triangles) for vertices, triangles in meshes],
     )
     data = json.dumps(asdict(view), separators=(",", ":"), allow_nan=False)
-    path.write_text(f"stepblocksView({data});\n", encoding="ascii")
+    path.write_text(f"stepblocksView({data});\n", encoding="ascii", newline="\n")
 
 
 def _pack_body(vertices: Vertices, triangles: NDArray[np.int64]) -> _ViewedBody:
