@@ -5,8 +5,9 @@ method of the counterfaces with honest values, one or two of which are replaced 
 units off by 10^3 and 10^6, NaN, empty, huge, of another dimension or type, read-only, masked,
 sparse, xarray, pandas with odd indexes and columns. Each call runs in a child of its own with 10 s
 of processor and 2 GiB; the honest call must answer. Anything but a result, a `StepblocksError` or
-an `OSError` that names a file is a fault, and for a method what Python raises over a wrong type;
-exit code 1 if there is one. ``--only NAME`` for some.
+an `OSError` that names a file is a fault, unless a value of another type was given, or a keyword
+that is unknown: there what Python raises stands. Exit code 1 if there is a fault. ``--only NAME``
+for some.
 """
 
 from __future__ import annotations
@@ -475,7 +476,7 @@ def make_nodes() -> None:
         os.mknod("zeros", stat.S_IFCHR | 0o600, os.makedev(1, 5))
 
 
-def call_in_child(call: Call, work: Path) -> tuple[str, str]:
+def call_in_child(call: Call, work: Path, *, is_wrong_type: bool = False) -> tuple[str, str]:
     """Call in a process of its own; how it ended (read, refused, fault), and what it said."""
     read, write = os.pipe()
     child = os.fork()
@@ -487,8 +488,8 @@ def call_in_child(call: Call, work: Path) -> tuple[str, str]:
         os.chdir(tempfile.mkdtemp(dir=work))
         make_nodes()
         function, arguments, keywords = call
-        # a method is no border: over a value of a wrong type or shape Python speaks for itself
-        misuse = MISUSE if inspect.ismethod(function) else ()
+        # a method is no border, and over a value of a wrong type Python speaks for itself
+        misuse = MISUSE if is_wrong_type or inspect.ismethod(function) else ()
         how, said = "read", ""
         try:
             with (
@@ -525,10 +526,14 @@ def call_in_child(call: Call, work: Path) -> tuple[str, str]:
     return how, said
 
 
-def strange_call(call: Call, random: np.random.Generator) -> tuple[Call, str]:
-    """Replace one or two values of an honest call, or add a keyword that is unknown."""
+def strange_call(call: Call, random: np.random.Generator) -> tuple[Call, str, bool]:
+    """Replace one or two values of an honest call, or add a keyword that is unknown.
+
+    Returns the call, what was replaced, and whether by a value of another type.
+    """
     function, arguments, keywords = call
     given, named, said = list(arguments), dict(keywords), list[str]()
+    is_wrong_type = False
     for _ in range(int(random.integers(1, 3))):
         places: list[int | str] = [*range(len(given)), *named, "unknown_option"]
         place = places[int(random.integers(0, len(places)))]
@@ -536,11 +541,19 @@ def strange_call(call: Call, random: np.random.Generator) -> tuple[Call, str]:
         values = [*make_variants(old) * 4, *make_strange_values()]
         name, value = values[int(random.integers(0, len(values)))]
         said.append(f"{place}: {name}")
+        is_wrong_type = is_wrong_type or not _is_same_type(old, value)
         if isinstance(place, int):
             given[place] = value
         else:
             named[place] = value
-    return (function, tuple(given), named), ", ".join(said)
+    return (function, tuple(given), named), ", ".join(said), is_wrong_type
+
+
+def _is_same_type(honest: object, strange: object) -> bool:
+    """Tell whether a strange value is of the type of the honest one; all numbers are of one."""
+    if isinstance(honest, int | float) and isinstance(strange, int | float):
+        return not (isinstance(honest, bool) or isinstance(strange, bool))
+    return type(honest) is type(strange)
 
 
 def fuzz_function(
@@ -554,8 +567,8 @@ def fuzz_function(
         print(f"{name}: an honest call is not answered: {said}", file=sys.stderr, flush=True)
         faults[f"{name}, honest: {said}"] += 1
     for _ in range(count):
-        strange, words = strange_call(call, random)
-        how, said = call_in_child(strange, work)
+        strange, words, is_wrong_type = strange_call(call, random)
+        how, said = call_in_child(strange, work, is_wrong_type=is_wrong_type)
         ends[how] += 1
         if how == "fault":
             if not faults[f"{name}: {said}"]:

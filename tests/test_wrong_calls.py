@@ -120,6 +120,7 @@ def test_a_wrong_number_is_taken_or_refused_in_one_line_of_ours(name, values, na
         (lambda: sb.find_release(0.6, float("nan"), 0.15), "normal_load must be positive"),
         (lambda: sb.format_quantity(1.0, "length", digits=-1), "digits must be a whole number"),
         (lambda: sb.parse_quantity(10**400, "ratio"), "must be a ratio .* and finite"),
+        (lambda: sb.parse_quantity("3 um", "lenght"), "dimension must be one of length"),
     ],
 )
 def test_a_wrong_value_is_refused_where_it_is_checked_by_name_and_rule(call, words):

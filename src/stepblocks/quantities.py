@@ -116,7 +116,8 @@ def parse_quantity(text: object, dimension: str) -> float:
 def _check_dimension(dimension: object) -> None:
     if not isinstance(dimension, str) or dimension not in _KNOWN:
         known = ", ".join(_KNOWN)
-        raise QuantityError(f"dimension must be one of {known}, got {dimension!r:.60}")
+        shown = " ".join(repr(dimension).split())
+        raise QuantityError(f"dimension must be one of {known}, got {shown:.60}")
 
 
 def _convert_ratio(number: float, wanted: str) -> float:

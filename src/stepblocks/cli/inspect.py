@@ -283,7 +283,9 @@ def inspect(
         return _inspect_many(scans, arguments, output, laboratory)
     if stimulus is not None:
         arguments |= declared
-    return _inspect_one(scan, stimulus, standard, tolerance, arguments, output, laboratory)
+    return _inspect_one(
+        scan, stimulus, standard, tolerance, arguments, output=output, laboratory=laboratory
+    )
 
 
 def _prefer(option: float | None, known: float | None) -> float | None:
@@ -336,6 +338,7 @@ def _inspect_one(
     standard: float | None,
     tolerance: float | None,
     arguments: Mapping[str, Any],
+    *,
     output: Path | None,
     laboratory: "Laboratory | None",
 ) -> Outcome:
