@@ -9,9 +9,9 @@ from typing import ClassVar
 import ezdxf
 import numpy as np
 import pytest
-from stepblocks.build.check import check_output
 
 from stepblocks.artefacts.check_part import check_part_step
+from stepblocks.build.check import check_output
 from stepblocks.build.run import build_sets
 from stepblocks.cad import kernel
 from stepblocks.contact.counterface import Profile

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 import trimesh
-from stepblocks.build.check import check_output
 
 from oracles.scanned_tooth import BULGE, FLARE, HOLLOW, MARGIN, NOISE, RADIUS, scan, scanned_set
+from stepblocks.build.check import check_output
 from stepblocks.build.run import build_sets
 from stepblocks.cli import main
 from stepblocks.contact.counterface import Margin
