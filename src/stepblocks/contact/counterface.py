@@ -293,7 +293,7 @@ class Groove(Counterface):
     def angles(self, ball_radius: Real, **dimensions: Real) -> Angles:
         """``sin a = g / 2R``, or along the flanks onto which the ball sinks."""
         width = dimensions.get("width", self.width)
-        between_shoulders = find_margin_angles(width, 0.0, ball_radius).forward
+        between_shoulders, _ = find_margin_angles(width, 0.0, ball_radius)
         along_flank = dimensions.get("flank", self.flank)
         angle = unwrap_scalar(np.minimum(between_shoulders, along_flank))
         return Angles(angle, angle)
