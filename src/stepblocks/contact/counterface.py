@@ -93,8 +93,9 @@ class Counterface(ABC):
         """Force and energy of one drag, equations (1) and (2)."""
         if backward not in (False, True):
             raise ContactError(f"backward must be True or False, got {backward!r}")
-        angle = self.angles(point.ball_radius).towards(backward)
-        return find_release(angle, point.normal_load, point.friction, point.tool)
+        # a counterface of somebody else may return a plain pair
+        angles = Angles(*self.angles(point.ball_radius))
+        return find_release(angles.towards(backward), point.normal_load, point.friction, point.tool)
 
     def heights(self, x: Array) -> Array:
         """Heights over the near side [m] at positions across the edge [m].
@@ -292,7 +293,7 @@ class Groove(Counterface):
     def angles(self, ball_radius: Real, **dimensions: Real) -> Angles:
         """``sin a = g / 2R``, or along the flanks onto which the ball sinks."""
         width = dimensions.get("width", self.width)
-        between_shoulders = find_margin_angles(width, 0.0, ball_radius).forward
+        between_shoulders, _ = find_margin_angles(width, 0.0, ball_radius)
         along_flank = dimensions.get("flank", self.flank)
         angle = unwrap_scalar(np.minimum(between_shoulders, along_flank))
         return Angles(angle, angle)

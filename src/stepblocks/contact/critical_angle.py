@@ -63,6 +63,12 @@ def find_step_angle(height: Real, ball_radius: Real, edge_radius: Real = 0.0) ->
     return unwrap_scalar(kernels.compute_step_angle(height, ball_radius + edge_radius))
 
 
+@overload
+def find_margin_angles(opening: float, rise: float, ball_radius: float) -> tuple[float, float]: ...
+@overload
+def find_margin_angles(
+    opening: Array | Sequence[float], rise: Real, ball_radius: Real
+) -> tuple[Array, Array]: ...
 def find_margin_angles(opening: Real, rise: Real, ball_radius: Real) -> Angles:
     """Critical angles over a margin or a groove.
 
