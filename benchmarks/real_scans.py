@@ -21,7 +21,7 @@ from textwrap import shorten
 import numpy as np
 
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.report import InspectionResult
+from stepblocks.inspect.result import InspectionResult
 from stepblocks.inspect.run import inspect_standard
 from stepblocks.scans.read import read_scan
 

@@ -23,8 +23,9 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-import records
 from report_parts import PARTS, Part
+
+import records
 
 ROOT = records.ROOT
 OUT = ROOT / "out" / "report"

@@ -44,11 +44,13 @@ from oracles.softgauge import (
 )
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Component, Instrument, Measured
+from stepblocks.inspect.dots import measure_dots
 from stepblocks.inspect.edge import fit_edge
+from stepblocks.inspect.evaluation import EvaluationOptions
 from stepblocks.inspect.form import compute_flatness, compute_parallelism, estimate_zone, fit_face
 from stepblocks.inspect.grooves import measure_groove
-from stepblocks.inspect.map_levels import measure_dots, measure_masked_step
-from stepblocks.inspect.measure import EvaluationOptions, measure_margin, measure_tip
+from stepblocks.inspect.masked_step import measure_masked_step
+from stepblocks.inspect.measure import measure_margin, measure_tip
 from stepblocks.inspect.noise import Estimate
 from stepblocks.inspect.type_a1 import evaluate_a1
 from stepblocks.inspect.working_edge.measure import measure_edge
@@ -65,10 +67,12 @@ SEVERAL_TERMS = "bow, saddle, twist, cubic"
 ANY_FORM = "any form to 2 um"
 """Of a face whose form outweighs its noise too many points may be taken for spikes: refused."""
 CODE = (
-    *(f"inspect/{name}.py" for name in ("budget", "edge", "edge_arc", "form", "grooves")),
-    *(f"inspect/{name}.py" for name in ("levelling", "map_levels", "margin_gap", "measure")),
-    *(f"inspect/{name}.py" for name in ("noise", "tip", "type_a1")),
-    *(f"inspect/working_edge/{name}.py" for name in ("burr", "measure")),
+    *(f"inspect/{name}.py" for name in ("budget", "dots", "edge", "edge_arc", "edge_flank")),
+    *(f"inspect/{name}.py" for name in ("features", "form", "found_edges", "groove_profile")),
+    *(f"inspect/{name}.py" for name in ("grooves", "levelling", "map_levels", "margin_gap")),
+    *(f"inspect/{name}.py" for name in ("masked_step", "measure", "noise", "profiles")),
+    *(f"inspect/{name}.py" for name in ("tip", "type_a1")),
+    *(f"inspect/working_edge/{name}.py" for name in ("burr", "measure", "radius", "riser")),
 )
 """What evaluates a scan; reports and verdicts beside it change no draw."""
 MOST_REFUSED = 0.01

@@ -35,8 +35,9 @@ from oracles.softgauge import (
     stylus_trace,
 )
 from stepblocks.errors import StepblocksError
-from stepblocks.inspect.budget import Instrument, Outcome
-from stepblocks.inspect.measure import EvaluationOptions
+from stepblocks.inspect.budget import Instrument
+from stepblocks.inspect.conformity import Outcome
+from stepblocks.inspect.evaluation import EvaluationOptions
 from stepblocks.inspect.run import find_declared_part, inspect_scan
 from stepblocks.scans.scan import HeightMap, ScannedProfile
 

@@ -38,8 +38,8 @@ from .errors import StepblocksError as StepblocksError
 from .haptics.feel_page import write_feel_page as write_feel_page
 from .haptics.renderer import Renderer as Renderer
 from .inspect.budget import Instrument as Instrument
+from .inspect.evaluation import EvaluationOptions as EvaluationOptions
 from .inspect.many import inspect_many as inspect_many, write_many as write_many
-from .inspect.measure import EvaluationOptions as EvaluationOptions
 from .inspect.report import write_inspection as write_inspection
 from .inspect.run import inspect_scan as inspect_scan, inspect_standard as inspect_standard
 from .lawsearch.explain import explain as explain

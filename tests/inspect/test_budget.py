@@ -10,14 +10,15 @@ import pytest
 
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import (
+    Bound,
     Component,
     Instrument,
     Measured,
-    Outcome,
+    ScalePowers,
     add_instrument_components,
     average_profiles,
-    judge,
 )
+from stepblocks.inspect.conformity import Outcome, judge
 from stepblocks.inspect.noise import Estimate
 
 
@@ -42,7 +43,9 @@ def parts(measured):
 )
 def test_a_calibration_counts_with_the_power_in_which_the_value_goes_with_its_axis(axes, named):
     budget = parts(
-        add_instrument_components("x", -50e-6, [], Instrument(1e-3, 2e-9, 2e-3), axes=axes)
+        add_instrument_components(
+            "x", -50e-6, [], Instrument(1e-3, 2e-9, 2e-3), powers=ScalePowers(*axes)
+        )
     )
     # a rectangle one count wide
     assert budget.pop("resolution") == pytest.approx(2e-9 / math.sqrt(12.0))
@@ -79,10 +82,10 @@ def test_one_more_stated_component_never_narrows_an_interval():
 def test_of_a_bound_only_its_own_side_is_proven_and_of_no_stated_uncertainty_nothing():
     part = (Component("noise", 10e-9),)
     for value, bound, verdict in (
-        (1e-6, "at most", Outcome.CONFORMS),
-        (3e-6, "at most", Outcome.NOT_PROVEN),
-        (3e-6, "at least", Outcome.DOES_NOT_CONFORM),
-        (1e-6, "at least", Outcome.NOT_PROVEN),
+        (1e-6, Bound.AT_MOST, Outcome.CONFORMS),
+        (3e-6, Bound.AT_MOST, Outcome.NOT_PROVEN),
+        (3e-6, Bound.AT_LEAST, Outcome.DOES_NOT_CONFORM),
+        (1e-6, Bound.AT_LEAST, Outcome.NOT_PROVEN),
     ):
         assert judge(Measured("x", value, part, bound), 0.0, 0.0, 2e-6).verdict is verdict
     unknown = (Component("as stated", math.nan, decisive=True),)

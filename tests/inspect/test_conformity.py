@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.budget import Outcome, decide
+from stepblocks.inspect.conformity import Outcome, decide
 from stepblocks.parts.tolerance import GUARD_FACTOR
 
 LOWER, UPPER, U = 9.0e-6, 11.0e-6, 0.1e-6

@@ -11,15 +11,13 @@ from oracles.softgauge import ball_gauge, correlated_map, dots_gauge
 from stepblocks.cli import main
 from stepblocks.errors import MetrologyError, PipelineError
 from stepblocks.inspect import grooves
+from stepblocks.inspect.attempts import evaluate_each
 from stepblocks.inspect.budget import Instrument
+from stepblocks.inspect.dots import _list_weights, measure_dots
+from stepblocks.inspect.evaluation import EvaluationOptions
 from stepblocks.inspect.grooves import measure_groove
-from stepblocks.inspect.map_levels import (
-    _level_rows,
-    _list_weights,
-    measure_dots,
-    measure_masked_step,
-)
-from stepblocks.inspect.measure import EvaluationOptions, evaluate_each
+from stepblocks.inspect.map_levels import level_rows
+from stepblocks.inspect.masked_step import measure_masked_step
 from stepblocks.inspect.noise import estimate_of_rows
 from stepblocks.inspect.run import inspect_standard
 from stepblocks.scans.read import read_scan
@@ -174,11 +172,15 @@ def test_rows_that_cannot_agree_any_more_are_not_evaluated(monkeypatch):
         seen.append(number)
         raise MetrologyError("must")
 
-    assert evaluate_each(refuse, range(100), 3) == ([], ["must"] * 4)
+    attempts = evaluate_each(refuse, range(100), 3)
+    assert attempts.evaluated == []
+    assert attempts.refusals == ["must"] * 4
     assert seen == [0, 1, 2, 3]
     rows = []
-    evaluate = grooves._evaluate_row
-    monkeypatch.setattr(grooves, "_evaluate_row", lambda *given: rows.append(1) or evaluate(*given))
+    measure = grooves.measure_profile
+    monkeypatch.setattr(
+        grooves, "measure_profile", lambda *given: rows.append(1) or measure(*given)
+    )
     # most rows of a map of craters cross none: the others cannot be half
     scan = lattice([20 * UM], white=50 * NM, pitch=50 * UM, first=25 * UM, **CRATERS)
     with pytest.raises(MetrologyError, match="must agree"):
@@ -222,9 +224,9 @@ def test_the_noise_of_one_dot_holds_what_the_lines_of_its_rows_leave():
         * np.random.default_rng(9).normal(size=(72, 2))
         @ np.stack([1.0 + 0.0 * x[0], x[0] / 96])
     )
-    stated = [estimate_of_rows(weights, _level_rows(z, reference), reference) for z in draws]
+    stated = [estimate_of_rows(weights, level_rows(z, reference), reference) for z in draws]
     np.testing.assert_allclose(
-        estimate_of_rows(weights, _level_rows(draws[0] + drift, reference), reference),
+        estimate_of_rows(weights, level_rows(draws[0] + drift, reference), reference),
         stated[0],
         rtol=1e-6,
     )

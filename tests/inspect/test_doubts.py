@@ -12,9 +12,9 @@ from stepblocks.declaration.set import StimulusSet
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Instrument
 from stepblocks.inspect.edge import fit_edge
+from stepblocks.inspect.evaluation import EvaluationOptions
 from stepblocks.inspect.grooves import measure_groove
 from stepblocks.inspect.many import inspect_many, write_many
-from stepblocks.inspect.measure import EvaluationOptions
 from stepblocks.inspect.run import inspect_scan
 from stepblocks.inspect.working_edge.measure import measure_edge
 from stepblocks.parts.on_paper import make_sheet_table

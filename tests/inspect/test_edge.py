@@ -246,8 +246,9 @@ def test_the_riser_of_the_roundest_edge_that_is_not_resolved_is_among_those_trie
         crossing=(0.0, spacing),
         compute_cost_grid=lambda *_: None,
     )
-    radii, risers, _ = edge_arc._evaluate_unresolved(tried)
-    radius = float(radii.max())
+    grid = edge_arc._evaluate_unresolved(tried)
+    risers = grid.risers
+    radius = float(grid.radii.max())
     behind = brentq(
         lambda x: edge_gauge(np.array([x]), height, radius)[0] - 0.5 * height, 0.0, radius
     )
@@ -263,9 +264,9 @@ def test_the_riser_of_a_sharp_edge_is_sought_in_steps_of_a_twelfth_of_a_sample(c
     x, riser = np.arange(count) * spacing, (count // 2 - 0.1) * spacing
     z = edge_gauge(x, height, 0.2 * spacing, riser=riser)
     window = edge_arc.Window(x, z, height, spacing, np.array([1e-18]), np.zeros((1, count)))
-    _, radius, found = edge_arc._search_coarsely(window)[0]
-    assert radius == pytest.approx(0.2 * spacing)
-    assert abs(found - riser) <= spacing / 24.0
+    start = edge_arc._search_coarsely(window)[0]
+    assert start.radius == pytest.approx(0.2 * spacing)
+    assert abs(start.riser - riser) <= spacing / 24.0
 
 
 @pytest.mark.parametrize(("angle", "gentler"), [(60.0, True), (77.0, False)])

@@ -19,9 +19,9 @@ from oracles.softgauge import (
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Instrument
 from stepblocks.inspect.edge import fit_edge
+from stepblocks.inspect.evaluation import EvaluationOptions
 from stepblocks.inspect.grooves import measure_groove
-from stepblocks.inspect.map_levels import measure_masked_step
-from stepblocks.inspect.measure import EvaluationOptions
+from stepblocks.inspect.masked_step import measure_masked_step
 from stepblocks.scans.read import list_channels, read_scan
 from stepblocks.scans.scan import HeightMap, ScannedProfile
 

@@ -18,7 +18,7 @@ from oracles.softgauge import (
 )
 from stepblocks.cli import main
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.measure import EvaluationOptions
+from stepblocks.inspect.evaluation import EvaluationOptions
 from stepblocks.inspect.run import inspect_standard
 from stepblocks.records.as_built import (
     read_as_built,

@@ -10,9 +10,10 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from oracles.softgauge import edge_gauge, groove_gauge
-from stepblocks.inspect.budget import Component, Instrument, Measured, Outcome, decide, judge
+from stepblocks.inspect.budget import Component, Instrument, Measured
+from stepblocks.inspect.conformity import Outcome, decide, judge
+from stepblocks.inspect.evaluation import EvaluationOptions
 from stepblocks.inspect.grooves import measure_groove
-from stepblocks.inspect.measure import EvaluationOptions
 from stepblocks.inspect.working_edge.burr import find_burr
 from stepblocks.inspect.working_edge.measure import measure_edge
 from stepblocks.inspect.working_edge.roughness import measure_ra

@@ -9,15 +9,9 @@ import numpy as np
 import pytest
 
 from oracles.softgauge import correlated_noise, edge_gauge
-from stepblocks.inspect.levelling import (
-    Fit,
-    _compute_likelihood_gain,
-    _compute_window_differences,
-    _find_plateau_middle,
-    fit_two_planes,
-    fit_without_spikes,
-    remove_spikes,
-)
+from stepblocks.inspect.features import _compute_likelihood_gain, _count_points_together
+from stepblocks.inspect.found_edges import _compute_window_differences, _find_plateau_middle
+from stepblocks.inspect.levelling import Fit, fit_two_planes, fit_without_spikes, remove_spikes
 from stepblocks.inspect.noise import (
     LEAST_SCATTER,
     compute_estimator_covariance,
@@ -195,7 +189,7 @@ def test_the_gain_of_an_exact_fit_is_bounded_by_the_rounding_of_a_processor():
     left = z - curve @ np.linalg.lstsq(curve, z, rcond=None)[0]
     floor = 200 * LEAST_SCATTER**2
     expected = 200 * math.log((float(left @ left) + floor) / floor)
-    assert _compute_likelihood_gain(t, z, fit, terms)[0] == pytest.approx(expected, rel=1e-9)
+    assert _compute_likelihood_gain(t, z, fit, terms, 1.0) == pytest.approx(expected, rel=1e-9)
 
 
 def test_the_middle_of_a_plateau_is_as_far_from_either_end():
@@ -222,7 +216,8 @@ def test_a_fit_without_residuals_gains_on_a_smooth_curve_by_the_scatter_that_cou
     kept = np.ones(t.size, dtype=bool)
     step = np.where(t > 0.0, 1e-6, 0.0)
     fit = Fit(np.stack([np.ones_like(t), step]), np.eye(2, 200), np.zeros(2), 0.0 * t, kept, 0)
-    gain, together = _compute_likelihood_gain(t, step, fit, 1)
+    together = _count_points_together(fit)
+    gain = _compute_likelihood_gain(t, step, fit, 1, together)
     curve = np.stack([t, np.ones_like(t)])
     left = step - np.linalg.lstsq(curve.T, step, rcond=None)[0] @ curve
     floor = 200 * LEAST_SCATTER**2

@@ -9,13 +9,11 @@ import pytest
 from oracles.softgauge import correlated_noise, edge_gauge
 from stepblocks.cli import main
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.budget import Instrument, Outcome
-from stepblocks.inspect.many import (
-    estimate_repeatability,
-    inspect_many,
-    write_many,
-)
-from stepblocks.inspect.measure import EvaluationOptions
+from stepblocks.inspect.budget import Instrument
+from stepblocks.inspect.conformity import Outcome
+from stepblocks.inspect.evaluation import EvaluationOptions
+from stepblocks.inspect.many import inspect_many, write_many
+from stepblocks.inspect.repeatability import estimate_repeatability
 
 X = np.arange(-400, 400) * 1e-6
 OPTICAL = EvaluationOptions(stylus_radius=0.0, stylus_cone=0.0)
@@ -130,7 +128,7 @@ def test_the_command_takes_files_a_folder_or_a_table_and_says_what_it_left_out(
     assert "flat.csv: profile must show a step" in capsys.readouterr().out
     assert main(["inspect", str(batch / "scans.csv")]) == 2
     assert (
-        "stimulus must be said, by --stimulus or by a column of the table"
+        "stimulus must be stated, by --stimulus or by a column of the table"
         in capsys.readouterr().err
     )
     (tmp_path / "scans.csv").write_text("scan\n../B1.csv\n")

@@ -16,17 +16,11 @@ from oracles.softgauge import (
 )
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Instrument
-from stepblocks.inspect.edge_arc import (
-    Window,
-    _evaluate_unresolved,
-    compute_edge_profile,
-    fit_arc,
-    fit_flank,
-    is_flank_of_surface,
-)
+from stepblocks.inspect.edge_arc import Window, _evaluate_unresolved, compute_edge_profile, fit_arc
+from stepblocks.inspect.edge_flank import fit_flank, is_flank_of_surface
 from stepblocks.inspect.form import _DRAWS, fit_face
 from stepblocks.inspect.grooves import measure_groove
-from stepblocks.inspect.map_levels import _estimate_by_bands, measure_masked_step
+from stepblocks.inspect.masked_step import _estimate_by_bands, measure_masked_step
 from stepblocks.inspect.measure import measure_margin, measure_tip
 from stepblocks.inspect.working_edge.measure import measure_edge
 from stepblocks.scans.scan import HeightMap, ScannedProfile
@@ -285,7 +279,8 @@ def test_where_an_edge_too_sharp_for_the_sampling_may_lie_holds_the_place_where_
     riser, radius = offset * spacing, 5.9 * spacing
     z = compute_edge_profile(x, riser, 40e-6, radius)
     window = Window(x, z, 40e-6, spacing, np.array([20e-9**2]), np.zeros((1, len(x))))
-    radii, risers, _ = _evaluate_unresolved(window)
+    tried = _evaluate_unresolved(window)
+    radii, risers = tried.radii, tried.risers
     assert radii[-1] > radius
     assert risers[0] <= riser + radius - np.sqrt(radius**2 - (radius - 40e-6) ** 2) <= risers[-1]
 

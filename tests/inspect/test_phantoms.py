@@ -6,11 +6,14 @@ import pytest
 from oracles.softgauge import correlated_map, correlated_noise, edge_gauge
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Instrument
-from stepblocks.inspect.grooves import _check_level, measure_groove
-from stepblocks.inspect.levelling import Feature, FoundEdge, Levels
-from stepblocks.inspect.measure import AS_FOUND
+from stepblocks.inspect.evaluation import AS_FOUND
+from stepblocks.inspect.feature import suggest_other_evaluation
+from stepblocks.inspect.features import Feature, Levels
+from stepblocks.inspect.found_edges import FoundEdge
+from stepblocks.inspect.groove_profile import _check_level
+from stepblocks.inspect.grooves import measure_groove
 from stepblocks.inspect.noise import Estimate
-from stepblocks.inspect.run import EVALUATIONS, _suggest_other_evaluation, inspect_standard
+from stepblocks.inspect.run import inspect_standard
 from stepblocks.inspect.working_edge.measure import measure_edge
 from stepblocks.parts.characteristics import Characteristic
 from stepblocks.scans.scan import HeightMap, ScannedProfile
@@ -85,7 +88,7 @@ def test_a_refusal_names_the_feature_that_would_answer():
         inspect_standard(teeth, feature="edge", instrument=EXACT)
     edge = ScannedProfile(x, edge_gauge(x, UM, riser=300 * UM) + random.normal(0.0, 5 * NM, 600))
     asked = Characteristic("depth", "depth", "distance", UM, 0.0, 0.0)
-    said = _suggest_other_evaluation(EVALUATIONS["groove_depth"], edge, EXACT, asked, AS_FOUND)
+    said = suggest_other_evaluation("groove_depth", edge, EXACT, asked, AS_FOUND)
     assert said == "; --feature edge measures it"
 
 

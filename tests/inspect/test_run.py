@@ -16,18 +16,12 @@ from oracles.softgauge import correlated_noise, edge_gauge, groove_gauge
 from stepblocks.declaration.select import find_stimulus_files
 from stepblocks.declaration.set import StimulusSet
 from stepblocks.errors import PipelineError
-from stepblocks.inspect.budget import (
-    Component,
-    Instrument,
-    Measured,
-    Outcome,
-    combine_verdicts,
-    decide,
-    judge,
-)
-from stepblocks.inspect.measure import EvaluationOptions
+from stepblocks.inspect.budget import Component, Instrument, Measured
+from stepblocks.inspect.conformity import Outcome, combine_verdicts, decide, judge
+from stepblocks.inspect.evaluation import EvaluationOptions
+from stepblocks.inspect.feature import EVALUATIONS
 from stepblocks.inspect.report import write_inspection
-from stepblocks.inspect.run import EVALUATIONS, inspect_scan, inspect_standard
+from stepblocks.inspect.run import inspect_scan, inspect_standard
 from stepblocks.records.as_built import read_as_built
 
 STIMULI = Path(__file__).parents[2] / "stimuli"

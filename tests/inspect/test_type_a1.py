@@ -10,10 +10,11 @@ from scipy import stats
 
 from oracles.softgauge import correlated_noise, groove_gauge, with_faults
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.budget import Component, Instrument, Measured, average_profiles
-from stepblocks.inspect.grooves import _evaluate_by_windows, measure_groove
-from stepblocks.inspect.levelling import find_edges
-from stepblocks.inspect.map_levels import measure_masked_step
+from stepblocks.inspect.budget import Component, Instrument, Measured, ScalePowers, average_profiles
+from stepblocks.inspect.found_edges import find_edges
+from stepblocks.inspect.groove_profile import _evaluate_by_windows
+from stepblocks.inspect.grooves import measure_groove
+from stepblocks.inspect.masked_step import measure_masked_step
 from stepblocks.inspect.noise import Estimate
 from stepblocks.inspect.type_a1 import evaluate_a1
 from stepblocks.scans.read import read_scan
@@ -237,8 +238,8 @@ def test_what_is_not_stated_is_named_and_not_silently_zero():
 
 def test_a_width_answers_to_the_lateral_scale_and_a_radius_to_both():
     known = Instrument(1e-3, 0.0, 2e-3)
-    width = average_profiles("width", quiet([50e-6]), known, axes=(0.0, 1.0))
-    radius = average_profiles("radius", quiet([50e-6]), known, axes=(1.0, 2.0))
+    width = average_profiles("width", quiet([50e-6]), known, powers=ScalePowers(0.0, 1.0))
+    radius = average_profiles("radius", quiet([50e-6]), known, powers=ScalePowers(1.0, 2.0))
     parts = {one.name: one.std for one in width.components}
     assert parts["lateral calibration"] == pytest.approx(100e-9)
     assert "calibration" not in parts
@@ -247,7 +248,7 @@ def test_a_width_answers_to_the_lateral_scale_and_a_radius_to_both():
     )
     assert (
         "lateral calibration"
-        in average_profiles("w", quiet([5e-5]), Instrument(1e-3), axes=(0, 1)).unstated
+        in average_profiles("w", quiet([5e-5]), Instrument(1e-3), powers=ScalePowers(0, 1)).unstated
     )
 
 

@@ -16,10 +16,12 @@ from stepblocks.errors import MetrologyError, PipelineError
 from stepblocks.inspect.run import inspect_scan
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.records.certificate import (
-    _collect_content,
-    _format_row,
-    _write_pdf,
+    CertifiedCharacteristic,
+    Conformity,
+    collect_content,
+    format_row,
     write_certificate,
+    write_pdf,
 )
 from stepblocks.records.laboratory import InstrumentRecord, Laboratory
 from stepblocks.records.qif import write_qif
@@ -207,7 +209,7 @@ def certificate_of(folder, laboratory=None):
     )
     result = inspect_scan(folder / "a.qif", "step-050", stimuli=STIMULI / "paper-ten.toml")
     path = folder / "step-050.dcc.xml"
-    write_certificate(path, PARTS["step-050"], result.as_record(), ORDER, "ab" * 32, laboratory)
+    write_certificate(path, PARTS["step-050"], result.describe(), ORDER, "ab" * 32, laboratory)
     return path
 
 
@@ -270,8 +272,23 @@ def test_the_certificate_names_the_calibration_of_the_instrument_and_gives_no_ha
 def test_a_row_shows_two_digits_of_the_uncertainty_and_the_whole_label(value, expanded, shown):
     # JCGM 100, 7.2.6
     label = "burr over the upper face within 0.2 mm of the edge"
-    entry = {"unit": "\\metre", "limits": [], "number": 25, "label": label, "factor": "1.960"}
-    row = _format_row(entry | {"value": value, "expanded": expanded, "verdict": "conforms"})
+    result = CertifiedCharacteristic(
+        number=25,
+        label=label,
+        verdict="conforms",
+        unit="\\metre",
+        value=value,
+        expanded=expanded,
+        nominal="0",
+        guard="0",
+        factor="1.960",
+        limits=(),
+        budget=(),
+        not_observed=(),
+        assumed=(),
+        conformity=Conformity.PASS,
+    )
+    row = format_row(result)
     assert tuple(row[2:4]) == shown
     assert row[1].split() == label.split()
     assert max(map(len, row[1].splitlines())) <= 44
@@ -284,8 +301,8 @@ def test_the_owner_of_an_order_is_the_customer(tmp_path):
         (OrderSpec(author="A. Maker", owner="Clinic"), "Clinic"),
         (OrderSpec(author="A. Maker"), "A. Maker"),
     ):
-        content = _collect_content(PARTS["step-050"], result.as_record(), order, "ab" * 32, None)
-        assert content["customer"] == customer
+        content = collect_content(PARTS["step-050"], result.describe(), order, "ab" * 32, None)
+        assert content.customer == customer
 
 
 def test_a_page_that_the_disk_has_no_room_for_is_an_error_of_the_disk(tmp_path):
@@ -294,14 +311,14 @@ def test_a_page_that_the_disk_has_no_room_for_is_an_error_of_the_disk(tmp_path):
     size = page.stat().st_size
     page.unlink()
     result = inspect_scan(tmp_path / "a.qif", "step-050", stimuli=STIMULI / "paper-ten.toml")
-    content = _collect_content(PARTS["step-050"], result.as_record(), ORDER, "ab" * 32, None)
+    content = collect_content(PARTS["step-050"], result.describe(), ORDER, "ab" * 32, None)
     usual = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     try:
         for room in (size // 8, size // 4, size // 2, size - 1):
             resource.setrlimit(resource.RLIMIT_FSIZE, (room, limits[1]))
             with pytest.raises(PipelineError, match="File too large"):
-                _write_pdf(page, content)
+                write_pdf(page, content)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
         signal.signal(signal.SIGXFSZ, usual)

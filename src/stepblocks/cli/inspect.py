@@ -243,11 +243,12 @@ def inspect(
     not conform, 2 cannot be read or evaluated, 3 not proven or not all measured.
     """
     from stepblocks.inspect.budget import Instrument
+    from stepblocks.inspect.evaluation import EvaluationOptions
     from stepblocks.inspect.levelling import LEVELS
-    from stepblocks.inspect.many import inspect_many, is_table, write_many
-    from stepblocks.inspect.measure import EvaluationOptions
+    from stepblocks.inspect.many import inspect_many, write_many
     from stepblocks.inspect.report import write_inspection
     from stepblocks.inspect.run import inspect_scan, inspect_standard
+    from stepblocks.inspect.scan_list import is_table
     from stepblocks.records.laboratory import read_laboratory
 
     refuse_both(stimulus=stimulus, standard=standard)

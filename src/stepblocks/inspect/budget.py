@@ -1,18 +1,14 @@
-"""A measured value with its uncertainty budget, and whether it conforms.
+"""A measured value with its uncertainty budget.
 
 JCGM 100:2008: components add in squares (10), degrees of freedom by Welch and Satterthwaite (G.2b).
 An interval is never narrower than that of what was estimated from few values alone, so that stating
 one more component does not narrow it.
-ISO 14253-1: inside the limits by more than the guard band the part conforms; outside by more than
-it, it does not; between, neither is proven. What makes a value a bound, or leaves its uncertainty
-unknown, stops the verdict at "not proven".
 """
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
-from typing import Literal
 
 import numpy as np
 from scipy.optimize import brentq
@@ -34,7 +30,34 @@ UNSTATED_SCALE = 0.02
 UNSTATED = "not stated"
 _NORMAL_95 = 1.959963984540054
 _NODES = 200  # of a rectangle over which a mean is taken
-_LEAST_REST = 1e-4  # of the variance of a rectangle, that all else has at least [1]
+_LEAST_VARIANCE = 1e-4  # of the variance of a rectangle, that all else has at least [1]
+_LARGEST_RESOLUTION = 1e-3  # of an instrument that resolves a step at all [m]
+
+
+class Source(StrEnum):
+    """Sources of uncertainty whose names have a meaning for an evaluation."""
+
+    NOISE = "noise"
+    REPEATABILITY = "repeatability"
+    SCATTER = "scatter"
+    FORM = "form"
+    CALIBRATION = "calibration"
+    LATERAL_CALIBRATION = "lateral calibration"
+    RESOLUTION = "resolution"
+    SAMPLING = "sampling"
+    MISSING = "missing"
+    FLANKS = "flanks"
+    PEAK = "peak"
+    STYLUS_RADIUS = "stylus radius"
+    AS_STATED = "as stated in the file"
+
+
+class Bound(StrEnum):
+    """On which side of a measured value the true value is known to lie."""
+
+    NONE = ""
+    AT_MOST = "at most"
+    AT_LEAST = "at least"
 
 
 @dataclass(frozen=True)
@@ -44,18 +67,20 @@ class Component:
     Attributes
     ----------
     name : str
-        What it comes from.
+        What it comes from, usually a `Source`.
     std : float
         Standard uncertainty, in the unit of the value; nan where it is unknown.
     dof : float
         Degrees of freedom; infinite for what was not estimated from few values.
     how : str
-        How it was evaluated; begins with "not stated" where a default stands for it.
+        How it was evaluated.
     decisive : bool
         Whether nothing can be proven while it is unknown.
     bounded : bool
         Whether it ends at root three of `std`, a rectangle: where it outweighs the others, their
         sum does nearly so.
+    assumed : bool
+        Whether nobody stated it, so that a default or nothing stands for it.
     """
 
     name: str
@@ -64,11 +89,17 @@ class Component:
     how: str = ""
     decisive: bool = False
     bounded: bool = False
+    assumed: bool = False
+
+    @property
+    def is_known(self) -> bool:
+        """Whether it has a finite standard uncertainty."""
+        return math.isfinite(self.std)
 
     @property
     def is_type_a(self) -> bool:
         """Whether statistics of the scan gave it (JCGM 100, 4.2)."""
-        return math.isfinite(self.dof) or self.name == "noise"
+        return math.isfinite(self.dof) or self.name == Source.NOISE
 
 
 @dataclass(frozen=True)
@@ -83,6 +114,11 @@ class Instrument:
         Least difference of height that it shows [m].
     lateral_std : float or None
         Relative standard uncertainty of the lateral scale [1]; None takes 2 %.
+
+    Raises
+    ------
+    MetrologyError
+        If a scale is not in [0, 1) or the resolution not in [0, 1 mm).
     """
 
     calibration_std: float | None = None
@@ -90,19 +126,34 @@ class Instrument:
     lateral_std: float | None = None
 
     def __post_init__(self) -> None:
-        for name, value in (
-            ("calibration", self.calibration_std),
-            ("lateral calibration", self.lateral_std),
-        ):
-            MetrologyError.require(
-                value is None or 0.0 <= value < 1.0,
-                f"{name} must be at least 0 and below 1, got {value}",
+        _check_scale("calibration", self.calibration_std)
+        _check_scale("lateral calibration", self.lateral_std)
+        if not 0.0 <= self.resolution < _LARGEST_RESOLUTION:
+            raise MetrologyError(
+                "resolution, or one count of a scan, must be at least 0 and below 1 mm, got "
+                f"{self.resolution * 1e3:g} mm"
             )
-        MetrologyError.require(
-            0.0 <= self.resolution < 1e-3,
-            "resolution, or one count of a scan, must be at least 0 and below 1 mm, got "
-            f"{self.resolution * 1e3:g} mm",
-        )
+
+
+def _check_scale(name: str, std: float | None) -> None:
+    """Refuse a relative standard uncertainty [1] that is stated and not in [0, 1)."""
+    if std is not None and not 0.0 <= std < 1.0:
+        raise MetrologyError(f"{name} must be at least 0 and below 1, got {std}")
+
+
+@dataclass(frozen=True)
+class ScalePowers:
+    """With which power a value goes with each scale of the instrument [1].
+
+    A height goes with the vertical scale alone, a width with the lateral one; the radius of a
+    shallow cap of width a and height h, a^2 / 2h, with the square of the lateral scale.
+    """
+
+    vertical: float = 1.0
+    lateral: float = 0.0
+
+
+_HEIGHT = ScalePowers()
 
 
 @dataclass(frozen=True)
@@ -117,14 +168,14 @@ class Measured:
         m, or rad of an angle.
     components : tuple of Component
         In the unit of the value.
-    bound : {"", "at most", "at least"}
+    bound : Bound
         Where the true value is known on one side only: at most, or at least, this value.
     """
 
     name: str
     value: float
     components: tuple[Component, ...]
-    bound: Literal["", "at most", "at least"] = ""
+    bound: Bound = Bound.NONE
 
     @property
     def std(self) -> float:
@@ -132,21 +183,17 @@ class Measured:
 
         What is unknown adds nothing and is named in `unstated`.
         """
-        return math.sqrt(sum(part.std**2 for part in self.components if math.isfinite(part.std)))
+        return _combine_stds(self.components)
 
     @property
     def unstated(self) -> tuple[str, ...]:
         """Names of components that are unknown or for which a default stands."""
-        return tuple(
-            part.name
-            for part in self.components
-            if not math.isfinite(part.std) or part.how.startswith(UNSTATED)
-        )
+        return tuple(part.name for part in self.components if part.assumed or not part.is_known)
 
     @property
     def is_decidable(self) -> bool:
         """Whether no component is unknown without which nothing can be proven."""
-        return all(math.isfinite(part.std) for part in self.components if part.decisive)
+        return all(part.is_known for part in self.components if part.decisive)
 
     @property
     def dof(self) -> float:
@@ -160,7 +207,9 @@ class Measured:
     @property
     def coverage_factor(self) -> float:
         """Half width of the interval at 95 % over the standard uncertainty [1]."""
-        return self.expanded() / self.std if self.std > 0.0 else _NORMAL_95
+        if self.std > 0.0:
+            return self.expanded() / self.std
+        return _NORMAL_95
 
     @property
     def guard(self) -> float:
@@ -168,36 +217,53 @@ class Measured:
         return max(GUARD_FACTOR * self.std, self._expand(0.95))
 
     def _expand(self, share: float) -> float:
-        # never less than what was estimated from few values has by itself: degrees of freedom that
-        # one more component brings must not narrow the interval
-        own = [one for one in self.components if math.isfinite(one.std) and one.is_type_a]
-        few = math.sqrt(sum(part.std**2 for part in own))
+        """Return the quantile `share` [1] of the error, in the unit of the value.
+
+        It is never less than that of what was estimated from few values alone: degrees of freedom
+        that one more component brings must not narrow the interval.
+        """
+        from_scan = [part for part in self.components if part.is_known and part.is_type_a]
+        scatter = _combine_stds(from_scan)
         # `scipy.stats` says the same, and takes as long to load as all the rest
-        single = float(stdtrit(_find_effective_dof(own, few), share)) * few
-        return max(
-            single,
-            min(float(stdtrit(self.dof, share)) * self.std, self._expand_rectangle(share)),
-        )
+        from_scan_alone = float(stdtrit(_find_effective_dof(from_scan, scatter), share)) * scatter
+        by_student = float(stdtrit(self.dof, share)) * self.std
+        return max(from_scan_alone, min(by_student, self._expand_rectangle(share)))
 
     def _expand_rectangle(self, share: float) -> float:
-        # quantile of the sum of the largest rectangle and Student's law of all else (JCGM 101,
-        # 7.6; EA-4/02, S9.14, of a rectangle alone), by the mean over the rectangle
+        """Return the quantile `share` [1] of the largest rectangle and Student's law of all else.
+
+        The probability is the mean over the rectangle (JCGM 101, 7.6; EA-4/02, S9.14, of a
+        rectangle alone); infinite without a rectangle.
+        """
         widest = max((part.std for part in self.components if part.bounded), default=0.0)
         if widest == 0.0:
             return math.inf
-        rest = math.sqrt(max((self.std / widest) ** 2 - 1.0, _LEAST_REST))
-        inside = math.sqrt(3.0) * np.linspace(-1.0, 1.0, 2 * _NODES + 1)[1::2]
-        most = 2.0 * (math.sqrt(3.0) + float(stdtrit(self.dof, share)) * rest)
-        return widest * float(
-            brentq(lambda at: stdtr(self.dof, (at - inside) / rest).mean() - share, 0.0, most)
-        )
+        beside = math.sqrt(max((self.std / widest) ** 2 - 1.0, _LEAST_VARIANCE))
+        nodes = math.sqrt(3.0) * np.linspace(-1.0, 1.0, 2 * _NODES + 1)[1::2]
+        highest = 2.0 * (math.sqrt(3.0) + float(stdtrit(self.dof, share)) * beside)
+
+        def miss_share(quantile: float) -> float:
+            probability = stdtr(self.dof, (quantile - nodes) / beside).mean()
+            return float(probability - share)
+
+        return widest * float(brentq(miss_share, 0.0, highest))
+
+
+def _combine_stds(components: Iterable[Component]) -> float:
+    """Return the root of the sum of squares of the known standard uncertainties."""
+    return math.sqrt(sum(part.std**2 for part in components if part.is_known))
 
 
 def _find_effective_dof(components: Iterable[Component], std: float) -> float:
-    # Return the degrees of freedom of a sum by Welch and Satterthwaite (JCGM 100, G.2b).
-    known = [part for part in components if math.isfinite(part.std) and math.isfinite(part.dof)]
+    """Return the degrees of freedom of a sum of standard uncertainty `std`.
+
+    They follow Welch and Satterthwaite (JCGM 100, G.2b); infinite where no component has few.
+    """
+    known = [part for part in components if part.is_known and math.isfinite(part.dof)]
     weight = sum(part.std**4 / part.dof for part in known)
-    return std**4 / weight if weight > 0.0 else math.inf
+    if weight > 0.0:
+        return std**4 / weight
+    return math.inf
 
 
 def add_instrument_components(
@@ -206,32 +272,58 @@ def add_instrument_components(
     own: Sequence[Component],
     instrument: Instrument,
     others: Sequence[Component] = (),
-    axes: tuple[float, float] = (1.0, 0.0),
+    powers: ScalePowers = _HEIGHT,
 ) -> Measured:
-    """Add to a value [m] what the instrument leaves open: calibration and resolution."""
-    # `axes` says with which power the value goes with the vertical scale, and with the lateral one.
-    parts = list(own)
-    for label, stated, power in (
-        ("calibration", instrument.calibration_std, axes[0]),
-        ("lateral calibration", instrument.lateral_std, axes[1]),
+    """Add to a value [m] what the instrument leaves open: calibration and resolution.
+
+    Parameters
+    ----------
+    name : str
+        Of the characteristic.
+    value : float
+        Measured value [m].
+    own, others : sequence of Component
+        Components that stand before those of the scales, and between these and the resolution.
+    instrument : Instrument
+        Calibration and resolution.
+    powers : ScalePowers
+        With which power the value goes with either scale.
+
+    Returns
+    -------
+    Measured
+    """
+    components = list(own)
+    for source, stated, power in (
+        (Source.CALIBRATION, instrument.calibration_std, powers.vertical),
+        (Source.LATERAL_CALIBRATION, instrument.lateral_std, powers.lateral),
     ):
         if power != 0.0:
-            relative = power * (UNSTATED_SCALE if stated is None else stated)
-            origin = f"{relative:g} of the value"
-            unknown = f"{UNSTATED}: {origin}, as makers specify stylus instruments (Haitjema 1998)"
-            parts.append(
-                Component(label, relative * abs(value), how=unknown if stated is None else origin)
-            )
-    parts += [
-        *others,
-        Component(
-            "resolution",
-            instrument.resolution / math.sqrt(12.0),
-            how="one count, rectangular",
-            bounded=True,
-        ),
-    ]
-    return Measured(name, value, tuple(parts))
+            components.append(_describe_scale(source, stated, power, value))
+    resolution = Component(
+        Source.RESOLUTION,
+        instrument.resolution / math.sqrt(12.0),
+        how="one count, rectangular",
+        bounded=True,
+    )
+    components += [*others, resolution]
+    return Measured(name, value, tuple(components))
+
+
+def _describe_scale(source: Source, stated: float | None, power: float, value: float) -> Component:
+    """Return what a scale of relative standard uncertainty `stated` leaves open of a value [m].
+
+    Where nobody stated it, what makers specify stands for it.
+    """
+    if stated is None:
+        relative = power * UNSTATED_SCALE
+        how = (
+            f"{UNSTATED}: {relative:g} of the value, as makers specify stylus instruments "
+            "(Haitjema 1998)"
+        )
+        return Component(source, relative * abs(value), how=how, assumed=True)
+    relative = power * stated
+    return Component(source, relative * abs(value), how=f"{relative:g} of the value")
 
 
 def average_profiles(
@@ -239,32 +331,41 @@ def average_profiles(
     found: Sequence[Estimate],
     instrument: Instrument,
     others: Sequence[Component] = (),
-    axes: tuple[float, float] = (1.0, 0.0),
+    powers: ScalePowers = _HEIGHT,
     of: str = "profiles",
 ) -> Measured:
-    """Mean over profiles, or what else `of` says, with its budget; one shows no repeatability."""
-    values = np.array([one.value for one in found])
-    within = np.array([one.std**2 for one in found])
-    MetrologyError.require(
-        len(values) and np.isfinite(values).all() and np.isfinite(within).all(),
-        f"{name} must come from at least one profile with a finite value, got {len(values)}",
-    )
+    """Mean over profiles, or what else `of` says, with its budget; one shows no repeatability.
+
+    Raises
+    ------
+    MetrologyError
+        If there is no profile, or one without a finite value and standard uncertainty.
+    """
+    values = np.array([estimate.value for estimate in found])
+    variances = np.array([estimate.std**2 for estimate in found])
+    finite = np.isfinite(values).all() and np.isfinite(variances).all()
+    if not len(values) or not finite:
+        raise MetrologyError(
+            f"{name} must come from at least one profile with a finite value, got {len(values)}"
+        )
     mean = float(values.mean())
     if len(values) == 1:
-        parts = [
-            Component(
-                "noise", math.sqrt(within[0]), found[0].dof, "autocovariance of the residuals"
-            ),
-            Component("repeatability", math.nan, how="one profile: not observed"),
-        ]
+        noise = Component(
+            Source.NOISE, math.sqrt(variances[0]), found[0].dof, "autocovariance of the residuals"
+        )
+        unseen = Component(Source.REPEATABILITY, math.nan, how="one profile: not observed")
+        parts = [noise, unseen]
     else:
-        parts = _split_scatter(values - mean, float(within.mean()) / len(values), of)
-    return add_instrument_components(name, mean, parts, instrument, others, axes)
+        parts = _split_scatter(values - mean, float(variances.mean()) / len(values), of)
+    return add_instrument_components(name, mean, parts, instrument, others, powers)
 
 
 def _split_scatter(deviations: Array, noise: float, of: str) -> list[Component]:
-    # Split the variance of a mean over profiles into their noise, itself a variance, and
-    # repeatability.
+    """Split the variance of a mean over profiles into their noise and repeatability.
+
+    `deviations`, shape (n,), are those of the profiles from their mean [m]; `noise` is the variance
+    of the mean that their noise explains [m^2]; `of` names what is averaged.
+    """
     # Neighbouring profiles may err together, so of the scatter only its slow part counts: the
     # lowest cosines over the map, whose squares average the variance of the mean with as many
     # degrees of freedom; exact for independent profiles, and little too small for correlated ones
@@ -275,126 +376,23 @@ def _split_scatter(deviations: Array, noise: float, of: str) -> list[Component]:
 
     count = len(deviations)
     cosines = min(max(_LEAST_COSINES, round(0.4 * count ** (2.0 / 3.0))), count - 1)
-    variance = float(np.mean(dct(deviations, norm="ortho")[1 : cosines + 1] ** 2)) / count
-    origin = (
-        f"slow part of the scatter of {count} {of}"
-        if cosines < count - 1
-        else f"scatter of {count} {of}"
-    )
+    amplitudes = dct(deviations, norm="ortho")[1 : cosines + 1]
+    variance = float(np.mean(amplitudes**2)) / count
+    origin = f"scatter of {count} {of}"
+    if cosines < count - 1:
+        origin = f"slow part of the {origin}"
     beyond = variance - noise
     if beyond <= 0.0:
         return [
-            Component("noise", math.sqrt(variance), float(cosines), origin),
-            Component("repeatability", 0.0, how="none beyond noise"),
+            Component(Source.NOISE, math.sqrt(variance), float(cosines), origin),
+            Component(Source.REPEATABILITY, 0.0, how="none beyond noise"),
         ]
     return [
-        Component("noise", math.sqrt(noise), how="autocovariance of the residuals"),
+        Component(Source.NOISE, math.sqrt(noise), how="autocovariance of the residuals"),
         Component(
-            "repeatability",
+            Source.REPEATABILITY,
             math.sqrt(beyond),
             cosines * (beyond / variance) ** 2,
             f"{origin}, beyond their noise",
         ),
     ]
-
-
-class Outcome(StrEnum):
-    """The three outcomes of ISO 14253-1, and the exit code of each."""
-
-    CONFORMS = "conforms"
-    DOES_NOT_CONFORM = "does not conform"
-    NOT_PROVEN = "not proven"
-
-    @property
-    def exit_code(self) -> int:
-        """0, 1 or 3."""
-        return {Outcome.CONFORMS: 0, Outcome.DOES_NOT_CONFORM: 1, Outcome.NOT_PROVEN: 3}[self]
-
-
-@dataclass(frozen=True)
-class Decision:
-    """A value judged against its limits; all but the probability in the unit of the value.
-
-    Attributes
-    ----------
-    verdict : Outcome
-    value, std : float
-        Measured value and its standard uncertainty.
-    lower, upper : float
-        Limits of the specification; infinite where there is none.
-    guard : float
-        Guard band.
-    probability : float
-        That the true value lies within the limits, from the measurement alone [1].
-    """
-
-    verdict: Outcome
-    value: float
-    std: float
-    lower: float
-    upper: float
-    guard: float
-    probability: float
-
-
-def decide(
-    value: float,
-    std: float,
-    lower: float = -math.inf,
-    upper: float = math.inf,
-    dof: float = math.inf,
-    guard: float | None = None,
-) -> Decision:
-    """Judge one measured value; the guard band follows from `std` and `dof` where none is given."""
-    # Proof of conformity is impossible where the tolerance is narrower than two guard bands.
-    MetrologyError.require(
-        math.isfinite(value) and math.isfinite(std) and std >= 0.0,
-        f"value and std must be finite and std not negative, got {value:g} and {std:g}",
-    )
-    MetrologyError.require(lower <= upper, f"limits must be in order, got {lower:g} to {upper:g}")
-
-    if guard is None:
-        guard = max(GUARD_FACTOR, float(stdtrit(dof, 0.95))) * std
-    if lower + guard <= value <= upper - guard:
-        verdict = Outcome.CONFORMS
-    elif value < lower - guard or value > upper + guard:
-        verdict = Outcome.DOES_NOT_CONFORM
-    else:
-        verdict = Outcome.NOT_PROVEN
-    if std == 0.0:
-        probability = 1.0 if lower <= value <= upper else 0.0
-    else:  # JCGM 106:2012, 7.2
-        above, below = (float(stdtr(dof, (end - value) / std)) for end in (upper, lower))
-        probability = above - below
-    return Decision(verdict, value, std, lower, upper, guard, probability)
-
-
-def judge(measured: Measured, nominal: float, lower: float, upper: float) -> Decision:
-    """Judge a value by nominal and signed deviations, all in the unit of the value.
-
-    A lower limit at or below zero of what cannot be negative is none. Of a bound only that side is
-    proven on which it bounds; of what has no stated uncertainty nothing is.
-    """
-    low = nominal + lower
-    least = low if low > 0.0 or nominal < 0.0 else -math.inf
-    found = decide(
-        measured.value, measured.std, least, nominal + upper, measured.dof, measured.guard
-    )
-    above = found.value > found.upper
-    idle = {
-        "": False,
-        "at most": above if found.verdict is Outcome.DOES_NOT_CONFORM else math.isfinite(least),
-        "at least": not above,
-    }[measured.bound]
-    if found.verdict is not Outcome.NOT_PROVEN and (idle or not measured.is_decidable):
-        return replace(found, verdict=Outcome.NOT_PROVEN)
-    return found
-
-
-def combine_verdicts(verdicts: Iterable[Outcome | None]) -> Outcome:
-    """Return the verdict over all: one failure fails, one unproven leaves the whole unproven."""
-    found = set(verdicts)
-    return next(
-        (worst for worst in (Outcome.DOES_NOT_CONFORM, Outcome.NOT_PROVEN) if worst in found),
-        Outcome.CONFORMS,
-    )

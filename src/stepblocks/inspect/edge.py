@@ -11,19 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.edge_arc import (
-    Arc,
-    Flank,
-    Window,
-    compute_edge_profile,
-    fit_arc,
-    fit_flank,
-)
+from stepblocks.inspect.edge_arc import Arc, Window, compute_edge_profile, fit_arc
+from stepblocks.inspect.edge_flank import Flank, fit_flank
 from stepblocks.inspect.form import FaceForm, estimate_zone
+from stepblocks.inspect.found_edges import FoundEdge, find_edges
 from stepblocks.inspect.levelling import (
     LEAST_FACE,
     TwoPlanes,
-    find_edges,
     fit_two_planes,
     fit_without_spikes,
     remove_spikes,
@@ -46,9 +40,29 @@ _BY_FAR = 2.5
 # of the height, from which an arc leaves no riser to distinguish it from [1]
 NO_RISER = 0.7
 _BETTER = 1.5  # of the residuals of the arc over those of the flank, from which it is a flank [1]
+_GENTLER_STDS = 3.0  # standard uncertainties by which a flank is gentler than an arc [1]
+_GENTLER = np.radians(5.0)  # angle by which it is gentler besides [rad]
 _LEAST_EXCLUSION = 16.0  # sampling intervals kept out of the faces where the edge is sharp [1]
+_LEAST_FACE_SHARE = 3.0  # exclusions from the edge to the nearer end of the profile, at least [1]
+_WIDER = 1.5  # exclusion over the width of the rounding [1]
 _MOST_DROPPED = 0.2  # part of the points of a face, or at an edge, that may be spikes [1]
 _MOST_ON_ARC = 3  # spikes that are sought on an arc
+_LEAST_ON_ARC = 8  # points that stay
+_LEAST_STEP = 5.0  # height of a step over its uncertainty [1]
+_SPIKE = 6.0  # roughnesses by which a point at an edge stands out of its neighbours [1]
+_OFF_FACE = 6.0  # roughnesses by which a point lies off its face [1]
+_OFF_FACE_HEIGHT = 1e-3  # part of the height by which it does [1]
+_IN_A_ROW = 10  # points on their faces, behind which a rounding has ended
+_MIDDLE = 0.25  # of the height to either side of its middle, where a riser is straight [1]
+_RISER_DEGREE = 3
+
+
+@dataclass(frozen=True)
+class LevelledPoints:
+    """Points of a profile beside its edge, arrays of shape (n,) [m]."""
+
+    across: Array  # distance from the edge to the upper face
+    level: Array  # height over the lower face
 
 
 @dataclass(frozen=True)
@@ -97,114 +111,173 @@ class Edge:
     dropped: Mask
     noise: Array
 
-    def measure_across(self, position: Array, height: Array) -> tuple[Array, Array]:
-        """Return distances from the edge to the upper face, and heights over the lower one [m]."""
-        sign = 1.0 if self.rising else -1.0
-        return sign * (position - self.middle), height - self.offset - self.tilt * position
+    @property
+    def sign(self) -> float:
+        """1 where the higher face lies at larger positions, else -1."""
+        return 1.0 if self.rising else -1.0
+
+    def measure_across(self, position: Array, height: Array) -> LevelledPoints:
+        """Return where points lie beside the edge."""
+        across = self.sign * (position - self.middle)
+        return LevelledPoints(across, height - self.offset - self.tilt * position)
 
     def measure_riser(self, position: Array, height: Array, angle: float) -> Estimate:
         """Return the zone of the form of a sloping riser in the middle half of its height [m].
 
         The form is a cubic, as that of a face: the zone of all points would grow with the noise.
+        `angle` is that of the riser [rad].
         """
-        u, level = self.measure_across(position, height)
-        used = (np.abs(u) <= self.exclusion) & (np.abs(level / self.height.value - 0.5) < 0.25)
+        points = self.measure_across(position, height)
+        u, level = points.across, points.level
+        in_middle = np.abs(level / self.height.value - 0.5) < _MIDDLE
+        used = (np.abs(u) <= self.exclusion) & in_middle
         t = 2.0 * (u - u[used].mean()) / np.ptp(u[used])
-        fit = fit_without_spikes(np.polynomial.legendre.legvander(t, 3).T, level, used)
+        terms = np.polynomial.legendre.legvander(t, _RISER_DEGREE).T
+        fit = fit_without_spikes(terms, level, used)
         # a short riser does not show its own correlation: it is that of the faces, and the noise
         # what the cubic leaves where that is more
         covariance = compute_estimator_covariance(fit.weights[2:], self.noise)
-        covariance *= max(
-            1.0, np.var(fit.residuals[fit.used], ddof=4) / max(self.noise[0], LEAST_SCATTER**2)
-        )
+        variance = np.var(fit.residuals[fit.used], ddof=_RISER_DEGREE + 1)
+        covariance *= max(1.0, variance / max(self.noise[0], LEAST_SCATTER**2))
+        stds = np.sqrt(np.diag(covariance).clip(min=0.0))
         form = FaceForm(
             points=np.column_stack([u, level, level])[used],
             grid=np.column_stack([u, u])[used],
             columns=fit.design[2:, used],
             solution=fit.solution[2:],
-            root=np.diag(np.sqrt(np.diag(covariance).clip(min=0.0))),
+            root=np.diag(stds),
             dof=np.inf,
-            degree=3,
+            degree=_RISER_DEGREE,
         )
-        zone = estimate_zone(lambda points: float(np.ptp(points[:, 2]) * np.cos(angle)), form)
+        zone = estimate_zone(lambda shape: float(np.ptp(shape[:, 2]) * np.cos(angle)), form)
         # the polynomials span two: the zone moves by no more than twice what noise adds to either
-        return replace(zone, std=max(zone.std, 2.0 * float(form.root.max() * np.cos(angle))))
+        least = 2.0 * float(stds.max() * np.cos(angle))
+        return replace(zone, std=max(zone.std, least))
+
+
+@dataclass(frozen=True)
+class EdgePlace:
+    """Where the largest edge of a profile lies."""
+
+    position: float  # m
+    rising: bool
+
+
+@dataclass(frozen=True)
+class _IsolatedEdge:
+    """The largest edge of a profile as if it rose: a falling one is turned around."""
+
+    x: Array  # shape (m,); m
+    z: Array  # shape (m,); m
+    middle: float  # where half of the height is crossed [m]
+    rising: bool  # along the profile as given
+    points: Mask  # shape (n,); points of the profile as given that belong to the edge
+
+    @property
+    def spacing(self) -> float:
+        """Sampling interval [m]."""
+        return float((self.x[-1] - self.x[0]) / (len(self.x) - 1))
+
+    def turn_back(self, points: Mask) -> Mask:
+        """Return points of the edge, shape (m,), as points of the profile as given, shape (n,)."""
+        turned = np.zeros(len(self.points), dtype=bool)
+        turned[np.flatnonzero(self.points)] = points if self.rising else points[::-1]
+        return turned
+
+
+@dataclass(frozen=True)
+class _Faces:
+    """Two planes through the faces beside an edge, and their noise."""
+
+    planes: TwoPlanes
+    gamma: Array  # autocovariance of their noise [m^2]
+    bare: Array  # the same without a bow, of which two planes leave the rest at the edge
+    # shape (3, 3); rows whose products add up to the covariance of tilt, offset and height
+    errors: Array
+    asked: Mask  # shape (n,); points beside the exclusion
+    middle: float  # of the edge [m]
+    exclusion: float  # half width that was kept out [m]
+
+    @property
+    def roughness(self) -> float:
+        """Standard deviation of the noise [m]."""
+        return float(np.sqrt(self.gamma[0]))
+
+    @property
+    def step(self) -> float:
+        """Height of the step [m]."""
+        return self.planes.height.value
+
+
+@dataclass(frozen=True)
+class _Corner:
+    """What the points at an edge say of it."""
+
+    arc: Arc
+    flank: Flank | None  # where it is no arc
+    spikes: int  # that were left out on the arc
 
 
 def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> Edge:
-    """Height of a step and radius of its edge from one profile across it [m].
+    """Height of a step and radius of its edge from one profile across it.
 
-    Nan where nothing was measured.
+    Parameters
+    ----------
+    position, height : array, shape (n,)
+        m; nan where nothing was measured.
+    exclusion : float, optional
+        Half width that is kept out of the faces [m]; half as much again as the edge is rounded by
+        default.
+
+    Returns
+    -------
+    Edge
+
+    Raises
+    ------
+    MetrologyError
+        If the profile shows no step above its noise, a face is too short, or too many points are
+        spikes.
     """
-    # `exclusion` is the half width that is kept out of the faces [m]; half as much again as the
-    # edge is rounded by default.
-    own, rising, x, z, middle = _isolate_largest_edge(position, height)
-    spacing = (x[-1] - x[0]) / (len(x) - 1)
-    half_width = (
-        min(_LEAST_EXCLUSION * spacing, min(middle - x[0], x[-1] - middle) / 3.0)
-        if exclusion is None
-        else exclusion
-    )
-    faces = _fit_faces(x, z, middle, half_width)
-    if (
-        exclusion is None
-        and (wider := 1.5 * _find_rounding_width(x, z, spacing, faces)) > half_width
-    ):
-        half_width = wider
-        faces = _fit_faces(x, z, middle, wider)
-    planes, roughness, step = faces.planes, faces.roughness, faces.planes.height
-    MetrologyError.require(
-        step.value > 5.0 * max(step.std, roughness / np.sqrt(len(x))),
-        f"profile must show a step above its noise, got {step.value * 1e6:.4g} um with "
-        f"roughness {roughness * 1e6:.3g} um",
-    )
+    edge = _isolate_largest_edge(position, height)
+    x = edge.x
+    z = edge.z
+    faces = _fit_faces_beside_rounding(edge) if exclusion is None else _fit_faces(edge, exclusion)
+    _check_step(faces, len(x))
     known = np.isfinite(z)
-    near = known & (np.abs(x - middle) < half_width)
-    spikes = np.zeros_like(known)
-    # over the whole profile, so that the points at the ends of the window have their neighbours too
-    spikes[known] = _find_edge_spikes(
-        z[known] - planes.tilt * x[known], 6.0 * max(roughness, LEAST_SCATTER)
-    )
-    spikes &= near
-    arc, flank, on_arc = _fit_arc_or_flank(
-        x, z - planes.offset - planes.tilt * x, spacing, faces, np.flatnonzero(near & ~spikes)
-    )
-    MetrologyError.require(
-        not (share := float(spikes.sum()) / max(int(near.sum()), 1)) > _MOST_DROPPED,
-        f"at most {_MOST_DROPPED:.0%} of the points at an edge may be spikes, got "
-        f"{share:.0%} of those within {half_width * 1e6:.3g} um of it",
-    )
-    MetrologyError.require(
-        not (lost := planes.fit.rejected / int(faces.asked.sum())) > _MOST_DROPPED,
-        f"at most {_MOST_DROPPED:.0%} of the points of the faces may be spikes, got {lost:.0%}",
-    )
-    off = faces.asked & ~planes.fit.used | spikes
-    dropped = np.zeros(len(position), dtype=bool)
-    dropped[np.flatnonzero(own)] = off if rising else off[::-1]
-    sign = 1.0 if rising else -1.0
-    corner = arc if flank is None else flank
+    near = known & (np.abs(x - edge.middle) < faces.exclusion)
+    spikes = near & _find_edge_spikes(edge, faces)
+    planes = faces.planes
+    levelled = z - planes.offset - planes.tilt * x
+    corner = _fit_corner(x, levelled, edge.spacing, faces, np.flatnonzero(near & ~spikes))
+    _check_spikes(faces, spikes, near)
+    shape = corner.arc if corner.flank is None else corner.flank
+    missing = int((~known).sum())
+    sign = 1.0 if edge.rising else -1.0
     return Edge(
-        height=step,
+        height=planes.height,
         # a bow leaves few degrees of freedom, yet many of the noise
-        radius=Estimate(corner.radius, corner.radius_std),
-        radius_limit=corner.radius_limit,
-        position=sign * arc.riser,
-        middle=sign * middle,
+        radius=Estimate(shape.radius, shape.radius_std),
+        radius_limit=shape.radius_limit,
+        position=sign * corner.arc.riser,
+        middle=sign * edge.middle,
         tilt=sign * planes.tilt,
         offset=planes.offset,
-        exclusion=half_width,
-        rejected=planes.fit.rejected + int(spikes.sum()) + on_arc + int((~known).sum()),
-        rising=rising,
-        flank=flank,
-        dropped=dropped,
+        exclusion=faces.exclusion,
+        rejected=planes.fit.rejected + int(spikes.sum()) + corner.spikes + missing,
+        rising=edge.rising,
+        flank=corner.flank,
+        dropped=edge.turn_back(faces.asked & ~planes.fit.used | spikes),
         noise=faces.gamma,
     )
 
 
-def find_position(position: Array, height: Array) -> tuple[float, bool]:
-    """Return where the largest edge of a profile lies [m], and whether it rises."""
-    _, rising, _, _, middle = _isolate_largest_edge(position, height)
-    return (middle, True) if rising else (-middle, False)
+def find_position(position: Array, height: Array) -> EdgePlace:
+    """Return where the largest edge of a profile lies, and whether it rises."""
+    edge = _isolate_largest_edge(position, height)
+    if edge.rising:
+        return EdgePlace(edge.middle, rising=True)
+    return EdgePlace(-edge.middle, rising=False)
 
 
 def fit_step(position: Array, height: Array, exclusion: float) -> Estimate:
@@ -212,138 +285,209 @@ def fit_step(position: Array, height: Array, exclusion: float) -> Estimate:
 
     Without its checks.
     """
-    _, _, x, z, middle = _isolate_largest_edge(position, height)
-    return _fit_faces(x, z, middle, exclusion).planes.height
+    edge = _isolate_largest_edge(position, height)
+    return _fit_faces(edge, exclusion).planes.height
 
 
-def _isolate_largest_edge(x: Array, height: Array) -> tuple[Mask, bool, Array, Array, float]:
-    # Return which points are the largest edge's own, whether it rises, and these points and its
-    # place as if it did [m].
+def _isolate_largest_edge(x: Array, height: Array) -> _IsolatedEdge:
+    """Return the largest edge of a profile with the points between its neighbours."""
     z = np.where(np.isfinite(height), height, np.nan)
     found = find_edges(x, z)
     chosen = max(range(len(found)), key=lambda index: abs(found[index].rise))
-    # what stands beside the edge is not its face
-    before, behind = [one.end for one in found[:chosen]], [one.begin for one in found[chosen + 1 :]]
-    own = (x > before[-1] if before else x >= x[0]) & (x < behind[0] if behind else x <= x[-1])
-    if found[chosen].rise > 0.0:
-        return own, True, x[own], z[own], found[chosen].position
-    return own, False, -x[own][::-1], z[own][::-1], -found[chosen].position
+    edge = found[chosen]
+    points = _find_points_between(x, found, chosen)
+    if edge.rise > 0.0:
+        return _IsolatedEdge(x[points], z[points], edge.position, rising=True, points=points)
+    turned_x = -x[points][::-1]
+    turned_z = z[points][::-1]
+    return _IsolatedEdge(turned_x, turned_z, -edge.position, rising=False, points=points)
 
 
-@dataclass(frozen=True)
-class _Faces:
-    planes: TwoPlanes
-    gamma: Array  # autocovariance of their noise [m^2]
-    bare: Array  # the same without a bow, of which two planes leave the rest at the edge
-    # shape (3, 3); rows whose products add up to the covariance of tilt, offset and height
-    errors: Array
-    asked: Mask  # shape (n,); points beside the exclusion
-    middle: float  # m
-
-    @property
-    def roughness(self) -> float:
-        return float(np.sqrt(self.gamma[0]))
+def _find_points_between(x: Array, edges: list[FoundEdge], chosen: int) -> Mask:
+    """Return the points between the neighbours of an edge, which stand on no face of it."""
+    points = np.ones(len(x), dtype=bool)
+    if chosen > 0:
+        points &= x > edges[chosen - 1].end
+    if chosen + 1 < len(edges):
+        points &= x < edges[chosen + 1].begin
+    return points
 
 
-def _fit_faces(x: Array, z: Array, middle: float, exclusion: float) -> _Faces:
-    lower, upper = x < middle - exclusion, x > middle + exclusion
+def _fit_faces_beside_rounding(edge: _IsolatedEdge) -> _Faces:
+    """Fit the faces with half as much again kept out as the edge is rounded.
+
+    At least as much is kept out as of a sharp edge.
+    """
+    to_nearer_end = min(edge.middle - edge.x[0], edge.x[-1] - edge.middle)
+    least = min(_LEAST_EXCLUSION * edge.spacing, to_nearer_end / _LEAST_FACE_SHARE)
+    faces = _fit_faces(edge, least)
+    wider = _WIDER * _find_rounding_width(edge, faces)
+    if wider > least:
+        return _fit_faces(edge, wider)
+    return faces
+
+
+def _fit_faces(edge: _IsolatedEdge, exclusion: float) -> _Faces:
+    """Fit two planes to the points beyond the exclusion [m], and estimate their noise.
+
+    Refused where a face keeps too few points.
+    """
+    x = edge.x
+    z = edge.z
+    middle = edge.middle
+    lower = x < middle - exclusion
+    upper = x > middle + exclusion
     finite = np.isfinite(z)
     for name, side in (("left", lower), ("right", upper)):
-        MetrologyError.require(
-            (count := int((side & finite).sum())) >= LEAST_FACE,
-            f"face {name} of the edge must keep {LEAST_FACE} points outside the exclusion "
-            f"of {exclusion * 1e6:.4g} um, got {count}",
-        )
+        count = int((side & finite).sum())
+        if count < LEAST_FACE:
+            raise MetrologyError(
+                f"face {name} of the edge must keep {LEAST_FACE} points outside the exclusion "
+                f"of {exclusion * 1e6:.4g} um, got {count}"
+            )
     asked = (lower | upper) & finite
     planes = fit_two_planes(x, z, middle, asked)
-    kept = np.where(planes.fit.used, planes.fit.residuals, np.nan)
-    gamma = estimate_autocovariance([kept[lower], kept[upper]])
     used = planes.fit.used
+    kept = np.where(used, planes.fit.residuals, np.nan)
+    gamma = estimate_autocovariance([kept[lower], kept[upper]])
     bow = np.polynomial.Polynomial.fit(x[used], kept[used], 2)(x)
+    without_bow = kept - bow
     return _Faces(
-        planes,
-        gamma,
-        estimate_autocovariance([(kept - bow)[lower], (kept - bow)[upper]]),
-        factor_covariance(compute_estimator_covariance(planes.fit.weights, gamma)),
-        asked,
-        middle,
+        planes=planes,
+        gamma=gamma,
+        bare=estimate_autocovariance([without_bow[lower], without_bow[upper]]),
+        errors=factor_covariance(compute_estimator_covariance(planes.fit.weights, gamma)),
+        asked=asked,
+        middle=middle,
+        exclusion=exclusion,
     )
+
+
+def _check_step(faces: _Faces, points: int) -> None:
+    """Refuse a step that does not stand above its noise."""
+    height = faces.planes.height
+    noise = max(height.std, faces.roughness / np.sqrt(points))
+    if not height.value > _LEAST_STEP * noise:
+        raise MetrologyError(
+            f"profile must show a step above its noise, got {height.value * 1e6:.4g} um with "
+            f"roughness {faces.roughness * 1e6:.3g} um"
+        )
+
+
+def _check_spikes(faces: _Faces, spikes: Mask, near: Mask) -> None:
+    """Refuse an edge, or faces, of which too many points are spikes."""
+    share = float(spikes.sum()) / max(int(near.sum()), 1)
+    if share > _MOST_DROPPED:
+        raise MetrologyError(
+            f"at most {_MOST_DROPPED:.0%} of the points at an edge may be spikes, got "
+            f"{share:.0%} of those within {faces.exclusion * 1e6:.3g} um of it"
+        )
+    lost = faces.planes.fit.rejected / int(faces.asked.sum())
+    if lost > _MOST_DROPPED:
+        raise MetrologyError(
+            f"at most {_MOST_DROPPED:.0%} of the points of the faces may be spikes, got {lost:.0%}"
+        )
+
+
+def _find_edge_spikes(edge: _IsolatedEdge, faces: _Faces) -> Mask:
+    """Return spikes of a profile, shape (m,).
+
+    An edge rises or falls, so a point stays within the range of its four neighbours. All points are
+    looked at, so that those at the ends of a window have their neighbours too.
+    """
+    known = np.isfinite(edge.z)
+    heights = edge.z[known] - faces.planes.tilt * edge.x[known]
+    limit = _SPIKE * max(faces.roughness, LEAST_SCATTER)
+    padded = np.pad(heights, 2, mode="reflect")
+    beside = np.stack([padded[shift : shift + len(heights)] for shift in (0, 1, 3, 4)])
+    is_above = heights > beside.max(axis=0) + limit
+    is_below = heights < beside.min(axis=0) - limit
+    spikes = np.zeros_like(known)
+    spikes[known] = is_above | is_below
+    return spikes
+
+
+def _fit_corner(
+    x: Array, levelled: Array, spacing: float, faces: _Faces, points: NDArray[np.intp]
+) -> _Corner:
+    """Fit an arc, or a flank with a corner, to the points at an edge.
+
+    `x` and `levelled`, shape (n,), are positions and heights over the lower face of a profile [m].
+    """
+    # a point is dropped where the circle fits the others by far better, as it does for a spike and
+    # not for form
+    kept = points
+    arc = _fit_arc_to_points(x, levelled, spacing, faces, kept)
+    flank = _find_better_flank(x[kept], levelled[kept], spacing, faces, arc)
+    if flank is not None:
+        return _Corner(arc, flank, 0)
+    least = max(len(points) - _MOST_ON_ARC, _LEAST_ON_ARC)
+    while arc.excess > _SUSPECT and len(kept) > least:
+        trials = [np.delete(kept, suspect) for suspect in arc.suspects]
+        arcs = [_fit_arc_to_points(x, levelled, spacing, faces, trial) for trial in trials]
+        best = min(range(len(arcs)), key=lambda index: arcs[index].misfit)
+        if arcs[best].excess > arc.excess / _BY_FAR:
+            break
+        arc = arcs[best]
+        kept = trials[best]
+    return _Corner(arc, None, len(points) - len(kept))
+
+
+def _fit_arc_to_points(
+    x: Array, levelled: Array, spacing: float, faces: _Faces, points: NDArray[np.intp]
+) -> Arc:
+    """Fit an arc to some points of a profile, with what the planes leave open of their levels."""
+    u = x[points]
+    is_upper = (u > faces.middle).astype(float)
+    columns = np.stack([u - faces.middle, np.ones(len(u)), is_upper])
+    window = Window(u, levelled[points], faces.step, spacing, faces.bare, faces.errors @ columns)
+    return fit_arc(window)
 
 
 def _find_better_flank(
     x: Array, levelled: Array, spacing: float, faces: _Faces, arc: Arc
 ) -> Flank | None:
-    # Sloped flank of an edge, where the circle of a vertical one does not hold and a flank is seen.
+    """Return the sloped flank of an edge, where the circle of a vertical one does not hold.
+
+    None where the circle holds or no flank is seen.
+    """
+    if not arc.excess > _SUSPECT:
+        return None
     height = faces.planes.height.value
     flank = fit_flank(x, levelled, height, spacing, faces.gamma)
     if flank is None:
         return None
     # of a quarter of a circle the surface is this steep at half the height
-    upright = float(
-        np.arccos(np.clip(1.0 - 0.5 * height / max(arc.radius, 0.5 * height), 0.0, 1.0))
-    )
-    gentler = upright - flank.angle > 3.0 * flank.angle_std + np.radians(5.0)
+    cosine = 1.0 - 0.5 * height / max(arc.radius, 0.5 * height)
+    steepness = float(np.arccos(np.clip(cosine, 0.0, 1.0)))
+    if steepness - flank.angle > _GENTLER_STDS * flank.angle_std + _GENTLER:
+        return flank
     # an arc as high as the step is as steep as a flank there: the better fit decides
     fitted = compute_edge_profile(x, arc.riser, height, arc.radius)
-    rest = float(np.sqrt(np.mean((fitted - levelled)[flank.used] ** 2)))
-    gentler |= arc.radius > NO_RISER * height and rest > _BETTER * flank.misfit
-    return flank if arc.excess > _SUSPECT and gentler else None
+    misfit = float(np.sqrt(np.mean((fitted - levelled)[flank.used] ** 2)))
+    if arc.radius > NO_RISER * height and misfit > _BETTER * flank.misfit:
+        return flank
+    return None
 
 
-def _find_edge_spikes(heights: Array, limit: float) -> Mask:
-    # Return spikes in a window at the edge: an edge rises or falls, so a point stays within the
-    # range of its four neighbours.
-    padded = np.pad(heights, 2, mode="reflect")
-    beside = np.stack([padded[shift : shift + len(heights)] for shift in (0, 1, 3, 4)])
-    return np.asarray(
-        (heights > beside.max(axis=0) + limit) | (heights < beside.min(axis=0) - limit)
-    )
+def _find_rounding_width(edge: _IsolatedEdge, faces: _Faces) -> float:
+    """Return the distance from the riser to the last point that lies clearly off its own face [m].
 
-
-def _fit_arc_or_flank(
-    x: Array, levelled: Array, spacing: float, faces: _Faces, kept: NDArray[np.intp]
-) -> tuple[Arc, Flank | None, int]:
-    # Fit the arc; drop a point where the circle fits the others by far better, as it does for a
-    # spike and not for form.
-    def fit_points(points: NDArray[np.intp]) -> Arc:
-        u = x[points]
-        columns = np.stack([u - faces.middle, np.ones(len(u)), (u > faces.middle).astype(float)])
-        return fit_arc(
-            Window(
-                u,
-                levelled[points],
-                faces.planes.height.value,
-                spacing,
-                faces.bare,
-                faces.errors @ columns,
-            )
-        )
-
-    given = len(kept)
-    arc = fit_points(kept)
-    flank = _find_better_flank(x[kept], levelled[kept], spacing, faces, arc)
-    while flank is None and arc.excess > _SUSPECT and len(kept) > max(given - _MOST_ON_ARC, 8):
-        trials = [np.delete(kept, index) for index in arc.suspects]
-        best, points = min(
-            ((fit_points(points), points) for points in trials), key=lambda trial: trial[0].misfit
-        )
-        if best.excess > arc.excess / _BY_FAR:
-            break
-        arc, kept = best, points
-    return arc, flank, given - len(kept)
-
-
-def _find_rounding_width(x: Array, z: Array, spacing: float, faces: _Faces) -> float:
-    # Distance from the riser to the last point that lies clearly off its own face.
-    height, planes = faces.planes.height.value, faces.planes
-    ideal = planes.offset + planes.tilt * x + np.where(x > faces.middle, height, 0.0)
-    deviation = np.abs(remove_spikes(np.where(np.isfinite(z), z, ideal)) - ideal)
-    off = deviation > max(6.0 * faces.roughness, 1e-3 * height)
+    The rounding ends where ten points in a row, on both sides together, lie on their faces again.
+    """
+    x = edge.x
+    z = edge.z
+    planes = faces.planes
+    is_upper = x > faces.middle
+    ideal = planes.offset + planes.tilt * x + np.where(is_upper, faces.step, 0.0)
+    filled = np.where(np.isfinite(z), z, ideal)
+    deviation = np.abs(remove_spikes(filled) - ideal)
+    off = deviation > max(_OFF_FACE * faces.roughness, _OFF_FACE_HEIGHT * faces.step)
     distance = np.abs(x - faces.middle)
     # points as far on either side are ordered by their place, not by the last bit of their distance
-    near = np.argsort(np.rint(4.0 * distance / spacing), kind="stable")
-    # the rounding ends where ten points in a row, on both sides together, lie on their faces again
-    for index in np.flatnonzero(~off[near]):
-        if not off[near[index : index + 10]].any():
-            return float(distance[near[index]])
+    by_distance = np.argsort(np.rint(4.0 * distance / edge.spacing), kind="stable")
+    off = off[by_distance]
+    for index in np.flatnonzero(~off):
+        if not off[index : index + _IN_A_ROW].any():
+            return float(distance[by_distance[index]])
     return float(distance.max())

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.levelling import fit_without_spikes
@@ -18,12 +19,24 @@ from stepblocks.inspect.noise import Array, Estimate, Mask, estimate_linear
 
 # largest total degree of the form [1]; lower along a side with fewer than four points per degree
 _MOST_DEGREE = 3
+_POINTS_PER_DEGREE = 4
+_LEAST_POINTS = 20  # of a face
+_LEAST_OF_PLANE = 4  # points that span a face
 _DRAWS = 40
 _SCALES = (1.0, np.sqrt(3.0))
 # ratio of the two growths from which it differs from the root of two [1]; forty draws scatter it by
 # a third
 _SEVERAL = 2.0
 _GRID = 9  # points along either side at which the form is judged
+_LEAST_RESIDUAL = 1e-15  # of points from a plane, below which lies rounding [m]
+
+
+@dataclass(frozen=True)
+class _Zone:
+    """The narrowest zone between two parallel planes that holds all points."""
+
+    width: float  # m
+    normal: Array  # shape (3,); of length 1, upwards
 
 
 def compute_flatness(points: Array) -> float:
@@ -31,7 +44,7 @@ def compute_flatness(points: Array) -> float:
 
     Points with a nan are left out.
     """
-    return _find_minimum_zone(_require_face_points(points))[0]
+    return _find_minimum_zone(_select_face_points(points)).width
 
 
 def compute_parallelism(points: Array, datum: Array) -> float:
@@ -39,58 +52,82 @@ def compute_parallelism(points: Array, datum: Array) -> float:
 
     It is the width along the normal of the minimum zone of the datum.
     """
-    return float(
-        np.ptp(_require_face_points(points) @ _find_minimum_zone(_require_face_points(datum))[1])
-    )
+    face = _select_face_points(points)
+    zone = _find_minimum_zone(_select_face_points(datum))
+    return float(np.ptp(face @ zone.normal))
 
 
-def _require_face_points(points: Array) -> Array:
-    MetrologyError.require(
-        points.ndim == 2 and points.shape[1] == 3,
-        f"points must be rows of x, y, z, got shape {points.shape}",
-    )
+def _select_face_points(points: Array) -> Array:
+    """Return the points without nan, shape (n, 3) [m]; refuse those that span no face."""
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise MetrologyError(f"points must be rows of x, y, z, got shape {points.shape}")
     cloud = points[np.isfinite(points).all(axis=1)]
-    MetrologyError.require(
-        len(cloud) >= 4
-        and np.linalg.matrix_rank(cloud[:, :2] - cloud[:, :2].mean(axis=0), tol=1e-12) >= 2,
-        f"points must span a face: at least 4 that are not on one line, got {len(cloud)}",
-    )
+    if len(cloud) < _LEAST_OF_PLANE or _lie_on_line(cloud):
+        raise MetrologyError(
+            f"points must span a face: at least {_LEAST_OF_PLANE} that are not on one line, got "
+            f"{len(cloud)}"
+        )
     return cloud
 
 
-def _find_minimum_zone(cloud: Array) -> tuple[float, Array]:
-    # Width of the narrowest zone [m], and its normal: a linear programme over the corners of the
-    # convex hull.
-    from scipy.optimize import linprog
-    from scipy.spatial import ConvexHull, QhullError
+def _lie_on_line(cloud: Array) -> bool:
+    """Tell whether points of shape (n, 3) lie on one line as seen along z."""
+    places = cloud[:, :2] - cloud[:, :2].mean(axis=0)
+    return bool(np.linalg.matrix_rank(places, tol=1e-12) < 2)
 
+
+def _find_minimum_zone(cloud: Array) -> _Zone:
+    """Find the narrowest zone of points of shape (n, 3) [m].
+
+    From a plane by least squares it is found by a linear programme.
+    """
     centred = cloud - cloud.mean(axis=0)
     scale = float(np.ptp(cloud[:, :2], axis=0).max())
     design = np.column_stack([centred[:, :2] / scale, np.ones(len(cloud))])
-    solution = np.linalg.lstsq(design, centred[:, 2], rcond=None)[0]
-    residual = centred[:, 2] - design @ solution
-    zone = 0.0
-    unit = float(np.ptp(residual))
-    if unit > 1e-15:
-        try:
-            corners = ConvexHull(np.column_stack([design[:, :2], residual / unit])).vertices
-        except QhullError:
-            corners = np.arange(len(cloud))
-        d = design[corners]
-        r = residual[corners] / unit
-        result = linprog(
-            [0, 0, 0, 1],
-            A_ub=np.hstack([np.vstack([-d, d]), -np.ones((2 * len(d), 1))]),
-            b_ub=np.concatenate([-r, r]),
-            bounds=[(None, None)] * 3 + [(0, None)],
-        )
-        MetrologyError.require(
-            result.success, f"minimum zone must be solvable, got: {result.message}"
-        )
-        solution, zone = solution + result.x[:3] * unit, 2.0 * float(result.x[3]) * unit
-    upward = np.array([*(-solution[:2] / scale), 1.0])
+    plane = np.linalg.lstsq(design, centred[:, 2], rcond=None)[0]
+    residual = centred[:, 2] - design @ plane
+    spread = float(np.ptp(residual))
+    height = 0.0
+    if spread > _LEAST_RESIDUAL:
+        change, half_height = _solve_minimum_zone(design, residual / spread)
+        plane = plane + change * spread
+        height = 2.0 * half_height * spread
+    upward = np.array([*(-plane[:2] / scale), 1.0])
     length = float(np.linalg.norm(upward))
-    return zone / length, upward / length
+    return _Zone(height / length, upward / length)
+
+
+def _solve_minimum_zone(design: Array, residual: Array) -> tuple[Array, float]:
+    """Return the change of a plane that makes the largest residual least, and that residual [1].
+
+    `design`, shape (n, 3), are the terms of the plane at points whose `residual`, shape (n,),
+    spans 1. Only the corners of their convex hull bound the zone.
+    """
+    from scipy.optimize import linprog
+
+    corners = _find_hull_corners(np.column_stack([design[:, :2], residual]))
+    terms = design[corners]
+    heights = residual[corners]
+    below = np.hstack([np.vstack([-terms, terms]), -np.ones((2 * len(terms), 1))])
+    result = linprog(
+        [0, 0, 0, 1],
+        A_ub=below,
+        b_ub=np.concatenate([-heights, heights]),
+        bounds=[(None, None)] * 3 + [(0, None)],
+    )
+    if not result.success:
+        raise MetrologyError(f"minimum zone must be solvable, got: {result.message}")
+    return result.x[:3], float(result.x[3])
+
+
+def _find_hull_corners(points: Array) -> NDArray[np.intp]:
+    """Return the indices of the corners of the convex hull of points; of all where it has none."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        return np.asarray(ConvexHull(points).vertices)
+    except QhullError:
+        return np.arange(len(points))
 
 
 @dataclass(frozen=True)
@@ -122,74 +159,147 @@ class FaceForm:
         return [*half, *-half]
 
 
+@dataclass(frozen=True)
+class _Axis:
+    """One side of the rectangle that a face fills."""
+
+    positions: Array  # of all points of the map along it [m]
+    begin: float  # of the face [m]
+    end: float  # m
+    count: int  # points of the face along it
+
+    @property
+    def middle(self) -> float:
+        """Middle of the side [m]."""
+        return 0.5 * (self.begin + self.end)
+
+    @property
+    def half(self) -> float:
+        """Half of its length [m]."""
+        return 0.5 * (self.end - self.begin)
+
+    @property
+    def degree(self) -> int:
+        """Degree of a polynomial that its points carry."""
+        return min(_MOST_DEGREE, max(self.count // _POINTS_PER_DEGREE, 1))
+
+    def scale(self) -> Array:
+        """Return all positions, -1 to 1 over the face [1]."""
+        return (self.positions - self.middle) / self.half
+
+    def find_indices(self, places: Array) -> NDArray[np.intp]:
+        """Return the indices of the first positions at or behind places [m]."""
+        return np.searchsorted(self.positions, places).clip(0, len(self.positions) - 1)
+
+
+@dataclass(frozen=True)
+class _Powers:
+    """Degrees of one term of a form along both sides."""
+
+    x: int
+    y: int
+
+    @property
+    def total(self) -> int:
+        """Total degree."""
+        return self.x + self.y
+
+
 def fit_face(x: Array, y: Array, height: Array, face: Mask) -> FaceForm:
     """Fit the form of a face of a map.
 
-    `height` and `face` have the shape (ny, nx) over columns `x` and rows `y` [m].
+    Parameters
+    ----------
+    x, y : array, shape (nx,) and (ny,)
+        Positions of columns and rows [m].
+    height : array, shape (ny, nx)
+        m; nan where nothing was measured.
+    face : array of bool, shape (ny, nx)
+        Points of the face.
+
+    Returns
+    -------
+    FaceForm
+
+    Raises
+    ------
+    MetrologyError
+        If fewer than twenty points, or only one row or column, were measured.
     """
     used = face & np.isfinite(height)
-    rows, columns = np.flatnonzero(used.any(axis=1)), np.flatnonzero(used.any(axis=0))
-    MetrologyError.require(
-        used.sum() >= 20 and len(rows) >= 2 and len(columns) >= 2,
-        f"face must have at least 20 points on two rows and columns, got {int(used.sum())}",
-    )
-    mx, my = np.meshgrid(x, y)
-    points = np.stack([mx[used], my[used], height[used]], axis=1)
-    sides = (x[columns[0]], x[columns[-1]]), (y[rows[0]], y[rows[-1]])
-    middles, halves = (
-        [0.5 * (begin + end) for begin, end in sides],
-        [0.5 * (end - begin) for begin, end in sides],
-    )
-    degrees = [min(_MOST_DEGREE, max(len(index) // 4, 1)) for index in (columns, rows)]
-    powers = [
-        (i, j)
-        for i in range(degrees[0] + 1)
-        for j in range(degrees[1] + 1)
-        if i + j <= max(degrees)
-    ]
-    design = _evaluate_terms(
-        (x[np.newaxis, :] - middles[0]) / halves[0],
-        (y[:, np.newaxis] - middles[1]) / halves[1],
-        powers,
-    )
+    rows = np.flatnonzero(used.any(axis=1))
+    columns = np.flatnonzero(used.any(axis=0))
+    if used.sum() < _LEAST_POINTS or len(rows) < 2 or len(columns) < 2:
+        raise MetrologyError(
+            f"face must have at least {_LEAST_POINTS} points on two rows and columns, got "
+            f"{int(used.sum())}"
+        )
+    along_x = _Axis(x, x[columns[0]], x[columns[-1]], len(columns))
+    along_y = _Axis(y, y[rows[0]], y[rows[-1]], len(rows))
+    powers = _list_powers(along_x.degree, along_y.degree)
+    design = _evaluate_terms(along_x.scale()[np.newaxis, :], along_y.scale()[:, np.newaxis], powers)
     fit = fit_without_spikes(design.reshape(len(design), -1), height.ravel(), used.ravel())
-    kept, residuals = fit.used.reshape(height.shape), fit.residuals.reshape(height.shape)
+    kept = fit.used.reshape(height.shape)
+    residuals = fit.residuals.reshape(height.shape)
     count = float(kept.sum())
     # for terms that vary little over the correlation length, the covariance is that of white noise
     # times one factor
     mean = estimate_linear(0.0, kept / count, residuals, kept, design)
     # not by eigenvectors, whose signs hang on the last bit: the draws would
     root = np.linalg.cholesky(fit.weights @ fit.weights.T).T * (mean.std * np.sqrt(count))
-    gx, gy = (one.ravel() for one in np.meshgrid(*[np.linspace(-1.0, 1.0, _GRID)] * 2))
-    grid = np.array(middles) + np.array(halves) * np.column_stack([gx, gy])
+    side = np.linspace(-1.0, 1.0, _GRID)
+    grid_x, grid_y = np.meshgrid(side, side)
+    scaled = np.column_stack([grid_x.ravel(), grid_y.ravel()])
+    middles = np.array([along_x.middle, along_y.middle])
+    grid = middles + np.array([along_x.half, along_y.half]) * scaled
     # of a face that does not fill its rectangle, as in a turned map, only where it lies
-    at = [
-        np.searchsorted(axis, one).clip(0, len(axis) - 1)
-        for axis, one in zip((x, y), grid.T, strict=True)
-    ]
-    inside = face[at[1], at[0]]
-    gx, gy, grid = gx[inside], gy[inside], grid[inside]
+    inside = face[along_y.find_indices(grid[:, 1]), along_x.find_indices(grid[:, 0])]
+    scaled = scaled[inside]
+    mesh_x, mesh_y = np.meshgrid(x, y)
     return FaceForm(
-        points,
-        grid,
-        _evaluate_terms(gx, gy, powers),
-        fit.solution,
-        root,
-        mean.dof,
-        degree=max(i + j for i, j in powers),
+        points=np.stack([mesh_x[used], mesh_y[used], height[used]], axis=1),
+        grid=grid[inside],
+        columns=_evaluate_terms(scaled[:, 0], scaled[:, 1], powers),
+        solution=fit.solution,
+        root=root,
+        dof=mean.dof,
+        degree=max(term.total for term in powers),
     )
 
 
-def _evaluate_terms(at_x: Array, at_y: Array, powers: list[tuple[int, int]]) -> Array:
-    # Return products of Legendre's polynomials at positions from -1 to 1.
+def _list_powers(degree_x: int, degree_y: int) -> list[_Powers]:
+    """Return the terms of a form whose total degree is that of the side that carries more."""
+    total = max(degree_x, degree_y)
+    powers = []
+    for x in range(degree_x + 1):
+        for y in range(degree_y + 1):
+            if x + y <= total:
+                powers.append(_Powers(x, y))
+    return powers
+
+
+def _evaluate_terms(x: Array, y: Array, powers: list[_Powers]) -> Array:
+    """Return products of Legendre's polynomials at positions from -1 to 1, one row a term [1]."""
     basis = np.polynomial.Legendre.basis
-    return np.stack([np.asarray(basis(i)(at_x) * basis(j)(at_y)) for i, j in powers])
+    terms = [np.asarray(basis(term.x)(x) * basis(term.y)(y)) for term in powers]
+    return np.stack(terms)
 
 
 def estimate_zone(width: Callable[..., float], *faces: FaceForm) -> Estimate:
-    """Return the zone of the form of faces, less what noise adds to it.
+    """Return the zone of the form of faces, less what noise adds to it [m].
 
     What is taken off counts in the uncertainty, as a rectangle beside the scatter.
+
+    Parameters
+    ----------
+    width : callable
+        Takes the points of each face, shape (n, 3) [m], and returns the zone [m].
+    *faces : FaceForm
+        Forms of the faces.
+
+    Returns
+    -------
+    Estimate
     """
     # The fit holds the noise once, draws at the two scales hold it as its root of two and twice.
     # Where one term sets the zone, the zone grows with the standard deviation of the noise and the
@@ -197,21 +307,30 @@ def estimate_zone(width: Callable[..., float], *faces: FaceForm) -> Estimate:
     # power, and the power follows from the two. Either way it is followed back to no noise.
     random = np.random.default_rng(1101)
     draws = list(zip(*(face.draws(random) for face in faces), strict=True))
-    once, twice = np.array(
-        [
-            [
-                width(*[face.shape(scale * one) for face, one in zip(faces, draw, strict=True)])
-                for draw in draws
-            ]
-            for scale in _SCALES
-        ]
+    once, twice = (
+        np.array([_compute_drawn_zone(width, faces, draw, scale) for draw in draws])
+        for scale in _SCALES
     )
     zone = width(*(face.shape() for face in faces))
-    first, second = float(once.mean()) - zone, float(twice.mean() - once.mean())
-    ratio = second / first if second > _SEVERAL * first > 0.0 else np.sqrt(2.0)
-    growth = min(max(first / (ratio - 1.0), 0.0), zone)
+    first_growth = float(once.mean()) - zone
+    second_growth = float(twice.mean() - once.mean())
+    ratio = np.sqrt(2.0)
+    if second_growth > _SEVERAL * first_growth > 0.0:
+        ratio = second_growth / first_growth
+    growth = min(max(first_growth / (ratio - 1.0), 0.0), zone)
     return Estimate(
         zone - growth,
         float(np.hypot(once.std(ddof=1), growth / np.sqrt(3.0))),
         min(face.dof for face in faces),
     )
+
+
+def _compute_drawn_zone(
+    width: Callable[..., float],
+    faces: tuple[FaceForm, ...],
+    draw: tuple[Array, ...],
+    scale: float,
+) -> float:
+    """Return the zone of faces with a draw of noise, times `scale`, on their coefficients [m]."""
+    shapes = [face.shape(scale * noise) for face, noise in zip(faces, draw, strict=True)]
+    return width(*shapes)

@@ -10,30 +10,41 @@ instrument owes and the form of the surface do not average.
 
 import hashlib
 import json
-import math
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from stepblocks.errors import MetrologyError, PipelineError
-from stepblocks.files.atomic import replace_text, resolve_inside
+from stepblocks.errors import MetrologyError
+from stepblocks.files.atomic import replace_text
 from stepblocks.files.pages import render_page
-from stepblocks.files.tables import Table, find_misspelt_columns, read_table, write_table
+from stepblocks.files.tables import Table, write_table
 from stepblocks.files.text import escape_file_name
-from stepblocks.inspect.budget import Component, Measured, Outcome, combine_verdicts, judge
-from stepblocks.inspect.measure import evaluate_each
-from stepblocks.inspect.report import InspectionResult, write_inspection
-from stepblocks.inspect.run import inspect_scan, inspect_standard, judge_part
+from stepblocks.inspect.budget import Measured
+from stepblocks.inspect.conformity import Outcome, combine_verdicts
+from stepblocks.inspect.evaluation import Extent
+from stepblocks.inspect.notes import Note
+from stepblocks.inspect.repeatability import (
+    Repeatability,
+    average_scans,
+    estimate_repeatability,
+)
+from stepblocks.inspect.report import write_inspection
+from stepblocks.inspect.result import InspectionResult
+from stepblocks.inspect.run import inspect_scan, inspect_standard, judge_part, judge_standard
+from stepblocks.inspect.scan_list import (
+    BLOCK,
+    FEATURE,
+    PART,
+    SCAN,
+    list_conditions,
+    list_scans,
+)
+from stepblocks.inspect.size_tables import show_rows, state_units
 from stepblocks.records.laboratory import Laboratory
-from stepblocks.records.sheet_read import is_filled_sheet, read_filled_sheet
 
-_OWN = ["scan", "stimulus", "block", "feature"]  # columns that are no condition
-_SIZES = ("value", "u", "u95", "lower", "upper", "std")
-_SCATTER = ("noise", "repeatability", "scatter")  # of one scan, which several show together
+_BLOCKS, _VARIATION, _SCANS = "blocks", "variation", "scans"
 _LEAD = (
     "ISO 14253-1. Of a block that was scanned several times the scatter of its scans stands in "
     "the budget as repeatability; scans under one condition count as one reading. Scan a block "
@@ -69,41 +80,85 @@ class ManyScans:
 
         Limits are not rounded, values to five digits, uncertainties to three.
         """
-        return {
-            name: [
-                {
-                    key.removesuffix(f"_{row['unit']}"): _show_cell(key, cell)
-                    for key, cell in row.items()
-                    if key.rpartition("_")[0] not in _SIZES or key.endswith(f"_{row['unit']}")
-                }
-                for row in rows
-            ]
-            for name, table in self.tables.items()
-            if (rows := table.to_dict("records"))
-        }
+        shown = {name: show_rows(table) for name, table in self.tables.items()}
+        return {name: rows for name, rows in shown.items() if rows}
 
     def __repr__(self) -> str:
         return f"ManyScans({len(self.reports)} blocks: {self.verdict.value})"
 
-    def as_record(self) -> dict[str, object]:
+    def as_record(self) -> dict[str, Any]:
         """Return plain data; what is infinite or does not exist is null."""
-        return {
+        record: dict[str, Any] = {
             "verdict": self.verdict.value,
             "left_out": list(self.left_out),
-            **{
-                name: json.loads(one.to_json(orient="records", double_precision=15))
-                for name, one in self.tables.items()
-            },
-            "reports": {serial: one.as_record() for serial, one in self.reports.items()},
         }
+        for name, table in self.tables.items():
+            record[name] = json.loads(table.to_json(orient="records", double_precision=15))
+        reports = {serial: report.as_record() for serial, report in self.reports.items()}
+        return record | {"reports": reports}
 
 
-def _show_cell(key: str, cell: object) -> object:
-    name = key.rpartition("_")[0]
-    if name not in _SIZES or not isinstance(cell, float):
-        return cell
-    digits = {"value": 5, "lower": 7, "upper": 7}.get(name, 3)
-    return f"{round(cell, 9):.{digits}g}" if math.isfinite(cell) else None
+@dataclass(frozen=True)
+class _InspectedScan:
+    """A line of a list of scans, and what the scan says."""
+
+    line: dict[Hashable, Any]  # by column
+    result: InspectionResult
+
+    @property
+    def block(self) -> str:
+        """Serial number of the block."""
+        return str(self.line[BLOCK])
+
+    def list_readings(self) -> list[dict[Hashable, Any]]:
+        """Return a line of the table of readings for each characteristic with limits."""
+        verdicts = {}
+        for judgement in self.result.judged:
+            verdicts[judgement.characteristic.key] = judgement.decision.verdict
+        readings = []
+        for key, measured in self.result.evaluation.values.items():
+            if key not in verdicts:
+                continue
+            reading = {
+                SCAN: escape_file_name(self.line[SCAN].name),
+                "characteristic": key,
+                "measured": measured,
+                "bound": measured.bound.value,
+                "value": measured.value,
+                "u": measured.std,
+                "verdict": verdicts[key].value,
+            }
+            readings.append(self.line | reading)
+        return readings
+
+
+@dataclass(frozen=True)
+class _InspectedScans:
+    """Scans that were inspected, and why the others could not be."""
+
+    scans: list[_InspectedScan] = field(default_factory=list)
+    left_out: list[str] = field(default_factory=list)
+
+    def list_readings(self) -> list[dict[Hashable, Any]]:
+        """Return the lines of the table of readings."""
+        readings = []
+        for scan in self.scans:
+            readings += scan.list_readings()
+        return readings
+
+    def find_results(self, block: str) -> list[InspectionResult]:
+        """Return the results of a block."""
+        return [scan.result for scan in self.scans if scan.block == block]
+
+
+@dataclass(frozen=True)
+class _Averages:
+    """What the readings of all blocks say together."""
+
+    # by block and key of the characteristic
+    values: dict[str, dict[str, Measured]] = field(default_factory=dict)
+    counts: dict[str, dict[str, int]] = field(default_factory=dict)  # scans, by the same
+    variation: list[dict[str, object]] = field(default_factory=list)  # lines of its table
 
 
 def inspect_many(
@@ -145,239 +200,170 @@ def inspect_many(
     """
     import pandas as pd
 
-    several = [scans] if isinstance(scans, str | Path) else scans
-    asked = _list_scans(
-        [Path(one) for one in several], stimulus or ("standard" if standard is not None else None)
+    paths = [scans] if isinstance(scans, str | Path) else scans
+    if stimulus is None and standard is not None:
+        stimulus = "standard"
+    listed = list_scans([Path(path) for path in paths], stimulus)
+    inspected = _inspect_each(listed, standard, options)
+    readings = inspected.list_readings()
+    if not readings:
+        raise MetrologyError(f"no scan can be evaluated: {inspected.left_out[0]}")
+    table = pd.DataFrame(readings)
+    averages = _average_readings(table, list_conditions(listed))
+    reports = {}
+    for block, values in averages.values.items():
+        reports[block] = _merge_reports(inspected.find_results(block), values)
+    verdict = combine_verdicts(report.verdict for report in reports.values())
+    blocks = _list_blocks(reports, averages)
+    return ManyScans(
+        tables={
+            _BLOCKS: state_units(pd.DataFrame(blocks)),
+            _VARIATION: state_units(pd.DataFrame(averages.variation)),
+            _SCANS: state_units(table).drop(columns="measured"),
+        },
+        left_out=tuple(inspected.left_out),
+        verdict=verdict,
+        reports=reports if standard is None else {},
     )
-    factors = [name for name in asked.columns if name not in _OWN]
-    results, rows, left_out = list[tuple[str, InspectionResult]](), [], []
-    for own in asked.to_dict("records"):
-        name = escape_file_name(own["scan"].name)
-        given = options | ({"feature": own["feature"]} if own.get("feature") else {})
+
+
+def _inspect_each(
+    listed: Table, standard: float | None, options: Mapping[str, Any]
+) -> _InspectedScans:
+    """Inspect each scan of a list; what cannot be evaluated is left out, with the reason."""
+    inspected = _InspectedScans()
+    for line in listed.to_dict("records"):
+        asked = dict(options)
+        if line.get(FEATURE):
+            asked[FEATURE] = line[FEATURE]
         try:
-            result = (
-                inspect_scan(own["scan"], own["stimulus"], **given)
-                if standard is None
-                else inspect_standard(own["scan"], standard, **given)
-            )
+            if standard is None:
+                result = inspect_scan(line[SCAN], line[PART], **asked)
+            else:
+                result = inspect_standard(line[SCAN], standard, **asked)
         except MetrologyError as error:
-            left_out.append(f"{name}: {error}")
+            inspected.left_out.append(f"{escape_file_name(line[SCAN].name)}: {error}")
             continue
-        results.append((str(own["block"]), result))
-        limits = {one.key: decision for one, decision in result.judged}
-        rows += [
-            {
-                **own,
-                "scan": name,
-                "characteristic": key,
-                "measured": measured,
-                "bound": measured.bound,
-                "value": measured.value,
-                "u": measured.std,
-                "verdict": limits[key].verdict.value,
-            }
-            for key, measured in result.evaluation.values.items()
-            if key in limits
-        ]
-    if not rows:
-        raise MetrologyError(f"no scan can be evaluated: {left_out[0]}")
-    table = pd.DataFrame(rows)
-    merged: dict[str, dict[str, Measured]] = {}
-    counts: dict[tuple[str, str], int] = {}
-    variation = []
-    for (part, key), own in table.groupby(["stimulus", "characteristic"], sort=False):
+        inspected.scans.append(_InspectedScan(line, result))
+    return inspected
+
+
+def _average_readings(table: Table, conditions: list[str]) -> _Averages:
+    """Average the readings of each characteristic over the scans of each block."""
+    averages = _Averages()
+    for (part, key), readings in table.groupby([PART, "characteristic"], sort=False):
         # what states its uncertainty counts before what does not
-        decidable = own[[one.is_decidable for one in own["measured"]]]
-        own = decidable if len(decidable) else own
-        std, dof = estimate_repeatability(own[["value", "block", *factors]])
-        variation.append(
+        decidable = readings[[measured.is_decidable for measured in readings["measured"]]]
+        if len(decidable):
+            readings = decidable
+        repeatability = estimate_repeatability(readings[["value", BLOCK, *conditions]])
+        averages.variation.append(
             {
-                "stimulus": part,
+                PART: part,
                 "characteristic": key,
                 "source": "repeatability",
-                "std": std,
-                "dof": dof,
+                "std": repeatability.std,
+                "dof": repeatability.dof,
             }
         )
-        for block, its in own.groupby("block", sort=False):
-            groups = its.groupby(factors, sort=False).ngroups if factors else 1
-            readings = groups if groups > 1 else len(its)
-            merged.setdefault(str(block), {})[key] = _average_block(its, readings, std, dof)
-            counts[str(block), key] = len(its)
-    reports = {
-        block: _merge_reports([one for own, one in results if own == block], values)
-        for block, values in merged.items()
-    }
-    blocks = [
-        {
-            "stimulus": report.identity,
-            "characteristic": one.key,
-            "block": block,
-            "scans": counts.get((block, one.key), 1),
-            "bound": report.evaluation.values[one.key].bound,
-            "value": decision.value,
-            "u": decision.std,
-            "u95": report.evaluation.values[one.key].expanded(),
-            "lower": decision.lower,
-            "upper": decision.upper,
-            "verdict": decision.verdict.value,
-        }
-        for block, report in reports.items()
-        for one, decision in report.judged
-    ]
-    tables = {
-        "blocks": _state_units(pd.DataFrame(blocks)),
-        "variation": _state_units(pd.DataFrame(variation)),
-        "scans": _state_units(table).drop(columns="measured"),
-    }
-    return ManyScans(
-        tables,
-        tuple(left_out),
-        combine_verdicts(one.verdict for one in reports.values()),
-        reports if standard is None else {},
-    )
+        for block, of_block in readings.groupby(BLOCK, sort=False):
+            average = _average_block(of_block, conditions, repeatability)
+            averages.values.setdefault(str(block), {})[key] = average
+            averages.counts.setdefault(str(block), {})[key] = len(of_block)
+    return averages
+
+
+def _average_block(
+    readings: Table, conditions: list[str], repeatability: Repeatability
+) -> Measured:
+    """Average the readings of one characteristic of one block.
+
+    Scans under one condition count as one reading, unless there is one condition alone.
+    """
+    groups = 1
+    if conditions:
+        groups = readings.groupby(conditions, sort=False).ngroups
+    count = groups if groups > 1 else len(readings)
+    mean = float(readings["value"].mean())
+    return average_scans(list(readings["measured"]), mean, count, repeatability)
+
+
+def _list_blocks(
+    reports: Mapping[str, InspectionResult], averages: _Averages
+) -> list[dict[str, object]]:
+    """Return the lines of the table of blocks, one for each characteristic of each."""
+    lines: list[dict[str, object]] = []
+    for block, report in reports.items():
+        for judgement in report.judged:
+            key = judgement.characteristic.key
+            decision = judgement.decision
+            measured = report.evaluation.values[key]
+            lines.append(
+                {
+                    PART: report.identity,
+                    "characteristic": key,
+                    BLOCK: block,
+                    "scans": averages.counts[block].get(key, 1),
+                    "bound": measured.bound.value,
+                    "value": decision.value,
+                    "u": decision.std,
+                    "u95": measured.expanded(),
+                    "lower": decision.lower,
+                    "upper": decision.upper,
+                    "verdict": decision.verdict.value,
+                }
+            )
+    return lines
 
 
 def _merge_reports(
     results: Sequence[InspectionResult], averaged: Mapping[str, Measured]
 ) -> InspectionResult:
-    # Return one report of a block from all that was measured of it.
-    first = next((one for one in results if one.evaluation.surface), None)
-    first = first or next((one for one in results if one.evaluation.shown), results[0])
-    values, missing = dict[str, Measured](), dict[str, str]()
-    covered, notes = dict[str, tuple[float, float]](), list[str]()
-    for one in results:
-        values |= one.evaluation.values
-        covered |= one.evaluation.covered
-        missing |= {absent.key: why for absent, why in one.missing}
-        notes += [f"{escape_file_name(one.source.name)}: {note}" for note in one.evaluation.notes]
-    evaluation = replace(
+    """Return one report of a block from all that was measured of it, with averaged values."""
+    first = _choose_shown_result(results)
+    values: dict[str, Measured] = {}
+    missing: dict[str, str] = {}
+    covered: dict[str, Extent] = {}
+    notes: list[Note] = []
+    for result in results:
+        evaluation = result.evaluation
+        values |= evaluation.values
+        covered |= evaluation.covered
+        for absent in result.missing:
+            missing[absent.characteristic.key] = absent.reason
+        source = escape_file_name(result.source.name)
+        notes += [note.precede(source) for note in evaluation.notes]
+    conventions = dict.fromkeys(result.evaluation.convention for result in results)
+    merged = replace(
         first.evaluation,
         values=values | dict(averaged),
-        convention="; ".join(dict.fromkeys(one.evaluation.convention for one in results)),
+        convention="; ".join(conventions),
         notes=tuple(notes),
         missing=missing,
         covered=covered,
     )
     if len(results) > 1:
-        digests = hashlib.sha256("".join(one.digest for one in results).encode())
-        first = replace(first, source=Path(f"{len(results)} files"), digest=digests.hexdigest())
+        digests = "".join(result.digest for result in results)
+        first = replace(
+            first,
+            source=Path(f"{len(results)} files"),
+            digest=hashlib.sha256(digests.encode()).hexdigest(),
+        )
     if first.stimulus is None:
-        asked = first.judged[0][0]
-        decision = judge(evaluation.values[asked.key], asked.nominal, asked.lower, asked.upper)
-        return replace(
-            first, evaluation=evaluation, judged=((asked, decision),), verdict=decision.verdict
-        )
-    return judge_part(
-        first.stimulus, evaluation, first.source, first.digest, first.order, first.asked
-    )
+        certified = first.judged[0].characteristic
+        return judge_standard(replace(first, evaluation=merged), certified)
+    return judge_part(first.stimulus, merged, first.source, first.digest, first.order, first.asked)
 
 
-def _state_units(table: Table) -> Table:
-    # Give each size a column for lengths and one for angles; a row has it in that of its unit.
-    sizes = [name for name in table if name in _SIZES]
-    is_angle = table["characteristic"].str.endswith("_angle").to_numpy()
-    table.insert(table.columns.get_loc(sizes[0]), "unit", np.where(is_angle, "deg", "um"))
-    for name in sizes:
-        at = table.columns.get_loc(name)
-        own = table.pop(name).astype(float)
-        table.insert(at, f"{name}_deg", np.degrees(own).where(is_angle))
-        table.insert(at, f"{name}_um", 1e6 * own.mask(is_angle))
-    return table
-
-
-def _list_scans(paths: Sequence[Path], stimulus: str | None) -> Table:
-    # Name the scans with their parts, blocks and conditions.
-    import pandas as pd
-
-    if len(paths) == 1 and paths[0].is_dir():
-        table = paths[0] / "scans.csv"
-        within = sorted(
-            one for one in paths[0].iterdir() if one.is_file() and not one.name.startswith(".")
-        )
-        paths = [table] if table.is_file() else within
-        PipelineError.require(paths, f"folder must hold scans, got none [{table.parent}]")
-    if is_table(paths):
-        frame = read_table(paths[0])
-        for column, likely in find_misspelt_columns(frame, _OWN).items():
-            raise PipelineError(f"column {column!r} is not known, is it {likely!r}? [{paths[0]}]")
-        found = [resolve_inside(paths[0].parent, str(name)) for name in frame["scan"]]
-        if None in found:
-            name = frame["scan"].iloc[found.index(None)]
-            raise PipelineError(
-                f"scan must lie in the folder of the table, got {name!r} [{paths[0]}]"
-            )
-        frame = frame.assign(scan=found)
-    else:
-        frame = pd.DataFrame({"scan": list(paths)})
-    if "stimulus" not in frame:
-        PipelineError.require(
-            stimulus, "stimulus must be said, by --stimulus or by a column of the table, got none"
-        )
-        frame = frame.assign(stimulus=stimulus)
-    # a sheet names its part by serial number; the only one named is that of the scans beside it
-    named = {
-        path: lines[0].serial
-        for path, lines in evaluate_each(read_filled_sheet, filter(is_filled_sheet, frame["scan"]))[
-            0
-        ]
-        if lines[0].serial
-    }
-    usual = frame["stimulus"] if len({*named.values()}) != 1 else [*named.values()] * len(frame)
-    pairs = zip(frame["scan"], usual, strict=False)
-    return (
-        frame
-        if "block" in frame
-        else frame.assign(block=[named.get(path, other) for path, other in pairs])
-    )
-
-
-def is_table(paths: Sequence[Path]) -> bool:
-    """Say whether what is given is one table that names scans."""
-    if len(paths) != 1 or paths[0].suffix.lower() != ".csv" or not paths[0].is_file():
-        return False
-    with paths[0].open(encoding="utf-8-sig", errors="replace") as file:
-        return "scan" in [name.strip() for name in file.readline(10_000).split(",")]
-
-
-def estimate_repeatability(table: Table) -> tuple[float, float]:
-    """Return the standard deviation of a reading of a block and its degrees of freedom.
-
-    Both are pooled over blocks.
-
-    Columns of `table` are ``value``, ``block`` and conditions. Where readings were repeated under a
-    condition, their mean is one reading: so what a day or an operator changes counts as well.
-    """
-    means = (
-        table.groupby([name for name in table.columns if name != "value"], sort=False)["value"]
-        .mean()
-        .reset_index()
-    )
-    readings = means if means["block"].duplicated().any() else table
-    within = readings["value"] - readings.groupby("block")["value"].transform("mean")
-    dof = len(readings) - readings["block"].nunique()
-    return math.sqrt(float((within**2).sum()) / dof) if dof else 0.0, float(dof)
-
-
-def _average_block(its: Table, readings: int, std: float, dof: float) -> Measured:
-    # Mean over the scans of a block: the scatter over all scans in place of their own, and what
-    # does not average.
-    budgets: list[Measured] = list(its["measured"])
-    if not dof or len(its) == 1:
-        return budgets[0]
-    parts = [
-        Component(
-            "repeatability",
-            std / math.sqrt(readings),
-            dof,
-            f"scatter over all blocks, {readings} readings of this one",
-        )
-    ]
-    for part in budgets[0].components:
-        stds = [own.std for one in budgets for own in one.components if own.name == part.name]
-        if part.name not in _SCATTER:  # all scans share what they have of it
-            parts.append(replace(part, std=sum(stds) / len(stds)))
-    return replace(budgets[0], value=float(its["value"].mean()), components=tuple(parts))
+def _choose_shown_result(results: Sequence[InspectionResult]) -> InspectionResult:
+    """Return the first result with a surface, else the first with a scan, else the first."""
+    for result in results:
+        if result.evaluation.surface:
+            return result
+    for result in results:
+        if result.evaluation.shown:
+            return result
+    return results[0]
 
 
 def write_many(
@@ -401,31 +387,43 @@ def write_many(
         block.
     """
     base = Path(folder)
-    table, page = base / "inspections.csv", base / "inspections.html"
-    write_table(result.tables["scans"], table)
-    paths = [table, page]
+    table = base / "inspections.csv"
+    page = base / "inspections.html"
+    write_table(result.tables[_SCANS], table)
+    written = []
     for serial, report in result.reports.items():
-        # of a block that nothing names but its part, the laboratory may know the number
-        own = laboratory.serial if laboratory and serial == report.identity else ""
-        lab = laboratory and laboratory.model_copy(update={"serial": own or serial})
-        paths += write_inspection(report, base / re.sub(r"[^\w.-]+", "_", serial).strip("."), lab)
-    links = [path.relative_to(base).as_posix() for path in paths if path.suffix == ".html"]
-    replace_text(
-        page,
-        render_page(
-            "stepblocks.inspect",
-            "inspection.html.j2",
-            title=f"Inspection of {len(result.tables['scans'])} measurements",
-            conclusion=result.verdict.value,
-            lead=_LEAD,
-            tables=result.table_rows,
-            picture="",
-            alt="",
-            notes=[
-                *(f"{serial}: {one.conclusion}" for serial, one in result.reports.items()),
-                *(f"left out: {one}" for one in result.left_out),
-            ],
-            links=links[1:],
-        ),
+        subfolder = base / re.sub(r"[^\w.-]+", "_", serial).strip(".")
+        of_block = _name_block_in(laboratory, serial, report.identity)
+        written += write_inspection(report, subfolder, of_block)
+    _write_page(page, result, [path for path in written if path.suffix == ".html"])
+    return [table, page, *written]
+
+
+def _name_block_in(laboratory: Laboratory | None, serial: str, identity: str) -> Laboratory | None:
+    """Return what a laboratory states, with the serial number of a block.
+
+    Of a block that nothing names but its part, the laboratory may know the number.
+    """
+    if laboratory is None:
+        return None
+    known = laboratory.serial if serial == identity else ""
+    return laboratory.model_copy(update={"serial": known or serial})
+
+
+def _write_page(path: Path, result: ManyScans, pages: list[Path]) -> None:
+    """Write the page with all tables and links to the pages of the blocks."""
+    notes = [f"{serial}: {report.conclusion}" for serial, report in result.reports.items()]
+    notes += [f"left out: {reason}" for reason in result.left_out]
+    page = render_page(
+        "stepblocks.inspect",
+        "inspection.html.j2",
+        title=f"Inspection of {len(result.tables[_SCANS])} measurements",
+        conclusion=result.verdict.value,
+        lead=_LEAD,
+        tables=result.table_rows,
+        picture="",
+        alt="",
+        notes=notes,
+        links=[page.relative_to(path.parent).as_posix() for page in pages],
     )
-    return paths
+    replace_text(path, page)

@@ -6,13 +6,16 @@ with the rise it makes the absolute discrepancy.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.levelling import LEAST_FACE, check_profile, fit_two_planes, remove_spikes
-from stepblocks.inspect.noise import Array, Estimate
+from stepblocks.inspect.noise import Array, Estimate, Mask
+
+_LEAST_MARGIN = 3  # points beside a gap that belong to no shoulder
+_LEAST_DEPTH_OVER_RISE = 0.2  # of a gap below the lower shoulder, over the rise between them [1]
+_LEAST_DEPTH = 1e-12  # of a gap, below which lies rounding [m]
 
 
 @dataclass(frozen=True)
@@ -21,9 +24,8 @@ class Margin:
 
     # distance between the two edges along the profile, by the noise where they are sampled [m]
     opening: Estimate
-    sampling: (
-        float  # standard uncertainty of it since nothing is known between two samples of a wall [m]
-    )
+    # standard uncertainty of it since nothing is known between two samples of a wall [m]
+    sampling: float
     rise: Estimate  # height of the right shoulder over the left [m]
 
     @property
@@ -33,107 +35,153 @@ class Margin:
         The degrees of freedom are those of the rise, which carries them.
         """
         size = float(np.hypot(self.opening.value, self.rise.value))
-        share, slope = self.opening.value / size, self.rise.value / size
-        return Estimate(
-            size, float(np.hypot(share * self.opening.std, slope * self.rise.std)), self.rise.dof
-        )
+        from_opening = self.opening.value / size * self.opening.std
+        from_rise = self.rise.value / size * self.rise.std
+        return Estimate(size, float(np.hypot(from_opening, from_rise)), self.rise.dof)
+
+
+@dataclass(frozen=True)
+class _Gap:
+    """Where a profile shows a gap: from index `begin` to before `end`."""
+
+    begin: int
+    end: int
+
+    @property
+    def length(self) -> int:
+        """Number of points."""
+        return self.end - self.begin
+
+
+@dataclass(frozen=True)
+class _Wall:
+    """Where a profile leaves a shoulder."""
+
+    position: float  # m
+    unresolved: float  # how much of a sampling interval it leaves open [1]
+    jump: float  # over the interval [m]; nan where one side of it was not measured
 
 
 def fit_margin(x: Array, z: Array) -> Margin:
-    """Measure opening and rise of a margin from a profile [m], nan where nothing was measured."""
-    # An edge is where the profile has fallen below its own shoulder by half the depth of the gap;
-    # missing points count as gap. Where two samples jump over a wall, the edge is known to that
-    # interval, as a rectangle; on a flank it is interpolated.
+    """Measure opening and rise of a margin from a profile [m], nan where nothing was measured.
+
+    An edge is where the profile has fallen below its own shoulder by half the depth of the gap;
+    missing points count as gap. Where two samples jump over a wall, the edge is known to that
+    interval, as a rectangle; on a flank it is interpolated.
+
+    Raises
+    ------
+    MetrologyError
+        If the profile shows no gap between two shoulders of twenty points.
+    """
     check_profile(x, z, 3 * LEAST_FACE)
-    begin, end = _find_gap(x, z)
-    margin = max((end - begin) // 2, 3)
-    used = np.isfinite(z)
-    used[max(begin - margin, 0) : end + margin] = False
-    MetrologyError.require(
-        min(used[:begin].sum(), used[end:].sum()) >= LEAST_FACE,
-        f"shoulders must keep {LEAST_FACE} points each beside the gap",
+    gap = _find_gap(x, z)
+    shoulders = _mark_shoulders(z, gap)
+    planes = fit_two_planes(x, z, 0.5 * float(x[gap.begin] + x[gap.end - 1]), shoulders)
+    level = z - planes.tilt * x - planes.offset
+    left, right = _find_walls(x, level, planes.height.value, gap)
+    spacing = float(np.diff(x).mean())
+    roughness = float(np.std(planes.fit.residuals[planes.fit.used]))
+    noise = np.hypot(
+        _compute_crossing_noise(left, roughness, spacing),
+        _compute_crossing_noise(right, roughness, spacing),
     )
-    planes = fit_two_planes(x, z, 0.5 * float(x[begin] + x[end - 1]), used)
-    left, right = _find_walls(
-        x, z - planes.tilt * x - planes.offset, planes.height.value, begin, end
-    )
-    spacing, roughness = (
-        float(np.diff(x).mean()),
-        float(np.std(planes.fit.residuals[planes.fit.used])),
-    )
-    sampling = spacing * float(np.hypot(left.unresolved, right.unresolved)) / np.sqrt(12.0)
-    crossing = [
-        0.0 if np.isnan(one.jump) else roughness * spacing / one.jump for one in (left, right)
-    ]
     return Margin(
-        Estimate(
-            right.position - left.position,
-            float(np.hypot(crossing[0], crossing[1])),
-            planes.height.dof,
-        ),
-        sampling,
-        planes.height,
+        opening=Estimate(right.position - left.position, float(noise), planes.height.dof),
+        sampling=spacing * float(np.hypot(left.unresolved, right.unresolved)) / np.sqrt(12.0),
+        rise=planes.height,
     )
 
 
-def _find_gap(x: Array, z: Array) -> tuple[int, int]:
-    # Return the indices of the longest stretch that is missing or far below both shoulders.
-    # Only to find it the profile is levelled by the median of its slopes, which does not see a gap
-    # of less than half of it.
+def _mark_shoulders(z: Array, gap: _Gap) -> Mask:
+    """Return the points of both shoulders, without those close to the gap."""
+    margin = max(gap.length // 2, _LEAST_MARGIN)
+    shoulders = np.isfinite(z)
+    shoulders[max(gap.begin - margin, 0) : gap.end + margin] = False
+    if min(shoulders[: gap.begin].sum(), shoulders[gap.end :].sum()) < LEAST_FACE:
+        raise MetrologyError(f"shoulders must keep {LEAST_FACE} points each beside the gap")
+    return shoulders
+
+
+def _find_gap(x: Array, z: Array) -> _Gap:
+    """Return the longest stretch that is missing or far below both shoulders.
+
+    Only to find it the profile is levelled by the median of its slopes, which does not see a gap of
+    less than half of it.
+    """
     known = np.isfinite(z)
+    x_known = x[known]
+    z_known = z[known]
+    lag = max(len(z_known) // 50, 1)
+    slopes = (z_known[lag:] - z_known[:-lag]) / (x_known[lag:] - x_known[:-lag])
+    level = remove_spikes(z - float(np.median(slopes)) * x)
     quarter = len(z) // 4
-    u, w = x[known], z[known]
-    lag = max(len(w) // 50, 1)
-    level = remove_spikes(z - float(np.median((w[lag:] - w[:-lag]) / (u[lag:] - u[:-lag]))) * x)
-    shoulders = [float(np.nanmedian(part)) for part in (level[:quarter], level[-quarter:])]
-    depth = min(shoulders) - np.nanmin(level)
-    MetrologyError.require(
-        depth > max(0.2 * abs(shoulders[1] - shoulders[0]), 1e-12),
-        "profile must show a gap below both shoulders, got none",
-    )
-    inside = ~known | (level < min(shoulders) - 0.5 * depth)
-    change = np.flatnonzero(np.diff(np.concatenate([[0], inside.astype(np.int8), [0]])))
-    begin, end = max(
-        zip(change[::2], change[1::2], strict=True), key=lambda pair: pair[1] - pair[0]
-    )
-    MetrologyError.require(
-        begin >= LEAST_FACE and len(level) - end >= LEAST_FACE,
-        f"gap must leave {LEAST_FACE} points of a shoulder on either side",
-    )
-    return int(begin), int(end)
+    left = float(np.nanmedian(level[:quarter]))
+    right = float(np.nanmedian(level[-quarter:]))
+    lower = min(left, right)
+    depth = lower - np.nanmin(level)
+    if not depth > max(_LEAST_DEPTH_OVER_RISE * abs(right - left), _LEAST_DEPTH):
+        raise MetrologyError("profile must show a gap below both shoulders, got none")
+    gap = _find_longest_run(~known | (level < lower - 0.5 * depth))
+    if gap.begin < LEAST_FACE or len(level) - gap.end < LEAST_FACE:
+        raise MetrologyError(f"gap must leave {LEAST_FACE} points of a shoulder on either side")
+    return gap
 
 
-class _Wall(NamedTuple):
-    position: float  # m
-    unresolved: float  # how much of a sampling interval it leaves open [1]
-    jump: float  # over it [m]
+def _find_longest_run(inside: Mask) -> _Gap:
+    """Return the longest run of true values, the first of several."""
+    padded = np.concatenate([[0], inside.astype(np.int8), [0]])
+    changes = np.flatnonzero(np.diff(padded)).tolist()
+    runs = []
+    for begin, end in zip(changes[::2], changes[1::2], strict=True):
+        runs.append(_Gap(begin, end))
+    return max(runs, key=lambda run: run.length)
 
 
-def _find_walls(x: Array, flat: Array, rise: float, begin: int, end: int) -> list[_Wall]:
+def _find_walls(x: Array, level: Array, rise: float, gap: _Gap) -> tuple[_Wall, _Wall]:
+    """Return the left and the right wall of a gap.
+
+    `level` are heights over the left shoulder, `rise` is the height of the right one [m].
+    """
     lower = min(0.0, rise)
-    inner = flat[begin:end]
+    inner = level[gap.begin : gap.end]
     # the median of the deepest tenth, since the deepest point is mostly noise
     known = np.sort(inner[np.isfinite(inner)])
-    depth = float(lower - np.median(known[: max(len(known) // 10, 1)])) if known.size else np.nan
-    level = lower - (0.5 * depth if np.isfinite(depth) else 0.0)
-    solid = np.isfinite(flat) & (flat > level)
-    middle = (begin + end) // 2
-    left, right = (
-        int(np.flatnonzero(solid[:middle])[-1]),
-        middle + int(np.flatnonzero(solid[middle:])[0]),
+    depth = np.nan
+    half_depth = 0.0
+    if known.size:
+        depth = float(lower - np.median(known[: max(len(known) // 10, 1)]))
+        half_depth = 0.5 * depth
+    threshold = lower - half_depth
+    solid = np.isfinite(level) & (level > threshold)
+    middle = (gap.begin + gap.end) // 2
+    last_before = int(np.flatnonzero(solid[:middle])[-1])
+    first_behind = middle + int(np.flatnonzero(solid[middle:])[0])
+    left = slice(last_before, last_before + 2)
+    right = slice(first_behind - 1, first_behind + 1)
+    return (
+        _locate_wall(x[left], level[left], threshold, depth),
+        _locate_wall(x[right], level[right], threshold, depth),
     )
-    return [
-        _locate_wall(x[low : low + 2], flat[low : low + 2], level, depth)
-        for low in (left, right - 1)
-    ]
 
 
-def _locate_wall(x: Array, flat: Array, level: float, depth: float) -> _Wall:
-    # Locate a wall between two samples: a jump of the whole depth leaves the interval open, a flank
-    # is interpolated.
-    jump = float(abs(flat[1] - flat[0]))
+def _locate_wall(x: Array, level: Array, threshold: float, depth: float) -> _Wall:
+    """Locate a wall between two samples [m].
+
+    A jump of the whole depth leaves the interval open, a flank is interpolated.
+    """
+    jump = float(abs(level[1] - level[0]))
+    middle = float(x.mean())
     if not np.isfinite(jump / depth) or jump == 0.0:
-        return _Wall(float(x.mean()), 1.0, float("nan"))
+        return _Wall(middle, 1.0, float("nan"))
     unresolved = float(np.clip(2.0 * jump / depth - 1.0, 0.0, 1.0))
-    crossing = float(x[0] + (level - flat[0]) / (flat[1] - flat[0]) * (x[1] - x[0]))
-    return _Wall(unresolved * float(x.mean()) + (1.0 - unresolved) * crossing, unresolved, jump)
+    crossing = float(x[0] + (threshold - level[0]) / (level[1] - level[0]) * (x[1] - x[0]))
+    position = unresolved * middle + (1.0 - unresolved) * crossing
+    return _Wall(position, unresolved, jump)
+
+
+def _compute_crossing_noise(wall: _Wall, roughness: float, spacing: float) -> float:
+    """Return what noise leaves open of the place of a wall [m]."""
+    if np.isnan(wall.jump):
+        return 0.0
+    return roughness * spacing / wall.jump

@@ -26,20 +26,23 @@ Mask = NDArray[np.bool_]
 # scatter that counts as none [m]: a hundredth of an atom. Below it lies the rounding of a
 # processor, not a surface
 LEAST_SCATTER = 1e-12
-_GAUSS_PER_MAD = (
-    1.482602218505602  # standard deviation of a normal law over its median absolute deviation
-)
+# standard deviation of a normal law over its median absolute deviation
+_GAUSS_PER_MAD = 1.482602218505602
 SPIKE = 5.0  # robust standard deviations beyond which a point is a spike
 _LEAST_SPAN = 1e-10  # of columns' products, as a share of the largest: below lies rounding
-_MOST_RESTORED = (
-    4.0  # by which a variance is raised for what the fit swallowed; beyond it, nothing is known
-)
+# by which a variance is raised for what the fit swallowed; beyond it, nothing is known
+_MOST_RESTORED = 4.0
 # least part of the low frequencies that a fit may leave [1]; with less, the correlation cannot be
 # distinguished from the form
 _LEAST_LEFT = 0.25
 # smallest variance as a part of that of white noise of the same scatter: a truncated sum over lags
 # may fall below zero
 _LEAST_OF_WHITE = 0.25
+_DROWNED = 2.0  # standard deviations of white noise below which a correlation is drowned
+_WINDOWS = 4  # widths of the taper over the lag at which the correlation drowns
+_MOST_LOST = 0.5  # of the points that the parameters of a fit may swallow [1]
+_LEAST_SEEN = 0.1  # of the degrees of freedom that a fit leaves at least [1]
+_QUIET = 5  # lags in a row that are indistinguishable from none, from which noise is uncorrelated
 
 
 @dataclass(frozen=True)
@@ -52,17 +55,26 @@ class Estimate:
     dof: float = math.inf
 
 
-def compute_change(pairs: Sequence[tuple[Estimate, Estimate]], allowed: float) -> float:
+@dataclass(frozen=True)
+class Refit:
+    """An estimate by all points, and by fewer of them."""
+
+    all_points: Estimate
+    fewer: Estimate
+
+
+def compute_change(refits: Sequence[Refit], allowed: float) -> float:
     """Compute the standard uncertainty by what a mean changes between two fits, a rectangle.
 
     Only the change beyond `allowed` times what noise alone changes counts.
     """
-    if not pairs:
+    if not refits:
         return 0.0
     # a fit through fewer of the same points differs by what its variance has grown
-    grown = sum(max(other.std**2 - one.std**2, 0.0) for one, other in pairs) / len(pairs) ** 2
-    change = float(np.mean([other.value - one.value for one, other in pairs]))
-    return float(np.sqrt(max(change**2 - allowed**2 * grown, 0.0) / 3.0))
+    growths = [max(refit.fewer.std**2 - refit.all_points.std**2, 0.0) for refit in refits]
+    noise = sum(growths) / len(refits) ** 2
+    change = float(np.mean([refit.fewer.value - refit.all_points.value for refit in refits]))
+    return float(np.sqrt(max(change**2 - allowed**2 * noise, 0.0) / 3.0))
 
 
 def estimate_robust_scale(residuals: Array) -> float:
@@ -78,40 +90,60 @@ def find_outliers(residuals: Array, used: Mask) -> Mask:
 
     Residuals [m] beyond five robust deviations from the median of those used; none without scatter.
     """
-    own = residuals[used]
-    scale = estimate_robust_scale(own)
+    bulk = residuals[used]
+    scale = estimate_robust_scale(bulk)
     spikes = np.zeros_like(used)
     if scale > LEAST_SCATTER:
-        spikes[used] = np.abs(own - np.median(own)) > SPIKE * scale
+        spikes[used] = np.abs(bulk - np.median(bulk)) > SPIKE * scale
     return spikes
 
 
 def estimate_autocovariance(pieces: Sequence[Array], parameters: int = 3) -> Array:
-    """Autocovariance of residuals that come in pieces, tapered so that it is a valid covariance."""
+    """Return the autocovariance of residuals that come in pieces.
+
+    It is tapered, so that it is a valid covariance.
+
+    Parameters
+    ----------
+    pieces : sequence of array
+        Residuals in equal steps [m]; nan where a point is missing.
+    parameters : int
+        That were fitted.
+
+    Returns
+    -------
+    array, shape (lags,)
+        m^2.
+    """
     # The sum over pairs is divided by the number of points at every lag, which keeps it positive
     # semidefinite, as does the product with Parzen's window. The window is four times as wide as
     # the lag at which the correlation drowns.
     count = sum(int(np.isfinite(piece).sum()) for piece in pieces)
-    longest = max(len(piece) for piece in pieces)
-    total = np.zeros(longest)
+    gamma = _sum_products(pieces) / max(count - parameters, 1)
+    if gamma[0] <= LEAST_SCATTER**2:
+        return np.zeros(1)
+    longest = len(gamma)
+    drowned = np.flatnonzero(gamma < _DROWNED / np.sqrt(count) * gamma[0])
+    first = int(drowned[0]) if drowned.size else longest // 4
+    width = int(np.clip(_WINDOWS * first, 4, max(longest // 2, 4)))
+    lag = np.arange(min(width, longest)) / width
+    parzen = np.where(lag <= 0.5, 1.0 - 6.0 * lag**2 * (1.0 - lag), 2.0 * (1.0 - lag) ** 3)
+    gamma = gamma[: len(parzen)] * parzen
+    # each fitted parameter swallows not one point but one correlation length of them
+    together = max(1.0, float(2.0 * gamma.sum() / gamma[0] - 1.0))
+    lost = min(parameters * together, _MOST_LOST * count)
+    return np.asarray(gamma * (max(count - parameters, 1) / (count - lost)))
+
+
+def _sum_products(pieces: Sequence[Array]) -> Array:
+    """Return the sums over pairs of residuals by their lag, shape (longest piece,) [m^2]."""
+    total = np.zeros(max(len(piece) for piece in pieces))
     for piece in pieces:
         filled = np.where(np.isfinite(piece), piece, 0.0)
         size = 2 ** int(np.ceil(np.log2(2 * len(filled))))
         spectrum = np.fft.rfft(filled, size)
         total[: len(filled)] += np.fft.irfft(np.abs(spectrum) ** 2, size)[: len(filled)]
-    gamma = total / max(count - parameters, 1)
-    if gamma[0] <= LEAST_SCATTER**2:
-        return np.zeros(1)
-    drowned = np.flatnonzero(gamma < 2.0 / np.sqrt(count) * gamma[0])
-    first = int(drowned[0]) if drowned.size else longest // 4
-    width = int(np.clip(4 * first, 4, max(longest // 2, 4)))
-    lag = np.arange(min(width, longest)) / width
-    taper = np.where(lag <= 0.5, 1.0 - 6.0 * lag**2 * (1.0 - lag), 2.0 * (1.0 - lag) ** 3)
-    gamma = gamma[: len(taper)] * taper
-    # each fitted parameter swallows not one point but one correlation length of them
-    together = max(1.0, float(2.0 * gamma.sum() / gamma[0] - 1.0))
-    lost = min(parameters * together, 0.5 * count)
-    return np.asarray(gamma * (max(count - parameters, 1) / (count - lost)))
+    return total
 
 
 def compute_estimator_covariance(weights: Array, gamma: Array) -> Array:
@@ -140,7 +172,21 @@ def estimate_linear(
 ) -> Estimate:
     """State the uncertainty of `value`, which is ``sum(weights * z)``.
 
-    It follows from the residuals of the fit.
+    Parameters
+    ----------
+    value : float
+        Estimate, in the unit of the result.
+    weights, residuals : array
+        Over a profile, shape (n,), or a map, shape (ny, nx): with which each height counts, and
+        what the fit leaves of it [m].
+    used : array of bool
+        Points that were fitted.
+    design : array, shape (k, ...)
+        Columns of the fit.
+
+    Returns
+    -------
+    Estimate
     """
     # With residuals ``r = M z``, M the projection of the fit, the estimate of the variance is a
     # quadratic form ``r Q r``; Q holds ``c(k) taper(k) / pairs(k)``. Its mean is ``tr(M Q M
@@ -149,31 +195,59 @@ def estimate_linear(
     # ``tr(Q Gamma)^2 / tr(Q Gamma Q Gamma)`` evaluated over frequencies. The taper is the flat top
     # of Politis and Romano (1995), its width by Politis (2003), J. Nonparametr. Stat. 15:375,
     # doi:10.1080/1048525031000157990.
-    lags = _Lags(residuals.shape)
-    inside = used.astype(np.float64)
-    pairs, gamma, taper = _estimate_lags(lags, residuals, used)
-    if gamma.flat[0] <= LEAST_SCATTER**2:
+    grid = _LagGrid(residuals.shape)
+    noise = _estimate_noise_by_lag(grid, residuals, used)
+    if noise.variance <= LEAST_SCATTER**2:
         return Estimate(value, 0.0)
+    inside = used.astype(np.float64)
     count = float(inside.sum())
-    c = lags.autocorrelation(np.where(used, weights, 0.0))
-    white = float(c.flat[0] * gamma.flat[0])
-    variance = max(float(np.sum(c * gamma * taper)), _LEAST_OF_WHITE * white)
-    # each column of the fit takes the mean power of one frequency: every lag lies too low by the
-    # same amount
-    share = len(design) / count
-    lifted = gamma + share * float(np.sum(gamma * taper)) / max(
-        1.0 - share * float(taper.sum()), _LEAST_LEFT
-    )
-    spectrum = np.maximum(lags.transform(lifted * taper).real, 0.0)
-    form = lags.transform(np.where(pairs > 0.0, c * taper / np.maximum(pairs, 1.0), 0.0)).real
-    trace, seen = _compute_expectations(lags, spectrum, form, pairs, inside, design)
-    true = float(np.sum(c * lags.back(spectrum)))
-    restored = min(max(true / seen, 1.0), _MOST_RESTORED) if seen > 0.0 else _MOST_RESTORED
-    both = form * spectrum
-    squares = lags.mean(both**2)
-    dof = count * lags.mean(both) ** 2 / squares if squares > 0.0 else float("inf")
-    lost = max(seen / trace, 0.1) if trace > 0.0 else 0.1
-    return Estimate(value, float(np.sqrt(variance * restored)), max(dof * lost, 1.0))
+    correlation = grid.autocorrelate(np.where(used, weights, 0.0))
+    white = float(correlation.flat[0] * noise.variance)
+    tapered = correlation * noise.gamma * noise.taper
+    variance = max(float(np.sum(tapered)), _LEAST_OF_WHITE * white)
+    lifted = _lift_autocovariance(noise, len(design) / count)
+    spectrum = np.maximum(grid.transform(lifted * noise.taper).real, 0.0)
+    pairs = noise.pairs
+    quadratic = np.where(pairs > 0.0, correlation * noise.taper / np.maximum(pairs, 1.0), 0.0)
+    form = grid.transform(quadratic).real
+    traces = _compute_traces(grid, spectrum, form, pairs, inside, design)
+    true_variance = float(np.sum(correlation * grid.transform_back(spectrum)))
+    restored = _compute_restored(true_variance, traces.after_fit)
+    dof = _compute_dof(grid, form * spectrum, count, traces)
+    return Estimate(value, float(np.sqrt(variance * restored)), dof)
+
+
+def _lift_autocovariance(noise: "_NoiseByLag", share: float) -> Array:
+    """Return an autocovariance with what the fit has swallowed of it [m^2].
+
+    Each column of the fit takes the mean power of one frequency, so every lag lies too low by the
+    same amount; `share` is the number of columns over that of the points [1].
+    """
+    power = float(np.sum(noise.gamma * noise.taper))
+    left = max(1.0 - share * float(noise.taper.sum()), _LEAST_LEFT)
+    return np.asarray(noise.gamma + share * power / left)
+
+
+def _compute_restored(true: float, seen: float) -> float:
+    """Return the factor by which a variance is raised for what the fit swallowed [1]."""
+    if seen > 0.0:
+        return min(max(true / seen, 1.0), _MOST_RESTORED)
+    return _MOST_RESTORED
+
+
+def _compute_dof(grid: "_LagGrid", product: Array, count: float, traces: "_Traces") -> float:
+    """Return the degrees of freedom of a variance by Satterthwaite, 1 at least.
+
+    `product` is that of the spectra of the noise and of the quadratic form.
+    """
+    squares = grid.average(product**2)
+    dof = float("inf")
+    if squares > 0.0:
+        dof = count * grid.average(product) ** 2 / squares
+    left = _LEAST_SEEN
+    if traces.before_fit > 0.0:
+        left = max(traces.after_fit / traces.before_fit, _LEAST_SEEN)
+    return max(dof * left, 1.0)
 
 
 def estimate_of_rows(weights: Iterable[Array], residuals: Array, used: Mask) -> Array:
@@ -181,94 +255,142 @@ def estimate_of_rows(weights: Iterable[Array], residuals: Array, used: Mask) -> 
 
     Each of `weights` covers as many whole rows as it has, and holds what their lines take away.
     """
-    gamma, taper = _estimate_lags(_Lags(residuals.shape), residuals, used)[1:]
+    noise = _estimate_noise_by_lag(_LagGrid(residuals.shape), residuals, used)
     # the two columns of its line take from each row the mean power of two frequencies along it
     share = 2.0 * len(residuals) / float(used.sum())
-    power, width = (
-        (one * taper).sum(axis=1, keepdims=True) for one in (gamma, np.ones_like(taper))
-    )
-    lifted = gamma + share * power / np.maximum(1.0 - share * width, _LEAST_LEFT)
-    sums = []
-    for own in weights:
-        c = _Lags(own.shape).autocorrelation(own)
-        at = np.ix_(*(np.rint(np.fft.fftfreq(size) * size).astype(int) for size in c.shape))
-        white = _LEAST_OF_WHITE * c.flat[0] * gamma.flat[0]
-        sums.append([max(np.sum(c * (one * taper)[at]), white) for one in (gamma, lifted)])
-    seen, true = np.transpose(sums)
+    power = (noise.gamma * noise.taper).sum(axis=1, keepdims=True)
+    width = noise.taper.sum(axis=1, keepdims=True)
+    lifted = noise.gamma + share * power / np.maximum(1.0 - share * width, _LEAST_LEFT)
+    seen_variances = []
+    true_variances = []
+    for weight in weights:
+        correlation = _LagGrid(weight.shape).autocorrelate(weight)
+        # lags of the sum within those of the map, negative ones at the end
+        lags = [np.rint(np.fft.fftfreq(size) * size).astype(int) for size in correlation.shape]
+        shared = np.ix_(*lags)
+        least = _LEAST_OF_WHITE * correlation.flat[0] * noise.variance
+        seen = np.sum(correlation * (noise.gamma * noise.taper)[shared])
+        true = np.sum(correlation * (lifted * noise.taper)[shared])
+        seen_variances.append(max(seen, least))
+        true_variances.append(max(true, least))
     # over all together: that of one sum scatters as much as it is
-    restored = min(
-        max(float(true.sum()) / max(float(seen.sum()), LEAST_SCATTER**2), 1.0), _MOST_RESTORED
-    )
-    return np.asarray(np.sqrt(seen * restored))
+    seen_total = max(float(np.sum(seen_variances)), LEAST_SCATTER**2)
+    ratio = float(np.sum(true_variances)) / seen_total
+    restored = min(max(ratio, 1.0), _MOST_RESTORED)
+    return np.asarray(np.sqrt(np.array(seen_variances) * restored))
 
 
-class _Lags:
-    # Fourier transforms over a grid that is padded so that lags do not wrap; over the last axes of
-    # what is stacked.
+class _LagGrid:
+    """Fourier transforms over a grid that is padded so that lags do not wrap.
+
+    They run over the last axes of what is stacked.
+    """
+
     def __init__(self, shape: tuple[int, ...]) -> None:
         self._shape = tuple(fft.next_fast_len(2 * size, real=True) for size in shape)
         self._axes = tuple(range(-len(shape), 0))
 
     def transform(self, values: Array) -> NDArray[np.complex128]:
+        """Return the spectrum of values."""
         return np.asarray(fft.rfftn(values, self._shape, self._axes))
 
-    def back(self, spectrum: Array | NDArray[np.complex128]) -> Array:
+    def transform_back(self, spectrum: Array | NDArray[np.complex128]) -> Array:
+        """Return the values of a spectrum, over the padded grid."""
         return np.asarray(fft.irfftn(spectrum, self._shape, self._axes))
 
-    def autocorrelation(self, values: Array) -> Array:
-        return self.back(np.abs(self.transform(values)) ** 2)
+    def autocorrelate(self, values: Array) -> Array:
+        """Return the sum of products of values by their lag."""
+        return self.transform_back(np.abs(self.transform(values)) ** 2)
 
-    def mean(self, spectrum: Array) -> float:
-        # Mean over frequencies, which is the value at lag zero.
-        return float(self.back(spectrum).flat[0])
+    def average(self, spectrum: Array) -> float:
+        """Return the mean over frequencies, which is the value at lag zero."""
+        return float(self.transform_back(spectrum).flat[0])
 
 
-def _estimate_lags(lags: _Lags, residuals: Array, used: Mask) -> tuple[Array, Array, Array]:
-    # Pairs of used points at each lag, the autocovariance of their residuals, and its taper.
-    pairs = np.rint(lags.autocorrelation(used.astype(np.float64)))
-    products = lags.autocorrelation(np.where(used, residuals, 0.0))
+@dataclass(frozen=True)
+class _NoiseByLag:
+    """Noise of residuals by lag, arrays over the padded grid."""
+
+    pairs: Array  # of points that were used
+    gamma: Array  # autocovariance [m^2]
+    taper: Array  # 1
+
+    @property
+    def variance(self) -> float:
+        """Variance of the residuals [m^2]."""
+        return float(self.gamma.flat[0])
+
+
+def _estimate_noise_by_lag(grid: _LagGrid, residuals: Array, used: Mask) -> _NoiseByLag:
+    """Estimate the noise from residuals [m] at the points that were used."""
+    pairs = np.rint(grid.autocorrelate(used.astype(np.float64)))
+    products = grid.autocorrelate(np.where(used, residuals, 0.0))
     gamma = np.where(pairs > 0.0, products / np.maximum(pairs, 1.0), 0.0)
-    return pairs, gamma, _compute_lag_taper(gamma, residuals.shape, float(used.sum()))
+    return _NoiseByLag(pairs, gamma, _compute_lag_taper(gamma, residuals.shape, float(used.sum())))
 
 
-def _compute_expectations(
-    lags: _Lags, spectrum: Array, form: Array, pairs: Array, inside: Array, design: Array
-) -> tuple[float, float]:
-    # Traces of Q Gamma and of M Q M Gamma; the projection has few columns, so no large matrix is
-    # ever formed.
-    trace = float(np.sum(lags.back(form) * pairs * lags.back(spectrum)))
+@dataclass(frozen=True)
+class _Traces:
+    """Expectations of a quadratic form of noise, times its variance [m^2]."""
+
+    before_fit: float  # tr(Q Gamma)
+    after_fit: float  # tr(M Q M Gamma), of what a fit leaves
+
+
+def _compute_traces(
+    grid: _LagGrid, spectrum: Array, form: Array, pairs: Array, inside: Array, design: Array
+) -> _Traces:
+    """Compute the expectations of a quadratic form from the spectra of the noise and of the form.
+
+    `inside` is 1 at points that were used, else 0. The projection has few columns, so no large
+    matrix is ever formed.
+    """
+    trace = float(np.sum(grid.transform_back(form) * pairs * grid.transform_back(spectrum)))
     columns = design * inside
-    turned = lags.transform(columns)
-    # columns convolved with what has either spectrum, without what the padding added
-    by_noise, by_form = (
-        (lags.back(one * turned)[:, *map(slice, inside.shape)] * inside).reshape(len(design), -1)
-        for one in (spectrum, form)
-    )
+    turned = grid.transform(columns)
+    by_noise = _convolve_columns(grid, spectrum * turned, inside)
+    by_form = _convolve_columns(grid, form * turned, inside)
     columns = columns.reshape(len(design), -1)
     # the projection is that of the columns' span: of columns that depend on each other where
     # outliers fell out, one counts
     size = np.sqrt(np.einsum("ij,ij->i", columns, columns))
     size = np.where(size > 0.0, size, 1.0)[:, np.newaxis]
-    columns, by_noise, by_form = columns / size, by_noise / size, by_form / size
+    columns = columns / size
+    by_noise = by_noise / size
+    by_form = by_form / size
     inverse = np.linalg.pinv(columns @ columns.T, rcond=_LEAST_SPAN, hermitian=True)
     swallowed = 2.0 * np.trace(inverse @ (by_form @ by_noise.T))
     twice = np.trace(inverse @ (by_form @ columns.T) @ inverse @ (columns @ by_noise.T))
-    return trace, trace - float(swallowed) + float(twice)
+    return _Traces(trace, trace - float(swallowed) + float(twice))
+
+
+def _convolve_columns(grid: _LagGrid, product: NDArray[np.complex128], inside: Array) -> Array:
+    """Return columns convolved with what has a spectrum, shape (k, points).
+
+    `product` is that of both spectra; what the padding added is cut off.
+    """
+    convolved = grid.transform_back(product)
+    without_padding = convolved[:, *map(slice, inside.shape)]
+    return np.asarray((without_padding * inside).reshape(len(product), -1))
 
 
 def _compute_lag_taper(gamma: Array, shape: tuple[int, ...], count: float) -> Array:
-    # Flat top over the correlated lags of each axis, then linear to zero at twice as far.
+    """Return a taper that is flat over the correlated lags of each axis [1].
+
+    Beyond them it falls to zero at twice as far. `shape` is that of the residuals, of which `count`
+    were used.
+    """
     taper = np.ones(gamma.shape)
     limit = 2.0 * np.sqrt(np.log10(max(count, 10.0)) / count)
+    variance = max(gamma.flat[0], LEAST_SCATTER**2)
     for axis, size in enumerate(shape):
         line: list[int | slice] = [0] * gamma.ndim
         line[axis] = slice(1, max(size // 3, 2))
-        correlation = np.abs(gamma[tuple(line)]) / max(gamma.flat[0], LEAST_SCATTER**2)
-        # five in a row that are indistinguishable from none
-        quiet = np.flatnonzero(
-            np.convolve(correlation < limit, np.ones(5))[4:] >= min(5, len(correlation))
-        )
-        flat = max(int(quiet[0]) if quiet.size else len(correlation), 1)
+        correlation = np.abs(gamma[tuple(line)]) / variance
+        in_a_row = np.convolve(correlation < limit, np.ones(_QUIET))[_QUIET - 1 :]
+        quiet = np.flatnonzero(in_a_row >= min(_QUIET, len(correlation)))
+        correlated = int(quiet[0]) if quiet.size else len(correlation)
+        flat = max(correlated, 1)
         lag = np.abs(np.fft.fftfreq(gamma.shape[axis]) * gamma.shape[axis])
         along = [1] * gamma.ndim
         along[axis] = -1

@@ -22,8 +22,10 @@ from stepblocks.quantities import format_quantity, make_quantity_parser
 from stepblocks.scans.scan import ScannedProfile
 from stepblocks.scans.text import read_text_scan
 
-_SCHEMA = 1  # of the record's format
-_TEXTS = ("stimulus", "scan", "scan_sha256", "convention")
+# characteristics that are the height of a step: at the edge itself, or of a feature that is as high
+_HEIGHTS = ("step_height", "groove_depth", "ridge_height")
+_VALUE_DIGITS = 9  # of a value in the record
+_STD_DIGITS = 4  # of its standard uncertainty
 _LENGTH = BeforeValidator(make_quantity_parser("length"))
 
 
@@ -68,63 +70,104 @@ class AsBuilt:
     @property
     def height(self) -> AsBuiltValue | None:
         """Height of the step, measured at the edge itself or at the feature that is as high."""
-        return next(
-            (
-                self.values[key]
-                for key in ("step_height", "groove_depth", "ridge_height")
-                if key in self.values
-            ),
-            None,
-        )
+        for key in _HEIGHTS:
+            if key in self.values:
+                return self.values[key]
+        return None
 
 
-class _Record(BaseModel):
-    # A record as it stands in its file.
+class _Head(BaseModel):
+    """A record as it stands in its file, without its values."""
+
     version: Literal[1] = Field(alias="schema")
     stimulus: str
     scan: str
     scan_sha256: str
     convention: str
-    values: Annotated[dict[str, AsBuiltValue], Field(min_length=1)]
     edge_is_arc: bool = True
     profile: str | None = None
     profile_sha256: str = ""
 
 
+class _Record(_Head):
+    """A record as it is read."""
+
+    values: Annotated[dict[str, AsBuiltValue], Field(min_length=1)]
+
+
+class _WrittenValue(BaseModel):
+    """A value and its uncertainty with their units."""
+
+    value: str
+    std: str
+    verdict: str
+
+
+class _WrittenRecord(_Head):
+    """A record as it is written."""
+
+    values: dict[str, _WrittenValue]
+
+    def to_toml(self) -> str:
+        """Return the text of the file; what has its usual value is left out."""
+        return tomli_w.dumps(self.model_dump(by_alias=True, exclude_defaults=True))
+
+
 def write_as_built(path: Path, record: AsBuilt) -> list[Path]:
-    """Write a record as TOML with units, and its surface beside it as CSV; return both paths."""
-    document: dict[str, object] = {
-        "schema": _SCHEMA,
-        **{name: escape_file_name(getattr(record, name)) for name in _TEXTS},
-        **({} if record.arc else {"edge_is_arc": False}),
-    }
+    """Write a record as TOML with units, and its surface beside it as CSV.
+
+    Parameters
+    ----------
+    path : Path
+        Of the record, ``<id>.as-built.toml``.
+    record : AsBuilt
+        What is known of the part.
+
+    Returns
+    -------
+    list of Path
+        The record, and ``<id>.as-built.profile.csv`` where it has a surface.
+    """
     written = [path]
+    profile = None
+    digest = ""
     if record.surface is not None:
-        table = io.StringIO()
-        np.savetxt(
-            table,
-            np.column_stack([record.surface.position, record.surface.height]) * 1e6,
-            "%.6f",
-            ",",
-            header="x_um,z_um",
-            comments="",
-        )
-        written.append(path.with_name(f"{path.stem}.profile.csv"))
-        replace_text(written[-1], table.getvalue())
-        document |= {
-            "profile": written[-1].name,
-            "profile_sha256": hashlib.sha256(table.getvalue().encode()).hexdigest(),
-        }
-    document["values"] = {
-        key: {
-            "value": format_quantity(one.value, "length", 9),
-            "std": format_quantity(one.std, "length", 4),
-            "verdict": one.verdict,
-        }
-        for key, one in record.values.items()
-    }
-    replace_text(path, tomli_w.dumps(document))
+        table = _format_profile(record.surface)
+        surface_path = path.with_name(f"{path.stem}.profile.csv")
+        replace_text(surface_path, table)
+        written.append(surface_path)
+        profile = surface_path.name
+        digest = hashlib.sha256(table.encode()).hexdigest()
+    document = _WrittenRecord(
+        schema=1,
+        stimulus=escape_file_name(record.stimulus),
+        scan=escape_file_name(record.scan),
+        scan_sha256=escape_file_name(record.scan_sha256),
+        convention=escape_file_name(record.convention),
+        edge_is_arc=record.arc,
+        profile=profile,
+        profile_sha256=digest,
+        values={key: _format_value(value) for key, value in record.values.items()},
+    )
+    replace_text(path, document.to_toml())
     return written
+
+
+def _format_value(value: AsBuiltValue) -> _WrittenValue:
+    """Return a value with its unit."""
+    return _WrittenValue(
+        value=format_quantity(value.value, "length", _VALUE_DIGITS),
+        std=format_quantity(value.std, "length", _STD_DIGITS),
+        verdict=value.verdict,
+    )
+
+
+def _format_profile(surface: ScannedProfile) -> str:
+    """Return positions and heights of a profile as CSV, in micrometres."""
+    table = io.StringIO()
+    columns = np.column_stack([surface.position, surface.height]) * 1e6
+    np.savetxt(table, columns, "%.6f", ",", header="x_um,z_um", comments="")
+    return table.getvalue()
 
 
 def read_as_built(path: str | Path) -> AsBuilt:
@@ -146,69 +189,84 @@ def read_as_built(path: str | Path) -> AsBuilt:
         If the file is no such record, or the profile is missing or not the one that was inspected.
     """
     path = Path(path)
-    raw = validate_data(
-        _Record, read_document(path, "record", MetrologyError), path, MetrologyError
-    )
+    document = read_document(path, "record", MetrologyError)
+    record = validate_data(_Record, document, path, MetrologyError)
+    surface = None
+    if record.profile is not None:
+        surface = _read_surface(path, record.profile, record.profile_sha256)
     return AsBuilt(
-        raw.stimulus,
-        raw.scan,
-        raw.scan_sha256,
-        raw.convention,
-        raw.values,
-        _read_surface(path, raw.profile, raw.profile_sha256),
-        raw.edge_is_arc,
+        stimulus=record.stimulus,
+        scan=record.scan,
+        scan_sha256=record.scan_sha256,
+        convention=record.convention,
+        values=record.values,
+        surface=surface,
+        arc=record.edge_is_arc,
     )
 
 
 def read_records(paths: Sequence[Path]) -> dict[str, AsBuilt]:
-    """Read one record of each stimulus from files and folders of records."""
-    files = [
-        file
-        for path in paths
-        for file in (sorted(path.glob("*.as-built.toml")) if path.is_dir() else [path])
-    ]
+    """Read one record of each stimulus from files and folders of records.
+
+    Raises
+    ------
+    PipelineError
+        If there is no record, or two of one stimulus.
+    """
     records: dict[str, AsBuilt] = {}
-    for file in files:
+    for file in _list_record_files(paths):
         record = read_as_built(file)
-        PipelineError.require(
-            records.setdefault(record.stimulus, record) is record,
-            f"records must name each stimulus once, got {record.stimulus} twice [{file}]",
-        )
-    PipelineError.require(records, "expected at least one record (*.as-built.toml), got none")
+        if record.stimulus in records:
+            raise PipelineError(
+                f"records must name each stimulus once, got {record.stimulus} twice [{file}]"
+            )
+        records[record.stimulus] = record
+    if not records:
+        raise PipelineError("expected at least one record (*.as-built.toml), got none")
     return records
 
 
+def _list_record_files(paths: Sequence[Path]) -> list[Path]:
+    """Return files as they are, and the records in each folder in the order of their names."""
+    files: list[Path] = []
+    for path in paths:
+        if path.is_dir():
+            files += sorted(path.glob("*.as-built.toml"))
+        else:
+            files.append(path)
+    return files
+
+
 def list_measured_edges(records: dict[str, AsBuilt]) -> dict[str, dict[str, float]]:
-    """List heights and edge radii of inspected blocks for the closed loop, units in the names."""
+    """List heights and edge radii of inspected blocks for the closed loop, units in the names.
+
+    A block of which no height was measured is left out.
+    """
     edges: dict[str, dict[str, float]] = {}
     for block, record in records.items():
-        for name, one in (
-            ("height", record.height),
-            ("edge_radius", record.values.get("edge_radius")),
-        ):
-            if record.height is not None and one is not None:
-                edges.setdefault(block, {}).update(
-                    {f"{name}_m": one.value, f"{name}_std_m": one.std}
-                )
+        height = record.height
+        if height is None:
+            continue
+        edges[block] = {"height_m": height.value, "height_std_m": height.std}
+        radius = record.values.get("edge_radius")
+        if radius is not None:
+            edges[block] |= {"edge_radius_m": radius.value, "edge_radius_std_m": radius.std}
     return edges
 
 
-def _read_surface(record: Path, name: str | None, digest: str) -> ScannedProfile | None:
-    if name is None:
-        return None
-    MetrologyError.require(
-        digest and Path(name).name == name,
-        "profile must be the name of a file beside the record, with profile_sha256, got "
-        f"{name!r} [{record}]",
-    )
+def _read_surface(record: Path, name: str, digest: str) -> ScannedProfile:
+    """Read the profile that a record names, which must have this SHA-256 and lie beside it."""
+    if not digest or Path(name).name != name:
+        raise MetrologyError(
+            "profile must be the name of a file beside the record, with profile_sha256, got "
+            f"{name!r} [{record}]"
+        )
     path = record.with_name(name)
-    MetrologyError.require(
-        is_file(path), f"profile must lie beside the record, missing {name!r} [{record}]"
-    )
+    if not is_file(path):
+        raise MetrologyError(f"profile must lie beside the record, missing {name!r} [{record}]")
     surface = read_text_scan(path)
-    if hashlib.sha256(path.read_bytes()).hexdigest() != digest or not isinstance(
-        surface, ScannedProfile
-    ):
+    is_inspected = hashlib.sha256(path.read_bytes()).hexdigest() == digest
+    if not is_inspected or not isinstance(surface, ScannedProfile):
         raise MetrologyError(
             f"profile must be the one that was inspected, got another under the name {name!r} "
             f"[{record}]"

@@ -1,212 +1,383 @@
 """A certificate as a digital one (DCC 3.3.0, D-SI 2.2.1) and as a PDF of the same content.
 
-What only the laboratory knows comes from its own file (`artefacts.laboratory`); without it the
+What only the laboratory knows comes from its own file (`records.laboratory`); without it the
 certificate is a draft that says so in each place. It is not signed: the signer's own tool adds the
 XML signature (XMLDSig) to the file.
 """
 
+import dataclasses
+from dataclasses import dataclass
+from enum import StrEnum
 from html import unescape
 from io import BytesIO
 from pathlib import Path
 from textwrap import wrap
+from typing import TYPE_CHECKING
 
 from stepblocks.files.atomic import replace_bytes, replace_text
 from stepblocks.files.pages import render_page
-from stepblocks.files.text import Document
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.kind import Part
 from stepblocks.parts.tolerance import GUARD_FACTOR
+from stepblocks.records.inspection import InspectionRecord, JudgedRecord
 from stepblocks.records.laboratory import Laboratory
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _BLANK = "to be completed by the laboratory"
 _PINNED = "2000-01-01"  # where neither laboratory nor order states a date
 # largest coverage factor that is certified: three degrees of freedom (EA-4/02 M, appendix E) [1]
 _LARGEST_FACTOR = 3.31
-_LINES = 26  # of the table on a page of the PDF
+_DIGEST_DIGITS = 16  # of the hash of the scan, in the identifier of a draft
 RULE = (
     f"ISO 14253-1 with a guard band of {GUARD_FACTOR} u, or Student's 95 % point where u has few "
     "degrees of freedom: inside the limits by it the characteristic conforms, outside by it it "
     "does not, between neither is proven (conditional pass or fail, ILAC-G8)."
 )
+
+# pages of the PDF
+_A4 = (8.27, 11.69)  # inch
+_ROWS = 26  # of the table on a page
+_LINE_WIDTH = 125  # characters of a line of text
+_LABEL_WIDTH = 44  # characters of a label, which may take two lines
+_LINE_HEIGHT = 0.0118  # of a line of text, as a part of the page
+_ROW_HEIGHT = 0.021  # of a row of the table, with room for two lines
+_LOWEST = 0.02  # end of the table
+_LEFT = 0.06
+_TABLE_WIDTH = 0.88
 _HEADINGS = ("no.", "characteristic", "value", "U (95 %)", "k", "limits", "unit", "verdict")
-_WIDTHS = (0.04, 0.34, 0.11, 0.11, 0.05, 0.17, 0.05, 0.13)
+_COLUMN_WIDTHS = (0.04, 0.34, 0.11, 0.11, 0.05, 0.17, 0.05, 0.13)
+_DEGREES = 57.29577951308232  # in a radian
+
+
+class Conformity(StrEnum):
+    """Conformity in the words of the DCC and of ILAC-G8, the worst first."""
+
+    FAIL = "fail"
+    CONDITIONAL_FAIL = "conditionalFail"
+    CONDITIONAL_PASS = "conditionalPass"
+    PASS = "pass"
+
+
+@dataclass(frozen=True)
+class CertifiedLimit:
+    """A limit of a characteristic, as decimal text in metres or radians."""
+
+    side: str  # ``lower`` or ``upper``
+    size: str
+
+
+@dataclass(frozen=True)
+class CertifiedComponent:
+    """A component of a budget, its standard uncertainty as decimal text in metres or radians."""
+
+    source: str
+    std: str
+
+
+@dataclass(frozen=True)
+class CertifiedCharacteristic:
+    """A characteristic as both forms of a certificate state it.
+
+    Sizes are decimal texts in metres or radians.
+    """
+
+    number: int  # on the drawing
+    label: str
+    verdict: str
+    unit: str  # of D-SI
+    value: str
+    expanded: str  # uncertainty at 95 %
+    nominal: str
+    guard: str
+    factor: str  # coverage factor [1]
+    limits: tuple[CertifiedLimit, ...]
+    budget: tuple[CertifiedComponent, ...]
+    not_observed: tuple[str, ...]  # components without a number, and why
+    assumed: tuple[str, ...]  # components that nobody stated, and what stands for them
+    conformity: Conformity
+
+
+@dataclass(frozen=True)
+class OpenEnd:
+    """A characteristic that is not certified, and why."""
+
+    number: int  # on the drawing
+    label: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class CertificateContent:
+    """What both forms of a certificate say; names are those of the templates."""
+
+    identity: str
+    title: str
+    material: str
+    rule: str
+    verdict: str
+    statement: str
+    convention: str
+    scan: str
+    release: str
+    blank: str  # where the laboratory has to complete the draft
+    customer: str
+    begin: str  # first and last day of the measurement
+    end: str
+    digest: str
+    laboratory: Laboratory | None
+    conformity: str  # of the whole; empty where nothing can be stated of it
+    results: tuple[CertifiedCharacteristic, ...]
+    open_ends: tuple[OpenEnd, ...]
+
+    def render(self, template: str) -> str:
+        """Fill a template of this room."""
+        fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        return render_page("stepblocks.records", template, **fields)
 
 
 def write_certificate(
     path: Path,
     part: Part,
-    record: Document,
+    record: InspectionRecord,
     order: OrderSpec,
     digest: str,
     laboratory: Laboratory | None = None,
 ) -> list[Path]:
     """Write both forms of the certificate of an inspection.
 
-    The owner of the order, or else its author, is the customer.
+    Parameters
+    ----------
+    path : Path
+        Of the digital certificate, ``<id>.dcc.xml``; the PDF, ``<id>.certificate.pdf``, is written
+        beside it.
+    part : Part
+        What was inspected; its characteristics give the numbers.
+    record : InspectionRecord
+        What was measured and judged.
+    order : OrderSpec
+        Its owner, or else its author, is the customer.
+    digest : str
+        SHA-256 of the scan.
+    laboratory : Laboratory, optional
+        Without it the certificate is a draft.
+
+    Returns
+    -------
+    list of Path
+        The digital certificate and the PDF.
     """
-    content = _collect_content(part, record, order, digest, laboratory)
-    replace_text(path, render_page("stepblocks.records", "dcc.xml.j2", **content))
+    content = collect_content(part, record, order, digest, laboratory)
+    replace_text(path, content.render("dcc.xml.j2"))
     page = path.with_name(f"{path.name.removesuffix('.dcc.xml')}.certificate.pdf")
-    _write_pdf(page, content)
+    write_pdf(page, content)
     return [path, page]
 
 
-def _collect_content(
+def collect_content(
     part: Part,
-    record: Document,
+    record: InspectionRecord,
     order: OrderSpec,
     digest: str,
     laboratory: Laboratory | None,
-) -> Document:
-    # Return what both forms of a certificate say.
+) -> CertificateContent:
+    """Return what both forms of a certificate say, from what `write_certificate` takes."""
     from stepblocks import __version__
 
-    numbers = {one.key: number for number, one in enumerate(part.characteristics(), start=1)}
-    listed = [one for one in record["characteristics"] if one["key"] in numbers]
-    reasons = [
-        *((one, _find_obstacle(one)) for one in listed),
-        *((one, f"not measured: {one['needs']}") for one in record["not_measured"]),
-    ]
-    results = [_format_line(numbers[one["key"]], one) for one, reason in reasons if not reason]
-    worst_first = ("fail", "conditionalFail", "conditionalPass", "pass")
-    worst = min((one["conformity"] for one in results), key=worst_first.index, default="")
-    complete = not any(one["asked"] for one in record["not_measured"])
-    date = order.date or _PINNED
-    return {
-        "identity": part.id.upper(),
-        "title": part.kind_name.capitalize(),
-        "material": part.material.designation,
-        "rule": RULE,
-        "verdict": record["verdict"],
-        "statement": record["statement"],
-        "convention": record["convention"],
-        "scan": record["scan"],
-        "release": __version__,
-        "blank": _BLANK,
-        "customer": order.owner or order.author,
-        "begin": date if laboratory is None else laboratory.measured_from,
-        "end": date if laboratory is None else laboratory.measured_to,
-        "digest": digest[:16],
-        "laboratory": laboratory,
-        # of a part that was not wholly measured nothing is stated as a whole, unless it fails
-        "conformity": worst if complete or worst == "fail" else "",
-        "results": results,
-        "open_ends": sorted(
-            (numbers[one["key"]], one["label"], reason) for one, reason in reasons if reason
-        ),
-    }
+    numbers = {}
+    for number, characteristic in enumerate(part.characteristics(), start=1):
+        numbers[characteristic.key] = number
+    results = []
+    open_ends = []
+    for entry in record.characteristics:
+        if entry.key not in numbers:
+            continue
+        obstacle = _find_obstacle(entry)
+        if obstacle:
+            open_ends.append(OpenEnd(numbers[entry.key], entry.label, obstacle))
+        else:
+            results.append(_certify(numbers[entry.key], entry))
+    for absent in record.not_measured:
+        reason = f"not measured: {absent.needs}"
+        open_ends.append(OpenEnd(numbers[absent.key], absent.label, reason))
+    if laboratory is None:
+        begin = end = order.date or _PINNED
+    else:
+        begin, end = laboratory.measured_from, laboratory.measured_to
+    return CertificateContent(
+        identity=part.id.upper(),
+        title=part.kind_name.capitalize(),
+        material=part.material.designation,
+        rule=RULE,
+        verdict=record.verdict,
+        statement=record.statement,
+        convention=record.convention,
+        scan=record.scan,
+        release=__version__,
+        blank=_BLANK,
+        customer=order.owner or order.author,
+        begin=begin,
+        end=end,
+        digest=digest[:_DIGEST_DIGITS],
+        laboratory=laboratory,
+        conformity=_find_conformity_of_whole(results, record.is_complete),
+        results=tuple(results),
+        open_ends=tuple(sorted(open_ends, key=lambda open_end: open_end.number)),
+    )
 
 
-def _find_obstacle(entry: Document) -> str:
-    # Say why a value is not certified; empty where nothing stands against it.
-    if not entry["uncertainty_stated"]:
+def _find_obstacle(entry: JudgedRecord) -> str:
+    """Return why a value is not certified; empty where nothing stands against it."""
+    if not entry.uncertainty_stated:
         return "measured, without a stated uncertainty"
-    if entry["bound"]:
-        return f"known as a bound only: {entry['bound']} the measured value"
-    if entry["coverage_factor"] > _LARGEST_FACTOR:
+    if entry.bound:
+        return f"known as a bound only: {entry.bound} the measured value"
+    if entry.coverage_factor > _LARGEST_FACTOR:
         return (
-            f"too few profiles or scans: coverage factor {entry['coverage_factor']:.2f}, "
+            f"too few profiles or scans: coverage factor {entry.coverage_factor:.2f}, "
             f"at most {_LARGEST_FACTOR}; four scans of the part or more suffice"
         )
     return ""
 
 
-def _format_line(number: int, entry: Document) -> Document:
-    # Return one characteristic, every size as text in metres or radians.
-    unit = entry["unit"]
-    low, high = entry[f"interval_95_{unit}"]
-    value, lower, upper = (
-        entry[f"{name}_{unit}"] for name in ("value", "lower_limit", "upper_limit")
+def _find_conformity_of_whole(results: list[CertifiedCharacteristic], is_complete: bool) -> str:
+    """Return the worst conformity of all results.
+
+    Of a part that was not wholly measured nothing is stated as a whole, unless it fails: then, and
+    of no results, the text is empty.
+    """
+    if not results:
+        return ""
+    worst_first = list(Conformity)
+    worst = min((result.conformity for result in results), key=worst_first.index)
+    if is_complete or worst is Conformity.FAIL:
+        return worst
+    return ""
+
+
+def _certify(number: int, entry: JudgedRecord) -> CertifiedCharacteristic:
+    """Return a characteristic as the certificate states it; `number` is that on the drawing."""
+    low, high = entry.interval_95
+    limits = []
+    if entry.lower_limit is not None:
+        limits.append(CertifiedLimit("lower", _format_decimal(entry.lower_limit)))
+    if entry.upper_limit is not None:
+        limits.append(CertifiedLimit("upper", _format_decimal(entry.upper_limit)))
+    # what is unknown is no zero: it is named in the text and has no number
+    budget = []
+    not_observed = []
+    assumed = []
+    for part in entry.budget:
+        if part.std is None:
+            not_observed.append(f"{part.name}: {part.how}")
+        else:
+            budget.append(CertifiedComponent(part.name, _format_decimal(part.std)))
+        if part.assumed:
+            assumed.append(f"{part.name} {part.how}")
+    return CertifiedCharacteristic(
+        number=number,
+        label=entry.label,
+        verdict=entry.verdict,
+        unit="\\radian" if entry.unit == "rad" else "\\metre",
+        value=_format_decimal(entry.value),
+        expanded=_format_decimal(0.5 * (high - low)),
+        nominal=_format_decimal(entry.nominal),
+        guard=_format_decimal(entry.guard_band),
+        factor=f"{entry.coverage_factor:.3f}",
+        limits=tuple(limits),
+        budget=tuple(budget),
+        not_observed=tuple(not_observed),
+        assumed=tuple(assumed),
+        conformity=_find_conformity(entry),
     )
-    inside = (lower is None or value >= lower) and (upper is None or value <= upper)
-    status = {"conforms": "pass", "does not conform": "fail"}.get(entry["verdict"])
-    budget = [(part["name"], part[f"std_{unit}"], part["how"]) for part in entry["budget"]]
-    return {
-        "number": number,
-        "label": entry["label"],
-        "verdict": entry["verdict"],
-        "unit": {"m": "\\metre", "rad": "\\radian"}[unit],
-        "value": _format_decimal(value),
-        "expanded": _format_decimal(0.5 * (high - low)),
-        "nominal": _format_decimal(entry[f"nominal_{unit}"]),
-        "guard": _format_decimal(entry[f"guard_band_{unit}"]),
-        "factor": f"{entry['coverage_factor']:.3f}",
-        "limits": [
-            (side, _format_decimal(end))
-            for side, end in (("lower", lower), ("upper", upper))
-            if end is not None
-        ],
-        # what is unknown is no zero: it is named in the text and has no number
-        "budget": [(name, _format_decimal(std)) for name, std, _ in budget if std is not None],
-        "not_observed": [f"{name}: {origin}" for name, std, origin in budget if std is None],
-        "assumed": [
-            f"{name} {origin}" for name, _, origin in budget if origin.startswith("not stated")
-        ],
-        "conformity": status or ("conditionalPass" if inside else "conditionalFail"),
-    }
+
+
+def _find_conformity(entry: JudgedRecord) -> Conformity:
+    """Return the conformity of a characteristic, conditional where neither is proven."""
+    if entry.verdict == "conforms":
+        return Conformity.PASS
+    if entry.verdict == "does not conform":
+        return Conformity.FAIL
+    is_below = entry.lower_limit is not None and entry.value < entry.lower_limit
+    is_above = entry.upper_limit is not None and entry.value > entry.upper_limit
+    if is_below or is_above:
+        return Conformity.CONDITIONAL_FAIL
+    return Conformity.CONDITIONAL_PASS
 
 
 def _format_decimal(size: float) -> str:
-    # Write a size to a tenth of a pico unit, in the notation that D-SI takes for decimals.
+    """Write a size to a tenth of a pico unit, in the notation that D-SI takes for decimals."""
     text = f"{size:.13f}".rstrip("0").rstrip(".")
     return "0" if text in ("", "-0") else text
 
 
-def _write_pdf(path: Path, content: Document) -> None:
-    # Write the certificate as A4 pages.
+def write_pdf(path: Path, content: CertificateContent) -> None:
+    """Write the certificate as A4 pages."""
     from matplotlib.backends.backend_pdf import PdfPages
+
+    text = unescape(content.render("certificate.txt.j2"))
+    lines = []
+    for paragraph in text.splitlines():
+        lines += wrap(paragraph, _LINE_WIDTH) or [""]
+    rows = [format_row(result) for result in content.results]
+    tables = [rows[first : first + _ROWS] for first in range(0, len(rows), _ROWS)] or [[]]
+    # in memory, since on a full disk the library ends in an error of its compressor
+    with BytesIO() as file:
+        with PdfPages(file, metadata={"CreationDate": None, "ModDate": None}) as document:
+            for number, table in enumerate(tables, start=1):
+                heading = f"Certificate   {content.identity}   page {number} of {len(tables)}"
+                document.savefig(_draw_page(heading, lines, table))
+        replace_bytes(path, file.getvalue())
+
+
+def _draw_page(heading: str, lines: list[str], rows: list[list[str]]) -> "Figure":
+    """Draw one page: heading, lines of text, and rows of the table below them, if any."""
     from matplotlib.figure import Figure
     from matplotlib.transforms import Bbox
 
-    rows = [_format_row(one) for one in content["results"]]
-    text = unescape(render_page("stepblocks.records", "certificate.txt.j2", **content))
-    lines = [line for long in text.splitlines() for line in wrap(long, 125) or [""]]
-    pages = [rows[at : at + _LINES] for at in range(0, len(rows), _LINES)] or [[]]
-    with BytesIO() as whole:  # on a full disk the library ends in an error of its compressor
-        with PdfPages(whole, metadata={"CreationDate": None, "ModDate": None}) as document:
-            for number, own in enumerate(pages, start=1):
-                figure = Figure(figsize=(8.27, 11.69))
-                figure.text(
-                    0.06,
-                    0.96,
-                    f"Certificate   {content['identity']}   page {number} of {len(pages)}",
-                    fontsize=14,
-                    weight="bold",
-                )
-                figure.text(0.06, 0.94, "\n".join(lines), fontsize=7, va="top")
-                if own:
-                    height = 0.021 * (len(own) + 1)  # a label may take two lines
-                    axes = figure.add_axes(
-                        (0.06, max(0.93 - 0.0118 * len(lines) - height, 0.02), 0.88, height)
-                    )
-                    axes.set_axis_off()
-                    table = axes.table(
-                        cellText=own,
-                        cellLoc="left",
-                        colLabels=_HEADINGS,
-                        colWidths=_WIDTHS,
-                        bbox=Bbox.unit(),
-                    )
-                    table.auto_set_font_size(False)
-                    table.set_fontsize(6.5)
-                document.savefig(figure)
-        replace_bytes(path, whole.getvalue())
+    figure = Figure(figsize=_A4)
+    figure.text(_LEFT, 0.96, heading, fontsize=14, weight="bold")
+    figure.text(_LEFT, 0.94, "\n".join(lines), fontsize=7, va="top")
+    if not rows:
+        return figure
+    height = _ROW_HEIGHT * (len(rows) + 1)
+    bottom = max(0.93 - _LINE_HEIGHT * len(lines) - height, _LOWEST)
+    axes = figure.add_axes((_LEFT, bottom, _TABLE_WIDTH, height))
+    axes.set_axis_off()
+    table = axes.table(
+        cellText=rows,
+        cellLoc="left",
+        colLabels=_HEADINGS,
+        colWidths=_COLUMN_WIDTHS,
+        bbox=Bbox.unit(),
+    )
+    table.auto_set_font_size(False)
+    table.set_fontsize(6.5)
+    return figure
 
 
-def _format_row(entry: Document) -> list[str]:
-    factor, unit = (1e6, "um") if entry["unit"] == "\\metre" else (57.29577951308232, "deg")
-    ends = {side: f"{float(size) * factor:.7g}" for side, size in entry["limits"]}
+def format_row(result: CertifiedCharacteristic) -> list[str]:
+    """Return the cells of a characteristic, lengths in micrometres and angles in degrees.
+
+    The uncertainty has two digits, and the value as many decimals (JCGM 100, 7.2.6).
+    """
+    if result.unit == "\\metre":
+        factor, unit = 1e6, "um"
+    else:
+        factor, unit = _DEGREES, "deg"
+    ends = {limit.side: f"{float(limit.size) * factor:.7g}" for limit in result.limits}
     limits = f"{ends.get('lower', '')} to {ends.get('upper', '')}".strip()
-    value, half = (float(entry[name]) * factor for name in ("value", "expanded"))
-    # the uncertainty has two digits, and the value as many decimals (JCGM 100, 7.2.6)
-    decimals = max(1 - int(f"{half:e}".partition("e")[2]), 0)
+    half = float(result.expanded) * factor
+    exponent = int(f"{half:e}".partition("e")[2])
+    decimals = max(1 - exponent, 0)
     return [
-        str(entry["number"]),
-        "\n".join(wrap(str(entry["label"]), 44)),
-        f"{value:.{decimals}f}",
+        str(result.number),
+        "\n".join(wrap(result.label, _LABEL_WIDTH)),
+        f"{float(result.value) * factor:.{decimals}f}",
         f"{half:.{decimals}f}",
-        entry["factor"],
+        result.factor,
         limits,
         unit,
-        entry["verdict"],
+        result.verdict,
     ]

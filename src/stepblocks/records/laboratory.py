@@ -17,11 +17,28 @@ _Length = Annotated[float, Field(ge=0.0, lt=1e-3), BeforeValidator(make_quantity
 _Temperature = Annotated[
     float, Field(gt=273.0, lt=323.0), BeforeValidator(make_quantity_parser("temperature"))
 ]
+_Spread = Annotated[
+    float, Field(ge=0.0, lt=20.0), BeforeValidator(make_quantity_parser("temperature"))
+]
 _Angle = Annotated[float, Field(ge=0.0, lt=3.14), BeforeValidator(make_quantity_parser("angle"))]
 
 
 class InstrumentRecord(BaseModel, frozen=True, extra="forbid"):
-    """The instrument, its own certificate, and what that states [relative, m, rad]."""
+    """The instrument, its own certificate, and what that states.
+
+    Attributes
+    ----------
+    name, serial, certificate : str
+        Of the instrument; its serial number, and the number of its certificate.
+    calibrated : date
+        When it was calibrated.
+    calibration, lateral_calibration : float or None
+        Relative standard uncertainties of the vertical and the lateral scale [1].
+    resolution : float
+        Least difference of height that it shows [m].
+    stylus_radius, stylus_cone : float or None
+        Radius [m] and full angle [rad] of the stylus.
+    """
 
     name: _Text
     serial: _Text
@@ -61,9 +78,7 @@ class Laboratory(BaseModel, frozen=True, extra="forbid"):
     signer: _Text
     instrument: InstrumentRecord
     temperature: _Temperature
-    temperature_spread: Annotated[
-        float, Field(ge=0.0, lt=20.0), BeforeValidator(make_quantity_parser("temperature"))
-    ]
+    temperature_spread: _Spread
     measured_from: _Date
     measured_to: _Date
     certificate: _Text
@@ -91,12 +106,11 @@ def read_laboratory(path: str | Path) -> Laboratory:
         With all mistakes of the file at once.
     """
     path = Path(path)
-    found = validate_data(
-        Laboratory, read_document(path, "laboratory", MetrologyError), path, MetrologyError
-    )
-    MetrologyError.require(
-        found.measured_to >= found.measured_from,
-        f"measured_to must not lie before measured_from, got {found.measured_from} to "
-        f"{found.measured_to} [{path}]",
-    )
-    return found
+    document = read_document(path, "laboratory", MetrologyError)
+    laboratory = validate_data(Laboratory, document, path, MetrologyError)
+    if laboratory.measured_to < laboratory.measured_from:
+        raise MetrologyError(
+            f"measured_to must not lie before measured_from, got {laboratory.measured_from} to "
+            f"{laboratory.measured_to} [{path}]"
+        )
+    return laboratory

@@ -9,6 +9,9 @@ them; results add what was measured, with combined standard uncertainties and th
 
 import math
 import uuid
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
 
 from lxml import etree
@@ -23,7 +26,8 @@ from stepblocks.parts.on_paper import Values
 # RFC 4122, appendix C: names that are addresses
 _SPACE = uuid.UUID("6ba7b811-9dad-11d1-80b4-00c04fd430c8")
 _PINNED = "2000-01-01"  # where the order has no date: equal orders give equal bytes
-# what a kind of ours is in QIF, and the enumerations of CharacteristicStatusEnumType
+_DECIMALS = 9  # of a millimetre: a picometre
+# names of our kinds of characteristics in QIF
 _KINDS = {
     "distance": "DistanceBetween",
     "diameter": "Diameter",
@@ -34,7 +38,33 @@ _KINDS = {
     "roughness": "SurfaceTexture",
     "note": "UserDefinedLinear",
 }
-_STATUS = {"conforms": "PASS", "does not conform": "FAIL", "not proven": "UNDEFINED"}
+
+
+class Status(StrEnum):
+    """Members of CharacteristicStatusEnumType and InspectionStatusEnumType that we write."""
+
+    PASS = "PASS"
+    FAIL = "FAIL"
+    UNDEFINED = "UNDEFINED"
+    UNKNOWN = "UNKNOWN"
+
+
+_STATUS_BY_VERDICT = {
+    "conforms": Status.PASS,
+    "does not conform": Status.FAIL,
+    "not proven": Status.UNDEFINED,
+}
+
+
+@dataclass(frozen=True)
+class QifMeasurement:
+    """What was measured of one characteristic, as the file states it."""
+
+    characteristic: Characteristic
+    index: int  # among all characteristics of the part, from 0
+    value: float  # m or rad
+    std: float  # m or rad
+    status: Status
 
 
 def write_qif(
@@ -46,59 +76,107 @@ def write_qif(
 ) -> None:
     """Write the plan of a part, and its results where they are given.
 
-    Values, their standard uncertainties and outcomes are given by key.
-
-    A part passes as a whole only where all that the order asks for was measured.
+    Parameters
+    ----------
+    path : Path
+        Of the file.
+    part : Part
+        Its characteristics are planned.
+    order : OrderSpec, optional
+        Author and date.
+    measured : Values, optional
+        Measured values, standard uncertainties [m or rad] and verdicts, by key.
+    is_complete : bool
+        Whether all that the order asks for was measured: only then can the part pass as a whole.
     """
     order = order or OrderSpec()
-    listed = list(part.characteristics())
-    values = measured or {}
-    content = repr((part.record(), sorted(values.items())))
-    numbered = {one.key: (one, index) for index, one in enumerate(listed)}
-    taken = [(*numbered[key], *value) for key, value in values.items() if key in numbered]
-    statuses = {_STATUS[verdict] for *_, verdict in values.values()}
-    unless_failed = "UNKNOWN" if not is_complete or "UNDEFINED" in statuses else "PASS"
+    characteristics = list(part.characteristics())
+    measurements = _list_measurements(characteristics, measured or {})
+    statuses = {_STATUS_BY_VERDICT[verdict] for _, _, verdict in (measured or {}).values()}
     text = render_page(
         "stepblocks.records",
         "qif.xml.j2",
         part=part,
         author=order.author,
         date=order.date or _PINNED,
-        listed=listed,
-        status=_STATUS,
+        listed=characteristics,
         form=FORM,
-        framed=any(one.kind == "parallelism" for one in listed),
+        framed=any(planned.kind == "parallelism" for planned in characteristics),
         kind=_name_qif_kind,
         scaled=_format_scaled,
         has_results=measured is not None,
-        taken=taken,
-        name=uuid.uuid5(
-            _SPACE, f"stepblocks/{part.id}/{'plan' if measured is None else 'results'}/{content}"
-        ),
-        whole="FAIL" if "FAIL" in statuses else unless_failed,
+        measurements=measurements,
+        name=_name_document(part, measured),
+        whole=_combine_statuses(statuses, is_complete),
     )
     document = etree.fromstring(text, etree.XMLParser(remove_blank_text=True))
-    replace_bytes(
-        path, etree.tostring(document, xml_declaration=True, encoding="UTF-8", pretty_print=True)
-    )
+    content = etree.tostring(document, xml_declaration=True, encoding="UTF-8", pretty_print=True)
+    replace_bytes(path, content)
 
 
-def _name_qif_kind(one: Characteristic) -> str:
-    # Name the QIF characteristic that states one of ours: of a ball a spherical radius, between two
-    # faces an angle between.
-    if one.kind == "radius" and any(
-        isinstance(rule, FaceRule) and rule.kind == "SPHERE" for rule in one.faces
-    ):
+def _list_measurements(
+    characteristics: list[Characteristic], measured: Values
+) -> list[QifMeasurement]:
+    """Return what was measured, in the order of `measured`; keys of no characteristic are left."""
+    indices = {}
+    for index, characteristic in enumerate(characteristics):
+        indices[characteristic.key] = index
+    measurements = []
+    for key, (value, std, verdict) in measured.items():
+        if key not in indices:
+            continue
+        index = indices[key]
+        status = _STATUS_BY_VERDICT[verdict]
+        measurements.append(QifMeasurement(characteristics[index], index, value, std, status))
+    return measurements
+
+
+def _name_document(part: Part, measured: Values | None) -> uuid.UUID:
+    """Return the identity of a document, which follows from its content alone."""
+    kind = "plan" if measured is None else "results"
+    content = repr((part.record(), sorted((measured or {}).items())))
+    return uuid.uuid5(_SPACE, f"stepblocks/{part.id}/{kind}/{content}")
+
+
+def _combine_statuses(statuses: Iterable[Status], is_complete: bool) -> Status:
+    """Return the status of the whole part."""
+    found = set(statuses)
+    if Status.FAIL in found:
+        return Status.FAIL
+    if not is_complete or Status.UNDEFINED in found:
+        return Status.UNKNOWN
+    return Status.PASS
+
+
+def _name_qif_kind(characteristic: Characteristic) -> str:
+    """Name the QIF characteristic that states one of ours.
+
+    The radius of a ball is a spherical radius, the angle of two faces an angle between them.
+    """
+    kind = characteristic.kind
+    if kind == "radius" and _lies_on_sphere(characteristic):
         return "SphericalRadius"
-    if one.kind == "note" and one.quantity == "angle":
+    if kind == "note" and characteristic.quantity == "angle":
         return "UserDefinedAngular"
-    return "AngleBetween" if one.kind == "angle" and len(one.faces) == 2 else _KINDS[one.kind]
+    if kind == "angle" and len(characteristic.faces) == 2:
+        return "AngleBetween"
+    return _KINDS[kind]
 
 
-def _format_scaled(value: float, one: Characteristic) -> str:
-    # Return a value in the units of the file to a picometre, without the exponent that its decimals
-    # may not have.
-    text = f"{math.degrees(value) if one.quantity == 'angle' else value * 1e3:.9f}".rstrip(
-        "0"
-    ).rstrip(".")
+def _lies_on_sphere(characteristic: Characteristic) -> bool:
+    """Tell whether a face of a characteristic is a sphere."""
+    for rule in characteristic.faces:
+        if isinstance(rule, FaceRule) and rule.kind == "SPHERE":
+            return True
+    return False
+
+
+def _format_scaled(size: float, characteristic: Characteristic) -> str:
+    """Write a size [m or rad] in the units of the file to a picometre.
+
+    It has no exponent, which decimals of XML Schema may not have.
+    """
+    is_angle = characteristic.quantity == "angle"
+    scaled = math.degrees(size) if is_angle else size * 1e3
+    text = f"{scaled:.{_DECIMALS}f}".rstrip("0").rstrip(".")
     return "0" if text == "-0" else text

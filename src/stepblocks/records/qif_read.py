@@ -14,7 +14,8 @@ from stepblocks.errors import MetrologyError
 
 _MOST_BYTES = 64 * 2**20
 _NS = "{http://qifstandards.org/xsd/qif3}"
-_ANGULAR = (
+_LINEAR, _ANGULAR = "Linear", "Angular"  # kinds of primary units
+_ANGULAR_KINDS = (
     "Angle",
     "AngleBetween",
     "AngleFrom",
@@ -44,111 +45,158 @@ def read_qif_results(path: str | Path) -> list[QifResult]:
     """Read what was measured, in the order of the file.
 
     Entities and files that the document asks for are not loaded.
+
+    Raises
+    ------
+    MetrologyError
+        If the file is no QIF document of version 3, or holds no measured value.
     """
-    path = Path(path)
-    root = _parse_root(path)
-    by_id = {one.get("id"): one for one in root.iter("{*}*") if one.get("id")}
-    units = _read_units(root, path)
-    found = []
-    for one in root.iterfind(f".//{_NS}CharacteristicMeasurements/{{*}}*"):
-        kind = str(one.tag).removeprefix(_NS).removesuffix("CharacteristicMeasurement")
-        shown = next(one.iterchildren(f"{_NS}Value", f"{_NS}RoughnessAverageValue"), None)
-        if shown is None:
-            continue
-        item = by_id.get(_find_text(one, "CharacteristicItemId"))
-        nominal = by_id.get(_find_text(item, "CharacteristicNominalId"))
-        definition = by_id.get(_find_text(nominal, "CharacteristicDefinitionId"))
-        factor = units.get(
-            shown.get("linearUnit") or shown.get("angularUnit"),
-            units["Angular" if kind in _ANGULAR else "Linear"],
+    reader = _Reader(Path(path))
+    results = reader.read_results()
+    if not results:
+        raise MetrologyError(
+            f"QIF results must hold at least one measured value, got none [{path}]"
         )
-        target = _parse_number(_find_text(nominal, "TargetValue"), path) * factor
-        found.append(
-            QifResult(
-                name=_find_text(item, "Name"),
-                designator=_find_text(item, "CharacteristicDesignator/Designator"),
-                kind=kind,
-                value=_parse_number(shown.text or "", path, must=True) * factor,
-                std=_parse_number(shown.get("combinedUncertainty") or "", path) * factor,
-                status=_find_text(one, "Status/CharacteristicStatusEnum"),
-                nominal=target,
-                limits=_read_limits(definition, factor, target, path),
+    return results
+
+
+class _Reader:
+    """A QIF document with what its measurements refer to."""
+
+    def __init__(self, path: Path) -> None:
+        """Parse the document and read its units."""
+        self.path = path
+        self.root = _parse_root(path)
+        self.elements = {
+            element.get("id"): element for element in self.root.iter("{*}*") if element.get("id")
+        }
+        self.units = self._read_units()
+
+    def read_results(self) -> list[QifResult]:
+        """Return all measurements that have a value."""
+        results = []
+        for measurement in self.root.iterfind(f".//{_NS}CharacteristicMeasurements/{{*}}*"):
+            values = measurement.iterchildren(f"{_NS}Value", f"{_NS}RoughnessAverageValue")
+            value = next(values, None)
+            if value is not None:
+                results.append(self._read_result(measurement, value))
+        return results
+
+    def _read_result(self, measurement: etree._Element, value: etree._Element) -> QifResult:
+        """Return one measurement, with what its item, nominal and definition say."""
+        item = self._follow(measurement, "CharacteristicItemId")
+        nominal = self._follow(item, "CharacteristicNominalId")
+        definition = self._follow(nominal, "CharacteristicDefinitionId")
+        kind = str(measurement.tag).removeprefix(_NS).removesuffix("CharacteristicMeasurement")
+        factor = self._find_factor(value, kind)
+        target = self._parse_number(_find_text(nominal, "TargetValue")) * factor
+        return QifResult(
+            name=_find_text(item, "Name"),
+            designator=_find_text(item, "CharacteristicDesignator/Designator"),
+            kind=kind,
+            value=self._parse_finite(value.text or "") * factor,
+            std=self._parse_number(value.get("combinedUncertainty") or "") * factor,
+            status=_find_text(measurement, "Status/CharacteristicStatusEnum"),
+            nominal=target,
+            limits=self._read_limits(definition, factor, target),
+        )
+
+    def _follow(self, element: etree._Element | None, reference: str) -> etree._Element | None:
+        """Return the element whose id a child of an element holds."""
+        return self.elements.get(_find_text(element, reference))
+
+    def _find_factor(self, value: etree._Element, kind: str) -> float:
+        """Return how many SI units make the unit of a value."""
+        usual = self.units[_ANGULAR if kind in _ANGULAR_KINDS else _LINEAR]
+        return self.units.get(value.get("linearUnit") or value.get("angularUnit"), usual)
+
+    def _read_units(self) -> dict[str, float]:
+        """Return how many SI units make a unit, by its name.
+
+        A primary unit, 1 where the file names none, stands under its kind, too.
+        """
+        factors = {_LINEAR: 1.0, _ANGULAR: 1.0}
+        for unit in self.root.iterfind(f"{_NS}FileUnits//{{*}}*"):
+            name = _find_text(unit, "UnitName")
+            if not name:
+                continue
+            factor = self._parse_finite(_find_text(unit, "UnitConversion/Factor") or "1")
+            factor = factors.setdefault(name, factor)
+            if unit.getparent().tag == f"{_NS}PrimaryUnits":
+                kind = str(unit.tag).removeprefix(_NS).removesuffix("Unit")
+                factors[kind] = factor
+        return factors
+
+    def _read_limits(
+        self, definition: etree._Element | None, factor: float, nominal: float
+    ) -> tuple[float, float]:
+        """Return signed deviations, or 0 and the zone of a form [m or rad]."""
+        for tolerance in ("ToleranceValue", "RoughnessAverage"):
+            zone = _find_text(definition, tolerance)
+            if zone:
+                return 0.0, self._parse_number(zone) * factor
+        lower = self._parse_number(_find_text(definition, "Tolerance/MinValue")) * factor
+        upper = self._parse_number(_find_text(definition, "Tolerance/MaxValue")) * factor
+        if _find_text(definition, "Tolerance/DefinedAsLimit") in ("true", "1"):
+            return lower - nominal, upper - nominal
+        return lower, upper
+
+    def _parse_number(self, text: str) -> float:
+        """Return a number; nan of no text."""
+        if not text:
+            return math.nan
+        try:
+            return float(text)
+        except ValueError as error:
+            raise MetrologyError(
+                f"QIF results must hold numbers, got {text!r:.40} [{self.path}]"
+            ) from error
+
+    def _parse_finite(self, text: str) -> float:
+        """Return a number that must stand there and be finite."""
+        if not text:
+            raise MetrologyError(f"QIF results must hold numbers, got '' [{self.path}]")
+        number = self._parse_number(text)
+        if not math.isfinite(number):
+            raise MetrologyError(
+                f"QIF results must hold finite numbers, got {text!r:.40} [{self.path}]"
             )
-        )
-    MetrologyError.require(
-        found, f"QIF results must hold at least one measured value, got none [{path}]"
-    )
-    return found
+        return number
 
 
 def _parse_root(path: Path) -> etree._Element:
+    """Return the root of a QIF document, parsed without what it asks to load."""
     try:
-        MetrologyError.require(
-            path.stat().st_size <= _MOST_BYTES,
-            f"QIF results must not exceed {_MOST_BYTES} bytes [{path}]",
+        if path.stat().st_size > _MOST_BYTES:
+            raise MetrologyError(f"QIF results must not exceed {_MOST_BYTES} bytes [{path}]")
+        parser = etree.XMLParser(
+            resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False
         )
-        root = etree.parse(
-            path,
-            etree.XMLParser(
-                resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False
-            ),
-        ).getroot()
+        root = etree.parse(path, parser).getroot()
     except (OSError, etree.XMLSyntaxError) as error:
         raise MetrologyError(
             f"QIF results must be a readable XML file: {error} [{path}]"
         ) from error
     version = root.get("versionQIF", "")
-    MetrologyError.require(
-        root.tag == f"{_NS}QIFDocument" and version.startswith("3."),
-        f"QIF results must be a QIFDocument of version 3, got {root.tag} {version} [{path}]",
-    )
+    if root.tag != f"{_NS}QIFDocument" or not version.startswith("3."):
+        raise MetrologyError(
+            f"QIF results must be a QIFDocument of version 3, got {root.tag} {version} [{path}]"
+        )
     return root
 
 
-def _find_text(node: etree._Element | None, where: str) -> str:
-    found = None if node is None else node.find("/".join(_NS + step for step in where.split("/")))
-    return "" if found is None else (found.text or "").strip()
+def _find_text(element: etree._Element | None, path: str) -> str:
+    """Return the text at a path below an element, such as ``Status/CharacteristicStatusEnum``.
 
-
-def _parse_number(text: str, path: Path, must: bool = False) -> float:
-    try:
-        value = float(text) if text or must else math.nan
-    except ValueError as error:
-        raise MetrologyError(f"QIF results must hold numbers, got {text!r:.40} [{path}]") from error
-    MetrologyError.require(
-        not must or math.isfinite(value),
-        f"QIF results must hold finite numbers, got {text!r:.40} [{path}]",
-    )
-    return value
-
-
-def _read_units(root: etree._Element, path: Path) -> dict[str, float]:
-    # How many SI units make a unit of a name; the primary one, 1 where the file names none, goes by
-    # its kind too.
-    sizes = {"Linear": 1.0, "Angular": 1.0}
-    for unit in root.iterfind(f"{_NS}FileUnits//{{*}}*"):
-        if name := _find_text(unit, "UnitName"):
-            size = sizes.setdefault(
-                name,
-                _parse_number(_find_text(unit, "UnitConversion/Factor") or "1", path, must=True),
-            )
-            if unit.getparent().tag == f"{_NS}PrimaryUnits":
-                sizes[str(unit.tag).removeprefix(_NS).removesuffix("Unit")] = size
-    return sizes
-
-
-def _read_limits(
-    definition: etree._Element | None, factor: float, nominal: float, path: Path
-) -> tuple[float, float]:
-    for zone in ("ToleranceValue", "RoughnessAverage"):
-        if text := _find_text(definition, zone):
-            return 0.0, _parse_number(text, path) * factor
-    low, high = (
-        _parse_number(_find_text(definition, f"Tolerance/{side}Value"), path) * factor
-        for side in ("Min", "Max")
-    )
-    whole = _find_text(definition, "Tolerance/DefinedAsLimit") in ("true", "1")
-    return (low - nominal, high - nominal) if whole else (low, high)
+    It is empty where nothing stands there.
+    """
+    if element is None:
+        return ""
+    qualified = "/".join(_NS + step for step in path.split("/"))
+    found = element.find(qualified)
+    if found is None:
+        return ""
+    return (found.text or "").strip()
 
 
 def match_results(results: list[QifResult], keys: Mapping[str, str]) -> dict[str, QifResult]:
@@ -156,5 +204,9 @@ def match_results(results: list[QifResult], keys: Mapping[str, str]) -> dict[str
 
     Where several match, the last one counts.
     """
-    named = ((keys.get(one.name) or keys.get(one.designator), one) for one in results)
-    return {key: one for key, one in named if key is not None}
+    matched = {}
+    for result in results:
+        key = keys.get(result.name) or keys.get(result.designator)
+        if key is not None:
+            matched[key] = result
+    return matched

@@ -4,6 +4,7 @@ Each measured line is read in SI.
 """
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 
 from stepblocks.errors import MetrologyError
@@ -11,71 +12,95 @@ from stepblocks.files.confined import read_confined
 from stepblocks.parts.on_paper import COLUMNS
 from stepblocks.records.qif_read import QifResult
 
+_NUMBER, _CHARACTERISTIC, _UNIT = "number", "characteristic", "unit"
 _VALUE, _STD = "measured_mm_or_deg", "std_mm_or_deg"
+_NEEDED = (*COLUMNS[:2], _UNIT, _VALUE)
 _MOST_BYTES = 4 * 2**20
+_MOST_LINE = 10_000  # characters of a first line that are looked at
 _FACTORS = {"mm": 1e-3, "deg": math.radians(1.0)}
 
 
 def is_filled_sheet(path: Path) -> bool:
     """Tell whether a file is a spreadsheet, or a text table with the columns of a sheet."""
-    if path.suffix.lower() != ".csv" or not path.is_file():
-        return path.suffix.lower() == ".xlsx"
+    suffix = path.suffix.lower()
+    if suffix != ".csv" or not path.is_file():
+        return suffix == ".xlsx"
     with path.open(encoding="utf-8-sig", errors="replace") as file:
-        return _VALUE in file.readline(10_000)
+        return _VALUE in file.readline(_MOST_LINE)
 
 
 def read_cells_confined(path: Path) -> dict[str, object]:
     """Read columns and rows of a sheet as text; called in the confined process."""
     import pandas as pd
 
-    MetrologyError.require(
-        path.stat().st_size <= _MOST_BYTES,
-        f"sheet must be at most {_MOST_BYTES >> 20} MiB [{path.name}]",
-    )
-    table = (
-        pd.read_excel(path, dtype=str, engine="openpyxl")
-        if path.suffix.lower() == ".xlsx"
-        else pd.read_csv(path, dtype=str, sep=None, engine="python", encoding="utf-8-sig")
-    )
+    if path.stat().st_size > _MOST_BYTES:
+        raise MetrologyError(f"sheet must be at most {_MOST_BYTES >> 20} MiB [{path.name}]")
+    if path.suffix.lower() == ".xlsx":
+        table = pd.read_excel(path, dtype=str, engine="openpyxl")
+    else:
+        table = pd.read_csv(path, dtype=str, sep=None, engine="python", encoding="utf-8-sig")
     return dict(table.rename(columns=str).fillna("").to_dict("split"))
 
 
 def read_filled_sheet(path: Path) -> list[QifResult]:
-    """Read what was filled in, line by line; all mistakes of the sheet are named at once."""
+    """Read what was filled in, line by line.
+
+    Raises
+    ------
+    MetrologyError
+        With all mistakes of the sheet at once; or if a column is missing or nothing is filled in.
+    """
+    table = read_confined(f"{__name__}:read_cells_confined", path, raises=MetrologyError)
+    columns = table["columns"]
+    absent = [name for name in _NEEDED if name not in columns]
+    if absent:
+        raise MetrologyError(f"sheet must keep its columns, missing {', '.join(absent)} [{path}]")
+    results = []
+    mistakes = []
+    for row in table["data"]:
+        cells = dict(zip(columns, map(str.strip, row), strict=True))
+        if not cells[_VALUE]:
+            continue
+        result = _read_line(cells)
+        mistake = _find_mistake(cells, result)
+        if mistake:
+            mistakes.append(f"{mistake} [{path}]")
+        results.append(result)
+    if mistakes:
+        raise MetrologyError("\n".join(mistakes))
+    if not results:
+        raise MetrologyError(f"sheet must have at least one measured value filled in [{path}]")
+    return results
+
+
+def _read_line(cells: Mapping[str, str]) -> QifResult:
+    """Return what a line states, by column; nan where a size is no number or its unit unknown."""
+    factor = _FACTORS.get(cells[_UNIT], math.nan)
+    return QifResult(
+        name=cells[_CHARACTERISTIC],
+        designator=cells[_NUMBER],
+        kind="",
+        value=factor * _parse_number(cells[_VALUE]),
+        std=factor * _parse_number(cells.get(_STD, "")),
+        status="",
+        nominal=math.nan,
+        limits=(math.nan, math.nan),
+        serial=cells.get("serial_number", ""),
+    )
+
+
+def _find_mistake(cells: Mapping[str, str], result: QifResult) -> str:
+    """Return what is wrong with a line, by column; empty where nothing is."""
+    place = f"line {cells[_NUMBER]} {cells[_CHARACTERISTIC]}"
+    if not math.isfinite(result.value):
+        return f"{place}: {cells[_VALUE]!r} {cells[_UNIT]!r} must be a number of mm or deg"
+    if cells.get(_STD) and not result.std >= 0.0:
+        return f"{place}: uncertainty {cells[_STD]!r} must be a number, or left blank"
+    return ""
+
+
+def _parse_number(cell: str) -> float:
+    """Return the number in a cell, its decimal mark a point or a comma; nan where it is none."""
     import pandas as pd
 
-    table = read_confined(f"{__name__}:read_cells_confined", path, raises=MetrologyError)
-    absent = [name for name in (*COLUMNS[:2], "unit", _VALUE) if name not in table["columns"]]
-    MetrologyError.require(
-        not absent, f"sheet must keep its columns, missing {', '.join(absent)} [{path}]"
-    )
-    found, mistakes = [], []
-    rows = (dict(zip(table["columns"], map(str.strip, row), strict=True)) for row in table["data"])
-    for text in (row for row in rows if row[_VALUE]):
-        factor = _FACTORS.get(text["unit"], math.nan)
-        # the decimal mark is a point or a comma; nan of what is no number
-        cells = (text.get(name, "").replace(",", ".") for name in (_VALUE, _STD))
-        value, std = (factor * float(pd.to_numeric(cell, errors="coerce")) for cell in cells)
-        place = f"line {text['number']} {text['characteristic']}"
-        if not math.isfinite(value):
-            mistakes.append(
-                f"{place}: {text[_VALUE]!r} {text['unit']!r} must be a number of mm or deg"
-            )
-        elif text.get(_STD) and not std >= 0.0:
-            mistakes.append(f"{place}: uncertainty {text[_STD]!r} must be a number, or left blank")
-        found.append(
-            QifResult(
-                text["characteristic"],
-                text["number"],
-                "",
-                value,
-                std,
-                "",
-                math.nan,
-                (math.nan,) * 2,
-                text.get("serial_number", ""),
-            )
-        )
-    MetrologyError.require(not mistakes, "\n".join(f"{one} [{path}]" for one in mistakes))
-    MetrologyError.require(found, f"sheet must have at least one measured value filled in [{path}]")
-    return found
+    return float(pd.to_numeric(cell.replace(",", "."), errors="coerce"))

@@ -14,9 +14,11 @@ from stepblocks.inspect.noise import Array, Estimate, Mask
 ZONE = 0.2e-3  # distance from the edge within which nothing may stand over the face [m]
 _LEAST_SEEN = 0.8  # share of the zone that must be measured [1]
 _LEAST_POINTS = 5  # in the zone
-_ALONE = (
-    0.25  # of a point's height, that one of its neighbours must reach for it to be no spike [1]
-)
+_FACE = 2.0  # widths of the zone, over which a face is levelled
+# of a point's height, that one of its neighbours must reach for it to be no spike [1]
+_ALONE = 0.25
+_STANDS_OUT = 6.0  # noises over the burr, from which a point is a spike [1]
+_GOES_ON = 0.25  # of the rise beside a peak, by which it may go on rising between two points [1]
 
 
 @dataclass(frozen=True)
@@ -30,75 +32,106 @@ class Burr:
     highest_spike: float
 
 
-def find_burr(across: Array, height: Array, step: float, exclusion: float) -> Burr | None:
-    """Return what stands over the upper face; None where less than the zone was scanned.
+@dataclass(frozen=True)
+class _Peak:
+    """The highest point that does not stand alone [m]; minus infinity where there is none."""
 
-    `across`, shape (ny, nx), is the distance from the edge towards the upper face, and `height`, of
-    the same shape, the height over the lower face, tilt removed, nan where nothing was measured.
-    `step` is the height of the upper face over the lower one, `exclusion` the half width kept out
-    of the faces.
+    height: float
+    beside: float  # the lesser of its neighbours in a row
+
+
+def find_burr(across: Array, height: Array, step: float, exclusion: float) -> Burr | None:
+    """Find what stands over the upper face.
+
+    Parameters
+    ----------
+    across : array, shape (ny, nx)
+        Distance from the edge towards the upper face [m].
+    height : array, shape (ny, nx)
+        Height over the lower face, tilt removed [m]; nan where nothing was measured.
+    step, exclusion : float
+        Height of the upper face over the lower one, and half width kept out of the faces [m].
+
+    Returns
+    -------
+    Burr or None
+        None where less than the zone was scanned.
     """
     known = np.isfinite(height)
-    asked = (across > 0.0) & (across <= ZONE)
-    reach = np.max(np.where(known, across, -np.inf))
-    if reach < _LEAST_SEEN * ZONE or (known & asked).sum() < max(
-        _LEAST_SEEN * asked.sum(), _LEAST_POINTS
-    ):
+    if not _is_zone_scanned(across, known):
         return None
-    upper = _level_rows(height, (across > exclusion) & (across <= 2.0 * ZONE))
-    lower = _level_rows(height, (across < -exclusion) & (across >= -2.0 * ZONE))
-    # material that leans over the lower face is a burr as well: it is higher than the upper face
+    upper = _level_rows(height, (across > exclusion) & (across <= _FACE * ZONE))
+    lower = _level_rows(height, (across < -exclusion) & (across >= -_FACE * ZONE))
     zone = np.abs(across) <= ZONE
+    quiet_upper = (across > exclusion) & zone
+    quiet_lower = (across < -exclusion) & zone
+    # material that leans over the lower face is a burr as well: it is higher than the upper face
     leaning = np.where(across > 0.0, upper, height - step)
-    peak, beside = _find_highest(leaning, zone)
-    quiet = (across > exclusion) & zone, (across < -exclusion) & zone
+    peak = _find_highest(leaning, zone)
     floors = [
-        _find_highest(sign * surface, part)[0]
-        for sign, surface, part in (
-            (-1.0, upper, quiet[0]),
-            (1.0, lower, quiet[1]),
-            (-1.0, lower, quiet[1]),
-        )
+        _find_highest(-upper, quiet_upper).height,
+        _find_highest(lower, quiet_lower).height,
+        _find_highest(-lower, quiet_lower).height,
     ]
     usual = [floor for floor in floors if np.isfinite(floor)]
-    noise = 0.5 * max(float(np.median(usual)), 0.0) if usual else 0.0
-    std = float(np.std(usual, ddof=1)) / np.sqrt(len(usual)) if len(usual) > 1 else noise
-    lone = zone & (leaning > max(peak + 6.0 * noise, 0.0))
+    noise = 0.0
+    if usual:
+        noise = 0.5 * max(float(np.median(usual)), 0.0)
+    std = noise
+    if len(usual) > 1:
+        std = float(np.std(usual, ddof=1)) / np.sqrt(len(usual))
     # a face that bows lies off its median there
-    near = upper[quiet[0] & known]
-    std = float(np.hypot(std, np.median(near) if near.size else 0.0))
+    near = upper[quiet_upper & known]
+    bow = np.median(near) if near.size else 0.0
     # between two points the sides of a peak may go on rising as they do beside it
-    rise = 0.25 * max(peak - beside, 0.0)
+    rise = _GOES_ON * max(peak.height - peak.beside, 0.0)
+    spikes = zone & (leaning > max(peak.height + _STANDS_OUT * noise, 0.0))
     return Burr(
-        Estimate(max(peak + rise - noise, 0.0), std),
-        rise / np.sqrt(3.0),
-        noise,
-        int(lone.sum()),
-        float(np.max(leaning[lone], initial=0.0)),
+        height=Estimate(max(peak.height + rise - noise, 0.0), float(np.hypot(std, bow))),
+        sampling=rise / np.sqrt(3.0),
+        noise=noise,
+        spikes=int(spikes.sum()),
+        highest_spike=float(np.max(leaning[spikes], initial=0.0)),
     )
+
+
+def _is_zone_scanned(across: Array, known: Mask) -> bool:
+    """Tell whether enough of the zone on the upper face was measured."""
+    reach = np.max(np.where(known, across, -np.inf))
+    if reach < _LEAST_SEEN * ZONE:
+        return False
+    asked = (across > 0.0) & (across <= ZONE)
+    least = max(_LEAST_SEEN * asked.sum(), _LEAST_POINTS)
+    return bool((known & asked).sum() >= least)
 
 
 def _level_rows(height: Array, face: Mask) -> Array:
-    # Return heights over the median of a face, row by row; its median over all rows where a row
-    # shows none.
-    own = np.where(face & np.isfinite(height), height, np.nan)
-    counts = np.isfinite(own).sum(axis=1)
+    """Return heights over the median of a face, row by row, shape (ny, nx) [m].
+
+    Where a row shows none of it, they are over its median over all rows.
+    """
+    on_face = np.where(face & np.isfinite(height), height, np.nan)
+    counts = np.isfinite(on_face).sum(axis=1)
     if not counts.any():
         return np.full_like(height, np.nan)
-    level = np.full(len(height), float(np.nanmedian(own)))
-    level[counts > 0] = np.nanmedian(own[counts > 0], axis=1)
+    level = np.full(len(height), float(np.nanmedian(on_face)))
+    level[counts > 0] = np.nanmedian(on_face[counts > 0], axis=1)
     return np.asarray(height - level[:, np.newaxis])
 
 
-def _find_highest(surface: Array, part: Mask) -> tuple[float, float]:
-    # Return the highest point that does not stand alone, and the lesser of its neighbours in a row
-    # [m].
-    seen = np.pad(
-        np.where(part & np.isfinite(surface), surface, -np.inf), 1, constant_values=-np.inf
-    )
-    own, before, behind = seen[1:-1, 1:-1], seen[1:-1, :-2], seen[1:-1, 2:]
-    beside = np.maximum.reduce([before, behind, seen[2:, 1:-1], seen[:-2, 1:-1]])
-    held = np.where(beside > _ALONE * own, own, np.minimum(own, beside))
-    at = np.unravel_index(int(np.argmax(held)), held.shape)
-    lesser = float(np.minimum(before, behind)[at])
-    return float(held[at]), lesser if np.isfinite(lesser) else float(held[at])
+def _find_highest(surface: Array, part: Mask) -> _Peak:
+    """Find the highest point of a part of a surface, shape (ny, nx) [m], that is not alone."""
+    seen = np.where(part & np.isfinite(surface), surface, -np.inf)
+    padded = np.pad(seen, 1, constant_values=-np.inf)
+    before = padded[1:-1, :-2]
+    behind = padded[1:-1, 2:]
+    highest_beside = np.maximum.reduce([before, behind, padded[2:, 1:-1], padded[:-2, 1:-1]])
+    # one that stands alone counts as high as the highest beside it
+    is_held = highest_beside > _ALONE * seen
+    held = np.where(is_held, seen, np.minimum(seen, highest_beside))
+    place = np.unravel_index(int(np.argmax(held)), held.shape)
+    height = float(held[place])
+    lesser = float(np.minimum(before, behind)[place])
+    if not np.isfinite(lesser):
+        lesser = height
+    return _Peak(height, lesser)

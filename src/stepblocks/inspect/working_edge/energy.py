@@ -1,13 +1,44 @@
 """How far the energy that an edge releases moved from that of the nominal block, and why."""
 
+from dataclasses import dataclass
+
 from stepblocks.contact.counterface import Step, find_scanned_angle
-from stepblocks.contact.energy import Status, find_release
+from stepblocks.contact.energy import Release, Status, find_release
 from stepblocks.contact.energy_change import find_energy_change
-from stepblocks.inspect.budget import Outcome
-from stepblocks.inspect.report import InspectionResult
+from stepblocks.contact.operating_point import OperatingPoint
+from stepblocks.inspect.conformity import Outcome
+from stepblocks.inspect.result import InspectionResult
 from stepblocks.parts.conditions import PredictionGrid
 
 _WORTH_SAYING = 0.01  # relative change of the energy from which a cause is named [1]
+
+
+@dataclass(frozen=True)
+class _MeasuredEdge:
+    """The step that was asked for, and what was measured of it [m]."""
+
+    asked: Step
+    height: float
+    radius: float
+    burr: float  # that does not conform, else 0
+
+    @property
+    def as_built(self) -> Step:
+        """The step as it was measured; a burr is as high as a step of it and the height."""
+        return Step(self.height + self.burr, self.radius)
+
+    def list_causes(self) -> dict[str, Step]:
+        """Return the nominal step with one measured size each, by the name of the size."""
+        height = self.asked.height
+        radius = self.asked.edge_radius
+        of_radius = f"its edge radius of {self.radius * 1e6:.3g} um"
+        of_height = f"its height of {self.height * 1e6:.2f} um"
+        of_burr = f"its burr of {self.burr * 1e6:.3g} um"
+        return {
+            of_radius: Step(height, self.radius),
+            of_height: Step(self.height, radius),
+            of_burr: Step(height + self.burr, radius),
+        }
 
 
 def describe_energy(result: InspectionResult, grid: PredictionGrid) -> str:
@@ -17,62 +48,105 @@ def describe_energy(result: InspectionResult, grid: PredictionGrid) -> str:
     the grid; the scanned surface only where the edge is no arc and was seen. Empty where height and
     edge radius were not both measured.
     """
-    values = result.evaluation.values
-    nominal = {one.key: one.nominal for one, _ in result.judged}
-    if not {"step_height", "edge_radius"} <= set(values) & set(nominal):
+    edge = _collect_edge(result)
+    if edge is None:
         return ""
     point = grid.first_point()
-    surface = result.evaluation.surface
-    failed = {one.key for one, found in result.judged if found.verdict is Outcome.DOES_NOT_CONFORM}
-    asked = Step(nominal["step_height"], nominal["edge_radius"])
-    radius = max(values["edge_radius"].value, 0.0)
-    burr = values["burr"].value if "burr" in failed else 0.0
-    height = values["step_height"].value
-    as_built = Step(height + burr, radius)
-    steps = {
-        f"its edge radius of {radius * 1e6:.3g} um": Step(asked.height, radius),
-        f"its height of {height * 1e6:.2f} um": Step(height, asked.edge_radius),
-        f"its burr of {burr * 1e6:.3g} um": Step(asked.height + burr, asked.edge_radius),
-    }
-    releases = [face.release(point) for face in (asked, as_built, *steps.values())]
-    verdict = f"{result.identity} " + (
-        "is measured in part" if result.conclusion == result.statement else result.conclusion
-    )
-    where = (
+    verdict = f"{result.identity} {_describe_verdict(result)}"
+    conditions = (
         f"(tip {point.ball_radius * 1e6:g} um, {point.normal_load:g} N, friction "
         f"{point.friction:g})"
     )
+    causes = edge.list_causes()
+    nominal = edge.asked.release(point)
+    as_built = edge.as_built.release(point)
+    releases = [nominal, as_built, *(step.release(point) for step in causes.values())]
     if any(release.status is not Status.RELEASES for release in releases):
         return (
-            f"{verdict}; nominal {releases[0].status.value}, as built {releases[1].status.value} "
-            f"{where}"
+            f"{verdict}; nominal {nominal.status.value}, as built {as_built.status.value} "
+            f"{conditions}"
         )
-    angle = (
-        None
-        if surface is None
-        else find_scanned_angle(surface.position, surface.height, point.ball_radius)
-    )
-    if angle is not None:
-        scanned = find_release(angle, point.normal_load, point.friction, point.tool)
-        if scanned.status is Status.RELEASES:
-            change = find_energy_change(asked, scanned, point) * 100.0
-            return (
-                f"{verdict}; the edge is no arc; by the scanned surface itself {change:+.1f} "
-                f"%, to {float(scanned.vibration_energy) * 1e6:.3g} uJ {where}"
-            )
-    causes = {cause: find_energy_change(asked, step, point) for cause, step in steps.items()}
-    named = " and ".join(
-        f"{cause} {'raises' if change > 0.0 else 'lowers'} E_v by {abs(change) * 100:.1f} %"
-        for cause, change in causes.items()
-        if abs(change) >= _WORTH_SAYING
-    )
-    clause = (
-        f"{', but ' if result.verdict is Outcome.CONFORMS else ': '}{named}"
-        if named
-        else f", and E_v is within {100.0 * _WORTH_SAYING:g} % of the nominal block's"
-    )
-    change = find_energy_change(asked, as_built, point)
+    scanned = _release_scanned_surface(result, point)
+    if scanned is not None:
+        change = find_energy_change(edge.asked, scanned, point) * 100.0
+        return (
+            f"{verdict}; the edge is no arc; by the scanned surface itself {change:+.1f} "
+            f"%, to {_format_energy(scanned)} {conditions}"
+        )
+    clause = _describe_causes(result, edge.asked, causes, point)
+    change = find_energy_change(edge.asked, edge.as_built, point)
     return (
-        f"{verdict}{clause}; together {change * 100:+.1f} %, to "
-        f"{float(releases[1].vibration_energy) * 1e6:.3g} uJ {where}"
+        f"{verdict}{clause}; together {change * 100:+.1f} %, to {_format_energy(as_built)} "
+        f"{conditions}"
     )
+
+
+def _collect_edge(result: InspectionResult) -> _MeasuredEdge | None:
+    """Return the sizes of an edge; None where height and radius were not measured and judged."""
+    values = result.evaluation.values
+    nominal = {}
+    failed = set()
+    for judgement in result.judged:
+        key = judgement.characteristic.key
+        nominal[key] = judgement.characteristic.nominal
+        if judgement.decision.verdict is Outcome.DOES_NOT_CONFORM:
+            failed.add(key)
+    for key in ("step_height", "edge_radius"):
+        if key not in values or key not in nominal:
+            return None
+    burr = 0.0
+    if "burr" in failed:
+        burr = values["burr"].value
+    return _MeasuredEdge(
+        asked=Step(nominal["step_height"], nominal["edge_radius"]),
+        height=values["step_height"].value,
+        radius=max(values["edge_radius"].value, 0.0),
+        burr=burr,
+    )
+
+
+def _describe_verdict(result: InspectionResult) -> str:
+    """Return the verdict of a part, or that it is measured in part."""
+    if result.is_open:
+        return "is measured in part"
+    return result.conclusion
+
+
+def _release_scanned_surface(
+    result: InspectionResult, point: OperatingPoint
+) -> Release[Status, float] | None:
+    """Return the release over the scanned surface; None where it was not seen or holds the tip."""
+    surface = result.evaluation.surface
+    if surface is None:
+        return None
+    angle = find_scanned_angle(surface.position, surface.height, point.ball_radius)
+    if angle is None:
+        return None
+    release = find_release(angle, point.normal_load, point.friction, point.tool)
+    if release.status is not Status.RELEASES:
+        return None
+    return release
+
+
+def _describe_causes(
+    result: InspectionResult, asked: Step, causes: dict[str, Step], point: OperatingPoint
+) -> str:
+    """Name the sizes that change the energy, each alone; or say that it is as nominal."""
+    named = []
+    for cause, step in causes.items():
+        change = find_energy_change(asked, step, point)
+        if not abs(change) >= _WORTH_SAYING:
+            continue
+        verb = "raises" if change > 0.0 else "lowers"
+        named.append(f"{cause} {verb} E_v by {abs(change) * 100:.1f} %")
+    if not named:
+        return f", and E_v is within {100.0 * _WORTH_SAYING:g} % of the nominal block's"
+    joined = " and ".join(named)
+    if result.verdict is Outcome.CONFORMS:
+        return f", but {joined}"
+    return f": {joined}"
+
+
+def _format_energy(release: Release[Status, float]) -> str:
+    """Return the vibration energy of a release with its unit."""
+    return f"{float(release.vibration_energy) * 1e6:.3g} uJ"

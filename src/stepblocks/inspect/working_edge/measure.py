@@ -1,493 +1,432 @@
 """Characteristics of a working edge: height, edge radius, burr, riser, and form of the faces."""
 
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import astuple, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from stepblocks.errors import MetrologyError
+from stepblocks.inspect.attempts import Attempts, evaluate_each, evaluate_if_possible
 from stepblocks.inspect.budget import (
-    UNSTATED,
-    UNSTATED_SCALE,
     Component,
     Instrument,
     Measured,
+    Source,
     add_instrument_components,
     average_profiles,
 )
-from stepblocks.inspect.edge import NO_RISER, Edge, find_position, fit_edge, fit_step
-from stepblocks.inspect.edge_arc import (
-    LEAST_ON_FLANK,
-    RESOLVED,
-    Flank,
-    compute_edge_profile,
-    is_flank_of_surface,
-)
-from stepblocks.inspect.form import (
-    FaceForm,
-    compute_flatness,
-    compute_parallelism,
-    estimate_zone,
-    fit_face,
-)
-from stepblocks.inspect.levelling import (
-    LEAST_FACE,
-    PAIR,
-    Feature,
-    find_edges,
-    measure_features,
-)
-from stepblocks.inspect.measure import (
+from stepblocks.inspect.edge import Edge, LevelledPoints, find_position, fit_edge, fit_step
+from stepblocks.inspect.edge_arc import RESOLVED, compute_edge_profile
+from stepblocks.inspect.evaluation import (
     AS_FOUND,
-    LEAST_SHARE,
     Evaluation,
     EvaluationOptions,
     Shown,
-    evaluate_each,
+    Window,
+)
+from stepblocks.inspect.features import PAIR, Feature, measure_features
+from stepblocks.inspect.found_edges import find_edges
+from stepblocks.inspect.levelling import LEAST_FACE
+from stepblocks.inspect.noise import Array, Estimate, Refit, compute_change
+from stepblocks.inspect.notes import Note, NoteKind, NotMeasuredReason
+from stepblocks.inspect.profiles import (
+    LEAST_SHARE,
+    Crossings,
     keep_profiles_that_agree,
     list_directions,
     sample_profiles,
 )
-from stepblocks.inspect.noise import Array, Estimate, compute_change
-from stepblocks.inspect.working_edge.burr import find_burr
+from stepblocks.inspect.working_edge.burr import Burr, find_burr
+from stepblocks.inspect.working_edge.crossing import CrossedEdge, CrossedEdges
+from stepblocks.inspect.working_edge.faces import MeasuredFaces, extract_faces, measure_faces
+from stepblocks.inspect.working_edge.radius import average_radius
+from stepblocks.inspect.working_edge.riser import ANGLE, STRAIGHTNESS, measure_riser
 from stepblocks.scans.scan import HeightMap, ScannedProfile
 
-_MOST_ACROSS = 300  # points of a map along either side through which the form of a face is fitted
 _MOST_SLANT_ROWS = 12  # of a map, from which the direction of its edge is found
+_LEAST_SLANT_ROWS = 3
 _TURNED = 0.01  # slope of an edge over a map from which it is turned [1]
-# of the radius of an arc, over which it is steeper than 45 degrees; and sampling intervals that a
-# radius needs for a fit without them [1]
-_STEEP = 1.0 - math.sqrt(0.5)
-_LEAST_ARC = 6.0
-# sampling intervals in a height with too few points on a flank of 60 deg to tell it from an arc
-_COARSE = 2.0 * (LEAST_ON_FLANK + 2.0) * math.tan(math.radians(60.0))
-_WORN = 0.25  # of the radius of a stylus, that it may be off: a rectangle [1]
+_MOST_REFITTED = 10  # profiles whose heights are fitted again
+_WIDER = 2.0  # exclusion over the usual one, with which they are [1]
 _LEVEL = 0.5e-3  # length of the level faces on either side of an edge that was seen [m]
 _WORTH = 0.02  # of the step, from which another feature in its scan is named [1]
-_OF_THE_EDGE = {"step_height", "edge_radius", "riser_angle", "riser_straightness"}
-_MOST_FACES = 12  # profiles of faces that are kept for their roughness
-_SECTION = "a section or replica across the edge would show it"
+# what the planes beside a second step would bend
+_OF_THE_EDGE = ("step_height", "edge_radius", ANGLE, STRAIGHTNESS)
+
+
+@dataclass(frozen=True)
+class _TurnedProfiles:
+    """Profiles of a scan across its edge."""
+
+    rows: list[ScannedProfile]
+    turn: float  # length across the edge over that along the row [1]
+    scan: ScannedProfile | HeightMap  # what is asked for of it
+    notes: list[Note]
+
+
+@dataclass(frozen=True)
+class _OtherFeatures:
+    """Steps, ridges and grooves beside the edge that is evaluated."""
+
+    features: list[Feature]
+
+    @property
+    def steps(self) -> list[float]:
+        """Places of single steps along the profile [m]."""
+        return [feature.begin for feature in self.features if feature.is_single_step]
+
+    def describe(self, is_evaluated_between: bool) -> Note:
+        """Say what they are, and whether the edge was evaluated between its neighbours alone."""
+        listed = []
+        for feature in self.features:
+            height = feature.height.value * 1e6
+            listed.append(f"{height:+.3g} um at {feature.begin * 1e6:.4g} um")
+        kind = NoteKind.ALSO_SHOWS
+        if is_evaluated_between:
+            kind = NoteKind.ALSO_SHOWS_STEPS
+        return kind.describe(features=", ".join(listed))
 
 
 def measure_edge(
     scan: ScannedProfile | HeightMap, instrument: Instrument, options: EvaluationOptions = AS_FOUND
 ) -> Evaluation:
-    """Measure a step across its edge, along the rows of a map, or its columns if these show it."""
-    found, refused = evaluate_each(
-        lambda one: _measure_along_rows(one, instrument, options),
-        list_directions(scan, options.along),
-    )
-    if not found:
-        raise MetrologyError(refused[0])
-    return found[0][1]
+    """Measure a step across its edge, along the rows of a map, or its columns if these show it.
+
+    Parameters
+    ----------
+    scan : ScannedProfile or HeightMap
+    instrument : Instrument
+    options : EvaluationOptions
+
+    Returns
+    -------
+    Evaluation
+        Height and radius of the edge, burr, riser where it slopes, and form of the faces of a map.
+
+    Raises
+    ------
+    MetrologyError
+        If the profiles show no edge, do not agree on it, or it is the wall of a notch or ridge.
+    """
+    refusals = []
+    for directed in list_directions(scan, options.along):
+        try:
+            return _measure_along_rows(directed, instrument, options)
+        except MetrologyError as error:
+            refusals.append(str(error))
+    raise MetrologyError(refusals[0])
 
 
 def _measure_along_rows(
     scan: ScannedProfile | HeightMap, instrument: Instrument, options: EvaluationOptions
 ) -> Evaluation:
-    rows, notes = sample_profiles(scan, options)
-    if isinstance(scan, HeightMap):  # faces and burr, too, are those of the part that is asked for
-        asked = (scan.x >= rows[0].position[0]) & (scan.x <= rows[0].position[-1])
+    """Measure an edge that the rows of a scan cross."""
+    turned = _turn_profiles(scan, options)
+    notes = turned.notes
+    crossed = _cross_edge(turned, options)
+    first = crossed.first
+    values = {
+        "step_height": _average_height(crossed, instrument),
+        "edge_radius": average_radius(crossed, instrument, options.stylus_radius, notes),
+    }
+    riser = measure_riser(crossed, instrument, options.stylus_cone, notes)
+    values |= riser.values
+    missing = dict(riser.missing)
+    surface = None
+    if riser.values:
+        surface = _extend_by_level_faces(first)
+    beside = _find_other_features(first)
+    _refuse_notch(beside, first)
+    has_steps = bool(beside.steps)
+    if has_steps and options.begin is None and options.end is None:
+        values |= _measure_between_steps(turned, beside, first, instrument, options, values)
+        notes.append(beside.describe(is_evaluated_between=True))
+    elif beside.features:
+        notes.append(beside.describe(is_evaluated_between=False))
+    points = _measure_across(turned, crossed)
+    burr = find_burr(
+        points.across,
+        points.level,
+        crossed.compute_usual_height(),
+        crossed.compute_usual_exclusion(),
+    )
+    if burr is None:
+        missing["burr"] = NotMeasuredReason.UPPER_FACE_TOO_SHORT.describe()
+    else:
+        values["burr"] = _describe_burr(burr, instrument, notes)
+    faces = MeasuredFaces({}, {})
+    if isinstance(turned.scan, HeightMap):
+        faces = measure_faces(turned.scan, points.across, first.edge.exclusion, instrument, notes)
+    _note_left_out(crossed, notes)
+    if not has_steps:
+        _note_sharp_edge(crossed, notes)
+    return Evaluation(
+        values=values | faces.values,
+        convention=_describe_convention(crossed),
+        notes=tuple(notes),
+        shown=_build_shown(first, crossed.is_sloped),
+        arc=surface is None,
+        missing=missing,
+        covered=faces.covered,
+        surface=surface,
+        faces=tuple(extract_faces(crossed)),
+    )
+
+
+def _turn_profiles(scan: ScannedProfile | HeightMap, options: EvaluationOptions) -> _TurnedProfiles:
+    """Return the profiles of a scan as they would be across its edge.
+
+    Of a map only the part that is asked for is kept: faces and burr, too, are those of it.
+    """
+    sampled = sample_profiles(scan, options)
+    rows = sampled.rows
+    notes = sampled.notes
+    if isinstance(scan, HeightMap):
+        position = rows[0].position
+        asked = (scan.x >= position[0]) & (scan.x <= position[-1])
         scan = replace(scan, height=np.where(asked, scan.height, np.nan))
     slant = _find_slant(rows)
     turn = 1.0 / math.hypot(1.0, slant)
     if slant != 0.0:  # the profile across the edge is shorter than the row
         rows = [replace(row, position=row.position * turn) for row in rows]
-        notes.append(f"edge turned by {math.degrees(math.atan(slant)):.3g} deg; measured across it")
-    found, refused = evaluate_each(
-        lambda row: fit_edge(row.position, row.height, options.exclusion),
-        rows,
-        LEAST_SHARE * len(rows),
-    )
-    crossed = np.array(
-        [(one.height.value, one.position, one.exclusion) for _, one in found]
-    ).reshape(-1, 3, 1)
-    results = keep_profiles_that_agree(found, crossed.swapaxes(0, 1), rows, refused, notes)
-    edges = [edge for _, edge in results]
-    flanks = [one.flank for one in edges if one.flank is not None]
-    flanks = flanks if 2 * len(flanks) > len(edges) else []
-    origin = "change with twice the exclusion, rectangular"
-    form = Component("form", _estimate_form(results), how=origin)
-    heights = [one.height for one in edges]
-    values = {
-        "step_height": average_profiles("step height", heights, instrument, [form]),
-        "edge_radius": _average_radius(
-            results, isinstance(scan, HeightMap), instrument, options, notes
-        ),
-    }
-    missing = dict.fromkeys(
-        ("riser_angle", "riser_straightness"),
-        f"the riser is upright as far as it is seen from above; {_SECTION}",
-    )
-    surface = None
-    if flanks:
-        riser, reason = _measure_riser(results, flanks, instrument, options, notes)
-        values |= riser
-        missing = {} if riser else dict.fromkeys(missing, reason)
-        surface = _extend_by_level_faces(*results[0]) if riser else None
-    first, edge = results[0]
-    if beside := _find_other_features(first, edge):
-        notes.append(
-            "the scan also shows "
-            + ", ".join(
-                f"{one.height.value * 1e6:+.3g} um at {one.begin * 1e6:.4g} um" for one in beside
-            )
-        )
-    for one in beside:  # a flank is followed by another at once
-        near = abs(one.begin - edge.middle) < 2.0 * edge.exclusion + LEAST_FACE * first.spacing
-        rise = edge.height.value if edge.rising else -edge.height.value
-        MetrologyError.require(
-            not (near and abs(one.height.value + rise) < PAIR * abs(rise)),
-            f"edge must have a face of {LEAST_FACE} points on either side, got a notch or ridge",
-        )
-    # a second step bends the planes: only the part between such steps is levelled
-    steps = [one.begin for one in beside if not np.isfinite(one.end)]
-    if steps and options.begin is None and options.end is None:
-        before = max([at for at in steps if at < edge.middle], default=first.position[0])
-        behind = min([at for at in steps if at > edge.middle], default=first.position[-1])
-        narrow = _measure_along_rows(
-            scan, instrument, replace(options, begin=before / turn, end=behind / turn)
-        ).values
-        values |= {key: one for key, one in narrow.items() if key in values and key in _OF_THE_EDGE}
-        notes[-1] += "; height and radius are those of the part between such steps"
-    across, level = _measure_across(scan, results, turn)
-    values |= _measure_burr(across, level, results, instrument, notes, missing)
-    covered = dict[str, tuple[float, float]]()
-    if isinstance(scan, HeightMap):
-        faces, covered = _measure_faces(scan, across, edge, instrument, notes)
-        values |= faces
-    if rejected := sum(one.rejected for one in edges):
-        notes.append(f"{rejected} points missing or left out as spikes")
-    if not steps and any(one.radius.value < RESOLVED * first.spacing for one in edges):
-        notes.append(
-            "edge sharper than the sampling resolves; radius below "
-            f"{max(one.radius_limit for one in edges) * 1e6:.2g} um at 95 %"
-        )
-    return Evaluation(
-        values,
-        f"two planes with a common slope, {edge.exclusion * 1e6:.4g} um excluded on either side "
-        f"of the edge; radius by arc{' of the corner beside its flank' if flanks else ''}",
-        tuple(notes),
-        _build_shown(first, edge, bool(flanks)),
-        arc=surface is None,
-        missing=missing,
-        covered=covered,
-        surface=surface,
-        faces=tuple(_extract_faces(results)),
-    )
-
-
-def _find_other_features(row: ScannedProfile, edge: Edge) -> list[Feature]:
-    # Find the steps, ridges and grooves that a profile shows beside the edge that is evaluated.
-    u, level = edge.measure_across(row.position, row.height)
-    rest = np.where(np.abs(u) > edge.exclusion, level - edge.height.value * (u > 0.0), np.nan)
-    found = evaluate_each(
-        lambda x: measure_features(x, rest, find_edges(x, rest), None, None).features,
-        [row.position],
-    )[0]
-    return [
-        one
-        for _, features in found
-        for one in features
-        if abs(one.height.value) > _WORTH * edge.height.value
-        # else what the edge left open: the flank of that begins before what was left out
-        and abs(one.begin - edge.middle) > edge.exclusion + one.flanks
-    ]
+        angle = math.degrees(math.atan(slant))
+        notes.append(NoteKind.EDGE_TURNED.describe(angle=angle))
+    return _TurnedProfiles(rows, turn, scan, notes)
 
 
 def _find_slant(rows: list[ScannedProfile]) -> float:
-    # Return how far the edge of a map moves along x per distance along y [1]; 0 where it does not.
-    found = evaluate_each(
-        lambda row: find_position(row.position, row.height),
-        rows[:: max(len(rows) // _MOST_SLANT_ROWS, 1)],
-    )[0]
+    """Return how far the edge of a map moves along x per distance along y [1].
+
+    It is 0 where it does not.
+    """
+    chosen = rows[:: max(len(rows) // _MOST_SLANT_ROWS, 1)]
+    attempts = evaluate_each(lambda row: find_position(row.position, row.height), chosen)
     # of a ridge or groove the walls are as high: only those on one side are one edge
-    walls = [
-        [(row.offset, position) for row, (position, rises) in found if rises is rising]
-        for rising in (True, False)
-    ]
-    places = np.array(max(walls, key=len))
-    if len(places) < 3:
+    rising: list[tuple[float, float]] = []
+    falling: list[tuple[float, float]] = []
+    for success in attempts.evaluated:
+        wall = rising if success.result.rising else falling
+        wall.append((success.item.offset, success.result.position))
+    places = np.array(max(rising, falling, key=len))
+    if len(places) < _LEAST_SLANT_ROWS:
         return 0.0
     lag = len(places) // 2
-    ahead, behind = places[lag:], places[: len(places) - lag]
-    slant = float(np.median((ahead[:, 1] - behind[:, 1]) / (ahead[:, 0] - behind[:, 0])))
-    return slant if abs(slant) > _TURNED else 0.0
+    ahead = places[lag:]
+    behind = places[: len(places) - lag]
+    slopes = (ahead[:, 1] - behind[:, 1]) / (ahead[:, 0] - behind[:, 0])
+    slant = float(np.median(slopes))
+    if abs(slant) > _TURNED:
+        return slant
+    return 0.0
 
 
-def _average_radius(
-    results: list[tuple[ScannedProfile, Edge]],
-    is_map: bool,
-    instrument: Instrument,
-    options: EvaluationOptions,
-    notes: list[str],
-) -> Measured:
-    # Average the edge radius over profiles, with what sampling, pixels and stylus leave open of it.
-    edges = [edge for _, edge in results]
-    spacing = results[0][0].spacing
-    sloped = 2 * sum(one.flank is not None for one in edges) > len(edges)
-    corners = [one.radius for one in edges if (one.flank is not None) == sloped]
-    others = [Component("form", _estimate_arc_form(results), how="change without its steep half")]
-    tip = options.stylus_radius or 0.0
-    single = float(np.mean([one.std for one in corners]))
-    sharp = float(np.mean([one.value for one in corners])) < RESOLVED * spacing and not sloped
-    if is_map or sharp:
-        # what lies between two samples lies anywhere there, alike in all rows unless the edge
-        # wanders over the samples: then a pixel and the noise of a row are not both at their ends
-        pixel = spacing / math.sqrt(12.0) if is_map else 0.0
-        wanders = is_map and float(np.std([one.middle for one in edges])) > pixel
-        between = max(single, pixel) if wanders else math.hypot(single, pixel)
-        averaged = "noise of one row, and one interval, which a pixel averages; " if is_map else ""
-        origin = f"{averaged}what lies between two samples, rectangular"
-        others.append(Component("sampling", between, how=origin, bounded=True))
-        single = 0.0
-    corners = [Estimate(one.value - tip, single, one.dof) for one in corners]
-    if options.stylus_radius is None:
-        others.append(
-            Component("stylus radius", math.nan, how=f"{UNSTATED}: the radius is at most this")
-        )
-    elif tip > 0.0:
-        others.append(
-            Component(
-                "stylus radius",
-                _WORN * tip / math.sqrt(3.0),
-                how="a quarter of it, rectangular",
-                bounded=True,
-            )
-        )
-    found = average_profiles("edge radius", corners, instrument, others, axes=(1.0, 1.0))
-    stylus = f"the stylus radius of {tip * 1e6:.3g} um is"
-    if found.value + found.expanded() < 0.0:
-        seen = replace(found, value=found.value + tip, bound="at most")
-        notes.append(
-            f"{stylus} not taken off the edge radius: the edge shows {seen.value * 1e6:.2g} um, "
-            "sharper than such a stylus can; check what is stated"
-        )
-        return seen
-    bounded = options.stylus_radius is None
-    if tip > 0.0:
-        notes.append(f"{stylus} taken off the edge radius")
-        most = min(_COARSE * spacing, (found.value + tip) / NO_RISER)
-        if not sloped and edges[0].height.value < most:
-            bounded = True
-            notes[-1] += ", at most this: too few points lie on the riser to tell it from the cone"
-    return replace(found, value=max(found.value, 0.0), bound="at most" if bounded else "")
-
-
-def _estimate_arc_form(results: list[tuple[ScannedProfile, Edge]]) -> float:
-    # Return the change of the mean radius when the steeper half of the arcs is left out [m].
-    arcs = [
-        (row, edge)
-        for row, edge in results
-        if edge.flank is None and edge.radius.value > _LEAST_ARC * row.spacing
-    ]
-
-    def fit_crown(one: tuple[ScannedProfile, Edge]) -> Estimate:
-        row, edge = one
-        beyond = (row.position - edge.position) * (1.0 if edge.rising else -1.0)
-        crown = (beyond <= 0.0) | (beyond >= _STEEP * edge.radius.value)
-        return fit_edge(row.position, np.where(crown, row.height, np.nan), edge.exclusion).radius
-
-    crowns = evaluate_each(fit_crown, arcs[:: max(len(arcs) // 10, 1)])[0]
-    # a fit of few points is no normal law: twice what noise changes is none
-    return compute_change([(edge.radius, crown) for (_, edge), crown in crowns], 2.0)
-
-
-def _measure_riser(
-    results: list[tuple[ScannedProfile, Edge]],
-    flanks: list[Flank],
-    instrument: Instrument,
-    options: EvaluationOptions,
-    notes: list[str],
-) -> tuple[dict[str, Measured], str]:
-    # Return angle and straightness of a riser that slopes; why not, where the stylus may show it
-    # so.
-    angle = float(np.mean([one.angle for one in flanks]))
-    off = float(np.mean([one.angle_std for one in flanks]))
-    slope = f"{math.degrees(angle):.1f} +-{math.degrees(2.0 * off):.1f} deg"
-    notes.append(
-        f"the edge is no arc: its flank slopes by {slope}, its radius is that of the corner"
+def _cross_edge(turned: _TurnedProfiles, options: EvaluationOptions) -> CrossedEdges:
+    """Fit an edge to each profile, and keep those that agree."""
+    attempts = evaluate_each(
+        lambda row: fit_edge(row.position, row.height, options.exclusion),
+        turned.rows,
+        LEAST_SHARE * len(turned.rows),
     )
-    if not is_flank_of_surface(angle, off, options.stylus_cone):
-        unstated = ", which is not stated," if options.stylus_cone is None else ""
-        cone = f"cone of the stylus{unstated}"
-        notes[-1] += f", and the flank may be steeper: the {cone} shows none steeper"
-        return {}, f"the {cone} shows no riser steeper than {slope}; {_SECTION}"
-    scales = [
-        UNSTATED_SCALE if one is None else one
-        for one in (instrument.calibration_std, instrument.lateral_std)
-    ]
-    relative = 0.5 * math.sin(2.0 * angle) * math.hypot(*scales)
-    parts = (
-        Component(
-            "noise",
-            math.hypot(off, np.std([one.angle for one in flanks])),
-            how="covariance of the fit of the flank",
-        ),
-        Component("calibration", relative, how="of both scales"),
-    )
-    values = {"riser_angle": Measured("angle of the riser", angle, parts)}
-    value, std, _ = np.array(
-        [
-            astuple(edge.measure_riser(row.position, row.height, angle))
-            for row, edge in results
-            if edge.flank is not None
-        ]
-    ).T
-    noise = Component(
-        "noise",
-        # neighbouring profiles may err together: their scatter is not divided
-        math.hypot(std.mean(), value.std()),
-        how="covariance of the form, and scatter over the profiles",
-    )
-    values["riser_straightness"] = add_instrument_components(
-        "straightness of the riser", float(value.mean()), [noise], instrument
-    )
-    return values, ""
+    kept = keep_profiles_that_agree(attempts, _compare_edges(attempts), turned.rows, turned.notes)
+    crossings = tuple(CrossedEdge(success.item, success.result) for success in kept)
+    return CrossedEdges(crossings, isinstance(turned.scan, HeightMap))
 
 
-def _extend_by_level_faces(row: ScannedProfile, edge: Edge) -> ScannedProfile:
-    # Return the edge as it was scanned between level faces, so that the length of a scan says
-    # nothing.
-    u, level = edge.measure_across(row.position, row.height)
-    used = (np.abs(u) < edge.exclusion) & np.isfinite(level) & ~edge.dropped
-    order = np.argsort(u[used])
-    known = np.concatenate([[-edge.exclusion], u[used][order], [edge.exclusion]])
-    heights = np.concatenate([[0.0], level[used][order], [edge.height.value]])
+def _compare_edges(attempts: Attempts[ScannedProfile, Edge]) -> Crossings:
+    """Return heights and places of the edges of profiles; a place may be off by the exclusion."""
+    edges = attempts.results
+    heights = np.array([edge.height.value for edge in edges])
+    places = np.array([edge.position for edge in edges])
+    slack = np.array([edge.exclusion for edge in edges])
+    return Crossings(heights.reshape(-1, 1), places.reshape(-1, 1), slack.reshape(-1, 1))
+
+
+def _average_height(crossed: CrossedEdges, instrument: Instrument) -> Measured:
+    """Average the height of the step over the profiles."""
+    form = Component(
+        Source.FORM,
+        _estimate_form(crossed),
+        how="change with twice the exclusion, rectangular",
+    )
+    heights = [edge.height for edge in crossed.edges]
+    return average_profiles("step height", heights, instrument, [form])
+
+
+def _estimate_form(crossed: CrossedEdges) -> float:
+    """Return the change of the mean height when twice as much is excluded [m]."""
+    refits = []
+    for success in evaluate_each(_fit_wider_step, crossed.take_evenly(_MOST_REFITTED)).evaluated:
+        refits.append(Refit(success.item.edge.height, success.result))
+    return compute_change(refits, 1.0)
+
+
+def _fit_wider_step(crossing: CrossedEdge) -> Estimate:
+    """Return the height of a step with twice the exclusion [m]."""
+    row = crossing.row
+    return fit_step(row.position, row.height, _WIDER * crossing.edge.exclusion)
+
+
+def _extend_by_level_faces(crossing: CrossedEdge) -> ScannedProfile:
+    """Return an edge as it was scanned, between level faces.
+
+    So nothing depends on the length of the scan.
+    """
+    row = crossing.row
+    edge = crossing.edge
+    points = crossing.levelled
+    inside = np.abs(points.across) < edge.exclusion
+    used = inside & np.isfinite(points.level) & ~edge.dropped
+    order = np.argsort(points.across[used])
+    across = points.across[used][order]
+    level = points.level[used][order]
+    known = np.concatenate([[-edge.exclusion], across, [edge.exclusion]])
+    heights = np.concatenate([[0.0], level, [edge.height.value]])
     count = round(_LEVEL / row.spacing)
     position = np.arange(-count, count, dtype=np.float64) * row.spacing
     return ScannedProfile(position, np.interp(position, known, heights), row.source)
 
 
-def _measure_across(
-    scan: ScannedProfile | HeightMap, results: list[tuple[ScannedProfile, Edge]], turn: float
-) -> tuple[Array, Array]:
-    # Return distances from the edge and heights over the lower face [m], shape (ny, nx), of the
-    # whole scan.
-    if isinstance(scan, ScannedProfile):
-        row, edge = results[0]
-        u, level = edge.measure_across(row.position, row.height)
-        return u[np.newaxis], level[np.newaxis]
-    y = np.array([row.offset for row, _ in results])
-    sign = 1.0 if results[0][1].rising else -1.0
-    lines = [
-        np.polyval(np.polyfit(y, values, 1), scan.y)
-        if np.ptp(y) > 0.0
-        else np.full(len(scan.y), values[0])
-        for values in ([edge.middle for _, edge in results], [edge.offset for _, edge in results])
-    ]
-    x = scan.x * turn
-    tilt = float(np.median([edge.tilt for _, edge in results]))
-    return (
-        sign * (x - lines[0][:, np.newaxis]),
-        scan.height - lines[1][:, np.newaxis] - tilt * x,
-    )
+def _find_other_features(crossing: CrossedEdge) -> _OtherFeatures:
+    """Find the steps, ridges and grooves that a profile shows beside its edge."""
+    edge = crossing.edge
+    points = crossing.levelled
+    beside = np.abs(points.across) > edge.exclusion
+    without_step = points.level - edge.height.value * (points.across > 0.0)
+    residuals = np.where(beside, without_step, np.nan)
+
+    def measure(position: Array) -> Sequence[Feature]:
+        edges = find_edges(position, residuals)
+        return measure_features(position, residuals, edges, None, None).features
+
+    features = []
+    for feature in evaluate_if_possible(measure, crossing.row.position) or ():
+        is_high = abs(feature.height.value) > _WORTH * edge.height.value
+        # else what the edge left open: the flank of that begins before what was left out
+        is_clear = abs(feature.begin - edge.middle) > edge.exclusion + feature.flanks
+        if is_high and is_clear:
+            features.append(feature)
+    return _OtherFeatures(features)
 
 
-def _measure_burr(
-    across: Array,
-    level: Array,
-    results: list[tuple[ScannedProfile, Edge]],
+def _refuse_notch(beside: _OtherFeatures, crossing: CrossedEdge) -> None:
+    """Refuse the wall of a notch or ridge: a flank that another follows at once is no edge."""
+    edge = crossing.edge
+    rise = edge.sign * edge.height.value
+    least = 2.0 * edge.exclusion + LEAST_FACE * crossing.row.spacing
+    for feature in beside.features:
+        is_near = abs(feature.begin - edge.middle) < least
+        falls_back = abs(feature.height.value + rise) < PAIR * abs(rise)
+        if is_near and falls_back:
+            raise MetrologyError(
+                f"edge must have a face of {LEAST_FACE} points on either side, got a notch or ridge"
+            )
+
+
+def _measure_between_steps(
+    turned: _TurnedProfiles,
+    beside: _OtherFeatures,
+    crossing: CrossedEdge,
     instrument: Instrument,
-    notes: list[str],
-    missing: dict[str, str],
+    options: EvaluationOptions,
+    values: dict[str, Measured],
 ) -> dict[str, Measured]:
-    found = find_burr(
-        across, level, *np.median([(one.height.value, one.exclusion) for _, one in results], axis=0)
+    """Measure an edge between the steps beside it, since a second step bends the planes.
+
+    Of what was measured, `values`, those are returned that the planes say.
+    """
+    middle = crossing.edge.middle
+    position = crossing.row.position
+    before = max([step for step in beside.steps if step < middle], default=position[0])
+    behind = min([step for step in beside.steps if step > middle], default=position[-1])
+    part = replace(options, begin=before / turned.turn, end=behind / turned.turn)
+    narrow = _measure_along_rows(turned.scan, instrument, part).values
+    return {key: narrow[key] for key in narrow if key in values and key in _OF_THE_EDGE}
+
+
+def _measure_across(turned: _TurnedProfiles, crossed: CrossedEdges) -> LevelledPoints:
+    """Return where the points of the whole scan lie beside the edge, shape (ny, nx) [m]."""
+    scan = turned.scan
+    if isinstance(scan, ScannedProfile):
+        points = crossed.first.levelled
+        return LevelledPoints(points.across[np.newaxis], points.level[np.newaxis])
+    y = np.array([crossing.row.offset for crossing in crossed.crossings])
+    middle = _lay_line(y, [edge.middle for edge in crossed.edges], scan.y)
+    offset = _lay_line(y, [edge.offset for edge in crossed.edges], scan.y)
+    x = scan.x * turned.turn
+    tilt = float(np.median([edge.tilt for edge in crossed.edges]))
+    return LevelledPoints(
+        across=crossed.first.edge.sign * (x - middle[:, np.newaxis]),
+        level=scan.height - offset[:, np.newaxis] - tilt * x,
     )
-    if found is None:
-        missing["burr"] = (
-            "a scan that reaches 0.2 mm beyond the edge on the upper face would show it"
-        )
-        return {}
-    if found.spikes:
-        plural = "s" * (found.spikes > 1)
-        notes.append(
-            f"{found.spikes} single isolated point{plural} near the edge left out as "
-            f"spike{plural}, up to {found.highest_spike * 1e6:.3g} um over the face"
-        )
-    own = [
-        Component("noise", found.height.std, how="valleys of the face and the lower face"),
-        Component("peak", found.noise, how="half of what noise alone shows"),
-        Component("sampling", found.sampling, how="a peak between two points, rectangular"),
+
+
+def _lay_line(y: Array, values: list[float], at_y: Array) -> Array:
+    """Return a line through values of rows at places of other rows, all lengths in m."""
+    if np.ptp(y) > 0.0:
+        return np.asarray(np.polyval(np.polyfit(y, values, 1), at_y), dtype=np.float64)
+    return np.full(len(at_y), values[0])
+
+
+def _describe_burr(burr: Burr, instrument: Instrument, notes: list[Note]) -> Measured:
+    """Return the height of a burr with its budget; `notes` takes what is said of spikes."""
+    if burr.spikes:
+        kind = NoteKind.SPIKES_AT_EDGE if burr.spikes > 1 else NoteKind.SPIKE_AT_EDGE
+        notes.append(kind.describe(spikes=burr.spikes, highest=burr.highest_spike * 1e6))
+    components = [
+        Component(Source.NOISE, burr.height.std, how="valleys of the face and the lower face"),
+        Component(Source.PEAK, burr.noise, how="half of what noise alone shows"),
+        Component(Source.SAMPLING, burr.sampling, how="a peak between two points, rectangular"),
     ]
-    return {"burr": add_instrument_components("burr", found.height.value, own, instrument)}
+    return add_instrument_components("burr", burr.height.value, components, instrument)
 
 
-def _extract_faces(results: list[tuple[ScannedProfile, Edge]]) -> Iterator[ScannedProfile]:
-    # Yield the two faces of some profiles, levelled, those of the lower face first.
-    some = results[:: max(len(results) // _MOST_FACES, 1)]
-    for side in (-1.0, 1.0):
-        for row, edge in some:
-            u, level = edge.measure_across(row.position, row.height)
-            inside = side * u > edge.exclusion
-            yield ScannedProfile(row.position[inside], level[inside], row.source)
+def _note_left_out(crossed: CrossedEdges, notes: list[Note]) -> None:
+    """Say how many points were left out, if any."""
+    left_out = sum(edge.rejected for edge in crossed.edges)
+    if left_out:
+        notes.append(NoteKind.POINTS_LEFT_OUT.describe(left_out=left_out))
 
 
-def _build_shown(first: ScannedProfile, edge: Edge, sloped: bool) -> Shown:
-    x = first.position
-    before, behind = edge.middle - edge.exclusion, edge.middle + edge.exclusion
-    windows = (float(x[0]), before, "face"), (behind, float(x[-1]), "face")
-    level = first.height - edge.tilt * x
+def _note_sharp_edge(crossed: CrossedEdges, notes: list[Note]) -> None:
+    """Say up to which radius an edge may be that is sharper than the sampling resolves."""
+    least = RESOLVED * crossed.spacing
+    if any(edge.radius.value < least for edge in crossed.edges):
+        limit = max(edge.radius_limit for edge in crossed.edges)
+        notes.append(NoteKind.SHARP_EDGE.describe(limit=limit * 1e6))
+
+
+def _describe_convention(crossed: CrossedEdges) -> str:
+    """Say how height and radius are defined."""
+    exclusion = crossed.first.edge.exclusion
+    convention = (
+        f"two planes with a common slope, {exclusion * 1e6:.4g} um excluded on either side "
+        "of the edge; radius by arc"
+    )
+    if crossed.is_sloped:
+        convention += " of the corner beside its flank"
+    return convention
+
+
+def _build_shown(crossing: CrossedEdge, is_sloped: bool) -> Shown:
+    """Return what a plot shows of a profile: faces, ideal edge and spikes."""
+    row = crossing.row
+    edge = crossing.edge
+    x = row.position
+    before = edge.middle - edge.exclusion
+    behind = edge.middle + edge.exclusion
+    level = row.height - edge.tilt * x
     lower = (x < before) if edge.rising else (x > behind)
-    sign = 1.0 if edge.rising else -1.0
-    corner = 0.0 if sloped else max(edge.radius.value, 0.0)
+    corner = 0.0
+    if not is_sloped:
+        corner = max(edge.radius.value, 0.0)
+    fitted = compute_edge_profile(
+        edge.sign * x, edge.sign * edge.position, edge.height.value, corner
+    )
     return Shown(
-        x,
-        level - np.nanmedian(level[lower]),
-        windows,
-        compute_edge_profile(sign * x, sign * edge.position, edge.height.value, corner),
-        edge.dropped,
+        position=x,
+        height=level - np.nanmedian(level[lower]),
+        windows=(Window(float(x[0]), before, "face"), Window(behind, float(x[-1]), "face")),
+        fitted=fitted,
+        dropped=edge.dropped,
     )
-
-
-def _estimate_form(results: list[tuple[ScannedProfile, Edge]]) -> float:
-    # Return the change of the mean height when twice as much is excluded [m].
-    some = results[:: max(len(results) // 10, 1)]
-    wider = evaluate_each(
-        lambda one: fit_step(one[0].position, one[0].height, 2.0 * one[1].exclusion), some
-    )[0]
-    return compute_change([(edge.height, wide) for (_, edge), wide in wider], 1.0)
-
-
-def _measure_faces(
-    scan: HeightMap,
-    across: Array,
-    edge: Edge,
-    instrument: Instrument,
-    notes: list[str],
-) -> tuple[dict[str, Measured], dict[str, tuple[float, float]]]:
-    # Return flatness and parallelism of the faces of a map, how they lie in it, and how far they
-    # were scanned.
-    # a form of degree three needs no more
-    thin = tuple(slice(None, None, max(size // _MOST_ACROSS, 1)) for size in scan.height.shape)
-    x, y = scan.x[thin[1]], scan.y[thin[0]]
-    height, side = scan.height[thin], across[thin]
-    known = np.isfinite(height)
-    lower, upper = side < -edge.exclusion, side > edge.exclusion
-    low, high = (fit_face(x, y, height, face) for face in (lower, upper))
-    asked: dict[str, tuple[str, Callable[..., float], tuple[FaceForm, ...]]] = {
-        "flatness_lower": ("flatness, lower face", compute_flatness, (low,)),
-        "flatness_upper": ("flatness, upper face", compute_flatness, (high,)),
-        "parallelism": ("parallelism, upper face to A", compute_parallelism, (high, low)),
-    }
-    zones = [
-        (name, zone(*[face.points for face in faces]) * 1e6) for name, zone, faces in asked.values()
-    ]
-    notes.append(
-        "flatness and parallelism are those of the form, polynomials of degree "
-        f"{max(low.degree, high.degree)}, over what was scanned; zones of all points, noise "
-        f"included: {', '.join(f'{name} {size:.3g} um' for name, size in zones)}"
-    )
-    values = {}
-    for key, (name, zone, faces) in asked.items():
-        form = estimate_zone(zone, *faces)
-        noise = Component("noise", form.std, form.dof, "draws from the covariance of the form")
-        values[key] = add_instrument_components(name, form.value, [noise], instrument)
-    seen = {
-        name: (float(np.ptp(side[face & known])), float(y[-1]))
-        for name, face in (("flatness_lower", lower), ("flatness_upper", upper))
-    }
-    seen["parallelism"] = min(seen.values())
-    return values, seen

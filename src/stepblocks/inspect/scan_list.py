@@ -1,0 +1,111 @@
+"""Name many scans with their parts, blocks and conditions."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from stepblocks.errors import PipelineError
+from stepblocks.files.atomic import resolve_inside
+from stepblocks.files.tables import Table, find_misspelt_columns, read_table
+from stepblocks.inspect.attempts import evaluate_each
+from stepblocks.records.sheet_read import is_filled_sheet, read_filled_sheet
+
+SCAN, PART, BLOCK, FEATURE = "scan", "stimulus", "block", "feature"
+_NO_CONDITIONS = (SCAN, PART, BLOCK, FEATURE)  # columns that are no condition
+_TABLE_NAME = "scans.csv"  # of a table in a folder
+_MOST_LINE = 10_000  # characters of a first line that are looked at
+
+
+def is_table(paths: Sequence[Path]) -> bool:
+    """Say whether what is given is one table that names scans."""
+    if len(paths) != 1 or paths[0].suffix.lower() != ".csv" or not paths[0].is_file():
+        return False
+    with paths[0].open(encoding="utf-8-sig", errors="replace") as file:
+        header = file.readline(_MOST_LINE)
+    return SCAN in [name.strip() for name in header.split(",")]
+
+
+def list_conditions(scans: Table) -> list[str]:
+    """Return the columns of a list of scans that are conditions, such as a day."""
+    return [name for name in scans.columns if name not in _NO_CONDITIONS]
+
+
+def list_scans(paths: Sequence[Path], stimulus: str | None) -> Table:
+    """Name the scans with their parts, blocks and conditions.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        Scans, a folder of them, or a table that names them.
+    stimulus : str or None
+        Part of each scan, where the table does not say it.
+
+    Returns
+    -------
+    DataFrame
+        Columns ``scan`` (path), ``stimulus``, ``block``, and those of a table.
+
+    Raises
+    ------
+    PipelineError
+        If there are no scans, one lies outside the folder of the table, or a part is not known.
+    """
+    import pandas as pd
+
+    if len(paths) == 1 and paths[0].is_dir():
+        paths = _list_folder(paths[0])
+    scans = _read_scan_table(paths[0]) if is_table(paths) else pd.DataFrame({SCAN: list(paths)})
+    if PART not in scans:
+        if not stimulus:
+            raise PipelineError(
+                "stimulus must be stated, by --stimulus or by a column of the table, got none"
+            )
+        scans = scans.assign(**{PART: stimulus})
+    if BLOCK in scans:
+        return scans
+    return scans.assign(**{BLOCK: _name_blocks(list(scans[SCAN]), list(scans[PART]))})
+
+
+def _list_folder(folder: Path) -> list[Path]:
+    """Return the table of a folder, or its files where it has none."""
+    table = folder / _TABLE_NAME
+    if table.is_file():
+        return [table]
+    files = []
+    for path in folder.iterdir():
+        if path.is_file() and not path.name.startswith("."):
+            files.append(path)
+    if not files:
+        raise PipelineError(f"folder must hold scans, got none [{folder}]")
+    return sorted(files)
+
+
+def _read_scan_table(path: Path) -> Table:
+    """Read a table that names scans; they must lie in its folder."""
+    table = read_table(path)
+    for column, likely in find_misspelt_columns(table, _NO_CONDITIONS).items():
+        raise PipelineError(f"column {column!r} is not known, is it {likely!r}? [{path}]")
+    scans = []
+    for name in table[SCAN]:
+        scan = resolve_inside(path.parent, str(name))
+        if scan is None:
+            raise PipelineError(f"scan must lie in the folder of the table, got {name!r} [{path}]")
+        scans.append(scan)
+    return table.assign(**{SCAN: scans})
+
+
+def _name_blocks(scans: list[Path], parts: list[str]) -> list[str]:
+    """Return the block of each scan.
+
+    A sheet names its part by serial number; the only one named is that of the scans beside it.
+    Without any, a block is named as its part.
+    """
+    serials = {}
+    sheets = [path for path in scans if is_filled_sheet(path)]
+    for success in evaluate_each(read_filled_sheet, sheets).evaluated:
+        serial = success.result[0].serial
+        if serial:
+            serials[success.item] = serial
+    usual = parts
+    if len(set(serials.values())) == 1:
+        usual = list(serials.values())[:1] * len(scans)
+    return [serials.get(path, name) for path, name in zip(scans, usual, strict=True)]

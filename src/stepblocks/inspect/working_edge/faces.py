@@ -1,0 +1,125 @@
+"""Form of the faces beside a working edge, and their profiles for roughness."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from stepblocks.inspect.budget import (
+    Component,
+    Instrument,
+    Measured,
+    Source,
+    add_instrument_components,
+)
+from stepblocks.inspect.evaluation import Extent
+from stepblocks.inspect.form import (
+    FaceForm,
+    compute_flatness,
+    compute_parallelism,
+    estimate_zone,
+    fit_face,
+)
+from stepblocks.inspect.noise import Array
+from stepblocks.inspect.notes import Note, NoteKind
+from stepblocks.inspect.working_edge.crossing import CrossedEdges
+from stepblocks.scans.scan import HeightMap, ScannedProfile
+
+_MOST_ACROSS = 300  # points of a map along either side through which the form of a face is fitted
+_MOST_PROFILES = 12  # of faces that are kept for their roughness
+_LOWER, _UPPER, _PARALLELISM = "flatness_lower", "flatness_upper", "parallelism"
+
+
+@dataclass(frozen=True)
+class MeasuredFaces:
+    """Form of both faces, by key of its characteristic."""
+
+    values: dict[str, Measured]
+    covered: dict[str, Extent]  # how far the faces were scanned
+
+
+@dataclass(frozen=True)
+class _Zone:
+    """A form tolerance and the faces that it is of."""
+
+    name: str
+    compute: Callable[..., float]  # of the points of the faces [m]
+    faces: tuple[FaceForm, ...]
+
+
+def measure_faces(
+    scan: HeightMap,
+    across: Array,
+    exclusion: float,
+    instrument: Instrument,
+    notes: list[Note],
+) -> MeasuredFaces:
+    """Measure flatness and parallelism of the faces of a map.
+
+    Parameters
+    ----------
+    scan : HeightMap
+    across : array, shape (ny, nx)
+        Distance of its points from the edge towards the upper face [m].
+    exclusion : float
+        Half width kept out of the faces [m].
+    instrument : Instrument
+    notes : list of Note
+        Takes how the zones are defined.
+
+    Returns
+    -------
+    MeasuredFaces
+    """
+    # a form of degree three needs no more points
+    thin_y, thin_x = (max(size // _MOST_ACROSS, 1) for size in scan.height.shape)
+    x = scan.x[::thin_x]
+    y = scan.y[::thin_y]
+    height = scan.height[::thin_y, ::thin_x]
+    side = across[::thin_y, ::thin_x]
+    on_lower = side < -exclusion
+    on_upper = side > exclusion
+    lower = fit_face(x, y, height, on_lower)
+    upper = fit_face(x, y, height, on_upper)
+    zones = {
+        _LOWER: _Zone("flatness, lower face", compute_flatness, (lower,)),
+        _UPPER: _Zone("flatness, upper face", compute_flatness, (upper,)),
+        _PARALLELISM: _Zone("parallelism, upper face to A", compute_parallelism, (upper, lower)),
+    }
+    notes.append(_describe_zones(list(zones.values()), max(lower.degree, upper.degree)))
+    known = np.isfinite(height)
+    covered = {
+        _LOWER: Extent(float(np.ptp(side[on_lower & known])), float(y[-1])),
+        _UPPER: Extent(float(np.ptp(side[on_upper & known])), float(y[-1])),
+    }
+    covered[_PARALLELISM] = min(covered.values())
+    values = {key: _measure_zone(zone, instrument) for key, zone in zones.items()}
+    return MeasuredFaces(values, covered)
+
+
+def _describe_zones(zones: list[_Zone], degree: int) -> Note:
+    """Say how zones are defined, and those of all points."""
+    listed = []
+    for zone in zones:
+        width = zone.compute(*[face.points for face in zone.faces]) * 1e6
+        listed.append(f"{zone.name} {width:.3g} um")
+    return NoteKind.FORM_OF_FACES.describe(degree=degree, zones=", ".join(listed))
+
+
+def _measure_zone(zone: _Zone, instrument: Instrument) -> Measured:
+    """Return the zone of a form with its budget."""
+    form = estimate_zone(zone.compute, *zone.faces)
+    how = "draws from the covariance of the form"
+    noise = Component(Source.NOISE, form.std, form.dof, how)
+    return add_instrument_components(zone.name, form.value, [noise], instrument)
+
+
+def extract_faces(crossed: CrossedEdges) -> Iterator[ScannedProfile]:
+    """Yield the two faces of some profiles, levelled, those of the lower face first."""
+    chosen = crossed.take_evenly(_MOST_PROFILES)
+    for side in (-1.0, 1.0):
+        for crossing in chosen:
+            points = crossing.levelled
+            inside = side * points.across > crossing.edge.exclusion
+            row = crossing.row
+            yield ScannedProfile(row.position[inside], points.level[inside], row.source)

@@ -1,0 +1,108 @@
+"""Angle and straightness of a riser that slopes, where the stylus does not show it so."""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from stepblocks.inspect.budget import (
+    UNSTATED_SCALE,
+    Component,
+    Instrument,
+    Measured,
+    Source,
+    add_instrument_components,
+)
+from stepblocks.inspect.edge_flank import is_flank_of_surface
+from stepblocks.inspect.notes import Note, NoteKind, NotMeasuredReason
+from stepblocks.inspect.working_edge.crossing import CrossedEdges
+
+ANGLE, STRAIGHTNESS = "riser_angle", "riser_straightness"
+
+
+@dataclass(frozen=True)
+class Riser:
+    """What a scan says of the riser of an edge."""
+
+    values: dict[str, Measured] = field(default_factory=dict)  # by key
+    missing: dict[str, str] = field(default_factory=dict)  # reasons by key
+
+
+def measure_riser(
+    crossed: CrossedEdges, instrument: Instrument, stylus_cone: float | None, notes: list[Note]
+) -> Riser:
+    """Measure angle and straightness of the riser of an edge.
+
+    Parameters
+    ----------
+    crossed : CrossedEdges
+    instrument : Instrument
+    stylus_cone : float or None
+        Full angle of the stylus [rad], 0 of an optical instrument; None where it is not stated.
+    notes : list of Note
+        Takes what is said of the flank.
+
+    Returns
+    -------
+    Riser
+        Without values where the riser is upright, or the stylus may show it so.
+    """
+    if not crossed.is_sloped:
+        return _miss_riser(NotMeasuredReason.UPRIGHT_RISER.describe())
+    flanks = crossed.all_flanks
+    angle = float(np.mean([flank.angle for flank in flanks]))
+    std = float(np.mean([flank.angle_std for flank in flanks]))
+    slope = f"{math.degrees(angle):.1f} +-{math.degrees(2.0 * std):.1f} deg"
+    if not is_flank_of_surface(angle, std, stylus_cone):
+        cone = "cone of the stylus"
+        if stylus_cone is None:
+            cone += ", which is not stated,"
+        notes.append(NoteKind.NO_ARC_OR_STEEPER.describe(slope=slope, cone=cone))
+        return _miss_riser(NotMeasuredReason.STYLUS_CONE.describe(cone=cone, slope=slope))
+    notes.append(NoteKind.NO_ARC.describe(slope=slope))
+    scatter = np.std([flank.angle for flank in flanks])
+    values = {
+        ANGLE: _describe_angle(angle, math.hypot(std, scatter), instrument),
+        STRAIGHTNESS: _measure_straightness(crossed, angle, instrument),
+    }
+    return Riser(values=values)
+
+
+def _miss_riser(reason: str) -> Riser:
+    """Return why neither of both was measured."""
+    return Riser(missing=dict.fromkeys((ANGLE, STRAIGHTNESS), reason))
+
+
+def _describe_angle(angle: float, noise: float, instrument: Instrument) -> Measured:
+    """Return the angle of a riser with its budget [rad]."""
+    vertical = instrument.calibration_std
+    lateral = instrument.lateral_std
+    scales = math.hypot(
+        UNSTATED_SCALE if vertical is None else vertical,
+        UNSTATED_SCALE if lateral is None else lateral,
+    )
+    calibration = 0.5 * math.sin(2.0 * angle) * scales
+    components = (
+        Component(Source.NOISE, noise, how="covariance of the fit of the flank"),
+        Component(Source.CALIBRATION, calibration, how="of both scales"),
+    )
+    return Measured("angle of the riser", angle, components)
+
+
+def _measure_straightness(crossed: CrossedEdges, angle: float, instrument: Instrument) -> Measured:
+    """Average the straightness of a riser of an angle [rad] over the profiles that show it."""
+    zones = []
+    for crossing in crossed.crossings:
+        if crossing.edge.flank is not None:
+            row = crossing.row
+            zones.append(crossing.edge.measure_riser(row.position, row.height, angle))
+    values = np.array([zone.value for zone in zones])
+    std = np.array([zone.std for zone in zones]).mean()
+    noise = Component(
+        Source.NOISE,
+        # neighbouring profiles may err together: their scatter is not divided
+        math.hypot(std, values.std()),
+        how="covariance of the form, and scatter over the profiles",
+    )
+    name = "straightness of the riser"
+    return add_instrument_components(name, float(values.mean()), [noise], instrument)
