@@ -128,7 +128,7 @@ def test_the_command_takes_files_a_folder_or_a_table_and_says_what_it_left_out(
     assert "flat.csv: profile must show a step" in capsys.readouterr().out
     assert main(["inspect", str(batch / "scans.csv")]) == 2
     assert (
-        "stimulus must be said, by --stimulus or by a column of the table"
+        "stimulus must be stated, by --stimulus or by a column of the table"
         in capsys.readouterr().err
     )
     (tmp_path / "scans.csv").write_text("scan\n../B1.csv\n")

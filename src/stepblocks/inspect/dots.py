@@ -268,7 +268,8 @@ def _list_weights(
         outer = beside[own_rows] == number
         direct = inner / max(inner.sum(), 1) - outer / max(outer.sum(), 1)
         own_lines = lines[:, own_rows]
-        yield direct - sum_lines(own_lines, reference[own_rows] * own_lines, direct)
+        # the transpose of levelling: lines through all points take from those of the reference
+        yield direct - sum_lines(reference[own_rows] * own_lines, own_lines, direct)
 
 
 def _find_cut_dots(dots: _Dots) -> Mask:

@@ -130,10 +130,11 @@ def _find_gap(x: Array, z: Array) -> _Gap:
 
 def _find_longest_run(inside: Mask) -> _Gap:
     """Return the longest run of true values, the first of several."""
-    changes = np.flatnonzero(np.diff(np.concatenate([[0], inside.astype(np.int8), [0]])))
-    runs = [
-        _Gap(int(begin), int(end)) for begin, end in zip(changes[::2], changes[1::2], strict=True)
-    ]
+    padded = np.concatenate([[0], inside.astype(np.int8), [0]])
+    changes = np.flatnonzero(np.diff(padded)).tolist()
+    runs = []
+    for begin, end in zip(changes[::2], changes[1::2], strict=True):
+        runs.append(_Gap(begin, end))
     return max(runs, key=lambda run: run.length)
 
 

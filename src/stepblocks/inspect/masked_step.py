@@ -155,7 +155,8 @@ def measure_masked_step(
         )
     depth = float(np.sum(rows.shares[known] * rows.depths[known]))
     near = max(_CLEAR * pitch, _SUDDEN_WIDTH * float(distances.within.max()))
-    _check_edges(levelled.heights, measured, distances, near, pitch, depth, scan.source)
+    change = _measure_change(levelled.heights, measured, distances, near, pitch)
+    _check_change(change, depth, near, scan.source)
     numbers = ndimage.label(inside)[0][floor]
     sums = np.bincount(numbers, levelled.heights[floor])
     means = sums / np.maximum(np.bincount(numbers), 1)
@@ -202,26 +203,28 @@ def _level_on_reference(z: Array, reference: Mask, source: str) -> _LevelledMap:
     return _LevelledMap(heights, reference)
 
 
-def _check_edges(
-    level: Array,
-    measured: Mask,
-    distances: _EdgeDistances,
-    near: float,
-    pitch: float,
-    depth: float,
-    source: str,
-) -> None:
-    """Refuse features whose heights do not change suddenly at their edges.
+def _measure_change(
+    level: Array, measured: Mask, distances: _EdgeDistances, near: float, pitch: float
+) -> float | None:
+    """Return by how much heights change at the edges of the features [m].
 
-    Heights `near` the edges [m] on both sides must differ by half of the depth [m].
+    Heights are those `near` the edges [m] on both sides, within a point; None where one side was
+    not measured.
     """
     inner = level[(np.abs(distances.within - near) <= pitch) & measured]
     outer = level[(np.abs(distances.outside - near) <= pitch) & measured]
     if not inner.size or not outer.size:
+        return None
+    return float(np.median(outer) - np.median(inner))
+
+
+def _check_change(change: float | None, depth: float, near: float, source: str) -> None:
+    """Refuse features whose heights do not change suddenly at their edges [all m]."""
+    if change is None:
         raise MetrologyError(
             f"heights must be measured {near * 1e6:.3g} um beside an edge, got none [{source}]"
         )
-    jump = float(np.median(outer) - np.median(inner)) / depth
+    jump = change / depth
     if not jump > _SUDDEN_CHANGE:
         raise MetrologyError(
             f"heights must change by {_SUDDEN_CHANGE:.0%} of a depth at its edges, got {jump:.0%} "

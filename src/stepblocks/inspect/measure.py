@@ -27,6 +27,8 @@ _CONVENTION_OF_MARGIN = (
 _NARROWER = 0.7  # of the cap of a tip, over which its radius is fitted again [1]
 # of the radius: a cap of 0.7 of the angle knows its radius by a quarter as well
 _NOISE_OF_NARROWER = 3.0
+_VERTICAL = ScalePowers(vertical=1.0, lateral=0.0)
+_LATERAL = ScalePowers(vertical=0.0, lateral=1.0)
 # of a cap, height h over width a, R is a^2 / 2h: twice the lateral error, once the vertical
 _CAP_POWERS = ScalePowers(vertical=1.0, lateral=2.0)
 
@@ -72,17 +74,16 @@ def measure_margin(
 
 def _list_discrepancies(margins: list[Margin]) -> dict[str, _Discrepancy]:
     """Return the sizes of margins by key."""
-    share = float(np.mean([margin.opening.value / margin.absolute.value for margin in margins]))
+    openings = [margin.opening for margin in margins]
+    rises = [margin.rise for margin in margins]
+    absolutes = [margin.absolute for margin in margins]
+    shares = [margin.opening.value / margin.absolute.value for margin in margins]
+    share = float(np.mean(shares))
+    of_both_scales = ScalePowers(vertical=1.0 - share**2, lateral=share**2)
     return {
-        "vertical_discrepancy": _Discrepancy(
-            [margin.opening for margin in margins], 1.0, ScalePowers(0.0, 1.0)
-        ),
-        "horizontal_discrepancy": _Discrepancy(
-            [margin.rise for margin in margins], 0.0, ScalePowers(1.0, 0.0)
-        ),
-        "absolute_discrepancy": _Discrepancy(
-            [margin.absolute for margin in margins], share, ScalePowers(1.0 - share**2, share**2)
-        ),
+        "vertical_discrepancy": _Discrepancy(openings, 1.0, _LATERAL),
+        "horizontal_discrepancy": _Discrepancy(rises, 0.0, _VERTICAL),
+        "absolute_discrepancy": _Discrepancy(absolutes, share, of_both_scales),
     }
 
 

@@ -29,13 +29,15 @@ class _MeasuredEdge:
 
     def list_causes(self) -> dict[str, Step]:
         """Return the nominal step with one measured size each, by the name of the size."""
-        asked = self.asked
+        height = self.asked.height
+        radius = self.asked.edge_radius
+        of_radius = f"its edge radius of {self.radius * 1e6:.3g} um"
+        of_height = f"its height of {self.height * 1e6:.2f} um"
+        of_burr = f"its burr of {self.burr * 1e6:.3g} um"
         return {
-            f"its edge radius of {self.radius * 1e6:.3g} um": Step(asked.height, self.radius),
-            f"its height of {self.height * 1e6:.2f} um": Step(self.height, asked.edge_radius),
-            f"its burr of {self.burr * 1e6:.3g} um": Step(
-                asked.height + self.burr, asked.edge_radius
-            ),
+            of_radius: Step(height, self.radius),
+            of_height: Step(self.height, radius),
+            of_burr: Step(height + self.burr, radius),
         }
 
 

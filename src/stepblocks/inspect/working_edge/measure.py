@@ -236,11 +236,10 @@ def _cross_edge(turned: _TurnedProfiles, options: EvaluationOptions) -> CrossedE
 def _compare_edges(attempts: Attempts[ScannedProfile, Edge]) -> Crossings:
     """Return heights and places of the edges of profiles; a place may be off by the exclusion."""
     edges = attempts.results
-    return Crossings(
-        heights=np.array([edge.height.value for edge in edges]).reshape(-1, 1),
-        places=np.array([edge.position for edge in edges]).reshape(-1, 1),
-        slack=np.array([edge.exclusion for edge in edges]).reshape(-1, 1),
-    )
+    heights = np.array([edge.height.value for edge in edges])
+    places = np.array([edge.position for edge in edges])
+    slack = np.array([edge.exclusion for edge in edges])
+    return Crossings(heights.reshape(-1, 1), places.reshape(-1, 1), slack.reshape(-1, 1))
 
 
 def _average_height(crossed: CrossedEdges, instrument: Instrument) -> Measured:
