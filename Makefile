@@ -15,7 +15,7 @@ endif
 
 PYTEST = $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
 
-.PHONY: help run run-all example evidence check test test-all lint docs notebooks package everywhere fuzz soak mutations report licences graphics clean
+.PHONY: help run run-all example evidence check test test-all test-long lint docs notebooks package everywhere fuzz soak mutations report licences graphics clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' Makefile | sed 's/:.*## /\t/' | sort | awk -F'\t' '{printf "  make %-12s %s\n", $$1, $$2}'
@@ -34,8 +34,10 @@ run-all: run $(VENV)/ready-all ## everything that the program can make: drawings
 test: $(VENV)/ready-dev graphics ## the tests of every room and every promise, in minutes
 	$(PYTEST)
 
-test-all: $(VENV)/ready-dev graphics ## all tests: many seeds, sessions, formats, engines; and the examples of docstrings
-	$(PYTEST) -m "long or not long"
+test-all: test test-long ## all tests, and the examples of docstrings
+
+test-long: $(VENV)/ready-dev graphics ## what `make test` leaves out: many seeds, formats, engines; and the examples
+	$(PYTEST) -m long
 	$(BIN)/python -m pytest --doctest-modules src/stepblocks
 
 check: $(VENV)/ready-dev ## lint, types, and the quick tests of the rooms that the working tree changed

@@ -75,6 +75,7 @@ class Run:
         design: Sequence[Row],
         blocks: Blocks | None,
         hand: Hand | None = None,
+        *,
         scale: float = MAGNIFICATION,
         ratings: tuple[int, int] = RATINGS,
         practice: int = 0,
@@ -442,4 +443,13 @@ def open_run(
         blocks = find_designed_blocks(design, source, felt)
         if device in HANDS:
             hand = HANDS[device](library)
-    return Run(Path(folder), participant, design, blocks, hand, scale, ratings, practice)
+    return Run(
+        Path(folder),
+        participant,
+        design,
+        blocks,
+        hand,
+        scale=scale,
+        ratings=ratings,
+        practice=practice,
+    )
