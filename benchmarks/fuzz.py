@@ -147,7 +147,7 @@ def _texts(work: Path) -> Iterator[Kind]:
     source = ROOT / "src" / "stepblocks"
     yield (
         "devices",
-        ([("d.toml", (source / "simulators" / "devices.toml").read_bytes())], load_devices),
+        ([("d.toml", (source / "haptics" / "devices.toml").read_bytes())], load_devices),
     )
     head = (
         b'[sweep]\nkind = "random"\nrows = 40\nseed = 11\nmode = "drag"\n[parameters]\nheight = '

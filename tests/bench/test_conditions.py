@@ -145,6 +145,7 @@ def test_a_gauge_that_is_declared_wrongly_is_refused_in_one_line(channel, said, 
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("unloaded", [0.0, 0.06])
 def test_one_long_record_is_cut_into_its_drags_and_the_cuts_are_drawn(unloaded, session, tmp_path):
     # a step of one block after the other under two loads, the tip lifted between the drags or not

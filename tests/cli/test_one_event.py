@@ -117,7 +117,7 @@ def read_outline(variant):
     return Profile(x, z)
 
 
-@pytest.mark.repeats
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "back"), CASES)
 def test_predict_drag_sweep_export_and_feel_speak_of_the_same_event(folder, name, back):
     owner = SURFACES[name]

@@ -48,6 +48,7 @@ def test_a_tip_that_was_caught_just_before_still_swings():
     assert "still swings" not in alone.summary["difference_from_equation_1"]
 
 
+@pytest.mark.long
 def test_friction_that_falls_as_the_tip_slides_is_a_cause():
     # of equation (1), with the coefficient that it takes and the other one
     for own in ({"friction": 0.1, "static_friction": 0.2}, {"friction": sb.Stribeck(0.1, 0.2)}):

@@ -15,6 +15,7 @@ from stepblocks.errors import ContactError
 from stepblocks.predict.predictions import predict_one
 
 
+@pytest.mark.long
 def test_a_constant_function_is_coulomb_friction():
     own = drag_over("30 um", friction=FrictionLaw(lambda v, n, x, t: 0.15), speed=10e-3)
     plain = drag_over("30 um", friction=0.15, speed=10e-3)

@@ -173,6 +173,7 @@ def test_the_radius_of_a_tip_under_correlated_noise_is_unbiased_and_covered_at_i
     assert np.mean(np.abs(errors) < halves) == pytest.approx(0.95, abs=0.085)
 
 
+@pytest.mark.long
 def test_flatness_of_the_form_does_not_grow_with_noise_where_the_zone_of_all_points_does():
     x, y = np.arange(60) * 10e-6, np.arange(40) * 10e-6
     bow = (

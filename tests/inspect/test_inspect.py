@@ -190,7 +190,7 @@ def test_a_margin_and_a_tip_are_measured(tmp_path, capsys):
         (["nowhere.csv", "--stimulus", "step-050"], "scan must be a file"),
         (["{scan}", "--stimulus", "step-999"], "stimulus must be declared"),
         (["{scan}", "--stimulus", "step-050", "--feature", "ball"], "feature must be"),
-        (["{scan}", "--stimulus", "step-050", "--unit", "mm"], "says another"),
+        (["{scan}", "--stimulus", "step-050", "--unit", "mm"], "must agree with its column"),
         (["{scan}", "--stimulus", "step-050", "--exclusion", "5"], "must be a length"),
         (["{scan}", "--stimulus", "step-050", "--calibration", "much"], "must be a ratio"),
         (["{scan}", "--stimulus", "step-050", "--calibration=-1"], "calibration"),

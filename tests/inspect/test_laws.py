@@ -113,6 +113,7 @@ def height_of_rows(heights):
     return found.values["step_height"].value
 
 
+@pytest.mark.long
 @FEW
 @given(st.permutations(range(5)))
 def test_the_order_of_rows_changes_no_mean(rows, order):

@@ -215,7 +215,7 @@ def test_none_names_the_smallest_effect_of_each_slot_and_such_an_effect_is_seen(
     assert [f.effect.slot for f in again.findings][:1] == ["normal_load"]
 
 
-@pytest.mark.repeats
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("plan", "slot", "told"),
     [

@@ -83,7 +83,7 @@ def test_each_bad_row_is_named_and_four_formats_say_the_same_to_a_part_in_a_bill
             assert reasons[trial].startswith(word)
 
 
-@pytest.mark.repeats
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["tdms"])
 def test_what_is_delivered_errs_on_what_it_never_saw_as_the_first_line_says(spoilt, kind):
     folder, _, table, _, truth = spoilt

@@ -59,6 +59,7 @@ def test_without_its_law_the_contact_is_what_is_missing(features):
     assert depth["low"] < 1.0 / _STIFFNESS < depth["high"]
 
 
+@pytest.mark.long
 def test_with_its_law_nothing_is_missing_and_the_model_that_is_written_keeps_it(
     session, features, tmp_path
 ):

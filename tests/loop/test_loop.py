@@ -391,7 +391,7 @@ def test_thirty_trials_at_one_load_that_saturate_end_in_none_or_an_interval_that
     assert np.all(fitted.predicted[censored, 1] > table.trials.floor[censored, 1] - 0.05)
 
 
-@pytest.mark.repeats
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("session", "named", "before", "after"),
     [

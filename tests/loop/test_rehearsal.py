@@ -75,6 +75,7 @@ def test_a_plan_becomes_a_session_with_every_combination_once_a_day_or_nearly(pl
     assert 'title = "Week of the new explorer"' in (planned / "session.toml").read_text()
 
 
+@pytest.mark.long
 def test_the_planned_session_with_its_traces_is_explained(planned, plan, tmp_path):
     # the traces of another program's bench lie where the declaration looks for them
     whole = tmp_path / "whole"

@@ -1,7 +1,7 @@
 """The stimuli of a set as an axis of a sweep: middles of their tolerances."""
 
 import math
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import pytest
@@ -22,12 +22,12 @@ def test_a_block_stands_at_the_middle_of_its_tolerances_or_at_its_nominal():
     # the root of three.
     surface, (block,), _ = read_sweep_stimuli(STIMULI / "paper-ten.toml", ["step-050"], True)
     assert surface == "step"
-    assert block["values"] == pytest.approx({"height": 50e-6, "edge_radius": 1e-6})
-    assert block["spreads"] == pytest.approx(
+    assert block.values == pytest.approx({"height": 50e-6, "edge_radius": 1e-6})
+    assert block.spreads == pytest.approx(
         {"height": 1e-6 / math.sqrt(3), "edge_radius": 1e-6 / math.sqrt(3)}
     )
     _, (nominal,), _ = read_sweep_stimuli(STIMULI / "paper-ten.toml", ["step-050"], False)
-    assert nominal == {
+    assert asdict(nominal) == {
         "id": "step-050",
         "values": {"height": 50e-6, "edge_radius": 0.0},
         "spreads": {},
@@ -40,7 +40,7 @@ def test_crowns_go_by_the_names_of_their_discrepancies():
     surface, crowns, grid = read_sweep_stimuli(STIMULI / "crown-margins.toml", None, False)
     assert surface == "margin"
     assert len(crowns) == len(load_set(STIMULI / "crown-margins.toml").stimuli)
-    names = {name for crown in crowns for name in crown["values"]}
+    names = {name for crown in crowns for name in crown.values}
     assert (
         names
         == {"marginal_gap", "horizontal_discrepancy", "vertical_discrepancy"}

@@ -79,5 +79,5 @@ def test_what_is_no_table_or_no_column_is_refused(table):
         stepblocks.to_dataset([1])
     with pytest.raises(StepblocksError, match="'energy' must be a column of the table"):
         stepblocks.plot_predictions(table, y="energy")
-    with pytest.raises(StepblocksError, match="did you mean dragged"):
+    with pytest.raises(TypeError, match="draged"):
         stepblocks.predict_set(STIMULI / "paper-ten.toml", draged=True)

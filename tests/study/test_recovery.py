@@ -184,6 +184,7 @@ def test_power_of_the_mixed_model_is_that_of_the_noncentral_f():
     assert low <= found <= high
 
 
+@pytest.mark.long
 def test_power_is_the_same_in_one_process_and_in_two():
     plan = SimulatedStudy(
         3, 1, *FLAT.values(), (("a", 1.0), ("b", 0.5)), Observer(), measure="bias"

@@ -14,7 +14,7 @@ from stepblocks.declaration.read import load_sets
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.kinds.margin import MarginBlock
 from stepblocks.parts.kinds.step_block import StepBlock
-from stepblocks.workshop.drawing import draw_part_sheet
+from stepblocks.workshop.drawing import SeriesSheet, draw_part_sheet
 
 STIMULI = Path(__file__).parents[2] / "stimuli"
 ORDER = OrderSpec(
@@ -268,7 +268,7 @@ def test_nothing_on_the_drawing_of_a_tip_a_sheath_or_a_crown_strikes_anything(pa
 
 def test_nothing_on_the_sheet_of_a_series_strikes_anything_and_every_height_is_in_its_table():
     blocks = [make_block(height, "short") for height in range(15, 106, 10)]
-    sheet = draw_part_sheet(blocks[0], ORDER, ("own-ten", "1 of 1", blocks))
+    sheet = draw_part_sheet(blocks[0], ORDER, SeriesSheet("own-ten", 1, 1, blocks))
     assert list(overlaps_on(sheet)) == []
     texts = {entity.dxf.text for entity in sheet.space.query("TEXT")}
     assert {f"STEP-{height:03}" for height in range(15, 106, 10)} <= texts

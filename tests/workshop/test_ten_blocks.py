@@ -91,6 +91,7 @@ def test_every_dimension_stands_on_drawing_step_file_and_sheet_of_each_block(ord
     assert {block.id.upper() for block in declared.stimuli} <= texts
 
 
+@pytest.mark.long
 def test_a_block_may_be_named_as_it_is_engraved_and_a_wrong_name_lists_what_there_is(
     ordered, tmp_path, capsys
 ):
@@ -127,6 +128,7 @@ def write_scan(path, height, seed):
     np.savetxt(path, rows, "%.5f", ",", header="x_um,z_um", comments="")
 
 
+@pytest.mark.long
 def test_filled_sheets_and_scans_of_ten_blocks_become_a_report_and_a_certificate_for_each(
     ordered, tmp_path
 ):
