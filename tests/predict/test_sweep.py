@@ -163,7 +163,7 @@ def test_a_script_needs_no_main_guard_for_several_processes(tmp_path):
     (tmp_path / "sweep.toml").write_text(RANDOM.format(rows=4, size=2, mode="static"))
     script = tmp_path / "script.py"
     script.write_text(
-        "import stepblocks as sb\nprint(tuple(sb.sweep('sweep.toml', 'out', jobs=2)))\n"
+        "import stepblocks as sb\nprint(tuple(sb.run_sweep('sweep.toml', 'out', jobs=2)))\n"
     )
     done = subprocess.run(
         [sys.executable, script], cwd=tmp_path, capture_output=True, text=True, check=True
