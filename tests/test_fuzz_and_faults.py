@@ -142,6 +142,7 @@ def led(folder):
     ]
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("point", [1, 2, 3, 5, 8, 13, 14])
 @pytest.mark.parametrize("fault", ["kill", "sync", "memory", "disk"])
 def test_whatever_happens_while_a_study_is_run_every_trial_is_answered_once(

@@ -240,6 +240,7 @@ TRIAL_DAMAGE = {
 }
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("name", TRIAL_DAMAGE)
 def test_a_damaged_trial_is_reported_with_its_reason_and_the_rest_goes_on(name, session, tmp_path):
     damage, reason = TRIAL_DAMAGE[name]

@@ -42,6 +42,7 @@ def test_a_session_that_agrees_is_measured(session):
     assert (measure_session(session[0], jobs=1)["status"] == "ok").all()
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize(
     ("old", "new", "slip"),
     [
@@ -66,6 +67,7 @@ def test_each_slip_is_refused_before_the_session_is_measured(session, old, new, 
         measure_session(folder, jobs=1)
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize(
     ("name", "slip"),
     [

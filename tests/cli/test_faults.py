@@ -118,6 +118,7 @@ def test_a_file_may_bear_any_name_that_the_system_knows(name, tmp_path, capsys):
     assert "Traceback" not in capsys.readouterr().err
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("name", [b"\xff", b"a\nb", b"q'u\"o", b"-x"])
 def test_a_scan_may_bear_any_name_and_its_record_is_read_back(name, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)

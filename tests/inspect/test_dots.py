@@ -123,6 +123,7 @@ def dust():
     return z
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("surface", [plane, dome, waves, cones, balls, dust])
 @pytest.mark.parametrize("seed", range(2))
 def test_no_dots_are_found_where_no_floor_is_level(surface, seed):

@@ -86,6 +86,7 @@ def holds(errors, stds, dof):
     return np.mean(np.abs(errors) < stats.t.ppf(0.975, dof) * stds)
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize(("height", "radius"), [(25e-6, 5e-6), (50e-6, 14e-6), (10e-6, 14e-6)])
 def test_height_and_radius_are_unbiased_and_their_stated_intervals_cover_at_their_rate(
     height, radius

@@ -34,6 +34,7 @@ def test_no_depth_exceeds_the_range_of_the_data(seed):
         measure_groove(ScannedProfile(x, z), EXACT)
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize(("lines", "power"), [(5, 3), (12, 1), (12, 3), (25, 1), (60, 1)])
 def test_the_last_lines_of_a_height_image_that_fall_are_no_step(lines, power, seed):

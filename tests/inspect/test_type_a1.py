@@ -68,6 +68,7 @@ def noisy(seed, length, missing=0, spikes=0):
     return with_faults(z, random, spikes=spikes, spike_height=20e-6, missing=missing)
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize(
     ("length", "missing", "spikes"),
     [(0.0, 0, 0), (1.5e-6, 0, 0), (3e-6, 200, 20), (8e-6, 0, 0)],

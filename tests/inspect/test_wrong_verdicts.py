@@ -295,6 +295,7 @@ def test_a_good_map_changes_no_energy_however_fine_it_is(step):
 # 7. Edge radius
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("degrees", [0.0, 3.0, 20.0])
 @pytest.mark.parametrize("radius", [0.0, 3 * UM])
 def test_the_edge_radius_of_a_map_bears_what_its_pixels_average(degrees, radius):
@@ -305,6 +306,7 @@ def test_the_edge_radius_of_a_map_bears_what_its_pixels_average(degrees, radius)
     assert found.expanded() > 0.44 * UM  # 95 % of a pixel of 1 um, turned
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("place", [-0.4, -0.2, 0.2, 0.4])
 @pytest.mark.parametrize("radius", [0.0, 1.4 * UM])
 def test_the_edge_radius_of_a_map_bears_where_its_pixels_lie_which_is_alike_in_all_rows(

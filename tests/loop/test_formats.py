@@ -67,6 +67,7 @@ def spoilt(tmp_path_factory):
     return folder, found, table, wrong, truth
 
 
+@pytest.mark.long
 def test_each_bad_row_is_named_and_four_formats_say_the_same_to_a_part_in_a_billion(spoilt):
     _, found, _, wrong, _ = spoilt
     first = found["hdf5"]

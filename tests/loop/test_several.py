@@ -142,6 +142,7 @@ def test_a_zero_that_one_day_knows_is_taken_off_that_day_alone():
     assert zero[~first] == pytest.approx(0.0)
 
 
+@pytest.mark.long
 def test_a_model_of_several_sessions_is_read_back_and_holds_their_mean(tmp_path):
     _, tables, scans = measure_days((0.14, 0.16, 0.18), count=32)
     together, shared = explain_together(tables, scans, rules=Rules(draws=120, fits=2))

@@ -58,6 +58,7 @@ def one(tmp_path, text):
     return stimulus
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize(
     ("mounting", "feature", "radius"), itertools.product(MOUNTINGS, ("groove", "ridge"), (0, 7, 43))
 )

@@ -117,6 +117,7 @@ def all_margins(tmp_path_factory):
     return {one.name.split("/")[1]: one.folder for one in done}
 
 
+@pytest.mark.long
 def test_nothing_moves_at_the_keyframe_of_any_scene_in_a_gap_neither(all_margins):
     """A ball over a gap would slide into it: at rest, it lies in the notch from the start."""
     import mujoco
@@ -133,6 +134,7 @@ def test_nothing_moves_at_the_keyframe_of_any_scene_in_a_gap_neither(all_margins
         assert data.qpos == pytest.approx(home, abs=1e-7), name
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("name", ["step-100", "gap-100", "gap-050-under-020", "gap-050-bevelled"])
 def test_the_readme_of_the_extremes_runs_as_it_stands_too(all_margins, name):
     """The greatest force, 5.71 N, and the three gaps whose flank is steeper than friction."""

@@ -73,6 +73,7 @@ def binding(tmp_path_factory):
     return module
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("radius", [60e-6, 125e-6])
 @pytest.mark.parametrize("name", FACES)
 def test_the_page_and_the_library_are_one_law(binding, library, tmp_path, name, radius):

@@ -132,6 +132,7 @@ def overlaps_on(sheet):
             yield f"struck: balloon at {balloon.centroid}"
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize(("height", "body"), CASES)
 def test_nothing_on_the_drawing_of_a_step_block_strikes_anything(height, body):
     block = make_block(height, body)
