@@ -8,12 +8,6 @@ The message of each is a single line that says name, rule, value and place, for 
 class RuleError(Exception):
     """A broken rule; the message says which."""
 
-    @classmethod
-    def require(cls, holds: object, rule: str) -> None:
-        """Raise this error with a rule unless it holds; the rule says what was got instead."""
-        if not holds:
-            raise cls(rule)
-
 
 class StepblocksError(RuleError):
     """A mistake that the user can correct; a command prints it in one line and exits with 2.

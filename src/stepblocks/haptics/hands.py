@@ -12,7 +12,7 @@ import ctypes
 import threading
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from ctypes.util import find_library
 
 import numpy as np
@@ -82,16 +82,23 @@ class Mouse(Hand):
             self._position[2] += (force[2] - self._load) / self._wall
 
 
+def _find_first_library(names: Sequence[str]) -> str:
+    """Find the first of several libraries that the system has; empty where it has none."""
+    for name in names:
+        path = find_library(name)
+        if path:
+            return path
+    return ""
+
+
 def _load_device_library(library: str, *names: str) -> ctypes.CDLL:
-    # Load a maker's library by path or by the first of its names that the system finds
-    found = library or next((path for name in names if (path := find_library(name))), "")
-    StudyError.require(
-        found,
-        (
+    """Load a maker's library by path, or by the first of its names that the system finds."""
+    found = library or _find_first_library(names)
+    if not found:
+        raise StudyError(
             f"the library {' or '.join(names)} must be installed to use this device, got none; or "
             "say --library"
-        ),
-    )
+        )
     try:
         return ctypes.CDLL(found)
     except OSError as error:
