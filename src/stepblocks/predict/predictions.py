@@ -164,6 +164,7 @@ def _predict_under_ball(
     nominal_angles = faces[0].angles(ball.nominal)
     corner_angles = [face.angles(radius) for face in faces for radius in radii]
     middle = _make_middle_face(part, step_height)
+    worn = _compute_stiffness_tolerance(stimuli, part)
     for backward in range(len(faces[0].ways)):
         reached = [angles[backward] for angles in corner_angles]
         angles = (nominal_angles[backward], min(reached), max(reached))
@@ -172,7 +173,7 @@ def _predict_under_ball(
             release, low, high = (
                 find_release(angle, load, point.friction, point.tool) for angle in angles
             )
-            uncertainties = _collect_all_uncertainties(stimuli, part, ball, load)
+            uncertainties = _collect_all_uncertainties(part, grid, ball, load, worn)
             interval = None
             if any(uncertainties.values()):
                 interval = estimate_interval(
@@ -209,12 +210,11 @@ def find_tip(grid: PredictionGrid, radius: float) -> Dimension:
 
 
 def _collect_all_uncertainties(
-    stimuli: StimulusSet, part: Part, ball: Dimension, load: float
+    part: Part, grid: PredictionGrid, ball: Dimension, load: float, stiffness_tolerance: float
 ) -> dict[str, float]:
     """Uncertainties of part and setting, with what the tolerances of a sheath add to the spring."""
-    uncertainties = collect_uncertainties(part, stimuli.find_conditions(part), ball, load)
-    tolerance = _compute_stiffness_tolerance(stimuli, part)
-    worn = convert_half_widths({"stiffness": tolerance})["stiffness"]
+    uncertainties = collect_uncertainties(part, grid, ball, load)
+    worn = convert_half_widths({"stiffness": stiffness_tolerance})["stiffness"]
     uncertainties["stiffness"] = math.hypot(uncertainties["stiffness"], worn)
     return uncertainties
 
