@@ -34,6 +34,7 @@ from stepblocks.cli.study_options import (
     read_names,
     read_pairs,
 )
+from stepblocks.files.table_rows import list_rows
 
 if TYPE_CHECKING:
     from stepblocks.study.design.simulate import Observer
@@ -327,4 +328,4 @@ def power(
                 friction=friction,
             ),
         )
-    return Outcome("", {"power": table.to_dict("records")})
+    return Outcome("", {"power": list_rows(table)})

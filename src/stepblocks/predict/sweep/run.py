@@ -76,7 +76,8 @@ class SweepResult:
             if name not in known:
                 raise PipelineError(f"columns must be of {', '.join(known)}, got {name!r}")
         partitions = [_find_path(self.folder, number) for number in range(self.plan.partitions)]
-        return pq.read_table(partitions, columns=columns).to_pandas()
+        table: pd.DataFrame = pq.read_table(partitions, columns=columns).to_pandas()
+        return table
 
     def _repr_html_(self) -> str:
         rows = pq.read_table(_find_path(self.folder, 0)).slice(0, _SHOWN)
