@@ -49,7 +49,7 @@ def predict(
         list[Path] | None,
         typer.Argument(
             metavar="FILE",
-            help="stimulus files or folders, or one CSV table",
+            help="stimulus files or folders, or one table (CSV, Excel, ODS)",
             show_default="stimuli",
         ),
     ] = None,
@@ -86,10 +86,12 @@ def predict(
     """Predict critical angle, forces and vibration energy of sets, tables or unseen trials.
 
     Predicts every stimulus under every tip, load and friction that its file asks for; or each row
-    of a table (CSV with units in its header); or unseen trials by the model of a measured session.
+    of a table (CSV or sheet, units in its header); or unseen trials by the model of a session.
     """
     files = files or []
-    if model or any(path.suffix.lower() == ".csv" for path in files):
+    from stepblocks.files.text_table import is_table_name
+
+    if model or any(is_table_name(path) for path in files):
         return _predict_table(files, output, model)
     in_time = None if conversion is None else conversion == "simulated"
     return _predict_sets(files, as_built, in_time, speed, output=output, plots=plots, wide=wide)
@@ -218,11 +220,13 @@ def _predict_table(files: list[Path], output: Path | None, model: Path | None) -
 
 def _take_table(files: list[Path], model: Path | None) -> Path:
     """Return the one table or session that was named."""
+    from stepblocks.files.text_table import is_table_name
+
     if len(files) == 1:
         is_session = model is not None and files[0].is_dir()
-        if is_session or files[0].suffix.lower() == ".csv":
+        if is_session or is_table_name(files[0]):
             return files[0]
-    wanted = "a trials.csv or the folder of one session" if model else "one CSV table"
+    wanted = "a trials.csv or the folder of one session" if model else "one table (CSV, Excel)"
     got = ", ".join(map(str, files)) or "none"
     raise PipelineError(f"expected {wanted}, got {got}")
 

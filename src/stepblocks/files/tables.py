@@ -94,7 +94,7 @@ def read_table(
 def warn_of_notes(notes: Iterable[str], place: object) -> None:
     """Say what had to be found out about a file, as one warning for each note."""
     for note in notes:
-        warnings.warn(f"{note} [{place}]", ReadingWarning, stacklevel=3)
+        warnings.warn(ReadingWarning(note, place), stacklevel=3)
 
 
 def load_table(

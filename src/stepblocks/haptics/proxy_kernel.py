@@ -10,9 +10,9 @@ moves.
 import math
 from typing import Any
 
-import numba
 import numpy as np
 
+from stepblocks.compute.compiled import numba
 from stepblocks.contact import Array
 
 Hand = tuple[float, float]  # across the edge and up [m]
