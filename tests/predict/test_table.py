@@ -54,7 +54,7 @@ def test_the_interval_of_a_row_does_not_depend_on_the_rows_after_it(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "table must be a CSV: No columns to parse from file"),
+        ("", "table has no rows"),
         ("height_um,load_n,friction\n", "no rows"),
         ("load_n,friction\n1,0.1\n", "must have a column height_nm or height_um"),
         ("height_um,height_mm,load_n,friction\n1,1,1,0.1\n", "not both"),

@@ -11,7 +11,7 @@ from stepblocks.declaration.read import Sets, load_sets
 from stepblocks.declaration.select import matches_pattern
 from stepblocks.declaration.set import StimulusSet, choose_operating_point
 from stepblocks.errors import ContactError, PipelineError, QuantityError
-from stepblocks.files.tables import read_si_columns, read_table
+from stepblocks.files.tables import load_table, read_si_columns, warn_of_notes
 from stepblocks.files.text import escape_file_name
 from stepblocks.parts.kind import Part
 from stepblocks.quantities import format_quantity, parse_quantity
@@ -69,7 +69,9 @@ def resolve_subject(
 def _read_profile(path: Path) -> Profile:
     """Read a profile from the columns x and z of a CSV, their units in their names."""
     wanted = {"x": (["x"], "length", None), "z": (["z"], "length", None)}
-    columns = read_si_columns(read_table(path), wanted, path)
+    table = load_table(path)
+    warn_of_notes(table.notes, path)
+    columns = read_si_columns(table.frame, wanted, table.source)
     try:
         return Profile(columns["x"], columns["z"])
     except ContactError as error:

@@ -13,7 +13,7 @@ from stepblocks.contact.energy import find_release
 from stepblocks.contact.operating_point import PAPER, SHIPPED_LIMITS, OperatingPoint, Tool
 from stepblocks.contact.uncertainty import estimate_interval
 from stepblocks.errors import ContactError
-from stepblocks.files.tables import read_si_columns, read_table, write_table
+from stepblocks.files.tables import load_table, read_si_columns, warn_of_notes, write_table
 
 # of each input: the names of its column, its dimension, and the value where there is no column
 _COLUMNS: dict[str, tuple[tuple[str, ...], str, float | None]] = {
@@ -76,8 +76,9 @@ def predict_table(
         frame, columns = table, _read_columns(table, "table")
     else:
         path = Path(table)
-        frame = read_table(path)
-        columns = _read_columns(frame, path)
+        read = load_table(path)
+        warn_of_notes(read.notes, path)
+        frame, columns = read.frame, _read_columns(read.frame, read.source)
     predicted = _predict_rows(columns, len(frame)).set_index(frame.index)
     kept = [name for name in frame.columns if name not in predicted.columns]
     result = pd.concat([frame[kept], predicted], axis=1)

@@ -1,0 +1,450 @@
+"""The one reader of tables: a text or a sheet becomes named columns of cells, each with its place.
+
+What had to be found out (encoding, separators, decimal signs, units, fill values) stands in the
+notes of the table.
+"""
+
+import csv
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepblocks.errors import PipelineError, StepblocksError
+from stepblocks.files.decode import decode_text
+from stepblocks.files.dialect import (
+    Dialect,
+    count_cells,
+    find_dialect,
+    is_number_in_any_notation,
+    split_records,
+)
+from stepblocks.files.missing import FillFound, blank_fill_values, is_missing_word
+from stepblocks.files.numbers import NotationError, NumberNotation, find_notation
+from stepblocks.files.paths import describe_system_error
+from stepblocks.files.raw_table import RawTable, Record, name_sheet_column
+from stepblocks.files.spreadsheet import read_sheet
+from stepblocks.files.text import measure_file_size
+from stepblocks.mistakes import shorten_value
+
+__all__ = ["CellError", "TableLayout", "TextTable", "parse_table", "read_text_table"]
+
+_MOST_BYTES = 2_000_000_000
+_MOST_COLUMNS = 10_000
+_MOST_SHOWN = 60  # letters of a row that a message shows
+_SHEETS = (".xlsx", ".xlsm", ".xls", ".xlsb", ".ods")
+_SHEET_MARKS = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1")  # of a zip, of an old Excel
+# a unit in a row of units: in brackets, or letters with powers, as "um", "N/mm", "m s^-1", "1"
+_UNIT = re.compile(r"[\[(].*[\])]|[A-Za-zµμΩÅ°%‰]+[23]?([ */·^-]*-?[A-Za-zµμΩ°0-9]+)?|1|-")
+_LONGEST_UNIT = 12  # letters
+
+
+class CellError(ValueError):
+    """A cell of a column of numbers that is no number."""
+
+    def __init__(self, row: int, cell: str) -> None:
+        super().__init__(f"must be a number, got {shorten_value(cell)}")
+        self.row = row
+        self.cell = cell
+
+
+@dataclass(frozen=True)
+class TableLayout:
+    """What is declared of a table; what is not is found.
+
+    Attributes
+    ----------
+    separator : str, optional
+        One letter between two cells.
+    decimal : {".", ","}, optional
+        The decimal sign.
+    encoding : str, optional
+        As `check_encoding` returns it.
+    skip_lines : int
+        Lines above the table that are no part of it.
+    has_header : bool
+        Whether its first row names the columns.
+    missing : tuple of float, optional
+        Numbers that stand for a missing value; by default those that stand out.
+    """
+
+    separator: str | None = None
+    decimal: str | None = None
+    encoding: str | None = None
+    skip_lines: int = 0
+    has_header: bool = True
+    missing: tuple[float, ...] | None = None
+
+
+@dataclass(frozen=True)
+class TextTable:
+    """A table as its file writes it.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the columns; empty where they have none.
+    rows : list of list of str
+        Cells without blanks around them, each row as long as the others.
+    places : sequence of int
+        Line of each row in a text, number of the row in a sheet.
+    file : str
+        For messages.
+    notation : NumberNotation
+        Of all its numbers.
+    units : tuple of str
+        Of the columns, from a row of units below the header; empty where there is none.
+    sheet : str
+        Name of the sheet; empty for a text.
+    missing : tuple of float, optional
+        As `TableLayout` has it.
+    notes : tuple of str
+        What had to be found out about the file.
+    """
+
+    names: tuple[str, ...]
+    rows: list[list[str]]
+    places: Sequence[int]
+    file: str
+    notation: NumberNotation = field(default_factory=NumberNotation)
+    units: tuple[str, ...] = ()
+    sheet: str = ""
+    missing: tuple[float, ...] | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def width(self) -> int:
+        """The number of columns."""
+        return len(self.rows[0]) if self.rows else len(self.names)
+
+    def name_row(self, row: int, column: int | None = None) -> str:
+        """Say where a row stands, counted from 0, or one of its cells: a line, or a cell's name."""
+        if not self.sheet:
+            return f"line {self.places[row]}"
+        if column is None:
+            return f"{self.sheet}, row {self.places[row]}"
+        return f"{self.sheet}, cell {name_sheet_column(column)}{self.places[row]}"
+
+    def get_cells(self, column: int) -> list[str]:
+        """Return the cells of a column."""
+        return [row[column] for row in self.rows]
+
+    def read_numbers(self, column: int) -> FillFound:
+        """Read a column of numbers, shape (rows,); NaN where one is missing.
+
+        Raises
+        ------
+        CellError
+            If a cell is no number, and does not say that one is missing.
+        """
+        cells = self.get_cells(column)
+        values = self.notation.parse_column(cells)
+        if values is None:
+            values = self._parse_numbers(cells)
+        return blank_fill_values(values, self.missing)
+
+    def _parse_numbers(self, cells: Sequence[str]) -> NDArray[np.float64]:
+        """Read cells one by one, words for a missing number as NaN."""
+        values = np.empty(len(cells))
+        for row, cell in enumerate(cells):
+            if is_missing_word(cell):
+                values[row] = np.nan
+                continue
+            try:
+                values[row] = self.notation.parse(cell)
+            except ValueError:
+                raise CellError(row, cell) from None
+        return values
+
+    def holds_numbers(self, column: int) -> bool:
+        """Tell whether a column holds numbers and what says that one is missing, nothing else."""
+        has_number = False
+        for row in self.rows:
+            cell = row[column]
+            if is_missing_word(cell):
+                continue
+            if not is_number_in_any_notation(cell):
+                return False
+            has_number = True
+        return has_number
+
+
+def read_text_table(
+    path: Path,
+    layout: TableLayout | None = None,
+    raises: type[StepblocksError] = PipelineError,
+    most_bytes: int = _MOST_BYTES,
+) -> TextTable:
+    """Read a table from a text or from the first sheet of a workbook.
+
+    Parameters
+    ----------
+    path : Path
+        CSV, TSV or any text of separated cells; or a workbook of Excel or LibreOffice.
+    layout : TableLayout, optional
+        What is declared of a text.
+    raises : type of StepblocksError
+        Raised for everything that is wrong with the file.
+    most_bytes : int
+        Largest file that is read.
+
+    Returns
+    -------
+    TextTable
+        It may have no rows.
+    """
+    layout = layout or TableLayout()
+    try:
+        size = measure_file_size(path)
+        if size > most_bytes:
+            raise raises(f"table must be smaller than {most_bytes} bytes, got {size} [{path}]")
+        if is_sheet(path):
+            return build_table(read_sheet(path, raises), layout, str(path), raises)
+        raw = path.read_bytes()
+    except OSError as error:
+        reason = describe_system_error(error, path)
+        raise raises(f"table cannot be read: {reason} [{path}]") from error
+    decoded = decode_text(raw, path, raises, layout.encoding)
+    if "\0" in decoded.text:
+        raise raises(f"table must be text or a sheet of Excel or LibreOffice, got binary [{path}]")
+    table = parse_table(decoded.text, str(path), layout, raises)
+    if decoded.note:
+        table = replace(table, notes=(decoded.note, *table.notes))
+    return table
+
+
+def is_sheet(path: Path) -> bool:
+    """Tell whether a file is a workbook, by its name and its first bytes."""
+    if path.suffix.lower() not in _SHEETS:
+        return False
+    with path.open("rb") as file:
+        return file.read(8).startswith(_SHEET_MARKS)
+
+
+def parse_table(
+    text: str,
+    file: str,
+    layout: TableLayout | None = None,
+    raises: type[StepblocksError] = PipelineError,
+) -> TextTable:
+    """Read a table from a text; see `read_text_table`."""
+    layout = layout or TableLayout()
+    for _ in range(layout.skip_lines):
+        text = text.partition("\n")[2]
+    dialect = find_dialect(text, layout.separator)
+    try:
+        records, comments = split_records(text, dialect)
+    except csv.Error as error:
+        line = _find_broken_line(text, dialect) + layout.skip_lines
+        raise raises(f"table must be a CSV: {error} [{file}, line {line}]") from error
+    if layout.skip_lines:
+        records = [Record(record.line + layout.skip_lines, record.cells) for record in records]
+    notes = []
+    if layout.separator is None and dialect.separator != "," and records:
+        notes.append(f"cells are separated by {dialect.name}")
+    return build_table(RawTable(records, comments, notes=tuple(notes)), layout, file, raises)
+
+
+def _find_broken_line(text: str, dialect: Dialect) -> int:
+    """Return the line in which a text stops to be a table."""
+    line = 1
+    try:
+        for record in dialect.split(text):
+            line = record.line + 1
+    except csv.Error:
+        return line
+    return line
+
+
+def build_table(
+    raw: RawTable, layout: TableLayout, file: str, raises: type[StepblocksError]
+) -> TextTable:
+    """Make a table of its rows: header, units, equal lengths and one notation of numbers.
+
+    Raises
+    ------
+    StepblocksError
+        As `raises` says, if a row has another number of cells than the header, a name stands twice,
+        or its numbers contradict each other.
+    """
+    records = list(raw.records)
+    notes = list(raw.notes)
+    names: list[str] = []
+    if layout.has_header:
+        names = _take_header(records, raw.comments, notes)
+    place = f"{file}, {raw.sheet}" if raw.sheet else file
+    names = _fit_rows(records, names, bool(raw.sheet), place, notes, raises)
+    units = _take_units(records, names, notes)
+    table = TextTable(
+        names=tuple(names),
+        rows=[record.cells for record in records],
+        places=[record.line for record in records],
+        file=file,
+        units=units,
+        sheet=raw.sheet,
+        missing=layout.missing,
+    )
+    notation = _settle_notation(table, layout, raises)
+    if notation.decimal == "," and layout.decimal is None:
+        notes.append("numbers are written with decimal commas")
+    return replace(table, notation=notation, notes=tuple(notes))
+
+
+def _take_header(records: list[Record], comments: Sequence[Record], notes: list[str]) -> list[str]:
+    """Take the names of the columns off the rows; behind a comment's mark where no others are."""
+    if not records:
+        return []
+    first = records[0].cells
+    behind_mark = _read_comment_names(comments, count_cells(first))
+    if behind_mark and _are_numbers(first):
+        notes.append(f"columns are named by the comment in line {comments[-1].line}")
+        return behind_mark
+    return records.pop(0).cells
+
+
+def _read_comment_names(comments: Sequence[Record], columns: int) -> list[str]:
+    """Return what the last comment above a table names, if it names as many columns."""
+    if not comments:
+        return []
+    names = [cell for cell in comments[-1].cells if cell]
+    if names:
+        names[0] = names[0].lstrip("#%/ ")
+    if names and not names[0]:
+        names = names[1:]
+    return names if len(names) == columns else []
+
+
+def _are_numbers(cells: Sequence[str]) -> bool:
+    """Tell whether all filled cells of a row are numbers."""
+    return all(is_number_in_any_notation(cell) for cell in cells if cell)
+
+
+def _fit_rows(
+    records: list[Record],
+    names: list[str],
+    is_sheet_row: bool,
+    place: str,
+    notes: list[str],
+    raises: type[StepblocksError],
+) -> list[str]:
+    """Bring all rows to the length of the header, and return its names.
+
+    Empty cells behind the last column are dropped; of a sheet, those that lack are empty.
+    """
+    width = count_cells(names)
+    if not names:
+        width = max((count_cells(record.cells) for record in records), default=0)
+        width = max(width, min((len(record.cells) for record in records), default=0))
+    if width > _MOST_COLUMNS:
+        raise raises(f"table must have at most {_MOST_COLUMNS} columns, got {width} [{place}]")
+    unit = "row" if is_sheet_row else "line"
+    has_trailing = len(names) > width
+    for number, record in enumerate(records):
+        cells = record.cells
+        filled = count_cells(cells)
+        if filled > width or (len(cells) < width and not is_sheet_row):
+            raise raises(
+                f"a row must have {width} cells{' as the header' if names else ''}, got "
+                f"{max(filled, len(cells))}: {shorten_value(','.join(cells)[:_MOST_SHOWN])} "
+                f"[{place}, {unit} {record.line}]"
+            )
+        if len(cells) != width:
+            has_trailing = has_trailing or len(cells) > width
+            records[number] = Record(record.line, (cells + [""] * width)[:width])
+    if has_trailing and not is_sheet_row:
+        notes.append("empty cells behind the last column are left out")
+    return _name_columns(names[:width], records, is_sheet_row, place, raises)
+
+
+def _name_columns(
+    names: Sequence[str],
+    records: Sequence[Record],
+    is_sheet_row: bool,
+    place: str,
+    raises: type[StepblocksError],
+) -> list[str]:
+    """Return names that differ; a column without one is named by its number.
+
+    Raises
+    ------
+    StepblocksError
+        If a name stands twice, or a column of a sheet that holds anything has none.
+    """
+    named = []
+    for number, name in enumerate(names):
+        if name:
+            if name in named:
+                raise raises(f"table must not name a column twice, got {name!r} [{place}]")
+            named.append(name)
+            continue
+        if is_sheet_row and any(record.cells[number] for record in records):
+            raise raises(
+                "each column that holds anything must have a name in the first row (merged cells "
+                f"have one for all) [{place}, cell {name_sheet_column(number)}1]"
+            )
+        named.append(f"Unnamed: {number}")
+    return named
+
+
+def _take_units(records: list[Record], names: Sequence[str], notes: list[str]) -> tuple[str, ...]:
+    """Take a row of units off the rows: below the header, above columns of numbers."""
+    if len(records) < 2 or not names:
+        return ()
+    first, following = records[0].cells, records[1].cells
+    is_above_number = False
+    for cell, below in zip(first, following, strict=True):
+        if not cell:
+            continue
+        is_unit = len(cell) <= _LONGEST_UNIT and _UNIT.fullmatch(cell) is not None
+        if not is_unit:
+            return ()
+        if is_number_in_any_notation(below) and cell not in ("1", "-"):
+            is_above_number = True
+    if not is_above_number:
+        return ()
+    units = tuple(cell.strip("[]() ") for cell in first)
+    notes.append(f"line {records[0].line} holds units: {', '.join(filter(None, units))}")
+    records.pop(0)
+    return units
+
+
+def _settle_notation(
+    table: TextTable, layout: TableLayout, raises: type[StepblocksError]
+) -> NumberNotation:
+    """Return the notation of a table's numbers, as declared or as found in its columns of numbers.
+
+    The cells of a sheet are numbers already.
+    """
+    if layout.decimal is not None:
+        return NumberNotation(layout.decimal)
+    if table.sheet:
+        return NumberNotation()
+    try:
+        return find_notation(_list_doubtful_cells(table))
+    except NotationError as error:
+        raise raises(f"{error} [{table.file}]") from error
+
+
+def _list_doubtful_cells(table: TextTable) -> Iterator[str]:
+    """Yield the cells that may tell a decimal comma: those of columns of numbers with a comma.
+
+    Where none has a comma, the plain numbers need no look.
+    """
+    columns: Iterable[int] = range(table.width)
+    with_comma = [column for column in columns if any("," in row[column] for row in table.rows)]
+    if not any(_is_mostly_numbers(table.get_cells(column)) for column in with_comma):
+        return
+    for column in columns:
+        cells = table.get_cells(column)
+        if _is_mostly_numbers(cells):
+            yield from cells
+
+
+def _is_mostly_numbers(cells: Sequence[str]) -> bool:
+    """Tell whether more than half of the filled cells of a column are numbers."""
+    filled = [cell for cell in cells if not is_missing_word(cell)]
+    numbers = sum(is_number_in_any_notation(cell) for cell in filled)
+    return 2 * numbers > len(filled)
