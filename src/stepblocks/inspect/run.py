@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from stepblocks.contact.domain import read_number
-from stepblocks.declaration.read import Sets, load_sets
-from stepblocks.declaration.set import StimulusSet
+from stepblocks.declaration.read import Sets, find_declared_part
 from stepblocks.errors import MetrologyError, PipelineError
 from stepblocks.files.text import escape_file_name
 from stepblocks.inspect.budget import Instrument
@@ -325,26 +324,6 @@ def judge_standard(result: InspectionResult, asked: Characteristic) -> Inspectio
     measured = result.evaluation.values[asked.key]
     decision = judge(measured, asked.nominal, asked.lower, asked.upper)
     return replace(result, judged=(Judgement(asked, decision),), verdict=decision.verdict)
-
-
-def find_declared_part(identity: str, stimuli: Sets) -> tuple[Part, StimulusSet]:
-    """Find a stimulus by its identity, also as engraved, and the set that declares it.
-
-    Raises
-    ------
-    PipelineError
-        If it is not declared.
-    """
-    names = []
-    for declared, _ in load_sets(stimuli):
-        for part in declared.stimuli:
-            if part.id.lower() == identity.strip().lower():
-                return part, declared
-            names.append(part.id)
-    raise PipelineError(
-        f"stimulus must be declared in {stimuli}, got {identity!r}; declared are "
-        f"{', '.join(names):.400}"
-    )
 
 
 def judge_part(
