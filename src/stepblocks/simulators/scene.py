@@ -24,7 +24,7 @@ from stepblocks.contact.event import (
 )
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.contact.path.centre import CentrePath
-from stepblocks.haptics.devices import RenderingPlan
+from stepblocks.haptics.devices import SAFE_FORCE, RenderingPlan
 from stepblocks.parts.kind import Part
 from stepblocks.parts.shapes import Mesh
 from stepblocks.quantities import format_units
@@ -114,6 +114,13 @@ class Scene:
             if event.status is Status.RELEASES:
                 return event.amplitude / event.critical_force
         return math.sqrt(self.point.tool.conversion)
+
+    @property
+    def force_limit(self) -> float:
+        """Largest force on a hand that the written files give [N]; its direction is kept."""
+        if self.plan is None:
+            return SAFE_FORCE
+        return self.plan.force_limit
 
     @property
     def tip_mass(self) -> float:
