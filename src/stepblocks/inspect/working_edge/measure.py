@@ -37,7 +37,7 @@ from stepblocks.inspect.profiles import (
     list_directions,
     sample_profiles,
 )
-from stepblocks.inspect.working_edge.burr import Burr, find_burr
+from stepblocks.inspect.working_edge.burr import ZONE, Burr, find_burr
 from stepblocks.inspect.working_edge.choose import find_working_stretch
 from stepblocks.inspect.working_edge.crossing import CrossedEdge, CrossedEdges
 from stepblocks.inspect.working_edge.faces import MeasuredFaces, extract_faces, measure_faces
