@@ -395,7 +395,15 @@ def _has_valley_at_foot(points: LevelledPoints, crossed: CrossedEdges, burr: Bur
     No block has a valley there: heights that are upside down show their burr so.
     """
     step = crossed.compute_usual_height()
-    valley = find_burr(-points.across, step - points.level, step, crossed.compute_usual_exclusion())
+    exclusion = crossed.compute_usual_exclusion()
+    # another step in the scan bends the planes: the lower face counts as it lies beside the edge
+    across = points.across
+    beside = (across < -exclusion) & (across > -exclusion - 2.0 * ZONE)
+    beside &= np.isfinite(points.level)
+    if beside.sum() < LEAST_FACE:
+        return False
+    line = np.polynomial.Polynomial.fit(across[beside], points.level[beside], 1)
+    valley = find_burr(-across, step - points.level + line(across), step, exclusion)
     if valley is None:
         return False
     standing = 0.0 if burr is None else burr.height.value
