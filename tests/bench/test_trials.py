@@ -85,13 +85,13 @@ def test_columns_may_be_counted_instead_of_named(tmp_path):
 @pytest.mark.parametrize(
     ("row", "fault"),
     [
-        ("1,a,0.5", "row 1 of the table has 3 cells, the header has 5"),
-        ("1,a,0.5,2,A,B", "row 1 of the table has 6 cells, the header has 5"),
+        ("1,a,0.5", "row 1 of the table (line 2) has 3 cells, the header has 5"),
+        ("1,a,0.5,2,A,B", "row 1 of the table (line 2) has 6 cells, the header has 5"),
         (",a,0.5,2,A", "row 1 of the table names no trial"),
         ("1,a,heavy,2,A", "load_n must be a number, got 'heavy'"),
         ("1,a,0.5,0,A", "speed_mm_s must be positive and finite, got 0"),
         ("1,a,nan,2,A", "load_n must be positive and finite, got nan"),
-        ('1,a,"0,5",2,A', "load_n must be a number, got '0,5'"),
+        ('1,a,"0 5",2,A', "load_n must be a number, got '0 5'"),
     ],
 )
 def test_a_row_that_cannot_be_used_says_why_and_the_next_goes_on(row, fault, tmp_path):
@@ -114,16 +114,17 @@ def test_of_equal_rows_the_first_counts_and_of_contradicting_ones_none(tmp_path)
     ("rows", "head", "message"),
     [
         ("", "", "table of trials is empty"),
-        (",,\n1,2,3\n", "", "table of trials is empty"),
+        (",,\n", "", "table of trials is empty"),
         ("trial,load_n\n", "", "has no rows"),
-        ("trial,a,a\n1,2,3\n", "", "names the column 'a' twice"),
+        ("trial,a,a\n1,2,3\n", "", "must not name a column twice, got 'a'"),
         ("id,a\n1,2\n", "", "must have a column 'trial' for the trial, it has 'id', 'a'"),
         (
             "trial,a\n1,2\n",
             '[trials.columns]\nload = "weight"\n',
             "must have a column 'weight' for the load",
         ),
-        ("trial,a,a\n1,2,3\n", '[trials.columns]\nload = "weight"\n', "2 mistakes"),
+        ("trial,a\n1,2\n", '[trials.columns]\nload = "weight"\nspeed = "v"\n', "2 mistakes"),
+        ('trial,load_n\n1,0.5\n2,"0,5"\n', "", r"one decimal sign, got '0.5' and '0,5' .*line 3"),
         ("trial,a\n1,2\n", "[trials.columns]\ntrial = 2\n", "must have a column 2 for the trial"),
         (
             "trial," + ",".join(f"c{i}" for i in range(1000)) + "\n1\n",

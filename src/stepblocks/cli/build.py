@@ -6,11 +6,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from stepblocks.cli.cluster import open_shown_cluster
 from stepblocks.cli.command import command
 from stepblocks.cli.options import (
     Files,
     Jobs,
     Laws,
+    On,
     Only,
     Quiet,
     Stimuli,
@@ -41,6 +43,7 @@ def build(
     ] = Path("out"),
     only: Only = None,
     jobs: Jobs = None,
+    on: On = None,
     model: Annotated[
         Path | None,
         typer.Option(
@@ -60,16 +63,18 @@ def build(
     from stepblocks.build.run import build_sets
 
     progress = make_progress("built", quiet=quiet, lines=1000)
-    report = build_sets(
-        files or [],
-        output,
-        only=only,
-        jobs=jobs,
-        announce=lambda made, done, total: progress(
-            done, total, f"{made.name} {made.seconds:.1f} s"
-        ),
-        model=model,
-    )
+    with open_shown_cluster(on, jobs, quiet=quiet) as cluster:
+        report = build_sets(
+            files or [],
+            output,
+            only=only,
+            jobs=jobs,
+            announce=lambda made, done, total: progress(
+                done, total, f"{made.name} {made.seconds:.1f} s"
+            ),
+            model=model,
+            on=cluster,
+        )
     if report.built:
         summary = f"{report.output}: {len(report.built)} built, {report.current} up to date"
     else:

@@ -288,15 +288,17 @@ def collect_reading_notes() -> Iterator[list[str]]:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", ReadingWarning)
         yield notes
+    places: dict[str, list[str]] = {}
     for warning in caught:
-        if not issubclass(warning.category, ReadingWarning):
-            warnings.warn_explicit(
-                warning.message, warning.category, warning.filename, warning.lineno
-            )
-            continue
-        note = f"note: {warning.message}"
-        if note not in notes:
-            notes.append(note)
+        message = warning.message
+        if isinstance(message, ReadingWarning):
+            places.setdefault(message.note, []).append(str(message.place))
+        else:
+            warnings.warn_explicit(message, warning.category, warning.filename, warning.lineno)
+    for note, files in places.items():
+        different = list(dict.fromkeys(files))
+        more = f" and {len(different) - 1} more" if len(different) > 1 else ""
+        notes.append(f"note: {note} [{different[0]}{more}]")
 
 
 @contextmanager

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from stepblocks.errors import StepblocksError
 
-__all__ = ["DecodedText", "check_encoding", "decode_text", "skip_mark"]
+__all__ = ["DecodedText", "check_encoding", "decode_marked", "decode_text", "skip_mark"]
 
 # the longer marks first: that of UTF-32 begins as that of UTF-16 does
 _ENCODING_BY_MARK = {
@@ -99,6 +99,20 @@ def decode_text(
     except UnicodeDecodeError as error:
         text = _decode_western(raw, error, place, raises)
     return DecodedText(text, _WESTERN, "read as Windows-1252 (cp1252), since it is no UTF-8")
+
+
+def decode_marked(raw: bytes) -> str:
+    """Decode UTF-8, or what the mark at the begin of a text says; the mark is left out.
+
+    Raises
+    ------
+    UnicodeDecodeError
+        If the bytes are something else.
+    """
+    for mark, marked in _ENCODING_BY_MARK.items():
+        if raw.startswith(mark):
+            return skip_mark(raw.decode(marked))
+    return raw.decode("utf-8")
 
 
 def skip_mark(text: str) -> str:

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from stepblocks.files.missing import is_missing_word
-from stepblocks.files.numbers import NumberNotation
+from stepblocks.files.numbers import NumberNotation, is_plain_number
 from stepblocks.files.raw_table import Record
 
 __all__ = [
@@ -27,6 +27,7 @@ BLANKS = " "  # any run of blanks between two cells
 _SEPARATORS = (",", ";", "\t", "|", BLANKS)  # in the order of preference
 _SAMPLED_LINES = 200
 _COMMENT = re.compile(r"\s*(#(?!\d)|//|%(?=\s))")
+_COMMENT_STARTS = ("#", "/", "%")
 _DECLARED_SEPARATOR = re.compile(r"sep=(.)\s*", re.IGNORECASE)  # the first line of an Excel's CSV
 _NAMES = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars", BLANKS: "blanks"}
 _NOTATIONS = (NumberNotation("."), NumberNotation(","))
@@ -61,6 +62,9 @@ class Dialect:
             If a quote is not closed, or a cell is beyond the bounds of a table.
         """
         is_blank = self.separator == BLANKS
+        if self.quote not in text and not is_blank:
+            yield from self._split_plain_lines(text)
+            return
         if is_blank:
             text = text.replace("\t", BLANKS)
         reader = csv.reader(
@@ -74,6 +78,16 @@ class Dialect:
         for cells in reader:
             yield Record(line, self._clean_cells(cells))
             line = reader.line_num + 1
+
+    def _split_plain_lines(self, text: str) -> Iterator[Record]:
+        """Yield the rows of a text without a quotation mark, as `split` does."""
+        has_blanks = " " in text or "\t" in text or "\u00a0" in text
+        lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+        for number, line in enumerate(lines, start=1):
+            cells = line.split(self.separator)
+            if has_blanks:
+                cells = [cell.strip() for cell in cells]
+            yield Record(number, cells)
 
     def _clean_cells(self, cells: list[str]) -> list[str]:
         """Return cells without the blanks around them; of a run of blanks, one separates."""
@@ -135,7 +149,7 @@ def split_records(text: str, dialect: Dialect) -> tuple[list[Record], list[Recor
         first = record.cells[0]
         if record.line == 1 and _is_separator_line(record, dialect):
             continue
-        if _COMMENT.match(first):
+        if first[:1] in _COMMENT_STARTS and _COMMENT.match(first):
             if not records:
                 comments.append(record)
             continue
@@ -145,6 +159,8 @@ def split_records(text: str, dialect: Dialect) -> tuple[list[Record], list[Recor
 
 def is_number_in_any_notation(cell: str) -> bool:
     """Tell whether a cell is a number with a decimal point or a decimal comma."""
+    if is_plain_number(cell):
+        return True
     for notation in _NOTATIONS:
         try:
             notation.parse(cell)

@@ -13,7 +13,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["NotationError", "NumberNotation", "find_notation", "simplify_number"]
+__all__ = ["NotationError", "NumberNotation", "find_notation", "is_plain_number", "simplify_number"]
 
 _SIGNS = str.maketrans(
     {
@@ -45,6 +45,7 @@ _PLAIN = {
     ",": re.compile(rf"(?:{_GROUPED % '.'}|[0-9]+)?(?:,[0-9]*)?"),
 }
 _FAST = re.compile(r"[-+0-9.eE]*")
+_PLAIN_NUMBER = re.compile(r"[-+]?[0-9]+(?:\.[0-9]*)?(?:[eE][-+]?[0-9]+)?")
 
 
 class _Sign(Enum):
@@ -58,7 +59,19 @@ class _Sign(Enum):
 
 
 class NotationError(ValueError):
-    """Numbers of one file that contradict each other, or may be read in two ways."""
+    """Numbers of one file that contradict each other, or may be read in two ways.
+
+    Parameters
+    ----------
+    message : str
+        Rule and values.
+    number : str
+        The first number that breaks the rule, as the file writes it.
+    """
+
+    def __init__(self, message: str, number: str) -> None:
+        super().__init__(message)
+        self.number = number
 
 
 @dataclass(frozen=True)
@@ -104,6 +117,11 @@ class NumberNotation:
             return np.array(texts, dtype=np.float64)
         except ValueError:
             return None
+
+
+def is_plain_number(text: str) -> bool:
+    """Tell whether a text is a number as programs write it, with at most a decimal point."""
+    return _PLAIN_NUMBER.fullmatch(text) is not None
 
 
 def simplify_number(text: str) -> str:
@@ -152,20 +170,22 @@ def find_notation(texts: Iterable[str]) -> NumberNotation:
     point, comma = seen.get(_Sign.POINT), seen.get(_Sign.COMMA)
     if point is not None and comma is not None:
         raise NotationError(
-            f"numbers must have one decimal sign, got {point!r} and {comma!r} in one file"
+            f"numbers must have one decimal sign, got {point!r} and {comma!r} in one file", comma
         )
     if comma is not None:
         return NumberNotation(",")
     doubtful = seen.get(_Sign.COMMA_OR_THOUSANDS)
     if doubtful is not None and point is None:
         if _Sign.POINT_OR_THOUSANDS in seen:
-            clear = seen[_Sign.POINT_OR_THOUSANDS]
+            with_point = seen[_Sign.POINT_OR_THOUSANDS]
             raise NotationError(
-                f"numbers must have one decimal sign, got {clear!r} and {doubtful!r}"
+                f"numbers must have one decimal sign, got {with_point!r} and {doubtful!r}",
+                doubtful,
             )
         raise NotationError(
             f"a number must be clear, {doubtful!r} may be {doubtful.replace(',', '.')} or "
-            f"{doubtful.replace(',', '')}; write one of them, or declare the decimal sign"
+            f"{doubtful.replace(',', '')}; write one of them, or declare the decimal sign",
+            doubtful,
         )
     return NumberNotation(".")
 

@@ -1,12 +1,12 @@
 """Rows of cells as a file writes them, before it is known what they mean."""
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 __all__ = ["RawTable", "Record", "name_sheet_column"]
 
 
-@dataclass(frozen=True)
-class Record:
+class Record(NamedTuple):
     """One row of a table as the file writes it.
 
     Attributes

@@ -23,23 +23,35 @@ from stepblocks.files.dialect import (
     split_records,
 )
 from stepblocks.files.missing import FillFound, blank_fill_values, is_missing_word
-from stepblocks.files.numbers import NotationError, NumberNotation, find_notation
+from stepblocks.files.numbers import NotationError, NumberNotation, find_notation, is_plain_number
 from stepblocks.files.paths import describe_system_error
 from stepblocks.files.raw_table import RawTable, Record, name_sheet_column
 from stepblocks.files.spreadsheet import read_sheet
 from stepblocks.files.text import measure_file_size
 from stepblocks.mistakes import shorten_value
 
-__all__ = ["CellError", "TableLayout", "TextTable", "parse_table", "read_text_table"]
+__all__ = [
+    "CellError",
+    "TableLayout",
+    "TextTable",
+    "is_sheet",
+    "is_table_name",
+    "parse_table",
+    "read_names",
+    "read_text_table",
+]
 
 _MOST_BYTES = 2_000_000_000
 _MOST_COLUMNS = 10_000
 _MOST_SHOWN = 60  # letters of a row that a message shows
 _SHEETS = (".xlsx", ".xlsm", ".xls", ".xlsb", ".ods")
+_TABLES = (".csv", ".tsv", *_SHEETS)
 _SHEET_MARKS = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1")  # of a zip, of an old Excel
 # a unit in a row of units: in brackets, or letters with powers, as "um", "N/mm", "m s^-1", "1"
 _UNIT = re.compile(r"[\[(].*[\])]|[A-Za-zµμΩÅ°%‰]+[23]?([ */·^-]*-?[A-Za-zµμΩ°0-9]+)?|1|-")
 _LONGEST_UNIT = 12  # letters
+_HEAD_BYTES = 10_000  # in which the first row of a table lies
+_PLAIN = NumberNotation()
 
 
 class CellError(ValueError):
@@ -69,6 +81,9 @@ class TableLayout:
         Whether its first row names the columns.
     missing : tuple of float, optional
         Numbers that stand for a missing value; by default those that stand out.
+    keeps_ragged : bool
+        Whether a row with another number of cells than the header is kept as it is, for a caller
+        who says of each row what is wrong with it.
     """
 
     separator: str | None = None
@@ -77,6 +92,7 @@ class TableLayout:
     skip_lines: int = 0
     has_header: bool = True
     missing: tuple[float, ...] | None = None
+    keeps_ragged: bool = False
 
 
 @dataclass(frozen=True)
@@ -118,7 +134,9 @@ class TextTable:
     @property
     def width(self) -> int:
         """The number of columns."""
-        return len(self.rows[0]) if self.rows else len(self.names)
+        if self.names or not self.rows:
+            return len(self.names)
+        return len(self.rows[0])
 
     def name_row(self, row: int, column: int | None = None) -> str:
         """Say where a row stands, counted from 0, or one of its cells: a line, or a cell's name."""
@@ -129,8 +147,11 @@ class TextTable:
         return f"{self.sheet}, cell {name_sheet_column(column)}{self.places[row]}"
 
     def get_cells(self, column: int) -> list[str]:
-        """Return the cells of a column."""
-        return [row[column] for row in self.rows]
+        """Return the cells of a column; of a row that ends before it, an empty one."""
+        try:
+            return [row[column] for row in self.rows]
+        except IndexError:
+            return ["".join(row[column : column + 1]) for row in self.rows]
 
     def read_numbers(self, column: int) -> FillFound:
         """Read a column of numbers, shape (rows,); NaN where one is missing.
@@ -148,10 +169,13 @@ class TextTable:
 
     def _parse_numbers(self, cells: Sequence[str]) -> NDArray[np.float64]:
         """Read cells one by one, words for a missing number as NaN."""
-        values = np.empty(len(cells))
+        values = np.full(len(cells), np.nan)
+        has_point = self.notation.decimal == "."
         for row, cell in enumerate(cells):
+            if has_point and is_plain_number(cell):
+                values[row] = float(cell)
+                continue
             if is_missing_word(cell):
-                values[row] = np.nan
                 continue
             try:
                 values[row] = self.notation.parse(cell)
@@ -161,14 +185,15 @@ class TextTable:
 
     def holds_numbers(self, column: int) -> bool:
         """Tell whether a column holds numbers and what says that one is missing, nothing else."""
+        cells = self.get_cells(column)
+        if cells and _PLAIN.parse_column(cells) is not None:
+            return True
         has_number = False
-        for row in self.rows:
-            cell = row[column]
-            if is_missing_word(cell):
-                continue
-            if not is_number_in_any_notation(cell):
+        for cell in cells:
+            if is_number_in_any_notation(cell):
+                has_number = True
+            elif not is_missing_word(cell):
                 return False
-            has_number = True
         return has_number
 
 
@@ -216,12 +241,33 @@ def read_text_table(
     return table
 
 
+def is_table_name(path: Path) -> bool:
+    """Tell whether a file's name is that of a table: CSV, TSV or a workbook."""
+    return path.suffix.lower() in _TABLES
+
+
 def is_sheet(path: Path) -> bool:
     """Tell whether a file is a workbook, by its name and its first bytes."""
     if path.suffix.lower() not in _SHEETS:
         return False
     with path.open("rb") as file:
         return file.read(8).startswith(_SHEET_MARKS)
+
+
+def read_names(path: Path) -> tuple[str, ...]:
+    """Return what the first row of a file names, without a complaint where it is no table."""
+    if not is_table_name(path) or not path.is_file():
+        return ()
+    try:
+        if is_sheet(path):
+            return read_text_table(path).names
+        with path.open("rb") as file:
+            head = file.read(_HEAD_BYTES)
+        text = decode_text(head, path, PipelineError).text
+        first = "\n".join(text.splitlines()[:1])
+        return tuple(next(find_dialect(first).split(first)).cells)
+    except (StepblocksError, csv.Error, StopIteration):
+        return ()
 
 
 def parse_table(
@@ -276,7 +322,15 @@ def build_table(
     if layout.has_header:
         names = _take_header(records, raw.comments, notes)
     place = f"{file}, {raw.sheet}" if raw.sheet else file
-    names = _fit_rows(records, names, bool(raw.sheet), place, notes, raises)
+    width = _find_width(records, names)
+    if width > _MOST_COLUMNS:
+        raise raises(f"table must have at most {_MOST_COLUMNS} columns, got {width} [{place}]")
+    if not layout.keeps_ragged:
+        _refuse_ragged_rows(records, width, place, raises, bool(raw.sheet))
+    has_trailing = _cut_rows(records, width) or len(names) > width
+    if has_trailing and not raw.sheet:
+        notes.append("empty cells behind the last column are left out")
+    names = _name_columns(names[:width], records, bool(raw.sheet), place, raises)
     units = _take_units(records, names, notes)
     table = TextTable(
         names=tuple(names),
@@ -322,41 +376,49 @@ def _are_numbers(cells: Sequence[str]) -> bool:
     return all(is_number_in_any_notation(cell) for cell in cells if cell)
 
 
-def _fit_rows(
-    records: list[Record],
-    names: list[str],
-    is_sheet_row: bool,
-    place: str,
-    notes: list[str],
-    raises: type[StepblocksError],
-) -> list[str]:
-    """Bring all rows to the length of the header, and return its names.
+def _find_width(records: Sequence[Record], names: Sequence[str]) -> int:
+    """Return the number of columns: of the header, else of the rows without what they end in."""
+    if names:
+        return count_cells(names)
+    filled = max((count_cells(record.cells) for record in records), default=0)
+    shortest = min((len(record.cells) for record in records), default=0)
+    return max(filled, shortest)
 
-    Empty cells behind the last column are dropped; of a sheet, those that lack are empty.
-    """
-    width = count_cells(names)
-    if not names:
-        width = max((count_cells(record.cells) for record in records), default=0)
-        width = max(width, min((len(record.cells) for record in records), default=0))
-    if width > _MOST_COLUMNS:
-        raise raises(f"table must have at most {_MOST_COLUMNS} columns, got {width} [{place}]")
+
+def _refuse_ragged_rows(
+    records: Sequence[Record],
+    width: int,
+    place: str,
+    raises: type[StepblocksError],
+    is_sheet_row: bool,
+) -> None:
+    """Refuse a row with more filled cells than columns, or, in a text, with fewer cells."""
+    if {len(record.cells) for record in records} <= {width}:
+        return
     unit = "row" if is_sheet_row else "line"
-    has_trailing = len(names) > width
-    for number, record in enumerate(records):
+    for record in records:
         cells = record.cells
-        filled = count_cells(cells)
-        if filled > width or (len(cells) < width and not is_sheet_row):
+        is_short = len(cells) < width and not is_sheet_row
+        if count_cells(cells) > width or is_short:
+            shown = shorten_value(",".join(cells)[:_MOST_SHOWN])
             raise raises(
-                f"a row must have {width} cells{' as the header' if names else ''}, got "
-                f"{max(filled, len(cells))}: {shorten_value(','.join(cells)[:_MOST_SHOWN])} "
+                f"a row must have {width} cells as the header, got "
+                f"{max(count_cells(cells), min(len(cells), width))}: {shown} "
                 f"[{place}, {unit} {record.line}]"
             )
-        if len(cells) != width:
-            has_trailing = has_trailing or len(cells) > width
-            records[number] = Record(record.line, (cells + [""] * width)[:width])
-    if has_trailing and not is_sheet_row:
-        notes.append("empty cells behind the last column are left out")
-    return _name_columns(names[:width], records, is_sheet_row, place, raises)
+
+
+def _cut_rows(records: list[Record], width: int) -> bool:
+    """Leave out empty cells behind the last column, and say whether there were any."""
+    if {len(record.cells) for record in records} <= {width}:
+        return False
+    has_trailing = False
+    for number, record in enumerate(records):
+        cells = record.cells
+        if len(cells) > width and count_cells(cells) <= width:
+            has_trailing = True
+            records[number] = Record(record.line, cells[:width])
+    return has_trailing
 
 
 def _name_columns(
@@ -380,7 +442,7 @@ def _name_columns(
                 raise raises(f"table must not name a column twice, got {name!r} [{place}]")
             named.append(name)
             continue
-        if is_sheet_row and any(record.cells[number] for record in records):
+        if is_sheet_row and any(any(record.cells[number : number + 1]) for record in records):
             raise raises(
                 "each column that holds anything must have a name in the first row (merged cells "
                 f"have one for all) [{place}, cell {name_sheet_column(number)}1]"
@@ -395,7 +457,7 @@ def _take_units(records: list[Record], names: Sequence[str], notes: list[str]) -
         return ()
     first, following = records[0].cells, records[1].cells
     is_above_number = False
-    for cell, below in zip(first, following, strict=True):
+    for cell, below in zip(first, following, strict=False):
         if not cell:
             continue
         is_unit = len(cell) <= _LONGEST_UNIT and _UNIT.fullmatch(cell) is not None
@@ -425,7 +487,16 @@ def _settle_notation(
     try:
         return find_notation(_list_doubtful_cells(table))
     except NotationError as error:
-        raise raises(f"{error} [{table.file}]") from error
+        row = _find_row_with(table, error.number)
+        raise raises(f"{error} [{table.file}, {table.name_row(row)}]") from error
+
+
+def _find_row_with(table: TextTable, cell: str) -> int:
+    """Return the first row that holds a cell, counted from 0."""
+    for row, cells in enumerate(table.rows):
+        if cell in cells:
+            return row
+    return 0
 
 
 def _list_doubtful_cells(table: TextTable) -> Iterator[str]:
@@ -434,13 +505,18 @@ def _list_doubtful_cells(table: TextTable) -> Iterator[str]:
     Where none has a comma, the plain numbers need no look.
     """
     columns: Iterable[int] = range(table.width)
-    with_comma = [column for column in columns if any("," in row[column] for row in table.rows)]
+    with_comma = [column for column in columns if _has_comma(table, column)]
     if not any(_is_mostly_numbers(table.get_cells(column)) for column in with_comma):
         return
     for column in columns:
         cells = table.get_cells(column)
         if _is_mostly_numbers(cells):
             yield from cells
+
+
+def _has_comma(table: TextTable, column: int) -> bool:
+    """Tell whether a cell of a column has a comma."""
+    return any("," in cell for cell in table.get_cells(column))
 
 
 def _is_mostly_numbers(cells: Sequence[str]) -> bool:

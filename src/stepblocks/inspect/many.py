@@ -273,8 +273,8 @@ def _average_readings(table: Table, conditions: list[str]) -> _Averages:
         )
         for block, of_block in readings.groupby(BLOCK, sort=False):
             average = _average_block(of_block, conditions, repeatability)
-            averages.values.setdefault(str(block), {})[key] = average
-            averages.counts.setdefault(str(block), {})[key] = len(of_block)
+            averages.values.setdefault(str(block), {})[str(key)] = average
+            averages.counts.setdefault(str(block), {})[str(key)] = len(of_block)
     return averages
 
 
