@@ -409,9 +409,14 @@ def write_many(
     page = base / "inspections.html"
     write_table(result.tables[_SCANS], table)
     written = []
-    for serial, report in result.reports.items():
+    for number, (serial, report) in enumerate(result.reports.items(), start=1):
         subfolder = base / re.sub(r"[^\w.-]+", "_", serial).strip(".")
         of_block = _name_block_in(laboratory, serial, report.identity)
+        if of_block is not None and len(result.reports) > 1:
+            # ISO/IEC 17025, 7.8.2.1 d: the number of a certificate is its own
+            of_block = of_block.model_copy(
+                update={"certificate": f"{of_block.certificate}-{number}"}
+            )
         written += write_inspection(report, subfolder, of_block)
     batch_files = []
     if result.batches:

@@ -51,6 +51,10 @@ class NoteKind(Enum):
     )
     # tip
     STYLUS_TAKEN_OFF_BALL = "the stylus radius of {radius:.4g} um is taken off"
+    STYLUS_OF_BALL_UNKNOWN = (
+        "the radius of the stylus is not stated, so the ball may be smaller by it: state it, 0 um "
+        "of an optical instrument"
+    )
     FORM_OF_BALL = "form of the ball {form:.3g} um, with noise, over {angle:.3g} deg"
     # working edge
     EDGE_TURNED = "edge turned by {angle:.3g} deg; measured across it"
@@ -68,6 +72,10 @@ class NoteKind(Enum):
     STYLUS_TOO_LARGE = (
         "the stylus radius of {radius:.3g} um is not taken off the edge radius: the edge shows "
         "{seen:.2g} um, sharper than such a stylus can; check what is stated"
+    )
+    WORKING_EDGE_ALONE = (
+        "the working edge is the one from {begin:.4g} to {end:.4g} um, by what the declaration has "
+        "beside it; left out are {beside}"
     )
     ALSO_SHOWS = "the scan also shows {features}"
     ALSO_SHOWS_STEPS = (
@@ -125,6 +133,13 @@ class NotMeasuredReason(Enum):
     STYLUS_CONE = (
         "the {cone} shows no riser steeper than {slope}; a section or replica across the edge "
         "would show it"
+    )
+    VALLEY_AT_FOOT = (
+        "the lower face falls at the foot of the edge, as it does where heights are upside down; "
+        "make sure of their sign"
+    )
+    GAP_UNDER_BEVEL = (
+        "a trace shows the opening of the margin; a section or replica would show the gap beneath"
     )
     UPPER_FACE_TOO_SHORT = (
         "a scan that reaches 0.2 mm beyond the edge on the upper face would show it"
