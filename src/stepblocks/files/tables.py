@@ -269,8 +269,8 @@ def read_si_columns(
     place : object
         Where the table stands, for the message; a `TextTable` says the line or the cell.
     lets_missing : bool
-        Whether a number that is missing or infinite stays as it is, for a caller who says of each
-        row what is wrong with it; a text that is no number is refused all the same.
+        Whether a number that is missing stays NaN, for a caller who says of each row what is wrong
+        with it; an infinite number, or a text that is none, is refused all the same.
 
     Returns
     -------
@@ -379,7 +379,7 @@ def _convert_column(
     numbers = _read_cells(cells, reading.notation)
     is_wrong = ~np.isfinite(numbers)
     if lets_missing:
-        is_wrong &= _find_words(cells)
+        is_wrong &= np.isinf(numbers) | _find_words(cells)
     for row in np.flatnonzero(is_wrong).tolist():
         rule = (
             f"{cells.name} must be a finite number, got {reading.show_cell(row, cells.iloc[row])}"

@@ -57,9 +57,9 @@ def predict_table(
     ----------
     table : pandas.DataFrame, str or Path
         Table, CSV or sheet with ``height_um``, ``normal_load_n`` (or ``load_n``), ``friction``
-        and, where they differ from the paper, ``edge_radius_um``, ``tip_radius_um``, ``stiffness_n_m``,
-        ``conversion``, in any unit that the name of the column says; standard uncertainties in
-        columns of the same names with ``u_`` before them.
+        and, where they differ from the paper, ``edge_radius_um``, ``tip_radius_um``,
+        ``stiffness_n_m``, ``conversion``, in any unit that the name of the column says; standard
+        uncertainties in columns of the same names with ``u_`` before them.
     output : str or Path, optional
         CSV to write.
 
@@ -69,7 +69,8 @@ def predict_table(
         The table with ``critical_angle_deg``, ``status``, ``peak_force_n``, ``vibration_energy_j``
         and their ends ``_low`` and ``_high``, ``held_probability`` and ``problem``, which says why
         a row is ``invalid``, as one that lacks a number is; beyond one of the limits of
-        docs/explanation/model.md its ``status`` names it, and there is no energy. Without an uncertainty both ends are the value itself.
+        docs/explanation/model.md its ``status`` names it, and there is no energy. Without an
+        uncertainty both ends are the value itself.
 
     Raises
     ------
