@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stepblocks.contact.counterface import Profile
-from stepblocks.errors import MetrologyError
+from stepblocks.errors import MetrologyError, QuantityError
 from stepblocks.files.confined import read_confined
 from stepblocks.files.text import is_file
 from stepblocks.mistakes import shorten_value
+from stepblocks.quantities import read_array
 from stepblocks.scans.formats import READERS
 from stepblocks.scans.formats.reader import ReadScan, ScanReader, ScanRequest, check_archive
 from stepblocks.scans.height_scale import check_height_scale
@@ -65,6 +66,8 @@ def load_scan(
     if isinstance(scan, Profile):
         return _make_profile((scan.x, scan.z))
     table: Any = scan
+    if hasattr(table, "dims") and hasattr(table, "coords") and np.ndim(table) == 1:  # of xarray
+        return _make_profile((table[table.dims[0]], table))
     if hasattr(table, "to_pandas"):  # of polars, Arrow or xarray
         table = table.to_pandas()
     # tables and series are told by what they have: pandas is not loaded to find out
@@ -82,8 +85,11 @@ def _make_profile(arrays: Any) -> ScannedProfile:
             f"scan must be a file, a table, or two rows, x and z, got {_describe_arrays(arrays)}"
         )
     x, z = arrays
-    position = np.asarray(x, dtype=np.float64)
-    height = np.asarray(z, dtype=np.float64)
+    try:
+        position = read_array(x, "length")
+        height = read_array(z, "length")
+    except QuantityError as error:
+        raise MetrologyError(f"positions and heights {error}") from error
     return ScannedProfile(position, height, "arrays")
 
 
