@@ -131,7 +131,7 @@ def load_table(
         if name in texts or not source.holds_numbers(number):
             columns[name] = _make_text_column(source.get_cells(number))
             continue
-        numbers = source.read_numbers(number)
+        numbers = source.read_sound_numbers(number, PipelineError)
         notes += filter(None, [numbers.describe(name)])
         columns[name] = _make_number_column(numbers.values)
     frame = pd.DataFrame(columns)
