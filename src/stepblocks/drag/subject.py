@@ -14,7 +14,7 @@ from stepblocks.errors import ContactError, PipelineError, QuantityError
 from stepblocks.files.tables import load_table, read_si_columns, warn_of_notes
 from stepblocks.files.text import escape_file_name
 from stepblocks.parts.kind import Part
-from stepblocks.quantities import format_quantity, parse_quantity
+from stepblocks.quantities import format_quantity, is_quantity, parse_quantity
 from stepblocks.scans.read import Scan, load_scan
 
 # What of an operating point and of its tool may be given beside the subject
@@ -40,6 +40,8 @@ def resolve_subject(
     stimuli: Sets | None = None,
 ) -> Subject:
     """Find out what is to be dragged over; `values` [SI] replace what the paper or the set says."""
+    if is_quantity(subject) and not hasattr(getattr(subject, "magnitude", None), "__len__"):
+        subject = f"{parse_quantity(subject, 'length')!r} m"
     if not isinstance(subject, (str, Path)):
         if hasattr(subject, "__len__"):  # a table or arrays
             subject = load_scan(cast("Scan", subject))

@@ -20,6 +20,7 @@ __all__ = [
     "count_cells",
     "find_dialect",
     "is_number_in_any_notation",
+    "list_first_lines",
     "split_records",
 ]
 
@@ -112,7 +113,7 @@ def find_dialect(text: str, separator: str | None = None) -> Dialect:
     Dialect
         The one in which most rows have as many cells as the first, and most cells are numbers.
     """
-    lines = _list_sampled_lines(text)
+    lines = list_first_lines(text)
     quote = _find_quote(lines)
     if separator is not None:
         return Dialect(separator, quote)
@@ -176,7 +177,7 @@ def _is_separator_line(record: Record, dialect: Dialect) -> bool:
     return written == "sep=" or written == f"sep={dialect.separator}"
 
 
-def _list_sampled_lines(text: str) -> list[str]:
+def list_first_lines(text: str) -> list[str]:
     """Return the first lines of a text that hold a row."""
     lines = []
     for line in io.StringIO(text, newline=None):

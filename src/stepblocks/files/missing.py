@@ -28,7 +28,7 @@ FILL_VALUES = (
     *(-32768.0, -32767.0, 32767.0, 65535.0, -2147483648.0, 2147483647.0),
     *(1e30, -1e30, 1e20, 1.70141e38, 9.96921e36, 3.4028235e38, -3.4028235e38),
 )
-_STANDS_OUT = 10.0  # times the largest of the others, from which on a fill value is none of them
+_STANDS_OUT = 3.0  # times the largest of the others, from which on a fill value is none of them
 _HUGE = 1e15  # from which on a fill value may be rounded, as 1.70141e38 is
 _ROUNDING = 1e-5  # share by which it may be
 
@@ -76,7 +76,7 @@ def blank_fill_values(
         Numbers as they stand in the file.
     declared : sequence of float, optional
         Values that the user names: each counts wherever it stands, and no other does. By default
-        those of `FILL_VALUES` count that are ten times as large as every other number.
+        those of `FILL_VALUES` count that are three times as large as every other number.
 
     Returns
     -------

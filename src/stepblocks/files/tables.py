@@ -131,7 +131,7 @@ def load_table(
         if name in texts or not source.holds_numbers(number):
             columns[name] = _make_text_column(source.get_cells(number))
             continue
-        numbers = source.read_numbers(number)
+        numbers = source.read_sound_numbers(number, PipelineError)
         notes += filter(None, [numbers.describe(name)])
         columns[name] = _make_number_column(numbers.values)
     frame = pd.DataFrame(columns)
@@ -254,6 +254,8 @@ def read_si_columns(
     frame: "pd.DataFrame",
     wanted: Mapping[str, tuple[Sequence[str], str, float | None]],
     place: object,
+    *,
+    lets_missing: bool = False,
 ) -> dict[str, NDArray[np.float64]]:
     """Find columns by any of their names and units, and return them in SI.
 
@@ -266,6 +268,9 @@ def read_si_columns(
         column must be there (see `ColumnRule`).
     place : object
         Where the table stands, for the message; a `TextTable` says the line or the cell.
+    lets_missing : bool
+        Whether a number that is missing stays NaN, for a caller who says of each row what is wrong
+        with it; an infinite number, or a text that is none, is refused all the same.
 
     Returns
     -------
@@ -298,7 +303,7 @@ def read_si_columns(
                 list(frame.columns).index(column),
                 place if isinstance(place, TextTable) else None,
             )
-            found[key] = _convert_column(frame[column], reading, mistakes)
+            found[key] = _convert_column(frame[column], reading, mistakes, lets_missing)
         elif rule.default is not None:
             found[key] = np.full(len(frame), rule.default)
         elif meant.isdisjoint(units):
@@ -368,11 +373,14 @@ def _find_misspelt_defaults(frame: "pd.DataFrame", rules: Sequence[ColumnRule]) 
 
 
 def _convert_column(
-    cells: "pd.Series", reading: _ColumnReading, mistakes: list[Mistake]
+    cells: "pd.Series", reading: _ColumnReading, mistakes: list[Mistake], lets_missing: bool
 ) -> NDArray[np.float64]:
     """Return a column in SI; cells that are no finite number are added to the mistakes."""
     numbers = _read_cells(cells, reading.notation)
-    for row in np.flatnonzero(~np.isfinite(numbers)).tolist():
+    is_wrong = ~np.isfinite(numbers)
+    if lets_missing:
+        is_wrong &= np.isinf(numbers) | _find_words(cells)
+    for row in np.flatnonzero(is_wrong).tolist():
         rule = (
             f"{cells.name} must be a finite number, got {reading.show_cell(row, cells.iloc[row])}"
         )
@@ -383,11 +391,32 @@ def _convert_column(
     return np.asarray(multiply_by_unit(numbers, factor))
 
 
+def _holds_objects(cells: "pd.Series") -> bool:
+    """Tell whether a column holds texts or other objects in place of numbers."""
+    import pandas as pd
+
+    if pd.api.types.is_object_dtype(cells.dtype):
+        return True
+    return bool(pd.api.types.is_string_dtype(cells))
+
+
+def _find_words(cells: "pd.Series") -> NDArray[np.bool_]:
+    """Tell which cells of a column are texts that stand for no number, shape (rows,)."""
+    if not _holds_objects(cells):
+        return np.zeros(len(cells), dtype=bool)
+    return np.array([_is_word(cell) for cell in cells], dtype=bool)
+
+
+def _is_word(cell: object) -> bool:
+    """Tell whether a cell that is no number is a text that does not say that one is missing."""
+    return isinstance(cell, str) and not is_missing_word(cell)
+
+
 def _read_cells(cells: "pd.Series", notation: NumberNotation) -> NDArray[np.float64]:
     """Return the numbers of a column, NaN for what is none."""
     import pandas as pd
 
-    if not pd.api.types.is_object_dtype(cells.dtype) and not pd.api.types.is_string_dtype(cells):
+    if not _holds_objects(cells):
         numbers = pd.to_numeric(cells, errors="coerce")
         return np.asarray(numbers.to_numpy(dtype=np.float64, na_value=np.nan))
     values = np.full(len(cells), np.nan)

@@ -20,6 +20,7 @@ from stepblocks.files.dialect import (
     count_cells,
     find_dialect,
     is_number_in_any_notation,
+    list_first_lines,
     split_records,
 )
 from stepblocks.files.missing import FillFound, blank_fill_values, is_missing_word
@@ -167,6 +168,15 @@ class TextTable:
             values = self._parse_numbers(cells)
         return blank_fill_values(values, self.missing)
 
+    def read_sound_numbers(self, column: int, raises: type[StepblocksError]) -> FillFound:
+        """Read a column of numbers, and raise with name and place where a cell is none."""
+        try:
+            return self.read_numbers(column)
+        except CellError as error:
+            name = repr(self.names[column]) if self.names else f"column {column}"
+            place = self.name_row(error.row, column)
+            raise raises(f"{name} {error} [{self.file}, {place}]") from error
+
     def _parse_numbers(self, cells: Sequence[str]) -> NDArray[np.float64]:
         """Read cells one by one, words for a missing number as NaN."""
         values = np.full(len(cells), np.nan)
@@ -264,7 +274,7 @@ def read_names(path: Path) -> tuple[str, ...]:
         with path.open("rb") as file:
             head = file.read(_HEAD_BYTES)
         text = decode_text(head, path, PipelineError).text
-        first = "\n".join(text.splitlines()[:1])
+        first = "".join(list_first_lines(text)[:1])
         return tuple(next(find_dialect(first).split(first)).cells)
     except (StepblocksError, csv.Error, StopIteration):
         return ()
@@ -515,8 +525,8 @@ def _list_doubtful_cells(table: TextTable) -> Iterator[str]:
 
 
 def _has_comma(table: TextTable, column: int) -> bool:
-    """Tell whether a cell of a column has a comma."""
-    return any("," in cell for cell in table.get_cells(column))
+    """Tell whether a cell of a column has a comma, or points that cannot all be decimal."""
+    return any("," in cell or cell.count(".") > 1 for cell in table.get_cells(column))
 
 
 def _is_mostly_numbers(cells: Sequence[str]) -> bool:

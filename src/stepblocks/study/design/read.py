@@ -1,12 +1,12 @@
 """Read designs and filled-in run sheets, each row with its place in the file."""
 
+import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
 from stepblocks.errors import StudyError
-from stepblocks.files.missing import is_missing_word
 from stepblocks.files.numbers import NumberNotation, is_plain_number
 from stepblocks.files.tables import warn_of_notes
 from stepblocks.files.text_table import TextTable, is_table_name, read_text_table
@@ -191,16 +191,21 @@ def _clean_cells(table: TextTable, column: int) -> list[str]:
     cells = table.get_cells(column)
     if not table.holds_numbers(column):
         return ["" if cell in _MISSING else cell for cell in cells]
-    return [_clean_number(cell, table.notation) for cell in cells]
+    found = table.read_sound_numbers(column, StudyError)
+    warn_of_notes(filter(None, [found.describe(table.names[column])]), table.file)
+    cleaned = []
+    for cell, value in zip(cells, found.values.tolist(), strict=True):
+        cleaned.append(_format_number(cell, value, table.notation))
+    return cleaned
 
 
-def _clean_number(cell: str, notation: NumberNotation) -> str:
+def _format_number(cell: str, value: float, notation: NumberNotation) -> str:
     """Return a number with a decimal point, as it is written where that is plain."""
-    if is_missing_word(cell):
+    if math.isnan(value):
         return ""
     if is_plain_number(cell) and (notation.decimal == "." or "." not in cell):
         return cell
-    return f"{notation.parse(cell):.15g}"
+    return f"{value:.15g}"
 
 
 def index_by_trial(rows: Sequence[SheetRow]) -> dict[TrialKey, SheetRow]:
