@@ -14,6 +14,7 @@ from stepblocks.lawsearch.forward_model import Trials
 from stepblocks.lawsearch.law import Law
 from stepblocks.lawsearch.problem import Fit
 from stepblocks.loop.bench_model import SessionModel
+from stepblocks.loop.calibration_check import CalibrationCheck
 from stepblocks.loop.channels import PEAK_FORCE
 from stepblocks.loop.settings import CHOSEN, COUNTED, GONE, MOST_SETTINGS, SHOWN, build_grid
 from stepblocks.rig.state import DragState
@@ -22,6 +23,7 @@ NOTHING = "nothing"  # what an effect is distinguished from that has no rival
 _SLIPS = 1.1  # ratio of the release force to that of sliding, from which a tip slips
 _FRICTION_RANGE = (0.01, 0.9)  # that a stimulus file takes
 _WRITE_DOWN = "write down what differs between these trials: who, when, which tip and which batch"
+_WEIGH_FIRST = "no drag tells a wrong spring, speed, gain or load apart: weigh them"
 _OUT_OF_REACH = "no setting within reach tells these apart"
 
 
@@ -105,22 +107,34 @@ class _RivalModels(NamedTuple):
     second: Fit
 
 
-def propose_experiment(explanation: Explanation) -> NextExperiment | None:
+def propose_experiment(
+    explanation: Explanation, checks: Sequence[CalibrationCheck] = ()
+) -> NextExperiment | None:
     """Propose settings that separate the rivals best.
+
+    Parameters
+    ----------
+    explanation : Explanation
+    checks : sequence of CalibrationCheck
+        Declarations that the records contradict come first: nothing is known better than they.
 
     Returns
     -------
     NextExperiment or None
         None where nothing is open.
     """
+    weighings = tuple(check.quantity.advice for check in checks if check.is_open)
     models = _choose_models(explanation)
     if models is None:
+        if weighings and not explanation.hints:
+            suspects = tuple(check.sentence for check in checks if check.is_open)
+            return NextExperiment(suspects, weighings, _WEIGH_FIRST)
         if not explanation.hints:
             return None
         sentences = tuple(hint.sentence for hint in explanation.hints)
-        return NextExperiment(sentences, note=_WRITE_DOWN)
+        return NextExperiment(sentences, weighings or None, _WRITE_DOWN)
     separates = models.effect.id, models.rival
-    moves = _list_moves(explanation)
+    moves = tuple(dict.fromkeys((*weighings, *_list_moves(explanation))))
     trials = explanation.problem.trials
     extra = _list_varied_covariates(trials, models)
     grid = build_grid(trials, extra)

@@ -49,7 +49,8 @@ def write_sentence(explanation: Explanation, record: LoopRecord) -> str:
             f"No effect beyond noise was found{_describe_detectable(record)}; error of E_v "
             f"{errors.before}, noise {errors.noise}"
         )
-    parts = _list_parts(explanation, record)
+    parts = [check.text for check in record.calibration if check.text]
+    parts += _list_parts(explanation, record)
     text = "; ".join(dict.fromkeys(parts))
     if not text:
         text = "The trials differ by more than noise would do, and no law is claimed"
