@@ -73,7 +73,8 @@ class Variables:
         for name, extent in islice(self.extents.items(), _LISTED_ITEMS):
             begin = Extent(extent.start, min(extent.length, _NAMED))
             with suppress(Exception):  # SciPy raises anything on damaged variables
-                ((_, shape, _kind),) = whosmat(_extract_variable(self.path, begin))
+                opened: Any = _extract_variable(self.path, begin)  # the stubs know paths alone
+                ((_, shape, _kind),) = whosmat(opened)
                 shapes[name] = tuple(shape)
         return describe_arrays(shapes)
 
