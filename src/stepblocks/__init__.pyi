@@ -77,6 +77,7 @@ from .quantities import format_quantity as format_quantity, parse_quantity as pa
 from .records.as_built import read_as_built as read_as_built
 from .records.laboratory import read_laboratory as read_laboratory
 from .records.model import read_model as read_model
+from .rehearse.many import Rehearsals as Rehearsals, simulate_sessions as simulate_sessions
 from .rehearse.run import simulate_session as simulate_session
 from .rig.effects.offered import offer_laws as offer_laws
 from .scans.read import list_channels as list_channels, read_scan as read_scan

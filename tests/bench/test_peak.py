@@ -3,9 +3,12 @@
 And never the highest sample.
 """
 
+import math
+
 import numpy as np
 import pytest
 
+from oracles.releases import RATE, Fall, Release, record_release
 from oracles.traces import Course, hum
 from stepblocks.bench.signal.aftermath import fit_aftermath
 from stepblocks.bench.signal.approach import fit_approach
@@ -97,3 +100,38 @@ def test_a_force_that_falls_between_two_samples_has_its_peak_before_the_fall(top
     # within three samples of the ramp: some of the fall at the edge passes for hum
     assert peak(time, force).force == pytest.approx(top, abs=3.0 * slope * 1e-4)
     assert find_landmarks(time, force).onset == pytest.approx(onset + level / slope, abs=1e-3)
+
+
+def pull_of_release(release, seed):
+    """Return peak and release less the true ones, in standard uncertainties and in samples."""
+    record = record_release(release, np.random.default_rng([seed, 7]))
+    found = peak(record.time, record.tangential)
+    pull = (found.force - record.peak) / found.force_std
+    return pull, (found.time - record.release) * RATE
+
+
+@pytest.mark.parametrize(
+    ("fall", "duration", "bandwidth"),
+    [
+        (Fall.HALF_COSINE, 2e-3, math.inf),
+        pytest.param(Fall.HALF_COSINE, 0.2e-3, math.inf, marks=pytest.mark.long),
+        pytest.param(Fall.HALF_COSINE, 5e-3, math.inf, marks=pytest.mark.long),
+        pytest.param(Fall.STRAIGHT, 1.6e-3, math.inf, marks=pytest.mark.long),
+        pytest.param(Fall.EXPONENTIAL, 0.4e-3, math.inf, marks=pytest.mark.long),
+        pytest.param(Fall.EXPONENTIAL, 0.4e-3, 500.0, marks=pytest.mark.long),
+        pytest.param(Fall.HALF_COSINE, 2e-3, 5e3, marks=pytest.mark.long),
+    ],
+)
+def test_a_peak_is_within_its_uncertainty_whatever_the_shape_of_the_release(
+    fall, duration, bandwidth
+):
+    # origin: the closed forms of `oracles.releases`; light, slow drags among them
+    pulls, late = [], []
+    for seed in range(16):
+        small = Release(fall, duration, bandwidth, load=0.3, peak=(0.26, 0.36, 0.8)[seed % 3])
+        pull, samples = pull_of_release(small, seed)
+        pulls.append(pull)
+        late.append(samples)
+    # three sigma of the spread of 16 pulls
+    assert np.sqrt(np.mean(np.square(pulls))) < 1.5
+    assert np.abs(np.mean(late)) < 0.5

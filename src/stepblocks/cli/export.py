@@ -22,6 +22,7 @@ from stepblocks.cli.options import (
     require_one,
 )
 from stepblocks.cli.outcome import Outcome, make_progress
+from stepblocks.files.table_rows import list_rows
 
 app = typer.Typer()
 
@@ -237,5 +238,5 @@ def compare(
     return Outcome(
         f"{found['difference_jnd'].iloc[-1]:.3g} just noticeable differences from {to.name}, all "
         "parts together",
-        {"realism": found.iloc[:-1].to_dict("records")},
+        {"realism": list_rows(found.iloc[:-1])},
     )

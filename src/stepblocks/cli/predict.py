@@ -8,16 +8,20 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from stepblocks.cli.cluster import open_shown_cluster
 from stepblocks.cli.command import command
 from stepblocks.cli.options import (
     AsBuilt,
     Laws,
+    On,
     Quiet,
     Speed,
     Table,
+    WholeRange,
     Wide,
     keep_given_options,
     make_whole_number_reader,
+    read_whole_range,
 )
 from stepblocks.cli.outcome import Outcome, make_progress
 from stepblocks.errors import PipelineError
@@ -259,6 +263,18 @@ def sweep(
             "--jobs", "-j", metavar="N", parser=make_whole_number_reader(1, 1024), help="processes"
         ),
     ] = 1,
+    on: On = None,
+    partitions: Annotated[
+        WholeRange | None,
+        typer.Option(
+            "--partitions",
+            metavar="FIRST:END",
+            parser=read_whole_range,
+            help="compute the partitions from FIRST up to but not including END, as a task of an "
+            "array of jobs does",
+            show_default="all",
+        ),
+    ] = None,
     quiet: Quiet = False,
 ) -> Outcome:
     """Predict a grid or random design of steps, tips and settings into partitioned Parquet.
@@ -269,13 +285,26 @@ def sweep(
     from stepblocks.predict.sweep.run import PLAN_FILE, run_sweep
 
     plan = load_sweep(design)
+    chosen = None
+    total = plan.partitions
+    share = ""
+    if partitions is not None:
+        chosen = range(partitions.first, partitions.end)
+        total = len(chosen)
+        share = f", of which {total} are asked for"
     progress = make_progress("partitions", quiet=quiet)
-    done = run_sweep(
-        plan, output, jobs=jobs, on_partition=lambda _: progress(total=plan.partitions)
-    )
+    with open_shown_cluster(on, jobs, quiet=quiet) as cluster:
+        done = run_sweep(
+            plan,
+            output,
+            jobs=jobs,
+            on=cluster,
+            partitions=chosen,
+            on_partition=lambda _: progress(total=total),
+        )
     return Outcome(
         (
-            f"{plan.rows} rows in {plan.partitions} partitions: {done.computed} computed, "
+            f"{plan.rows} rows in {plan.partitions} partitions{share}: {done.computed} computed, "
             f"{done.found} found [{output}]"
         ),
         record={"rows": plan.rows, "computed": done.computed, "found": done.found},

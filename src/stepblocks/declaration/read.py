@@ -12,6 +12,7 @@ from stepblocks.errors import PipelineError, StimulusError
 from stepblocks.files.text import escape_file_name, read_document
 from stepblocks.mistakes import Mistake, shorten_value
 from stepblocks.parts.declared import is_identity
+from stepblocks.parts.kind import Part
 
 Sets: TypeAlias = str | Path | StimulusSet | Sequence[str | Path | StimulusSet]
 
@@ -110,3 +111,23 @@ def load_sets(sources: Sets | None = None) -> list[tuple[StimulusSet, str]]:
         for path in find_stimulus_files(paths):
             loaded.append((load_set(path), str(path)))
     return loaded
+
+
+def find_declared_part(identity: str, stimuli: Sets) -> tuple[Part, StimulusSet]:
+    """Find a stimulus by its identity, also as engraved, and the set that declares it.
+
+    Raises
+    ------
+    PipelineError
+        If it is not declared.
+    """
+    names = []
+    for declared, _ in load_sets(stimuli):
+        for part in declared.stimuli:
+            if part.id.lower() == identity.strip().lower():
+                return part, declared
+            names.append(part.id)
+    raise PipelineError(
+        f"stimulus must be declared in {stimuli}, got {identity!r}; declared are "
+        f"{', '.join(names):.400}"
+    )

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 from stepblocks.contact.counterface import Counterface, Profile, Step, take_counterface
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
@@ -44,7 +44,7 @@ def resolve_subject(
         subject = f"{parse_quantity(subject, 'length')!r} m"
     if not isinstance(subject, (str, Path)):
         if hasattr(subject, "__len__"):  # a table or arrays
-            subject = load_scan(subject)
+            subject = load_scan(cast("Scan", subject))
         name = getattr(subject, "id", "a counterface")
         return _take_surface(name, take_counterface(subject), values)
     path = Path(subject)

@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -449,7 +449,8 @@ def format_csv(
     """Write a table, or rows as mappings, as the text of a CSV."""
     import pandas as pd
 
-    frame = pd.DataFrame(table, columns=columns)
+    rows: Any = table
+    frame = pd.DataFrame(rows, columns=None if columns is None else list(columns))
     escaped = {}
     for name in frame.columns:
         if frame[name].dtype.kind not in _NUMBER_KINDS:

@@ -32,6 +32,7 @@ from stepblocks.inspect.repeatability import (
 )
 from stepblocks.inspect.report import write_inspection
 from stepblocks.inspect.result import InspectionResult
+from stepblocks.inspect.results_of_others import has_results_of_others
 from stepblocks.inspect.run import inspect_scan, inspect_standard, judge_part, judge_standard
 from stepblocks.inspect.scan_list import (
     BLOCK,
@@ -45,6 +46,7 @@ from stepblocks.inspect.size_tables import show_rows, state_units
 from stepblocks.records.laboratory import Laboratory
 
 _BLOCKS, _VARIATION, _SCANS = "blocks", "variation", "scans"
+_OF_SCANS = ("unit", "channel")  # options that say how a scan is read, and no results of others
 _LEAD = (
     "ISO 14253-1. Of a block that was scanned several times the scatter of its scans stands in "
     "the budget as repeatability; scans under one condition count as one reading. Scan a block "
@@ -234,6 +236,9 @@ def _inspect_each(
     inspected = _InspectedScans()
     for line in listed.to_dict("records"):
         asked = dict(options)
+        if has_results_of_others(line[SCAN]):
+            for name in _OF_SCANS:
+                asked.pop(name, None)
         if line.get(FEATURE):
             asked[FEATURE] = line[FEATURE]
         try:
@@ -268,8 +273,8 @@ def _average_readings(table: Table, conditions: list[str]) -> _Averages:
         )
         for block, of_block in readings.groupby(BLOCK, sort=False):
             average = _average_block(of_block, conditions, repeatability)
-            averages.values.setdefault(str(block), {})[key] = average
-            averages.counts.setdefault(str(block), {})[key] = len(of_block)
+            averages.values.setdefault(str(block), {})[str(key)] = average
+            averages.counts.setdefault(str(block), {})[str(key)] = len(of_block)
     return averages
 
 

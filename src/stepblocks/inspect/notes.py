@@ -11,10 +11,6 @@ class NoteKind(Enum):
     """Kinds of notes, each with its message."""
 
     # doubts: the scan may not show what was asked for
-    UNIT_IN_DOUBT = (
-        "{label} of {value:.4g} um is about {factor:g} times the declared {nominal:.4g} um: the "
-        "unit of the heights is likely {likely}"
-    )
     PART_IN_DOUBT = (
         "{label} of {value:.4g} um is that of {twins}, declared in the same set: make sure which "
         "part was scanned"

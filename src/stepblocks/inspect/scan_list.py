@@ -86,7 +86,11 @@ def _read_scan_table(path: Path) -> Table:
         if scan is None:
             raise PipelineError(f"scan must lie in the folder of the table, got {name!r} [{path}]")
         scans.append(scan)
-    return table.assign(**{SCAN: scans})
+    import pandas as pd
+
+    listed = table.copy()
+    listed[SCAN] = pd.Series(scans, listed.index, dtype=object)
+    return listed
 
 
 def _name_blocks(scans: list[Path], parts: list[str]) -> list[str]:

@@ -77,7 +77,7 @@ def predict_table(
     PipelineError
         If the table or one of its columns is wrong.
     """
-    if hasattr(table, "to_pandas"):  # of polars or Arrow
+    if not isinstance(table, pd.DataFrame) and hasattr(table, "to_pandas"):  # polars or Arrow
         table = table.to_pandas()
     if isinstance(table, pd.DataFrame):
         frame, columns = table, _read_columns(table, "table")

@@ -7,30 +7,18 @@ confined process.
 import zipfile
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TypeAlias
 
-import numpy as np
-from numpy.typing import ArrayLike
-
-from stepblocks.contact.counterface import Profile
-from stepblocks.errors import MetrologyError, QuantityError
+from stepblocks.errors import MetrologyError
 from stepblocks.files.confined import read_confined
 from stepblocks.files.text import is_file
-from stepblocks.mistakes import shorten_value
-from stepblocks.quantities import read_array
 from stepblocks.scans.formats import READERS
 from stepblocks.scans.formats.reader import ReadScan, ScanReader, ScanRequest, check_archive
 from stepblocks.scans.height_scale import check_height_scale
+from stepblocks.scans.memory import ScanInMemory, take_scan
 from stepblocks.scans.scan import HeightMap, ScannedProfile
-from stepblocks.scans.text import read_table_scan
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-# What is scanned: a file, the table of one, a scan in memory, or positions and heights [m]
-Scan: TypeAlias = (
-    "str | Path | pd.DataFrame | ScannedProfile | HeightMap | Profile | tuple[ArrayLike, ArrayLike]"
-)
+Scan: TypeAlias = "str | Path | ScanInMemory"  # what is scanned
 
 _SIGNATURE_BYTES = 4
 # What the reader of each ending calls the format
@@ -45,9 +33,9 @@ def load_scan(
     Parameters
     ----------
     scan : str, Path, table, ScannedProfile, HeightMap, Profile or arrays
-        Arrays are two, one of two rows, or a series over its positions [m].
+        Arrays are two, one of two rows, or a series over its positions.
     unit, channel : str, optional
-        As for `read_scan`; for files and tables.
+        As for `read_scan`; of arrays, the unit of their numbers, metres where none is given.
 
     Returns
     -------
@@ -59,45 +47,9 @@ def load_scan(
     MetrologyError
         If it is none of these, or cannot be read.
     """
-    if isinstance(scan, ScannedProfile | HeightMap):
-        return scan
     if isinstance(scan, str | Path):
         return read_scan(scan, unit, channel)
-    if isinstance(scan, Profile):
-        return _make_profile((scan.x, scan.z))
-    table: Any = scan
-    if hasattr(table, "dims") and hasattr(table, "coords") and np.ndim(table) == 1:  # of xarray
-        return _make_profile((table[table.dims[0]], table))
-    if hasattr(table, "to_pandas"):  # of polars, Arrow or xarray
-        table = table.to_pandas()
-    # tables and series are told by what they have: pandas is not loaded to find out
-    if hasattr(table, "columns"):
-        return read_table_scan(table, unit, channel)
-    if hasattr(table, "to_csv"):
-        return _make_profile((table.index, table))
-    return _make_profile(table)
-
-
-def _make_profile(arrays: Any) -> ScannedProfile:
-    """Make a profile of positions and heights [m]."""
-    if not hasattr(arrays, "__len__") or len(arrays) != 2:
-        raise MetrologyError(
-            f"scan must be a file, a table, or two rows, x and z, got {_describe_arrays(arrays)}"
-        )
-    x, z = arrays
-    try:
-        position = read_array(x, "length")
-        height = read_array(z, "length")
-    except QuantityError as error:
-        raise MetrologyError(f"positions and heights {error}") from error
-    return ScannedProfile(position, height, "arrays")
-
-
-def _describe_arrays(arrays: Any) -> str:
-    """Describe an array by its shape; to write a million numbers takes longer than to read them."""
-    if hasattr(arrays, "shape"):
-        return f"shape {np.shape(arrays)}"
-    return shorten_value(arrays)
+    return take_scan(scan, unit, channel)
 
 
 def read_scan(

@@ -127,7 +127,7 @@ def _read_numbers(column: "pd.Series") -> Array:
         if kind == "O":
             filled = column.where(column.notna(), "nan")
             return np.array([parse_number(str(entry)) for entry in filled], dtype=np.float64)
-        if kind == "f" and column.dtype.itemsize < 8:
+        if kind == "f" and np.dtype(column.to_numpy().dtype).itemsize < 8:
             return np.asarray(column.to_numpy().astype(str), dtype=np.float64)
         if kind in "iuf":
             return np.asarray(column.to_numpy(dtype=np.float64, na_value=np.nan))

@@ -1,15 +1,17 @@
 """The peak of the tangential force: the corner of ramp and release, or a rounded top."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import label
+from scipy.special import expit
 
 from stepblocks.bench.signal import Array
-from stepblocks.bench.signal.aftermath import Aftermath
+from stepblocks.bench.signal.aftermath import Aftermath, estimate_sliding_noise
 from stepblocks.bench.signal.approach import Approach
 from stepblocks.bench.signal.landmarks import Landmarks
+from stepblocks.bench.signal.local_peak import Window, average_shapes
 from stepblocks.bench.signal.ring import Ring
 from stepblocks.bench.signal.separable import fit_with_covariance, propagate_std
 
@@ -23,6 +25,9 @@ _TOP_SHARE = 0.06
 _TOP_NOISE = 3.0  # or within this many standard deviations of the noise
 _TOP_REACH = 6e-3  # [s] at most this far from the highest sample
 _FALL_AT_ONCE = 0.5  # of the rise
+# logarithm of the odds against the corner of ramp and ring beforehand: the fit of the ring has used
+# the samples about the peak itself
+_LOG_PRICE_OF_RING = 4.0
 # a cubic is not the law of a rounded peak: pulls on drags in time are wider by this
 _ROUND_SPREAD = 1.3
 
@@ -62,7 +67,7 @@ def find_peak(
     corner = None
     if approach.end >= marks.peak - 1:
         if isinstance(after.ring, Ring):
-            corner = _find_corner(time, marks, approach, after.ring)
+            corner = _find_corner_beside_ring(time, force, marks, approach, after.ring)
         else:
             corner = _find_corner_of_fall(time, force, marks, approach)
     if corner is None:
@@ -97,6 +102,46 @@ def _find_corner(time: Array, marks: Landmarks, approach: Approach, ring: Ring) 
     ramp = approach.ramp(instant)
     std = math.hypot((1.0 - share) * ramp.std, share * ring.curve_std(instant))
     return Peak(instant, ramp.value, std, corner=True)
+
+
+def _find_corner_beside_ring(
+    time: Array, force: Array, marks: Landmarks, approach: Approach, ring: Ring
+) -> Peak:
+    """Average what the samples about the peak show with the corner of ramp and ring.
+
+    The corner takes for granted that the fit of the ring holds back to the release; both count by
+    the likelihood of the samples about the peak.
+    """
+    noise = estimate_sliding_noise(time, approach, marks)
+    window = Window.cut(time, force, marks, approach, noise)
+    local = average_shapes(window)
+    top = float(time[marks.peak])
+    ramp = approach.ramp(top)
+    shown = Peak(
+        top + window.sample * local.since,
+        ramp.value + local.height,
+        math.hypot(local.std, ramp.std),
+        corner=True,
+    )
+    corner = _find_corner(time, marks, approach, ring)
+    if corner is None:
+        # where ramp and ring do not meet, the line has bent hum and drift to what is neither
+        clean = approach.line(time[[marks.peak]]) - approach.hum(time[[marks.peak]])
+        return replace(shown, force=float(clean[0]) + local.height)
+    instants = top + window.sample * window.since
+    expected = np.where(instants > corner.time, ring.curve(instants) - approach.line(instants), 0.0)
+    log_odds = window.compute_log_likelihood(expected) - local.log_likelihood - _LOG_PRICE_OF_RING
+    return _average_peaks(corner, shown, float(expit(log_odds)))
+
+
+def _average_peaks(first: Peak, second: Peak, share: float) -> Peak:
+    """Average two peaks, the first of which counts by a share; the spread of both is uncertain."""
+    rest = 1.0 - share
+    force = share * first.force + rest * second.force
+    variance = share * (first.force_std**2 + (first.force - force) ** 2)
+    variance += rest * (second.force_std**2 + (second.force - force) ** 2)
+    instant = share * first.time + rest * second.time
+    return Peak(instant, force, math.sqrt(variance), corner=True)
 
 
 def _find_corner_of_fall(

@@ -1,6 +1,7 @@
 """The formats of scans; what stands in `READERS` is read."""
 
 from stepblocks.scans.formats.digital_surf import DigitalSurfReader
+from stepblocks.scans.formats.gwyddion import GwyddionReader
 from stepblocks.scans.formats.nanofocus import NanoFocusReader
 from stepblocks.scans.formats.points import PointReader
 from stepblocks.scans.formats.reader import ScanReader
@@ -19,7 +20,7 @@ READERS: tuple[ScanReader, ...] = (
     SdfReader(),
     DigitalSurfReader(),
     SurfaceTopographyReader("plux", (".plux",)),
-    SurfaceTopographyReader("gwy", (".gwy",)),
+    GwyddionReader(),
     SurfaceTopographyReader("opdx", (".opdx",)),
     SurfaceTopographyReader("ezd", (".nid", ".ezd")),
     SurfaceTopographyReader("opd", (".opd",)),
