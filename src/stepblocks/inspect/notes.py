@@ -89,6 +89,11 @@ class NoteKind(Enum):
         "{spikes} single isolated points near the edge left out as spikes, up to {highest:.3g} um "
         "over the face"
     )
+    DRIFT_OR_BEND = (
+        "both faces share a form of {zone:.3g} um along the edge: drift of the instrument, or a "
+        "bent part. It is taken off, so flatness and parallelism are at least what is stated; a "
+        "scan of the part turned by 90 deg tells which it is"
+    )
     FORM_OF_FACES = (
         "flatness and parallelism are those of the form, polynomials of degree {degree}, over what "
         "was scanned; zones of all points, noise included: {zones}"

@@ -61,9 +61,10 @@ def read_scan(
     ----------
     path : str or Path
         A text table (``.csv``, ``.txt``, ``.tsv``, ``.xyz``, ``.asc``, ``.dat``) of x, z or of x,
-        y, z, or a matrix of heights; points (``.ply``, ``.stl``, ``.obj``, ``.json``); or
-        a file of an instrument (``.x3p``, ``.sdf``, ``.sur``, ``.plux``, ``.gwy``, ``.opdx``,
-        ``.nid``, ``.ibw``, ``.mi``, ``.mnt``, ``.stp``, ``.frt`` and others).
+        y, z, or a matrix of heights; points (``.ply``, ``.stl``, ``.obj``, ``.json``); a height
+        field (``.tif``, or its sidecar); or a file of an instrument (``.x3p``, ``.sdf``,
+        ``.sur``, ``.plux``, ``.gwy``, ``.opdx``, ``.nid``, ``.ibw``, ``.mi``, ``.mnt``, ``.stp``,
+        ``.frt`` and others).
     unit : str, optional
         Unit of what does not say its own: ``um``, or by axis ``x=mm,z=um``; a number before it is
         the size of a stored 1.

@@ -86,7 +86,7 @@ def parse_units(unit: str | None) -> dict[str, StoredLength]:
 
     Examples
     --------
-    >>> parse_units("x=0.5um,z=nm")["x"].metres
+    >>> parse_units("x=0.5um,y=0.5um,z=nm")["x"].metres
     5e-07
     """
     units: dict[str, StoredLength] = {}
