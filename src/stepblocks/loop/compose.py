@@ -129,6 +129,7 @@ def compose_record(
         selected_in_folds=[*within.selected, *between.selected],
         trials_analysed=len(table.trials),
         calibration=[_describe_check(check) for check in checks],
+        notes=table.notes,
     )
     return replace(record, finding=write_sentence(explanation, record))
 

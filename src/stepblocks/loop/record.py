@@ -262,6 +262,8 @@ class LoopRecord:
     selected_in_folds: Sequence[Sequence[str]]
     trials_analysed: int
     calibration: Sequence[CalibrationRecord] = ()
+    notes: Sequence[str] = ()
+    headline: Sequence[str] = ()
 
     def as_document(self) -> dict[str, Any]:
         """Return the record in its form in JSON, without the number of the schema."""
