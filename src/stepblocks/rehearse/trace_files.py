@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import h5py
 import numpy as np
@@ -77,7 +77,8 @@ def _write_mat(folder: Path, trial: int, trace: Trace) -> None:
     for name, values in zip(_NAMES, columns, strict=True):
         variables[name] = values.astype(np.float32)
     stream = BytesIO()
-    savemat(stream, variables, do_compression=True, oned_as="column")
+    opened: Any = stream  # the stubs know paths alone
+    savemat(opened, variables, do_compression=True, oned_as="column")
     content = stream.getvalue()
     path = folder / TRACE_FILES["mat"].format(trial=trial)
     path.write_bytes(_MAT_HEADING + content[len(_MAT_HEADING) :])
