@@ -8,7 +8,7 @@ Everything that a command does is also a function. The public names, in the orde
 - build and check: `build_sets`, `BuildReport`, `check_output`, `check_artefact`, `check_step`,
   `Verdict`, `order_parts`;
 - contact: `Counterface`, `Step`, `Margin`, `Groove`, `Profile`, under an `OperatingPoint` with its
-  `Tool`; the paper's is `PAPER`;
+  `Tool` and its `Limits`; the paper's is `PAPER`;
 - laws of friction, contact and tool: `FrictionLaw`, `Stribeck`, `ContactLaw`, `Hertz`,
   `LinearContact`, `Overtone`;
 - predict: `find_step_angle`, `find_margin_angles`, `find_release`, `Release`, `Status`,
@@ -18,12 +18,14 @@ Everything that a command does is also a function. The public names, in the orde
 - render: `export_scenes`, `write_feel_page`, `compare_record`, `Renderer`;
 - measure: `read_scan`, `ScannedProfile`, `HeightMap`, `list_channels`, `inspect_scan`,
   `inspect_standard`, `inspect_many`, `EvaluationOptions`, `Instrument`, `read_laboratory`,
-  `write_inspection`, `write_many`, `read_as_built`, `measure_session`, `simulate_session`;
+  `write_inspection`, `write_many`, `read_as_built`, `measure_session`, `simulate_session`,
+  `simulate_sessions`, `Rehearsals`;
 - explain: `loop_session`, `loop_sessions`, `read_model`, `offer_laws`; a model of your own:
   `explain` with its `Trials` and each `Law` with its `Parameter`;
 - experiments: `design_study`, `write_sheets`, `open_run`, `simulate_study`, `analyse_study`,
   `share_study`, `study_power`;
-- errors: `StepblocksError`; units at the border: `parse_quantity`, `format_quantity`.
+- errors: `StepblocksError`; what a reader found out about a file: `ReadingWarning`; units at the
+  border: `parse_quantity`, `format_quantity`.
 
 Importing this package imports nothing heavy; each name is loaded when it is first used
 (``__init__.pyi`` says where it lives).

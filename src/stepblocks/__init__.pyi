@@ -29,12 +29,17 @@ from .contact.laws import (
     Overtone as Overtone,
     Stribeck as Stribeck,
 )
-from .contact.operating_point import PAPER as PAPER, OperatingPoint as OperatingPoint, Tool as Tool
+from .contact.operating_point import (
+    PAPER as PAPER,
+    Limits as Limits,
+    OperatingPoint as OperatingPoint,
+    Tool as Tool,
+)
 from .contact.uncertainty import estimate_interval as estimate_interval
 from .declaration.read import load_set as load_set
 from .declaration.set import StimulusSet as StimulusSet, register_kind as register_kind
 from .drag.run import drag_over as drag_over
-from .errors import StepblocksError as StepblocksError
+from .errors import ReadingWarning as ReadingWarning, StepblocksError as StepblocksError
 from .haptics.feel_page import write_feel_page as write_feel_page
 from .haptics.renderer import Renderer as Renderer
 from .inspect.budget import Instrument as Instrument
@@ -72,6 +77,7 @@ from .quantities import format_quantity as format_quantity, parse_quantity as pa
 from .records.as_built import read_as_built as read_as_built
 from .records.laboratory import read_laboratory as read_laboratory
 from .records.model import read_model as read_model
+from .rehearse.many import Rehearsals as Rehearsals, simulate_sessions as simulate_sessions
 from .rehearse.run import simulate_session as simulate_session
 from .rig.effects.offered import offer_laws as offer_laws
 from .scans.read import list_channels as list_channels, read_scan as read_scan

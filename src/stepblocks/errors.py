@@ -70,3 +70,26 @@ class UsageError(StepblocksError, TypeError, ValueError):
     It is also a TypeError, as Python raises for a wrong keyword, and a ValueError, as pydantic
     raises for a wrong value.
     """
+
+
+class ReadingWarning(UserWarning):
+    """What a reader had to find out about a file: its encoding, its separators, what is missing.
+
+    A command prints it as a note; a script may turn it into an error with `warnings`.
+
+    Parameters
+    ----------
+    note : str
+        What was found out.
+    place : object
+        The file.
+    """
+
+    def __init__(self, note: str, place: object = "") -> None:
+        super().__init__(note, place)
+        self.note = note
+        self.place = place
+
+    def __str__(self) -> str:
+        """Return the note with its file."""
+        return f"{self.note} [{self.place}]"

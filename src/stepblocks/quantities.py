@@ -10,7 +10,7 @@ import re
 from collections.abc import Callable, Sequence
 from decimal import Decimal
 from functools import cache, lru_cache, partial
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from stepblocks.errors import QuantityError
 
@@ -69,7 +69,7 @@ def parse_quantity(text: object, dimension: str) -> float:
 
     Parameters
     ----------
-    text : str
+    text : str or pint.Quantity
         A number and a unit, such as ``"25 um"`` or ``"0.5 N"``. A ratio may be a bare number or a
         percentage.
     dimension : str
@@ -101,7 +101,9 @@ def parse_quantity(text: object, dimension: str) -> float:
     unit, example = _KNOWN[dimension]
     article = "an" if dimension[0] in "ae" else "a"
     wanted = f"must be {article} {dimension} such as {example!r}"
-    if isinstance(text, str):
+    if is_quantity(text):
+        value = _convert_quantity(text, unit, wanted)
+    elif isinstance(text, str):
         value = _find_magnitude(text, unit, wanted)
     elif isinstance(text, int | float) and dimension == "ratio" and not isinstance(text, bool):
         value = _convert_ratio(text, wanted)
@@ -111,6 +113,109 @@ def parse_quantity(text: object, dimension: str) -> float:
     if not math.isfinite(value):
         raise QuantityError(f"{wanted} and finite, got {text!r}")
     return value
+
+
+def is_quantity(value: object) -> bool:
+    """Tell whether a value is a quantity of Pint, of any registry: a number or an array."""
+    return hasattr(value, "magnitude") and hasattr(value, "units") and hasattr(value, "to")
+
+
+def read_array(values: object, dimension: str) -> "NDArray[np.float64]":
+    """Read numbers that Python hands in as an array in SI.
+
+    Parameters
+    ----------
+    values : array_like
+        Numbers in SI; a masked array, or a nullable column of pandas; a quantity of Pint; an array
+        of xarray whose attribute ``units`` says its unit; texts with units.
+    dimension : str
+        One of `DIMENSIONS`.
+
+    Returns
+    -------
+    array of float64, of the shape of `values`
+        NaN where a number is masked or missing.
+
+    Raises
+    ------
+    QuantityError
+        If a value is no number, or its unit has another dimension.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> read_array(np.ma.masked_equal([25e-6, -1.0], -1.0), "length").tolist()
+    [2.5e-05, nan]
+    >>> read_array(["25 um", "0.1 mm"], "length").tolist()
+    [2.5e-05, 0.0001]
+    """
+    import numpy as np
+
+    _check_dimension(dimension)
+    given: Any = values
+    if is_quantity(given):
+        plain = read_array(given.magnitude, "ratio")
+        factor = _convert_quantity(1.0 * given.units, DIMENSIONS[dimension], f"must be {dimension}")
+        return np.asarray(multiply_by_unit(plain, factor))
+    attributes = getattr(given, "attrs", None)
+    if isinstance(attributes, dict) and isinstance(attributes.get("units"), str):
+        factor = parse_quantity(f"1 {attributes['units']}", dimension)
+        return np.asarray(multiply_by_unit(_fill_missing(given.values, dimension), factor))
+    return _fill_missing(given, dimension)
+
+
+def _fill_missing(values: Any, dimension: str) -> "NDArray[np.float64]":
+    """Return numbers, or texts with units, as an array in SI, NaN where one is missing."""
+    import numpy as np
+
+    if isinstance(values, np.ma.MaskedArray):
+        return np.ma.filled(values.astype(np.float64), np.nan)
+    if hasattr(values, "to_numpy") and hasattr(values, "isna"):
+        values = values.astype(object).where(~values.isna(), math.nan).to_numpy()
+    if isinstance(values, list | tuple) and any(map(is_quantity, values)):
+        objects = np.empty(len(values), dtype=object)
+        for place, value in enumerate(values):  # all at once, Pint would be asked for numbers
+            objects[place] = value
+        return _read_objects(objects, dimension)
+    array = np.asarray(values)
+    if array.dtype.kind in "biuf":
+        return np.asarray(array, dtype=np.float64)
+    return _read_objects(np.asarray(values, dtype=object), dimension)
+
+
+def _read_objects(array: "NDArray[np.object_]", dimension: str) -> "NDArray[np.float64]":
+    """Read an array of texts, quantities or numbers one by one."""
+    import numpy as np
+
+    read = np.empty(array.shape)
+    for place, value in np.ndenumerate(array):
+        if isinstance(value, str) or is_quantity(value):
+            read[place] = parse_quantity(value, dimension)
+            continue
+        if type(value).__name__ in ("NAType", "NoneType", "MaskedConstant"):
+            read[place] = math.nan
+            continue
+        try:
+            read[place] = float(value)
+        except (TypeError, ValueError, OverflowError) as error:
+            shown = " ".join(repr(value).split())
+            raise QuantityError(
+                f"must be numbers [{DIMENSIONS[dimension] or '1'}], got {shown:.60}"
+            ) from error
+    return read
+
+
+def _convert_quantity(quantity: Any, unit: str, wanted: str) -> float:
+    """Return a quantity of Pint in a unit; `wanted` begins the message where it is of another."""
+    try:
+        magnitude = float(quantity.magnitude)
+        if unit == "K":  # a scale of temperature has an offset beside the size of its degree
+            return float(quantity.to("kelvin").magnitude)
+        factor = float((1.0 * quantity.units).to(unit or "dimensionless").magnitude)
+    except _unit_errors() as error:
+        shown = " ".join(str(quantity).split())
+        raise QuantityError(f"{wanted}, got {shown:.60}") from error
+    return multiply_by_unit(magnitude, factor)
 
 
 def _check_dimension(dimension: object) -> None:

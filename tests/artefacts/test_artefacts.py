@@ -40,7 +40,7 @@ def test_what_lies_on_disk_is_what_was_asked_for(shipped_output, set_name, stimu
 @pytest.mark.parametrize("block", SETS["paper-ten"].stimuli, ids=lambda block: block.id)
 def test_ten_steps_are_within_a_nanometre_in_every_mesh_format(shipped_output, form, block):
     """Independent of the verdicts: the two uppermost levels at the edge, by vertices."""
-    vertices, _ = read_mesh(shipped_output / "paper-ten" / block.id / f"{block.id}{form}")
+    vertices, *_ = read_mesh(shipped_output / "paper-ten" / block.id / f"{block.id}{form}")
     on_edge = vertices[(np.abs(vertices[:, 0]) < 1e-8) & (vertices[:, 2] > -1e-6)]
     levels = np.unique(np.round(on_edge[:, 2] * 1e10))
     assert levels.max() - levels.min() == pytest.approx(block.height.nominal * 1e10, abs=10)
@@ -49,7 +49,9 @@ def test_ten_steps_are_within_a_nanometre_in_every_mesh_format(shipped_output, f
 def test_meshes_stay_small(shipped_output):
     # A 10 um edge on a 20 mm block must not need a million triangles.
     for stimulus in SETS["paper-ten"].stimuli:
-        _, triangles = read_mesh(shipped_output / "paper-ten" / stimulus.id / f"{stimulus.id}.stl")
+        _, triangles, *_ = read_mesh(
+            shipped_output / "paper-ten" / stimulus.id / f"{stimulus.id}.stl"
+        )
         assert len(triangles) < 5_000
 
 
@@ -76,7 +78,7 @@ def rewrite(form, path, vertices, triangles):
 @pytest.mark.parametrize("form", MESH_FORMATS)
 def test_a_flipped_triangle_is_caught(form, folder, block):
     path = folder / f"{block.id}{form}"
-    vertices, triangles = read_mesh(path)
+    vertices, triangles, *_ = read_mesh(path)
     triangles[7] = triangles[7, ::-1]
     rewrite(form, path, vertices, triangles)
     assert "edges without exactly one neighbour" in failures(block, path)
@@ -85,7 +87,7 @@ def test_a_flipped_triangle_is_caught(form, folder, block):
 @pytest.mark.parametrize("form", MESH_FORMATS)
 def test_an_inward_winding_is_caught(form, folder, block):
     path = folder / f"{block.id}{form}"
-    vertices, triangles = read_mesh(path)
+    vertices, triangles, *_ = read_mesh(path)
     rewrite(form, path, vertices, triangles[:, ::-1])
     assert "volume" in failures(block, path)
 
@@ -93,7 +95,7 @@ def test_an_inward_winding_is_caught(form, folder, block):
 @pytest.mark.parametrize("form", MESH_FORMATS)
 def test_two_nanometres_too_high_are_caught(form, folder, block):
     path = folder / f"{block.id}{form}"
-    vertices, triangles = read_mesh(path)
+    vertices, triangles, *_ = read_mesh(path)
     vertices[vertices[:, 2] > 0.5 * block.height.nominal, 2] += 2e-9
     rewrite(form, path, vertices, triangles)
     assert failures(block, path) == ["step height"]
@@ -103,7 +105,7 @@ def test_a_concave_piece_is_caught(folder, block):
     from stepblocks.artefacts.meshes.write import write_pieces
 
     path = folder / f"{block.id}.convex.obj"
-    vertices, triangles = read_mesh(folder / f"{block.id}.stl")
+    vertices, triangles, *_ = read_mesh(folder / f"{block.id}.stl")
     write_pieces(path, [Mesh("whole", vertices, triangles)])
     assert "concavity of the pieces" in failures(block, path)
 

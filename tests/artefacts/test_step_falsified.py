@@ -9,6 +9,7 @@ from stepblocks.artefacts.check_part import check_part_step
 from stepblocks.artefacts.step.check_step import check_step
 from stepblocks.artefacts.step.conform import make_conforming
 from stepblocks.artefacts.step.exchange import read_exchange
+from stepblocks.cli import main
 from stepblocks.errors import MachiningError, MetrologyError
 from stepblocks.parts.characteristics import FaceRule, find_face
 from stepblocks.parts.shapes import build_solids
@@ -123,6 +124,28 @@ def test_a_missing_tolerance_is_caught(block, tmp_path):
     assert any(
         line.startswith("flatness") and "must stand in the file" in line for line in findings
     )
+
+
+def test_a_moved_vertex_is_caught_though_every_face_keeps_its_plane(block, tmp_path):
+    text = block.read_text()
+    vertex = re.search(r"VERTEX_POINT\('',(#\d+)\)", text)[1]
+    point = re.search(rf"{vertex} = CARTESIAN_POINT\('',\(([^,]+),", text)
+    moved = point[0].replace(point[1], f"{float(point[1]) + 1e-3:.6f}")  # by 1 um
+    path = tmp_path / "moved.step"
+    path.write_text(text.replace(point[0], moved, 1))
+    findings = check_step(path).findings
+    assert any("must lie on its edge" in line and "1000.000 nm off" in line for line in findings)
+    assert check_step(block).passes
+
+
+@pytest.mark.parametrize("kept", ["", "#1 = PRODUCT('a','a','',());\n"])
+def test_a_file_that_claims_nothing_is_not_proven(kept, tmp_path, capsys):
+    path = tmp_path / "empty.stp"
+    path.write_text(f"ISO-10303-21;\nHEADER;\nENDSEC;\nDATA;\n{kept}ENDSEC;\nEND-ISO-10303-21;\n")
+    assert main(["check", str(path)]) == 3
+    shown = capsys.readouterr().out
+    assert "NOT PROVEN holds no dimension and no tolerance" in shown
+    assert "0 of 1 STEP files hold what they say" in shown
 
 
 def test_what_the_kernel_alone_writes_does_not_pass(tmp_path):

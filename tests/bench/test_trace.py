@@ -48,7 +48,7 @@ def test_what_is_no_number_is_counted_and_its_channel_named(channel, bad):
     values = getattr(whole(), channel).copy()
     values[[7, 400, 900]] = bad
     assert str(screen_trace(changed(**{channel: values}), RATE)) == (
-        f"not-a-number: 3 of {values.size} samples of the {channel} channel"
+        f"not-a-number: 3 of {values.size} samples of the {channel} channel, the first is sample 8"
     )
 
 

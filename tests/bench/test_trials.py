@@ -1,13 +1,15 @@
 """The table of trials: every cell as written, conditions in SI, and rows that cannot be used."""
 
 import math
+import warnings
 
 import pytest
 
+from stepblocks.bench.conditions import read_conditions
 from stepblocks.bench.faults import FaultKind
 from stepblocks.bench.session import open_session
 from stepblocks.bench.trials import open_trials
-from stepblocks.errors import BenchError
+from stepblocks.errors import BenchError, ReadingWarning
 
 HEAD = """schema = 1
 [probe]
@@ -85,13 +87,13 @@ def test_columns_may_be_counted_instead_of_named(tmp_path):
 @pytest.mark.parametrize(
     ("row", "fault"),
     [
-        ("1,a,0.5", "row 1 of the table has 3 cells, the header has 5"),
-        ("1,a,0.5,2,A,B", "row 1 of the table has 6 cells, the header has 5"),
+        ("1,a,0.5", "row 1 of the table (line 2) has 3 cells, the header has 5"),
+        ("1,a,0.5,2,A,B", "row 1 of the table (line 2) has 6 cells, the header has 5"),
         (",a,0.5,2,A", "row 1 of the table names no trial"),
         ("1,a,heavy,2,A", "load_n must be a number, got 'heavy'"),
         ("1,a,0.5,0,A", "speed_mm_s must be positive and finite, got 0"),
         ("1,a,nan,2,A", "load_n must be positive and finite, got nan"),
-        ('1,a,"0,5",2,A', "load_n must be a number, got '0,5'"),
+        ('1,a,"0 5",2,A', "load_n must be a number, got '0 5'"),
     ],
 )
 def test_a_row_that_cannot_be_used_says_why_and_the_next_goes_on(row, fault, tmp_path):
@@ -114,16 +116,17 @@ def test_of_equal_rows_the_first_counts_and_of_contradicting_ones_none(tmp_path)
     ("rows", "head", "message"),
     [
         ("", "", "table of trials is empty"),
-        (",,\n1,2,3\n", "", "table of trials is empty"),
+        (",,\n", "", "table of trials is empty"),
         ("trial,load_n\n", "", "has no rows"),
-        ("trial,a,a\n1,2,3\n", "", "names the column 'a' twice"),
+        ("trial,a,a\n1,2,3\n", "", "must not name a column twice, got 'a'"),
         ("id,a\n1,2\n", "", "must have a column 'trial' for the trial, it has 'id', 'a'"),
         (
             "trial,a\n1,2\n",
             '[trials.columns]\nload = "weight"\n',
             "must have a column 'weight' for the load",
         ),
-        ("trial,a,a\n1,2,3\n", '[trials.columns]\nload = "weight"\n', "2 mistakes"),
+        ("trial,a\n1,2\n", '[trials.columns]\nload = "weight"\nspeed = "v"\n', "2 mistakes"),
+        ('trial,load_n\n1,0.5\n2,"0,5"\n', "", r"one decimal sign, got '0.5' and '0,5' .*line 3"),
         ("trial,a\n1,2\n", "[trials.columns]\ntrial = 2\n", "must have a column 2 for the trial"),
         (
             "trial," + ",".join(f"c{i}" for i in range(1000)) + "\n1\n",
@@ -144,3 +147,41 @@ def test_a_column_must_not_have_the_name_of_a_feature(tmp_path):
         BenchError, match="column `status` of the table of trials has a name that features use"
     ):
         open_trials(open_session(tmp_path), frozenset({"status"}))
+
+
+DATES = ["2026-11-08 09:00", "2026-11-10 09:07", "2026-11-13 09:14"]
+
+
+def read_elapsed(tmp_path, dates):
+    """Return the time since the first trial, of trials whose dates are written so [s]."""
+    rows = "".join(f"{number},a,0.5,2,25,{date}\n" for number, date in enumerate(dates, start=1))
+    (tmp_path / "session.toml").write_text(HEAD)
+    (tmp_path / "trials.csv").write_text("trial,block,load_n,speed_mm_s,height_um,taken\n" + rows)
+    return read_conditions(open_session(tmp_path))["taken_elapsed_s"].values.tolist()
+
+
+@pytest.mark.parametrize(
+    "dates",
+    [
+        DATES,
+        ["08.11.2026 09:00", "10.11.2026 09:07", "13.11.2026 09:14"],
+        ["2026-11-08T10:00+01:00", "2026-11-10T08:07Z", "2026-11-13T11:14:00+02:00"],
+    ],
+)
+def test_the_time_of_a_trial_does_not_depend_on_how_it_is_written(dates, tmp_path):
+    # by hand: two and five days, seven and fourteen minutes
+    late = 3600.0 if dates[1].endswith("Z") else 0.0
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ReadingWarning)
+        elapsed = read_elapsed(tmp_path, dates)
+    first_to_second = 2 * 86400.0 + 7 * 60.0 - late
+    assert elapsed == [0.0, first_to_second, 5 * 86400.0 + 14 * 60.0]
+
+
+@pytest.mark.parametrize("mark", ["/", "-"])
+def test_day_and_month_have_one_order_in_a_column_and_it_is_said(mark, tmp_path):
+    dates = [date.replace(".", mark) for date in ("08.11.2026", "10.11.2026", "13.11.2026")]
+    with pytest.warns(ReadingWarning, match="dates in 'taken' are day, month, year"):
+        assert read_elapsed(tmp_path, dates) == [0.0, 2 * 86400.0, 5 * 86400.0]
+    with pytest.raises(BenchError, match=r"'08.11.2026' may be either.*line 2\]"):
+        read_elapsed(tmp_path, dates[:2])

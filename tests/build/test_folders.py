@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stepblocks.build import fingerprint, page as pages, run as building
+from stepblocks.build import page as pages, run as building
 from stepblocks.build.check import check_output
 from stepblocks.build.linked import find_linked_files
 from stepblocks.build.manifest import (
@@ -27,6 +27,7 @@ from stepblocks.build.manifest import (
 )
 from stepblocks.build.run import BuildReport, build_sets
 from stepblocks.cli import main
+from stepblocks.compute import fingerprint
 from stepblocks.errors import PipelineError
 from stepblocks.files.atomic import lock_folder, make_draft_folder, resolve_inside
 

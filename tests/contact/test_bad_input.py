@@ -31,7 +31,7 @@ from stepblocks.errors import ContactError
         (lambda: Profile([2e-3, 1e-3], [0, 0]), "must not decrease, point 1 lies at 0.001 m"),
         (lambda: Profile([0, 1e-3], [0, math.nan]), "point 1 of 2 is nan; Profile.from_scan"),
         (lambda: Profile([0, math.inf], [0, 0]), "point 1 of 2 is inf"),
-        (lambda: Profile([0, 1e-3], ["a", "b"]), "profile z must be numbers"),
+        (lambda: Profile([0, 1e-3], ["a", "b"]), "profile z must be a length"),
         (lambda: Profile([0, 1e-3], [0, 1e-6, 2e-6]), "one equal length"),
         (lambda: Profile([1e-3, 1e-3], [0, 1e-6]), "extend along x"),
         (lambda: Profile([0, 1e-3], [0, 0], feature=(2e-3, 3e-3)), "range of x within the profile"),

@@ -78,7 +78,9 @@ def test_peak_force_is_that_of_the_formula(block):
     if block.id in TABLE:
         assert record.peak == pytest.approx(TABLE[block.id], rel=5e-3)
     assert record.crossed
-    assert renderer.release_force == pytest.approx(record.peak, rel=1e-12)
+    # found between two ticks: the last pull that a tick saw is a little below
+    assert renderer.release_force == pytest.approx(formula(block), rel=1e-6)
+    assert renderer.release_force >= record.peak
 
 
 @pytest.mark.parametrize("scale", [5.0, 20.0, 1000.0])
@@ -146,11 +148,13 @@ def test_the_event_carries_the_vibration_energy_of_the_formula_at_any_scale():
             * np.exp(-np.arange(1500) * 1e-4 / PAPER.tool.decay_time)
             * np.sin(math.tau * PAPER.tool.frequency * np.arange(1500) * 1e-4)
         )
-        shift = 1  # the release is found in the tick after the peak
-        count = min(len(tail), 1500) - shift
-        assert extra[shift : shift + count] == pytest.approx(
-            wanted[:count], abs=6e-3 * event.amplitude
-        )
+        # the release lies within the tick after the peak
+        step = 1e-3 * scale * 1e-4 * PAPER.tool.stiffness / scale
+        late = 1e-4 * (1.0 - (formula(TEN[4]) - record.peak) / step)
+        times = np.arange(min(len(tail), 1500) - 1) * 1e-4 + late
+        swing = event.amplitude * np.exp(-times / PAPER.tool.decay_time)
+        swing *= np.sin(math.tau * PAPER.tool.frequency * times)
+        assert extra[1 : len(times) + 1] == pytest.approx(swing, abs=6e-3 * event.amplitude)
     assert event.energy == pytest.approx(expected, rel=1e-9)
     assert compute_ring_energy(wanted, 1e4, event.tool) == pytest.approx(expected, rel=0.01)
 
@@ -158,7 +162,7 @@ def test_the_event_carries_the_vibration_energy_of_the_formula_at_any_scale():
 def test_without_the_event_the_spring_is_the_same_and_nothing_rings():
     with_ring, _ = drag_over(TEN[4])
     without, renderer = drag_over(TEN[4], event=False)
-    assert renderer.events == 0
+    assert renderer.events == 1  # counted all the same
     assert np.array_equal(with_ring.pull, without.pull)
     assert np.array_equal(without.force, -without.pull)
 

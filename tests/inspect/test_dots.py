@@ -160,7 +160,7 @@ def test_craters_are_measured_by_themselves_by_name_and_from_a_file(tmp_path, ca
         )
     path = tmp_path / "craters.txt"
     np.savetxt(path, scan.height * 1e6, fmt="%.5f")
-    asked = ["--units", "z=um,x=0.5um", "--standard", "20 um", "--tolerance", "0.5 um"]
+    asked = ["--units", "z=um,x=0.5um,y=0.5um", "--standard", "20 um", "--tolerance", "0.5 um"]
     code = main(["inspect", str(path), "--feature", "dots", "--calibration", "0.1 %", *asked])
     assert code == 0
     assert "25 of 25 dots or craters have a level floor" in capsys.readouterr().out

@@ -15,7 +15,7 @@ from stepblocks.inspect.edge import fit_edge
 from stepblocks.inspect.evaluation import EvaluationOptions
 from stepblocks.inspect.grooves import measure_groove
 from stepblocks.inspect.many import inspect_many, write_many
-from stepblocks.inspect.run import inspect_scan
+from stepblocks.inspect.run import inspect_scan, inspect_standard
 from stepblocks.inspect.working_edge.measure import measure_edge
 from stepblocks.parts.on_paper import make_sheet_table
 from stepblocks.records.laboratory import InstrumentRecord, Laboratory
@@ -46,16 +46,25 @@ def write_scan(path, z, columns, per=(1e6, 1e6)):
     [
         (("x_um", "z_mm"), "likely um, not mm"),  # um under a heading of mm: 1000 times too high
         (("x_um", "z_nm"), "likely um, not nm"),  # and 1000 times too low
-        (("x_mm", "z_mm"), "likely um, not mm"),
     ],
 )
-def test_a_height_1000_times_off_is_said_with_the_likely_unit(columns, likely, tmp_path, capsys):
+def test_a_height_1000_times_off_is_refused_with_the_likely_unit(columns, likely, tmp_path, capsys):
     path = write_scan(tmp_path / "scan.csv", block(), columns)
-    result = inspect_scan(path, "step-050", instrument=KNOWN)
-    assert likely in result.evaluation.notes[0]
-    assert "times the declared 50 um" in result.evaluation.notes[0]
-    assert main(["inspect", str(path), "--stimulus", "step-050"]) == 1
-    assert likely in capsys.readouterr().out.replace("µm", "um")
+    with pytest.raises(MetrologyError, match=rf"must be near 50 um.*{likely} \[scan.csv\]"):
+        inspect_scan(path, "step-050", instrument=KNOWN)
+    asked = ["inspect", str(path), "--stimulus", "step-050", "-o", str(tmp_path / "out")]
+    assert main(asked) == 2
+    assert likely in capsys.readouterr().err.replace("µ", "u")
+    assert not (tmp_path / "out").exists()  # no certificate of a unit
+
+
+def test_a_standard_1000_times_off_and_positions_of_a_street_are_refused(tmp_path):
+    path = write_scan(tmp_path / "scan.csv", block(), ("x_um", "z_nm"))
+    with pytest.raises(MetrologyError, match="likely um, not nm"):
+        inspect_standard(path, 50 * UM, feature="edge")
+    path = write_scan(tmp_path / "long.csv", block(), ("x_mm", "z_um"))
+    with pytest.raises(MetrologyError, match="unit of the positions"):
+        inspect_scan(path, "step-050", instrument=KNOWN)
 
 
 def test_a_scan_of_another_part_and_parts_of_equal_height_are_said(tmp_path):

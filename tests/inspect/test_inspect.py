@@ -8,6 +8,7 @@ import sys
 import numpy as np
 import pytest
 
+from oracles.published_schemas import check_file
 from oracles.softgauge import (
     correlated_noise,
     edge_gauge,
@@ -103,6 +104,7 @@ def test_the_output_holds_table_plot_json_and_a_record_that_reads_back(tmp_path,
         data["characteristics"][0]["value_m"], rel=1e-8
     )
     assert json.loads((out / "step-050.inspection.json").read_text()) == data
+    check_file("inspection", out / "step-050.inspection.json")
     assert (out / "step-050.inspection.svg").read_text().startswith("<?xml")
     before = {one.name: one.read_bytes() for one in out.iterdir()}
     inspect(path, "--stimulus", "step-050", "-o", str(out))

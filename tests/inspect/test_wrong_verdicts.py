@@ -19,13 +19,14 @@ from oracles.softgauge import (
     stylus_trace,
 )
 from stepblocks.cli.outcome import print_table
+from stepblocks.declaration.read import find_declared_part
 from stepblocks.errors import MetrologyError, StepblocksError
 from stepblocks.inspect.budget import Component, Instrument, Measured
 from stepblocks.inspect.conformity import Outcome
 from stepblocks.inspect.evaluation import Evaluation, EvaluationOptions
 from stepblocks.inspect.many import inspect_many
 from stepblocks.inspect.report import write_inspection
-from stepblocks.inspect.run import find_declared_part, inspect_scan, judge_part
+from stepblocks.inspect.run import inspect_scan, judge_part
 from stepblocks.inspect.working_edge.measure import measure_edge
 from stepblocks.parts.conditions import NO_ORDER
 from stepblocks.scans.scan import HeightMap, ScannedProfile

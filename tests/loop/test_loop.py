@@ -15,6 +15,7 @@ import pytest
 
 from oracles.feature_bench import bench_trials, block_scans, design_columns, noise_free
 from oracles.features_file import features_of
+from oracles.published_schemas import check_file
 from oracles.virtual_bench import Bench
 from oracles.virtual_session import Plan, write_session
 from stepblocks.bench.measure import measure_session
@@ -101,6 +102,12 @@ def test_the_effect_is_named_with_parameters_and_intervals(worn) -> None:
         width = entry["high"] - entry["low"]
         assert entry["low"] - width / 2 < truth < entry["high"] + width / 2
     assert {"trial": "6", "reason": "truncated"} in result["excluded"]
+
+
+def test_result_and_model_are_written_as_their_schemas_say(worn) -> None:
+    folder = worn[3]
+    check_file("loop-result", folder / "result.json")
+    check_file("loop-model", folder / "model.json")
 
 
 def test_the_block_that_is_asked_for_can_be_built(worn, tmp_path: Path) -> None:

@@ -108,6 +108,20 @@ def write_sur(path, spacing=0.2, unit=b"nm"):
     path.write_bytes(full + COUNTS.astype("<i4").tobytes())
 
 
+def write_ibw(path, unit=b""):
+    """Write heights in micrometres as a wave of version 5 (Igor's technical note 003)."""
+    heights = (np.arange(16.0) * 7 * COUNT * 1e6).astype("<f8")
+    double = 4  # the type of the numbers
+    wave = struct.pack("<IIIihh6xh", 0, 0, 0, heights.size, double, 0, 0)
+    wave += b"wave0".ljust(40, b"\0")
+    wave += struct.pack("<4i8d", 4, 4, 0, 0, 1.0, 2.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0)
+    wave += unit.ljust(4, b"\0") * 5
+    wave = wave.ljust(320, b"\0")
+    head = struct.pack("<hHi", 5, 0, 320 + heights.nbytes).ljust(64, b"\0")
+    checksum = -int(np.frombuffer(head + wave, "<u2").sum(dtype=np.int64)) & 0xFFFF
+    path.write_bytes(head[:2] + struct.pack("<H", checksum) + head[4:] + wave + heights.tobytes())
+
+
 def write_x3p(path):
     x3pio.write(str(path), COUNTS * COUNT, x_scale=1e-6, y_scale=2e-6)
 
@@ -125,7 +139,7 @@ def write_plux(path):
         archive.writestr("LAYER_0.raw", (COUNTS * COUNT * 1e6).astype("<f4").tobytes())
 
 
-def write_gwy(path):
+def write_gwy(path, xy="m", z="m"):
     def item(name, kind, payload):
         return name.encode() + b"\0" + kind + payload
 
@@ -141,8 +155,8 @@ def write_gwy(path):
         + item("yres", b"i", struct.pack("<i", 3))
         + item("xreal", b"d", struct.pack("<d", 4e-6))
         + item("yreal", b"d", struct.pack("<d", 6e-6))
-        + item("si_unit_xy", b"o", unit("m"))
-        + item("si_unit_z", b"o", unit("m"))
+        + item("si_unit_xy", b"o", unit(xy))
+        + item("si_unit_z", b"o", unit(z))
         + item("data", b"D", struct.pack("<I", 12) + data)
     )
     body = item("/0/data", b"o", thing("GwyDataField", field)) + item(

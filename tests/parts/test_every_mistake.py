@@ -7,7 +7,9 @@ import pytest
 
 from stepblocks.cli import main
 from stepblocks.declaration.read import load_set
-from stepblocks.errors import StepblocksError
+from stepblocks.errors import StepblocksError, StimulusError, UsageError
+from stepblocks.parts.kinds.step_block import StepBlock
+from stepblocks.quantities import parse_quantity
 
 ROOT = Path(__file__).resolve().parents[2]
 BLOCK = """
@@ -346,3 +348,40 @@ def test_new_sessions_and_sweeps_are_read_by_their_commands(tmp_path, capsys):
     assert open_session(tmp_path / "t").probe.tip_radius == pytest.approx(125e-6)
     assert main(["new", "sweep", str(tmp_path / "w.toml")]) == 0
     assert load_sweep(tmp_path / "w.toml").rows == 100
+
+
+@pytest.mark.parametrize(
+    ("height", "radius", "least"),
+    [("10 nm", "0 nm", "500 nm"), ("100 nm", "10 nm", "200 nm"), ("199 nm", "50 nm", "200 nm")],
+)
+def test_a_step_that_cannot_be_built_and_checked_is_refused_in_the_declaration(
+    height, radius, least, tmp_path
+):
+    path = tmp_path / "tiny.toml"
+    path.write_text(
+        f'[[step_block]]\nid = "tiny"\nheight = {{ nominal = "{height}", tolerance = "2 nm" }}\n'
+        f'edge_radius = {{ nominal = "{radius}", tolerance = "+2 nm / -0 nm" }}\n'
+    )
+    rule = rf"height must be at least.*{least}.*{height}.*'tiny'"
+    with pytest.raises(StimulusError, match=rule):
+        load_set(path)
+
+
+def test_the_least_steps_are_declared_as_they_are():
+    sharp = {"nominal": "0 nm", "tolerance": "+2 nm / -0 nm"}
+    rounded = {"nominal": "0.1 um", "tolerance": "10 nm"}
+    for height, radius in (("500 nm", sharp), ("200 nm", rounded)):
+        step = {"nominal": height, "tolerance": "2 nm"}
+        block = StepBlock(id="least", height=step, edge_radius=radius)
+        assert block.height.nominal == parse_quantity(height, "length")
+
+
+@pytest.mark.parametrize("name", ["Stahl 1.4301 gehärtet", "Cr–Ni steel", "“PMMA”, O'Neill"])
+def test_material_is_free_text_in_any_letters_of_a_drawing(name):
+    assert StepBlock(id="step-013", height="13 um", material=name).material.designation == name
+
+
+@pytest.mark.parametrize("name", ["PMMA 日本", "440C\nhardened", "440C\x07"])
+def test_material_that_no_drawing_can_show_is_refused_with_that_rule(name):
+    with pytest.raises(UsageError, match="must be written in Latin, Greek or Cyrillic letters"):
+        StepBlock(id="step-013", height="13 um", material=name)

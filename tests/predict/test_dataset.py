@@ -56,6 +56,23 @@ def test_a_table_of_single_rows_has_one_dimension():
     assert found.height_um.attrs["units"] == "µm"
 
 
+def test_the_height_of_a_grid_is_a_dimension_and_a_random_design_has_one():
+    grid = [(h, load, mu) for h in (25.0, 50.0, 75.0) for load in (0.5, 1.0) for mu in (0.1, 0.2)]
+    table = pd.DataFrame(grid, columns=["height_um", "load_n", "friction"])
+    found = stepblocks.to_dataset(stepblocks.predict_table(table))
+    assert dict(found.sizes) == {"height_um": 3, "load_n": 2, "friction": 2}
+    rng = np.random.default_rng(0)
+    drawn = pd.DataFrame(rng.uniform(0.1, 0.4, (1000, 3)), columns=table.columns)
+    found = stepblocks.to_dataset(stepblocks.predict_table(drawn))
+    assert dict(found.sizes) == {"row": 1000}
+
+
+def test_a_predicted_table_is_drawn_by_its_own_height_and_energy():
+    table = pd.DataFrame({"height_um": [25.0, 50.0], "load_n": 1.0, "friction": 0.15})
+    axes = stepblocks.plot_predictions(stepblocks.predict_table(table))
+    assert axes.get_xlabel() == "height, µm"
+
+
 def test_without_xarray_the_extra_is_named(table, monkeypatch):
     monkeypatch.setitem(sys.modules, "xarray", None)
     with pytest.raises(StepblocksError, match=r"pip install 'stepblocks\[xarray\]'"):

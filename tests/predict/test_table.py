@@ -4,9 +4,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from stepblocks.cli import main
 from stepblocks.contact.critical_angle import find_step_angle
 from stepblocks.contact.energy import find_release
-from stepblocks.errors import PipelineError
+from stepblocks.errors import PipelineError, ReadingWarning
 from stepblocks.predict.table import predict_table
 
 
@@ -54,13 +55,12 @@ def test_the_interval_of_a_row_does_not_depend_on_the_rows_after_it(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "table must be a CSV: No columns to parse from file"),
+        ("", "table has no rows"),
         ("height_um,load_n,friction\n", "no rows"),
         ("load_n,friction\n1,0.1\n", "must have a column height_nm or height_um"),
         ("height_um,height_mm,load_n,friction\n1,1,1,0.1\n", "not both"),
         ("height_um,height_um,load_n,friction\n1,1,1,0.1\n", "twice"),
         ("height_um,load_n,friction\nten,1,0.1\n", "height_um must be a finite number, got 'ten'"),
-        ("height_um,load_n,friction\n10,1,\n", "friction must be a finite number"),
     ],
 )
 def test_a_malformed_table_is_one_clear_error(tmp_path, text, message):
@@ -95,3 +95,49 @@ def test_what_a_table_leaves_out_is_the_papers():
     # Origin: equation (1) by hand
     force = 0.8 * np.tan(np.arccos(1 - 30 / 125) + np.arctan(0.15))
     assert short.vibration_energy_j[0] == pytest.approx(0.2 * force**2 / (2 * 9810.0), rel=1e-12)
+
+
+def test_a_row_without_a_number_is_invalid_and_leaves_the_others(tmp_path):
+    rows = "height_um,load_n,friction\n50,1,\n50,1,0.15\n-9999,1,0.15\n50,1,0.15\n"
+    with pytest.warns(ReadingWarning, match="-9999"):
+        of_file = predict_table(write(tmp_path / "t.csv", rows))
+    in_memory = pd.DataFrame(
+        {
+            "height_um": np.ma.masked_equal([50.0, 50.0, -9999.0, 50.0], -9999.0),
+            "load_n": pd.array([1, 1, 1, 1], dtype="Int64"),
+            "friction": pd.array([None, 0.15, 0.15, 0.15], dtype="Float64"),
+        }
+    )
+    for table in (of_file, predict_table(in_memory)):
+        assert table.status.tolist() == ["invalid", "releases", "invalid", "releases"]
+        assert "friction must be" in table.problem[0]
+        assert "height must be" in table.problem[2]
+        # Origin: equation (1) by hand
+        force = np.tan(np.arccos(1 - 50 / 125) + np.arctan(0.15))
+        assert table.peak_force_n[1] == pytest.approx(force, rel=1e-12)
+
+
+def test_no_rows_have_the_columns_of_some():
+    table = pd.DataFrame({"height_um": [50.0], "load_n": 1.0, "friction": 0.15})
+    assert list(predict_table(table[:0]).columns) == list(predict_table(table).columns)
+
+
+def test_a_hundred_thousand_rows_take_no_draw_each(monkeypatch):
+    """Without an uncertainty there is no interval to draw."""
+    monkeypatch.setattr("stepblocks.predict.table.estimate_interval", None)
+    heights = np.linspace(1.0, 120.0, 100_000)
+    table = predict_table(pd.DataFrame({"height_um": heights, "load_n": 1.0, "friction": 0.15}))
+    assert len(table) == len(heights)
+
+
+@pytest.mark.parametrize("suffix", [".xlsx", ".tsv"])
+def test_the_command_takes_a_sheet_and_tabs(suffix, tmp_path, capsys):
+    table = pd.DataFrame({"Height [µm]": [50.0], "Load (N)": 1.0, "friction": 0.15})
+    path = tmp_path / f"t{suffix}"
+    if suffix == ".xlsx":
+        table.to_excel(path, index=False)
+    else:
+        table.to_csv(path, index=False, sep="\t", decimal=",", encoding="cp1252")
+    assert main(["predict", str(path), "-o", str(tmp_path / "out.csv")]) == 0
+    assert pd.read_csv(tmp_path / "out.csv").peak_force_n[0] == pytest.approx(1.854, abs=1e-3)
+    assert ("Windows-1252" in capsys.readouterr().out) == (suffix == ".tsv")

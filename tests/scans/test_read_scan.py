@@ -22,10 +22,12 @@ from oracles.scan_files import (
     COUNTS,
     WRITERS,
     write_gwy,
+    write_ibw,
     write_nid,
     write_opdx,
     write_plux,
     write_sdf,
+    write_sur,
     write_x3p,
 )
 from stepblocks.errors import MetrologyError
@@ -368,20 +370,65 @@ def test_a_truemap_file_is_read_whatever_its_comment(comment, tmp_path):
             read_scan(tmp_path / "b.tmd")
 
 
-def test_a_nanofocus_file_is_read_with_its_missing_points(tmp_path):
-    # its layout as SurfaceTopography's NMS.py describes it: ends of the heights in um, spacing in
-    # mm, and numbers of 16 bits of which the heights take all but the last
+def write_nms(path, numbers, spacing):
+    # its layout as SurfaceTopography's NMS.py describes it: ends of the heights in um, and numbers
+    # of 16 bits of which the heights take all but the last; the spacing is in nm, as the two public
+    # files have it (160 um over 512 points)
+    head = bytearray(3468)
+    rows, columns = numbers.shape
+    struct.pack_into("<dd", head, 16, -2.0, 8.0)
+    struct.pack_into("<IIdd", head, 1368, columns, rows, *spacing)
+    path.write_bytes(bytes(head) + numbers.astype("<u2").tobytes())
+
+
+def test_a_nanofocus_file_is_read_with_its_missing_points_and_its_spacing_in_nm(tmp_path):
     numbers = 780 * np.arange(84, dtype="<u2").reshape(7, 12)
     numbers[0, 0], numbers[6, 11], numbers[3, 4] = 0, 65534, 65535
-    head = bytearray(3468)
-    struct.pack_into("<dd", head, 16, -2.0, 8.0)
-    struct.pack_into("<IIdd", head, 1368, 12, 7, 1e-3, 2e-3)
-    (tmp_path / "a.nms").write_bytes(bytes(head) + numbers.tobytes())
+    write_nms(tmp_path / "a.nms", numbers, (312.5, 625.0))
     scan = read_scan(tmp_path / "a.nms")
-    assert (scan.dx, scan.dy) == pytest.approx((1e-6, 2e-6), rel=1e-9)
+    assert (scan.dx, scan.dy) == pytest.approx((312.5e-9, 625e-9), rel=1e-9)
     expected = -2e-6 + 10e-6 * numbers / 65534.0
     expected[3, 4] = np.nan
     np.testing.assert_allclose(scan.height, expected, atol=1e-15)
+    write_nms(tmp_path / "b.nms", numbers, (0.3125e-3, 0.3125e-3))  # in mm
+    with pytest.raises(MetrologyError, match=r"spacing of an NMS file must be at least 5 nm"):
+        read_scan(tmp_path / "b.nms")
+
+
+@pytest.mark.parametrize(
+    ("write", "name"), [(lambda path: write_gwy(path, "", ""), "a.gwy"), (write_ibw, "a.ibw")]
+)
+def test_a_file_of_an_instrument_without_a_unit_takes_it_from_the_user(write, name, tmp_path):
+    write(tmp_path / name)
+    with pytest.raises(MetrologyError, match=r"states no unit for x, so one must be given"):
+        read_scan(tmp_path / name)
+    plain = read_scan(tmp_path / name, "um")
+    scaled = read_scan(tmp_path / name, "x=mm,y=mm,z=nm")
+    assert scaled.dx == pytest.approx(1e3 * plain.dx, rel=1e-12)
+    np.testing.assert_allclose(scaled.height, 1e-3 * plain.height, rtol=1e-12)
+
+
+def test_of_a_field_with_one_unit_only_the_other_one_is_asked_for(tmp_path):
+    write_gwy(tmp_path / "whole.gwy")
+    write_gwy(tmp_path / "half.gwy", "m", "")
+    whole = read_scan(tmp_path / "whole.gwy")
+    half = read_scan(tmp_path / "half.gwy", "z=m")
+    np.testing.assert_array_equal(half.height, whole.height)
+    assert half.dx == whole.dx
+    with pytest.raises(MetrologyError, match="which says its own"):
+        read_scan(tmp_path / "whole.gwy", "um")
+    (tmp_path / "cut.gwy").write_bytes((tmp_path / "half.gwy").read_bytes()[:-20])
+    with pytest.raises(MetrologyError, match=r"\[cut.gwy\]"):
+        read_scan(tmp_path / "cut.gwy", "um")
+
+
+@pytest.mark.parametrize("micro", ["µm".encode(), "μm".encode(), "µm".encode("latin-1")])
+def test_a_surface_file_is_read_whichever_micro_sign_it_has(micro, tmp_path):
+    # surfalize writes its units in UTF-8, the format has them in Latin-1
+    write_sur(tmp_path / "a.sur", 0.0002, micro)
+    scan = read_scan(tmp_path / "a.sur")
+    np.testing.assert_allclose(np.diff(scan.height), 1.4e-9, rtol=1e-6)
+    assert "checked" in scan.scale
 
 
 def test_a_compressed_surface_file_has_the_heights_of_the_plain_one(tmp_path):

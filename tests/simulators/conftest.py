@@ -99,8 +99,9 @@ def binding(folder):
 
 @pytest.fixture
 def world(binding, folder):
-    """The blocks of both sets, without a limit of force: the renderer has none."""
+    """The blocks of both sets, without a limit of force or a slow start: the renderer has none."""
     with binding.World(folder / "blocks.txt") as made:
         made.load(folder / "margins.txt")
         made.configure("force_limit_n", 0.0)
+        made.configure("rise_s", 0.0)
         yield made

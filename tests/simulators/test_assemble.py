@@ -129,7 +129,7 @@ def test_a_new_format_is_one_object_and_gets_all_that_every_folder_has(plain, tm
     names = {path.name for path in tmp_path.iterdir()}
     full = f"full-scale-{find_full_scale_force(plain.events):.4g}n"
     waves = [f"-{rate}khz-{full}{kind}.wav" for rate in (10, 48) for kind in ("", "-int16")]
-    rings = {f"ring-up{end}" for end in (*waves, ".json")}
+    rings = {f"ring-up{end}" for end in (*waves, ".json", ".hjif", ".ahap")}
     # nothing rings on the way down
     assert names == {"mine.json", "event.json", "README.md"} | rings
     readme = (tmp_path / "README.md").read_text()

@@ -118,7 +118,7 @@ def test_keys_switch_block_and_ring(program):
     assert [(number, ring, releases) for number, ring, _, _, releases in drags] == [
         ("1", "on", "1"),
         ("10", "on", "1"),
-        ("10", "off", "0"),
+        ("10", "off", "1"),
     ]
     for *_, peak, formula, _ in drags:
         assert float(peak) == pytest.approx(float(formula), rel=0.01)

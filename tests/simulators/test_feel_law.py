@@ -88,6 +88,7 @@ def test_the_page_and_the_library_are_one_law(binding, library, tmp_path, name, 
             world.set(name, NAMES[key], value)
         world.choose(name)
         world.configure("force_limit_n", 0.0)  # the page limits no force: no hand feels it
+        world.configure("rise_s", 0.0)
         expected = []
         for x in hands:
             out = world.tick_loaded(x, dt=dt)

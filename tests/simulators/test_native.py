@@ -147,6 +147,9 @@ def test_load_and_friction_act_as_equation_1_says(binding, folder, load, frictio
 def test_magnifying_all_lengths_keeps_every_force(binding, folder, scale, seed):
     with binding.World(folder / "blocks.txt") as one, binding.World(folder / "blocks.txt") as other:
         other.set("step-050", "scale", scale)
+        for world in (one, other):
+            world.configure("rise_s", 0.0)
+            world.configure("jump_m_per_s", 0.0)  # a magnified hand has further to go in a tick
         one.choose("step-050")
         other.choose("step-050")
         base = one.path_height("step-050", -1e-3)
@@ -173,6 +176,8 @@ def test_a_mirrored_block_gives_mirrored_forces(binding, folder, seed):
         )
         with binding.World(library=folder / "build" / "libstepblocks.so") as other:
             other.add_block("back", mirrored, back)
+            other.configure("rise_s", 0.0)
+            world.configure("rise_s", 0.0)
             world.choose("there")
             for x, z in np.random.default_rng(seed).uniform((-3e-4, 2e-5), (3e-4, 2e-4), (60, 2)):
                 plain = world.tick((x, 0.0, z)).force
@@ -183,14 +188,13 @@ def test_a_mirrored_block_gives_mirrored_forces(binding, folder, seed):
 
 
 @settings(max_examples=40, deadline=None)
-@given(values=st.lists(st.floats(1e-9, 1e9), min_size=8, max_size=8), height=st.floats(1e-7, 9e-5))
+@given(values=st.lists(st.floats(1e-9, 1e9), min_size=7, max_size=7), height=st.floats(1e-7, 9e-5))
 def test_what_a_file_of_blocks_says_is_what_the_library_holds(
     binding, folder, tmp_path_factory, values, height
 ):
     """The reader of the library is the inverse of a writer of 17 digits, in any decade."""
-    names = [
-        name for name in binding.PARAMETERS if name not in ("tip_radius_m", "scale", "pull_limit_n")
-    ]
+    bounded = ("tip_radius_m", "scale", "pull_limit_n", "conversion")
+    names = [name for name in binding.PARAMETERS if name not in bounded]
     text = "".join(f"{name} {value:.17g}\n" for name, value in zip(names, values, strict=True))
     path = tmp_path_factory.mktemp("file") / "blocks.txt"
     path.write_text(
@@ -226,8 +230,8 @@ def test_a_release_rings_by_what_was_released_at_any_load(world):
             if found.events and len(rings) - np.argmax(pulls) > 1000:
                 break
         assert max(pulls) == pytest.approx(force, rel=1e-3)
-        assert found.release_force == pytest.approx(max(pulls), rel=1e-12)
-        assert found.release_energy == pytest.approx(0.2 * force**2 / (2 * 9.81e3), rel=2e-3)
+        assert found.release_force == pytest.approx(force, rel=1e-9)
+        assert found.release_energy == pytest.approx(0.2 * force**2 / (2 * 9.81e3), rel=1e-9)
         quarter = 1 / (4 * 300.0)
         assert max(rings) == pytest.approx(
             math.sqrt(0.2) * force * math.exp(-quarter / world.get("step-050", "decay_s")), rel=0.01
@@ -273,6 +277,7 @@ def test_wrong_values_are_refused_with_a_reason(world, tmp_path):
     for call, message in (
         (lambda: world.set("step-050", "normal_load_n", 0.0), "normal_load_n must be positive"),
         (lambda: world.set("step-050", "friction", math.nan), "friction must be not negative"),
+        (lambda: world.set("step-050", "conversion", 5.0), "conversion must be at most 1, got 5"),
         (lambda: world.choose(99), "there is no block 99"),
         (lambda: world.choose("step-5"), "block must be one of step-010, .* got 'step-5'"),
         (lambda: world.load(tmp_path / "none.txt"), "none.txt cannot be read"),

@@ -1,6 +1,7 @@
 """Rendering plans say what a device can do, from figures that say where they come from."""
 
 import json
+import math
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.declaration.read import load_set
 from stepblocks.errors import HapticsError
 from stepblocks.haptics.devices import Faithfulness, find_device, load_devices, plan_rendering
+from stepblocks.simulators.export import export_scenes
 
 ROOT = Path(__file__).resolve().parents[2]
 TEN = load_set(ROOT / "stimuli" / "paper-ten.toml").stimuli
@@ -214,3 +216,44 @@ def test_a_malformed_device_file_is_one_line(tmp_path, old, new, message):
 def test_an_unknown_device_names_the_known_ones():
     with pytest.raises(HapticsError, match="touch, touch-x"):
         find_device("joystick", DEVICES)
+
+
+def test_pull_and_load_together_are_held_against_the_peak_force():
+    """50 um at 1.7 N: equation (1) gives 3.15 N along the drag, 3.58 N on the hand; a Touch 3.3."""
+    found = plan("touch", TEN[4], OperatingPoint(125e-6, 1.7, 0.15))
+    assert found.verdict is Faithfulness.IMPOSSIBLE
+    assert found.largest_force == pytest.approx(math.hypot(3.1521, 1.7), rel=1e-4)
+    assert "of 3.58 N, pull and load together, exceeds its peak force of 3.3 N" in str(found)
+
+
+def test_the_written_files_give_what_the_verdict_says(tmp_path):
+    """An omega.3 bears 12 N: at 2 N the law of the file is not clipped below 3.708 N."""
+    import runpy
+
+    (done,) = export_scenes(
+        ROOT / "stimuli" / "paper-ten.toml",
+        "forcelaw",
+        tmp_path,
+        only="step-050",
+        device="omega-3",
+        normal_load=2.0,
+    )
+    assert done.plan.verdict is Faithfulness.FAITHFUL
+    assert done.plan.force_limit == 12.0
+    law = runpy.run_path(str(done.folder / "force_law.py"))
+    assert law["LIMIT"] == 12.0
+    assert "FORCE_LAW_LIMIT = 12;" in (done.folder / "force_law.h").read_text()
+
+
+def test_a_figure_of_an_own_device_may_be_a_plain_quantity_and_measured(tmp_path):
+    path = tmp_path / "devices.toml"
+    own = OWN.replace(
+        '{ value = "2 um", source = "our calibration", confidence = "datasheet" }', '"2 um"'
+    )
+    path.write_text(own.replace('"datasheet"', '"measured"'))
+    device = find_device("own", load_devices(path))
+    assert (device.position_resolution.value, device.position_resolution.confidence) == (
+        2e-6,
+        "assumed",
+    )
+    assert device.peak_force.confidence == "measured"

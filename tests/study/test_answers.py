@@ -134,11 +134,11 @@ def test_a_rating_off_its_scale_is_refused(value):
     ("damage", "message"),
     [
         (lambda text: text.replace("estimate_um", "estimate"), "got no estimate_um"),
-        (lambda text: text + "1,2\n", "must have 5 cells"),
-        (lambda text: text + "1,2,3,4,5,6\n", "must have 5 cells"),
-        (lambda text: text.replace("code", "trial"), "got no code"),
-        (lambda text: text + '"', "must be CSV in UTF-8"),
-        (lambda text: text.encode("utf-16"), "must be CSV in UTF-8"),
+        (lambda text: text + "1,2\n", "must have 5 cells as the header"),
+        (lambda text: text + "1,2,3,4,5,6\n", "must have 5 cells as the header"),
+        (lambda text: text.replace("code", "number"), "got no code"),
+        (lambda text: text + '"', "table must be a CSV: unexpected end of data"),
+        (lambda text: text.encode() + b"\xff\x81", "text must be UTF-8, UTF-16 or Windows-1252"),
     ],
 )
 def test_a_damaged_file_is_refused_by_name(study, tmp_path, damage, message):

@@ -51,7 +51,8 @@ def check_artefact(part: Part, path: str | Path) -> list[Verdict]:
         If the name is that of no artefact.
     """
     path = Path(path)
-    ending = _PIECES if path.name.endswith(_PIECES) else path.suffix
+    name = path.name.lower()
+    ending = _PIECES if name.endswith(_PIECES) else path.suffix.lower()
     judge = _JUDGES.get(ending)
     if judge is None:
         raise MetrologyError(
@@ -67,9 +68,12 @@ def check_artefact(part: Part, path: str | Path) -> list[Verdict]:
 
 def _judge_mesh(path: Path, part: Part) -> Iterator[Verdict]:
     """Judge a mesh: closed, of the right volume, and of the sizes of its kind of part."""
-    mesh = MeshMeasures(*read_mesh(path))
+    arrays = read_mesh(path)
+    mesh = MeshMeasures(arrays.vertices, arrays.triangles)
     body = part.bodies.index(path.stem) if path.stem in part.bodies else 0
     yield _judge_edges(mesh.count_bad_edges())
+    turned = mesh.count_turned_normals(arrays.normals)
+    yield Finding("stated normals that point inwards", 0.0, turned, 0.0, "count")
     volume = part.volumes()[body]
     yield Finding("volume", volume, mesh.volume, VOLUME_LIMIT, "volume", relative=True)
     yield from part.measure_mesh(body, mesh)
@@ -81,7 +85,7 @@ def _judge_edges(bad_edges: int) -> Verdict:
 
 def _judge_pieces(path: Path, part: Part) -> Iterator[Verdict]:
     """Judge the convex pieces of a part: closed, convex, and together as large as the part."""
-    pieces = [MeshMeasures(*arrays) for arrays in read_pieces(path)]
+    pieces = [MeshMeasures(piece.vertices, piece.triangles) for piece in read_pieces(path)]
     yield _judge_edges(sum(piece.count_bad_edges() for piece in pieces))
     concavity = max(piece.measure_concavity() for piece in pieces)
     yield Finding("concavity of the pieces", 0.0, concavity, NANOMETRE)

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import pandas as pd
 
 from stepblocks.bench.channel import Channel, find_unit_in_name
@@ -13,15 +14,13 @@ from stepblocks.bench.patterns import resolve_inside
 from stepblocks.bench.session import Session, TrialColumns
 from stepblocks.bench.trials import Trial, find_column, open_trials
 from stepblocks.errors import BenchError
-from stepblocks.files.tables import escape_formula
+from stepblocks.files.dates import DateError, holds_dates, read_dates
+from stepblocks.files.numbers import NumberNotation
+from stepblocks.files.tables import escape_formula, warn_of_notes
 from stepblocks.files.text import is_file
+from stepblocks.files.text_table import TextTable
 
 _HEIGHT = re.compile(r"(step_?)?height", re.IGNORECASE)
-# how a date or a time of day begins
-_STAMP = r"\d{4}-\d\d?-\d\d?|\d\d?[./]\d\d?[./]\d{2,4}|\d\d?:\d\d"
-_DAY_FIRST = r"\d\d?\."  # how a date begins that has the day before the month
-_COMMA_NUMBER = r"[-+]?\d*,?\d+([eE][-+]?\d+)?|"  # or an empty cell
-_STAMPS = 0.9  # share of the cells of a column that must be date and time
 # names that an analysis asks for, by the fields of `TrialColumns`
 _NAMES = {"block": "block", "load": "load_n", "speed": "speed_mm_s", "height": "height_um"}
 _FIRST_FEATURE = "sliding_friction"  # before which a condition stands that replaces no column
@@ -57,7 +56,7 @@ def read_conditions(session: Session) -> dict[str, Condition]:
     sources = {}
     for part in ("block", "load", "speed"):
         sources[part] = find_column(getattr(columns, part).column, table.header, part)
-    sources["height"], heights = find_heights(session, table.header, trials)
+    sources["height"], heights = find_heights(session, table.table, trials)
     values = pd.DataFrame(
         {
             "block": [trial.block for trial in trials],
@@ -70,31 +69,37 @@ def read_conditions(session: Session) -> dict[str, Condition]:
     conditions = {}
     for part, name in _NAMES.items():
         is_usual = getattr(columns, part) == getattr(usual, part)
-        if sources[part] != name or not is_usual or session.trials.decimal != ".":
+        if sources[part] != name or not is_usual or table.table.notation.decimal != ".":
             conditions[name] = Condition(sources[part], values[part])
     for column in table.covariates:
         if column not in sources.values():
-            texts = pd.Series([trial.cells.get(column, "").strip() for trial in trials])
-            conditions |= _read_covariate(session, column, texts)
+            conditions |= _read_covariate(table.table, column)
     return conditions
 
 
-def _read_covariate(session: Session, column: str, texts: pd.Series) -> dict[str, Condition]:
-    """Read numbers with a decimal comma, or dates as the time since the first of them [s].
+def _read_covariate(table: TextTable, column: str) -> dict[str, Condition]:
+    """Read numbers that are not plainly written, or dates as the time since the first of them [s].
 
     The result is empty where the cells are neither.
     """
-    if session.trials.decimal == "," and texts.str.fullmatch(_COMMA_NUMBER).all():
-        numbers = pd.to_numeric(texts.str.replace(",", "."))
-        return {column: Condition(column, numbers)}
-    if not texts.str.match(_STAMP).mean() > _STAMPS:
+    index = table.names.index(column)
+    cells = table.get_cells(index)
+    if table.holds_numbers(index):
+        found = table.read_sound_numbers(index, BenchError)
+        warn_of_notes(filter(None, [found.describe(column)]), table.file)
+        if not found.count and NumberNotation().parse_column(cells) is not None:
+            return {}
+        return {column: Condition(column, pd.Series(found.values))}
+    if not holds_dates(cells):
         return {}
-    day_first = bool(texts.str.match(_DAY_FIRST).any())
-    stamps = pd.to_datetime(texts, errors="coerce", format="mixed", dayfirst=day_first)
-    if not stamps.notna().mean() > _STAMPS:
-        return {}
-    elapsed = (stamps - stamps.min()).dt.total_seconds()
-    return {f"{column}_elapsed_s": Condition(column, elapsed)}
+    try:
+        dates = read_dates(cells, column)
+    except DateError as error:
+        place = table.file if error.row is None else f"{table.file}, {table.name_row(error.row)}"
+        raise BenchError(f"{error} [{place}]") from error
+    warn_of_notes(dates.notes, table.file)
+    elapsed = dates.seconds - np.nanmin(dates.seconds)
+    return {f"{column}_elapsed_s": Condition(column, pd.Series(elapsed))}
 
 
 def insert_conditions(features: pd.DataFrame, conditions: Mapping[str, Condition]) -> pd.DataFrame:
@@ -112,15 +117,15 @@ def insert_conditions(features: pd.DataFrame, conditions: Mapping[str, Condition
 
 
 def find_heights(
-    session: Session, header: tuple[str, ...], trials: Sequence[Trial]
+    session: Session, table: TextTable, trials: Sequence[Trial]
 ) -> tuple[str, list[float]]:
     """Find the heights of the blocks of trials.
 
     Parameters
     ----------
     session : Session
-    header : tuple of str
-        Of the table of trials.
+    table : TextTable
+        The table of trials.
     trials : sequence of Trial
 
     Returns
@@ -135,20 +140,27 @@ def find_heights(
     BenchError
         If the table has no column of heights and the session no stimulus set.
     """
-    channel = _find_height_channel(session, header)
+    channel = _find_height_channel(session, table.names)
     if channel is None:
         declared = _read_declared_heights(session)
         return "", [declared.get(trial.block, math.nan) for trial in trials]
-    column = find_column(channel.column, header, "height")
+    column = find_column(channel.column, table.names, "height")
     place = "trials.columns.height"
     scale = 1e6 * channel.scale("length", place)
     offset = 1e6 * channel.offset_in_si("length", place)
-    texts = []
+    heights = []
     for trial in trials:
-        text = trial.cells.get(column, "").strip()
-        texts.append(text.replace(session.trials.decimal, "."))
-    numbers = pd.to_numeric(pd.Series(texts), errors="coerce")
-    return column, (numbers * scale - offset).tolist()
+        number = _parse_height(trial.cells.get(column, ""), table.notation)
+        heights.append(number * scale - offset)
+    return column, heights
+
+
+def _parse_height(text: str, notation: NumberNotation) -> float:
+    """Return the height in a cell; not-a-number where there is none."""
+    try:
+        return notation.parse(text)
+    except ValueError:
+        return math.nan
 
 
 def _find_height_channel(session: Session, header: tuple[str, ...]) -> Channel | None:

@@ -12,6 +12,7 @@ from stepblocks.bench.examine import MEASURING_ERRORS
 from stepblocks.bench.session import Session
 from stepblocks.bench.signal import Array, Trace
 from stepblocks.bench.signal.features import Features, measure_trace
+from stepblocks.bench.signal.screening import has_ascending_time
 from stepblocks.bench.traces import Traces
 from stepblocks.bench.trials import Trial, open_trials
 from stepblocks.contact.operating_point import PAPER
@@ -152,6 +153,8 @@ def _measure_corrected(
         trial = pilot.trial
         try:
             trace = correct(traces.read(trial.name))
+            if not has_ascending_time(trace):
+                continue
             features = measure_trace(trace, spring_constant, trial.speed).features
         except MEASURING_ERRORS:
             continue
@@ -243,7 +246,7 @@ def _measure_misfit_of_blocks(session: Session, measured: Sequence[Pilot], gain:
     table = open_trials(session)
     trials = [pilot.trial for pilot in measured]
     try:
-        _, heights = find_heights(session, table.header, trials)
+        _, heights = find_heights(session, table.table, trials)
     except StepblocksError:
         return math.nan
     radius = session.probe.tip_radius or PAPER.ball_radius

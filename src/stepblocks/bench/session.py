@@ -9,12 +9,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import BeforeValidator, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, model_validator
 
 from stepblocks.bench.calibration import Calibration, Frequency, Probe, Strict
 from stepblocks.bench.channel import Channel, DimensionedChannel, check_channels
 from stepblocks.bench.patterns import check_pattern, resolve_inside
 from stepblocks.errors import BenchError
+from stepblocks.files.decode import check_encoding
 from stepblocks.files.text import Document, is_file, read_document
 from stepblocks.mistakes import Mistake, collect_mistakes, format_mistakes, list_mistakes
 from stepblocks.quantities import make_quantity_parser
@@ -51,6 +52,7 @@ def _parse_full_scale(value: object) -> object:
 _FullScale = Annotated[float, BeforeValidator(_parse_full_scale), Field(gt=0.0, le=1e9)]
 _Delimiter = Annotated[str, Field(min_length=1, max_length=1)]
 _Decimal = Literal[".", ","]
+_Encoding = Annotated[str, AfterValidator(check_encoding)]
 
 
 class Channels(Strict):
@@ -93,11 +95,12 @@ class Acquisition(Strict):
     group : str | None
         Pattern of the group of a trial in a container; by default the usual ones are tried.
     channels : Channels
-    delimiter : _Delimiter
-        Of CSV traces.
-    decimal : _Decimal
+    delimiter, decimal, encoding : str, optional
+        Of CSV traces; what is not declared is found.
     skip_lines : int
         Before the header of CSV traces.
+    missing : tuple of float, optional
+        Numbers in CSV traces that stand for a missing sample; by default those that stand out.
     range : _Force | None
         At which the sensor saturates [N].
     split : str, optional
@@ -116,8 +119,10 @@ class Acquisition(Strict):
     format: TraceFormat | None = None
     group: str | None = None
     channels: Channels
-    delimiter: _Delimiter = ","
-    decimal: _Decimal = "."
+    delimiter: _Delimiter | None = None
+    decimal: _Decimal | None = None
+    encoding: _Encoding | None = None
+    missing: tuple[float, ...] | None = None
     skip_lines: int = Field(default=0, ge=0, le=10_000)
     range: _Force | None = None
     split: Literal["drags"] | None = None
@@ -193,15 +198,20 @@ class Trials(Strict):
 
     Attributes
     ----------
-    file, delimiter, decimal, columns
-        Name of the file, how it is written, and which column plays which part.
+    file : str
+        Name of the file: CSV, or a workbook of Excel or LibreOffice.
+    delimiter, decimal, encoding : str, optional
+        How it is written; what is not declared is found.
+    columns : TrialColumns
+        Which column plays which part.
     exclude, swap : tuple
         Trials that are not used, and pairs whose records are exchanged.
     """
 
     file: str = "trials.csv"
-    delimiter: _Delimiter = ","
-    decimal: _Decimal = "."
+    delimiter: _Delimiter | None = None
+    decimal: _Decimal | None = None
+    encoding: _Encoding | None = None
     columns: TrialColumns = TrialColumns()
     exclude: tuple[str | int, ...] = ()
     swap: tuple[tuple[str | int, str | int], ...] = ()

@@ -1,19 +1,18 @@
 """The table of trials, row by row, with the conditions of each trial in SI."""
 
-import csv
 import math
-import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from itertools import islice
 from typing import NamedTuple
 
 from stepblocks.bench.faults import FaultKind, TrialFault
 from stepblocks.bench.session import Session
 from stepblocks.errors import BenchError
+from stepblocks.files.missing import is_missing_word
+from stepblocks.files.tables import warn_of_notes
+from stepblocks.files.text_table import TableLayout, TextTable, read_text_table
 from stepblocks.mistakes import Mistake, collect_mistakes, format_mistakes
 
-_COMMENT = re.compile(r"\s*#\D")
 _MOST_COLUMNS = 1000
 _SHOWN_COLUMNS = 12  # that a message lists
 _SHOWN_LETTERS = 40  # of a cell that a message shows
@@ -68,7 +67,8 @@ class TrialTable:
     Attributes
     ----------
     session : Session
-    header : tuple[str, ...]
+    table : TextTable
+        Header and rows as the file writes them.
     key : str
         Name of the column that names the trial.
     count : int
@@ -82,12 +82,17 @@ class TrialTable:
     """
 
     session: Session
-    header: tuple[str, ...]
+    table: TextTable
     key: str
     count: int
     repeated: dict[int, TrialFault]
     excluded: frozenset[str] = frozenset()
     swapped: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def header(self) -> tuple[str, ...]:
+        """Names of the columns."""
+        return self.table.names
 
     @property
     def covariates(self) -> tuple[str, ...]:
@@ -107,7 +112,7 @@ class TrialTable:
             columns.load.scale("force", place),
             columns.load.offset_in_si("force", place),
         )
-        for row, cells in _read_rows(self.session):
+        for row, cells in enumerate(self.table.rows, start=1):
             trial = self._build_trial(row, cells)
             try:
                 speed = self._read_number(trial.cells, speed_column)
@@ -141,7 +146,8 @@ class TrialTable:
         if cell_count != len(self.header):
             return TrialFault(
                 FaultKind.WITHOUT_HEADING,
-                f"row {row} of the table has {cell_count} cells, the header has {len(self.header)}",
+                f"row {row} of the table ({self.table.name_row(row - 1)}) has {cell_count} cells, "
+                f"the header has {len(self.header)}",
             )
         if row in self.repeated:
             return self.repeated[row]
@@ -154,10 +160,12 @@ class TrialTable:
         """Return a condition in SI; not-a-number without its column, `ValueError` if unsound."""
         if column.name not in cells:
             return math.nan
-        text = cells[column.name].strip().replace(self.session.trials.decimal, ".")
+        text = cells[column.name].strip()
         shown = text[:_SHOWN_LETTERS]
         try:
-            value = float(text)
+            value = math.nan
+            if not text or not is_missing_word(text):
+                value = self.table.notation.parse(text)
         except ValueError:
             raise ValueError(f"{column.name} must be a number, got {shown!r}") from None
         if not math.isfinite(value) or value <= 0.0:
@@ -168,7 +176,7 @@ class TrialTable:
 def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> TrialTable:
     """Read the table of trials once: header, number of rows, duplicates.
 
-    Only the names of its rows are kept.
+    What had to be found out about its file is said.
 
     Parameters
     ----------
@@ -181,9 +189,10 @@ def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> Tri
     BenchError
         With all that is wrong with header or rows.
     """
-    header = _read_header(session)
+    table = _read_table(session)
+    header = table.names
     key = _check_header(session, header, reserved)
-    rows = _scan_rows(session, header.index(key))
+    rows = _scan_rows(table, header.index(key))
     if rows.count == 0:
         raise BenchError(f"table of trials has no rows [{session.table}]")
     declared_names = _find_declared_names(session, rows.names)
@@ -193,7 +202,7 @@ def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> Tri
         swapped[declared_names[second]] = declared_names[first]
     return TrialTable(
         session,
-        header,
+        table,
         key,
         rows.count,
         rows.repeated,
@@ -202,24 +211,25 @@ def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> Tri
     )
 
 
-def _read_header(session: Session) -> tuple[str, ...]:
-    header = tuple(cell.strip() for cell in next(_read_lines(session), []))
-    if not any(header):
+def _read_table(session: Session) -> TextTable:
+    """Read header and rows of the table of trials, rows of another length as they are."""
+    declared = session.trials
+    layout = TableLayout(declared.delimiter, declared.decimal, declared.encoding, keeps_ragged=True)
+    table = read_text_table(session.table, layout, BenchError)
+    if not table.names:
         raise BenchError(f"table of trials is empty [{session.table}]")
-    if len(header) > _MOST_COLUMNS:
+    if len(table.names) > _MOST_COLUMNS:
         raise BenchError(
-            f"table of trials must have at most {_MOST_COLUMNS} columns, got {len(header)}"
+            f"table of trials must have at most {_MOST_COLUMNS} columns, got {len(table.names)}"
         )
-    return header
+    warn_of_notes(table.notes, session.table)
+    return table
 
 
 def _check_header(session: Session, header: tuple[str, ...], reserved: frozenset[str]) -> str:
-    """Refuse a header with repeated, missing or reserved names; return the column of the trial."""
+    """Refuse a header with missing or reserved names; return the column of the trial."""
     columns = session.trials.columns
     mistakes: list[Mistake] = []
-    repeated = [name for name in header if header.count(name) > 1]
-    for name in dict.fromkeys(repeated):
-        mistakes.append(("", f"table of trials names the column {name!r} twice"))
     key = None
     with collect_mistakes(mistakes):
         key = find_column(columns.trial.column, header, "trial")
@@ -294,10 +304,10 @@ class _RowScan:
         self.repeated[row] = fault
 
 
-def _scan_rows(session: Session, key: int) -> _RowScan:
+def _scan_rows(table: TextTable, key: int) -> _RowScan:
     """Look through the rows for repeated trials; `key` is the index of the trial's column."""
     scan = _RowScan()
-    for row, cells in _read_rows(session):
+    for row, cells in enumerate(table.rows, start=1):
         scan.count = row
         if key >= len(cells):
             continue
@@ -348,25 +358,3 @@ def _find_name(declared: str | int, names: Iterable[str]) -> str | None:
         if name.isdigit() and name.lstrip("0") == text:
             return name
     return None
-
-
-def _read_rows(session: Session) -> Iterator[tuple[int, list[str]]]:
-    """Yield the rows below the header, from 1; empty lines do not count."""
-    row = 0
-    for cells in islice(_read_lines(session), 1, None):
-        if any(cell.strip() for cell in cells):
-            row += 1
-            yield row, cells
-
-
-def _read_lines(session: Session) -> Iterator[list[str]]:
-    """Yield the cells of each line that is no comment."""
-    with session.table.open(newline="", encoding="utf-8-sig") as file:
-        try:
-            for cells in csv.reader(file, delimiter=session.trials.delimiter):
-                if not _COMMENT.match("".join(cells[:1])):
-                    yield cells
-        except (csv.Error, UnicodeDecodeError) as error:
-            raise BenchError(
-                f"table of trials must be CSV in UTF-8: {error} [{session.table}]"
-            ) from error

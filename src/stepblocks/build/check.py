@@ -13,6 +13,7 @@ from stepblocks.errors import PipelineError
 from stepblocks.files.text import is_file
 
 if TYPE_CHECKING:
+    from stepblocks.declaration.read import Sets
     from stepblocks.declaration.set import StimulusSet
     from stepblocks.parts.verdict import Verdict
 
@@ -64,6 +65,38 @@ def check_output(
                 yield name, [_check_table(stimuli, folder, name)]
 
     return check()  # what was asked wrongly is refused at once, not where the first is taken
+
+
+def check_files(
+    paths: "Sequence[str | Path]", identity: str, stimuli: "Sets" = "stimuli"
+) -> "Iterator[tuple[str, list[Verdict]]]":
+    """Check files that somebody hands over against a declared stimulus.
+
+    Parameters
+    ----------
+    paths : sequence of str or Path
+        STEP files, meshes and other artefacts, whatever their names.
+    identity : str
+        Of the stimulus.
+    stimuli : str, Path, StimulusSet or sequence of them, optional
+        Where it is declared.
+
+    Yields
+    ------
+    (str, list of Verdict)
+        Path of each file, and what was found.
+
+    Raises
+    ------
+    StepblocksError
+        If the stimulus is not declared, or the ending of a file is that of no artefact.
+    """
+    from stepblocks.artefacts.check import check_artefact
+    from stepblocks.declaration.read import find_declared_part
+
+    part, _ = find_declared_part(identity, stimuli)
+    for path in paths:
+        yield str(path), check_artefact(part, path)
 
 
 def _check_that_built(output: Path, sets: "Sequence[StimulusSet]") -> None:

@@ -1,10 +1,12 @@
 """Stimuli from their specifications to folders of checked artefacts, one by one or in parallel."""
 
 import json
+import tempfile
 import time
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from stepblocks.artefacts.meshes.write import MESH_FORMATS, write_pieces
 from stepblocks.build.manifest import (
@@ -18,10 +20,14 @@ from stepblocks.build.manifest import (
     write_sealed,
 )
 from stepblocks.compute.cores import count_cores
-from stepblocks.compute.processes import run_in_processes
+from stepblocks.compute.seam import run_calls
 from stepblocks.files.atomic import make_draft_folder, move_into_place, sync_folder
+from stepblocks.files.packed import PackedFolder, pack_folder, unpack_folder
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.kind import Part
+
+if TYPE_CHECKING:
+    from distributed import Client
 
 
 @dataclass(frozen=True)
@@ -59,15 +65,46 @@ class BuiltStimulus:
     seconds: float
 
 
+@dataclass(frozen=True)
+class PackedStimulus:
+    """A stimulus made on another machine: its files, their record, and the time it took [s]."""
+
+    outdated: OutdatedStimulus
+    files: PackedFolder
+    record: StimulusRecord
+    seconds: float
+
+
 def build_stimuli(
-    outdated: Sequence[OutdatedStimulus], output: Path, jobs: int | None
+    outdated: Sequence[OutdatedStimulus],
+    output: Path,
+    jobs: int | None,
+    cluster: "Client | None" = None,
 ) -> Generator[BuiltStimulus]:
-    """Make stimuli in as many processes as there are cores; give each when it is ready."""
-    processes = jobs or count_cores()
+    """Make stimuli here, in as many processes as there are cores, or on a cluster.
+
+    Each is given when its files are in place.
+    """
+    if cluster is not None:
+        yield from _build_on_cluster(outdated, output, cluster)
+        return
+    processes = min(jobs or count_cores(), max(len(outdated), 1))
     calls = [(output, stimulus) for stimulus in outdated]
-    return run_in_processes(
-        build_stimulus, calls, min(processes, max(len(calls), 1)), in_order=False
-    )
+    yield from run_calls(build_stimulus, calls, jobs=processes, in_order=False)
+
+
+def _build_on_cluster(
+    outdated: Sequence[OutdatedStimulus], output: Path, cluster: "Client"
+) -> Generator[BuiltStimulus]:
+    """Make stimuli on a cluster, whose workers need not see the output folder."""
+    calls = [(stimulus,) for stimulus in outdated]
+    for packed in run_calls(pack_stimulus, calls, jobs=1, on=cluster, in_order=False):
+        stimulus = packed.outdated
+        with make_draft_folder(output / f"{stimulus.set_name}-{stimulus.part.id}") as draft:
+            unpack_folder(packed.files, draft)
+            sync_folder(draft)
+            _replace_files(draft, output / stimulus.set_name / stimulus.part.id, packed.record)
+        yield BuiltStimulus(stimulus.name, packed.seconds)
 
 
 def list_checkable_files(stimulus: Part, folder: Path) -> list[Path]:
@@ -87,11 +124,26 @@ def build_stimulus(output: Path, outdated: OutdatedStimulus) -> BuiltStimulus:
     started = time.perf_counter()
     part = outdated.part
     with make_draft_folder(output / f"{outdated.set_name}-{part.id}") as draft:
-        _write_artefacts(part, draft, outdated.order)
-        record = _make_record(part, outdated.key, draft)
+        record = _make_files(outdated, draft)
         sync_folder(draft)
         _replace_files(draft, output / outdated.set_name / part.id, record)
     return BuiltStimulus(outdated.name, time.perf_counter() - started)
+
+
+def pack_stimulus(outdated: OutdatedStimulus) -> PackedStimulus:
+    """Build, write, read back and measure one stimulus in a temporary folder of this machine."""
+    started = time.perf_counter()
+    with tempfile.TemporaryDirectory(prefix="stepblocks-") as name:
+        draft = Path(name)
+        record = _make_files(outdated, draft)
+        files = pack_folder(draft)
+    return PackedStimulus(outdated, files, record, time.perf_counter() - started)
+
+
+def _make_files(outdated: OutdatedStimulus, draft: Path) -> StimulusRecord:
+    """Write the artefacts of a stimulus into a folder, read them back, and record both."""
+    _write_artefacts(outdated.part, draft, outdated.order)
+    return _make_record(outdated.part, outdated.key, draft)
 
 
 def _make_record(part: Part, key: str, draft: Path) -> StimulusRecord:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from stepblocks.build.fingerprint import Environment
+from stepblocks.compute.fingerprint import Environment
 from stepblocks.files.atomic import replace_text, resolve_inside
 from stepblocks.files.text import measure_file_size
 

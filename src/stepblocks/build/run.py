@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias, cast
 
 from stepblocks import __version__
-from stepblocks.build.fingerprint import compute_code_fingerprint, describe_environment
 from stepblocks.build.linked import find_linked_files
 from stepblocks.build.manifest import (
     MANIFEST,
@@ -27,11 +26,15 @@ from stepblocks.build.manifest import (
     load_record,
     write_sealed,
 )
+from stepblocks.compute.cluster import open_cluster
+from stepblocks.compute.fingerprint import compute_code_fingerprint, describe_environment
 from stepblocks.declaration.select import find_stimulus_files, select_stimuli
 from stepblocks.errors import PipelineError
 from stepblocks.files.atomic import lock_folder, resolve_inside
 
 if TYPE_CHECKING:
+    from distributed import Client
+
     from stepblocks.build.make import BuiltStimulus, OutdatedStimulus
     from stepblocks.declaration.set import StimulusSet
     from stepblocks.parts.conditions import OrderSpec
@@ -91,6 +94,7 @@ def build_sets(
     jobs: int | None = None,
     announce: "Callable[[BuiltStimulus, int, int], None] | None" = None,
     model: str | Path | None = None,
+    on: "str | Client | None" = None,
 ) -> BuildReport:
     """Build every stimulus that is not up to date, then the tables and the page.
 
@@ -110,6 +114,8 @@ def build_sets(
         Called with each stimulus made, its number and how many there are.
     model : str or Path, optional
         model.json of a measured session; predictions then have its constants and effects.
+    on : str or distributed.Client, optional
+        A Dask cluster that builds the stimuli, as in `run_sweep`; it need not see `output`.
 
     Returns
     -------
@@ -139,7 +145,8 @@ def build_sets(
         _check_output_folder(folder, sets)
         selected = select_stimuli(sets, only)
         outdated = _find_outdated(selected, folder, inputs.code)
-        built = _build_outdated(outdated, folder, jobs, announce)
+        with open_cluster(on if outdated else None, jobs) as cluster:
+            built = _build_outdated(outdated, folder, jobs, cluster, announce)
         summary = write_tables_and_page(sets, folder, learned)
         if summary.stimuli < len(selected):
             raise PipelineError(
@@ -287,6 +294,7 @@ def _build_outdated(
     outdated: "Sequence[OutdatedStimulus]",
     output: Path,
     jobs: int | None,
+    cluster: "Client | None",
     announce: "Callable[[BuiltStimulus, int, int], None] | None",
 ) -> list[str]:
     """Build stimuli; return their names in the order in which they were ready."""
@@ -294,7 +302,7 @@ def _build_outdated(
 
     names = []
     # closed: its workers have ended before drafts are swept
-    with closing(build_stimuli(outdated, output, jobs)) as results:
+    with closing(build_stimuli(outdated, output, jobs, cluster)) as results:
         for number, built in enumerate(results, start=1):
             names.append(built.name)
             if announce:

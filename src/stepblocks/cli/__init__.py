@@ -7,6 +7,7 @@ Exit codes: 0 done, 1 out of tolerance, 2 wrong input, 3 not proven, 70 an inter
 """
 
 import io
+import logging
 import os
 import signal
 import sys
@@ -127,6 +128,8 @@ def _set_up_streams_and_signals() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a file's name need not be text
             stream.reconfigure(errors="backslashreplace")
+    # that it finds no folder for its cache is nothing to a user of a command
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)
     for library in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
         # our matrices are small: threads of the linear algebra only wait for each other, and we
         # divide the work ourselves

@@ -1,13 +1,28 @@
 """``stepblocks build``, ``check`` and ``workshop``: make stimuli, measure them, have them made."""
 
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from stepblocks.cli.cluster import open_shown_cluster
 from stepblocks.cli.command import command
-from stepblocks.cli.options import Files, Jobs, Laws, Only, Quiet, make_quantity_option
+from stepblocks.cli.options import (
+    Files,
+    Jobs,
+    Laws,
+    On,
+    Only,
+    Quiet,
+    Stimuli,
+    make_quantity_option,
+)
 from stepblocks.cli.outcome import Outcome, make_progress
+from stepblocks.errors import PipelineError
+
+if TYPE_CHECKING:
+    from stepblocks.parts.verdict import Verdict
 
 app = typer.Typer()
 
@@ -28,6 +43,7 @@ def build(
     ] = Path("out"),
     only: Only = None,
     jobs: Jobs = None,
+    on: On = None,
     model: Annotated[
         Path | None,
         typer.Option(
@@ -47,16 +63,18 @@ def build(
     from stepblocks.build.run import build_sets
 
     progress = make_progress("built", quiet=quiet, lines=1000)
-    report = build_sets(
-        files or [],
-        output,
-        only=only,
-        jobs=jobs,
-        announce=lambda made, done, total: progress(
-            done, total, f"{made.name} {made.seconds:.1f} s"
-        ),
-        model=model,
-    )
+    with open_shown_cluster(on, jobs, quiet=quiet) as cluster:
+        report = build_sets(
+            files or [],
+            output,
+            only=only,
+            jobs=jobs,
+            announce=lambda made, done, total: progress(
+                done, total, f"{made.name} {made.seconds:.1f} s"
+            ),
+            model=model,
+            on=cluster,
+        )
     if report.built:
         summary = f"{report.output}: {len(report.built)} built, {report.current} up to date"
     else:
@@ -91,6 +109,15 @@ def check(
         Path, typer.Option("--output", "-o", metavar="DIR", help="folder of the build")
     ] = Path("out"),
     only: Only = None,
+    stimulus: Annotated[
+        str | None,
+        typer.Option(
+            "--stimulus",
+            metavar="ID",
+            help="check the files that are named against this declared part, such as step-050",
+        ),
+    ] = None,
+    stimuli: Stimuli = None,
     verbose: Annotated[
         bool, typer.Option("--verbose", help="print every measurement, not only the verdicts")
     ] = False,
@@ -98,18 +125,30 @@ def check(
     """Read every artefact back from disk and measure it, or check any STEP file.
 
     Prints a verdict per artefact; for STEP files named on the command line, dimensions and
-    tolerances against their geometry, read as text. Exit code 1 if one is out of tolerance.
+    tolerances against their geometry, read as text. Exit codes: 1 if one is out of tolerance, 3 if
+    a STEP file states too little to prove anything.
     """
+    from stepblocks.build.check import check_files, check_output
+
     files = files or []
+    if stimulus is not None:
+        if not files:
+            raise PipelineError("--stimulus needs the files to check against it, got none")
+        return _report_verdicts(check_files(files, stimulus, stimuli or "stimuli"), verbose=verbose)
+    if stimuli is not None:
+        raise PipelineError("--stimuli is for --stimulus, which is not given")
     if files and all(path.suffix.lower() in (".step", ".stp", ".p21") for path in files):
         return _check_step_files(files)
-    from stepblocks.build.check import check_output
+    return _report_verdicts(check_output(files, built, only=only), verbose=verbose)
 
+
+def _report_verdicts(checked: "Iterable[tuple[str, list[Verdict]]]", *, verbose: bool) -> Outcome:
+    """Report what was found of each artefact."""
     count = 0
     failed: list[str] = []
     records: list[dict[str, object]] = []
     notes: list[str] = []
-    for name, verdicts in check_output(files, built, only=only):
+    for name, verdicts in checked:
         count += 1
         wrong = [verdict for verdict in verdicts if not verdict.passed]
         if wrong:
@@ -132,15 +171,21 @@ def check(
 
 
 def _check_step_files(paths: list[Path]) -> Outcome:
+    """Check STEP files by themselves; what states too little is not proven."""
     from stepblocks.artefacts.step.check_step import check_step, format_step_table
 
     reports = [check_step(path) for path in paths]
-    passed = [report.passes for report in reports]
+    passed = [report.passes and not report.unproven for report in reports]
+    code = 0
+    if not all(report.passes for report in reports):
+        code = 1
+    elif not all(passed):
+        code = 3
     return Outcome(
         f"{sum(passed)} of {len(paths)} STEP files hold what they say",
         notes=["\n\n".join(format_step_table(report) for report in reports)],
         record={"files": {str(path): good for path, good in zip(paths, passed, strict=True)}},
-        code=0 if all(passed) else 1,
+        code=code,
     )
 
 

@@ -9,7 +9,7 @@ import typer
 from typer.core import TyperArgument, TyperCommand, TyperGroup, TyperOption
 
 from stepblocks.cli.options import Force, Json, Quiet, Wide
-from stepblocks.cli.outcome import Outcome, protect_output, show
+from stepblocks.cli.outcome import Outcome, collect_reading_notes, protect_output, show
 from stepblocks.errors import PipelineError
 
 Function = Callable[..., Outcome]
@@ -139,9 +139,11 @@ def command(
             taken = {name: values[name] for name in signature.parameters}
             if "quiet" in taken:  # JSON alone is printed, without a display of progress
                 taken["quiet"] = shown["quiet"] or shown["as_json"]
-            with protect_output(values.get("output"), force=force) as written:
+            protected = protect_output(values.get("output"), force=force)
+            with collect_reading_notes() as notes, protected as written:
                 outcome = function(**taken)
                 written += outcome.kept
+            outcome.notes = [*notes, *outcome.notes]
             show(outcome, written, **shown)
             return int(outcome.code)
 

@@ -6,6 +6,7 @@ of them. A metavar in brackets says that the value may be left out; ``show_defau
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -16,6 +17,7 @@ from stepblocks.errors import PipelineError
 from stepblocks.quantities import parse_quantity
 
 _MOST_DIGITS = 18  # of a whole number on the command line
+_LARGEST_IN_RANGE = 10**15
 _EVERYWHERE = "In every command"
 
 
@@ -72,6 +74,26 @@ def read_numbers(text: str) -> Numbers:
     """Read whole numbers separated by commas."""
     read = make_whole_number_reader(1, 100_000)
     return Numbers(read(part.strip()) for part in text.split(","))
+
+
+@dataclass(frozen=True)
+class WholeRange:
+    """Whole numbers from the first up to but not including the end, ``FIRST:END``."""
+
+    first: int
+    end: int
+
+
+def read_whole_range(text: str) -> WholeRange:
+    """Read whole numbers as ``FIRST:END``."""
+    first, separator, end = text.partition(":")
+    read = make_whole_number_reader(0, _LARGEST_IN_RANGE)
+    if not separator:
+        raise ValueError(f"must be FIRST:END, such as 0:10, got {text!r:.40}")
+    numbers = WholeRange(read(first.strip()), read(end.strip()))
+    if numbers.end <= numbers.first:
+        raise ValueError(f"must end after it begins, got {text!r:.40}")
+    return numbers
 
 
 def keep_given_options(**options: object) -> dict[str, Any]:
@@ -176,6 +198,18 @@ Jobs = Annotated[
         parser=make_whole_number_reader(1, 1024),
         help="processes",
         show_default="one per core",
+    ),
+]
+
+
+On = Annotated[
+    str | None,
+    typer.Option(
+        "--on",
+        metavar="CLUSTER",
+        help="a Dask cluster: tcp://ADDRESS:PORT of its scheduler, or slurm, pbs, sge, lsf, "
+        "htcondor or oar, of which --jobs workers are asked for",
+        show_default="this machine",
     ),
 ]
 

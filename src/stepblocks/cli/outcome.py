@@ -4,6 +4,7 @@ import atexit
 import json
 import os
 import sys
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -12,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stepblocks.build.manifest import hash_file
+from stepblocks.errors import ReadingWarning
 from stepblocks.files.atomic import protect_files, replace_text
 from stepblocks.quantities import format_column, format_column_label, format_units
 
@@ -274,6 +276,29 @@ def _make_progress_bar(label: str) -> Callable[..., None]:
             bar.stop()
 
     return draw_bar
+
+
+@contextmanager
+def collect_reading_notes() -> Iterator[list[str]]:
+    """Give a list that takes, when the block ends, what readers found out about their files.
+
+    Other warnings go on as they came.
+    """
+    notes: list[str] = []
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", ReadingWarning)
+        yield notes
+    places: dict[str, list[str]] = {}
+    for warning in caught:
+        message = warning.message
+        if isinstance(message, ReadingWarning):
+            places.setdefault(message.note, []).append(str(message.place))
+        else:
+            warnings.warn_explicit(message, warning.category, warning.filename, warning.lineno)
+    for note, files in places.items():
+        different = list(dict.fromkeys(files))
+        more = f" and {len(different) - 1} more" if len(different) > 1 else ""
+        notes.append(f"note: {note} [{different[0]}{more}]")
 
 
 @contextmanager

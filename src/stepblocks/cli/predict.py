@@ -8,16 +8,20 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from stepblocks.cli.cluster import open_shown_cluster
 from stepblocks.cli.command import command
 from stepblocks.cli.options import (
     AsBuilt,
     Laws,
+    On,
     Quiet,
     Speed,
     Table,
+    WholeRange,
     Wide,
     keep_given_options,
     make_whole_number_reader,
+    read_whole_range,
 )
 from stepblocks.cli.outcome import Outcome, make_progress
 from stepblocks.errors import PipelineError
@@ -45,7 +49,7 @@ def predict(
         list[Path] | None,
         typer.Argument(
             metavar="FILE",
-            help="stimulus files or folders, or one CSV table",
+            help="stimulus files or folders, or one table (CSV, Excel, ODS)",
             show_default="stimuli",
         ),
     ] = None,
@@ -82,10 +86,12 @@ def predict(
     """Predict critical angle, forces and vibration energy of sets, tables or unseen trials.
 
     Predicts every stimulus under every tip, load and friction that its file asks for; or each row
-    of a table (CSV with units in its header); or unseen trials by the model of a measured session.
+    of a table (CSV or sheet, units in its header); or unseen trials by the model of a session.
     """
     files = files or []
-    if model or any(path.suffix.lower() == ".csv" for path in files):
+    from stepblocks.files.text_table import is_table_name
+
+    if model or any(is_table_name(path) for path in files):
         return _predict_table(files, output, model)
     in_time = None if conversion is None else conversion == "simulated"
     return _predict_sets(files, as_built, in_time, speed, output=output, plots=plots, wide=wide)
@@ -161,20 +167,30 @@ def _predict_as_built(
     from stepblocks.predict import as_built
     from stepblocks.predict.columns import format_row
     from stepblocks.quantities import format_units
-    from stepblocks.records.as_built import read_records
+    from stepblocks.records.as_built import read_records_by_serial
 
-    records = read_records(paths)
+    groups = read_records_by_serial(paths)
     for stimuli in sets:
-        for sentence in as_built.describe_energy_changes(stimuli, records):
-            print(format_units(sentence), file=sys.stderr)
+        for serial, records in groups.items():
+            of_block = as_built.select_recorded(stimuli, serial, records)
+            if of_block is None:
+                continue
+            for sentence in as_built.describe_energy_changes(of_block, records):
+                begin = f"{serial}: " if serial else ""
+                print(f"{begin}{format_units(sentence)}", file=sys.stderr)
     handle_speed = PAPER.speed if speed is None else speed
+    measured: list[StimulusSet] = []
     predictions: list[Prediction] = []
     rows: list[dict[str, str]] = []
     for stimuli in sets:
-        found, found_rows = as_built.predict_as_built(stimuli, records, in_time, handle_speed)
+        built, found, found_rows = as_built.predict_blocks(stimuli, groups, in_time, handle_speed)
+        measured += built
         predictions += found
         rows += [format_row(row) for row in found_rows]
-    measured = [as_built.replace_nominals(stimuli, records) for stimuli in sets]
+    if not rows:
+        raise PipelineError(
+            f"records must be of stimuli that are declared, got {', '.join(groups)} without one"
+        )
     return _Predicted(measured, predictions, rows)
 
 
@@ -214,11 +230,13 @@ def _predict_table(files: list[Path], output: Path | None, model: Path | None) -
 
 def _take_table(files: list[Path], model: Path | None) -> Path:
     """Return the one table or session that was named."""
+    from stepblocks.files.text_table import is_table_name
+
     if len(files) == 1:
         is_session = model is not None and files[0].is_dir()
-        if is_session or files[0].suffix.lower() == ".csv":
+        if is_session or is_table_name(files[0]):
             return files[0]
-    wanted = "a trials.csv or the folder of one session" if model else "one CSV table"
+    wanted = "a trials.csv or the folder of one session" if model else "one table (CSV, Excel)"
     got = ", ".join(map(str, files)) or "none"
     raise PipelineError(f"expected {wanted}, got {got}")
 
@@ -255,6 +273,18 @@ def sweep(
             "--jobs", "-j", metavar="N", parser=make_whole_number_reader(1, 1024), help="processes"
         ),
     ] = 1,
+    on: On = None,
+    partitions: Annotated[
+        WholeRange | None,
+        typer.Option(
+            "--partitions",
+            metavar="FIRST:END",
+            parser=read_whole_range,
+            help="compute the partitions from FIRST up to but not including END, as a task of an "
+            "array of jobs does",
+            show_default="all",
+        ),
+    ] = None,
     quiet: Quiet = False,
 ) -> Outcome:
     """Predict a grid or random design of steps, tips and settings into partitioned Parquet.
@@ -265,13 +295,26 @@ def sweep(
     from stepblocks.predict.sweep.run import PLAN_FILE, run_sweep
 
     plan = load_sweep(design)
+    chosen = None
+    total = plan.partitions
+    share = ""
+    if partitions is not None:
+        chosen = range(partitions.first, partitions.end)
+        total = len(chosen)
+        share = f", of which {total} are asked for"
     progress = make_progress("partitions", quiet=quiet)
-    done = run_sweep(
-        plan, output, jobs=jobs, on_partition=lambda _: progress(total=plan.partitions)
-    )
+    with open_shown_cluster(on, jobs, quiet=quiet) as cluster:
+        done = run_sweep(
+            plan,
+            output,
+            jobs=jobs,
+            on=cluster,
+            partitions=chosen,
+            on_partition=lambda _: progress(total=total),
+        )
     return Outcome(
         (
-            f"{plan.rows} rows in {plan.partitions} partitions: {done.computed} computed, "
+            f"{plan.rows} rows in {plan.partitions} partitions{share}: {done.computed} computed, "
             f"{done.found} found [{output}]"
         ),
         record={"rows": plan.rows, "computed": done.computed, "found": done.found},

@@ -7,8 +7,18 @@ from typing import Annotated
 
 import typer
 
+from stepblocks.cli.cluster import open_shown_cluster
 from stepblocks.cli.command import command
-from stepblocks.cli.options import AsBuilt, Jobs, Laws, Quiet, keep_given_options
+from stepblocks.cli.options import (
+    AsBuilt,
+    Jobs,
+    Laws,
+    On,
+    Quiet,
+    WholeRange,
+    keep_given_options,
+    read_whole_range,
+)
 from stepblocks.cli.outcome import Outcome, make_progress
 from stepblocks.errors import PipelineError
 from stepblocks.files.text import Document
@@ -16,7 +26,13 @@ from stepblocks.files.text import Document
 app = typer.Typer()
 
 
-@command(app, "simulate-session", "simulate-session plan.toml -o rehearsal", panel="Bench")
+@command(
+    app,
+    "simulate-session",
+    "simulate-session plan.toml -o rehearsal",
+    "simulate-session plan.toml -o rehearsals --seeds 1:101 --jobs 2",
+    panel="Bench",
+)
 def simulate_session(
     *,
     plan: Annotated[
@@ -26,13 +42,33 @@ def simulate_session(
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="DIR", help="session to make")
     ] = Path("out/session"),
+    seeds: Annotated[
+        WholeRange | None,
+        typer.Option(
+            "--seeds",
+            metavar="FIRST:END",
+            parser=read_whole_range,
+            help="simulate one session for each seed from FIRST up to but not including END, into "
+            "folders of DIR; finished ones are kept",
+            show_default="one session, with the seed of the plan",
+        ),
+    ] = None,
+    jobs: Jobs = None,
+    on: On = None,
     laws: Laws = None,
+    quiet: Quiet = False,
 ) -> Outcome:
     """Simulate a bench session from the equations, with any effect planted.
 
     Writes a session with traces, scans and the truth behind them, so that a laboratory can ask
     before it measures whether a design would find an effect.
     """
+    if seeds is not None:
+        return _simulate_sessions(plan, output, seeds, jobs, on, quiet=quiet)
+    if jobs is not None or on is not None:
+        raise PipelineError(
+            "--jobs and --on divide several sessions: give their seeds with --seeds"
+        )
     from stepblocks.rehearse.run import simulate_session
 
     summary = simulate_session(plan, output)
@@ -44,6 +80,30 @@ def simulate_session(
             "locked": summary.locked,
             "session": str(output),
         },
+    )
+
+
+def _simulate_sessions(
+    plan: Path, output: Path, seeds: WholeRange, jobs: int | None, on: str | None, *, quiet: bool
+) -> Outcome:
+    """Simulate a session for each of several seeds."""
+    from stepblocks.rehearse.many import simulate_sessions
+
+    numbers = range(seeds.first, seeds.end)
+    progress = make_progress("sessions", quiet=quiet)
+    with open_shown_cluster(on, jobs, quiet=quiet) as cluster:
+        done = simulate_sessions(
+            plan,
+            output,
+            numbers,
+            jobs=jobs,
+            on=cluster,
+            on_session=lambda _: progress(total=len(numbers)),
+        )
+    return Outcome(
+        f"{len(numbers)} sessions: {done.simulated} simulated, {done.found} found [{output}]",
+        record={"simulated": done.simulated, "found": done.found, "sessions": str(output)},
+        kept=[folder / "session.toml" for folder in done.folders],
     )
 
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 import stepblocks
+from stepblocks.cli.cluster import open_shown_cluster
 from stepblocks.cli.command import command
 from stepblocks.cli.options import (
     Blocks,
@@ -13,6 +14,7 @@ from stepblocks.cli.options import (
     Friction,
     Load,
     Numbers,
+    On,
     Only,
     TipRadius,
     keep_given_options,
@@ -32,6 +34,7 @@ from stepblocks.cli.study_options import (
     read_names,
     read_pairs,
 )
+from stepblocks.files.table_rows import list_rows
 
 if TYPE_CHECKING:
     from stepblocks.study.design.simulate import Observer
@@ -290,6 +293,7 @@ def power(
             "--jobs", "-j", metavar="N", parser=make_whole_number_reader(1, 1024), help="processes"
         ),
     ] = 1,
+    on: On = None,
     only: Only = None,
     output: Annotated[
         Path | None,
@@ -299,27 +303,29 @@ def power(
     ] = None,
 ) -> Outcome:
     """Find the share of simulated studies that find a difference between conditions."""
-    table = stepblocks.study_power(
-        choose_source(file, heights),
-        output,
-        seed=seed,
-        jobs=jobs,
-        observer=_make_observer(weber, noise, spread, condition_spread, lapse, realism_gain),
-        **keep_given_options(
-            experiment=experiment,
-            standard=standard,
-            probes=probes,
-            measure=measure,
-            participants=participants,
-            repetitions=repetitions,
-            damping=damping,
-            noise=noisier,
-            analysis=analysis,
-            runs=runs,
-            only=only,
-            ball_radius=tip_radius,
-            normal_load=load,
-            friction=friction,
-        ),
-    )
-    return Outcome("", {"power": table.to_dict("records")})
+    with open_shown_cluster(on, jobs, quiet=False) as cluster:
+        table = stepblocks.study_power(
+            choose_source(file, heights),
+            output,
+            seed=seed,
+            jobs=jobs,
+            on=cluster,
+            observer=_make_observer(weber, noise, spread, condition_spread, lapse, realism_gain),
+            **keep_given_options(
+                experiment=experiment,
+                standard=standard,
+                probes=probes,
+                measure=measure,
+                participants=participants,
+                repetitions=repetitions,
+                damping=damping,
+                noise=noisier,
+                analysis=analysis,
+                runs=runs,
+                only=only,
+                ball_radius=tip_radius,
+                normal_load=load,
+                friction=friction,
+            ),
+        )
+    return Outcome("", {"power": list_rows(table)})

@@ -54,7 +54,7 @@ def run_in_processes(
     # the pool replaces a worker that has grown much and goes on; where warnings are errors, this
     # one would end the thread that does so, and nobody would start the work that waits
     warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
-    settings = {name: text for name, text in os.environ.items() if name.startswith(_OURS)}
+    settings = collect_settings()
     parallel = Parallel(
         n_jobs=jobs,
         return_as="generator" if in_order else "generator_unordered",
@@ -68,6 +68,11 @@ def run_in_processes(
             "a worker process died: it was ended from outside, ran out of memory, or found no "
             "OpenGL (libGL, libEGL); run it again, and it goes on"
         ) from error
+
+
+def collect_settings() -> dict[str, str]:
+    """Collect the environment variables that a worker needs as the process that starts it."""
+    return {name: text for name, text in os.environ.items() if name.startswith(_OURS)}
 
 
 def _begin_worker(settings: Mapping[str, str]) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from stepblocks.contact import Array, kernels
 from stepblocks.contact.domain import (
     Real,
+    read_values,
     require_finite,
     require_not_negative,
     require_positive,
@@ -20,7 +21,9 @@ from stepblocks.contact.kernels import Angles
 
 
 @overload
-def find_step_angle(height: float, ball_radius: float, edge_radius: float = 0.0) -> float: ...
+def find_step_angle(
+    height: float | str, ball_radius: float | str, edge_radius: float | str = 0.0
+) -> float: ...
 @overload
 def find_step_angle(
     height: Array | Sequence[float], ball_radius: Real, edge_radius: Real = 0.0
@@ -30,9 +33,9 @@ def find_step_angle(height: Real, ball_radius: Real, edge_radius: Real = 0.0) ->
 
     Parameters
     ----------
-    height, ball_radius, edge_radius : float or array_like
+    height, ball_radius, edge_radius : float, text with its unit, quantity of Pint, or array_like
         Height of the step H, radius of the probe tip R, and of the rounded edge r, 0 for a sharp
-        one [m].
+        one; numbers are metres.
 
     Returns
     -------
@@ -56,6 +59,8 @@ def find_step_angle(height: Real, ball_radius: Real, edge_radius: Real = 0.0) ->
     36.8699
     >>> np.degrees(find_step_angle([25e-6, 125e-6], 125e-6)).round(4).tolist()
     [36.8699, 90.0]
+    >>> find_step_angle("25 um", "125 um") == find_step_angle(25e-6, 125e-6)
+    True
     """
     height, ball_radius, edge_radius = _check_lengths(
         height=height, ball_radius=ball_radius, edge_radius=edge_radius
@@ -64,7 +69,9 @@ def find_step_angle(height: Real, ball_radius: Real, edge_radius: Real = 0.0) ->
 
 
 @overload
-def find_margin_angles(opening: float, rise: float, ball_radius: float) -> tuple[float, float]: ...
+def find_margin_angles(
+    opening: float | str, rise: float | str, ball_radius: float | str
+) -> tuple[float, float]: ...
 @overload
 def find_margin_angles(
     opening: Array | Sequence[float], rise: Real, ball_radius: Real
@@ -76,7 +83,7 @@ def find_margin_angles(opening: Real, rise: Real, ball_radius: Real) -> Angles:
 
     Parameters
     ----------
-    opening, rise, ball_radius : float or array_like
+    opening, rise, ball_radius : float, text with its unit, quantity of Pint, or array_like
         Distance g between the two edges along the drag, 0 where they touch or overlap; height of
         the second over the first, of either sign; radius of the probe tip R [m].
 
@@ -126,7 +133,7 @@ def _check_lengths(**lengths: Real) -> list[Real]:
     """Convert lengths to arrays, a single one to a number, and refuse what has no angle."""
     arrays = []
     for name, value in lengths.items():
-        array = np.asarray(value, dtype=np.float64)[()]
+        array = np.asarray(read_values(name, value, "length"))[()]
         check = _RULES.get(name, require_not_negative)
         check(name, array, "m")
         arrays.append(array)

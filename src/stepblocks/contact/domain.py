@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.errors import ContactError, QuantityError
-from stepblocks.quantities import DIMENSIONS, parse_quantity
+from stepblocks.quantities import DIMENSIONS, is_quantity, parse_quantity, read_array
 
 Real = Any  # a float or an array of them: what is given decides what comes out
 MOST_LENGTH = 1.0  # of anything on a bench [m]; more was read in a wrong unit
@@ -58,8 +58,10 @@ def _require_between(
 
 
 def read_number(name: str, value: object, dimension: str) -> float:
-    """Read a number in SI, or a text with its unit such as ``"25 um"``."""
-    if isinstance(value, str):
+    """Read a number in SI, or one with its unit: a text such as ``"25 um"``, or one of Pint."""
+    if isinstance(value, np.ndarray) and value.ndim == 0 and value.dtype.kind in "iuf":
+        value = value[()]
+    if isinstance(value, str) or is_quantity(value):
         try:
             return parse_quantity(value, dimension)
         except QuantityError as error:
@@ -75,6 +77,24 @@ def read_number(name: str, value: object, dimension: str) -> float:
         return float(value)
     except OverflowError as error:
         raise ContactError(f"{name} must be at most 1.8e308, got a longer whole number") from error
+
+
+def read_values(name: str, value: object, dimension: str) -> Real:
+    """Read a number or an array of them in SI, in any form that `read_array` takes.
+
+    One number comes back as a float, several as an array.
+    """
+    if isinstance(value, float) or (type(value) is np.ndarray and value.dtype == np.float64):
+        return value
+    try:
+        return read_array(value, dimension)[()]
+    except QuantityError as error:
+        raise ContactError(f"{name} {error}") from error
+    except (TypeError, ValueError) as error:
+        raise ContactError(
+            f"{name} must be numbers [{DIMENSIONS[dimension] or '1'}], got "
+            f"{type(value).__name__}: {error}"
+        ) from error
 
 
 def require_positive(name: str, value: Real, unit: str = "") -> None:
@@ -138,9 +158,9 @@ def _require(
 def read_lengths(name: str, values: object) -> NDArray[np.float64]:
     """Read a row of finite lengths on a bench as an array [m]."""
     try:
-        lengths: NDArray[np.float64] = np.ascontiguousarray(
-            np.ma.filled(np.ma.asarray(values, dtype=float), np.nan)
-        )
+        lengths: NDArray[np.float64] = np.ascontiguousarray(read_array(values, "length"))
+    except QuantityError as error:
+        raise ContactError(f"profile {name} {error}") from error
     except (TypeError, ValueError) as error:
         raise ContactError(
             f"profile {name} must be numbers [m], got {type(values).__name__}: {error}"

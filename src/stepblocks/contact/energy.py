@@ -13,7 +13,13 @@ from numpy.typing import NDArray
 from typing_extensions import TypeVar
 
 from stepblocks.contact import Array, kernels
-from stepblocks.contact.domain import Real, require_not_negative, require_positive, select_where
+from stepblocks.contact.domain import (
+    Real,
+    read_values,
+    require_not_negative,
+    require_positive,
+    select_where,
+)
 from stepblocks.contact.operating_point import PAPER, Tool
 from stepblocks.errors import ContactError
 
@@ -107,7 +113,7 @@ class Release(Generic[Statuses, Floats]):
 
 @overload
 def find_release(
-    angle: float, normal_load: float, friction: float, tool: Tool = ...
+    angle: float | str, normal_load: float | str, friction: float, tool: Tool = ...
 ) -> Release[Status, float]: ...
 @overload
 def find_release(
@@ -120,7 +126,7 @@ def find_release(
 
     Parameters
     ----------
-    angle, normal_load, friction : float or array_like
+    angle, normal_load, friction : float, text with its unit, quantity of Pint, or array_like
         Critical angle a [rad], from 0 to a right angle; load F_py [N]; coefficient of friction mu
         [1].
     tool : Tool
@@ -153,9 +159,9 @@ def find_release(
     >>> find_release(angles, normal_load=1.0, friction=0.3).status.tolist()
     ['releases', 'locked']
     """
-    a = np.asarray(angle, dtype=np.float64)[()]
-    load = np.asarray(normal_load, dtype=np.float64)[()]
-    mu = np.asarray(friction, dtype=np.float64)[()]
+    a = np.asarray(read_values("angle", angle, "angle"))[()]
+    load = np.asarray(read_values("normal_load", normal_load, "force"))[()]
+    mu = np.asarray(read_values("friction", friction, "ratio"))[()]
     require_positive("normal_load", load, "N")
     require_not_negative("friction", mu)
     _require_angles(a)

@@ -11,6 +11,7 @@ from stepblocks.contact.domain import (
     MOST_BALL,
     convert_fields,
     format_changed_fields,
+    read_number,
     require_not_negative,
 )
 from stepblocks.contact.laws import ContactLaw, FrictionLaw, Overtone
@@ -31,20 +32,39 @@ class Limit(NamedTuple):
 
 @dataclass(frozen=True)
 class Limits:
-    """Greatest tangential forces [N] that something holds or gives.
+    """Greatest tangential forces that something holds or gives.
 
-    Infinite where the equations alone are asked.
+    Infinite where the equations alone are asked: `Step.release` under `PAPER` knows no limit, while
+    sets and tables bring those of a hand and of the explorer.
+
+    Attributes
+    ----------
+    strength : float
+        At which the tool yields [N].
+    spring : float
+        To which its spring is linear [N].
+    gauge : float
+        That the gauge shows [N].
+    hand : float
+        That a hand pulls [N].
+
+    Examples
+    --------
+    >>> Tool(limits=Limits(hand="9.87 N")).limits.hand
+    9.87
     """
 
-    strength: float = math.inf  # at which the tool yields
-    spring: float = math.inf  # to which its spring is linear
-    gauge: float = math.inf  # that the gauge shows
-    hand: float = math.inf  # that a hand pulls
+    strength: float = math.inf
+    spring: float = math.inf
+    gauge: float = math.inf
+    hand: float = math.inf
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if not value > 0.0:
-                raise ContactError(f"limit of the {name} must be positive, got {value:g} N")
+            force = read_number(f"limit of the {name}", value, "force")
+            if not force > 0.0:
+                raise ContactError(f"limit of the {name} must be positive, got {force:g} N")
+            object.__setattr__(self, name, force)
 
     @property
     def first(self) -> Limit:
@@ -107,6 +127,11 @@ class Tool:
             decay_time=("time", 1e6),
         )
         convert_fields(self, 0.0, frequency_deviation=("frequency", 1e7))
+        if not isinstance(self.limits, Limits):
+            raise ContactError(
+                "limits must be Limits, such as Limits(hand=9.87), got "
+                f"{shorten_value(self.limits)}"
+            )
         overtones: object = self.overtones
         if not isinstance(overtones, (list, tuple)):
             overtones = (overtones,)

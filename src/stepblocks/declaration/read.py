@@ -1,5 +1,6 @@
 """Read TOML files into validated stimulus sets, or say what is wrong and where."""
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TypeAlias
@@ -8,8 +9,10 @@ from stepblocks.declaration.select import find_stimulus_files
 from stepblocks.declaration.set import StimulusSet, make_set
 from stepblocks.declaration.write import SCHEMA
 from stepblocks.errors import PipelineError, StimulusError
-from stepblocks.files.text import read_document
+from stepblocks.files.text import escape_file_name, read_document
 from stepblocks.mistakes import Mistake, shorten_value
+from stepblocks.parts.declared import is_identity
+from stepblocks.parts.kind import Part
 
 Sets: TypeAlias = str | Path | StimulusSet | Sequence[str | Path | StimulusSet]
 
@@ -22,7 +25,8 @@ def load_set(path: str | Path) -> StimulusSet:
     Parameters
     ----------
     path : str or Path
-        The TOML file; its stem must be the name of the set.
+        The TOML file. Its stem is the name of the set, unless it is no such name, as "My set v2"
+        is none, and the file begins with ``set = "my-set"``.
 
     Returns
     -------
@@ -46,11 +50,38 @@ def load_set(path: str | Path) -> StimulusSet:
     schema = raw.pop("schema", SCHEMA)
     if schema != SCHEMA:
         mistakes.append(("", f"schema must be {SCHEMA}, got {shorten_value(schema)}"))
-    name = raw.pop("set", path.stem)
-    if name != path.stem:
-        rule = f"set must be the name of its file, {path.stem!r}, or be left out"
-        mistakes.append(("", f"{rule}, got {shorten_value(name)}"))
-    return make_set(path.stem, raw, path.parent, path, mistakes)
+    name = _name_set(path, raw.pop("set", None), mistakes)
+    return make_set(name, raw, path.parent, path, mistakes)
+
+
+def _name_set(path: Path, declared: object, mistakes: list[Mistake]) -> str:
+    """Return the name of a set: that of its file, or the declared one where the file's is none.
+
+    Parameters
+    ----------
+    path : Path
+    declared : object
+        What the file says at ``set``; None where it says nothing.
+    mistakes : list of Mistake
+        What is wrong with the name is added.
+    """
+    stem = escape_file_name(path.stem)
+    if is_identity(stem):
+        if declared not in (None, stem):
+            rule = f"set must be the name of its file, {stem!r}, or be left out"
+            mistakes.append(("", f"{rule}, got {shorten_value(declared)}"))
+        return stem
+    if isinstance(declared, str) and is_identity(declared):
+        return declared
+    words = re.findall("[a-z0-9]+", path.stem.lower())
+    suggested = "-".join(words).lstrip("0123456789-")[:40].rstrip("-") or "mine"
+    rule = "a set needs a name of lower-case words and digits joined by hyphens"
+    got = f"the file is called {shorten_value(stem)}"
+    if declared is not None:
+        got = f"got {shorten_value(declared)}"
+    advice = f'rename it to {suggested}.toml, or begin it with set = "{suggested}"'
+    mistakes.append(("", f"{rule}, {got}: {advice}"))
+    return suggested
 
 
 def load_sets(sources: Sets | None = None) -> list[tuple[StimulusSet, str]]:
@@ -80,3 +111,23 @@ def load_sets(sources: Sets | None = None) -> list[tuple[StimulusSet, str]]:
         for path in find_stimulus_files(paths):
             loaded.append((load_set(path), str(path)))
     return loaded
+
+
+def find_declared_part(identity: str, stimuli: Sets) -> tuple[Part, StimulusSet]:
+    """Find a stimulus by its identity, also as engraved, and the set that declares it.
+
+    Raises
+    ------
+    PipelineError
+        If it is not declared.
+    """
+    names = []
+    for declared, _ in load_sets(stimuli):
+        for part in declared.stimuli:
+            if part.id.lower() == identity.strip().lower():
+                return part, declared
+            names.append(part.id)
+    raise PipelineError(
+        f"stimulus must be declared in {stimuli}, got {identity!r}; declared are "
+        f"{', '.join(names):.400}"
+    )

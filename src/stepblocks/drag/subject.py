@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 from stepblocks.contact.counterface import Counterface, Profile, Step, take_counterface
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
@@ -11,10 +11,10 @@ from stepblocks.declaration.read import Sets, load_sets
 from stepblocks.declaration.select import matches_pattern
 from stepblocks.declaration.set import StimulusSet, choose_operating_point
 from stepblocks.errors import ContactError, PipelineError, QuantityError
-from stepblocks.files.tables import read_si_columns, read_table
+from stepblocks.files.tables import load_table, read_si_columns, warn_of_notes
 from stepblocks.files.text import escape_file_name
 from stepblocks.parts.kind import Part
-from stepblocks.quantities import format_quantity, parse_quantity
+from stepblocks.quantities import format_quantity, is_quantity, parse_quantity
 from stepblocks.scans.read import Scan, load_scan
 
 # What of an operating point and of its tool may be given beside the subject
@@ -40,9 +40,11 @@ def resolve_subject(
     stimuli: Sets | None = None,
 ) -> Subject:
     """Find out what is to be dragged over; `values` [SI] replace what the paper or the set says."""
+    if is_quantity(subject) and not hasattr(getattr(subject, "magnitude", None), "__len__"):
+        subject = f"{parse_quantity(subject, 'length')!r} m"
     if not isinstance(subject, (str, Path)):
         if hasattr(subject, "__len__"):  # a table or arrays
-            subject = load_scan(subject)
+            subject = load_scan(cast("Scan", subject))
         name = getattr(subject, "id", "a counterface")
         return _take_surface(name, take_counterface(subject), values)
     path = Path(subject)
@@ -69,7 +71,9 @@ def resolve_subject(
 def _read_profile(path: Path) -> Profile:
     """Read a profile from the columns x and z of a CSV, their units in their names."""
     wanted = {"x": (["x"], "length", None), "z": (["z"], "length", None)}
-    columns = read_si_columns(read_table(path), wanted, path)
+    table = load_table(path)
+    warn_of_notes(table.notes, path)
+    columns = read_si_columns(table.frame, wanted, table.source)
     try:
         return Profile(columns["x"], columns["z"])
     except ContactError as error:

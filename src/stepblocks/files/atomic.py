@@ -176,10 +176,18 @@ def _make_draft(folder: Path, held: ExitStack) -> Path:
 
 
 @contextmanager
-def lock_folder(folder: Path) -> Iterator[None]:
+def lock_folder(folder: Path, share: str = "") -> Iterator[None]:
     """Hold an output folder for one run; a second one is refused.
 
     The lock ends with its process, and the drafts of a process that ended are removed.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder; it is made where it is missing.
+    share : str
+        Name of the share of the folder that the run writes, where several runs write shares that
+        do not overlap; the whole folder where empty.
 
     Raises
     ------
@@ -195,7 +203,7 @@ def lock_folder(folder: Path) -> Iterator[None]:
             reason = "a file is there"
         raise PipelineError(f"the output folder cannot be made: {reason} [{folder}]") from error
     try:
-        with try_lock(folder / _FOLDER_LOCK) as state:
+        with try_lock(folder / f"{_FOLDER_LOCK}{share}") as state:
             if state is LockState.TAKEN:
                 raise PipelineError(
                     "another run is writing into this folder: wait until it has ended, or "

@@ -1,17 +1,22 @@
 """Tables at the border: a column's unit stands in its name, ``height_um`` or ``speed_mm_s``."""
 
 import difflib
-from collections.abc import Collection, Mapping, Sequence
+import math
+import re
+import warnings
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.errors import PipelineError
+from stepblocks.errors import PipelineError, ReadingWarning
 from stepblocks.files.atomic import replace_text
-from stepblocks.files.paths import describe_system_error
-from stepblocks.files.text import measure_file_size
+from stepblocks.files.missing import is_missing_word
+from stepblocks.files.numbers import NumberNotation
+from stepblocks.files.text_table import TableLayout, TextTable, read_text_table
 from stepblocks.mistakes import Mistake, format_mistakes, shorten_value
 from stepblocks.quantities import multiply_by_unit, parse_quantity
 
@@ -30,7 +35,7 @@ SUFFIXES: dict[str, dict[str, str]] = {
     "time": {"s": "s", "ms": "ms"},
 }
 
-_LARGEST_FILE = 2_000_000_000  # bytes
+_LARGEST_WHOLE = 2.0**53  # up to which every whole number is a float
 _SIMILAR_ENOUGH = 0.8  # of two names of columns, as difflib measures it
 _FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")  # OWASP, CSV injection
 _NUMBER_KINDS = "biufcM"  # NumPy's letters of types that are never a formula
@@ -52,43 +57,124 @@ class ColumnRule(NamedTuple):
         return columns
 
 
-def read_table(path: Path, texts: Collection[str] = ()) -> "pd.DataFrame":
-    """Read a CSV with a header.
+@dataclass(frozen=True, eq=False)
+class FileTable:
+    """A table of a file: its columns as numbers and texts, and where each row stands.
+
+    Attributes
+    ----------
+    frame : DataFrame
+        Columns of numbers are floats or whole numbers with NaN for what is missing; of texts, an
+        empty cell is missing and nothing else.
+    source : TextTable
+        What the file writes, with the places of its rows.
+    notes : tuple of str
+        What had to be found out: encoding, separators, decimal signs, units, fill values.
+    """
+
+    frame: "pd.DataFrame"
+    source: TextTable
+    notes: tuple[str, ...] = ()
+
+
+def read_table(
+    path: Path,
+    texts: Collection[str] = (),
+    missing: Sequence[float] | None = None,
+) -> "pd.DataFrame":
+    """Read a table with a header; what had to be found out about it is a `ReadingWarning`.
+
+    See `load_table`.
+    """
+    table = load_table(path, texts, missing)
+    warn_of_notes(table.notes, path)
+    return table.frame
+
+
+def warn_of_notes(notes: Iterable[str], place: object) -> None:
+    """Say what had to be found out about a file, as one warning for each note."""
+    for note in notes:
+        warnings.warn(ReadingWarning(note, place), stacklevel=3)
+
+
+def load_table(
+    path: Path,
+    texts: Collection[str] = (),
+    missing: Sequence[float] | None = None,
+) -> FileTable:
+    """Read a table with a header.
 
     Parameters
     ----------
     path : Path
-        The file, UTF-8 with or without a byte order mark.
+        CSV, TSV or a workbook of Excel or LibreOffice; see `read_text_table`.
     texts : collection of str
         Columns that are texts, whatever they look like.
+    missing : sequence of float, optional
+        Numbers that stand for a missing value; by default those that stand out.
 
     Raises
     ------
     PipelineError
-        If it cannot be read, is too large, is no CSV, names a column twice or has no rows.
+        If it cannot be read, is too large, names a column twice, has no rows, or a row has another
+        number of cells than the header.
     """
     import pandas as pd
 
-    try:
-        if measure_file_size(path) > _LARGEST_FILE:
-            raise PipelineError(f"table must be smaller than {_LARGEST_FILE} bytes [{path}]")
-        with path.open(encoding="utf-8-sig") as file:
-            names = [name.strip() for name in file.readline().split(",")]
-        frame = pd.read_csv(
-            path, encoding="utf-8-sig", skipinitialspace=True, dtype=dict.fromkeys(texts, "str")
-        )
-    except OSError as error:
-        reason = describe_system_error(error, path)
-        raise PipelineError(f"table cannot be read: {reason} [{path}]") from error
-    except (ValueError, UnicodeDecodeError) as error:  # pandas' parser errors are ValueErrors
-        reason = str(error).splitlines()[0]
-        raise PipelineError(f"table must be a CSV: {reason} [{path}]") from error
-    if len(set(names)) != len(names):
-        raise PipelineError(f"table must not name a column twice [{path}]")
-    if frame.empty:
+    layout = TableLayout(missing=None if missing is None else tuple(missing))
+    source = read_text_table(path, layout)
+    if not source.rows:
         raise PipelineError(f"table has no rows [{path}]")
-    frame.columns = [str(name).strip() for name in frame.columns]
-    return frame
+    notes = list(source.notes)
+    columns = {}
+    for number, name in enumerate(source.names):
+        if name in texts or not source.holds_numbers(number):
+            columns[name] = _make_text_column(source.get_cells(number))
+            continue
+        numbers = source.read_sound_numbers(number, PipelineError)
+        notes += filter(None, [numbers.describe(name)])
+        columns[name] = _make_number_column(numbers.values)
+    frame = pd.DataFrame(columns)
+    return FileTable(_append_units(frame, source), source, tuple(notes))
+
+
+def _make_text_column(cells: list[str]) -> "pd.Series":
+    """Return cells as a column of texts, empty ones missing."""
+    import pandas as pd
+
+    column = pd.Series(cells, dtype="str")
+    return column.mask(column == "")
+
+
+def _make_number_column(values: NDArray[np.float64]) -> "pd.Series":
+    """Return numbers as whole ones where all are, as pandas reads them."""
+    import pandas as pd
+
+    is_bounded = bool((np.abs(values) < _LARGEST_WHOLE).all())  # which NaN is not
+    if is_bounded and bool((values % 1.0 == 0.0).all()):
+        return pd.Series(values.astype(np.int64))
+    return pd.Series(values)
+
+
+def _append_units(frame: "pd.DataFrame", source: TextTable) -> "pd.DataFrame":
+    """Put the units of a row of units behind the names of their columns: ``load [N]``.
+
+    A name that states its unit must agree with the row.
+    """
+    if not source.units:
+        return frame
+    renamed = {}
+    for name, unit in zip(source.names, source.units, strict=True):
+        stated = find_unit_of_name(name)
+        if unit in ("", "-", "1") or simplify_unit(unit) == stated:
+            continue
+        if stated:
+            raise PipelineError(
+                f"column {name!r} must have one unit, got {unit!r} in its row of units "
+                f"[{source.file}]"
+            )
+        renamed[name] = f"{name} [{unit}]"
+    return frame.rename(columns=renamed)
 
 
 def find_misspelt_columns(frame: "pd.DataFrame", known: Collection[str]) -> dict[str, str]:
@@ -104,10 +190,72 @@ def find_misspelt_columns(frame: "pd.DataFrame", known: Collection[str]) -> dict
     return meant
 
 
+# a name with its unit in brackets, as "Load [mN]" or "step height (µm)"
+_BRACKETED = re.compile(r"(?P<name>.*?)\s*[\[(](?P<unit>[^\[\]()]*)[\])]")
+
+
+def simplify_unit(unit: str) -> str:
+    """Return a unit as this program writes it, with the letter u for micro."""
+    return unit.strip("[]() ").replace("µ", "u").replace("μ", "u").replace(" ", "")
+
+
+def find_unit_of_name(name: str) -> str:
+    """Return the unit that a column's name states by its suffix or in brackets; empty without."""
+    bracketed = _BRACKETED.fullmatch(name)
+    if bracketed:
+        return simplify_unit(bracketed["unit"])
+    for units in SUFFIXES.values():
+        for suffix in sorted(units, key=len, reverse=True):
+            if suffix and name.lower().endswith(f"_{suffix}"):
+                return units[suffix]
+    return ""
+
+
+def find_column_name(name: str, known: Mapping[str, str]) -> str:
+    """Return the known column that a name means: ``height_um`` for "Height [µm]".
+
+    Parameters
+    ----------
+    name : str
+        As a table has it.
+    known : mapping of str
+        Unit of each known column by its full name.
+
+    Returns
+    -------
+    str
+        The known name; empty where it means none of them.
+    """
+    if name in known:
+        return name
+    bracketed = _BRACKETED.fullmatch(name)
+    words = name if bracketed is None else bracketed["name"]
+    base = re.sub(r"[\s-]+", "_", words.strip()).lower()
+    if bracketed is None:
+        return base if base in known else ""
+    for suffix in _list_suffixes(simplify_unit(bracketed["unit"])):
+        column = f"{base}_{suffix}".rstrip("_")
+        if column in known:
+            return column
+    return ""
+
+
+def _list_suffixes(unit: str) -> list[str]:
+    """Return the endings of names that say a unit; none at all says a ratio."""
+    if unit in ("-", "1"):
+        unit = ""
+    suffixes = []
+    for units in SUFFIXES.values():
+        suffixes += [suffix for suffix in units if units[suffix] == unit]
+    return suffixes
+
+
 def read_si_columns(
     frame: "pd.DataFrame",
     wanted: Mapping[str, tuple[Sequence[str], str, float | None]],
     place: object,
+    *,
+    lets_missing: bool = False,
 ) -> dict[str, NDArray[np.float64]]:
     """Find columns by any of their names and units, and return them in SI.
 
@@ -119,7 +267,10 @@ def read_si_columns(
         By key: possible names without the unit, dimension, and the default in SI, or None where the
         column must be there (see `ColumnRule`).
     place : object
-        Where the table stands, for the message.
+        Where the table stands, for the message; a `TextTable` says the line or the cell.
+    lets_missing : bool
+        Whether a number that is missing stays NaN, for a caller who says of each row what is wrong
+        with it; an infinite number, or a text that is none, is refused all the same.
 
     Returns
     -------
@@ -140,21 +291,72 @@ def read_si_columns(
     found: dict[str, NDArray[np.float64]] = {}
     for key, rule in rules.items():
         units = rule.list_columns()
-        present = [column for column in units if column in frame.columns]
+        present = _find_columns(frame, units)
         if len(present) > 1:
             names = " and ".join(present)
             mistakes.append(("", f"table must have one of the columns {names}, not both"))
         elif present:
-            column = present[0]
-            found[key] = _convert_column(frame[column], units[column], rule.dimension, mistakes)
+            ((column, meaning),) = present.items()
+            reading = _ColumnReading(
+                units[meaning],
+                rule.dimension,
+                list(frame.columns).index(column),
+                place if isinstance(place, TextTable) else None,
+            )
+            found[key] = _convert_column(frame[column], reading, mistakes, lets_missing)
         elif rule.default is not None:
             found[key] = np.full(len(frame), rule.default)
         elif meant.isdisjoint(units):
             usual = list(units)[: len(SUFFIXES[rule.dimension])]  # the first of its names
             mistakes.append(("", f"table must have a column {' or '.join(usual)}"))
     if mistakes:
-        raise PipelineError(format_mistakes(mistakes, place))
+        file = place.file if isinstance(place, TextTable) else place
+        raise PipelineError(format_mistakes(mistakes, file))
     return found
+
+
+@dataclass(frozen=True)
+class _ColumnReading:
+    """How a column is read: its unit and dimension, and the file that it comes from."""
+
+    unit: str
+    dimension: str
+    column: int
+    source: TextTable | None
+
+    @property
+    def notation(self) -> NumberNotation:
+        """Of the texts in the column."""
+        return NumberNotation() if self.source is None else self.source.notation
+
+    def name_row(self, row: int) -> str:
+        """Say where a cell stands, its row counted from 0."""
+        if self.source is None:
+            return f"row {row + 1}"
+        return self.source.name_row(row, self.column)
+
+    def show_cell(self, row: int, value: object) -> str:
+        """Write a cell that is no finite number as its file does."""
+        if isinstance(value, np.generic):
+            value = value.item()
+        if self.source is None or not isinstance(value, float):
+            return shorten_value(value)
+        written = self.source.rows[row][self.column]
+        if is_missing_word(written):
+            return written or "an empty cell"
+        if math.isnan(value):
+            return f"{written}, which stands for a missing value"
+        return shorten_value(written).strip("'")
+
+
+def _find_columns(frame: "pd.DataFrame", units: Mapping[str, str]) -> dict[str, str]:
+    """Return the known name that each column of a table means, by the column's own name."""
+    present = {}
+    for column in frame.columns:
+        meaning = find_column_name(str(column), units)
+        if meaning:
+            present[column] = meaning
+    return present
 
 
 def _find_misspelt_defaults(frame: "pd.DataFrame", rules: Sequence[ColumnRule]) -> dict[str, str]:
@@ -171,20 +373,59 @@ def _find_misspelt_defaults(frame: "pd.DataFrame", rules: Sequence[ColumnRule]) 
 
 
 def _convert_column(
-    cells: "pd.Series", unit: str, dimension: str, mistakes: list[Mistake]
+    cells: "pd.Series", reading: _ColumnReading, mistakes: list[Mistake], lets_missing: bool
 ) -> NDArray[np.float64]:
     """Return a column in SI; cells that are no finite number are added to the mistakes."""
+    numbers = _read_cells(cells, reading.notation)
+    is_wrong = ~np.isfinite(numbers)
+    if lets_missing:
+        is_wrong &= np.isinf(numbers) | _find_words(cells)
+    for row in np.flatnonzero(is_wrong).tolist():
+        rule = (
+            f"{cells.name} must be a finite number, got {reading.show_cell(row, cells.iloc[row])}"
+        )
+        mistakes.append((reading.name_row(row), rule))
+    factor = 1.0
+    if reading.unit:
+        factor = parse_quantity(f"1 {reading.unit}", reading.dimension)
+    return np.asarray(multiply_by_unit(numbers, factor))
+
+
+def _holds_objects(cells: "pd.Series") -> bool:
+    """Tell whether a column holds texts or other objects in place of numbers."""
     import pandas as pd
 
-    # a whole number of hundreds of digits is an object that only as a text becomes infinite
-    texts = cells.astype(str) if cells.dtype == object else cells
-    numbers = pd.to_numeric(texts, errors="coerce").to_numpy(dtype=np.float64)
-    wrong_cells = cells.reset_index(drop=True)[~np.isfinite(numbers)]
-    for row, cell in wrong_cells.items():
-        rule = f"{cells.name} must be a finite number, got {shorten_value(cell)}"
-        mistakes.append((f"row {row + 1}", rule))
-    factor = parse_quantity(f"1 {unit}", dimension) if unit else 1.0
-    return np.asarray(multiply_by_unit(numbers, factor))
+    if pd.api.types.is_object_dtype(cells.dtype):
+        return True
+    return bool(pd.api.types.is_string_dtype(cells))
+
+
+def _find_words(cells: "pd.Series") -> NDArray[np.bool_]:
+    """Tell which cells of a column are texts that stand for no number, shape (rows,)."""
+    if not _holds_objects(cells):
+        return np.zeros(len(cells), dtype=bool)
+    return np.array([_is_word(cell) for cell in cells], dtype=bool)
+
+
+def _is_word(cell: object) -> bool:
+    """Tell whether a cell that is no number is a text that does not say that one is missing."""
+    return isinstance(cell, str) and not is_missing_word(cell)
+
+
+def _read_cells(cells: "pd.Series", notation: NumberNotation) -> NDArray[np.float64]:
+    """Return the numbers of a column, NaN for what is none."""
+    import pandas as pd
+
+    if not _holds_objects(cells):
+        numbers = pd.to_numeric(cells, errors="coerce")
+        return np.asarray(numbers.to_numpy(dtype=np.float64, na_value=np.nan))
+    values = np.full(len(cells), np.nan)
+    for row, cell in enumerate(cells):
+        try:
+            values[row] = notation.parse(str(cell))
+        except ValueError:
+            continue
+    return values
 
 
 def escape_formula(cell: object) -> object:
@@ -208,7 +449,8 @@ def format_csv(
     """Write a table, or rows as mappings, as the text of a CSV."""
     import pandas as pd
 
-    frame = pd.DataFrame(table, columns=columns)
+    rows: Any = table
+    frame = pd.DataFrame(rows, columns=None if columns is None else list(columns))
     escaped = {}
     for name in frame.columns:
         if frame[name].dtype.kind not in _NUMBER_KINDS:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from stepblocks.errors import StepblocksError
+from stepblocks.files.decode import decode_marked
 from stepblocks.files.paths import describe_system_error
 
 Document = dict[str, Any]  # an object of JSON or a table of TOML, before its values are checked
@@ -60,7 +61,7 @@ def read_document(
     Parameters
     ----------
     path : Path
-        The file, UTF-8.
+        The file: UTF-8 with or without a mark, or UTF-16 with one.
     what : str
         What the file is to its reader, for messages, such as ``"stimulus file"``.
     raises : type of StepblocksError
@@ -80,7 +81,7 @@ def read_document(
         size = measure_file_size(path)
         if size > most:
             raise raises(f"{what} must be at most {most} bytes, got {size} [{path}]")
-        return parse(path.read_text(encoding="utf-8"))
+        return parse(decode_marked(path.read_bytes()).replace("\r\n", "\n"))
     except OSError as error:
         reason = describe_system_error(error, path)
         raise raises(f"{what} cannot be read: {reason} [{path}]") from error

@@ -21,6 +21,9 @@ _MAX_FILE_BYTES = 200_000
 # largest error of a force by rounded positions that a plan accepts, relative to the smaller of load
 # and release force [1]
 FORCE_ERROR = 0.01
+# of the force on a hand in written files where no device is named [N]; the weakest listed device
+# bears 3.3 N at its peak
+SAFE_FORCE = 3.0
 # of the ring through the device's servo loop (Choi and Tan advise 5 to 10 kHz for textures)
 _SAMPLES_PER_CYCLE = 10.0
 # magnifications that are offered, 1 to 5000
@@ -32,6 +35,8 @@ _UNITS = {
     "hand_travel": "m",
     "stiffness": "n_per_m",
     "critical_force": "n",
+    "largest_force": "n",
+    "force_limit": "n",
     "force_step": "n",
     "force_error": "relative",
     "ring_energy": "j",
@@ -49,17 +54,24 @@ class Figure(BaseModel, frozen=True, extra="forbid"):
     source : str
         Where it stands.
     confidence : str
-        ``datasheet``, ``code`` (of a public driver), ``remembered`` or ``assumed``.
+        ``measured``, ``datasheet``, ``code`` (of a public driver), ``remembered`` or ``assumed``.
     """
 
     value: float
     source: Annotated[str, Field(min_length=1, max_length=200)]
-    confidence: Literal["datasheet", "code", "remembered", "assumed"]
+    confidence: Literal["measured", "datasheet", "code", "remembered", "assumed"]
+
+
+_UNSTATED = {"source": "not stated", "confidence": "assumed"}
 
 
 def _make_figure_validator(dimension: str) -> BeforeValidator:
+    """Make a reader of a figure: a quantity, or a table of it with its source and confidence."""
+
     def parse(raw: object) -> object:
-        if isinstance(raw, dict) and "value" in raw:
+        if not isinstance(raw, dict):
+            raw = {"value": raw, **_UNSTATED}
+        if "value" in raw:
             value = parse_quantity(raw["value"], dimension)
             if value <= 0.0:
                 raise ValueError(f"value must be positive, got {raw['value']!r}")
@@ -160,6 +172,9 @@ class RenderingPlan:
         S R [m]; k/S [N/m].
     critical_force : float
         F_px, the same at any scale [N]; not-a-number where the probe does not release.
+    largest_force, force_limit : float
+        On the hand at the release, pull and load together, or the load alone; at which the written
+        files limit it [N].
     ring_energy : float
         Of the ring to inject, never scaled [J].
     force_step, force_error : float
@@ -179,6 +194,8 @@ class RenderingPlan:
     ball_radius: float
     stiffness: float
     critical_force: float
+    largest_force: float
+    force_limit: float
     ring_energy: float
     force_step: float
     force_error: float
@@ -227,6 +244,8 @@ def plan_rendering(
         ball_radius=scale * point.ball_radius,
         stiffness=stiffness,
         critical_force=event.critical_force,
+        largest_force=_find_largest_force(event, point),
+        force_limit=device.peak_force.value,
         ring_energy=event.energy,
         force_step=force_step,
         force_error=0.5 * force_step / _find_smallest_force(event, point),
@@ -235,7 +254,7 @@ def plan_rendering(
         ring_samples=ring_samples,
     )
     refusals = _list_refusals(device, plan, point.normal_load)
-    deviations = _list_deviations(device, plan, event, point.normal_load)
+    deviations = _list_deviations(device, plan, event)
     verdict = Faithfulness.FAITHFUL
     if refusals:
         verdict = Faithfulness.IMPOSSIBLE
@@ -295,6 +314,12 @@ def _find_smallest_force(event: VibrationEvent, point: OperatingPoint) -> float:
     return min(point.normal_load, release_force)
 
 
+def _find_largest_force(event: VibrationEvent, point: OperatingPoint) -> float:
+    """Find the force on the hand at the release, pull and load together; else the load [N]."""
+    release_force = _replace_if_not_finite(event.critical_force, 0.0)
+    return math.hypot(release_force, point.normal_load)
+
+
 def _choose_scale(device: Device, event: VibrationEvent, point: OperatingPoint) -> float:
     """Choose the smallest scale at which positions and spring fit and the hand can travel."""
     stiffness = point.tool.stiffness
@@ -323,6 +348,11 @@ def _list_refusals(device: Device, plan: RenderingPlan, load: float) -> list[str
             f"the release force of {plan.critical_force:.3g} N exceeds its peak force of "
             f"{peak:g} N: it would slip early"
         )
+    elif plan.largest_force > peak and load <= peak:
+        reasons.append(
+            f"the force on the hand of {plan.largest_force:.3g} N, pull and load together, exceeds "
+            f"its peak force of {peak:g} N: it would be clipped"
+        )
     if plan.stiffness > stiffness_limit * (1.0 + _ROUNDING):
         reasons.append(
             f"the spring of {plan.stiffness:.4g} N/m exceeds its stiffness limit of "
@@ -331,11 +361,9 @@ def _list_refusals(device: Device, plan: RenderingPlan, load: float) -> list[str
     return reasons
 
 
-def _list_deviations(
-    device: Device, plan: RenderingPlan, event: VibrationEvent, load: float
-) -> list[str]:
+def _list_deviations(device: Device, plan: RenderingPlan, event: VibrationEvent) -> list[str]:
     """List what a device loses of a plan that it renders."""
-    held_force = max(load, _replace_if_not_finite(event.critical_force, 0.0))
+    held_force = plan.largest_force
     continuous_force = _take_value_or_infinity(device.continuous_force)
     travel_limit = _take_value_or_infinity(device.travel)
     reasons = []

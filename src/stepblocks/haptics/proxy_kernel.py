@@ -5,14 +5,18 @@ is as long as the spring's force lies within the friction cone, and slides to th
 it does so again. At a notch the two slopes differ, and the proxy holds until ``F_x (1 - mu t) > F_z
 (t + mu)``: equation (1) without its division, which therefore also says that a locked proxy never
 moves.
+
+Between two ticks the hand goes straight from place to place, and the force left to move the proxy
+out of a notch is linear along that way. Where it crosses zero the notch gives way: a release is the
+same at any rate and speed.
 """
 
 import math
 from typing import Any
 
-import numba
 import numpy as np
 
+from stepblocks.compute.compiled import numba
 from stepblocks.contact import Array
 
 Hand = tuple[float, float]  # across the edge and up [m]
@@ -34,12 +38,22 @@ _SETTINGS = ("stiffness", "wall", "friction", "damping", "period", "ring", "omeg
 SETTING = np.dtype([(name, _FLOAT) for name in _SETTINGS])
 # What changes from tick to tick, one record: the proxy across and along the edge, the height of a
 # free one [m], the spring force of the last tick [N]; since the last event [s], negative before the
-# first, its signed amplitude and the spring force at it [N]; the piece of the path that the proxy
-# is on, how many events there were
-_STATES = ("x", "y", "height", "pull", "ring_time", "ring_force", "release")
+# first, its signed amplitude and the spring force at it [N]; where the hand was at the last tick
+# [m], known after the first; the piece of the path that the proxy is on, how many events there were
+_STATES = (
+    "x",
+    "y",
+    "height",
+    "pull",
+    "ring_time",
+    "ring_force",
+    "release",
+    "hand_x",
+    "hand_z",
+)
 STATE = np.dtype(
     [(name, _FLOAT) for name in _STATES]
-    + [("piece", np.int64), ("events", np.int64), ("touching", _TRUTH)]
+    + [("piece", np.int64), ("events", np.int64), ("touching", _TRUTH), ("known", _TRUTH)]
 )
 
 
@@ -81,12 +95,58 @@ def _is_sliding(
 
 
 @numba.njit(cache=True)
+def _leave(
+    direction: float,
+    knot: int,
+    slope: float,
+    state: Records,
+    hand: Hand,
+    setting: Records,
+    path: Records,
+) -> None:
+    """Note the release where the proxy leaves a notch that held it, at the moment it gave way.
+
+    The hand [m] went straight from where it was a tick ago; `slope` is that of the path beyond the
+    knot.
+    """
+    is_notch = path.up[knot] if direction > 0.0 else path.down[knot]
+    if not is_notch:
+        return
+    x, z = path.x[knot], path.z[knot]
+    came_from = (state.hand_x, state.hand_z)
+    before = _compute_drive(direction, x, z, slope, came_from, setting)
+    after = _compute_drive(direction, x, z, slope, hand, setting)
+    if before > 0.0 and x != state.x:  # passed without being held
+        return
+    share = 0.0  # of the tick, until the notch gave way
+    if before < 0.0 and after > before:
+        share = min(before / (before - after), 1.0)
+    held_until = state.hand_x + share * (hand[0] - state.hand_x)
+    state.release = setting.stiffness * (held_until - x)
+    state.events += 1
+    if setting.ring > 0.0:
+        state.ring_time = (1.0 - share) * setting.period
+        state.ring_force = setting.ring * state.release
+
+
+@numba.njit(cache=True)
 def _slide(
-    direction: float, x: float, piece: int, hand: Hand, setting: Records, path: Records
+    direction: float,
+    piece: int,
+    landed: bool,
+    state: Records,
+    hand: Hand,
+    setting: Records,
+    path: Records,
 ) -> tuple[float, int]:
-    """Move the proxy along the path until friction holds it."""
+    """Move the proxy along the path until friction holds it; note every notch that it leaves."""
     ahead = direction > 0.0
+    x = state.x
     while _is_sliding(direction, x, piece, hand, setting, path):
+        start = piece if ahead else piece + 1
+        if x == path.x[start] and not landed:
+            rise = path.first[piece] if ahead else path.last[piece]
+            _leave(direction, start, rise, state, hand, setting, path)
         knot = piece + 1 if ahead else piece
         far = path.x[knot]
         slope = path.last[piece] if ahead else path.first[piece]
@@ -153,25 +213,15 @@ def _is_pressed(x: float, piece: int, hand: Hand, setting: Records, path: Record
 def _move(state: Records, landed: bool, hand: Hand, setting: Records, path: Records) -> None:
     """Slide in either direction; leaving a notch uphill is the event, unless it has just landed."""
     x, piece = state.x, state.piece
-    catches = path.up
     at_start = x == path.x[piece]
     at_end = x == path.x[piece + 1]
     right = piece + 1 if at_end and piece + 2 < len(path.x) else piece
-    new_x, new_piece = _slide(1.0, x, right, hand, setting, path)
+    new_x, new_piece = _slide(1.0, right, landed, state, hand, setting, path)
     if new_x == x:
         left = piece - 1 if at_start and piece > 0 else piece
-        new_x, new_piece = _slide(-1.0, x, left, hand, setting, path)
-        catches = path.down
-    if new_x == x:
-        return
-    state.x, state.piece = new_x, new_piece
-    was_held = (at_start and catches[piece]) or (at_end and catches[piece + 1])
-    if setting.ring > 0.0 and was_held and not landed:
-        state.ring_time = 0.0
-        # the pull of the last tick: what the notch held
-        state.ring_force = setting.ring * state.pull
-        state.release = state.pull
-        state.events += 1
+        new_x, new_piece = _slide(-1.0, left, landed, state, hand, setting, path)
+    if new_x != x:
+        state.x, state.piece = new_x, new_piece
 
 
 @numba.njit(cache=True)
@@ -186,6 +236,8 @@ def tick(
     """Advance the proxy of one record `states` by a tick of the hand; write the force on it."""
     state, setting = states[0], settings[0]
     hand = (min(max(position[0], path.x[0]), path.x[-1]), position[2])
+    if not state.known:
+        state.hand_x, state.hand_z, state.known = hand[0], hand[1], True
     landed = not state.touching or not _is_pressed(state.x, state.piece, hand, setting, path)
     if landed:
         z = _compute_height(state.x, state.piece, path)
@@ -213,6 +265,7 @@ def tick(
         )
         force[0] += state.ring_force * swing
         state.ring_time += setting.period
+    state.hand_x, state.hand_z = hand
 
 
 @numba.njit(cache=True)

@@ -13,6 +13,7 @@ from stepblocks.errors import HapticsError
 from stepblocks.haptics import proxy_kernel as kernel
 
 _APPROACH = 40e-6  # before the notch, and the least travel behind it, unscaled [m]
+_FARTHEST = 1e3  # a place [m] or velocity [m/s] beyond is no number of a hand
 _FADE = 0.01  # of the force after an input that is not a number [s]
 _MOST_TICKS = 20_000_000  # of one drag, in memory
 _KINK = 1e-3  # change of slope that is a notch of the path, not the chords of a circle [1]
@@ -138,12 +139,12 @@ class Renderer:
         """Return the force on the hand [N] at its position [m] and velocity [m/s].
 
         Shape (3,) each; the next tick overwrites the force. A position or velocity that is not a
-        number is counted in `faults` and moves nothing: the last good force fades to zero over 10
-        ms, and grows again as slowly afterwards.
+        number, or beyond a kilometre, is counted in `faults` and moves nothing: the last good force
+        fades to zero over 10 ms, and grows again as slowly afterwards.
         """
         _require_vectors(position, velocity)
         step = self.period / _FADE
-        if not math.isfinite(sum(position.tolist()) + sum(velocity.tolist())):
+        if not (is_place_of_hand(position) and is_place_of_hand(velocity)):
             self.faults += 1
             self.force[:] = self._share * self._good
             self._share = max(self._share - step, 0.0)
@@ -223,6 +224,12 @@ class Renderer:
     def release_force(self) -> float:
         """Spring force at the last release [N]; 0 before the first."""
         return float(self._states["release"][0])
+
+
+def is_place_of_hand(values: Array) -> bool:
+    """Say whether a position [m] or velocity [m/s] can be one of a hand: numbers within 1 km."""
+    size: float = sum(map(abs, values.tolist()))
+    return size <= _FARTHEST
 
 
 def _list_knots(path: CentrePath) -> NDArray[np.void]:

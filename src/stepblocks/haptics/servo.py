@@ -18,7 +18,7 @@ import numpy as np
 from stepblocks.contact import Array
 from stepblocks.files.atomic import write_atomically
 from stepblocks.haptics.hands import Hand
-from stepblocks.haptics.renderer import Renderer
+from stepblocks.haptics.renderer import Renderer, is_place_of_hand
 
 RATE = 1000.0  # Hz
 # What is written of every tick; `force` is the renderer's, `applied` what the limits left of it
@@ -67,9 +67,11 @@ class Limits:
         5e3  # how fast a force may grow [N/s]; it may fall at once, as it does at a release
     )
     late: float = 200e-6  # a tick this late is logged [s]
-    # after so long without a tick, or an answer of the hand, the force is off until the hand has
-    # let go [s]
+    # after so long without a tick, an answer of the hand, or a position that is a number, the force
+    # is off until the hand has let go [s]
     dead: float = 0.05
+    jump: float = 10.0  # and where the hand was faster between two ticks [m/s]
+    rise: float = 0.02  # in which the force grows after the hand has taken hold [s]
 
 
 class Servo(threading.Thread):
@@ -97,6 +99,9 @@ class Servo(threading.Thread):
         self._over = threading.Event()
         self._applied = np.zeros(3)
         self._held = False
+        self._share = 0.0  # of the force that is applied, growing after the hand took hold
+        self._seen: Array | None = None  # the last good position [m]
+        self._away = 0.0  # how long there was none [s]
         self.trusted = not hand.motors
         self.doubts: list[str] = []
         self.ticks = 0
@@ -156,21 +161,46 @@ class Servo(threading.Thread):
             return "watchdog: the hand did not answer"
         if not is_held:
             self.trusted = True  # it has let go
+        doubt = self._doubt_hand(position)
+        if doubt:
+            return doubt
         is_felt = is_held and self.trusted
         if is_felt and not self._held:
             self.renderer.reset(position)
+            self._share = 0.0
         self._held = is_felt
         force, pull = np.zeros(3), 0.0
         applied = force
         if is_felt:
             force = self.renderer.tick(position, velocity)
             applied = self._limit_force(force, self._applied)
+            if self.hand.motors:
+                applied *= self._share
+                self._share = min(self._share + self._period / self.limits.rise, 1.0)
             pull = self.renderer.pull
         self._applied = applied
         row[1:-1] = (*position, *force, *applied, pull, is_felt, self.renderer.events)
         # after the log: a virtual hand moves its own position here, and keeps its load by what is
         # rendered, not by what is left of it
         self.hand.apply(applied if self.hand.motors else force)
+        return ""
+
+    def _doubt_hand(self, position: Array) -> str:
+        """Say that a hand with motors was lost for too long, or jumped to a position [m]."""
+        if not self.hand.motors:
+            return ""
+        if not is_place_of_hand(position):
+            self._away += self._period
+            if self._away > self.limits.dead:
+                return "watchdog: the hand gave no position"
+            return ""
+        before, reach = self._seen, self.limits.jump * (self._away + max(self._period, 1e-3))
+        self._seen, self._away = np.array(position), 0.0
+        if before is None or not self._held:
+            return ""
+        way = float(np.linalg.norm(self._seen - before))
+        if way > reach:
+            return f"jump: the hand moved by {way * 1e3:.3g} mm between two ticks"
         return ""
 
     def _let_go(self) -> None:

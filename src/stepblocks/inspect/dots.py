@@ -6,6 +6,7 @@ Their walls may slope and their depths differ: each is measured at half of its o
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -140,7 +141,8 @@ def measure_dots(
     average = partial(
         average_profiles, f"{name}, mean", found, instrument, [average_form], of="dots"
     )
-    places = ndimage.center_of_mass(dots.labels > 0, dots.labels, kept + 1)
+    centres: Any = ndimage.center_of_mass(dots.labels > 0, dots.labels, kept + 1)
+    places: list[tuple[float, float]] = list(centres)  # one for each label
     features = []
     for estimate, (y, x), change in zip(found, places, changes.T, strict=True):
         at_place = f"{name} at {x * scan.dx * 1e6:.4g}, {y * scan.dy * 1e6:.4g} um"

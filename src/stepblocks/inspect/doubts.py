@@ -1,9 +1,13 @@
-"""Doubts about a scan: the unit of its heights, or the part that it shows."""
+"""Doubts about a scan: the unit of its heights or positions, or the part that it shows.
+
+A unit that cannot be right refuses the scan; of a part that is likely another one, a note says so.
+"""
 
 import math
 import re
 from collections.abc import Iterable
 
+from stepblocks.errors import MetrologyError
 from stepblocks.inspect.notes import Note, NoteKind
 from stepblocks.parts.characteristics import Characteristic
 from stepblocks.parts.kind import Part
@@ -12,12 +16,55 @@ _UNITS = ("pm", "nm", "um", "mm", "m")  # each 1000 of the one before
 _UNIT_READ = re.compile(r"(?<![a-z])(pm|nm|um|mm|m)(?![a-z])")
 # of the logarithm of a size over the declared one, about a power of 1000 [1]: a factor of two
 _NEAR_POWER = 0.3
+# of the largest size of a part, which no scan of it is as long as [1]
+_TOO_LONG = 10.0
 
 
-def describe_doubts(
-    size: Characteristic, value: float, scale: str, parts: Iterable[Part]
-) -> list[Note]:
-    """Say that a size is off by a power of 1000, or that another part of the set is of this size.
+def refuse_wrong_unit(size: Characteristic, value: float, scale: str, place: str) -> None:
+    """Refuse heights that are off what is declared by a power of 1000.
+
+    Parameters
+    ----------
+    size : Characteristic
+        What the part or the standard declares.
+    value : float
+        What the scan shows [m].
+    scale : str
+        How the reader read the heights.
+    place : str
+        Name of the file.
+
+    Raises
+    ------
+    MetrologyError
+        With the unit that is likely.
+    """
+    power = _find_power_of_1000(size, value)
+    if not power:
+        return
+    raise MetrologyError(
+        f"{size.label} must be near {size.nominal * 1e6:.4g} um, got {value * 1e6:.4g} um, about "
+        f"{1000.0**power:g} times as much: the unit of the heights is likely "
+        f"{_suggest_unit(scale, power)} [{place}]"
+    )
+
+
+def refuse_long_scan(sizes: Iterable[Characteristic], length: float, place: str) -> None:
+    """Refuse a scan of a length [m] that is far beyond the largest size of its part."""
+    largest = 0.0
+    for size in sizes:
+        if size.kind == "distance":
+            largest = max(largest, size.nominal)
+    if length <= _TOO_LONG * largest or not largest:
+        return
+    raise MetrologyError(
+        f"positions must lie on the part, of at most {largest * 1e3:.4g} mm, got a scan of "
+        f"{length * 1e3:.4g} mm: make sure of the unit of the positions [{place}]"
+    )
+
+
+def describe_doubts(size: Characteristic, value: float, parts: Iterable[Part]) -> list[Note]:
+    """Say that another part of the set is of a size.
 
     Parameters
     ----------
@@ -25,8 +72,6 @@ def describe_doubts(
         What the part declares.
     value : float
         What the scan shows [m].
-    scale : str
-        How the reader read the heights.
     parts : iterable of Part
         Other parts of the set.
 
@@ -35,16 +80,6 @@ def describe_doubts(
     list of Note
         One, or none where nothing is in doubt.
     """
-    power = _find_power_of_1000(size, value)
-    if power:
-        doubt = NoteKind.UNIT_IN_DOUBT.describe(
-            label=size.label,
-            value=value * 1e6,
-            factor=1000.0**power,
-            nominal=size.nominal * 1e6,
-            likely=_suggest_unit(scale, power),
-        )
-        return [doubt]
     twins = _find_parts_of_size(size.key, value, parts)
     if not twins:
         return []

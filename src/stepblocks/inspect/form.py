@@ -115,7 +115,7 @@ def _solve_minimum_zone(design: Array, residual: Array) -> tuple[Array, float]:
         b_ub=np.concatenate([-heights, heights]),
         bounds=[(None, None)] * 3 + [(0, None)],
     )
-    if not result.success:
+    if not result.success or result.x is None:
         raise MetrologyError(f"minimum zone must be solvable, got: {result.message}")
     return result.x[:3], float(result.x[3])
 

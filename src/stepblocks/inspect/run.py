@@ -11,13 +11,12 @@ from pathlib import Path
 import numpy as np
 
 from stepblocks.contact.domain import read_number
-from stepblocks.declaration.read import Sets, load_sets
-from stepblocks.declaration.set import StimulusSet
+from stepblocks.declaration.read import Sets, find_declared_part
 from stepblocks.errors import MetrologyError, PipelineError
 from stepblocks.files.text import escape_file_name
 from stepblocks.inspect.budget import Instrument
 from stepblocks.inspect.conformity import Outcome, combine_verdicts, judge
-from stepblocks.inspect.doubts import describe_doubts
+from stepblocks.inspect.doubts import describe_doubts, refuse_long_scan, refuse_wrong_unit
 from stepblocks.inspect.evaluation import AS_FOUND, Evaluation, EvaluationOptions
 from stepblocks.inspect.feature import (
     EVALUATIONS,
@@ -26,6 +25,7 @@ from stepblocks.inspect.feature import (
     refuse_unused_options,
 )
 from stepblocks.inspect.judgement import Judgement, NotMeasured
+from stepblocks.inspect.layout import find_layout
 from stepblocks.inspect.notes import NoteKind, NotMeasuredReason
 from stepblocks.inspect.result import InspectionResult
 from stepblocks.inspect.results_of_others import has_results_of_others, read_results_of_others
@@ -35,6 +35,7 @@ from stepblocks.parts.characteristics import Characteristic
 from stepblocks.parts.conditions import NO_ORDER, OrderSpec, PredictionGrid
 from stepblocks.parts.kind import Part
 from stepblocks.scans.read import Scan, load_scan
+from stepblocks.scans.scan import HeightMap, ScannedProfile
 
 _OF_PARTS = (ScannedFeature.EDGE, ScannedFeature.GROOVE)  # what of a step block may be scanned
 _NOTHING_KNOWN = Instrument()
@@ -130,16 +131,21 @@ def inspect_scan(
     wanted = asked.find_asked_keys(characteristics)
     scale = ""
     if has_results_of_others(scan):
+        _refuse_unit_and_channel(Path(scan), unit, channel)
         evaluation = read_results_of_others(Path(scan), asked.keys_by_name)
+        source, digest = identify_file(Path(scan))
     else:
         main = _find_scanned_characteristic(asked, scanned)
         refuse_unused_options(main.key, options)
         loaded = load_scan(scan, unit, channel)
         scale = loaded.scale
+        source, digest = identify_source(scan, loaded)
+        refuse_long_scan(asked.characteristics, _measure_length(loaded), source.name)
+        options = replace(options, layout=find_layout(asked.characteristics))
         evaluation = evaluate_scan(main.key, loaded, instrument, main, options, _OF_PARTS)
+        evaluation = _drop_gap_under_bevel(asked, evaluation)
         evaluation = _add_roughness_where_asked(asked, evaluation, instrument)
-    evaluation = _add_notes_on_reading(asked, evaluation, scale)
-    source, digest = identify_source(scan)
+    evaluation = _add_notes_on_reading(asked, evaluation, scale, source.name)
     result = judge_part(asked.part, evaluation, source, digest, asked.order, wanted)
     if not result.judged:
         raise PipelineError(
@@ -179,6 +185,18 @@ def _find_scanned_characteristic(asked: _AskedPart, feature: ScannedFeature) -> 
     )
 
 
+def _drop_gap_under_bevel(asked: _AskedPart, evaluation: Evaluation) -> Evaluation:
+    """Leave the marginal gap out where the part states an opening of another width."""
+    keys = {characteristic.key for characteristic in asked.characteristics}
+    if not {"marginal_gap", "vertical_discrepancy"} <= keys:
+        return evaluation
+    values = {key: value for key, value in evaluation.values.items() if key != "marginal_gap"}
+    reason = NotMeasuredReason.GAP_UNDER_BEVEL.describe()
+    return replace(
+        evaluation, values=values, missing={**evaluation.missing, "marginal_gap": reason}
+    )
+
+
 def _add_roughness_where_asked(
     asked: _AskedPart, evaluation: Evaluation, instrument: Instrument
 ) -> Evaluation:
@@ -189,26 +207,52 @@ def _add_roughness_where_asked(
     return evaluation
 
 
-def _add_notes_on_reading(asked: _AskedPart, evaluation: Evaluation, scale: str) -> Evaluation:
-    """Put doubts before all notes, and how heights were read, `scale`, behind them."""
+def _add_notes_on_reading(
+    asked: _AskedPart, evaluation: Evaluation, scale: str, place: str
+) -> Evaluation:
+    """Put doubts before all notes, and how heights were read, `scale`, behind them.
+
+    A unit that cannot be right refuses the file at `place`.
+    """
     notes = list(evaluation.notes)
     doubts = []
     for characteristic in asked.characteristics:
         if characteristic.key in EVALUATIONS and characteristic.key in evaluation.values:
             value = evaluation.values[characteristic.key].value
-            doubts += describe_doubts(characteristic, value, scale, asked.beside)
+            refuse_wrong_unit(characteristic, value, scale, place)
+            doubts += describe_doubts(characteristic, value, asked.beside)
     if scale:
         notes.append(NoteKind.HEIGHTS_READ_AS.describe(scale=scale))
     return replace(evaluation, notes=(*doubts, *notes))
 
 
-def identify_source(scan: Scan) -> tuple[Path, str]:
+def _measure_length(scan: ScannedProfile | HeightMap) -> float:
+    """Return how far a scan reaches, a map along its longer side [m]."""
+    if isinstance(scan, ScannedProfile):
+        return float(np.ptp(scan.position))
+    return max(float(np.ptp(scan.x)), float(np.ptp(scan.y)))
+
+
+def _refuse_unit_and_channel(path: Path, unit: str | None, channel: str | None) -> None:
+    """Refuse a unit or a channel for results of others, which state theirs."""
+    for name, value in (("unit", unit), ("channel", channel)):
+        if value is not None:
+            raise MetrologyError(
+                f"{name} must not be given for results of others, got {value!r} [{path.name}]"
+            )
+
+
+def identify_source(scan: Scan, loaded: ScannedProfile | HeightMap) -> tuple[Path, str]:
     """Return the name of a scan and the SHA-256 of its file, or of its heights."""
     if isinstance(scan, str | Path):
-        return Path(scan), hashlib.sha256(Path(scan).read_bytes()).hexdigest()
-    loaded = load_scan(scan)
+        return identify_file(Path(scan))
     heights = np.ascontiguousarray(loaded.height).tobytes()
     return Path(loaded.source or "arrays"), hashlib.sha256(heights).hexdigest()
+
+
+def identify_file(path: Path) -> tuple[Path, str]:
+    """Return the name of a file and its SHA-256."""
+    return path, hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def inspect_standard(
@@ -255,7 +299,7 @@ def inspect_standard(
     asked = _declare_standard(scanned, depth, tolerance)
     loaded = load_scan(scan, unit, channel)
     evaluation = evaluate_scan(scanned.key, loaded, instrument, asked, options)
-    source, digest = identify_source(scan)
+    source, digest = identify_source(scan, loaded)
     result = InspectionResult(
         identity=escape_file_name(source.stem),
         stimulus=None,
@@ -273,6 +317,8 @@ def inspect_standard(
             "features are unlike, so name the one that the certificate is of by --edges, "
             f"got {', '.join(sizes)} [{source.name}]"
         )
+    value = evaluation.values[asked.key].value
+    refuse_wrong_unit(asked, value, loaded.scale, source.name)
     return judge_standard(result, asked)
 
 
@@ -293,26 +339,6 @@ def judge_standard(result: InspectionResult, asked: Characteristic) -> Inspectio
     measured = result.evaluation.values[asked.key]
     decision = judge(measured, asked.nominal, asked.lower, asked.upper)
     return replace(result, judged=(Judgement(asked, decision),), verdict=decision.verdict)
-
-
-def find_declared_part(identity: str, stimuli: Sets) -> tuple[Part, StimulusSet]:
-    """Find a stimulus by its identity, also as engraved, and the set that declares it.
-
-    Raises
-    ------
-    PipelineError
-        If it is not declared.
-    """
-    names = []
-    for declared, _ in load_sets(stimuli):
-        for part in declared.stimuli:
-            if part.id.lower() == identity.strip().lower():
-                return part, declared
-            names.append(part.id)
-    raise PipelineError(
-        f"stimulus must be declared in {stimuli}, got {identity!r}; declared are "
-        f"{', '.join(names):.400}"
-    )
 
 
 def judge_part(

@@ -6,22 +6,18 @@ from pathlib import Path
 from stepblocks.errors import PipelineError
 from stepblocks.files.atomic import resolve_inside
 from stepblocks.files.tables import Table, find_misspelt_columns, read_table
+from stepblocks.files.text_table import read_names
 from stepblocks.inspect.attempts import evaluate_each
 from stepblocks.records.sheet_read import is_filled_sheet, read_filled_sheet
 
 SCAN, PART, BLOCK, FEATURE = "scan", "stimulus", "block", "feature"
 _NO_CONDITIONS = (SCAN, PART, BLOCK, FEATURE)  # columns that are no condition
 _TABLE_NAME = "scans.csv"  # of a table in a folder
-_MOST_LINE = 10_000  # characters of a first line that are looked at
 
 
 def is_table(paths: Sequence[Path]) -> bool:
     """Say whether what is given is one table that names scans."""
-    if len(paths) != 1 or paths[0].suffix.lower() != ".csv" or not paths[0].is_file():
-        return False
-    with paths[0].open(encoding="utf-8-sig", errors="replace") as file:
-        header = file.readline(_MOST_LINE)
-    return SCAN in [name.strip() for name in header.split(",")]
+    return len(paths) == 1 and SCAN in read_names(paths[0])
 
 
 def list_conditions(scans: Table) -> list[str]:
@@ -81,7 +77,7 @@ def _list_folder(folder: Path) -> list[Path]:
 
 def _read_scan_table(path: Path) -> Table:
     """Read a table that names scans; they must lie in its folder."""
-    table = read_table(path)
+    table = read_table(path, (SCAN, PART, BLOCK))
     for column, likely in find_misspelt_columns(table, _NO_CONDITIONS).items():
         raise PipelineError(f"column {column!r} is not known, is it {likely!r}? [{path}]")
     scans = []
@@ -90,7 +86,11 @@ def _read_scan_table(path: Path) -> Table:
         if scan is None:
             raise PipelineError(f"scan must lie in the folder of the table, got {name!r} [{path}]")
         scans.append(scan)
-    return table.assign(**{SCAN: scans})
+    import pandas as pd
+
+    listed = table.copy()
+    listed[SCAN] = pd.Series(scans, listed.index, dtype=object)
+    return listed
 
 
 def _name_blocks(scans: list[Path], parts: list[str]) -> list[str]:

@@ -5,11 +5,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from stepblocks.files.table_rows import list_rows
 from stepblocks.files.tables import Table
 from stepblocks.inspect.judgement import is_angle
 
 # columns that are sizes, with the digits that a page shows of them
-_DIGITS = {"value": 5, "u": 3, "u95": 3, "lower": 7, "upper": 7, "std": 3}
+_DIGITS = {"value": 5, "u": 3, "u95": 3, "lower": 7, "upper": 7, "std": 3, "std_within": 3}
 _LIMIT_DECIMALS = 9  # to which sizes are rounded, so that a limit reads as it was declared
 _ANGLE, _LENGTH = "deg", "um"
 
@@ -22,18 +23,18 @@ def state_units(table: Table) -> Table:
     sizes = [name for name in table if name in _DIGITS]
     has_angle = table["characteristic"].map(is_angle).to_numpy(dtype=bool)
     units = np.where(has_angle, _ANGLE, _LENGTH)
-    table.insert(table.columns.get_loc(sizes[0]), "unit", units)
+    table.insert(list(table.columns).index(sizes[0]), "unit", units)
     for name in sizes:
-        place = table.columns.get_loc(name)
+        place = list(table.columns).index(name)
         size = table.pop(name).astype(float)
-        table.insert(place, f"{name}_{_ANGLE}", np.degrees(size).where(has_angle))
+        table.insert(place, f"{name}_{_ANGLE}", np.where(has_angle, np.degrees(size), np.nan))
         table.insert(place, f"{name}_{_LENGTH}", 1e6 * size.mask(has_angle))
     return table
 
 
 def show_rows(table: Table) -> list[Mapping[str, object]]:
     """Return the rows of a table of `state_units` as text, each with the sizes of its unit."""
-    return [_show_row(row) for row in table.to_dict("records")]
+    return [_show_row(row) for row in list_rows(table)]
 
 
 def _show_row(row: Mapping[str, object]) -> dict[str, object]:

@@ -60,7 +60,7 @@ def fit(
         gtol=_SLOPE_TOLERANCE,
         max_nfev=evaluations,
     )
-    residual, jacobian = solution.fun, -solution.jac
+    residual, jacobian = solution.fun, -np.asarray(solution.jac)
     # the triangle of a QR has the singular values of the whole, at a fraction of the work
     root = np.linalg.pinv(np.linalg.qr(jacobian, mode="r"), rcond=_SINGULAR)
     covariance = (root @ root.T) * np.outer(objective.scale, objective.scale)

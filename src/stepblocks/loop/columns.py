@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from enum import Enum, auto
 from itertools import takewhile
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -199,7 +200,7 @@ def derive_covariates(features: pd.DataFrame) -> dict[str, NDArray[np.generic]]:
     return {name: column.to_numpy()[back] for name, column in derived.items()}
 
 
-def _derive_pauses(run: pd.DataFrame, clock: str) -> dict[str, pd.Series]:
+def _derive_pauses(run: pd.DataFrame, clock: str) -> dict[str, "pd.Series[Any]"]:
     """Derive pauses, trials since a rest and days from the clock of a run in its order.
 
     Nothing is derived where the clock runs back.
@@ -207,7 +208,7 @@ def _derive_pauses(run: pd.DataFrame, clock: str) -> dict[str, pd.Series]:
     gaps = pd.Series(read_numbers(run, clock)).diff()
     if not gaps.min() >= 0.0:
         return {}
-    derived = {"pause_s": gaps.fillna(gaps.max())}
+    derived: dict[str, pd.Series[Any]] = {"pause_s": gaps.fillna(gaps.max())}
     rests = (gaps > _REST * gaps[gaps > 0.0].median()).cumsum()
     # what follows one rest alone cannot be distinguished from a change along the run
     if rests.iloc[-1] > 1:

@@ -79,6 +79,7 @@ def compose_record(
     between: Holdout,
     scans: Scans,
     rules: Rules,
+    *,
     checks: Sequence[CalibrationCheck] = (),
 ) -> LoopRecord:
     """Compose the contents of result.json.

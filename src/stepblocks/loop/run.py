@@ -308,7 +308,7 @@ def analyse_table(
         found=found,
         within=within,
         between=between,
-        record=compose_record(table, found, within, between, scans, rules, checks),
+        record=compose_record(table, found, within, between, scans, rules, checks=checks),
         model=build_learned_model(table, found, list_covariate_ranges(table.trials)),
     )
 

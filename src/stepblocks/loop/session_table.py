@@ -212,7 +212,7 @@ def _build_trials(
     floor = np.full(values.shape, np.nan)
     floor[bounded, PEAK_FORCE] = np.log(read_numbers(table, "peak_force_n")[bounded])
     values[bounded, JUDGED] = np.nan
-    block = table["block"].astype(str).to_numpy()
+    block = table["block"].to_numpy(dtype=np.str_)
     return Trials(covariates, CHANNELS, values, std, block, floor)
 
 

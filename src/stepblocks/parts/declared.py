@@ -1,5 +1,6 @@
 """What stanzas are made of: tables, names, defaults, rules, sourced values, face demands."""
 
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Annotated, Any, TypeAlias
@@ -25,6 +26,10 @@ _WINDOWS_DEVICES = {"con", "prn", "aux", "nul"}
 _WINDOWS_DEVICES.update(f"{port}{number}" for port in ("com", "lpt") for number in range(10))
 
 
+_IDENTITY = r"^[a-z][a-z0-9]*(-[a-z0-9]+)*$"
+_LONGEST_IDENTITY = 40  # letters
+
+
 def _refuse_device_name(name: str) -> str:
     if name in _WINDOWS_DEVICES:
         raise ValueError(f"must not be the name of a device, which Windows reserves, got {name!r}")
@@ -36,9 +41,16 @@ def _refuse_device_name(name: str) -> str:
 # does not take in the name of a folder
 Identity = Annotated[
     str,
-    Field(pattern=r"^[a-z][a-z0-9]*(-[a-z0-9]+)*$", max_length=40),
+    Field(pattern=_IDENTITY, max_length=_LONGEST_IDENTITY),
     AfterValidator(_refuse_device_name),
 ]
+
+
+def is_identity(name: str) -> bool:
+    """Tell whether a text may be the name of a stimulus or of a set."""
+    if len(name) > _LONGEST_IDENTITY or name in _WINDOWS_DEVICES:
+        return False
+    return re.fullmatch(_IDENTITY, name) is not None
 
 
 def make_rules_validator(check: Callable[[Any], Iterator[str]]) -> Any:

@@ -56,7 +56,7 @@ def _list_polygons(character: str) -> list[Any]:
     """List the simplified polygons of a character, with their holes, as shapely holds them."""
     import shapely
 
-    shape = shapely.Polygon()
+    shape: shapely.geometry.base.BaseGeometry = shapely.Polygon()
     for ring in _make_path(character).to_polygons():
         # even-odd: a ring inside another is its hole
         shape = shapely.symmetric_difference(shape, shapely.Polygon(np.asarray(ring)[:-1]))

@@ -221,7 +221,7 @@ def _check_picked_points(picked: Array, points: Array, longest_edge: float, path
     from scipy.spatial import cKDTree
 
     distances, _ = cKDTree(points).query(picked)
-    beside = distances - longest_edge
+    beside = np.asarray(distances) - longest_edge
     if not beside.max() <= _BESIDE:
         raise StimulusError(
             f"margin must lie on the mesh within {_BESIDE * 1e3:g} mm, got "
@@ -240,7 +240,7 @@ def _find_shells_along(around: Array, shell_points: Sequence[Array], reach: floa
     shares = []
     for points in shell_points:
         distances, _ = cKDTree(points).query(around)
-        shares.append(float((distances < reach).mean()))
+        shares.append(float(np.mean(distances < reach)))
     least_share = min(COVERED, max(shares))
     return [index for index, share in enumerate(shares) if share >= least_share]
 

@@ -4,7 +4,7 @@ import re
 from dataclasses import dataclass
 from typing import Annotated
 
-from pydantic import BeforeValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field
 
 from stepblocks.parts.declared import Identity, Sourced, Table, make_sourced_validator
 
@@ -16,6 +16,26 @@ def _read_ordered_density(raw: object) -> object:
     return raw
 
 
+# Code points of the letters and signs that a drawing's font has: Latin, Greek and Cyrillic letters,
+# and dashes, quotation marks and other signs of print
+_DRAWN = ((0x20, 0x7E), (0xA0, 0x52F), (0x1E00, 0x1FFF), (0x2010, 0x2044), (0x2070, 0x22FF))
+
+
+def _refuse_undrawn(text: str) -> str:
+    """Refuse text with a sign that a drawing cannot show."""
+    for sign in text:
+        is_drawn = any(first <= ord(sign) <= last for first, last in _DRAWN)
+        if not is_drawn or not sign.isprintable():
+            raise ValueError(
+                "must be written in Latin, Greek or Cyrillic letters, digits and signs, as a "
+                f"drawing shows them, got {sign!r} in {text!r}"
+            )
+    return text
+
+
+_DrawnText = AfterValidator(_refuse_undrawn)
+
+
 class Material(Table):
     """A material as a workshop orders it.
 
@@ -24,7 +44,7 @@ class Material(Table):
     name : str
         Key in stimulus files; ``"own"`` for free text.
     designation : str
-        What the drawing says, in printable ASCII.
+        What the drawing says: free text in Latin, Greek or Cyrillic letters.
     density : Sourced or None
         Mass density [kg/m^3], such as ``"7650 kg/m3"``, alone or in a table with its source; None
         where nobody stated it.
@@ -33,14 +53,14 @@ class Material(Table):
     """
 
     name: Identity = "own"
-    designation: Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[ -&(-~]+$")]
+    designation: Annotated[str, Field(min_length=1, max_length=80), _DrawnText]
     density: (
         Annotated[
             Sourced, make_sourced_validator("density"), BeforeValidator(_read_ordered_density)
         ]
         | None
     ) = None
-    heat_treatment: Annotated[str, Field(max_length=80, pattern=r"^[ -&(-~]*$")] = ""
+    heat_treatment: Annotated[str, Field(max_length=80), _DrawnText] = ""
 
     @property
     def order_text(self) -> str:

@@ -62,6 +62,8 @@ class Verdict:
             return ""
         if self.dimension == "count":
             return f"{self.measured:g}, {self.nominal:g} expected"
+        if not math.isfinite(self.deviation):
+            return "could not be measured"
         if self.dimension == "length":
             nominal = format_quantity(self.nominal, "length", 6)
             limit = format_quantity(self.limit, "length")

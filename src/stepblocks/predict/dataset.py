@@ -1,12 +1,14 @@
 """Tables of predictions as labelled arrays, and as a plot."""
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import pandas as pd
 
 from stepblocks.errors import PipelineError
 from stepblocks.files.figures import take_axes
+from stepblocks.predict.table import list_input_columns
 from stepblocks.quantities import format_column_label, format_units
 
 if TYPE_CHECKING:
@@ -24,6 +26,10 @@ _CONDITIONS = (
     "normal_load_n",
     "load_n",
 )
+_MOST_EMPTY = 2  # cells of a grid for each row of its table
+# what is drawn where no columns are named: the first of each that the table has
+_HEIGHTS = ("step_height_um", "height_um", "height_nm", "height_mm", "height_m")
+_ENERGIES = ("felt_energy_uj", "vibration_energy_uj", "vibration_energy_j")
 
 
 def to_dataset(table: pd.DataFrame) -> "xarray.Dataset":
@@ -39,8 +45,9 @@ def to_dataset(table: pd.DataFrame) -> "xarray.Dataset":
     xarray.Dataset
         A variable for each column, its ``units`` and ``long_name`` as attributes. The conditions
         that vary are the dimensions, ``(stimulus, tip_radius_um, drag, friction, normal_load_n)``
-        or fewer; where they do not tell the rows apart, there is one dimension ``row``. A condition
-        that the table lacks is NaN.
+        or fewer, and of a table the columns that it is predicted from. Where they do not tell the
+        rows apart, or make no grid, as in a random design, there is one dimension ``row``. A
+        condition that the table lacks is NaN.
 
     Raises
     ------
@@ -73,6 +80,9 @@ def _index_by_conditions(table: pd.DataFrame) -> pd.DataFrame:
         names = ["stimulus"]
     if not names or table.duplicated(names).any():
         return table.rename_axis("row")
+    cells = math.prod(table[name].nunique(dropna=False) for name in names)
+    if cells > _MOST_EMPTY * len(table):  # a random design, no grid
+        return table.rename_axis("row")
     return table.set_index(names)
 
 
@@ -86,8 +96,8 @@ def _describe_column(name: str) -> dict[str, str]:
 
 def plot_predictions(
     table: pd.DataFrame,
-    x: str = "step_height_um",
-    y: str = "felt_energy_uj",
+    x: str | None = None,
+    y: str | None = None,
     ax: "Axes | None" = None,
 ) -> "Axes":
     """Draw a column of predictions against another, a line for each condition.
@@ -96,8 +106,9 @@ def plot_predictions(
     ----------
     table : pandas.DataFrame
         Of `predict_set` or `predict_table`.
-    x, y : str
-        Columns of numbers; by default the energy that is felt against the height of the step.
+    x, y : str, optional
+        Columns of numbers; by default the energy that is felt, or that of the formula, against the
+        height of the step.
     ax : matplotlib Axes, optional
         Where to draw; a new figure by default.
 
@@ -111,12 +122,14 @@ def plot_predictions(
         If `table` is no DataFrame or lacks a column.
     """
     _require_frame(table)
+    x = x or _choose_column(table, _HEIGHTS)
+    y = y or _choose_column(table, _ENERGIES)
     for name in (x, y):
         if name not in table:
             known = ", ".join(map(str, table.columns))
             raise PipelineError(f"{name!r} must be a column of the table: {known}")
     axes = take_axes(ax)
-    drawn = {x, y, "stimulus", "step_height_um"}
+    drawn = {x, y, "stimulus", *_HEIGHTS}
     conditions = [name for name in _find_varying(table) if name not in drawn]
     for label, rows in _group_by_conditions(table, conditions):
         ordered = rows.sort_values(x)
@@ -127,6 +140,14 @@ def plot_predictions(
     axes.set_xlabel(format_units(format_column_label(x)))
     axes.set_ylabel(format_units(format_column_label(y)))
     return axes
+
+
+def _choose_column(table: pd.DataFrame, names: Sequence[str]) -> str:
+    """Return the first of several columns that a table has, else the first of all."""
+    for name in names:
+        if name in table:
+            return name
+    return names[0]
 
 
 def _group_by_conditions(
@@ -148,7 +169,11 @@ def _require_frame(table: object) -> None:
 
 def _find_varying(table: pd.DataFrame) -> list[str]:
     """Find the conditions that vary over the rows and are not a matter of the stimulus alone."""
-    varying = [name for name in _CONDITIONS if name in table and table[name].nunique() > 1]
+    known = [*_CONDITIONS, *list_input_columns()]
+    varying = []
+    for name in dict.fromkeys(known):
+        if name in table and table[name].nunique() > 1:
+            varying.append(name)
     if "stimulus" not in varying:
         return varying
     values_of_stimulus = table.groupby("stimulus").nunique()

@@ -87,7 +87,7 @@ def predict_with_model(
     conditions = _read_conditions(table, learned)
     # a block is known by its name; a new height under an old name is a block of its own
     design = build_bench_design(
-        table["block"].astype(str).to_numpy(),
+        table["block"].to_numpy(dtype=np.str_),
         conditions.columns,
         learned.tool.stiffness,
         learned.known_laws,

@@ -13,7 +13,13 @@ from stepblocks.contact.energy import find_release
 from stepblocks.contact.operating_point import PAPER, SHIPPED_LIMITS, OperatingPoint, Tool
 from stepblocks.contact.uncertainty import estimate_interval
 from stepblocks.errors import ContactError
-from stepblocks.files.tables import read_si_columns, read_table, write_table
+from stepblocks.files.tables import (
+    ColumnRule,
+    load_table,
+    read_si_columns,
+    warn_of_notes,
+    write_table,
+)
 
 # of each input: the names of its column, its dimension, and the value where there is no column
 _COLUMNS: dict[str, tuple[tuple[str, ...], str, float | None]] = {
@@ -50,10 +56,10 @@ def predict_table(
     Parameters
     ----------
     table : pandas.DataFrame, str or Path
-        Table or CSV with ``height_um``, ``normal_load_n`` (or ``load_n``), ``friction`` and, where
-        they differ from the paper, ``edge_radius_um``, ``tip_radius_um``, ``stiffness_n_m``,
-        ``conversion``, in any unit that the name of the column says; standard uncertainties in
-        columns of the same names with ``u_`` before them.
+        Table, CSV or sheet with ``height_um``, ``normal_load_n`` (or ``load_n``), ``friction``
+        and, where they differ from the paper, ``edge_radius_um``, ``tip_radius_um``,
+        ``stiffness_n_m``, ``conversion``, in any unit that the name of the column says; standard
+        uncertainties in columns of the same names with ``u_`` before them.
     output : str or Path, optional
         CSV to write.
 
@@ -62,22 +68,24 @@ def predict_table(
     pandas.DataFrame
         The table with ``critical_angle_deg``, ``status``, ``peak_force_n``, ``vibration_energy_j``
         and their ends ``_low`` and ``_high``, ``held_probability`` and ``problem``, which says why
-        a row is ``invalid``; beyond one of the limits of docs/explanation/model.md its ``status``
-        names it, and there is no energy. Without an uncertainty both ends are the value itself.
+        a row is ``invalid``, as one that lacks a number is; beyond one of the limits of
+        docs/explanation/model.md its ``status`` names it, and there is no energy. Without an
+        uncertainty both ends are the value itself.
 
     Raises
     ------
     PipelineError
         If the table or one of its columns is wrong.
     """
-    if hasattr(table, "to_pandas"):  # of polars or Arrow
+    if not isinstance(table, pd.DataFrame) and hasattr(table, "to_pandas"):  # polars or Arrow
         table = table.to_pandas()
     if isinstance(table, pd.DataFrame):
         frame, columns = table, _read_columns(table, "table")
     else:
         path = Path(table)
-        frame = read_table(path)
-        columns = _read_columns(frame, path)
+        read = load_table(path)
+        warn_of_notes(read.notes, path)
+        frame, columns = read.frame, _read_columns(read.frame, read.source)
     predicted = _predict_rows(columns, len(frame)).set_index(frame.index)
     kept = [name for name in frame.columns if name not in predicted.columns]
     result = pd.concat([frame[kept], predicted], axis=1)
@@ -86,12 +94,20 @@ def predict_table(
     return result
 
 
+def list_input_columns() -> list[str]:
+    """Return the names of all columns that a row may be predicted from, in every unit."""
+    names: list[str] = []
+    for rule in _COLUMNS.values():
+        names += ColumnRule(*rule).list_columns()
+    return names
+
+
 def _read_columns(frame: pd.DataFrame, place: object) -> dict[str, Array]:
     """Read inputs and their standard uncertainties, ``u_`` before their names [SI]."""
     wanted = dict(_COLUMNS)
     for name, (aliases, dimension, _) in _COLUMNS.items():
         wanted[f"u_{name}"] = (tuple(f"u_{alias}" for alias in aliases), dimension, 0.0)
-    return read_si_columns(frame, wanted, place)
+    return read_si_columns(frame, wanted, place, lets_missing=True)
 
 
 def _predict_rows(columns: dict[str, Array], count: int) -> pd.DataFrame:

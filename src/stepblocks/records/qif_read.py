@@ -108,7 +108,8 @@ class _Reader:
     def _find_factor(self, value: etree._Element, kind: str) -> float:
         """Return how many SI units make the unit of a value."""
         usual = self.units[_ANGULAR if kind in _ANGULAR_KINDS else _LINEAR]
-        return self.units.get(value.get("linearUnit") or value.get("angularUnit"), usual)
+        named = value.get("linearUnit") or value.get("angularUnit") or ""
+        return self.units.get(named, usual)
 
     def _read_units(self) -> dict[str, float]:
         """Return how many SI units make a unit, by its name.
@@ -122,7 +123,8 @@ class _Reader:
                 continue
             factor = self._parse_finite(_find_text(unit, "UnitConversion/Factor") or "1")
             factor = factors.setdefault(name, factor)
-            if unit.getparent().tag == f"{_NS}PrimaryUnits":
+            group = unit.getparent()
+            if group is not None and group.tag == f"{_NS}PrimaryUnits":
                 kind = str(unit.tag).removeprefix(_NS).removesuffix("Unit")
                 factors[kind] = factor
         return factors

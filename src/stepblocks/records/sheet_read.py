@@ -8,7 +8,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from stepblocks.errors import MetrologyError
-from stepblocks.files.confined import read_confined
+from stepblocks.files.numbers import NumberNotation
+from stepblocks.files.text_table import read_names, read_text_table
 from stepblocks.parts.on_paper import COLUMNS
 from stepblocks.records.qif_read import QifResult
 
@@ -16,30 +17,12 @@ _NUMBER, _CHARACTERISTIC, _UNIT = "number", "characteristic", "unit"
 _VALUE, _STD = "measured_mm_or_deg", "std_mm_or_deg"
 _NEEDED = (*COLUMNS[:2], _UNIT, _VALUE)
 _MOST_BYTES = 4 * 2**20
-_MOST_LINE = 10_000  # characters of a first line that are looked at
 _FACTORS = {"mm": 1e-3, "deg": math.radians(1.0)}
 
 
 def is_filled_sheet(path: Path) -> bool:
-    """Tell whether a file is a spreadsheet, or a text table with the columns of a sheet."""
-    suffix = path.suffix.lower()
-    if suffix != ".csv" or not path.is_file():
-        return suffix == ".xlsx"
-    with path.open(encoding="utf-8-sig", errors="replace") as file:
-        return _VALUE in file.readline(_MOST_LINE)
-
-
-def read_cells_confined(path: Path) -> dict[str, object]:
-    """Read columns and rows of a sheet as text; called in the confined process."""
-    import pandas as pd
-
-    if path.stat().st_size > _MOST_BYTES:
-        raise MetrologyError(f"sheet must be at most {_MOST_BYTES >> 20} MiB [{path.name}]")
-    if path.suffix.lower() == ".xlsx":
-        table = pd.read_excel(path, dtype=str, engine="openpyxl")
-    else:
-        table = pd.read_csv(path, dtype=str, sep=None, engine="python", encoding="utf-8-sig")
-    return dict(table.rename(columns=str).fillna("").to_dict("split"))
+    """Tell whether a file is a workbook of Excel, or a table with the columns of a sheet."""
+    return path.suffix.lower() == ".xlsx" or _VALUE in read_names(path)
 
 
 def read_filled_sheet(path: Path) -> list[QifResult]:
@@ -50,18 +33,18 @@ def read_filled_sheet(path: Path) -> list[QifResult]:
     MetrologyError
         With all mistakes of the sheet at once; or if a column is missing or nothing is filled in.
     """
-    table = read_confined(f"{__name__}:read_cells_confined", path, raises=MetrologyError)
-    columns = table["columns"]
+    table = read_text_table(path, raises=MetrologyError, most_bytes=_MOST_BYTES)
+    columns = table.names
     absent = [name for name in _NEEDED if name not in columns]
     if absent:
         raise MetrologyError(f"sheet must keep its columns, missing {', '.join(absent)} [{path}]")
     results = []
     mistakes = []
-    for row in table["data"]:
-        cells = dict(zip(columns, map(str.strip, row), strict=True))
+    for row in table.rows:
+        cells = dict(zip(columns, row, strict=True))
         if not cells[_VALUE]:
             continue
-        result = _read_line(cells)
+        result = _read_line(cells, table.notation)
         mistake = _find_mistake(cells, result)
         if mistake:
             mistakes.append(f"{mistake} [{path}]")
@@ -73,15 +56,15 @@ def read_filled_sheet(path: Path) -> list[QifResult]:
     return results
 
 
-def _read_line(cells: Mapping[str, str]) -> QifResult:
+def _read_line(cells: Mapping[str, str], notation: NumberNotation) -> QifResult:
     """Return what a line states, by column; nan where a size is no number or its unit unknown."""
     factor = _FACTORS.get(cells[_UNIT], math.nan)
     return QifResult(
         name=cells[_CHARACTERISTIC],
         designator=cells[_NUMBER],
         kind="",
-        value=factor * _parse_number(cells[_VALUE]),
-        std=factor * _parse_number(cells.get(_STD, "")),
+        value=factor * _parse_number(cells[_VALUE], notation),
+        std=factor * _parse_number(cells.get(_STD, ""), notation),
         status="",
         nominal=math.nan,
         limits=(math.nan, math.nan),
@@ -99,8 +82,9 @@ def _find_mistake(cells: Mapping[str, str], result: QifResult) -> str:
     return ""
 
 
-def _parse_number(cell: str) -> float:
-    """Return the number in a cell, its decimal mark a point or a comma; nan where it is none."""
-    import pandas as pd
-
-    return float(pd.to_numeric(cell.replace(",", "."), errors="coerce"))
+def _parse_number(cell: str, notation: NumberNotation) -> float:
+    """Return the number in a cell; nan where it is none."""
+    try:
+        return notation.parse(cell)
+    except ValueError:
+        return math.nan

@@ -16,6 +16,7 @@ from stepblocks.contact.counterface import Step
 from stepblocks.errors import PipelineError
 from stepblocks.files.atomic import make_draft_folder, move_into_place, sync_folder
 from stepblocks.files.tables import escape_formula
+from stepblocks.quantities import check_seed
 from stepblocks.rehearse.effects import PlantedEffect
 from stepblocks.rehearse.plan import SessionPlan, name_block, read_plan
 from stepblocks.rehearse.record import record_drag, record_trial
@@ -67,7 +68,9 @@ class _SimulatedTrial:
     figures: _TrueFigures
 
 
-def simulate_session(plan: str | Path, output: str | Path) -> SimulationSummary:
+def simulate_session(
+    plan: str | Path, output: str | Path, *, seed: int | None = None
+) -> SimulationSummary:
     """Write a simulated session: declaration, table of trials, traces, scans, and the truth.
 
     Parameters
@@ -76,6 +79,8 @@ def simulate_session(plan: str | Path, output: str | Path) -> SimulationSummary:
         TOML file of the plan: design, model, scatter, rig and effects.
     output : str or Path
         Folder to make; it must not exist or be empty.
+    seed : int, optional
+        Seed of all chance, in place of that of the plan.
 
     Returns
     -------
@@ -87,13 +92,27 @@ def simulate_session(plan: str | Path, output: str | Path) -> SimulationSummary:
     PipelineError
         If the plan is malformed, the folder holds something, or every trial locks.
     """
-    declared = read_plan(Path(plan))
+    declared = _read_seeded_plan(plan, seed)
     output = Path(output)
     is_free = not output.exists() or (output.is_dir() and not any(output.iterdir()))
     if not is_free:
         raise PipelineError(f"output must be a new or empty folder, got {str(output)!r}")
+    return _write_session_folder(declared, output)
+
+
+def _read_seeded_plan(plan: str | Path, seed: int | None) -> SessionPlan:
+    """Read a plan, with another seed where one is given."""
+    declared = read_plan(Path(plan))
+    if seed is None:
+        return declared
+    check_seed(seed)
+    return declared.model_copy(update={"seed": seed})
+
+
+def _write_session_folder(plan: SessionPlan, output: Path) -> SimulationSummary:
+    """Write a simulated session into a new folder, whole or not at all."""
     with make_draft_folder(output) as draft:
-        summary = write_session(declared, draft)
+        summary = write_session(plan, draft)
         sync_folder(draft)
         move_into_place(draft, output)  # an empty folder gives way
     return summary

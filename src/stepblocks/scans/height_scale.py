@@ -247,10 +247,18 @@ def _read_sur_scale(head: bytes, channel: str) -> HeightScale | None:
         return None
     lowest, highest = struct.unpack_from("<ii", head, 100)
     (spacing,) = struct.unpack_from("<f", head, 128)
-    unit = head[212:228].split(b"\0")[0].decode("latin-1").strip()
+    unit = _decode_unit(head[212:228].split(b"\0")[0])
     count = float(spacing) / UNITS_PER_METRE[unit]
     reach = (max(abs(lowest), abs(highest)) + _SLACK_COUNTS) * count
     return HeightScale(count, -reach, reach, "Z spacing of the header")
+
+
+def _decode_unit(name: bytes) -> str:
+    """Decode the name of a unit, with a micro sign in UTF-8, Latin-1 or code page 850."""
+    try:
+        return name.decode("utf-8").strip()
+    except UnicodeDecodeError:
+        return name.decode("latin-1").strip().replace("æ", "µ")
 
 
 def _read_sdf_scale(head: bytes, channel: str) -> HeightScale | None:

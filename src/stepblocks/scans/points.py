@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.errors import MetrologyError
+from stepblocks.files.stl import read_stl
+from stepblocks.files.wavefront import read_obj
 from stepblocks.scans.scan import Array, HeightMap
 from stepblocks.scans.units import StoredLength
 
@@ -212,13 +214,23 @@ def read_points(path: Path, units: Mapping[str, StoredLength]) -> HeightMap:
     metres = np.array([units[axis].metres for axis in "xyz"])
     if path.suffix.lower() == ".json":
         return _read_json_image(path, metres)
-    import meshio
-
-    points = np.asarray(meshio.read(path).points, dtype=np.float64)
+    points = _read_vertices(path)
     if points.ndim != 2 or points.shape[1] != 3:
         raise MetrologyError(f"points must be rows of x, y, z, got shape {points.shape}")
     x, y, z = (np.unique(points, axis=0) * metres).T
     return grid_points(x, y, z, path.name, "unit as given")
+
+
+def _read_vertices(path: Path) -> Array:
+    """Read the vertices of a mesh, in the unit of the file, shape (n, 3)."""
+    ending = path.suffix.lower()
+    if ending == ".stl":
+        return read_stl(path).vertices
+    if ending == ".obj":
+        return read_obj(path).vertices
+    import meshio
+
+    return np.asarray(meshio.read(path, file_format="ply").points, dtype=np.float64)
 
 
 @dataclass(frozen=True)

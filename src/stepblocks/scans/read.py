@@ -7,29 +7,18 @@ confined process.
 import zipfile
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TypeAlias
 
-import numpy as np
-from numpy.typing import ArrayLike
-
-from stepblocks.contact.counterface import Profile
 from stepblocks.errors import MetrologyError
 from stepblocks.files.confined import read_confined
 from stepblocks.files.text import is_file
-from stepblocks.mistakes import shorten_value
 from stepblocks.scans.formats import READERS
 from stepblocks.scans.formats.reader import ReadScan, ScanReader, ScanRequest, check_archive
 from stepblocks.scans.height_scale import check_height_scale
+from stepblocks.scans.memory import ScanInMemory, take_scan
 from stepblocks.scans.scan import HeightMap, ScannedProfile
-from stepblocks.scans.text import read_table_scan
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-# What is scanned: a file, the table of one, a scan in memory, or positions and heights [m]
-Scan: TypeAlias = (
-    "str | Path | pd.DataFrame | ScannedProfile | HeightMap | Profile | tuple[ArrayLike, ArrayLike]"
-)
+Scan: TypeAlias = "str | Path | ScanInMemory"  # what is scanned
 
 _SIGNATURE_BYTES = 4
 # What the reader of each ending calls the format
@@ -44,9 +33,9 @@ def load_scan(
     Parameters
     ----------
     scan : str, Path, table, ScannedProfile, HeightMap, Profile or arrays
-        Arrays are two, one of two rows, or a series over its positions [m].
+        Arrays are two, one of two rows, or a series over its positions.
     unit, channel : str, optional
-        As for `read_scan`; for files and tables.
+        As for `read_scan`; of arrays, the unit of their numbers, metres where none is given.
 
     Returns
     -------
@@ -58,40 +47,9 @@ def load_scan(
     MetrologyError
         If it is none of these, or cannot be read.
     """
-    if isinstance(scan, ScannedProfile | HeightMap):
-        return scan
     if isinstance(scan, str | Path):
         return read_scan(scan, unit, channel)
-    if isinstance(scan, Profile):
-        return _make_profile((scan.x, scan.z))
-    table: Any = scan
-    if hasattr(table, "to_pandas"):  # of polars, Arrow or xarray
-        table = table.to_pandas()
-    # tables and series are told by what they have: pandas is not loaded to find out
-    if hasattr(table, "columns"):
-        return read_table_scan(table, unit, channel)
-    if hasattr(table, "to_csv"):
-        return _make_profile((table.index, table))
-    return _make_profile(table)
-
-
-def _make_profile(arrays: Any) -> ScannedProfile:
-    """Make a profile of positions and heights [m]."""
-    if not hasattr(arrays, "__len__") or len(arrays) != 2:
-        raise MetrologyError(
-            f"scan must be a file, a table, or two rows, x and z, got {_describe_arrays(arrays)}"
-        )
-    x, z = arrays
-    position = np.asarray(x, dtype=np.float64)
-    height = np.asarray(z, dtype=np.float64)
-    return ScannedProfile(position, height, "arrays")
-
-
-def _describe_arrays(arrays: Any) -> str:
-    """Describe an array by its shape; to write a million numbers takes longer than to read them."""
-    if hasattr(arrays, "shape"):
-        return f"shape {np.shape(arrays)}"
-    return shorten_value(arrays)
+    return take_scan(scan, unit, channel)
 
 
 def read_scan(
@@ -103,9 +61,10 @@ def read_scan(
     ----------
     path : str or Path
         A text table (``.csv``, ``.txt``, ``.tsv``, ``.xyz``, ``.asc``, ``.dat``) of x, z or of x,
-        y, z, or a matrix of heights; points (``.ply``, ``.stl``, ``.obj``, ``.json``); or
-        a file of an instrument (``.x3p``, ``.sdf``, ``.sur``, ``.plux``, ``.gwy``, ``.opdx``,
-        ``.nid``, ``.ibw``, ``.mi``, ``.mnt``, ``.stp``, ``.frt`` and others).
+        y, z, or a matrix of heights; points (``.ply``, ``.stl``, ``.obj``, ``.json``); a height
+        field (``.tif``, or its sidecar); or a file of an instrument (``.x3p``, ``.sdf``,
+        ``.sur``, ``.plux``, ``.gwy``, ``.opdx``, ``.nid``, ``.ibw``, ``.mi``, ``.mnt``, ``.stp``,
+        ``.frt`` and others).
     unit : str, optional
         Unit of what does not say its own: ``um``, or by axis ``x=mm,z=um``; a number before it is
         the size of a stored 1.

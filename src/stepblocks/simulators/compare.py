@@ -20,7 +20,7 @@ from stepblocks.contact.operating_point import Tool
 from stepblocks.declaration.read import load_set
 from stepblocks.declaration.set import choose_operating_point
 from stepblocks.errors import HapticsError
-from stepblocks.files.tables import read_si_columns, read_table, write_table
+from stepblocks.files.tables import load_table, read_si_columns, warn_of_notes, write_table
 from stepblocks.predict.perception import LEVEL_DIFFERENCE
 from stepblocks.simulators.conditions import check_overrides
 
@@ -185,12 +185,18 @@ def _read_record(
     if isinstance(record, str | Path) and Path(record).suffix in (".h5", ".hdf5"):
         force, rate = _read_motion(record, place)
         return force, rate, True
-    frame = record if isinstance(record, pd.DataFrame) else read_table(Path(record))
+    source: object = place
+    if isinstance(record, pd.DataFrame):
+        frame = record
+    else:
+        table = load_table(Path(record))
+        warn_of_notes(table.notes, record)
+        frame, source = table.frame, table.source
     has_pull = "acceleration_m_s2" not in frame
     wanted: dict[str, tuple[tuple[str, ...], str, None]] = {"time": (("time",), "time", None)}
     if has_pull:
         wanted["force"] = (("force", "force_x"), "force", None)
-    columns = read_si_columns(frame, wanted, place)
+    columns = read_si_columns(frame, wanted, source)
     rate = _find_sample_rate(columns["time"], event, place)
     if has_pull:
         force = columns["force"]

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from stepblocks.artefacts.haptic_media import fits_mpeg_haptics, write_ahap, write_hjif
 from stepblocks.artefacts.rings import (
     WAV_RATES,
     find_largest_force,
@@ -24,9 +25,10 @@ from stepblocks.contact.event import (
 )
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.contact.path.centre import CentrePath
-from stepblocks.haptics.devices import RenderingPlan
+from stepblocks.haptics.devices import SAFE_FORCE, RenderingPlan
 from stepblocks.parts.kind import Part
 from stepblocks.parts.shapes import Mesh
+from stepblocks.predict.predictions import Prediction, predict_one
 from stepblocks.quantities import format_units
 
 _APPROACH = 30e-6  # from where the tip starts to the notch, unmagnified [m]
@@ -114,6 +116,13 @@ class Scene:
             if event.status is Status.RELEASES:
                 return event.amplitude / event.critical_force
         return math.sqrt(self.point.tool.conversion)
+
+    @property
+    def force_limit(self) -> float:
+        """Largest force on a hand that the written files give [N]; its direction is kept."""
+        if self.plan is None:
+            return SAFE_FORCE
+        return self.plan.force_limit
 
     @property
     def tip_mass(self) -> float:
@@ -219,14 +228,29 @@ def write_scene(folder: Path, scene: Scene, form: SceneFormat) -> None:
         folder / "README.md",
         scene=scene,
         form=form,
+        in_time=_predict_in_time(scene),
         names=sorted(path.relative_to(folder).as_posix() for path in files),
         math=math,
         Status=Status,
     )
 
 
+def _predict_in_time(scene: Scene) -> Prediction | None:
+    """Predict the drag towards +x in time where `predict` takes its energy for what is felt."""
+    event = scene.events[0]
+    if event.learned is not None or event.waveform is not None:
+        return None
+    predicted = predict_one(scene.surface.counterface(), scene.point)
+    if not predicted.differs:
+        return None
+    return predicted
+
+
 def _write_ring(folder: Path, event: VibrationEvent, full_scale: float) -> None:
-    """Write the ring of a drag as WAV files at every rate, and what they hold; full scale in N."""
+    """Write the ring of a drag as WAV files and as haptic media, and what they hold.
+
+    Full scale of the WAV files is in N.
+    """
     direction = "up" if event.direction > 0 else "down"
     stem = f"ring-{direction}"
     energies = {}
@@ -242,6 +266,9 @@ def _write_ring(folder: Path, event: VibrationEvent, full_scale: float) -> None:
         "energy_in_file_j": energies,
     }
     write_json(folder / f"{stem}.json", content)
+    write_ahap(folder / f"{stem}.ahap", event)
+    if fits_mpeg_haptics(event):
+        write_hjif(folder / f"{stem}.hjif", event)
 
 
 def write_tooth(folder: Path, scan: Mesh, stations: Sequence[Scene], form: SceneFormat) -> None:

@@ -3,13 +3,15 @@
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
-from stepblocks.compute.processes import run_in_processes
+from stepblocks.compute.cluster import open_cluster
+from stepblocks.compute.seam import run_calls
 from stepblocks.errors import StudyError
 from stepblocks.files.tables import Table, write_table
 from stepblocks.quantities import check_seed
@@ -33,6 +35,9 @@ from stepblocks.study.design.simulate import (
 from stepblocks.study.design.trials import REPETITIONS
 from stepblocks.study.design.virtual import VIBRATION_OFF, VIBRATION_ON
 from stepblocks.study.experiments.registry import ALIASES
+
+if TYPE_CHECKING:
+    from distributed import Client
 
 ANALYSES = ("f-test", "mixed")  # the paper's F-test, and the mixed model
 _LEVEL = 0.05  # of every test
@@ -162,7 +167,12 @@ def _test_ratings(frame: Table) -> float:
 
 
 def estimate_power(
-    plan: SimulatedStudy, analysis: str = "mixed", runs: int = 200, seed: int = 1, jobs: int = 1
+    plan: SimulatedStudy,
+    analysis: str = "mixed",
+    runs: int = 200,
+    seed: int = 1,
+    jobs: int = 1,
+    on: "Client | None" = None,
 ) -> Power:
     """Estimate the power of a study at the 5 % level by simulation.
 
@@ -174,6 +184,8 @@ def estimate_power(
         One of `ANALYSES`.
     runs, seed, jobs : int
         Simulated studies, seed of all chance, processes (on which the outcome does not depend).
+    on : distributed.Client, optional
+        The cluster that simulates them; this machine where omitted.
 
     Raises
     ------
@@ -191,7 +203,7 @@ def estimate_power(
     for child in children:
         (state,) = child.generate_state(1, np.uint64)
         studies.append((plan, analysis, int(state)))
-    p_values = run_in_processes(compute_p_value, studies, jobs)
+    p_values = run_calls(compute_p_value, studies, jobs=jobs, on=on)
     return _compute_power(sum(p < _LEVEL for p in p_values), runs)
 
 
@@ -261,6 +273,8 @@ class _Question:
         Block of comparisons that all others are compared with.
     runs, seed, jobs : int
         Simulated studies per size, seed of all chance, processes.
+    cluster : distributed.Client or None
+        Where the studies are simulated; this machine where None.
     """
 
     heights: Mapping[str, float]
@@ -275,6 +289,7 @@ class _Question:
     runs: int
     seed: int
     jobs: int
+    cluster: "Client | None"
 
     def list_pairs(self, participants: int, repetitions: int) -> Iterator[dict[str, object]]:
         """Yield the power of one size for each block against the standard, as a row."""
@@ -316,7 +331,9 @@ class _Question:
             noise=tuple(noise),
             measure=self.measure,
         )
-        power = estimate_power(study, self.analysis, self.runs, self.seed, self.jobs)
+        power = estimate_power(
+            study, self.analysis, self.runs, self.seed, self.jobs, on=self.cluster
+        )
         analysis = "ordinal" if self.measure == REALISM else self.analysis
         return {
             "measure": self.measure,
@@ -346,6 +363,7 @@ def study_power(
     analysis: str = "mixed",
     runs: int = 200,
     jobs: int = 1,
+    on: "str | Client | None" = None,
     only: str | None = None,
     **felt: float,
 ) -> pd.DataFrame:
@@ -364,6 +382,8 @@ def study_power(
     seed, runs, jobs : int
         Seed of all chance, simulated studies per size, processes (on which the outcome does not
         depend).
+    on : str or distributed.Client, optional
+        A Dask cluster, as in `run_sweep`.
     probes : sequence of str
         The conditions that are compared; those of `damping` and `noise` if left out.
     damping, noise : mapping of float
@@ -434,13 +454,16 @@ def study_power(
         runs=runs,
         seed=seed,
         jobs=jobs,
+        cluster=None,
     )
     rows = list[dict[str, object]]()
-    for people, times in itertools.product(participants, repetitions):
-        if kind == "constant":
-            rows += question.list_pairs(people, times)
-        else:
-            rows.append(question.assess(people, times))
+    with open_cluster(on, jobs) as cluster:
+        question = replace(question, cluster=cluster)
+        for people, times in itertools.product(participants, repetitions):
+            if kind == "constant":
+                rows += question.list_pairs(people, times)
+            else:
+                rows.append(question.assess(people, times))
     table = pd.DataFrame(rows)
     if output is not None:
         write_table(table, Path(output), "%.3f")

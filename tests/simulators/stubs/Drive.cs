@@ -4,7 +4,7 @@ using System;
 using System.Globalization;
 using System.Reflection;
 using System.Threading;
-using StepBlocks;
+using StepBlocksUnity;
 
 static class Drive
 {
@@ -13,6 +13,7 @@ static class Drive
     static int Main(string[] words)
     {
         if (words[0] == "ticks") return Ticks(words[1], words[2]);
+        if (words[0] == "states") return States(words[1], words[2]);
         return words[0] == "failing" ? Failing(words[1], words[2]) : Component(words[1], words[2]);
     }
 
@@ -23,6 +24,7 @@ static class Drive
         IntPtr world = Native.sb_create();
         if (Native.sb_abi_version() != Native.AbiVersion) return 1;
         if (Native.sb_load(world, Native.Text(file)) < 1) return 1;
+        Native.sb_configure(world, (int)Setting.Rise, 0.0);
         Native.sb_choose(world, Native.sb_find(world, Native.Text(block)));
         double[] still = new double[3];
         for (string line = Console.ReadLine(); line != null; line = Console.ReadLine())
@@ -45,12 +47,39 @@ static class Drive
         return 0;
     }
 
+    // One line of x, z, dt on the standard input for each tick; force, state and release back.
+    static int States(string file, string block)
+    {
+        IntPtr world = Native.sb_create();
+        if (Native.sb_load(world, Native.Text(file)) < 1) return 1;
+        Native.sb_choose(world, Native.sb_find(world, Native.Text(block)));
+        double[] still = new double[3];
+        for (string line = Console.ReadLine(); line != null; line = Console.ReadLine())
+        {
+            double[] given = Array.ConvertAll(line.Split(' '), Read);
+            Output o;
+            Native.sb_tick(world, new[] { given[0], 0.0, given[1] }, still, given[2], out o);
+            double[] told = { o.forceX, o.forceZ, o.state, o.releaseForce, o.events };
+            Console.WriteLine(string.Join(" ", Array.ConvertAll(told, Write)));
+        }
+        Native.sb_destroy(world);
+        return 0;
+    }
+
+    static double Read(string word)
+    {
+        if (word == "nan") return double.NaN;
+        if (word == "inf") return double.PositiveInfinity;
+        if (word == "-inf") return double.NegativeInfinity;
+        return double.Parse(word, Plain);
+    }
+
     // A hand that keeps its load is pulled over the edge while the servo of the component runs, by
     // a time of its own: how busy the machine is does not matter.
     static int Component(string folder, string block)
     {
         UnityEngine.Application.streamingAssetsPath = folder;
-        var one = new StepBlocks.StepBlocks { block = block, forceLimit = 5.0, rise = 0.01 };
+        var one = new StepBlocks { block = block, forceLimit = 5.0, rise = 0.01 };
         double x = -2e-4, z = 3e-4, given = -1.0, time = 0.0;
         int ticks = 0;
         one.Seconds = () => time += 1e-4;
@@ -79,7 +108,7 @@ static class Drive
     static int Failing(string folder, string block)
     {
         UnityEngine.Application.streamingAssetsPath = folder;
-        var one = new StepBlocks.StepBlocks { block = block, rise = 0.0 };
+        var one = new StepBlocks { block = block, rise = 0.0 };
         double most = 0.0, given = -1.0, time = 0.0;
         one.Seconds = () => time += 1e-4;
         one.ReadHand = (hand, velocity) => {

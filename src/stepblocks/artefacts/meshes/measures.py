@@ -101,6 +101,15 @@ class MeshMeasures:
         has_neighbour = np.isin(keys, backward)
         return int(np.count_nonzero(~has_neighbour | (counts != 1)))
 
+    def count_turned_normals(self, normals: Floats) -> int:
+        """Count the stated normals, shape (m, 3) or (0, 3), that oppose the order of the corners.
+
+        Where none is stated, it is zero, and none is counted.
+        """
+        if not len(normals):
+            return 0
+        return int(np.count_nonzero((normals * self._planes.normals).sum(axis=1) < 0.0))
+
     def measure_level_beside(self, edge: float, side: int) -> float:
         """Measure the height of the level face beside a line across x [m].
 

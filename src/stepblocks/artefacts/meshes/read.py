@@ -1,4 +1,4 @@
-"""Readers of mesh files: meshio, VTK and lib3mf, none of which wrote the file."""
+"""Readers of mesh files: meshio, VTK, lib3mf and our own, none of which wrote the file."""
 
 import contextlib
 import io
@@ -11,29 +11,53 @@ from numpy.typing import NDArray
 
 from stepblocks.errors import MetrologyError
 from stepblocks.files.confined import read_confined
+from stepblocks.files.stl import read_stl
+from stepblocks.files.wavefront import read_obj
 
 _MM = 1e-3
 _MOST_BYTES = 500_000_000
 
 
 class MeshArrays(NamedTuple):
-    """A mesh as it was read: points [m], shape (n, 3), and indices of corners, shape (m, 3)."""
+    """A mesh as it was read.
+
+    Attributes
+    ----------
+    vertices : array, shape (n, 3)
+        Points [m].
+    triangles : array, shape (m, 3)
+        Indices of corners.
+    normals : array, shape (m, 3), or (0, 3)
+        Normals as the file states them, of any length, zero where it states none.
+    """
 
     vertices: NDArray[np.float64]
     triangles: NDArray[np.int64]
+    normals: NDArray[np.float64] = np.empty((0, 3))
+
+
+def _read_facets(path: Path) -> MeshArrays:
+    """Read STL or OBJ, in millimetres."""
+    read = read_stl if path.suffix.lower() == ".stl" else read_obj
+    mesh = read(path)
+    return MeshArrays(mesh.vertices * _MM, mesh.triangles, mesh.normals)
 
 
 def _read_with_meshio(path: Path) -> MeshArrays:
-    """Read STL, PLY or OBJ, in millimetres."""
+    """Read PLY, in millimetres."""
     import meshio
 
-    if path.suffix == ".ply" and b"end_header" not in path.read_bytes():
+    if b"end_header" not in path.read_bytes():
         raise ValueError("a header that does not end")  # meshio would look for it for ever
     with contextlib.redirect_stdout(io.StringIO()):
-        mesh = meshio.read(path)  # VTK would fill up a file that is cut short, without a word
+        mesh = meshio.read(path, file_format="ply")
     vertices = np.asarray(mesh.points, dtype=np.float64) * _MM
     triangles = np.asarray(mesh.cells_dict["triangle"], dtype=np.int64)
-    return MeshArrays(vertices, triangles)
+    if not {"nx", "ny", "nz"} <= set(mesh.point_data):
+        return MeshArrays(vertices, triangles)
+    of_vertices = np.column_stack([mesh.point_data[name] for name in ("nx", "ny", "nz")])
+    normals = of_vertices.astype(np.float64)[triangles].sum(axis=1)
+    return MeshArrays(vertices, triangles, normals)
 
 
 def _read_with_vtk(path: Path) -> MeshArrays:
@@ -73,9 +97,9 @@ def _read_with_lib3mf(path: Path) -> MeshArrays:
 
 
 MESH_READERS: dict[str, Callable[[Path], MeshArrays]] = {
-    ".stl": _read_with_meshio,
+    ".stl": _read_facets,
     ".ply": _read_with_meshio,
-    ".obj": _read_with_meshio,
+    ".obj": _read_facets,
     ".glb": _read_with_vtk,
     ".3mf": _read_with_lib3mf,
 }
@@ -90,7 +114,7 @@ def read_mesh(path: Path) -> MeshArrays:
         If it is not a sound mesh of triangles.
     """
     content = read_confined(f"{__name__}:read_mesh_confined", path, raises=MetrologyError)
-    return MeshArrays(content["vertices"], content["triangles"])
+    return MeshArrays(content["vertices"], content["triangles"], content["normals"])
 
 
 def read_mesh_confined(path: Path) -> dict[str, object]:
@@ -100,7 +124,7 @@ def read_mesh_confined(path: Path) -> dict[str, object]:
         raise MetrologyError(
             f"a mesh file must be at most {_MOST_BYTES} bytes, got {size} [{path.name}]"
         )
-    mesh = MESH_READERS[path.suffix](path)
+    mesh = MESH_READERS[path.suffix.lower()](path)
     if not is_complete_mesh(mesh):
         raise ValueError("no triangles between finite vertices")
     return mesh._asdict()

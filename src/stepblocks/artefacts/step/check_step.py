@@ -1,5 +1,6 @@
 """Check of any STEP file: typed values, sound units, dimensions true to their faces."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from html import unescape
@@ -14,6 +15,7 @@ from stepblocks.artefacts.step.exchange import Exchange, read_exchange
 from stepblocks.artefacts.step.faces import find_faces
 from stepblocks.artefacts.step.tolerances import list_tolerances
 from stepblocks.artefacts.step.units import find_untyped_measures, read_densities, read_measure
+from stepblocks.artefacts.step.vertices import find_moved_vertices
 from stepblocks.errors import MetrologyError
 from stepblocks.files.confined import read_confined
 from stepblocks.files.pages import render_page
@@ -65,6 +67,19 @@ class StepReport:
         return not self.findings
 
     @property
+    def unproven(self) -> list[str]:
+        """Why nothing wrong proves nothing, one line each; none of a file that states enough."""
+        if not self.characteristics:
+            return ["holds no dimension and no tolerance"]
+        lines = []
+        for dimension in self.dimensions:
+            if dimension.problem is Problem.NO_VALUE:
+                lines.append(f"{dimension.ref} {dimension.kind}: states no value")
+        if not any(dimension.deviation is not None for dimension in self.dimensions):
+            lines.append("no dimension can be compared with its faces")
+        return lines
+
+    @property
     def characteristics(self) -> tuple[Characteristic, ...]:
         """All dimensions, then all tolerances."""
         return (*self.dimensions, *self.tolerances)
@@ -111,6 +126,7 @@ def report_confined(path: Path, require_ap242: bool) -> dict[str, object]:
         findings += _check_dimension(dimension)
     for tolerance in tolerances:
         findings += _check_tolerance(tolerance, require_ap242)
+    findings += find_moved_vertices(file)
     report = StepReport(
         name=file.name,
         schema=file.schema,
@@ -140,6 +156,9 @@ def _check_dimension(dimension: Characteristic) -> Iterator[str]:
     elif dimension.problem:
         yield f"{label}: {dimension.problem}"
     deviation = dimension.deviation
+    if deviation is not None and math.isnan(deviation):
+        yield f"{label}: the faces that it names have no measure, for want of a unit or a placement"
+        return
     if deviation is None or not abs(deviation) > ALLOWED:
         return
     unit = dimension.display_unit

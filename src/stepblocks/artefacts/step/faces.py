@@ -175,6 +175,20 @@ def _read_surface(file: Exchange, item: str, representation: str) -> Surface:
     )
 
 
+def read_curve(file: Exchange, edge: str, representation: str) -> Surface:
+    """Read the curve of an edge, in the units of the representation that holds its body."""
+    return _read_surface(file, edge, representation)
+
+
+def read_vertex(file: Exchange, vertex: object, representation: str) -> Array:
+    """Read the point of a vertex [m], shape (3,), nan where it has none."""
+    parameters = file.parameters(vertex, "VERTEX_POINT")
+    if len(parameters) != 2:
+        return _NOWHERE
+    units = _read_units(file, representation)
+    return units.length.si(_read_coordinates(file, parameters[1]))
+
+
 def _find_geometry(file: Exchange, item: str) -> tuple[str, Parameters]:
     """Find kind and parameters of the surface or curve that carries a face or edge."""
     carrier: object = item

@@ -7,9 +7,9 @@ import cmath
 import math
 
 import numpy as np
-from numba import njit
 
 from stepblocks.bench.signal import Array
+from stepblocks.compute.compiled import njit
 
 FINE_STEP = 1e-5  # of the motion of a tool that hardens [s]
 _MOST_PHASES = 5000  # half cycles, after which a tip chatters without end

@@ -47,6 +47,11 @@ def screen_trace(trace: Trace, sample_rate: float, limit: float | None = None) -
     return fault
 
 
+def has_ascending_time(trace: Trace) -> bool:
+    """Tell whether each sample of a trace lies behind the one before it."""
+    return bool(np.all(np.diff(trace.time) > 0.0))
+
+
 def _find_unsound_samples(trace: Trace) -> TrialFault | None:
     """Find too few samples, or samples that are no numbers."""
     count = trace.time.size
@@ -56,9 +61,12 @@ def _find_unsound_samples(trace: Trace) -> TrialFault | None:
         details = f"{count} samples are too few (at least {_FEWEST_SAMPLES})"
         return TrialFault(FaultKind.TRUNCATED, details)
     for name, values in vars(trace).items():
-        bad = count - np.count_nonzero(np.isfinite(values))
-        if bad:
-            details = f"{bad} of {count} samples of the {name} channel"
+        bad = np.flatnonzero(~np.isfinite(values))
+        if bad.size:
+            details = (
+                f"{bad.size} of {count} samples of the {name} channel, the first is sample "
+                f"{int(bad[0]) + 1}"
+            )
             return TrialFault(FaultKind.NOT_A_NUMBER, details)
     return None
 

@@ -73,7 +73,8 @@ class Variables:
         for name, extent in islice(self.extents.items(), _LISTED_ITEMS):
             begin = Extent(extent.start, min(extent.length, _NAMED))
             with suppress(Exception):  # SciPy raises anything on damaged variables
-                ((_, shape, _kind),) = whosmat(_extract_variable(self.path, begin))
+                opened: Any = _extract_variable(self.path, begin)  # the stubs know paths alone
+                ((_, shape, _kind),) = whosmat(opened)
                 shapes[name] = tuple(shape)
         return describe_arrays(shapes)
 
@@ -85,7 +86,8 @@ class Variables:
                 f"variable {name!r} has more than {_MOST_BYTES} bytes",
             )
         try:
-            variables = loadmat(_extract_variable(self.path, extent), simplify_cells=True)
+            opened: Any = _extract_variable(self.path, extent)  # the stubs know paths alone
+            variables = loadmat(opened, simplify_cells=True)
             return variables[name]
         except MemoryError:
             raise
@@ -231,7 +233,8 @@ def _read_name(path: Path, extent: Extent) -> str:
     """Return the name of a variable from its first bytes."""
     begin = Extent(extent.start, min(extent.length, _NAMED))
     try:
-        ((name, _shape, _kind),) = whosmat(_extract_variable(path, begin))
+        opened: Any = _extract_variable(path, begin)  # the stubs know paths alone
+        ((name, _shape, _kind),) = whosmat(opened)
     except Exception as error:  # zlib, type and key errors of a damaged variable
         reason = str(error)[:_LONGEST_REASON_OF_DAMAGE]
         raise TraceError(

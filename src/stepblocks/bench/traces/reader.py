@@ -25,18 +25,22 @@ class TextLayout:
 
     Attributes
     ----------
-    delimiter, decimal : str
-        One letter each.
+    delimiter, decimal, encoding : str, optional
+        What is not declared is found.
     skip_lines : int
         Lines before the header.
     is_named : bool
         Whether the first line names the columns.
+    missing : tuple of float, optional
+        Numbers that stand for a missing sample; by default those that stand out.
     """
 
-    delimiter: str
-    decimal: str
+    delimiter: str | None
+    decimal: str | None
     skip_lines: int
     is_named: bool
+    encoding: str | None = None
+    missing: tuple[float, ...] | None = None
 
 
 @dataclass(frozen=True)

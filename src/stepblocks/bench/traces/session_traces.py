@@ -226,7 +226,14 @@ def _describe_layout(acquisition: Acquisition) -> TextLayout:
     for channel, _ in acquisition.channels.pair_with_dimensions().values():
         if isinstance(channel.column, int):
             is_named = False
-    return TextLayout(acquisition.delimiter, acquisition.decimal, acquisition.skip_lines, is_named)
+    return TextLayout(
+        acquisition.delimiter,
+        acquisition.decimal,
+        acquisition.skip_lines,
+        is_named,
+        acquisition.encoding,
+        acquisition.missing,
+    )
 
 
 def _select_samples(trace: Trace, samples: slice) -> Trace:

@@ -2,58 +2,65 @@
 
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from stepblocks.bench.faults import FaultKind, TraceError
 from stepblocks.bench.signal import join_first
 from stepblocks.bench.traces.reader import TextLayout, TraceReader, TrialPlace
-
-if TYPE_CHECKING:
-    import pandas as pd
-
-_LONGEST_REASON = 120  # letters of a message of pandas
+from stepblocks.errors import BenchError
+from stepblocks.files.text_table import CellError, TableLayout, TextTable, read_text_table
 
 
-class TextReader(TraceReader["pd.DataFrame", "pd.DataFrame"]):
+class TextReader(TraceReader[TextTable, TextTable]):
     """Reads a file of one trial; columns without names are counted from 0."""
 
-    def open(self, path: Path, layout: TextLayout) -> "AbstractContextManager[pd.DataFrame]":
+    def open(self, path: Path, layout: TextLayout) -> AbstractContextManager[TextTable]:
         """Read the whole file."""
-        import pandas as pd
-
-        header = 0 if layout.is_named else None
+        missing = None if layout.missing is None else tuple(layout.missing)
+        declared = TableLayout(
+            layout.delimiter,
+            layout.decimal,
+            layout.encoding,
+            layout.skip_lines,
+            has_header=layout.is_named,
+            missing=missing,
+        )
         try:
-            table = pd.read_csv(
-                path,
-                sep=layout.delimiter,
-                decimal=layout.decimal,
-                skiprows=layout.skip_lines,
-                header=header,
-                skipinitialspace=True,
-                float_precision="round_trip",
-            )
-        except (ValueError, UnicodeDecodeError, OSError) as error:
-            text = str(error).strip() or type(error).__name__
-            reason = text.splitlines()[0][:_LONGEST_REASON]
-            raise TraceError(FaultKind.UNREADABLE, f"{path.name}: {reason}") from error
-        if layout.is_named:
-            table.columns = [str(name).strip() for name in table.columns]
-        table.attrs["file"] = path.name
+            table = read_text_table(path, declared, BenchError)
+        except BenchError as error:
+            reason = str(error).replace(str(path), path.name)
+            raise TraceError(FaultKind.UNREADABLE, reason) from error
+        if not table.rows:
+            raise TraceError(FaultKind.UNREADABLE, f"{path.name}: the file holds no samples")
         return nullcontext(table)
 
-    def find_group(self, file: "pd.DataFrame", place: TrialPlace) -> "pd.DataFrame":
+    def find_group(self, file: TextTable, place: TrialPlace) -> TextTable:
         """Return the file itself."""
         return file
 
-    def read_column(self, group: "pd.DataFrame", name: str | int) -> ArrayLike:
-        """Return one column."""
-        if name not in group.columns:
+    def read_column(self, group: TextTable, name: str | int) -> ArrayLike:
+        """Return one column of numbers, NaN for a missing sample."""
+        file = Path(group.file).name
+        index = _find_column(group, name)
+        if index is None:
+            names = group.names or tuple(map(str, range(group.width)))
             raise TraceError(
-                FaultKind.UNKNOWN_CHANNEL,
-                f"{group.attrs['file']} has no {name!r}, it has "
-                + join_first(map(str, group.columns)),
+                FaultKind.UNKNOWN_CHANNEL, f"{file} has no {name!r}, it has {join_first(names)}"
             )
-        return np.asarray(group[name])
+        try:
+            return group.read_numbers(index).values
+        except CellError as error:
+            place = group.name_row(error.row, index)
+            raise TraceError(
+                FaultKind.WITHOUT_HEADING, f"channel {name!r} {error} [{file}, {place}]"
+            ) from error
+
+
+def _find_column(table: TextTable, name: str | int) -> int | None:
+    """Return the number of a column, from 0; None where the table has no such column."""
+    if isinstance(name, int):
+        return name if 0 <= name < table.width else None
+    if name not in table.names:
+        return None
+    return table.names.index(name)

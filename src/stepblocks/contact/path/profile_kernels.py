@@ -6,9 +6,9 @@ Nothing is checked here, see `stepblocks.contact.path.profile`.
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from stepblocks.compute.compiled import njit
 from stepblocks.contact import Array
 
 # The surface is a row of elements, segments from (x0, z0) to (x1, z1) in order of x; a lone sample

@@ -4,8 +4,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from stepblocks.compute.compiled import njit
 from stepblocks.drag.kernels.model import NormalContact, Path
 from stepblocks.drag.kernels.motion import Motion
 

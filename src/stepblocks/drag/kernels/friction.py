@@ -4,8 +4,7 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple
 
-from numba import njit
-
+from stepblocks.compute.compiled import njit
 from stepblocks.drag.kernels.contact import Touch, compute_sliding_speed
 from stepblocks.drag.kernels.model import Friction, Model, Wall
 from stepblocks.drag.kernels.motion import Motion

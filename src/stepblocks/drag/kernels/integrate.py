@@ -1,8 +1,8 @@
 """The drag, told step by step: contact, friction, spring, event, ledger, drift."""
 
 import numpy as np
-from numba import njit
 
+from stepblocks.compute.compiled import njit
 from stepblocks.contact import Array
 from stepblocks.drag.kernels.contact import (
     find_nearest_kink,

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from numba import njit
+from stepblocks.compute.compiled import njit
 
 
 class Motion(NamedTuple):

@@ -3,8 +3,8 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from stepblocks.compute.compiled import njit
 from stepblocks.contact import Array
 from stepblocks.drag.kernels.model import Carrier, Model, Spring
 from stepblocks.drag.kernels.motion import Motion

@@ -2,8 +2,7 @@
 
 from typing import NamedTuple
 
-from numba import njit
-
+from stepblocks.compute.compiled import njit
 from stepblocks.drag.kernels.contact import Touch
 from stepblocks.drag.kernels.friction import Grip
 from stepblocks.drag.kernels.model import Carrier

@@ -9,6 +9,10 @@ const STEEPEST = 1e9;
 const KINK = 1e-3;
 const SAME = 1e-15;
 const CATCH = 1e-6;
+const FARTHEST = 1e3; // a place beyond is no number of a hand [m]
+const SHORTEST = 1e-3; // time in which a hand may move where its clock says less [s]
+const JUMP = 10; // a hand that is faster between two ticks jumped [m/s]
+const FADE = 0.01; // in which the force vanishes after a fault, and comes back [s]
 
 function clamp(value, low, high) {
   return Math.min(Math.max(value, low), high);
@@ -192,7 +196,7 @@ function releaseEnergy(force, tool) {
 // conversion, frequency, decay, limit and vibration; it may change between ticks.
 class Probe {
   constructor(path, tool) {
-    Object.assign(this, { path, tool });
+    Object.assign(this, { path, tool, faults: 0 });
     this.place(path.x[0]);
   }
 
@@ -219,6 +223,8 @@ class Probe {
       events: 0,
       released: 0,
       begun: false,
+      share: 1, // of the force that is given, below 1 after a fault
+      good: 0, // last force that was meant [N]
     });
   }
 
@@ -241,11 +247,43 @@ class Probe {
     return along * (1 - friction * rise) - load * (rise + friction);
   }
 
-  slide(direction, hand, from) {
+  // The tip leaves a knot: a release where the knot is a notch that held it. The hand went
+  // straight from where it was a tick ago, and the force left to move the tip is linear along that
+  // way: where it crosses zero the notch gave way, whatever the rate and the speed.
+  leave(direction, knot, slope, hand, dt) {
+    const { x: xs, up, down } = this.path;
+    const { stiffness, friction, load, limit, conversion, vibration } = this.tool;
+    if (!(direction > 0 ? up[knot] : down[knot])) {
+      return;
+    }
+    const x = xs[knot];
+    const rise = direction * slope;
+    const need = load * (rise + friction);
+    const from = direction * stiffness * (this.hand - x);
+    const to = direction * stiffness * (hand - x);
+    const before = from * (1 - friction * rise) - need;
+    const after = to * (1 - friction * rise) - need;
+    if (before > 0 && x !== this.x) {
+      return; // passed without being held
+    }
+    const share = before < 0 && after > before ? Math.min(before / (before - after), 1) : 0;
+    this.events++;
+    this.released = direction * clamp(from + share * (to - from), -limit, limit);
+    if (vibration) {
+      this.time = (1 - share) * dt;
+      this.strength = Math.sqrt(conversion) * this.released;
+    }
+  }
+
+  slide(direction, hand, from, dt) {
     const { x: xs, first, last } = this.path;
     let x = this.x;
     let i = from;
     while (this.drive(direction, x, this.slope(i, x), hand) > 0) {
+      const start = direction > 0 ? i : i + 1;
+      if (this.begun && x === xs[start]) {
+        this.leave(direction, start, direction > 0 ? first[i] : last[i], hand, dt);
+      }
       let far = direction > 0 ? xs[i + 1] : xs[i];
       if (this.drive(direction, far, direction > 0 ? last[i] : first[i], hand) > 0) {
         x = far;
@@ -268,38 +306,50 @@ class Probe {
     return [x, i];
   }
 
-  // One tick with the hand at a place; returns the force on the hand.
+  // One tick with the hand at a place; returns the force on the hand. A place that is no number,
+  // and a time that runs backwards, are counted and move nothing: the last good force fades to zero
+  // within FADE, and grows again as slowly afterwards. A hand that jumped sets the tip down anew.
   tick(hand, dt) {
-    const { x: xs, up, down } = this.path;
-    const { stiffness, limit, conversion, frequency, decay, vibration } = this.tool;
+    const share = this.share;
+    if (!(Math.abs(hand) <= FARTHEST && dt >= 0 && dt <= FARTHEST)) {
+      this.faults++;
+      this.share = Math.max(share - (dt > 0 && dt < SHORTEST ? dt : SHORTEST) / FADE, 0);
+      return share * this.good;
+    }
+    if (this.begun && Math.abs(hand - this.seen) > JUMP * Math.max(dt, SHORTEST)) {
+      this.begun = false;
+      this.share = 0;
+      this.time = -1;
+    }
+    this.seen = hand;
+    this.good = this.move(hand, dt);
+    const given = this.share * this.good;
+    this.share = Math.min(this.share + dt / FADE, 1);
+    return given;
+  }
+
+  move(hand, dt) {
+    const { x: xs } = this.path;
+    const { stiffness, limit, frequency, decay } = this.tool;
     hand = clamp(hand, xs[0], xs[xs.length - 1]);
     if (!this.begun) {
-      const { events, released } = this;
+      const { events, released, share, time, strength } = this;
       this.place(hand);
-      Object.assign(this, { events, released });
+      Object.assign(this, { events, released, share, time, strength, hand });
     }
     const before = this.x;
     const i = this.piece;
     const atStart = before === xs[i];
     const atEnd = before === xs[i + 1];
-    let caught = up;
-    let moved = this.slide(1, hand, atEnd && i + 2 < xs.length ? i + 1 : i);
+    let moved = this.slide(1, hand, atEnd && i + 2 < xs.length ? i + 1 : i, dt);
     if (moved[0] === before) {
-      caught = down;
-      moved = this.slide(-1, hand, atStart && i > 0 ? i - 1 : i);
+      moved = this.slide(-1, hand, atStart && i > 0 ? i - 1 : i, dt);
     }
     if (moved[0] !== before) {
       [this.x, this.piece] = moved;
-      if (this.begun && ((atStart && caught[i]) || (atEnd && caught[i + 1]))) {
-        this.events++;
-        this.released = this.pull;
-        if (vibration) {
-          this.time = 0;
-          this.strength = Math.sqrt(conversion) * this.pull;
-        }
-      }
     }
     this.begun = true;
+    this.hand = hand;
     this.pull = clamp(stiffness * (hand - this.x), -limit, limit);
     this.ring = 0;
     if (this.time >= 0) {

@@ -55,6 +55,11 @@ from stepblocks.parts.revolution import Point, Point3
 from stepblocks.parts.shapes import make_hull, split_solid
 from stepblocks.parts.tolerance import Length, PositiveLength
 
+# Least height of a step [m]: the kernel takes points within 100 nm for one, so that lower steps
+# lose their faces, or name one face twice; a sharp edge needs more
+_LEAST_ROUNDED = 0.2e-6
+_LEAST_SHARP = 0.5e-6
+
 
 class MetrologyFeature(Table):
     """A groove or ridge that ISO 5436-1 type A1 can evaluate; a single edge cannot be."""
@@ -360,6 +365,10 @@ class StepBlock(Block):
         radius = self.edge_radius.nominal
         chamfer = self.body.edge_break.nominal
         half_thickness = 0.5 * self.body.thickness.nominal
+        least_height = _LEAST_ROUNDED if radius > 0.0 else _LEAST_SHARP
+        if height < least_height:
+            rule = "be at least what the kernel builds so that the built part can be checked"
+            yield describe_breach("height", rule, least_height, height)
         if radius > height:
             yield describe_breach("edge_radius", "not exceed height", height, radius)
         if height >= chamfer and chamfer != 0.0:

@@ -6,14 +6,16 @@ a run may be interrupted, and what is finished stays. Rows do not depend on how 
 
 import io
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from html import escape
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from stepblocks.compute.processes import run_in_processes
+from stepblocks.compute.cluster import is_shared, open_cluster
+from stepblocks.compute.seam import run_calls
 from stepblocks.errors import PipelineError
 from stepblocks.files.atomic import lock_folder, replace_bytes, replace_text
 from stepblocks.files.figures import Axes, take_axes
@@ -29,6 +31,9 @@ except ImportError as error:
     raise PipelineError(
         "a sweep needs pyarrow: install the extra with pip install 'stepblocks[sweep]'"
     ) from error
+
+if TYPE_CHECKING:
+    from distributed import Client
 
 PLAN_FILE = "_sweep.json"  # pandas and Dask pass over a name that begins so
 _SHOWN = 5  # rows that a notebook shows
@@ -71,7 +76,8 @@ class SweepResult:
             if name not in known:
                 raise PipelineError(f"columns must be of {', '.join(known)}, got {name!r}")
         partitions = [_find_path(self.folder, number) for number in range(self.plan.partitions)]
-        return pq.read_table(partitions, columns=columns).to_pandas()
+        table: pd.DataFrame = pq.read_table(partitions, columns=columns).to_pandas()
+        return table
 
     def _repr_html_(self) -> str:
         rows = pq.read_table(_find_path(self.folder, 0)).slice(0, _SHOWN)
@@ -113,6 +119,8 @@ def run_sweep(
     output: str | Path,
     *,
     jobs: int = 1,
+    on: "str | Client | None" = None,
+    partitions: range | None = None,
     on_partition: Callable[[int], None] | None = None,
 ) -> SweepResult:
     """Predict a grid or a random design into partitioned Parquet.
@@ -126,7 +134,14 @@ def run_sweep(
     output : str or Path
         Where the partitions go. A folder of another plan is refused.
     jobs : int
-        Processes; a script needs no main guard.
+        Processes; a script needs no main guard. On a batch system, the workers to ask for.
+    on : str or distributed.Client, optional
+        A Dask cluster: the address of its scheduler such as ``"tcp://10.0.0.1:8786"``, a batch
+        system such as ``"slurm"``, or a client. Workers that see `output` write there, otherwise
+        this process does. This machine alone where omitted.
+    partitions : range, optional
+        Numbers of the partitions to compute; all where omitted. Several runs divide a sweep so
+        at the same time, each with partitions of its own, such as the tasks of an array of jobs.
     on_partition : callable, optional
         Called with the number of each partition when it is finished.
 
@@ -138,8 +153,8 @@ def run_sweep(
     Raises
     ------
     PipelineError
-        If the plan cannot be read, the folder belongs to another one, pyarrow is not installed, or
-        a process was ended from outside.
+        If the plan cannot be read, the folder belongs to another one, pyarrow is not installed, a
+        process was ended from outside, or the cluster cannot be used.
     """
     _require_jobs(jobs)
     if not isinstance(plan, SweepPlan | str | Path):
@@ -147,21 +162,48 @@ def run_sweep(
     if not isinstance(plan, SweepPlan):
         plan = load_sweep(Path(plan))
     folder = Path(output)
-    with lock_folder(folder):
+    wanted = _choose_partitions(plan, partitions)
+    share = ""
+    if partitions is not None:
+        share = f"-{wanted.start}-{wanted.stop}"
+    with lock_folder(folder, share):
         _claim_folder(plan, folder)
-        missing = [
-            number for number in range(plan.partitions) if not _is_whole(plan, number, folder)
-        ]
+        missing = [number for number in wanted if not _is_whole(plan, number, folder)]
         for number in missing:
             # a damaged file is ours, whatever it holds: the plan beside it says so
             damaged = _find_path(folder, number)
             if is_file(damaged):
                 damaged.unlink()
-        calls = ((plan, number, folder.absolute()) for number in missing)
-        for number in run_in_processes(write_partition, calls, jobs, in_order=False):
-            if on_partition is not None:
-                on_partition(number)
-    return SweepResult(folder, plan, len(missing), plan.partitions - len(missing))
+        with open_cluster(on, jobs) as client:
+            for number in _write_partitions(plan, missing, folder, jobs, client):
+                if on_partition is not None:
+                    on_partition(number)
+    return SweepResult(folder, plan, len(missing), len(wanted) - len(missing))
+
+
+def _choose_partitions(plan: SweepPlan, partitions: range | None) -> range:
+    """Return the partitions that are asked for, all where none are."""
+    if partitions is None:
+        return range(plan.partitions)
+    first, last = partitions.start, partitions.stop
+    if partitions.step != 1 or not 0 <= first < last <= plan.partitions:
+        raise PipelineError(f"partitions must lie within 0:{plan.partitions}, got {first}:{last}")
+    return partitions
+
+
+def _write_partitions(
+    plan: SweepPlan, numbers: Sequence[int], folder: Path, jobs: int, client: "Client | None"
+) -> Generator[int]:
+    """Write partitions here or on a cluster; yield the number of each when it is there."""
+    if client is None or is_shared(client, folder):
+        calls = ((plan, number, folder.absolute()) for number in numbers)
+        yield from run_calls(write_partition, calls, jobs=jobs, on=client, in_order=False)
+        return
+    calls_elsewhere = ((plan, number) for number in numbers)
+    computed = run_calls(compute_partition, calls_elsewhere, jobs=jobs, on=client, in_order=False)
+    for number, content in computed:
+        replace_bytes(_find_path(folder, number), content)
+        yield number
 
 
 def _require_jobs(jobs: object) -> None:
@@ -174,11 +216,17 @@ def _require_jobs(jobs: object) -> None:
 
 def write_partition(plan: SweepPlan, number: int, folder: Path) -> int:
     """Compute one partition and put its file in place; return its number."""
+    _, content = compute_partition(plan, number)
+    replace_bytes(_find_path(folder, number), content)
+    return number
+
+
+def compute_partition(plan: SweepPlan, number: int) -> tuple[int, bytes]:
+    """Compute one partition; return its number and the bytes of its file."""
     from stepblocks.predict.sweep.rows import compute_table
 
     table = compute_table(plan, _list_rows(plan, number))
-    replace_bytes(_find_path(folder, number), _format_parquet(table))
-    return number
+    return number, _format_parquet(table)
 
 
 def _list_rows(plan: SweepPlan, number: int) -> range:
@@ -224,7 +272,8 @@ def _claim_folder(plan: SweepPlan, folder: Path) -> None:
                 f"stepblocks; choose another folder [{folder}]"
             )
         return
-    if any(folder.glob("part-*.parquet")):
+    # looked for again: a run of other partitions may have begun meanwhile
+    if any(folder.glob("part-*.parquet")) and not path.exists():
         raise PipelineError(
             f"folder holds partitions without {PLAN_FILE}; choose another folder [{folder}]"
         )

@@ -4,8 +4,8 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from stepblocks.compute.compiled import njit
 from stepblocks.contact import Array
 from stepblocks.contact.kernels import compute_softened_force
 

@@ -1,6 +1,8 @@
 """The formats of scans; what stands in `READERS` is read."""
 
 from stepblocks.scans.formats.digital_surf import DigitalSurfReader
+from stepblocks.scans.formats.gwyddion import GwyddionReader
+from stepblocks.scans.formats.heightfield import HeightFieldReader, TiffReader
 from stepblocks.scans.formats.nanofocus import NanoFocusReader
 from stepblocks.scans.formats.points import PointReader
 from stepblocks.scans.formats.reader import ScanReader
@@ -14,12 +16,14 @@ from stepblocks.scans.formats.x3p import X3pReader
 READERS: tuple[ScanReader, ...] = (
     TextMatrixReader(),
     TextReader(),
+    HeightFieldReader(),
     PointReader(),
+    TiffReader(),
     X3pReader(),
     SdfReader(),
     DigitalSurfReader(),
     SurfaceTopographyReader("plux", (".plux",)),
-    SurfaceTopographyReader("gwy", (".gwy",)),
+    GwyddionReader(),
     SurfaceTopographyReader("opdx", (".opdx",)),
     SurfaceTopographyReader("ezd", (".nid", ".ezd")),
     SurfaceTopographyReader("opd", (".opd",)),

@@ -13,20 +13,41 @@ _PLAIN = b"DIGITAL SURF"
 _COMPRESSED = b"DSCOMPRESSED"
 _HEADER_BYTES = 512
 _MOST_PIECES = 4096
+_UNITS = slice(132 + 3 * 16, 132 + 9 * 16)  # six names of units in the header, 16 bytes each
+_UNIT_BYTES = 16
 
 
 class DigitalSurfReader(SurfaceTopographyReader):
-    """SurfaceTopography reads the plain files; compressed ones are unpacked for it."""
+    """SurfaceTopography reads plain files with units in Latin-1; others are rewritten for it."""
 
     def __init__(self) -> None:
         super().__init__("sur", (".sur",))
 
     def prepare(self, path: Path) -> str | io.BytesIO:
-        """Unpack a compressed file."""
+        """Unpack a compressed file, and write its units as the format has them."""
         raw = path.read_bytes()
-        if not raw.startswith(_COMPRESSED):
-            return str(path)
-        return io.BytesIO(_unpack(raw, path.name))
+        if raw.startswith(_COMPRESSED):
+            raw = _unpack(raw, path.name)
+        return io.BytesIO(_rewrite_units(raw))
+
+
+def _rewrite_units(raw: bytes) -> bytes:
+    """Write units in UTF-8, as some programs do, in the Latin-1 of the format."""
+    units = raw[_UNITS]
+    rewritten = b""
+    for begin in range(0, len(units), _UNIT_BYTES):
+        name = units[begin : begin + _UNIT_BYTES].split(b"\0")[0]
+        rewritten += _encode_unit(name).ljust(_UNIT_BYTES, b"\0")
+    return raw[: _UNITS.start] + rewritten + raw[_UNITS.stop :]
+
+
+def _encode_unit(name: bytes) -> bytes:
+    """Return the name of a unit in Latin-1, whichever micro sign and encoding it has."""
+    try:
+        text = name.decode("utf-8")
+    except UnicodeDecodeError:
+        return name
+    return text.replace("μ", "µ").encode("latin-1", "replace")
 
 
 def _unpack(raw: bytes, place: str) -> bytes:

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stepblocks.errors import MetrologyError
 from stepblocks.scans.formats.surface_topography import SurfaceTopographyReader
 from stepblocks.scans.scan import Array
 
@@ -11,6 +12,10 @@ if TYPE_CHECKING:
     from SurfaceTopography.IO.Reader import ChannelInfo
 
 _MOST_COUNT = 65534.0  # the largest number that is a height; the next one is a missing point
+# The file states its spacing in nanometres; SurfaceTopography takes it for millimetres
+_TOO_LARGE = 1e6
+# Spacing of a microscope: below it the number was no length in nanometres [m]
+_LEAST_SPACING = 5e-9
 
 
 class NanoFocusReader(SurfaceTopographyReader):
@@ -26,3 +31,13 @@ class NanoFocusReader(SurfaceTopographyReader):
         highest = ends["zmax"]
         half_a_count = 0.5 / _MOST_COUNT
         stored[stored > (highest - lowest) * (1.0 + half_a_count) + lowest] = np.nan
+
+    def correct_spacing(self, spacing: Array, place: str) -> Array:
+        """Take the stated spacing for nanometres, as the public files of the format have it."""
+        corrected = spacing / _TOO_LARGE
+        if (corrected < _LEAST_SPACING).any():
+            raise MetrologyError(
+                f"spacing of an NMS file must be at least {_LEAST_SPACING * 1e9:g} nm, got "
+                f"{corrected.min() * 1e9:.4g} nm [{place}]"
+            )
+        return corrected

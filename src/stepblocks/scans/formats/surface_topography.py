@@ -12,7 +12,7 @@ from stepblocks.scans.formats.reader import ReadScan, ScanReader, ScanRequest, c
 from stepblocks.scans.formats.text import TEXT_ENDINGS
 from stepblocks.scans.scan import Array, HeightMap, ScannedProfile
 from stepblocks.scans.text import holds_matrix
-from stepblocks.scans.units import UNITS_PER_METRE
+from stepblocks.scans.units import UNITS_PER_METRE, StoredLength, parse_units
 
 if TYPE_CHECKING:
     from SurfaceTopography.IO.Reader import ChannelInfo, ReaderBase
@@ -35,6 +35,7 @@ class SurfaceTopographyReader(ScanReader):
     """
 
     has_channels = True
+    takes_unit = True  # of a channel that states none
 
     def __init__(
         self, form: str, endings: tuple[str, ...] = (), signatures: tuple[bytes, ...] = ()
@@ -58,28 +59,41 @@ class SurfaceTopographyReader(ScanReader):
             What the library knows of the channel.
         """
 
+    def correct_spacing(self, spacing: Array, place: str) -> Array:
+        """Return the spacing along x and y [m] by the format, where the library errs."""
+        return spacing
+
+    def find_unstated_axes(self, path: Path, channel: "ChannelInfo") -> frozenset[str]:
+        """Find the axes of a channel, of x, y and z, for which the file states no unit."""
+        if channel.unit:
+            return frozenset()
+        return frozenset("xyz")
+
     def read(self, path: Path, request: ScanRequest) -> ReadScan:
         """Read the channel that is asked for, or the first of heights."""
         reader = self._open(path)
         channels = list(reader.channels)
         channel = _find_channel(channels, request.channel, path.name)
-        _check_channel(channel, path.name)
-        per_metre = UNITS_PER_METRE[channel.unit]
+        unstated = self.find_unstated_axes(path, channel)
+        lengths = _find_lengths(channel, unstated, request.unit, path)
+        _check_size(channel, path.name)
         surface = reader.topography(channel_index=channel.index)
         masked = np.ma.masked_invalid(surface.heights()).astype(np.float64)
         stored = np.ma.filled(masked, np.nan)
         self.remove_missing(stored, channel)
-        height = stored / per_metre
-        scale = f"channel {channel.name!r} in {channel.unit}"
+        height = lengths["z"].to_metres(stored)
+        scale = _describe_unit(channel, unstated, request.unit)
         if len(channels) > 1 and not request.channel:
             scale += f", the first of {len(channels)} that is named as heights"
-        count = _get_stored_height(channel) / per_metre
+        count = _get_stored_height(channel) * lengths["z"].metres
         scan: ScannedProfile | HeightMap
         if surface.dim == 1:
-            position = np.asarray(surface.positions(), dtype=np.float64) / per_metre
-            scan = ScannedProfile(position, height, path.name, scale, count)
+            position = np.asarray(surface.positions(), dtype=np.float64)
+            scan = ScannedProfile(lengths["x"].to_metres(position), height, path.name, scale, count)
         else:
-            dx, dy = np.array(surface.physical_sizes) / per_metre / height.shape
+            sizes = np.array(surface.physical_sizes) / height.shape
+            spacing = np.array([lengths["x"].to_metres(sizes)[0], lengths["y"].to_metres(sizes)[1]])
+            dx, dy = self.correct_spacing(spacing, path.name)
             # the library keeps x first; here a row is a line along x
             scan = HeightMap(height.T, float(dx), float(dy), path.name, scale, count)
         return ReadScan(scan, str(channel.name))
@@ -139,16 +153,53 @@ def _find_named(channels: "list[ChannelInfo]", wanted: str) -> "list[ChannelInfo
 
 def _holds_heights(channel: "ChannelInfo") -> bool:
     is_height = str(channel.data_kind).endswith("HEIGHT")
-    is_length = channel.unit in UNITS_PER_METRE
-    return is_height and is_length and not _NO_HEIGHT.search(str(channel.name))
+    may_be_length = not channel.unit or channel.unit in UNITS_PER_METRE
+    return is_height and may_be_length and not _NO_HEIGHT.search(str(channel.name))
 
 
-def _check_channel(channel: "ChannelInfo", place: str) -> None:
-    """Refuse a channel without a unit of length or lateral size, or with too many points."""
+def _find_lengths(
+    channel: "ChannelInfo", unstated: frozenset[str], unit: str | None, path: Path
+) -> dict[str, StoredLength]:
+    """Find the length of a stored 1 for each axis: by the file, or else by the user's unit."""
+    if not unstated and unit is not None:
+        raise MetrologyError(
+            f"unit must not be given for a {path.suffix.lower()} file, which says its own "
+            f"[{path.name}]"
+        )
+    given = parse_units(unit)
+    lengths = {}
+    for axis in "xyz":
+        if axis not in unstated:
+            lengths[axis] = _find_stated_length(channel, path.name)
+        elif axis in given:
+            lengths[axis] = given[axis]
+        else:
+            raise MetrologyError(
+                f"channel {channel.name!r} states no unit for {axis}, so one must be given, as um "
+                f"or x=um,y=um,z=nm (--unit) [{path.name}]"
+            )
+    return lengths
+
+
+def _find_stated_length(channel: "ChannelInfo", place: str) -> StoredLength:
+    """Return the length of a stored 1 of a channel that states its unit."""
     if channel.unit not in UNITS_PER_METRE:
         raise MetrologyError(
             f"channel {channel.name!r} must say its unit of length, got {channel.unit!r} [{place}]"
         )
+    return StoredLength(1.0, UNITS_PER_METRE[channel.unit])
+
+
+def _describe_unit(channel: "ChannelInfo", unstated: frozenset[str], unit: str | None) -> str:
+    """Say where the units of a channel come from."""
+    if unstated:
+        axes = ", ".join(sorted(unstated))
+        return f"channel {channel.name!r}, unit {unit} as given for {axes}"
+    return f"channel {channel.name!r} in {channel.unit}"
+
+
+def _check_size(channel: "ChannelInfo", place: str) -> None:
+    """Refuse a channel without a lateral size, or with too many points."""
     if channel.physical_sizes is None:
         raise MetrologyError(
             f"channel {channel.name!r} must say its lateral size, got none [{place}]"

@@ -6,13 +6,35 @@
 // shows (`Tip`, `Pull`, `Ring`, `Releases`) is a copy of the last tick.
 //
 // Axes: Unity is left-handed with y up. A part's (x, y, z) is Unity's (-x, z, -y); metres in both.
+//
+// A script of yours beside it, on the same object, joins it to a device:
+//
+//     using StepBlocksUnity;
+//     using UnityEngine;
+//
+//     public class MyHand : MonoBehaviour
+//     {
+//         public StepBlocks haptics;  // drag the component here
+//
+//         void Awake()
+//         {
+//             haptics.ReadHand = (position, velocity) => { /* your device's, [m] and [m/s] */ };
+//             haptics.WriteForce = (x, y, z) => { /* to your device, [N] */ };
+//         }
+//
+//         void Update()
+//         {
+//             if (Input.GetKeyDown(KeyCode.Alpha5)) haptics.Choose("step-050");
+//             transform.position = haptics.Tip;
+//         }
+//     }
 using System;
 using System.Diagnostics;
 using System.Runtime.InteropServices;
 using System.Threading;
 using UnityEngine;
 
-namespace StepBlocks
+namespace StepBlocksUnity
 {
     [StructLayout(LayoutKind.Sequential)]
     public struct Output
@@ -40,7 +62,7 @@ namespace StepBlocks
         PullLimit
     }
 
-    public enum Setting { ForceLimit, Ramp, Rise, Watchdog, Vibration }
+    public enum Setting { ForceLimit, Ramp, Rise, Watchdog, Vibration, Jump }
 
     public static class Native
     {
@@ -71,6 +93,16 @@ namespace StepBlocks
         {
             return System.Text.Encoding.UTF8.GetBytes(text + "\0");
         }
+
+        /// <summary>A text of C, which is UTF-8 up to a zero.</summary>
+        public static string Read(IntPtr text)
+        {
+            int length = 0;
+            while (Marshal.ReadByte(text, length) != 0) ++length;
+            byte[] bytes = new byte[length];
+            Marshal.Copy(text, bytes, 0, length);
+            return System.Text.Encoding.UTF8.GetString(bytes);
+        }
     }
 
     /// <summary>One hand on the blocks of a file.</summary>
@@ -79,7 +111,8 @@ namespace StepBlocks
         [Tooltip("File of blocks in StreamingAssets")] public string blocks = "blocks.txt";
         [Tooltip("Name of the block to begin with; empty for the first")] public string block = "";
         [Tooltip("Ticks per second")] public double rate = 1000.0;
-        [Tooltip("Largest force that the device may render [N]")] public double forceLimit = 3.0;
+        [Tooltip("Largest force that the device may render [N]; below zero that of the file")]
+        public double forceLimit = -1.0;
         [Tooltip("In which the force grows after the start [s]")] public double rise = 1.0;
         public bool vibration = true;
         [Tooltip("The file is a whole tooth: hand and force are in the axes of the scan")]
@@ -139,7 +172,8 @@ namespace StepBlocks
             world = Native.sb_create();
             string path = System.IO.Path.Combine(Application.streamingAssetsPath, blocks);
             Check(Native.sb_load(world, Native.Text(path)));
-            Check(Native.sb_configure(world, (int)Setting.ForceLimit, forceLimit));
+            if (forceLimit >= 0.0)
+                Check(Native.sb_configure(world, (int)Setting.ForceLimit, forceLimit));
             Check(Native.sb_configure(world, (int)Setting.Rise, rise));
             Check(Native.sb_configure(world, (int)Setting.Vibration, vibration ? 1.0 : 0.0));
             Check(Native.sb_choose(world, block.Length == 0 ? 0 : Find(block)));
@@ -218,8 +252,7 @@ namespace StepBlocks
         {
             if (result < 0)
             {
-                string said = Marshal.PtrToStringAnsi(Native.sb_message(world));
-                throw new InvalidOperationException(said);
+                throw new InvalidOperationException(Native.Read(Native.sb_message(world)));
             }
             return result;
         }

@@ -13,7 +13,10 @@ void UStepBlocksComponent::BeginPlay()
         UE_LOG(LogTemp, Error, TEXT("StepBlocks: %s"), UTF8_TO_TCHAR(sb_message(World)));
         return;
     }
-    sb_configure(World, SB_FORCE_LIMIT, ForceLimit);
+    if (ForceLimit >= 0.0)
+    {
+        sb_configure(World, SB_FORCE_LIMIT, ForceLimit);
+    }
     sb_configure(World, SB_RISE, Rise);
     sb_choose(World, 0);
     bRunning = true;

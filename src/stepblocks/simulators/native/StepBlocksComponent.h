@@ -38,7 +38,7 @@ public:
     double Rate = 1000.0;  // ticks per second
 
     UPROPERTY(EditAnywhere, Category = "StepBlocks")
-    double ForceLimit = 3.0;  // [N]
+    double ForceLimit = -1.0;  // [N]; below zero that of the file
 
     UPROPERTY(EditAnywhere, Category = "StepBlocks")
     double Rise = 1.0;  // in which the force grows after the start [s]

@@ -1,12 +1,16 @@
 /* Drag a virtual hand over every block of a file, in both directions, and print each peak force
  * beside the formula: drag blocks.txt [--time]. With --time also how long a tick takes. Exit
  * status 1 where a peak is off by more than 1 %. */
+#ifdef _WIN32
+#include <windows.h>
+#else
 #define _POSIX_C_SOURCE 199309L
+#include <time.h>
+#endif
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 #include "stepblocks.h"
 
@@ -47,6 +51,21 @@ static int ascending(const void *a, const void *b)
     return (one > two) - (one < two);
 }
 
+/* Time on a clock that only goes forwards [us]. */
+static double read_clock(void)
+{
+#ifdef _WIN32
+    LARGE_INTEGER ticks, rate;
+    QueryPerformanceCounter(&ticks);
+    QueryPerformanceFrequency(&rate);
+    return 1e6 * (double)ticks.QuadPart / (double)rate.QuadPart;
+#else
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return 1e6 * (double)now.tv_sec + 1e-3 * (double)now.tv_nsec;
+#endif
+}
+
 static void time_ticks(sb_world *world)
 {
     enum { COUNT = 200000 };
@@ -56,14 +75,12 @@ static void time_ticks(sb_world *world)
     if (!took) return;
     sb_choose(world, 0);
     for (int i = 0; i < COUNT; ++i) {
-        struct timespec before, after;
+        double before;
         const double phase = 6.283 * i / 2000.0;
         const double hand[3] = {3e-4 * sin(phase), 0.0, sb_path_height(world, 0, 0.0) - 1e-4};
-        clock_gettime(CLOCK_MONOTONIC, &before);
+        before = read_clock();
         sb_tick(world, hand, velocity, 1.0 / RATE, &out);
-        clock_gettime(CLOCK_MONOTONIC, &after);
-        took[i] = 1e6 * (double)(after.tv_sec - before.tv_sec) +
-                  1e-3 * (double)(after.tv_nsec - before.tv_nsec);
+        took[i] = read_clock() - before;
     }
     qsort(took, COUNT, sizeof *took, ascending);
     printf("a tick takes %.2f us in the median, %.2f us at 99.9 %%\n", took[COUNT / 2],

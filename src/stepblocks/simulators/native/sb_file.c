@@ -1,6 +1,7 @@
 /* The file of blocks that `stepblocks export --for native` writes: lines of text, SI units.
  *
  *   stepblocks-blocks 1
+ *   force_limit_n 7             SB_FORCE_LIMIT [N]; only where it was written for a device
  *   block step-050              then any of the parameters, one a line, such as
  *   tip_radius_m 0.000125
  *   frame 0 0 0 1 0 0 0 0 1     place [m], axis across, axis outwards; of the stations of a tooth
@@ -16,6 +17,10 @@
 #include <stdlib.h>
 #include <string.h>
 
+#ifdef _WIN32
+#include <windows.h>
+#endif
+
 #include "sb_internal.h"
 
 #define MOST_BYTES (64L * 1024L * 1024L)
@@ -27,6 +32,7 @@ typedef struct {
     int number;            /* of the line at hand */
     const char *line;
     size_t length;
+    double force_limit; /* that the file sets [N]; negative for none */
 } reader;
 
 static int wrong(const reader *r, const char *what)
@@ -165,13 +171,27 @@ static int read_block(reader *r, const char *name)
     return result;
 }
 
+static int read_force_limit(reader *r, const char *rest)
+{
+    const char *end;
+    r->force_limit = sb_read_number(rest, &end);
+    if (end != r->line + r->length || !(r->force_limit > 0.0) || !isfinite(r->force_limit))
+        return wrong(r, "force_limit_n must be a positive number");
+    return SB_OK;
+}
+
 static int read_blocks(reader *r)
 {
     if (!next_line(r) || r->length != 19 || strncmp(r->line, "stepblocks-blocks 1", 19) != 0)
         return wrong(r, "stepblocks-blocks 1 is expected");
     while (next_line(r)) {
-        const char *name = after(r, "block");
+        const char *name = after(r, "block"), *limit = after(r, "force_limit_n");
         int result;
+        if (limit) {
+            result = read_force_limit(r, limit);
+            if (result != SB_OK) return result;
+            continue;
+        }
         if (!name) return wrong(r, "block and its name are expected");
         result = read_block(r, name);
         if (result != SB_OK) return result;
@@ -179,9 +199,25 @@ static int read_blocks(reader *r)
     return SB_OK;
 }
 
+/* Open a file whose path is in UTF-8: on Windows `fopen` would take the code page of the system. */
+static FILE *open_file(const char *path)
+{
+#ifdef _WIN32
+    FILE *file = NULL;
+    const int length = MultiByteToWideChar(CP_UTF8, MB_ERR_INVALID_CHARS, path, -1, NULL, 0);
+    wchar_t *wide = length > 0 ? malloc((size_t)length * sizeof *wide) : NULL;
+    if (wide && MultiByteToWideChar(CP_UTF8, MB_ERR_INVALID_CHARS, path, -1, wide, length) > 0)
+        file = _wfopen(wide, L"rb");
+    free(wide);
+    return file;
+#else
+    return fopen(path, "rb");
+#endif
+}
+
 static char *read_all(sb_world *world, const char *path)
 {
-    FILE *file = fopen(path, "rb");
+    FILE *file = open_file(path);
     char *text = NULL;
     long size = -1;
     if (file && fseek(file, 0, SEEK_END) == 0) size = ftell(file);
@@ -211,11 +247,13 @@ int sb_load(sb_world *world, const char *path)
     r.world = world;
     r.name = path;
     r.at = text;
+    r.force_limit = -1.0;
     result = read_blocks(&r);
     free(text);
     if (result != SB_OK) {
         while (world->count > before) sb_block_free(&world->blocks[--world->count]);
         return result;
     }
+    if (r.force_limit > 0.0) world->setting[SB_FORCE_LIMIT] = r.force_limit;
     return world->count - before;
 }

@@ -31,9 +31,14 @@ struct sb_world {
     double setting[SB_SETTINGS];
     /* the tip: place, height of a free one, spring force of the last tick */
     double x, y, height, pull, ring_time, ring_force, release;
+    double hand_x, hand_z; /* of the hand at the last tick, in the section [m] */
+    int known;             /* whether there was one since the tip was put free */
     size_t piece;
     int touching, fresh; /* fresh: the next tick puts the tip where the hand is */
     uint32_t events, faults, limited, late;
+    double seen[3]; /* the hand at the last good tick, as it was given [m] */
+    int was_seen;
+    double away; /* how long no tick has been good [s] */
     int held;
     double gain; /* 0 to 1, of the force after a start or a fault */
     double ramp; /* how long it grows [s] */
@@ -55,6 +60,11 @@ int sb_parameter_named(const char *name, size_t length);
 void sb_start_block(sb_block *block);
 int sb_put_block(sb_world *world, const sb_block *block);
 void sb_turn_to(sb_world *world, int block); /* to the section beside, the tip in contact */
+void sb_hold(sb_world *world); /* take the force off until the hand has let go */
+/* sb_tick with the hand as it was given beside the hand in the section, under a load [N] or, where
+ * that is negative, by its height */
+int sb_tick_seen(sb_world *world, const double seen[3], const double hand[3],
+                 const double velocity[3], double load, double dt, sb_output *output);
 double sb_read_number(const char *text, const char **end);
 
 #endif

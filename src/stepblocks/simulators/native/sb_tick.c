@@ -9,6 +9,8 @@
 #define BISECTIONS 40
 #define STEEPEST 1e9
 #define CATCH 1e-6 /* angle that counts as a catch [rad] */
+#define FARTHEST 1e3 /* a place [m] or velocity [m/s] beyond is no number of a hand */
+#define SHORTEST 1e-3 /* time in which a hand may move where its clock says less [s] */
 
 /* What a tick needs of its block and of the hand. */
 typedef struct {
@@ -16,6 +18,8 @@ typedef struct {
     double stiffness, wall, friction, limit; /* magnified springs [N/m], mu, pull limit [N] */
     double load; /* imposed [N]; negative where the hand's height gives it */
     double x, z;                             /* of the hand [m] */
+    double from_x, from_z;                   /* of the hand at the tick before [m] */
+    int landed;                              /* the tip was free, or just fell on the path */
 } pull;
 
 static double height_at(const sb_path *p, double x, size_t i)
@@ -45,13 +49,23 @@ static double load_at(const pull *h, double height)
     return h->load >= 0.0 ? h->load : h->wall * (height - h->z);
 }
 
+static double clip(double value, double limit)
+{
+    return value > limit ? limit : value < -limit ? -limit : value;
+}
+
+/* What moves the proxy in a direction, times the cosine of the slope, by a pull and a load. */
+static double excess(const pull *h, double rise, double along, double down)
+{
+    return along * (1.0 - h->friction * rise) - down * (rise + h->friction);
+}
+
 /* Force left to move the proxy in a direction, times the cosine of the slope. */
 static double drive(const pull *h, double direction, double x, double height, double slope)
 {
-    const double rise = direction * slope;
     double along = direction * h->stiffness * (h->x - x);
     if (along > h->limit) along = h->limit;
-    return along * (1.0 - h->friction * rise) - load_at(h, height) * (rise + h->friction);
+    return excess(h, direction * slope, along, load_at(h, height));
 }
 
 static int slides(const pull *h, double direction, double x, size_t i)
@@ -60,14 +74,44 @@ static int slides(const pull *h, double direction, double x, size_t i)
     return drive(h, direction, x, height_at(p, x, i), slope_at(p, x, i)) > 0.0;
 }
 
-/* Move along the path until friction holds. */
-static double slide(const pull *h, double direction, double x, size_t *piece)
+/* The tip leaves a knot of the path: a release where the knot is a notch that held it. The hand
+ * went straight from where it was a tick ago, and the force left to move the tip is linear along
+ * that way: where it crosses zero the notch gave way, whatever the rate and the speed. */
+static void leave(sb_world *w, const sb_block *block, const pull *h, double direction, size_t knot,
+                  double slope, double dt)
+{
+    const sb_path *p = h->path;
+    const double rise = direction * slope, x = p->x[knot], z = p->z[knot];
+    const double from = direction * h->stiffness * (h->from_x - x);
+    const double to = direction * h->stiffness * (h->x - x);
+    const double from_down = h->load >= 0.0 ? h->load : h->wall * (z - h->from_z);
+    const double before = excess(h, rise, from, from_down);
+    const double after = excess(h, rise, to, load_at(h, z));
+    double share = 0.0;
+    if (h->landed || !(direction > 0.0 ? p->up[knot] : p->down[knot])) return;
+    if (before > 0.0 && x != w->x) return; /* passed without being held */
+    if (before < 0.0 && after > before) share = before / (before - after);
+    if (share > 1.0) share = 1.0;
+    w->release = direction * clip(from + share * (to - from), h->limit);
+    ++w->events;
+    if (w->setting[SB_VIBRATION] > 0.0) {
+        w->ring_time = (1.0 - share) * dt;
+        w->ring_force = sqrt(block->parameter[SB_CONVERSION]) * w->release;
+    }
+}
+
+/* Move along the path until friction holds; leaving a notch uphill is a release. */
+static double slide(sb_world *w, const sb_block *block, const pull *h, double direction,
+                    size_t *piece, double dt)
 {
     const sb_path *p = h->path;
     const int ahead = direction > 0.0;
+    double x = w->x;
     while (slides(h, direction, x, *piece)) {
-        const size_t i = *piece, knot = ahead ? i + 1 : i;
+        const size_t i = *piece, knot = ahead ? i + 1 : i, start = ahead ? i : i + 1;
         double far = p->x[knot];
+        if (x == p->x[start])
+            leave(w, block, h, direction, start, ahead ? p->first[i] : p->last[i], dt);
         if (drive(h, direction, far, p->z[knot], ahead ? p->last[i] : p->first[i]) > 0.0) {
             x = far;
             if (ahead ? i + 2 >= p->count : i == 0) break;
@@ -132,32 +176,27 @@ static int is_pressed(const pull *h, double x, size_t i)
     return !(along * ahead + down < 0.0 && along * behind + down < 0.0);
 }
 
-/* Slide in either direction; leaving a notch uphill is a release, unless the tip just fell into
- * it. */
-static void move(sb_world *w, const sb_block *block, const pull *h, int landed)
+/* Slide in either direction. */
+static void move(sb_world *w, const sb_block *block, const pull *h, double dt)
 {
     const sb_path *p = h->path;
     const double x = w->x;
     const size_t i = w->piece;
     const int at_start = x == p->x[i], at_end = x == p->x[i + 1];
-    const unsigned char *caught = p->up;
     size_t piece = at_end && i + 2 < p->count ? i + 1 : i;
-    double to = slide(h, 1.0, x, &piece);
+    double to = slide(w, block, h, 1.0, &piece, dt);
     if (to == x) {
         piece = at_start && i > 0 ? i - 1 : i;
-        to = slide(h, -1.0, x, &piece);
-        caught = p->down;
+        to = slide(w, block, h, -1.0, &piece, dt);
     }
     if (to == x) return;
     w->x = to;
     w->piece = piece;
-    if (landed || !((at_start && caught[i]) || (at_end && caught[i + 1]))) return;
-    w->release = w->pull; /* of the last tick: what the notch held */
-    ++w->events;
-    if (w->setting[SB_VIBRATION] > 0.0) {
-        w->ring_time = 0.0;
-        w->ring_force = sqrt(block->parameter[SB_CONVERSION]) * w->pull;
-    }
+}
+
+static double onto(const sb_path *p, double x)
+{
+    return x < p->x[0] ? p->x[0] : x > p->x[p->count - 1] ? p->x[p->count - 1] : x;
 }
 
 static pull prepare(const sb_block *block, double x, double z, double load)
@@ -171,24 +210,25 @@ static pull prepare(const sb_block *block, double x, double z, double load)
     h.friction = v[SB_FRICTION];
     h.limit = v[SB_PULL_LIMIT];
     h.load = load;
-    h.x = x < p->x[0] ? p->x[0] : x > p->x[p->count - 1] ? p->x[p->count - 1] : x;
-    h.z = z;
+    h.x = h.from_x = onto(p, x);
+    h.z = h.from_z = z;
+    h.landed = 1;
     return h;
-}
-
-static double clip(double value, double limit)
-{
-    return value > limit ? limit : value < -limit ? -limit : value;
 }
 
 static void push(sb_world *w, const sb_block *block, const double hand[3], const double velocity[3],
                  double load, double dt, double force[3])
 {
     const double damping = block->parameter[SB_DAMPING];
-    const pull h = prepare(block, hand[0], hand[2], load);
+    pull h = prepare(block, hand[0], hand[2], load);
     const sb_path *p = h.path;
     const int landed = !w->touching || !is_pressed(&h, w->x, w->piece);
     double down = 0.0, ring = 0.0;
+    h.landed = landed;
+    if (w->known) {
+        h.from_x = onto(p, w->hand_x);
+        h.from_z = w->hand_z;
+    }
     force[0] = force[1] = force[2] = 0.0;
     if (w->fresh || (load >= 0.0 && !w->touching)) { /* the tip begins under the hand */
         w->x = h.x;
@@ -206,7 +246,7 @@ static void push(sb_world *w, const sb_block *block, const double hand[3], const
     }
     if (w->touching) {
         double slack, most;
-        move(w, block, &h, landed);
+        move(w, block, &h, dt);
         w->pull = clip(h.stiffness * (h.x - w->x), h.limit);
         down = load_at(&h, height_at(p, w->x, w->piece));
         most = h.friction * (down > 0.0 ? down : 0.0);
@@ -225,6 +265,9 @@ static void push(sb_world *w, const sb_block *block, const double hand[3], const
         force[0] += ring;
         w->ring_time += dt;
     }
+    w->hand_x = hand[0];
+    w->hand_z = hand[2];
+    w->known = 1;
     w->last.ring = ring;
     w->last.pull = w->pull;
     w->last.load = down;
@@ -266,12 +309,28 @@ static int finish(sb_world *w, sb_output *output, const double force[3], int sta
     return state;
 }
 
-/* Position, velocity or time is not a number: the last good force, ramped to zero. */
+/* Whether a vector is one of a hand: numbers, and not beyond all measure. */
+static int is_sane(const double vector[3])
+{
+    for (int i = 0; i < 3; ++i)
+        if (!(fabs(vector[i]) <= FARTHEST)) return 0;
+    return 1;
+}
+
+/* Position, velocity or time is not a number: the last good force, ramped to zero. A force that is
+ * off stays off, and what lasts as long as the watchdog waits is a hand that was lost. */
 static int bear_fault(sb_world *w, double dt, sb_output *output)
 {
     double force[3];
-    const double time = isfinite(dt) && dt > 0.0 ? dt : 1e-3;
+    const double time = isfinite(dt) && dt > 0.0 ? dt : SHORTEST;
     ++w->faults;
+    w->away += time;
+    if (w->setting[SB_WATCHDOG] > 0.0 && w->away > w->setting[SB_WATCHDOG]) sb_hold(w);
+    if (w->held) {
+        memset(force, 0, sizeof force);
+        memset(&w->last, 0, sizeof w->last);
+        return finish(w, output, force, SB_HELD);
+    }
     w->ramp = w->setting[SB_RAMP];
     for (int i = 0; i < 3; ++i) force[i] = w->gain * w->good[i];
     w->gain -= step_of(time, w->ramp);
@@ -285,42 +344,66 @@ static int is_free(const sb_block *block, const double hand[3])
     return hand[2] > height_at(h.path, h.x, piece_at(h.path, h.x));
 }
 
+void sb_hold(sb_world *w)
+{
+    if (!w->held) ++w->late;
+    w->held = 1;
+    w->gain = 0.0;
+    w->known = 0;
+    memset(w->good, 0, sizeof w->good);
+}
+
 /* Put the tip where the hand is, free; the force grows from zero in a time. */
 static void put_free(sb_world *w, const double hand[3], double ramp)
 {
     const sb_path *p = &w->blocks[w->active].path;
-    w->x = hand[0] < p->x[0] ? p->x[0] : hand[0];
-    if (w->x > p->x[p->count - 1]) w->x = p->x[p->count - 1];
+    w->x = onto(p, hand[0]);
     w->y = hand[1];
     w->height = hand[2];
     w->piece = piece_at(p, w->x);
     w->pull = w->ring_force = 0.0;
     w->ring_time = -1.0;
-    w->touching = w->held = w->fresh = 0;
+    w->touching = w->held = w->fresh = w->known = 0;
     w->ramp = ramp;
     w->gain = ramp > 0.0 ? 0.0 : 1.0;
     memset(w->good, 0, sizeof w->good);
     memset(&w->last, 0, sizeof w->last);
 }
 
-static int tick(sb_world *w, const double hand[3], const double velocity[3], double load, double dt,
-                sb_output *output)
+/* Whether the hand came from where it was seen last faster than a hand moves. */
+static int has_jumped(const sb_world *w, const double seen[3], double dt)
+{
+    const double time = w->away + dt > SHORTEST ? w->away + dt : SHORTEST;
+    double square = 0.0;
+    if (!(w->setting[SB_JUMP] > 0.0) || !w->was_seen) return 0;
+    for (int i = 0; i < 3; ++i) square += (seen[i] - w->seen[i]) * (seen[i] - w->seen[i]);
+    return sqrt(square) > w->setting[SB_JUMP] * time;
+}
+
+/* Hold where the time since the last good tick, or the way since then, is too long. */
+static void watch(sb_world *w, const double seen[3], double dt)
+{
+    const double waits = w->setting[SB_WATCHDOG];
+    if ((waits > 0.0 && w->away + dt > waits) || has_jumped(w, seen, dt)) sb_hold(w);
+    memcpy(w->seen, seen, sizeof w->seen);
+    w->was_seen = 1;
+    w->away = 0.0;
+}
+
+int sb_tick_seen(sb_world *w, const double seen[3], const double hand[3], const double velocity[3],
+                 double load, double dt, sb_output *output)
 {
     const double zero[3] = {0.0, 0.0, 0.0};
     double force[3], gain;
     const sb_block *block;
-    int sane = isfinite(dt) && dt > 0.0;
-    if (!w || !hand || !velocity || !output || w->count == 0) {
+    if (!w || !seen || !hand || !velocity || !output || w->count == 0) {
         if (output) memset(output, 0, sizeof *output);
         return SB_ERROR_ARGUMENT;
     }
     block = &w->blocks[w->active];
-    for (int i = 0; i < 3; ++i) sane = sane && isfinite(hand[i]) && isfinite(velocity[i]);
-    if (!sane) return bear_fault(w, dt, output);
-    if (w->setting[SB_WATCHDOG] > 0.0 && dt > w->setting[SB_WATCHDOG]) {
-        if (!w->held) ++w->late;
-        w->held = 1;
-    }
+    if (!(isfinite(dt) && dt >= 0.0) || !is_sane(seen) || !is_sane(hand) || !is_sane(velocity))
+        return bear_fault(w, dt, output);
+    watch(w, seen, dt);
     if (w->held) {
         if (load >= 0.0 || is_free(block, hand)) {
             put_free(w, hand, w->setting[SB_RAMP]);
@@ -347,7 +430,7 @@ static int tick(sb_world *w, const double hand[3], const double velocity[3], dou
 int sb_tick(sb_world *world, const double hand[3], const double velocity[3], double dt,
             sb_output *output)
 {
-    return tick(world, hand, velocity, -1.0, dt, output);
+    return sb_tick_seen(world, hand, hand, velocity, -1.0, dt, output);
 }
 
 int sb_tick_loaded(sb_world *world, double hand_x, double velocity_x, double dt, sb_output *output)
@@ -355,7 +438,7 @@ int sb_tick_loaded(sb_world *world, double hand_x, double velocity_x, double dt,
     const double hand[3] = {hand_x, 0.0, 0.0}, velocity[3] = {velocity_x, 0.0, 0.0};
     double load = -1.0;
     if (world && world->count > 0) load = world->blocks[world->active].parameter[SB_LOAD];
-    return tick(world, hand, velocity, load, dt, output);
+    return sb_tick_seen(world, hand, hand, velocity, load, dt, output);
 }
 
 /* Whether a path holds the tip at a knot. */
@@ -392,6 +475,8 @@ int sb_reset(sb_world *world, const double hand[3])
     if (!isfinite(hand[0]) || !isfinite(hand[1]) || !isfinite(hand[2]))
         return sb_fail(world, SB_ERROR_ARGUMENT, "the hand must be at a finite position");
     put_free(world, hand, world->setting[SB_RISE]);
+    world->was_seen = 0;
+    world->away = 0.0;
     world->events = world->faults = world->limited = world->late = 0;
     world->release = 0.0;
     return SB_OK;

@@ -213,7 +213,7 @@ int sb_tick_tooth(sb_world *world, const double hand[3], const double velocity[3
             share = 1.0;
         }
     }
-    state = sb_tick(world, local, turning, dt, output);
+    state = sb_tick_seen(world, hand, local, turning, -1.0, dt, output);
     if (share < 1.0)
         for (int j = 0; j < 3; ++j) output->force[j] *= share;
     memcpy(force, output->force, sizeof force);

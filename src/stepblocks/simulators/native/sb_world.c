@@ -11,11 +11,14 @@ static const struct {
     const char *name;
     double initial;
     int positive; /* 1: above zero; 0: zero is allowed */
+    double most;
 } PARAMETERS[SB_BLOCK_PARAMETERS] = {
-    {"tip_radius_m", 125e-6, 1},       {"normal_load_n", 1.0, 1},   {"friction", 0.15, 0},
-    {"stiffness_n_per_m", 9.81e3, 1},  {"wall_n_per_m", 9.81e3, 1}, {"conversion", 0.2, 0},
-    {"frequency_hz", 300.0, 1},        {"decay_s", 0.01424, 1},     {"damping_n_s_per_m", 0.0, 0},
-    {"scale", 1.0, 1},                 {"pull_limit_n", 1e300, 1},
+    {"tip_radius_m", 125e-6, 1, 1e300},     {"normal_load_n", 1.0, 1, 1e300},
+    {"friction", 0.15, 0, 1e300},           {"stiffness_n_per_m", 9.81e3, 1, 1e300},
+    {"wall_n_per_m", 9.81e3, 1, 1e300},     {"conversion", 0.2, 0, 1.0},
+    {"frequency_hz", 300.0, 1, 1e300},      {"decay_s", 0.01424, 1, 1e300},
+    {"damping_n_s_per_m", 0.0, 0, 1e300},   {"scale", 1.0, 1, 1e300},
+    {"pull_limit_n", 1e300, 1, 1e300},
 };
 
 int sb_abi_version(void)
@@ -45,6 +48,8 @@ sb_world *sb_create(void)
     world->gain = 1.0;
     world->setting[SB_FORCE_LIMIT] = 3.0;
     world->setting[SB_RAMP] = 0.01;
+    world->setting[SB_RISE] = 0.1;
+    world->setting[SB_JUMP] = 10.0;
     world->setting[SB_WATCHDOG] = 0.05;
     world->setting[SB_VIBRATION] = 1.0;
     return world;
@@ -96,6 +101,9 @@ int sb_check_parameter(sb_world *world, int parameter, double value)
         return sb_fail(world, SB_ERROR_ARGUMENT, "%s must be %s and finite, got %g",
                        PARAMETERS[parameter].name,
                        PARAMETERS[parameter].positive ? "positive" : "not negative", value);
+    if (value > PARAMETERS[parameter].most)
+        return sb_fail(world, SB_ERROR_ARGUMENT, "%s must be at most %g, got %g",
+                       PARAMETERS[parameter].name, PARAMETERS[parameter].most, value);
     return SB_OK;
 }
 
@@ -156,6 +164,10 @@ int sb_configure(sb_world *world, int setting, double value)
         return sb_fail(world, SB_ERROR_ARGUMENT,
                        "a setting must be finite and not negative, got %g", value);
     world->setting[setting] = value;
+    if (setting == SB_RISE && world->fresh) { /* nothing was felt of the block yet */
+        world->ramp = value;
+        world->gain = value > 0.0 ? 0.0 : 1.0;
+    }
     return SB_OK;
 }
 

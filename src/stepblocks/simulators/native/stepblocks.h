@@ -10,7 +10,8 @@
  * It slides where F_x (1 - mu t) > F_z (t + mu), t the slope of the path; this is equation (1)
  * of the paper without its division, so a locked tip never moves. Leaving a notch uphill is a
  * release: it starts a decaying ring whose amplitude is sqrt(C_v) times the force in the spring
- * at that moment.
+ * at that moment. The hand goes straight from tick to tick, and the moment is found on its way: a
+ * release is the same at any rate and speed.
  *
  * Functions that return int return a negative sb_error when they fail; sb_message says why. Only
  * sb_create, sb_load, sb_add_block and sb_set(SB_TIP_RADIUS or SB_SCALE) allocate memory:
@@ -53,7 +54,7 @@ enum sb_parameter {
     SB_FRICTION = 2,   /* coefficient mu [1] */
     SB_STIFFNESS = 3,  /* spring of the tool along the drag, unmagnified k [N/m] */
     SB_WALL = 4,       /* spring along the load, unmagnified [N/m] */
-    SB_CONVERSION = 5, /* share C_v of the stored energy that rings [1] */
+    SB_CONVERSION = 5, /* share C_v of the stored energy that rings, at most 1 [1] */
     SB_FREQUENCY = 6,  /* of the ring [Hz] */
     SB_DECAY = 7,      /* time constant of the ring's amplitude [s] */
     SB_DAMPING = 8,    /* of the hand's velocity in contact [N s/m] */
@@ -66,16 +67,31 @@ enum sb_parameter {
 enum sb_setting {
     SB_FORCE_LIMIT = 0, /* largest force on the hand; its direction is kept [N], 3 at first */
     SB_RAMP = 1,        /* in which a force vanishes after a fault, and comes back [s], 0.01 */
-    SB_RISE = 2,        /* in which the force grows after sb_reset or sb_choose [s], 0 at first */
+    SB_RISE = 2,        /* in which the force grows after sb_reset or sb_choose [s], 0.1 */
     SB_WATCHDOG = 3,    /* a later tick switches the force off until the hand lets go [s], 0.05 */
     SB_VIBRATION = 4,   /* 1: a release rings; 0: the paper's condition without vibration */
-    SB_SETTINGS = 5
+    SB_JUMP = 5,        /* a hand that is faster between two ticks jumped [m/s], 10 */
+    SB_SETTINGS = 6
 };
 
+/* What a tick is, by what it was given:
+ *
+ *                                  running           fault              held
+ * position or velocity that is     fault             fault              held, no force
+ *   no number, or beyond 1 km
+ * dt that is negative or no number fault             fault              held, no force
+ * dt of 0: no time has passed      running           running, weakened  held, no force
+ * a jump (SB_JUMP)                 held, no force    held, no force     held, no force
+ * no good tick for SB_WATCHDOG     held, no force    held, no force     held, no force
+ * a hand inside the block          running           running, growing   held, no force
+ * a hand that has left the surface running           running, growing   running, growing
+ *
+ * In a fault the last good force vanishes within SB_RAMP; growing takes SB_RAMP, and SB_RISE after
+ * sb_reset or sb_choose. sb_tick_loaded has no surface to leave: its force grows at once again. */
 enum sb_state {
     SB_RUNNING = 0,
-    SB_FAULT = 1, /* position or velocity was not a number: last good force, ramped to zero */
-    SB_HELD = 2   /* the watchdog tripped: no force until the hand has left the surface */
+    SB_FAULT = 1, /* an input is not a number: the last good force, ramped to zero */
+    SB_HELD = 2   /* a late tick or a jump: no force until the hand has left the surface */
 };
 
 typedef struct sb_output {
@@ -87,9 +103,9 @@ typedef struct sb_output {
     double release_force;  /* spring force at the last release, signed [N]; 0 before the first */
     double release_energy; /* of that ring, E_v [J] */
     uint32_t events;       /* releases since the last reset */
-    uint32_t faults;       /* ticks with an input that is not a number */
+    uint32_t faults;       /* ticks with an input that is not a number, or a negative dt */
     uint32_t limited;      /* ticks at which the force limit acted */
-    uint32_t late;         /* times that the watchdog tripped */
+    uint32_t late;         /* times that a late tick or a jump took the force off */
     int32_t block;         /* that is active */
     int32_t touching;      /* 1 in contact */
     int32_t state;         /* sb_state */
@@ -120,8 +136,9 @@ SB_API sb_world *sb_create(void); /* NULL without memory */
 SB_API void sb_destroy(sb_world *world);
 SB_API const char *sb_message(const sb_world *world); /* of the last failure; never NULL */
 
-/* Add the blocks of a file that `stepblocks export --for native` wrote. Returns how many were
- * added; a file with a mistake adds none. */
+/* Add the blocks of a file that `stepblocks export --for native` wrote; its path is in UTF-8 on
+ * every system. Returns how many were added; a file with a mistake adds none. A file that was
+ * written for a device also sets SB_FORCE_LIMIT. */
 SB_API int sb_load(sb_world *world, const char *path);
 
 /* Add a block by its outline: discs (x, z, radius; radius 0 is a sharp corner) and lines (x0,
@@ -145,9 +162,9 @@ SB_API int sb_choose(sb_world *world, int block);
 /* Put the tip where the hand is, free. */
 SB_API int sb_reset(sb_world *world, const double hand[3]);
 
-/* One servo tick: the force on a hand at a position with a velocity, dt after the last tick. The
- * output is always written and always finite. Returns an sb_state, or SB_ERROR_ARGUMENT for a null
- * pointer or a world without blocks. */
+/* One servo tick: the force on a hand at a position with a velocity, dt after the last tick; 0
+ * where the clock has not moved on. The output is always written and always finite. Returns an
+ * sb_state, or SB_ERROR_ARGUMENT for a null pointer or a world without blocks. */
 SB_API int sb_tick(sb_world *world, const double hand[3], const double velocity[3], double dt,
                    sb_output *output);
 

@@ -7,7 +7,11 @@ from pathlib import Path
 from stepblocks.artefacts.meshes.write import write_obj, write_stl
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.energy import Status
+from stepblocks.contact.event import VibrationEvent
+from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.simulators.scene import Scene, SceneFormat, write_from_template
+
+_NEVER = 1e9  # pull over load that no hand reaches [1]
 
 
 def _write(folder: Path, scene: Scene) -> None:
@@ -38,7 +42,16 @@ def _write_program(folder: Path, name: str, scenes: Mapping[str, Scene]) -> None
             }
         )
     for file in ("CMakeLists.txt", "ReleaseRing.h", "SessionLog.h", "StepBlock.h", "blocks.cpp"):
-        write_from_template(folder / file, name=name, blocks=blocks)
+        write_from_template(folder / file, name=name, blocks=blocks, lean=_find_lean)
+
+
+def _find_lean(event: VibrationEvent, point: OperatingPoint) -> float:
+    """Find the pull over the load at which a notch gives way, tan(a + atan mu) [1]."""
+    if event.status is Status.NO_CATCH:
+        return point.friction
+    if math.isfinite(event.critical_force):
+        return event.critical_force / point.normal_load
+    return _NEVER
 
 
 def _choose_pull(scene: Scene) -> float:
@@ -81,8 +94,9 @@ CHAI3D = SceneFormat(
         "every face is wound outwards and every index positive: other faces load and give no force",
         "`block.obj` has normals: an OBJ without them makes the reader of CHAI3D 3.3 crash now and "
         "then, by what happens to lie on its stack",
-        "on a device the program limits the force on the hand to 3 N (the weakest listed device "
-        "bears 3.3 N at its peak), or less where the device bears less; a block that needs more "
+        "on a device the program limits the force on the hand to `kLimit` of `StepBlock.h`: 3 N "
+        "(the weakest listed device bears 3.3 N at its peak), or the peak force of the device that "
+        "the export named, and less where the driver says less; a block that needs more "
         "says so, `--limit` raises it; in a program of your own pass the force through "
         "`cForceGuard`",
         "the log is HDF5 where CMake finds the C library of HDF5, CSV with the same columns "

@@ -90,9 +90,15 @@ FORCELAW = SceneFormat(
         "with `math.h` alone and no allocation: for OpenHaptics' servo callback or Haply's loop",
         "`cc -O2 force_law_demo.c -lm -o force_law_demo && ./force_law_demo` is the same "
         "demonstration in C",
-        "the force on a hand is limited to 3 N (`LIMIT`, `FORCE_LAW_LIMIT`; the weakest listed "
-        "device bears 3.3 N at its peak): a release that needs more is clipped and counted in "
-        "`limited`; raise it for a device and a hand that bear more",
+        "the force on a hand is limited to `LIMIT`, `FORCE_LAW_LIMIT`: 3 N (the weakest listed "
+        "device bears 3.3 N at its peak), or the peak force of the device that the export named; a "
+        "release that needs more is clipped and counted in `limited`; raise it for a device and a "
+        "hand that bear more",
+        "the hand goes straight from tick to tick and a release is found on that way: its force is "
+        "that of the formula at any rate and speed",
+        "the force grows within 0.1 s after the start; an input that is not a number gives the "
+        "last good force, faded within 10 ms; a tick later than 50 ms, or a hand that jumps "
+        "(faster than 10 m/s), takes it off until the hand has left the surface",
         "`path.csv` is the path of the ball's centre: the only geometry that the force depends on",
         "`force-up.csv` and `force-down.csv`: pulling force over the hand's position along the "
         "drag (descending x for the second) at the stated load, without the ring",

@@ -31,17 +31,22 @@ NATIVE = SceneFormat(
     settings=(
         "`stepblocks.h` is the whole interface, for C99 and C++: load, friction, tip, spring and "
         "ring of each block can be changed while it runs",
-        "`sb_tick` allocates nothing; it limits the force on a hand to 3 N (`SB_FORCE_LIMIT`; the "
-        "weakest listed device bears 3.3 N; a release that needs more is clipped), lets "
-        "it grow slowly at the start (`SB_RISE`, which the components set to 1 s), and switches it "
-        "off after a late tick until the hand has let go (`SB_WATCHDOG`, 50 ms); an input that is "
-        "not a number gives the last good force, ramped to zero, and is counted",
+        "`sb_tick` allocates nothing; it limits the force on a hand (`SB_FORCE_LIMIT`) to 3 N (the "
+        "weakest listed device bears 3.3 N; a release that needs more is clipped), or to the peak "
+        "force of the device that the export named, lets it grow slowly at the start (`SB_RISE`, "
+        "0.1 s, which the components set to 1 s), and switches it off after a late tick or a jump "
+        "of the hand until it has let go (`SB_WATCHDOG`, 50 ms; `SB_JUMP`, 10 m/s); an input that "
+        "is not a number gives the last good force, ramped to zero, and is counted; `stepblocks.h` "
+        "has the table of all states",
         "`sb_tick_loaded` is for inputs without a height: mouse, gamepad, linear stage",
         "`stepblocks_native.py` is the same from Python by ctypes, with the standard library alone",
-        "`StepBlocks.cs` is a component for Unity, `StepBlocksComponent.h` and `.cpp` one for "
+        "`StepBlocks.cs` is a component for Unity (its head shows the script that joins it to a "
+        "device), `StepBlocksComponent.h` and `.cpp` one for "
         "Unreal",
-        "the law has no speed of its own: speed acts through the hand's position and "
-        "`damping_n_s_per_m` alone",
+        "the law has no speed of its own: the hand goes straight from tick to tick, and a release "
+        "is found on that way; speed acts through the hand's position and `damping_n_s_per_m` "
+        "alone",
+        "`cmake -DSTEPBLOCKS_DEMO=OFF` leaves the demonstration `drag.c` out",
     ),
     verified=(
         "built without a warning and held to the Python renderer to 1e-9 by the test suite; the "

@@ -13,6 +13,7 @@ import pandas as pd
 from scipy import linalg, stats
 
 from stepblocks.errors import StudyError
+from stepblocks.files.table_rows import list_names
 from stepblocks.files.tables import Table
 from stepblocks.quantities import format_column_label
 from stepblocks.study.analysis.anova import (
@@ -190,10 +191,11 @@ def _compute_spread(frame: Table) -> Table:
             "participant in every condition"
         )
     spread = (0.5 * np.log(varying)).to_frame("value")
-    for column in frame:
-        if column == "group" or str(column).startswith(FACTOR):
+    for column in list_names(frame):
+        if column == "group" or column.startswith(FACTOR):
             spread[column] = cells[column].first()
-    return spread.reset_index()
+    table: Table = spread.reset_index()
+    return table
 
 
 def analyse_measure(frame: Table, name: str, margin: float = math.nan) -> Measure:
@@ -282,7 +284,7 @@ def assess_declared_factors(data: Table, complete: Table) -> tuple[Term, ...]:
     tuple of Term
         Empty unless at least two factors are crossed and there are three participants.
     """
-    names = [name for name in data if str(name).startswith(FACTOR)]
+    names = [name for name in list_names(data) if name.startswith(FACTOR)]
     if len(names) < 2 or len(complete) < 3:
         return ()
     most_levels = data.groupby("participant")[names].nunique().max()

@@ -176,7 +176,8 @@ def _draw_participants(figure: Figure, result: Analysis) -> Table:
         table = _average_in_micrometres(measure)
         groups = _draw_participant_lines(axes, measure, table)
         axes.set(ylabel=measure.label, xlim=(-0.4, table.shape[1] - 0.4))
-        tables.append(table.stack().rename("value").reset_index().assign(measure=measure.label))
+        long = pd.DataFrame({"value": table.stack()}).reset_index()
+        tables.append(long.assign(measure=measure.label))
     if len(groups) > 1:
         by_group = {line.get_label(): line for line in axes.lines}
         figure.legend(
@@ -186,27 +187,31 @@ def _draw_participants(figure: Figure, result: Analysis) -> Table:
             ncols=len(groups),
             frameon=False,
         )
-    return pd.concat(tables)
+    together: Table = pd.concat(tables)
+    return together
 
 
 def _average_in_micrometres(measure: Measure) -> Table:
     """Return the mean of each participant (rows) in each condition (columns), in um or ln(um)."""
-    means = average_participants(measure.frame)
+    means: Table = average_participants(measure.frame)
+    in_micrometres: Table = means * 1e6
     if measure.logarithmic:
-        return means + np.log(1e6)
-    return means * 1e6
+        in_micrometres = means + np.log(1e6)
+    return in_micrometres
 
 
-def _draw_participant_lines(axes: Any, measure: Measure, table: Table) -> pd.Index:
+def _draw_participant_lines(axes: Any, measure: Measure, table: Table) -> "pd.Index[Any]":
     """Draw a line for each participant, in the look of her group, and one for the mean.
 
     Returns the names of the groups.
     """
     x = np.arange(table.shape[1])
     firsts = measure.frame.groupby("participant").first()
-    groups_of_rows = firsts.get("group", firsts.index == "")
+    groups_of_rows = pd.Series("", firsts.index)
+    if "group" in firsts:
+        groups_of_rows = firsts["group"]
     numbers, groups = pd.factorize(groups_of_rows, sort=True)
-    for number, (who, row) in zip(numbers, table.iterrows(), strict=True):
+    for number, (who, row) in zip(numbers.tolist(), table.iterrows(), strict=True):
         look = _take_look(number)
         axes.plot(
             x, row, look.line, color=look.colour, ms=3, lw=0.8, alpha=0.7, label=groups[number]
@@ -301,7 +306,7 @@ def _draw_magnitudes(figure: Figure, result: Analysis) -> Table:
     axes = figure.subplots()
     frame = result.frame
     cells = [frame["condition"], frame["participant"], _convert_heights(frame)]
-    means = np.exp(np.log(frame["magnitude"]).groupby(cells).mean()).reset_index()
+    means: Table = np.exp(np.log(frame["magnitude"]).groupby(cells).mean()).reset_index()
     for index, (name, condition) in enumerate(means.groupby("condition")):
         look = _take_look(index)
         style = {"color": look.colour, "ms": 3, "lw": 1}

@@ -102,7 +102,7 @@ def read_foreign_judgements(
     participant = names.name("participant")
     rows = list[SheetRow]()
     for path in find_sheets(tables):
-        rows += read_rows(path, [participant])
+        rows += read_rows(path, [participant], names=(participant, names.name("condition")))
     _refuse_copied_rows(rows, {names.name("trial"), "repetition", "time"})
     _refuse_copied_tables(rows, participant)
     pairs = [Judgement(row.cells, row) for row in _number_rows(rows, names, experiment)]
@@ -154,7 +154,7 @@ def _check_cells(cells: Row, place: str, experiment: str) -> None:
     if lacking:
         raise StudyError(
             f"a table must have {', '.join(needed)} (name yours by --columns), got no "
-            f"{', '.join(lacking)} [{place}]"
+            f"{', '.join(lacking)}{_advise_to_melt(lacking)} [{place}]"
         )
     for name in ("height_um", "standard_height_um"):
         height = read_number(cells.get(name, cells["height_um"]))
@@ -163,6 +163,16 @@ def _check_cells(cells: Row, place: str, experiment: str) -> None:
                 f"{name} must be a number from {_LOWEST:g} to {_HIGHEST:g} um, got "
                 f"{cells.get(name)!r}; is the unit of its column right? [{place}]"
             )
+
+
+def _advise_to_melt(lacking: Sequence[str]) -> str:
+    """Say how a table with a column for each condition gets a row for each judgement."""
+    if "condition" not in lacking and len(lacking) < 2:
+        return ""
+    return (
+        "; one row per judgement is needed: pandas melts a wide table, "
+        "table.melt('participant', var_name='condition', value_name='estimate_um')"
+    )
 
 
 def _refuse_copied_rows(rows: Sequence[SheetRow], numbers: set[str]) -> None:

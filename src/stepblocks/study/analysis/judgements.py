@@ -10,6 +10,7 @@ from typing import NamedTuple
 import pandas as pd
 
 from stepblocks.errors import StepblocksError, StudyError
+from stepblocks.files.table_rows import list_names
 from stepblocks.files.tables import Table
 from stepblocks.mistakes import format_mistakes
 from stepblocks.study.analysis.people import describe_unlike_participants
@@ -337,7 +338,7 @@ def split_groups(frame: Table) -> Table:
 
     Where nothing else varies, a group is the condition of its participants.
     """
-    names = [name for name in frame if str(name).startswith(FACTOR)]
+    names = [name for name in list_names(frame) if name.startswith(FACTOR)]
     by_participant = frame.groupby("participant")
     most_levels = {name: by_participant[name].nunique().max() for name in names}
     between, dropped = [], []

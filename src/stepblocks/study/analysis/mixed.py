@@ -199,8 +199,12 @@ class _Likelihood:
         if repeated:
             start = [1.0, 0.3, -0.5]
         with warnings.catch_warnings(action="ignore", category=linalg.LinAlgWarning):
-            point = optimize.minimize(
-                lambda trial: float(self.loss(trial)), start, jac=self.slope, method="BFGS"
+            # the stubs know no derivative that is a method
+            point = optimize.minimize(  # type: ignore[call-overload]
+                lambda trial: float(self.loss(trial)),
+                np.array(start, dtype=np.float64),
+                jac=self.slope,
+                method="BFGS",
             ).x
         for _ in range(_NEWTON_STEPS):  # a line search ends at half the digits
             slope = self.slope(point)
@@ -343,7 +347,8 @@ def _make_likelihood(model: Any, data: Table) -> _Likelihood:
     cells = data.groupby(["g", "a"])
     owner, _ = pd.factorize(cells["g"].first())
     response = np.asarray(model.endog)
-    likelihood = _Likelihood(response, np.asarray(model.exog), cells.ngroup().to_numpy(), owner)
+    cell = np.asarray(cells.ngroup(), dtype=np.int64)
+    likelihood = _Likelihood(response, np.asarray(model.exog), cell, owner)
     if likelihood.free <= 1:
         raise StudyError(
             f"more judgements than cells of a mixed model are needed, got {len(response)}"

@@ -332,4 +332,5 @@ def fit_proportional_odds(
         _, slopes = likelihood.score(found.x)
         number = len(slopes)
         covariance = covariance @ (slopes.T @ slopes) @ covariance * number / (number - 1)
-    return ProportionalOdds(found.x[:size], covariance[:size, :size], -float(found.fun))
+    of_predictors = np.asarray(covariance[:size, :size], dtype=np.float64)
+    return ProportionalOdds(found.x[:size], of_predictors, -float(found.fun))

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from stepblocks.files.atomic import replace_bytes
 from stepblocks.files.pages import render_page
+from stepblocks.files.table_rows import list_rows
 from stepblocks.files.tables import format_csv
 from stepblocks.study.analysis.figures import Figure, draw_study_figures
 from stepblocks.study.analysis.prose import write_headline
@@ -79,8 +80,10 @@ def _split_table(result: StudyResult) -> Iterator[_PageTable]:
         digits = _DIGITS_OF_FREEDOM if name.startswith("df") else _DIGITS
         table[name] = [_format_figure(value, digits) for value in table[name]]
     for (measure, analysis), rows in table.groupby(["measure", "analysis"], sort=False):
-        name = f"{measure}: {analysis}" if measure else analysis
-        yield _PageTable(name, rows.to_dict("records"))
+        name = str(analysis)
+        if measure:
+            name = f"{measure}: {analysis}"
+        yield _PageTable(name, list_rows(rows))
 
 
 def _format_figure(value: float, digits: int) -> str:

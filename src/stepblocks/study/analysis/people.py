@@ -1,7 +1,7 @@
 """Participants whose answers stand out: constant, reversed, copied, hasty or far off."""
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -30,7 +30,7 @@ def describe_unlike_participants(frame: Table, answer: str) -> list[str]:
     remarks = list[str]()
     means = {}
     for name, judgements in frame.groupby("participant", sort=False):
-        means[name] = float(np.mean(judgements[answer].to_numpy(float)))
+        means[str(name)] = float(np.mean(judgements[answer].to_numpy(float)))
         remarks += _describe_trend(name, judgements, answer)
         remarks += _describe_copies(name, judgements, answer)
         remarks += _describe_haste(name, judgements)
@@ -75,7 +75,7 @@ def _describe_haste(name: object, judgements: Table) -> Iterator[str]:
         yield f"Participant {name} answered in haste: median {median:.2f} s."
 
 
-def _describe_levels(means: dict[object, float]) -> list[str]:
+def _describe_levels(means: Mapping[str, float]) -> list[str]:
     """Report participants whose mean answer is far from the median; `means` are by participant."""
     if len(means) < _FEWEST_OF_GROUP:
         return []

@@ -233,14 +233,15 @@ class Population:
         bounds = self._bounds.copy()
         if place >= 0:
             bounds[place] = value
-        return minimize(
+        best: OptimizeResult = minimize(
             self._loss,
-            np.clip(start, *bounds.T),
+            np.clip(start, bounds[:, 0], bounds[:, 1]),
             jac=True,
             method="L-BFGS-B",
-            bounds=bounds,
+            bounds=list(zip(bounds[:, 0].tolist(), bounds[:, 1].tolist(), strict=True)),
             options={"ftol": 1e-11, "gtol": 1e-6},
         )
+        return best
 
     def _estimate_mean(self, index: int) -> Estimate:
         """Return the mean over participants along an axis."""

@@ -158,11 +158,11 @@ def assess_factors(table: Table, levels: Mapping[str, Sequence[str]]) -> Iterato
 
 def _make_contrasts(levels: Mapping[str, Sequence[str]], chosen: Sequence[str]) -> Array:
     """Return the contrasts of an interaction of the chosen factors, averaged over the others."""
-    contrasts = np.ones((1, 1))
+    contrasts: Array = np.ones((1, 1))
     for name, values in levels.items():
         helmert = linalg.helmert(len(values), full=True)  # its first row is the mean
         rows = helmert[1:] if name in chosen else helmert[:1]
-        contrasts = np.kron(contrasts, rows)
+        contrasts = np.asarray(np.kron(contrasts, rows), dtype=np.float64)
     return contrasts
 
 

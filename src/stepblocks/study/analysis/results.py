@@ -82,7 +82,7 @@ class StudyResult(Analysis):
 
     def judgements_csv(self) -> str:
         """Write the judgements as they were analysed, lengths in micrometres."""
-        known = self.frame.columns.intersection(_LENGTHS)
+        known = self.frame.columns.intersection(list(_LENGTHS))
         lengths = self.frame[[*known]].map(lambda value: f"{value * 1e6:.9g}")
         names = {name: f"{name}_um" for name in _LENGTHS}
         return format_csv(self.frame.assign(**lengths).rename(columns=names))

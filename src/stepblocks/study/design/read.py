@@ -1,14 +1,15 @@
 """Read designs and filled-in run sheets, each row with its place in the file."""
 
-import csv
-import re
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple, TextIO
+from typing import NamedTuple
 
 from stepblocks.errors import StudyError
-from stepblocks.files.text import measure_file_size
+from stepblocks.files.numbers import NumberNotation, is_plain_number
+from stepblocks.files.tables import warn_of_notes
+from stepblocks.files.text_table import TextTable, is_table_name, read_text_table
 from stepblocks.study.columns import Row, read_number
 from stepblocks.study.design.sheet import list_answer_columns
 from stepblocks.study.design.trials import DESIGN_COLUMNS
@@ -16,9 +17,7 @@ from stepblocks.study.experiments.registry import EXPERIMENTS
 
 _MISSING = ("NA", "N/A", "n/a", "#N/A", "<NA>")  # as R, BIDS, spreadsheets and pandas write it
 _MAX_BYTES = 100_000_000
-_SEPARATORS = ",;\t"
-# a decimal comma, as spreadsheets of half of Europe write it
-_DECIMAL_COMMA = re.compile(r"^(-?\d+),(\d+)$")
+_NAMES = ("participant", "condition", "group")  # columns in which NA is a name
 
 
 class TrialKey(NamedTuple):
@@ -110,7 +109,7 @@ def read_all_answers(paths: Sequence[str | Path], experiment: str) -> list[Sheet
 
 
 def find_sheets(paths: Sequence[str | Path]) -> list[Path]:
-    """Find the CSV files in folders.
+    """Find the tables in folders.
 
     Datasets as `share_study` writes them lead to their tables.
 
@@ -125,7 +124,7 @@ def find_sheets(paths: Sequence[str | Path]) -> list[Path]:
         if shared:
             sheets += shared
         elif path.is_dir():
-            sheets += sorted(path.glob("*.csv"))
+            sheets += sorted(filter(is_table_name, path.iterdir()))
         else:
             sheets.append(path)
     if not sheets:
@@ -135,85 +134,78 @@ def find_sheets(paths: Sequence[str | Path]) -> list[Path]:
     return sheets
 
 
-def read_rows(path: Path, columns: Sequence[str], empty: bool = False) -> list[SheetRow]:
-    """Read a table of texts whose cells are separated by commas, semicolons or tabs.
+def read_rows(
+    path: Path, columns: Sequence[str], empty: bool = False, names: Collection[str] = _NAMES
+) -> list[SheetRow]:
+    """Read a table that people write: CSV in any dialect, or a sheet of a workbook.
 
     Parameters
     ----------
     path : Path
-        CSV with a header, in UTF-8.
+        Table with a header.
     columns : sequence of str
         That the table must have.
     empty : bool
         Whether it may have no rows.
+    names : collection of str
+        Columns of names, in which a person may be called NA.
 
     Returns
     -------
     list of SheetRow
-        Missing values are empty texts; decimal commas are points where cells are not separated by
-        commas.
+        Missing values are empty texts; numbers have a decimal point.
 
     Raises
     ------
     StudyError
         If the file cannot be read, or is no such table.
     """
-    # a general reader of tables would not know the lines
-    try:
-        size = measure_file_size(path)
-        if size > _MAX_BYTES:
-            raise StudyError(
-                f"a table must be below {_MAX_BYTES // 1_000_000} MB, got {size} bytes [{path}]"
-            )
-        with path.open(encoding="utf-8-sig", newline="") as stream:
-            rows = list(_parse_rows(stream, path, columns))
-    except OSError as error:
-        raise StudyError(f"a table cannot be read: {error.strerror} [{path}]") from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise StudyError(f"a table must be CSV in UTF-8: {error} [{path}]") from error
-    if not rows and not empty:
-        raise StudyError(f"a table must have rows, got none [{path}]")
-    return rows
-
-
-def _parse_rows(stream: TextIO, path: Path, columns: Sequence[str]) -> Iterator[SheetRow]:
-    """Yield the rows of a table; `path` is for messages."""
-    header = stream.readline()
-    stream.seek(0)
-    separator = max(_SEPARATORS, key=header.count)
-    reader = csv.DictReader(stream, strict=True, delimiter=separator)
-    names = [name.strip() for name in reader.fieldnames or []]
-    reader.fieldnames = names
-    _check_header(names, columns, path)
-    for row in reader:
-        if None in row or None in row.values():  # too many cells, or too few
-            raise StudyError(
-                f"a row must have {len(names)} cells, as the header "
-                f"[{path}, line {reader.line_num}]"
-            )
-        cells = {name: _clean_cell(row[name], separator) for name in names}
-        yield SheetRow(cells, str(path), reader.line_num)
-
-
-def _check_header(names: Sequence[str], columns: Sequence[str], path: Path) -> None:
-    """Reject a table that lacks a column or names one twice."""
-    lacking = [name for name in columns if name not in names]
+    table = read_text_table(path, raises=StudyError, most_bytes=_MAX_BYTES)
+    lacking = [name for name in columns if name not in table.names]
     if lacking:
         raise StudyError(
             f"columns must include {', '.join(columns)}; got no {', '.join(lacking)} [{path}]"
         )
-    if len(set(names)) != len(names):
-        raise StudyError(f"columns must differ from each other, got one twice [{path}, line 1]")
+    if not table.rows and not empty:
+        raise StudyError(f"a table must have rows, got none [{path}]")
+    warn_of_notes(table.notes, path)
+    cleaned = {}
+    for number, name in enumerate(table.names):
+        cells = table.get_cells(number)
+        if name not in names:
+            cells = _clean_cells(table, number)
+        cleaned[name] = cells
+    file = f"{path}, {table.sheet}" if table.sheet else str(path)
+    rows = []
+    for row, line in enumerate(table.places):
+        cells_of_row = {name: cells[row] for name, cells in cleaned.items()}
+        rows.append(SheetRow(cells_of_row, file, line))
+    return rows
 
 
-def _clean_cell(text: str, separator: str) -> str:
-    """Return a cell without outer spaces; missing values are empty."""
-    text = text.strip()
-    if text in _MISSING:
+def _clean_cells(table: TextTable, column: int) -> list[str]:
+    """Return the cells of a column: numbers with a decimal point, missing values empty.
+
+    In a column of texts, too, ``n/a`` and its like are a missing answer, as BIDS writes it.
+    """
+    cells = table.get_cells(column)
+    if not table.holds_numbers(column):
+        return ["" if cell in _MISSING else cell for cell in cells]
+    found = table.read_sound_numbers(column, StudyError)
+    warn_of_notes(filter(None, [found.describe(table.names[column])]), table.file)
+    cleaned = []
+    for cell, value in zip(cells, found.values.tolist(), strict=True):
+        cleaned.append(_format_number(cell, value, table.notation))
+    return cleaned
+
+
+def _format_number(cell: str, value: float, notation: NumberNotation) -> str:
+    """Return a number with a decimal point, as it is written where that is plain."""
+    if math.isnan(value):
         return ""
-    if separator == ",":
-        return text
-    return _DECIMAL_COMMA.sub(r"\1.\2", text)
+    if is_plain_number(cell) and (notation.decimal == "." or "." not in cell):
+        return cell
+    return f"{value:.15g}"
 
 
 def index_by_trial(rows: Sequence[SheetRow]) -> dict[TrialKey, SheetRow]:

@@ -153,9 +153,9 @@ def simulate_estimates(
     estimates += observer.participant_spread * generator.standard_normal(people)[person]
     responses = generator.standard_normal((people, setting.max() + 1))
     estimates += observer.condition_spread * responses[person, setting]
-    noise = observer.response_noise
+    noise = np.full(len(heights), observer.response_noise)
     if "noisier" in trials:
-        noise = noise * trials["noisier"].to_numpy()
+        noise *= trials["noisier"].to_numpy()
     estimates += noise * generator.standard_normal(len(heights))
     lapsed = generator.random(len(heights)) < observer.lapse
     estimates[lapsed] = generator.permutation(heights)[lapsed]

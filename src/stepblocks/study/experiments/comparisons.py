@@ -90,7 +90,10 @@ def name_settings(frame: Table) -> pd.Series:
             parts.append(frame[name].astype(str))
     if not parts:
         return pd.Series("", frame.index)
-    return parts[0].str.cat(parts[1:], sep="/")
+    settings = parts[0]
+    for levels in parts[1:]:
+        settings = settings.str.cat(levels, sep="/")
+    return settings
 
 
 def _list_outcomes(frame: Table) -> list[str]:

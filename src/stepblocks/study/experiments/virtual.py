@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from stepblocks.errors import StudyError
+from stepblocks.files.table_rows import list_rows
 from stepblocks.files.tables import Table
 from stepblocks.study.analysis.accuracy import MEASURES
 from stepblocks.study.analysis.findings import Analysis
@@ -36,7 +37,10 @@ def _read_virtual(planned: Row, answer: Row, ratings: tuple[int, int]) -> dict[s
 def _simulate_virtual(trials: Table, observer: Observer, generator: np.random.Generator) -> Texts:
     """Simulate estimates in micrometres and ratings, as participants write them."""
     estimates = simulate_estimate_texts(trials, observer, generator)
-    vibrating = [VIBRATION_ON in list_levels(row) for row in trials.to_dict("records")]
+    vibrating = []
+    for row in list_rows(trials):
+        texts_of_row = {name: str(value) for name, value in row.items()}
+        vibrating.append(VIBRATION_ON in list_levels(texts_of_row))
     people = trials["person"].to_numpy()
     ratings = rate_realism(people, np.array(vibrating), observer, generator)
     texts = []

@@ -1,0 +1,35 @@
+"""Compiled functions, kept for the next run where anything can be written, else for this run alone.
+
+Numba keeps them beside their source or below the home folder. In a container, a laboratory account
+or a package store it can write to neither, and refuses to compile; there a folder that ends with
+the process takes its place.
+"""
+
+import atexit
+import os
+import shutil
+import tempfile
+
+import numba
+from numba import njit
+
+__all__ = ["njit", "numba"]
+
+
+def _do_nothing() -> None:
+    """Stand for any function of this package whose compiled form is to be kept."""
+
+
+def _provide_cache() -> None:
+    """Give Numba a folder of this process and its children where it finds none by itself."""
+    try:
+        njit(cache=True)(_do_nothing)
+    except RuntimeError:
+        # nobody else can write to it: Numba trusts what it finds there
+        folder = tempfile.mkdtemp(prefix="stepblocks-compiled-")
+        atexit.register(shutil.rmtree, folder, ignore_errors=True)
+        os.environ["NUMBA_CACHE_DIR"] = folder
+        numba.config.CACHE_DIR = folder
+
+
+_provide_cache()

@@ -1,0 +1,124 @@
+"""The one rule of what is missing: empty cells, words for it, and values that fill a gap.
+
+Words count in columns of numbers alone: in a column of texts only the empty cell is missing, and a
+participant may be called NA. A fill value counts where it stands far off everything else in its
+column, or where it was declared.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["FILL_VALUES", "FillFound", "blank_fill_values", "is_missing_word"]
+
+# as R, BIDS, pandas, spreadsheets, SAS and instruments write it; in small letters
+_WORDS = frozenset(
+    {
+        *("", "na", "n/a", "#n/a", "#na", "<na>", "n.a.", "nan", "-nan", "+nan", "1.#qnan"),
+        *("-1.#ind", "null", "none", "nil", "missing", "bad", "invalid", "void"),
+        *("-", "--", "---", "***", ".", "?", "nd", "n.d."),
+    }
+)
+# what loggers, grids and rasters write where nothing was measured: signed and unsigned limits of 16
+# and 32 bits, round numbers, and the fill values of NetCDF, GMT, Surfer and single precision
+FILL_VALUES = (
+    *(-999.0, -9999.0, -99999.0, -999999.0, -999.25, 9999.0, 99999.0, 999999.0),
+    *(-32768.0, -32767.0, 32767.0, 65535.0, -2147483648.0, 2147483647.0),
+    *(1e30, -1e30, 1e20, 1.70141e38, 9.96921e36, 3.4028235e38, -3.4028235e38),
+)
+_STANDS_OUT = 3.0  # times the largest of the others, from which on a fill value is none of them
+_HUGE = 1e15  # from which on a fill value may be rounded, as 1.70141e38 is
+_ROUNDING = 1e-5  # share by which it may be
+
+
+@dataclass(frozen=True)
+class FillFound:
+    """A column of numbers without the values that fill its gaps.
+
+    Attributes
+    ----------
+    values : array, shape (n,)
+        NaN where a value fills a gap.
+    fills : tuple of float
+        The fill values that were found.
+    count : int
+        How many numbers they replaced.
+    """
+
+    values: NDArray[np.float64]
+    fills: tuple[float, ...] = ()
+    count: int = 0
+
+    def describe(self, column: str) -> str:
+        """Say what was taken as missing; empty where nothing was."""
+        if not self.count:
+            return ""
+        words = " and ".join(f"{fill:.10g}" for fill in self.fills)
+        cells = "cell" if self.count == 1 else "cells"
+        return f"{words} in {column!r} ({self.count} {cells}) stands for a missing value"
+
+
+def is_missing_word(text: str) -> bool:
+    """Tell whether a cell of a column of numbers says that nothing is there."""
+    return text.strip().strip('"').strip().lower() in _WORDS
+
+
+def blank_fill_values(
+    values: NDArray[np.float64], declared: Sequence[float] | None = None
+) -> FillFound:
+    """Put NaN in place of the values that fill the gaps of a column.
+
+    Parameters
+    ----------
+    values : array, shape (n,) or (rows, columns)
+        Numbers as they stand in the file.
+    declared : sequence of float, optional
+        Values that the user names: each counts wherever it stands, and no other does. By default
+        those of `FILL_VALUES` count that are three times as large as every other number.
+
+    Returns
+    -------
+    FillFound
+        The numbers, and which values were taken as missing.
+    """
+    candidates = FILL_VALUES if declared is None else tuple(declared)
+    present = []
+    is_fill = np.zeros(values.shape, dtype=bool)
+    for candidate in candidates:
+        found = _match_fill(values, candidate)
+        if found.any():
+            present.append(candidate)
+            is_fill |= found
+    if present and declared is None:
+        present = _choose_outstanding(values[~is_fill], present)
+        is_fill = _match_any(values, present)
+    if not present:
+        return FillFound(values)
+    blanked = np.where(is_fill, np.nan, values)
+    return FillFound(blanked, tuple(present), int(is_fill.sum()))
+
+
+def _choose_outstanding(rest: NDArray[np.float64], present: Sequence[float]) -> list[float]:
+    """Return the fill values that stand far off all other numbers of their column."""
+    finite = np.abs(rest[np.isfinite(rest)])
+    if not finite.size:
+        return []
+    largest = float(finite.max())
+    return [fill for fill in present if abs(fill) > _STANDS_OUT * largest]
+
+
+def _match_any(values: NDArray[np.float64], fills: Sequence[float]) -> NDArray[np.bool_]:
+    """Tell which numbers of a column are one of some fill values."""
+    is_fill = np.zeros(values.shape, dtype=bool)
+    for fill in fills:
+        is_fill |= _match_fill(values, fill)
+    return is_fill
+
+
+def _match_fill(values: NDArray[np.float64], fill: float) -> NDArray[np.bool_]:
+    """Tell which numbers of a column are a fill value; one beyond all bounds may be rounded."""
+    if abs(fill) < _HUGE:
+        return np.asarray(values == fill)
+    return np.asarray(np.abs(values - fill) <= _ROUNDING * abs(fill))

@@ -1,0 +1,19 @@
+"""Columns and rows of a table by the names that its own files gave them: texts."""
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+def list_names(table: "pd.DataFrame") -> list[str]:
+    """List the names of the columns of a table."""
+    return [str(name) for name in table.columns]
+
+
+def list_rows(table: "pd.DataFrame") -> list[dict[str, object]]:
+    """List the rows of a table, each by the names of its columns."""
+    rows = []
+    for record in table.to_dict("records"):
+        rows.append({str(name): value for name, value in record.items()})
+    return rows

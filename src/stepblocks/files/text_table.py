@@ -1,0 +1,536 @@
+"""The one reader of tables: a text or a sheet becomes named columns of cells, each with its place.
+
+What had to be found out (encoding, separators, decimal signs, units, fill values) stands in the
+notes of the table.
+"""
+
+import csv
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepblocks.errors import PipelineError, StepblocksError
+from stepblocks.files.decode import decode_text
+from stepblocks.files.dialect import (
+    Dialect,
+    count_cells,
+    find_dialect,
+    is_number_in_any_notation,
+    list_first_lines,
+    split_records,
+)
+from stepblocks.files.missing import FillFound, blank_fill_values, is_missing_word
+from stepblocks.files.numbers import NotationError, NumberNotation, find_notation, is_plain_number
+from stepblocks.files.paths import describe_system_error
+from stepblocks.files.raw_table import RawTable, Record, name_sheet_column
+from stepblocks.files.spreadsheet import read_sheet
+from stepblocks.files.text import measure_file_size
+from stepblocks.mistakes import shorten_value
+
+__all__ = [
+    "CellError",
+    "TableLayout",
+    "TextTable",
+    "is_sheet",
+    "is_table_name",
+    "parse_table",
+    "read_names",
+    "read_text_table",
+]
+
+_MOST_BYTES = 2_000_000_000
+_MOST_COLUMNS = 10_000
+_MOST_SHOWN = 60  # letters of a row that a message shows
+_SHEETS = (".xlsx", ".xlsm", ".xls", ".xlsb", ".ods")
+_TABLES = (".csv", ".tsv", *_SHEETS)
+_SHEET_MARKS = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1")  # of a zip, of an old Excel
+# a unit in a row of units: in brackets, or letters with powers, as "um", "N/mm", "m s^-1", "1"
+_UNIT = re.compile(r"[\[(].*[\])]|[A-Za-zµμΩÅ°%‰]+[23]?([ */·^-]*-?[A-Za-zµμΩ°0-9]+)?|1|-")
+_LONGEST_UNIT = 12  # letters
+_HEAD_BYTES = 10_000  # in which the first row of a table lies
+_PLAIN = NumberNotation()
+
+
+class CellError(ValueError):
+    """A cell of a column of numbers that is no number."""
+
+    def __init__(self, row: int, cell: str) -> None:
+        super().__init__(f"must be a number, got {shorten_value(cell)}")
+        self.row = row
+        self.cell = cell
+
+
+@dataclass(frozen=True)
+class TableLayout:
+    """What is declared of a table; what is not is found.
+
+    Attributes
+    ----------
+    separator : str, optional
+        One letter between two cells.
+    decimal : {".", ","}, optional
+        The decimal sign.
+    encoding : str, optional
+        As `check_encoding` returns it.
+    skip_lines : int
+        Lines above the table that are no part of it.
+    has_header : bool
+        Whether its first row names the columns.
+    missing : tuple of float, optional
+        Numbers that stand for a missing value; by default those that stand out.
+    keeps_ragged : bool
+        Whether a row with another number of cells than the header is kept as it is, for a caller
+        who says of each row what is wrong with it.
+    """
+
+    separator: str | None = None
+    decimal: str | None = None
+    encoding: str | None = None
+    skip_lines: int = 0
+    has_header: bool = True
+    missing: tuple[float, ...] | None = None
+    keeps_ragged: bool = False
+
+
+@dataclass(frozen=True)
+class TextTable:
+    """A table as its file writes it.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the columns; empty where they have none.
+    rows : list of list of str
+        Cells without blanks around them, each row as long as the others.
+    places : sequence of int
+        Line of each row in a text, number of the row in a sheet.
+    file : str
+        For messages.
+    notation : NumberNotation
+        Of all its numbers.
+    units : tuple of str
+        Of the columns, from a row of units below the header; empty where there is none.
+    sheet : str
+        Name of the sheet; empty for a text.
+    missing : tuple of float, optional
+        As `TableLayout` has it.
+    notes : tuple of str
+        What had to be found out about the file.
+    """
+
+    names: tuple[str, ...]
+    rows: list[list[str]]
+    places: Sequence[int]
+    file: str
+    notation: NumberNotation = field(default_factory=NumberNotation)
+    units: tuple[str, ...] = ()
+    sheet: str = ""
+    missing: tuple[float, ...] | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def width(self) -> int:
+        """The number of columns."""
+        if self.names or not self.rows:
+            return len(self.names)
+        return len(self.rows[0])
+
+    def name_row(self, row: int, column: int | None = None) -> str:
+        """Say where a row stands, counted from 0, or one of its cells: a line, or a cell's name."""
+        if not self.sheet:
+            return f"line {self.places[row]}"
+        if column is None:
+            return f"{self.sheet}, row {self.places[row]}"
+        return f"{self.sheet}, cell {name_sheet_column(column)}{self.places[row]}"
+
+    def get_cells(self, column: int) -> list[str]:
+        """Return the cells of a column; of a row that ends before it, an empty one."""
+        try:
+            return [row[column] for row in self.rows]
+        except IndexError:
+            return ["".join(row[column : column + 1]) for row in self.rows]
+
+    def read_numbers(self, column: int) -> FillFound:
+        """Read a column of numbers, shape (rows,); NaN where one is missing.
+
+        Raises
+        ------
+        CellError
+            If a cell is no number, and does not say that one is missing.
+        """
+        cells = self.get_cells(column)
+        values = self.notation.parse_column(cells)
+        if values is None:
+            values = self._parse_numbers(cells)
+        return blank_fill_values(values, self.missing)
+
+    def read_sound_numbers(self, column: int, raises: type[StepblocksError]) -> FillFound:
+        """Read a column of numbers, and raise with name and place where a cell is none."""
+        try:
+            return self.read_numbers(column)
+        except CellError as error:
+            name = repr(self.names[column]) if self.names else f"column {column}"
+            place = self.name_row(error.row, column)
+            raise raises(f"{name} {error} [{self.file}, {place}]") from error
+
+    def _parse_numbers(self, cells: Sequence[str]) -> NDArray[np.float64]:
+        """Read cells one by one, words for a missing number as NaN."""
+        values = np.full(len(cells), np.nan)
+        has_point = self.notation.decimal == "."
+        for row, cell in enumerate(cells):
+            if has_point and is_plain_number(cell):
+                values[row] = float(cell)
+                continue
+            if is_missing_word(cell):
+                continue
+            try:
+                values[row] = self.notation.parse(cell)
+            except ValueError:
+                raise CellError(row, cell) from None
+        return values
+
+    def holds_numbers(self, column: int) -> bool:
+        """Tell whether a column holds numbers and what says that one is missing, nothing else."""
+        cells = self.get_cells(column)
+        if cells and _PLAIN.parse_column(cells) is not None:
+            return True
+        has_number = False
+        for cell in cells:
+            if is_number_in_any_notation(cell):
+                has_number = True
+            elif not is_missing_word(cell):
+                return False
+        return has_number
+
+
+def read_text_table(
+    path: Path,
+    layout: TableLayout | None = None,
+    raises: type[StepblocksError] = PipelineError,
+    most_bytes: int = _MOST_BYTES,
+) -> TextTable:
+    """Read a table from a text or from the first sheet of a workbook.
+
+    Parameters
+    ----------
+    path : Path
+        CSV, TSV or any text of separated cells; or a workbook of Excel or LibreOffice.
+    layout : TableLayout, optional
+        What is declared of a text.
+    raises : type of StepblocksError
+        Raised for everything that is wrong with the file.
+    most_bytes : int
+        Largest file that is read.
+
+    Returns
+    -------
+    TextTable
+        It may have no rows.
+    """
+    layout = layout or TableLayout()
+    try:
+        size = measure_file_size(path)
+        if size > most_bytes:
+            raise raises(f"table must be smaller than {most_bytes} bytes, got {size} [{path}]")
+        if is_sheet(path):
+            return build_table(read_sheet(path, raises), layout, str(path), raises)
+        raw = path.read_bytes()
+    except OSError as error:
+        reason = describe_system_error(error, path)
+        raise raises(f"table cannot be read: {reason} [{path}]") from error
+    decoded = decode_text(raw, path, raises, layout.encoding)
+    if "\0" in decoded.text:
+        raise raises(f"table must be text or a sheet of Excel or LibreOffice, got binary [{path}]")
+    table = parse_table(decoded.text, str(path), layout, raises)
+    if decoded.note:
+        table = replace(table, notes=(decoded.note, *table.notes))
+    return table
+
+
+def is_table_name(path: Path) -> bool:
+    """Tell whether a file's name is that of a table: CSV, TSV or a workbook."""
+    return path.suffix.lower() in _TABLES
+
+
+def is_sheet(path: Path) -> bool:
+    """Tell whether a file is a workbook, by its name and its first bytes."""
+    if path.suffix.lower() not in _SHEETS:
+        return False
+    with path.open("rb") as file:
+        return file.read(8).startswith(_SHEET_MARKS)
+
+
+def read_names(path: Path) -> tuple[str, ...]:
+    """Return what the first row of a file names, without a complaint where it is no table."""
+    if not is_table_name(path) or not path.is_file():
+        return ()
+    try:
+        if is_sheet(path):
+            return read_text_table(path).names
+        with path.open("rb") as file:
+            head = file.read(_HEAD_BYTES)
+        text = decode_text(head, path, PipelineError).text
+        first = "".join(list_first_lines(text)[:1])
+        return tuple(next(find_dialect(first).split(first)).cells)
+    except (StepblocksError, csv.Error, StopIteration):
+        return ()
+
+
+def parse_table(
+    text: str,
+    file: str,
+    layout: TableLayout | None = None,
+    raises: type[StepblocksError] = PipelineError,
+) -> TextTable:
+    """Read a table from a text; see `read_text_table`."""
+    layout = layout or TableLayout()
+    for _ in range(layout.skip_lines):
+        text = text.partition("\n")[2]
+    dialect = find_dialect(text, layout.separator)
+    try:
+        records, comments = split_records(text, dialect)
+    except csv.Error as error:
+        line = _find_broken_line(text, dialect) + layout.skip_lines
+        raise raises(f"table must be a CSV: {error} [{file}, line {line}]") from error
+    if layout.skip_lines:
+        records = [Record(record.line + layout.skip_lines, record.cells) for record in records]
+    notes = []
+    if layout.separator is None and dialect.separator != "," and records:
+        notes.append(f"cells are separated by {dialect.name}")
+    return build_table(RawTable(records, comments, notes=tuple(notes)), layout, file, raises)
+
+
+def _find_broken_line(text: str, dialect: Dialect) -> int:
+    """Return the line in which a text stops to be a table."""
+    line = 1
+    try:
+        for record in dialect.split(text):
+            line = record.line + 1
+    except csv.Error:
+        return line
+    return line
+
+
+def build_table(
+    raw: RawTable, layout: TableLayout, file: str, raises: type[StepblocksError]
+) -> TextTable:
+    """Make a table of its rows: header, units, equal lengths and one notation of numbers.
+
+    Raises
+    ------
+    StepblocksError
+        As `raises` says, if a row has another number of cells than the header, a name stands twice,
+        or its numbers contradict each other.
+    """
+    records = list(raw.records)
+    notes = list(raw.notes)
+    names: list[str] = []
+    if layout.has_header:
+        names = _take_header(records, raw.comments, notes)
+    place = f"{file}, {raw.sheet}" if raw.sheet else file
+    width = _find_width(records, names)
+    if width > _MOST_COLUMNS:
+        raise raises(f"table must have at most {_MOST_COLUMNS} columns, got {width} [{place}]")
+    if not layout.keeps_ragged:
+        _refuse_ragged_rows(records, width, place, raises, bool(raw.sheet))
+    has_trailing = _cut_rows(records, width) or len(names) > width
+    if has_trailing and not raw.sheet:
+        notes.append("empty cells behind the last column are left out")
+    names = _name_columns(names[:width], records, bool(raw.sheet), place, raises)
+    units = _take_units(records, names, notes)
+    table = TextTable(
+        names=tuple(names),
+        rows=[record.cells for record in records],
+        places=[record.line for record in records],
+        file=file,
+        units=units,
+        sheet=raw.sheet,
+        missing=layout.missing,
+    )
+    notation = _settle_notation(table, layout, raises)
+    if notation.decimal == "," and layout.decimal is None:
+        notes.append("numbers are written with decimal commas")
+    return replace(table, notation=notation, notes=tuple(notes))
+
+
+def _take_header(records: list[Record], comments: Sequence[Record], notes: list[str]) -> list[str]:
+    """Take the names of the columns off the rows; behind a comment's mark where no others are."""
+    if not records:
+        return []
+    first = records[0].cells
+    behind_mark = _read_comment_names(comments, count_cells(first))
+    if behind_mark and _are_numbers(first):
+        notes.append(f"columns are named by the comment in line {comments[-1].line}")
+        return behind_mark
+    return records.pop(0).cells
+
+
+def _read_comment_names(comments: Sequence[Record], columns: int) -> list[str]:
+    """Return what the last comment above a table names, if it names as many columns."""
+    if not comments:
+        return []
+    names = [cell for cell in comments[-1].cells if cell]
+    if names:
+        names[0] = names[0].lstrip("#%/ ")
+    if names and not names[0]:
+        names = names[1:]
+    return names if len(names) == columns else []
+
+
+def _are_numbers(cells: Sequence[str]) -> bool:
+    """Tell whether all filled cells of a row are numbers."""
+    return all(is_number_in_any_notation(cell) for cell in cells if cell)
+
+
+def _find_width(records: Sequence[Record], names: Sequence[str]) -> int:
+    """Return the number of columns: of the header, else of the rows without what they end in."""
+    if names:
+        return count_cells(names)
+    filled = max((count_cells(record.cells) for record in records), default=0)
+    shortest = min((len(record.cells) for record in records), default=0)
+    return max(filled, shortest)
+
+
+def _refuse_ragged_rows(
+    records: Sequence[Record],
+    width: int,
+    place: str,
+    raises: type[StepblocksError],
+    is_sheet_row: bool,
+) -> None:
+    """Refuse a row with more filled cells than columns, or, in a text, with fewer cells."""
+    if {len(record.cells) for record in records} <= {width}:
+        return
+    unit = "row" if is_sheet_row else "line"
+    for record in records:
+        cells = record.cells
+        is_short = len(cells) < width and not is_sheet_row
+        if count_cells(cells) > width or is_short:
+            shown = shorten_value(",".join(cells)[:_MOST_SHOWN])
+            raise raises(
+                f"a row must have {width} cells as the header, got "
+                f"{max(count_cells(cells), min(len(cells), width))}: {shown} "
+                f"[{place}, {unit} {record.line}]"
+            )
+
+
+def _cut_rows(records: list[Record], width: int) -> bool:
+    """Leave out empty cells behind the last column, and say whether there were any."""
+    if {len(record.cells) for record in records} <= {width}:
+        return False
+    has_trailing = False
+    for number, record in enumerate(records):
+        cells = record.cells
+        if len(cells) > width and count_cells(cells) <= width:
+            has_trailing = True
+            records[number] = Record(record.line, cells[:width])
+    return has_trailing
+
+
+def _name_columns(
+    names: Sequence[str],
+    records: Sequence[Record],
+    is_sheet_row: bool,
+    place: str,
+    raises: type[StepblocksError],
+) -> list[str]:
+    """Return names that differ; a column without one is named by its number.
+
+    Raises
+    ------
+    StepblocksError
+        If a name stands twice, or a column of a sheet that holds anything has none.
+    """
+    named = []
+    for number, name in enumerate(names):
+        if name:
+            if name in named:
+                raise raises(f"table must not name a column twice, got {name!r} [{place}]")
+            named.append(name)
+            continue
+        if is_sheet_row and any(any(record.cells[number : number + 1]) for record in records):
+            raise raises(
+                "each column that holds anything must have a name in the first row (merged cells "
+                f"have one for all) [{place}, cell {name_sheet_column(number)}1]"
+            )
+        named.append(f"Unnamed: {number}")
+    return named
+
+
+def _take_units(records: list[Record], names: Sequence[str], notes: list[str]) -> tuple[str, ...]:
+    """Take a row of units off the rows: below the header, above columns of numbers."""
+    if len(records) < 2 or not names:
+        return ()
+    first, following = records[0].cells, records[1].cells
+    is_above_number = False
+    for cell, below in zip(first, following, strict=False):
+        if not cell:
+            continue
+        is_unit = len(cell) <= _LONGEST_UNIT and _UNIT.fullmatch(cell) is not None
+        if not is_unit:
+            return ()
+        if is_number_in_any_notation(below) and cell not in ("1", "-"):
+            is_above_number = True
+    if not is_above_number:
+        return ()
+    units = tuple(cell.strip("[]() ") for cell in first)
+    notes.append(f"line {records[0].line} holds units: {', '.join(filter(None, units))}")
+    records.pop(0)
+    return units
+
+
+def _settle_notation(
+    table: TextTable, layout: TableLayout, raises: type[StepblocksError]
+) -> NumberNotation:
+    """Return the notation of a table's numbers, as declared or as found in its columns of numbers.
+
+    The cells of a sheet are numbers already.
+    """
+    if layout.decimal is not None:
+        return NumberNotation(layout.decimal)
+    if table.sheet:
+        return NumberNotation()
+    try:
+        return find_notation(_list_doubtful_cells(table))
+    except NotationError as error:
+        row = _find_row_with(table, error.number)
+        raise raises(f"{error} [{table.file}, {table.name_row(row)}]") from error
+
+
+def _find_row_with(table: TextTable, cell: str) -> int:
+    """Return the first row that holds a cell, counted from 0."""
+    for row, cells in enumerate(table.rows):
+        if cell in cells:
+            return row
+    return 0
+
+
+def _list_doubtful_cells(table: TextTable) -> Iterator[str]:
+    """Yield the cells that may tell a decimal comma: those of columns of numbers with a comma.
+
+    Where none has a comma, the plain numbers need no look.
+    """
+    columns: Iterable[int] = range(table.width)
+    with_comma = [column for column in columns if _has_comma(table, column)]
+    if not any(_is_mostly_numbers(table.get_cells(column)) for column in with_comma):
+        return
+    for column in columns:
+        cells = table.get_cells(column)
+        if _is_mostly_numbers(cells):
+            yield from cells
+
+
+def _has_comma(table: TextTable, column: int) -> bool:
+    """Tell whether a cell of a column has a comma, or points that cannot all be decimal."""
+    return any("," in cell or cell.count(".") > 1 for cell in table.get_cells(column))
+
+
+def _is_mostly_numbers(cells: Sequence[str]) -> bool:
+    """Tell whether more than half of the filled cells of a column are numbers."""
+    filled = [cell for cell in cells if not is_missing_word(cell)]
+    numbers = sum(is_number_in_any_notation(cell) for cell in filled)
+    return 2 * numbers > len(filled)

@@ -1,0 +1,192 @@
+"""Rehearse a session many times, each with a seed of its own, here or on a cluster."""
+
+import hashlib
+import json
+import tempfile
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from stepblocks import __version__
+from stepblocks.compute.cluster import is_shared, open_cluster
+from stepblocks.compute.cores import count_cores
+from stepblocks.compute.seam import run_calls
+from stepblocks.errors import PipelineError
+from stepblocks.files.atomic import (
+    lock_folder,
+    make_draft_folder,
+    move_into_place,
+    replace_text,
+    sync_folder,
+)
+from stepblocks.files.packed import PackedFolder, pack_folder, unpack_folder
+from stepblocks.quantities import check_seed
+from stepblocks.rehearse.plan import SessionPlan, read_plan
+from stepblocks.rehearse.run import write_session
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+_PLAN_FILE = "rehearsals.json"
+
+
+@dataclass(frozen=True)
+class Rehearsals:
+    """Sessions that differ in their seeds alone.
+
+    Attributes
+    ----------
+    folders : tuple of Path
+        One for each seed, ``seed-000007`` for seed 7.
+    simulated, found : int
+        Sessions that this run wrote, and those that were there.
+    """
+
+    folders: tuple[Path, ...]
+    simulated: int
+    found: int
+
+
+def simulate_sessions(
+    plan: str | Path,
+    output: str | Path,
+    seeds: Sequence[int],
+    *,
+    jobs: int | None = None,
+    on: "str | Client | None" = None,
+    on_session: Callable[[Path], None] | None = None,
+) -> Rehearsals:
+    """Simulate a session once for each seed; what an earlier run finished is kept.
+
+    Parameters
+    ----------
+    plan : str or Path
+        TOML file of the plan: design, model, scatter, rig and effects. Its own seed is not used.
+    output : str or Path
+        Folder of the sessions; each has a folder in it.
+    seeds : sequence of int
+        Seeds of all chance, each once.
+    jobs : int, optional
+        Processes of this machine, one for each core where omitted. On a batch system, the workers
+        to ask for.
+    on : str or distributed.Client, optional
+        A Dask cluster, as in `run_sweep`. Workers that see `output` write there, otherwise this
+        process does.
+    on_session : callable, optional
+        Called with the folder of each session when it is finished.
+
+    Returns
+    -------
+    Rehearsals
+        The folders, and how many sessions were simulated and found.
+
+    Raises
+    ------
+    PipelineError
+        If the plan is malformed, a seed stands twice or is out of range, a folder holds another
+        session, every trial of one locks, or the cluster cannot be used.
+    """
+    declared = read_plan(Path(plan))
+    _check_seeds(seeds)
+    folder = Path(output)
+    places = []
+    missing = []
+    with lock_folder(folder):
+        _claim_folder(declared, folder)
+        for seed in seeds:
+            place = folder / f"seed-{seed:06d}"
+            places.append(place)
+            if not place.exists():  # a session appears whole or not at all
+                seeded = declared.model_copy(update={"seed": seed})
+                missing.append((seeded, place.absolute()))
+        with open_cluster(on if missing else None, jobs) as cluster:
+            for place in _simulate_missing(missing, jobs or count_cores(), cluster):
+                if on_session is not None:
+                    on_session(place)
+    return Rehearsals(tuple(places), len(missing), len(places) - len(missing))
+
+
+def _check_seeds(seeds: Sequence[int]) -> None:
+    """Refuse seeds that are none, stand twice, or are out of range."""
+    if not seeds:
+        raise PipelineError("seeds must name at least one session, got none")
+    for seed in seeds:
+        check_seed(seed)
+    if len(set(seeds)) != len(seeds):
+        raise PipelineError("seeds must differ from each other, got one twice")
+
+
+def _claim_folder(plan: SessionPlan, folder: Path) -> None:
+    """Write the plan into the folder, or make sure that the same one lies there.
+
+    Raises
+    ------
+    PipelineError
+        If the folder holds sessions of another plan, or something else.
+    """
+    path = folder / _PLAN_FILE
+    content = plan.model_dump(mode="json", exclude={"seed"})
+    described = json.dumps({"plan": content, "stepblocks": __version__}, sort_keys=True)
+    digest = hashlib.sha256(described.encode()).hexdigest()
+    if path.is_file():
+        if _read_digest(path, folder) != digest:
+            raise PipelineError(
+                "folder holds sessions of another plan, or of another version of stepblocks; "
+                f"choose another folder [{folder}]"
+            )
+        return
+    if any(folder.glob("seed-*")):
+        raise PipelineError(
+            f"folder holds sessions without {_PLAN_FILE}; choose another folder [{folder}]"
+        )
+    record = {"schema": 1, "digest": digest, "plan": content}
+    replace_text(path, json.dumps(record, indent=1, sort_keys=True) + "\n")
+
+
+def _read_digest(path: Path, folder: Path) -> object:
+    """Digest of the plan that a folder was filled by."""
+    try:
+        return json.loads(path.read_text(encoding="utf-8")).get("digest")
+    except (OSError, ValueError, AttributeError, RecursionError) as error:
+        raise PipelineError(
+            f"{_PLAN_FILE} cannot be read; choose another folder [{folder}]"
+        ) from error
+
+
+def _simulate_missing(
+    missing: Sequence[tuple[SessionPlan, Path]], jobs: int, cluster: "Client | None"
+) -> Generator[Path]:
+    """Simulate sessions here or on a cluster; yield the folder of each when it is there."""
+    if not missing:
+        return
+    folder = missing[0][1].parent
+    processes = min(jobs, len(missing))
+    if cluster is None or is_shared(cluster, folder):
+        yield from run_calls(
+            write_session_folder, missing, jobs=processes, on=cluster, in_order=False
+        )
+        return
+    calls = run_calls(pack_session, missing, jobs=processes, on=cluster, in_order=False)
+    for place, files in calls:
+        with make_draft_folder(place) as draft:
+            unpack_folder(files, draft)
+            sync_folder(draft)
+            move_into_place(draft, place)
+        yield place
+
+
+def write_session_folder(plan: SessionPlan, place: Path) -> Path:
+    """Write a session into its folder, whole or not at all; return the folder."""
+    with make_draft_folder(place) as draft:
+        write_session(plan, draft)
+        sync_folder(draft)
+        move_into_place(draft, place)
+    return place
+
+
+def pack_session(plan: SessionPlan, place: Path) -> tuple[Path, PackedFolder]:
+    """Write a session into a temporary folder of this machine; return its place and files."""
+    with tempfile.TemporaryDirectory(prefix="stepblocks-") as name:
+        write_session(plan, Path(name))
+        return place, pack_folder(Path(name))

@@ -1,0 +1,211 @@
+"""Scans that lie in memory: arrays, series, tables and objects of this package.
+
+Numbers are metres unless a unit is given or they carry one themselves. What cannot be followed is
+refused: an option that is ignored would make a false verdict.
+"""
+
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from stepblocks.contact.counterface import Profile
+from stepblocks.errors import MetrologyError
+from stepblocks.mistakes import shorten_value
+from stepblocks.scans.scan import Array, HeightMap, ScannedProfile
+from stepblocks.scans.text import read_table_scan
+from stepblocks.scans.units import StoredLength, parse_units
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+# A scan that is no file: the table of one, an object, or positions and heights
+ScanInMemory: TypeAlias = (
+    "pd.DataFrame | ScannedProfile | HeightMap | Profile | tuple[ArrayLike, ArrayLike]"
+)
+
+_METRE = StoredLength(1.0, 1.0)
+_EVEN = 0.02  # scatter of the steps of a grid, as a part of the step [1]
+_SOURCE = "arrays"
+
+
+def take_scan(
+    scan: ScanInMemory, unit: str | None = None, channel: str | None = None
+) -> ScannedProfile | HeightMap:
+    """Return a scan in memory as an object.
+
+    Parameters
+    ----------
+    scan : table, ScannedProfile, HeightMap, Profile or arrays
+        Arrays are two, one of two rows, or a series or labelled array over its positions; masked
+        points and missing numbers are points that were not measured.
+    unit : str, optional
+        Unit of numbers that carry none, as `parse_units` reads it; metres where it is not given.
+    channel : str, optional
+        Of a table, the column of heights.
+
+    Returns
+    -------
+    ScannedProfile or HeightMap
+        Heights and positions [m].
+
+    Raises
+    ------
+    MetrologyError
+        If it is none of these, or says its unit or has no channels where one is given.
+    """
+    if isinstance(scan, ScannedProfile | HeightMap | Profile):
+        _refuse_options(f"a {type(scan).__name__}, which is in metres", unit, channel)
+        if isinstance(scan, Profile):
+            return _make_profile(scan.x, scan.z, unit)
+        return scan
+    table: Any = scan
+    if hasattr(table, "dims") and hasattr(table, "coords"):  # of xarray
+        _refuse_options("an array, which has none", None, channel)
+        return _take_labelled_array(table, unit)
+    if hasattr(table, "to_pandas"):  # of polars or Arrow
+        table = table.to_pandas()
+    # tables and series are told by what they have: pandas is not loaded to find out
+    if hasattr(table, "columns"):
+        return read_table_scan(table, unit, channel)
+    _refuse_options("arrays, which have none", None, channel)
+    if hasattr(table, "to_csv"):
+        return _make_profile(table.index, table, unit)
+    return _take_pair(table, unit)
+
+
+def _refuse_options(what: str, unit: str | None, channel: str | None) -> None:
+    """Refuse a unit or a channel that would have to be ignored."""
+    for name, value in (("unit", unit), ("channel", channel)):
+        if value is not None:
+            raise MetrologyError(f"{name} must not be given for {what}, got {value!r}")
+
+
+def _take_pair(arrays: Any, unit: str | None) -> ScannedProfile:
+    """Make a profile of two rows, positions and heights."""
+    if _count_rows(arrays) != 2:
+        raise MetrologyError(
+            f"scan must be a file, a table, or two rows, x and z, got {_describe_arrays(arrays)}"
+        )
+    x, z = arrays
+    return _make_profile(x, z, unit)
+
+
+def _count_rows(arrays: Any) -> int:
+    """Count the rows of what may be a sequence or an array; 0 of a number."""
+    try:
+        return len(arrays)
+    except TypeError:
+        return 0
+
+
+def _make_profile(x: Any, z: Any, unit: str | None) -> ScannedProfile:
+    """Make a profile of positions and heights, each with the unit that it carries or is given."""
+    units = parse_units(unit)
+    position = _take_lengths(x, "x", units)
+    height = _take_lengths(z, "z", units)
+    return ScannedProfile(position, height, _SOURCE, _describe_unit(unit))
+
+
+def _describe_unit(unit: str | None) -> str:
+    if unit is None:
+        return ""
+    return f"unit {unit} as given"
+
+
+def _take_lengths(values: Any, axis: str, units: dict[str, StoredLength]) -> Array:
+    """Return lengths [m], nan where a value is masked or missing."""
+    if hasattr(values, "magnitude") and hasattr(values, "to"):  # of Pint
+        if axis in units:
+            raise MetrologyError(
+                f"unit must not be given for {axis}, which carries its own, got {values.units!s}"
+            )
+        return _take_numbers(_convert_quantity(values, axis), axis)
+    if units and axis not in units:
+        raise MetrologyError(f"unit must say that of {axis}, too, as x=mm,z=um, got none")
+    return units.get(axis, _METRE).to_metres(_take_numbers(values, axis))
+
+
+def _convert_quantity(values: Any, axis: str) -> Any:
+    """Return the numbers of a quantity of Pint in metres."""
+    import pint
+
+    try:
+        return values.to("m").magnitude
+    except pint.PintError as error:
+        raise MetrologyError(
+            f"{axis} must have a unit of length, got {shorten_value(str(values.units))}"
+        ) from error
+
+
+def _take_numbers(values: Any, axis: str) -> Array:
+    """Return numbers as float64, nan where one is masked or missing."""
+    try:
+        if isinstance(values, np.ma.MaskedArray):
+            return np.asarray(np.ma.filled(values.astype(np.float64), np.nan))
+        if hasattr(values, "to_numpy") and hasattr(values, "isna"):  # of pandas
+            return np.asarray(values.astype("Float64").to_numpy(dtype=np.float64, na_value=np.nan))
+        return np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise MetrologyError(f"{axis} must hold numbers, got {_describe_arrays(values)}") from error
+
+
+def _describe_arrays(arrays: Any) -> str:
+    """Describe an array by its shape; to write a million numbers takes longer than to read them."""
+    if hasattr(arrays, "shape"):
+        return f"shape {np.shape(arrays)}"
+    return shorten_value(arrays)
+
+
+def _take_labelled_array(array: Any, unit: str | None) -> ScannedProfile | HeightMap:
+    """Make a profile or a map of an array of xarray, by its coordinates and their units.
+
+    The unit of heights and coordinates stands in their attribute ``units``; a map has its rows
+    along y.
+    """
+    if len(array.dims) not in (1, 2) or any(name not in array.coords for name in array.dims):
+        raise MetrologyError(
+            "labelled array must have one or two dimensions, each with coordinates, got "
+            f"{shorten_value(dict(array.sizes))}"
+        )
+    units = parse_units(unit)
+    height = _take_labelled_lengths(array, "z", units)
+    along_x = _take_labelled_lengths(array.coords[array.dims[-1]], "x", units)
+    scale = _describe_unit(unit)
+    if len(array.dims) == 1:
+        return ScannedProfile(along_x, height, _SOURCE, scale)
+    along_y = _take_labelled_lengths(array.coords[array.dims[0]], "y", units)
+    dx = _find_step(along_x, str(array.dims[-1]))
+    dy = _find_step(along_y, str(array.dims[0]))
+    return HeightMap(height[:: _find_sign(dy), :: _find_sign(dx)], abs(dx), abs(dy), _SOURCE, scale)
+
+
+def _take_labelled_lengths(array: Any, axis: str, units: dict[str, StoredLength]) -> Array:
+    """Return the values of an array of xarray [m], by its attribute ``units`` where it has one."""
+    stated = array.attrs.get("units")
+    values = array.data
+    if stated is None:
+        return _take_lengths(values, axis, units)
+    if axis in units:
+        raise MetrologyError(
+            f"unit must not be given for {array.name}, which states its own, got {stated!r}"
+        )
+    return _take_lengths(values, axis, parse_units(f"{axis}={stated}"))
+
+
+def _find_step(positions: Array, name: str) -> float:
+    """Return the step of coordinates in equal steps [m], negative where they descend."""
+    steps = np.diff(positions)
+    if not len(steps):
+        raise MetrologyError(f"coordinates {name} must be two or more, got {len(positions)}")
+    step = float(np.mean(steps))
+    if not np.isfinite(step) or np.any(np.abs(steps - step) > _EVEN * abs(step)):
+        raise MetrologyError(
+            f"coordinates {name} must be in equal steps, got {steps.min():.4g} to "
+            f"{steps.max():.4g} m"
+        )
+    return step
+
+
+def _find_sign(step: float) -> int:
+    return -1 if step < 0.0 else 1

@@ -1,0 +1,224 @@
+"""A table in any dialect is read back equal, or refused; by every reader that takes a table."""
+
+import csv
+import io
+import math
+import random
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stepblocks.bench.session import open_session
+from stepblocks.bench.traces.reader import TextLayout, TrialPlace
+from stepblocks.bench.traces.text import TextReader
+from stepblocks.bench.trials import open_trials
+from stepblocks.drag.subject import resolve_subject
+from stepblocks.errors import ReadingWarning, StepblocksError
+from stepblocks.files.tables import load_table, read_si_columns
+from stepblocks.inspect.scan_list import is_table
+from stepblocks.predict.table import predict_table
+from stepblocks.study.design.read import read_rows
+
+QUICK, ALL = 20, 200
+SESSION = """
+schema = 1
+[probe]
+spring_constant = "9.81 N/mm"
+tip_radius = "125 um"
+[acquisition]
+sample_rate = "10 kHz"
+traces = "traces/{trial}.csv"
+[acquisition.channels]
+tangential = "fx_n"
+normal = "fy_n"
+"""
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """How a table is written."""
+
+    encoding: str
+    separator: str
+    decimal: str
+    quoting: int
+    trailing: bool
+    line_end: str
+    thousands: str
+    missing: str
+    comment: bool
+    units_row: bool
+    order: int
+
+    def format(self, value: float | str) -> str:
+        """Write a cell."""
+        if isinstance(value, str):
+            return value
+        if math.isnan(value):
+            return self.missing
+        text = f"{value:,.4f}".replace(",", "T").replace(".", self.decimal)
+        return text.replace("T", self.thousands)
+
+    def write(self, columns: dict[str, list[float | str]]) -> bytes:
+        """Write a table, its columns in an order of their own."""
+        names = list(columns)
+        random.Random(self.order).shuffle(names)
+        text = io.StringIO()
+        writer = csv.writer(
+            text, delimiter=self.separator, quoting=self.quoting, lineterminator="\n"
+        )
+        if self.comment:
+            text.write("# measured by hand\n")
+        writer.writerow(names)
+        if self.units_row:
+            units = {"um": "µm", "n": "N", "s": "s"}
+            writer.writerow([units.get(name.rsplit("_", 1)[-1], "-") for name in names])
+        for row in range(len(columns[names[0]])):
+            writer.writerow([self.format(columns[name][row]) for name in names])
+        lines = text.getvalue().splitlines()
+        first = 1 + self.comment
+        if self.trailing:
+            lines[first:] = [line + self.separator for line in lines[first:]]
+        return (self.line_end.join(lines) + self.line_end).encode(self.encoding)
+
+
+def draw_dialect(number: int) -> Dialect:
+    """Draw the dialect of a number, always the same."""
+    draw = random.Random(number)
+    decimal = draw.choice(".,")
+    return Dialect(
+        encoding=draw.choice(["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "cp1252"]),
+        separator=draw.choice(",;\t|"),
+        decimal=decimal,
+        quoting=draw.choice([csv.QUOTE_MINIMAL, csv.QUOTE_ALL]),
+        trailing=draw.random() < 0.3,
+        line_end=draw.choice(["\n", "\r\n"]),
+        thousands=draw.choice(["", "", ",", ".", " ", "\u00a0", "'"]).replace(decimal, ""),
+        missing=draw.choice(["", "NA", "nan", "-9999" + decimal + "0000"]),
+        comment=draw.random() < 0.3,
+        units_row=draw.random() < 0.3,
+        order=draw.randrange(100),
+    )
+
+
+LENGTHS = [-1234.5, -20.25, 0.0, 12.5, 1200.0, 2345.75]
+FORCES = [0.5, 1.25, 0.75, 1.5, 1.125, 2.5]
+SHARES = [0.15, 0.25, 0.05, 0.35, 0.1, 0.2]
+
+
+def compare_any_columns(path: Path, write: Callable[[dict[str, list]], None]) -> None:
+    """Read lengths with a gap, forces and names."""
+    gapped = [*LENGTHS[:-1], math.nan]
+    write({"height_um": gapped, "load_n": FORCES, "name": ["a", "NA", "é", "d", "e", "f"]})
+    table = load_table(path)
+    assert table.frame["name"].tolist() == ["a", "NA", "é", "d", "e", "f"]
+    wanted = {"h": (("height",), "length", None), "f": (("load",), "force", None)}
+    read = read_si_columns(table.frame, wanted, table.source, lets_missing=True)
+    np.testing.assert_allclose(read["h"], np.array(gapped) * 1e-6, rtol=1e-14)
+    np.testing.assert_allclose(read["f"], FORCES, rtol=1e-14)
+
+
+def compare_predictions(path: Path, write: Callable[[dict[str, list]], None]) -> None:
+    """Predict rows by equation (1)."""
+    heights = [25.5, 50.0, 1200.0, 12.5]
+    loads, frictions = FORCES[:4], SHARES[:4]
+    write({"height_um": heights, "load_n": loads, "friction": frictions})
+    found = predict_table(path)
+    assert found.status.tolist() == ["releases", "releases", "too-high", "releases"]
+    force = loads[1] * math.tan(math.acos(1.0 - 50.0 / 125.0) + math.atan(frictions[1]))
+    assert found.peak_force_n[1] == pytest.approx(force, rel=1e-12)
+
+
+def compare_profile(path: Path, write: Callable[[dict[str, list]], None]) -> None:
+    """Take a profile to drag over."""
+    write({"x_um": LENGTHS, "z_um": SHARES})
+    face = resolve_subject(path, {}).face
+    np.testing.assert_allclose(face.x, np.array(LENGTHS) * 1e-6, rtol=1e-14)
+    np.testing.assert_allclose(face.z, np.array(SHARES) * 1e-6, rtol=1e-14)
+
+
+def compare_trials(path: Path, write: Callable[[dict[str, list]], None]) -> None:
+    """Read the table of trials of a session."""
+    path = path.with_name("trials.csv")
+    path.with_name("session.toml").write_text(SESSION)
+    speeds = [5.5, 1000.0, 2.25, 10.0, 20.0, 40.0]
+    write({"trial": list("abcdef"), "speed_mm_s": speeds, "load_n": FORCES})
+    path.with_name("t.csv").replace(path)
+    trials = list(open_trials(open_session(path.parent)))
+    assert [trial.fault for trial in trials] == [None] * 6
+    assert [1e3 * trial.speed for trial in trials] == pytest.approx(speeds, rel=1e-12)
+    assert [trial.load for trial in trials] == pytest.approx(FORCES, rel=1e-14)
+
+
+def compare_trace(path: Path, write: Callable[[dict[str, list]], None]) -> None:
+    """Read the samples of a trace."""
+    write({"time_s": LENGTHS, "fx_n": FORCES, "fy_n": SHARES})
+    reader = TextReader()
+    with reader.open(path, TextLayout(None, None, 0, is_named=True)) as file:
+        group = reader.find_group(file, TrialPlace("", (), True, True))
+        for name, values in (("time_s", LENGTHS), ("fx_n", FORCES), ("fy_n", SHARES)):
+            np.testing.assert_allclose(reader.read_column(group, name), values, rtol=1e-14)
+
+
+def compare_study(path: Path, write: Callable[[dict[str, list]], None]) -> None:
+    """Read the judgements of a study."""
+    answers = [25.5, math.nan, 1050.25, 75.0, 12.5, 30.0]
+    write({"participant": ["NA", "b", "c", "d", "e", "f"], "estimate_um": answers})
+    rows = read_rows(path, ["participant", "estimate_um"])
+    assert [row.cells["participant"] for row in rows][:2] == ["NA", "b"]
+    read = [float(row.cells["estimate_um"] or "nan") for row in rows]
+    np.testing.assert_allclose(read, answers, rtol=1e-12)
+
+
+def compare_scan_list(path: Path, write: Callable[[dict[str, list]], None]) -> None:
+    """Tell a list of scans by its header."""
+    write({"scan": ["a.csv", "b.csv"], "stimulus": ["step-050", "step-025"]})
+    assert is_table([path])
+
+
+READERS = [
+    compare_any_columns,
+    compare_predictions,
+    compare_profile,
+    compare_trials,
+    compare_trace,
+    compare_study,
+    compare_scan_list,
+]
+
+
+def check_dialects(compare: Callable[..., None], numbers: range, folder: Path) -> None:
+    """Compare what a reader reads of each dialect; at most a third may be refused."""
+    refused: list[str] = []
+    for number in numbers:
+        dialect = draw_dialect(number)
+        path = folder / "t.csv"
+
+        def write(columns: dict[str, list], dialect=dialect, path=path) -> None:
+            path.write_bytes(dialect.write(columns))
+
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", ReadingWarning)
+                compare(path, write)
+        except StepblocksError as error:
+            refused.append(str(error))
+        except AssertionError as error:
+            raise AssertionError(f"dialect {number}: {dialect}\n{error}") from error
+    assert len(refused) <= len(numbers) / 3, refused
+    assert all("t.csv" in message or "trials.csv" in message for message in refused)
+
+
+@pytest.mark.parametrize("compare", READERS)
+def test_a_table_is_read_equal_or_refused(compare, tmp_path):
+    check_dialects(compare, range(QUICK), tmp_path)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("compare", READERS)
+def test_a_table_in_any_of_many_dialects_is_read_equal_or_refused(compare, tmp_path):
+    check_dialects(compare, range(QUICK, QUICK + ALL), tmp_path)
