@@ -41,6 +41,8 @@ class Published:
         Keys that are left out where there is nothing to say, by the name of their object.
     open_objects : sequence of str
         Objects that are written in a form of their own, with keys that depend on what they say.
+    named_tuples : sequence of str
+        Tuples that are written as objects with the names of their items.
     """
 
     title: str
@@ -50,6 +52,7 @@ class Published:
     nullable: bool = False
     optional: Mapping[str, Iterable[str]] = field(default_factory=dict)
     open_objects: Iterable[str] = ()
+    named_tuples: Iterable[str] = ()
 
 
 PUBLISHED = {
@@ -60,6 +63,7 @@ PUBLISHED = {
         nullable=True,
         optional={"ScansRecord": ("mean_edge_radius_m", "left_out")},
         open_objects=("NextExperiment",),
+        named_tuples=("ExcludedTrial",),
     ),
     "loop-model": Published(
         "model.json",
@@ -87,6 +91,8 @@ def write_schema(published: Published) -> dict[str, Any]:
     for name in published.open_objects:
         objects[name].clear()
         objects[name]["type"] = "object"
+    for name in published.named_tuples:
+        name_items(objects[name])
     for name, keys in published.optional.items():
         needed = objects[name].get("required", [])
         objects[name]["required"] = [key for key in needed if key not in keys]
@@ -104,6 +110,17 @@ def write_schema(published: Published) -> dict[str, Any]:
         "description": f"{written} {description}".strip(),
         **{key: value for key, value in schema.items() if key != "title"},
     }
+
+
+def name_items(definition: dict[str, Any]) -> None:
+    """Turn the schema of a tuple with names into that of the object that is written for it."""
+    properties = {}
+    for item in definition.pop("prefixItems"):
+        properties[item["title"].lower().replace(" ", "_")] = item
+    del definition["minItems"], definition["maxItems"]
+    definition["type"] = "object"
+    definition["properties"] = properties
+    definition["required"] = list(properties)
 
 
 def allow_null_numbers(schema: Any) -> None:
