@@ -36,8 +36,8 @@ from stepblocks.inspect.noise import (
     Array,
     Estimate,
     Mask,
-    estimate_of_rows,
     estimate_robust_scale,
+    estimate_std_of_row_sums,
 )
 from stepblocks.inspect.notes import NoteKind
 from stepblocks.inspect.profiles import list_features
@@ -235,7 +235,7 @@ def _divide_regions(dots: _Dots, known: Mask) -> _Regions:
 def _measure_depths(dots: _Dots, regions: _Regions, level: Array, rows: Array) -> _Depths:
     """Measure the depths of all dots on a map [m], levelled as a whole and row by row."""
     weights = _list_weights(dots.reference, dots.labels, regions.floor, regions.beside)
-    stds = estimate_of_rows(weights, rows, dots.reference)
+    stds = estimate_std_of_row_sums(weights, rows, dots.reference)
     # as many as would fit into what lies beside them, less the form of the map
     usual_floor = max(np.median(np.bincount(regions.floor[regions.floor > 0])), 1)
     dof = max(float(dots.reference.sum()) / usual_floor - _TERMS_OF_FORM, 1.0)

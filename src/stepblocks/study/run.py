@@ -16,7 +16,11 @@ from stepblocks.files.pages import render_page
 from stepblocks.files.tables import format_csv
 from stepblocks.quantities import check_seed
 from stepblocks.study.analysis.foreign import read_foreign_judgements
-from stepblocks.study.analysis.judgements import Judgements, join_answers, split_groups
+from stepblocks.study.analysis.judgements import (
+    Judgements,
+    join_answers,
+    separate_factors_between_participants,
+)
 from stepblocks.study.analysis.page import render_run_sheets, render_study, write_figures
 from stepblocks.study.analysis.results import StudyResult
 from stepblocks.study.columns import RATINGS, Row, group_by_participant, list_levels
@@ -213,7 +217,7 @@ def _state_prior(prior: Mapping[str, float], trials: int) -> Prior:
 
 def _check_outcomes(design: Design, primary: str, reference: str) -> None:
     """Reject a primary outcome or a reference that the trials of a design do not have."""
-    table = split_groups(pd.DataFrame(design.trials))
+    table = separate_factors_between_participants(pd.DataFrame(design.trials))
     conditions = sorted(set(table["condition"]))
     if reference and reference not in conditions:
         raise StudyError(f"reference must be one of {', '.join(conditions)}, got {reference!r}")

@@ -120,7 +120,7 @@ class Judgements:
                 f"{', '.join(lacking[:_FEW])} [{path}]"
             )
         grouped = self.frame.assign(group=self.frame["participant"].map(group))
-        return replace(self, frame=split_groups(grouped))
+        return replace(self, frame=separate_factors_between_participants(grouped))
 
     def analyse(
         self, margin: float = math.nan, primary: str = "", reference: str = ""
@@ -242,7 +242,9 @@ def join_rows(
     if frame.empty:
         raise StudyError("at least one participant must have answered in every condition, got none")
     _refuse_empty_cells(planned, frame)
-    return Judgements(experiment, split_groups(frame), missing, tuple(left))
+    return Judgements(
+        experiment, separate_factors_between_participants(frame), missing, tuple(left)
+    )
 
 
 def _index_planned(pairs: Sequence[Judgement]) -> dict[TrialKey, Row]:
@@ -333,7 +335,7 @@ def _refuse_empty_cells(planned: Mapping[TrialKey, Row], frame: Table) -> None:
         )
 
 
-def split_groups(frame: Table) -> Table:
+def separate_factors_between_participants(frame: Table) -> Table:
     """Drop factors of one level; those that vary between participants only are their group.
 
     Where nothing else varies, a group is the condition of its participants.

@@ -250,11 +250,11 @@ class Run:
         if isinstance(self.hand, Mouse):
             self.hand.post(x, held)
 
-    def sense(self) -> dict[str, object]:
+    def report_probe_state(self) -> dict[str, object]:
         """Return where the probe is [m], what rings, and what is in doubt."""
         if self._virtual is None:
             return {"x": 0.0, "events": 0, "loudness": 0.0}
-        return dict(self._virtual.sense())
+        return dict(self._virtual.report_probe_state())
 
     def end(self) -> None:
         """Stop the servo loop, if one runs."""
