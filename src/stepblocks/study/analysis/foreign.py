@@ -167,7 +167,7 @@ def _check_cells(cells: Row, place: str, experiment: str) -> None:
 
 def _advise_to_melt(lacking: Sequence[str]) -> str:
     """Say how a table with a column for each condition gets a row for each judgement."""
-    if "condition" not in lacking and len(lacking) < 2:
+    if "height_um" not in lacking or len(lacking) < 2:
         return ""
     return (
         "; one row per judgement is needed: pandas melts a wide table, "
