@@ -144,3 +144,14 @@ def test_soft_gauges_with_a_neighbour_have_no_false_verdict():
             rejected += decision.verdict is Outcome.DOES_NOT_CONFORM and good
             assert not (decision.verdict is Outcome.CONFORMS and not good), (seed, key)
     assert rejected <= 0.05 * judged
+
+
+@pytest.mark.parametrize("angle", [-12.0, 3.0, 8.0])
+def test_the_turn_of_an_edge_over_a_map_is_stated_to_a_quarter_of_a_degree(angle):
+    y, x = np.mgrid[:60, :300] * 1.5 * UM
+    across = (x - 225 * UM) * np.cos(np.radians(angle)) + (y - 45 * UM) * np.sin(np.radians(angle))
+    heights = np.where(across > 0.0, HEIGHT, 0.0)
+    heights += np.random.default_rng(5).normal(0.0, 5e-9, heights.shape)
+    notes = inspect_scan(HeightMap(heights, 1.5 * UM, 1.5 * UM), PART, **OPTICAL).evaluation.notes
+    (turned,) = (note for note in notes if note.startswith("edge turned by"))
+    assert abs(float(turned.split()[3])) == pytest.approx(abs(angle), abs=0.25)
