@@ -25,6 +25,7 @@ from stepblocks.loop.calibration_check import CalibrationCheck
 from stepblocks.loop.channels import ENERGY, JUDGED, PEAK_FORCE
 from stepblocks.loop.experiment import propose_experiment
 from stepblocks.loop.finding import write_sentence
+from stepblocks.loop.headline import list_block_errors, write_headline
 from stepblocks.loop.record import (
     AdequacyRecord,
     ApartTrial,
@@ -130,8 +131,13 @@ def compose_record(
         trials_analysed=len(table.trials),
         calibration=[_describe_check(check) for check in checks],
         notes=table.notes,
+        error_by_block=list_block_errors(table, within, floor.ln_energy_rms),
     )
-    return replace(record, finding=write_sentence(explanation, record))
+    return replace(
+        record,
+        finding=write_sentence(explanation, record),
+        headline=write_headline(explanation, record, table),
+    )
 
 
 def _describe_check(check: CalibrationCheck) -> CalibrationRecord:

@@ -208,6 +208,17 @@ class CalibrationRecord:
 
 
 @dataclass(frozen=True)
+class BlockError:
+    """Error of ln E_v of held-out trials of a block, as root mean squares, with its noise."""
+
+    block: str
+    trials: int
+    before: float
+    after: float
+    noise: float
+
+
+@dataclass(frozen=True)
 class ScansRecord:
     """What the scans of the blocks showed.
 
@@ -264,6 +275,7 @@ class LoopRecord:
     calibration: Sequence[CalibrationRecord] = ()
     notes: Sequence[str] = ()
     headline: Sequence[str] = ()
+    error_by_block: Sequence[BlockError] = ()
 
     def as_document(self) -> dict[str, Any]:
         """Return the record in its form in JSON, without the number of the schema."""

@@ -1,5 +1,6 @@
 """A session in; residual, effect, error before and after, out."""
 
+import math
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
@@ -293,7 +294,8 @@ def analyse_table(
 
     See `analyse_features`.
     """
-    rules = rules or Rules()
+    # a table of a session has left its wild readings out
+    rules = replace(rules or Rules(), wild=math.inf)
     checks = check_calibration(table.trials, table.model)
     # the matrices are small: threads of the linear algebra only wait for each other
     with threadpool_limits(limits=1, user_api="blas"):
