@@ -199,6 +199,7 @@ def _texts(work: Path) -> Iterator[Kind]:
 
 
 def _tables(work: Path) -> Iterator[Kind]:
+    from oracles.dialects import draw_dialect
     from stepblocks.bench.session import open_session
     from stepblocks.bench.trials import open_trials
     from stepblocks.predict.table import predict_table
@@ -212,6 +213,14 @@ def _tables(work: Path) -> Iterator[Kind]:
         b"a,25,1,0.15,0,0.1\nb,50,0.5,0.2,3,0.2\n"
     )
     yield "tables", ([("t.csv", table)], lambda path: predict_table(path))
+    conditions = {"height_um": [25.5, 50.0, 1200.0], "load_n": [1.0, 0.5, 1.5]}
+    conditions["friction"] = [0.15, 0.25, 0.05]
+    dialects = []
+    for number in range(40):
+        content = draw_dialect(number).write(conditions)
+        if _is_answer(content, work, predict_table):
+            dialects.append(("t.csv", content))
+    yield "dialects", (dialects, lambda path: predict_table(path))
     units = [b"25 um", b"9.81 N/mm", b"7850 kg/m^3", b"0.15", b"10 %", b"-3.5e-6 m", b"20 degC"]
 
     def quantities(path: Path) -> object:
@@ -327,6 +336,17 @@ def _sheets(work: Path) -> Iterator[Kind]:
 
     changeable = {short: content for short, content in parts.items() if short.endswith(".xml")}
     yield "xlsx", ([("s.xlsx", pack(parts)), *changeable.items()], read)
+
+
+def _is_answer(content: bytes, work: Path, read: Read) -> bool:
+    """Tell whether a table is read, for one whose numbers are doubtful may be refused."""
+    path = work / "dialect.csv"
+    path.write_bytes(content)
+    try:
+        read(path)
+    except StepblocksError:
+        return False
+    return True
 
 
 def _refused(call: Callable[..., object], *arguments: object) -> object:

@@ -167,6 +167,10 @@ def make_strange_values() -> list[tuple[str, object]]:
         ("array of ten million", np.zeros(10_000_000)),
         ("matrix", np.asmatrix([[1.0, 2.0]])),
         ("pandas NA", pd.NA),
+        ("nullable column", pd.Series([25e-6, None], dtype="Float64")),
+        ("nullable whole numbers", pd.array([1, None], dtype="Int64")),
+        ("masked whole array", np.ma.masked_all(3)),
+        ("masked scalar", np.ma.masked),
         ("category", pd.Series(["a", "b"], dtype="category")),
         ("empty frame", pd.DataFrame()),
         ("Arabic digits", "\u0662\u0665 um"),
@@ -179,6 +183,19 @@ def make_strange_values() -> list[tuple[str, object]]:
         import xarray
 
         values.append(("xarray", xarray.DataArray([1.0, 2.0], dims="x")))
+        with_unit = xarray.DataArray([1.0, 2.0], dims="x", attrs={"units": "parsec"})
+        values.append(("xarray with a unit", with_unit))
+    with contextlib.suppress(ImportError):
+        import pint
+
+        units = pint.UnitRegistry()
+        values.append(("quantity of Pint", 50 * units.um))
+        values.append(("quantity of another dimension", 500 * units.mN))
+        values.append(("array of Pint", np.array([25.0, 50.0]) * units.um))
+        values.append(("list of Pint", [25 * units.um, 500 * units.mN]))
+        values.append(
+            ("masked array of Pint", units.Quantity(np.ma.masked_equal([1.0, 2.0], 2.0), "um"))
+        )
     return values
 
 

@@ -171,7 +171,8 @@ def _fill_missing(values: Any, dimension: str) -> "NDArray[np.float64]":
     if isinstance(values, np.ma.MaskedArray):
         return np.ma.filled(values.astype(np.float64), np.nan)
     if hasattr(values, "to_numpy") and hasattr(values, "isna"):
-        values = values.astype(object).where(~values.isna(), math.nan).to_numpy()
+        is_missing = np.asarray(values.isna())
+        values = np.where(is_missing, math.nan, np.asarray(values.astype(object)))
     if isinstance(values, list | tuple) and any(map(is_quantity, values)):
         objects = np.empty(len(values), dtype=object)
         for place, value in enumerate(values):  # all at once, Pint would be asked for numbers

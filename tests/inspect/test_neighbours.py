@@ -114,3 +114,44 @@ def test_a_part_that_is_asked_for_by_name_of_its_stretch_is_taken():
         ScannedProfile(x, z), PART, instrument=OPTICAL["instrument"], options=options
     )
     assert "edge radius" in result.statement
+
+
+@pytest.mark.long
+def test_soft_gauges_with_a_neighbour_have_no_false_verdict():
+    # radius, burr, depth of the groove, place and side of the trace are drawn; of a radius between
+    # the arc of a sharp edge and the limit nothing is false either way
+    rejected = 0
+    judged = 0
+    for seed in range(60):
+        random = np.random.default_rng(seed)
+        truth = {
+            "edge_radius": random.uniform(0.0, 6.0) * UM,
+            "burr": random.choice([0.0, random.uniform(0.0, 4.0)]) * UM,
+        }
+        x, z = draw(
+            begin=-int(random.uniform(700, 2500)),
+            end=int(random.uniform(2900, 4000)),
+            groove=random.uniform(35.0, 65.0) * UM,
+            seed=seed,
+            radius=truth["edge_radius"],
+            burr=truth["burr"],
+        )
+        if random.uniform() < 0.5:
+            x, z = -x[::-1], z[::-1]
+        for key, decision in verdicts((x, z)).items():
+            good = truth.get(key, HEIGHT) <= decision.upper
+            judged += 1
+            rejected += decision.verdict is Outcome.DOES_NOT_CONFORM and good
+            assert not (decision.verdict is Outcome.CONFORMS and not good), (seed, key)
+    assert rejected <= 0.05 * judged
+
+
+@pytest.mark.parametrize("angle", [-12.0, 3.0, 8.0])
+def test_the_turn_of_an_edge_over_a_map_is_stated_to_a_quarter_of_a_degree(angle):
+    y, x = np.mgrid[:60, :300] * 1.5 * UM
+    across = (x - 225 * UM) * np.cos(np.radians(angle)) + (y - 45 * UM) * np.sin(np.radians(angle))
+    heights = np.where(across > 0.0, HEIGHT, 0.0)
+    heights += np.random.default_rng(5).normal(0.0, 5e-9, heights.shape)
+    notes = inspect_scan(HeightMap(heights, 1.5 * UM, 1.5 * UM), PART, **OPTICAL).evaluation.notes
+    (turned,) = (note for note in notes if note.startswith("edge turned by"))
+    assert abs(float(turned.split()[3])) == pytest.approx(abs(angle), abs=0.25)

@@ -141,3 +141,12 @@ def test_the_command_takes_a_sheet_and_tabs(suffix, tmp_path, capsys):
     assert main(["predict", str(path), "-o", str(tmp_path / "out.csv")]) == 0
     assert pd.read_csv(tmp_path / "out.csv").peak_force_n[0] == pytest.approx(1.854, abs=1e-3)
     assert ("Windows-1252" in capsys.readouterr().out) == (suffix == ".tsv")
+
+
+def test_a_quantity_in_a_table_is_refused_and_not_taken_for_missing():
+    """500 mN in a column of newton is neither 500 N nor no number."""
+    units = pytest.importorskip("pint").UnitRegistry()
+    table = pd.DataFrame({"height_um": [50.0], "friction": 0.15}).astype(object)
+    table["load_n"] = pd.Series([500 * units.mN], dtype=object)
+    with pytest.raises(PipelineError, match="load_n must be a finite number, got <Quantity"):
+        predict_table(table)

@@ -13,7 +13,7 @@ import pytest
 from scipy import stats
 
 from stepblocks.cli import main
-from stepblocks.errors import StudyError
+from stepblocks.errors import ReadingWarning, StudyError
 from stepblocks.study.analysis.exchange import share_study
 from stepblocks.study.analysis.page import render_study
 from stepblocks.study.analysis.prose import format_apa_p, write_headline
@@ -55,7 +55,8 @@ def test_a_table_of_somebody_else_is_read_with_its_names_and_decimal_commas(
             f"{row.estimate_um};x".replace(".", ",")
         )
     (tmp_path / "my.csv").write_text("\n".join(lines) + "\n", encoding="utf-8-sig")
-    theirs = analyse_study(None, [tmp_path / "my.csv"], columns=COLUMNS)
+    with pytest.warns(ReadingWarning, match="semicolons|decimal commas"):
+        theirs = analyse_study(None, [tmp_path / "my.csv"], columns=COLUMNS)
     assert theirs.results_csv() == result.results_csv()
     code = main(
         [
@@ -77,7 +78,7 @@ def test_what_a_table_lacks_is_named_with_its_place(tmp_path):
     path.write_text("subject,probe,h,answer\n1,bare,0.02,20\n")
     for columns, message in (
         (COLUMNS | {"condition": "sonde"}, r"got no condition \[.*my.csv, line 2\]"),
-        (COLUMNS | {"probe": "x"}, "columns must be named for participant, .* got 'probe'"),
+        (COLUMNS | {"weight": "x"}, "columns must be named for participant, .* got 'weight'"),
         (
             COLUMNS | {"height_um": "answer", "height_mm": "answer", "estimate_um": "probe"},
             "estimate_um must be a number",

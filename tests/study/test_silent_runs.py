@@ -3,13 +3,14 @@
 import http.client
 import itertools
 import os
+import re
 import threading
 import types
 
 import pandas as pd
 import pytest
 
-from stepblocks.errors import StudyError
+from stepblocks.errors import ReadingWarning, StudyError
 from stepblocks.haptics.renderer import Renderer
 from stepblocks.study.conduct.run import open_run
 from stepblocks.study.conduct.server import RunServer
@@ -26,8 +27,11 @@ def test_a_run_that_a_spreadsheet_saved_goes_on(tmp_path):
     run.answer("1", {"estimate_um": "30.5"})
     run.close()
     path = tmp_path / "runs" / "participant-1.csv"
-    path.write_text("\ufeff" + path.read_text().replace(",", ";").replace("30.5", "30,5"))
-    run = open_run(tmp_path, "1")
+    text = path.read_text().replace(",", ";")
+    # as a spreadsheet of half of Europe saves it: every number with a comma
+    path.write_text("\ufeff" + re.sub(r"(?<=;)(\d+)\.(\d+)(?=[;\n])", r"\1,\2", text))
+    with pytest.warns(ReadingWarning, match="semicolons|decimal commas"):
+        run = open_run(tmp_path, "1")
     assert run.answered == 1
     run.answer("2", {"estimate_um": "40"}, reaction=1.25, comment="a draught, a door")
     run.close()

@@ -37,6 +37,7 @@ SUFFIXES: dict[str, dict[str, str]] = {
 
 _LARGEST_WHOLE = 2.0**53  # up to which every whole number is a float
 _SIMILAR_ENOUGH = 0.8  # of two names of columns, as difflib measures it
+_MISSING_OBJECTS = ("NAType", "NaTType", "MaskedConstant")  # of pandas and NumPy
 _FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")  # OWASP, CSV injection
 _NUMBER_KINDS = "biufcM"  # NumPy's letters of types that are never a formula
 
@@ -408,8 +409,12 @@ def _find_words(cells: "pd.Series") -> NDArray[np.bool_]:
 
 
 def _is_word(cell: object) -> bool:
-    """Tell whether a cell that is no number is a text that does not say that one is missing."""
-    return isinstance(cell, str) and not is_missing_word(cell)
+    """Tell whether a cell that is no number stands for something else than a missing one."""
+    if isinstance(cell, str):
+        return not is_missing_word(cell)
+    if isinstance(cell, float | np.floating):
+        return not math.isnan(cell)
+    return cell is not None and type(cell).__name__ not in _MISSING_OBJECTS
 
 
 def _read_cells(cells: "pd.Series", notation: NumberNotation) -> NDArray[np.float64]:

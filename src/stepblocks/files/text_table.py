@@ -299,7 +299,8 @@ def parse_table(
     if layout.skip_lines:
         records = [Record(record.line + layout.skip_lines, record.cells) for record in records]
     notes = []
-    if layout.separator is None and dialect.separator != "," and records:
+    usual = "\t" if file.lower().endswith(".tsv") else ","
+    if layout.separator is None and dialect.separator != usual and records:
         notes.append(f"cells are separated by {dialect.name}")
     return build_table(RawTable(records, comments, notes=tuple(notes)), layout, file, raises)
 

@@ -128,7 +128,7 @@ def measure_tip(
         scan = sampled.rows[0]
         through = "circle through the cap of the profile"
     cap = fit_cap(scan, nominal)
-    form = _estimate_form_of_cap(scan, nominal, cap)
+    form = _estimate_form_uncertainty_of_radius(scan, nominal, cap)
     radius = cap.radius
     if options.stylus_radius:
         radius = replace(radius, value=radius.value - options.stylus_radius)
@@ -154,7 +154,9 @@ def measure_tip(
     )
 
 
-def _estimate_form_of_cap(scan: ScannedProfile | HeightMap, nominal: float, cap: Cap) -> Component:
+def _estimate_form_uncertainty_of_radius(
+    scan: ScannedProfile | HeightMap, nominal: float, cap: Cap
+) -> Component:
     """Return what the form of a ball leaves open of its radius: the change over a narrower cap."""
     reach = float(np.sin(cap.cap_angle))  # of what the points cover, as a part of the radius
     narrower = evaluate_if_possible(lambda part: fit_cap(scan, nominal, part), _NARROWER * reach)

@@ -14,7 +14,7 @@ from stepblocks.files.confined import read_confined
 from stepblocks.files.text import is_file
 from stepblocks.scans.formats import READERS
 from stepblocks.scans.formats.reader import ReadScan, ScanReader, ScanRequest, check_archive
-from stepblocks.scans.height_scale import check_height_scale
+from stepblocks.scans.height_scale import check_against_stated_scale
 from stepblocks.scans.memory import ScanInMemory, take_scan
 from stepblocks.scans.scan import HeightMap, ScannedProfile
 
@@ -120,7 +120,7 @@ def _check_scale(found: ReadScan, reader: ScanReader, path: Path) -> ScannedProf
     scan = found.scan
     stated = reader.read_height_scale(path, found.channel)
     if stated is not None:
-        checked = check_height_scale(scan.height, stated, path.name, scan.count)
+        checked = check_against_stated_scale(scan.height, stated, path.name, scan.count)
         # a stored floating number has no steps, so its unit is no resolution
         count = scan.count if stated.integral else None
         return replace(scan, scale=f"{scan.scale}; {checked}", count=count)

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import theilslopes
 
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.attempts import Attempts, evaluate_each, evaluate_if_possible
@@ -45,7 +46,7 @@ from stepblocks.inspect.working_edge.radius import average_radius
 from stepblocks.inspect.working_edge.riser import ANGLE, STRAIGHTNESS, measure_riser
 from stepblocks.scans.scan import HeightMap, ScannedProfile
 
-_MOST_SLANT_ROWS = 12  # of a map, from which the direction of its edge is found
+_MOST_SLANT_ROWS = 40  # of a map, from which the direction of its edge is found
 _LEAST_SLANT_ROWS = 3
 _TURNED = 0.01  # slope of an edge over a map from which it is turned [1]
 _MOST_REFITTED = 10  # profiles whose heights are fitted again
@@ -232,11 +233,9 @@ def _find_slant(rows: list[ScannedProfile]) -> float:
     places = np.array(max(rising, falling, key=len))
     if len(places) < _LEAST_SLANT_ROWS:
         return 0.0
-    lag = len(places) // 2
-    ahead = places[lag:]
-    behind = places[: len(places) - lag]
-    slopes = (ahead[:, 1] - behind[:, 1]) / (ahead[:, 0] - behind[:, 0])
-    slant = float(np.median(slopes))
+    # by the median of the slopes between all rows: each place is known to a sample alone
+    offsets, positions = places.T
+    slant = float(theilslopes(positions, offsets).slope)
     if abs(slant) > _TURNED:
         return slant
     return 0.0
