@@ -34,11 +34,12 @@ from oracles.softgauge import (
     groove_gauge,
     stylus_trace,
 )
+from stepblocks.declaration.read import find_declared_part
 from stepblocks.errors import StepblocksError
 from stepblocks.inspect.budget import Instrument
 from stepblocks.inspect.conformity import Outcome
 from stepblocks.inspect.evaluation import EvaluationOptions
-from stepblocks.inspect.run import find_declared_part, inspect_scan
+from stepblocks.inspect.run import inspect_scan
 from stepblocks.scans.scan import HeightMap, ScannedProfile
 
 UM = 1e-6

@@ -1,12 +1,12 @@
 """Shared by all tests: the shipped stimuli, built once."""
 
-import fcntl
 import gc
 import os
 import pickle
 from pathlib import Path
 
 import pytest
+from filelock import FileLock
 from hypothesis import settings
 
 # the same examples on every machine, however slow it is
@@ -80,8 +80,7 @@ def make_once(tmp_path_factory):
 
     def make_or_read(name, make):
         folder, kept = base / name, base / f"{name}.pickle"
-        with (base / f"{name}.lock").open("w") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)
+        with FileLock(base / f"{name}.lock"):
             if not kept.exists():
                 folder.mkdir()
                 kept.write_bytes(dumps((folder, make(folder))))

@@ -67,6 +67,20 @@ def test_each_slip_is_refused_before_the_session_is_measured(session, old, new, 
         measure_session(folder, jobs=1)
 
 
+@pytest.mark.parametrize(("declared_rate", "times"), [("5 kHz", "0.5"), ("20 kHz", "2")])
+def test_a_rate_that_is_off_by_two_is_named_with_the_ring_that_speaks_for_it(
+    session, declared_rate, times
+):
+    # origin: the bench records 300 Hz at 10 kHz; a slope per second goes with the declared rate
+    folder, path, declared = session
+    without_clock = declared.replace('time = "time_s", ', "").replace("10 kHz", declared_rate)
+    assert without_clock.count(declared_rate) == 1
+    path.write_text(without_clock)
+    slip = rf"`acquisition.sample_rate` is {times} times the right one, for which the ring speaks"
+    with pytest.raises(BenchError, match=slip):
+        measure_session(folder, jobs=1)
+
+
 @pytest.mark.repeats
 @pytest.mark.parametrize(
     ("name", "slip"),

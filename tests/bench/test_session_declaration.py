@@ -121,11 +121,16 @@ def test_a_gram_force_is_its_weight():
 
 @pytest.mark.parametrize("name", FORMATS)
 def test_every_format_is_known_by_its_suffixes_and_by_its_name(name, tmp_path):
+    # of shares of full scale it must be said what full scale is
+    extra = 'full_scale = "10 V"\n' if name == "wav" else ""
     for suffix in FORMATS[name]:
-        session = declared(tmp_path, ("{trial:04d}.csv", f"{{trial}}{suffix.upper()}"))
+        traces = ("{trial:04d}.csv", f"{{trial}}{suffix.upper()}")
+        session = declared(tmp_path, traces, ("range", f"{extra}range"))
         assert session.acquisition.kind == name
     other = declared(
-        tmp_path, ("{trial:04d}.csv", "{trial}.dat"), ("range", f'format = "{name}"\nrange')
+        tmp_path,
+        ("{trial:04d}.csv", "{trial}.dat"),
+        ("range", f'{extra}format = "{name}"\nrange'),
     )
     assert other.acquisition.kind == name
 
@@ -147,7 +152,7 @@ def test_every_format_is_known_by_its_suffixes_and_by_its_name(name, tmp_path):
         (
             "range",
             'format = "xls"\nrange',
-            r"acquisition.format: .* 'csv', 'hdf5', 'tdms' or 'mat', got 'xls'",
+            r"acquisition.format: .* 'csv', 'hdf5', 'tdms', 'mat' or 'wav', got 'xls'",
         ),
         ("range", 'delimiter = ";;"\nrange', r"acquisition.delimiter"),
         (

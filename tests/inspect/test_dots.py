@@ -18,7 +18,7 @@ from stepblocks.inspect.evaluation import EvaluationOptions
 from stepblocks.inspect.grooves import measure_groove
 from stepblocks.inspect.map_levels import level_rows
 from stepblocks.inspect.masked_step import measure_masked_step
-from stepblocks.inspect.noise import estimate_of_rows
+from stepblocks.inspect.noise import estimate_std_of_row_sums
 from stepblocks.inspect.run import inspect_standard
 from stepblocks.scans.read import read_scan
 from stepblocks.scans.scan import HeightMap, ScannedProfile
@@ -160,7 +160,7 @@ def test_craters_are_measured_by_themselves_by_name_and_from_a_file(tmp_path, ca
         )
     path = tmp_path / "craters.txt"
     np.savetxt(path, scan.height * 1e6, fmt="%.5f")
-    asked = ["--units", "z=um,x=0.5um", "--standard", "20 um", "--tolerance", "0.5 um"]
+    asked = ["--units", "z=um,x=0.5um,y=0.5um", "--standard", "20 um", "--tolerance", "0.5 um"]
     code = main(["inspect", str(path), "--feature", "dots", "--calibration", "0.1 %", *asked])
     assert code == 0
     assert "25 of 25 dots or craters have a level floor" in capsys.readouterr().out
@@ -225,9 +225,9 @@ def test_the_noise_of_one_dot_holds_what_the_lines_of_its_rows_leave():
         * np.random.default_rng(9).normal(size=(72, 2))
         @ np.stack([1.0 + 0.0 * x[0], x[0] / 96])
     )
-    stated = [estimate_of_rows(weights, level_rows(z, reference), reference) for z in draws]
+    stated = [estimate_std_of_row_sums(weights, level_rows(z, reference), reference) for z in draws]
     np.testing.assert_allclose(
-        estimate_of_rows(weights, level_rows(draws[0] + drift, reference), reference),
+        estimate_std_of_row_sums(weights, level_rows(draws[0] + drift, reference), reference),
         stated[0],
         rtol=1e-6,
     )
@@ -238,3 +238,13 @@ def test_the_noise_of_one_dot_holds_what_the_lines_of_its_rows_leave():
         covariance = (1.5 * NM) ** 2 * np.exp(-far / 9.0) + (0.5 * NM) ** 2 * (far == 0)
         exact.append(np.sqrt(own.ravel() @ covariance @ own.ravel()))
     assert np.sqrt(np.mean(np.square(stated), axis=0)) == pytest.approx(exact, rel=0.08)
+
+
+def test_strays_in_a_hole_without_light_are_no_depth():
+    # the sensor's zero in a few of thousands of points, as frt-2.frt of SurfaceTopography has it
+    scan = lattice([20 * UM], white=50 * NM, **CRATERS)
+    hole = scan.height < -10 * UM
+    strays = hole & (np.random.default_rng(0).uniform(size=hole.shape) < 0.02)
+    height = np.where(hole & ~strays, np.nan, scan.height)
+    with pytest.raises(MetrologyError, match="of their own points measured"):
+        measure_dots(HeightMap(height, scan.dx, scan.dy), EXACT)

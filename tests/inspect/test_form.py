@@ -124,14 +124,13 @@ def test_a_gap_and_its_discrepancies_are_unbiased_and_covered_at_their_rate():
     random = np.random.default_rng(3)
     x = np.arange(-600, 600) * 0.5e-6
     truths = {"horizontal_discrepancy": 20e-6}
-    found = {
-        key: []
-        for key in ("vertical_discrepancy", "horizontal_discrepancy", "absolute_discrepancy")
-    }
+    keys = ("vertical_discrepancy", "marginal_gap", "horizontal_discrepancy")
+    found = {key: [] for key in (*keys, "absolute_discrepancy")}
     for _ in range(300):
         opening = random.uniform(80.0e-6, 80.5e-6)
         truths |= {
             "vertical_discrepancy": opening,
+            "marginal_gap": opening,
             "absolute_discrepancy": np.hypot(opening, 20e-6),
         }
         z = margin_gauge(

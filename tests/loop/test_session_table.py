@@ -87,9 +87,36 @@ def test_what_was_set_or_read_is_a_covariate_and_no_figure_is(features):
     assert covariates["operator"].tolist()[:3] == ["B", "A", "A"]
 
 
-def test_a_reading_missed_now_and_then_takes_the_middle_of_the_others(features):
-    features["temperature_c"] = [np.nan, *np.linspace(20.0, 24.0, 39)]
-    assert _table(features).trials.covariates["temperature_c"][0] == pytest.approx(22.0)
+def test_a_reading_missed_now_and_then_lies_between_its_neighbours_or_in_the_middle(features):
+    slow = np.linspace(20.0, 24.0, 40)
+    slow[7] = np.nan
+    features["temperature_c"] = slow
+    table = _table(features)
+    # a reading that drifts along the run, and one that jumps from trial to trial
+    assert table.trials.covariates["temperature_c"][7] == pytest.approx(20.0 + 7 * 4.0 / 39.0)
+    features["temperature_c"] = [np.nan, *([20.0, 24.0] * 19), 22.0]
+    table = _table(features)
+    assert table.trials.covariates["temperature_c"][0] == pytest.approx(22.0)
+    assert "1 of 40 trials have no temperature: they speak about all else" in table.notes
+
+
+def test_a_fifth_of_blank_cells_leaves_a_column_of_numbers(features):
+    humidity = np.linspace(40.0, 60.0, 40)
+    humidity[::5] = np.nan
+    features["temperature_c"] = humidity
+    column = _table(features).trials.covariates["temperature_c"]
+    assert np.issubdtype(column.dtype, np.floating)
+    np.testing.assert_allclose(column[5:], np.linspace(40.0, 60.0, 40)[5:])
+
+
+@pytest.mark.parametrize(("jump", "words"), [(-3600.0, "back by 6"), (3600.0, "ahead by 60 min")])
+def test_a_jump_of_the_clock_is_said(features, jump, words):
+    clock = 90.0 * np.arange(40.0)
+    clock[21:] += jump
+    features.insert(4, "when_elapsed_s", clock)
+    (note,) = _table(features).notes
+    assert f"the clock jumps {words}" in note
+    assert "between the trials" in note
 
 
 def test_a_column_of_which_much_is_missing_is_one_of_labels(features):

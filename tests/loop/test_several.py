@@ -19,6 +19,8 @@ from stepblocks.lawsearch.fit import build_problem, fit
 from stepblocks.loop.run import write_loop
 from stepblocks.loop.session_table import build_session_table
 from stepblocks.loop.several import (
+    _pool,
+    describe_days,
     explain_together,
     join_tables,
     list_shared,
@@ -188,3 +190,17 @@ def test_sessions_of_unlike_springs_are_refused_before_anything_is_measured(tmp_
     with pytest.raises(PipelineError, match=r"9810 N/m in monday; 5000 N/m in tuesday"):
         loop_sessions([tmp_path / "monday", tmp_path / "tuesday"], tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_a_change_between_two_days_is_said_and_the_next_friction_stays_positive():
+    values = {"monday": 0.150, "tuesday": 0.170}
+    pooled = _pool("friction", "1", values, 0.001**2 * np.eye(2))
+    # origin: ln(0.170 / 0.150) is 0.125, 13 standard uncertainties of such a difference
+    assert pooled.equal_p_value < 1e-6
+    assert 0.0 < pooled.next.low < 0.150 < 0.170 < pooled.next.high
+    (sentence,) = describe_days({"friction": pooled})
+    assert sentence.startswith(
+        "friction differs between the sessions: 0.15 in monday and 0.17 in tuesday"
+    )
+    alike = _pool("friction", "1", {"monday": 0.150, "tuesday": 0.151}, 0.001**2 * np.eye(2))
+    assert describe_days({"friction": alike}) == []

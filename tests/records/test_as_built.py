@@ -11,6 +11,7 @@ from stepblocks.records.as_built import (
     list_measured_edges,
     read_as_built,
     read_records,
+    read_records_by_serial,
     write_as_built,
 )
 from stepblocks.scans.scan import ScannedProfile
@@ -70,7 +71,21 @@ def test_folders_and_files_may_be_mixed_and_records_are_found_by_their_stimulus(
     assert sorted(found) == ["step-050", "step-060", "step-070"]
     with pytest.raises(PipelineError, match="name each stimulus once, got step-070 twice"):
         read_records([tmp_path / "any-name.toml", tmp_path / "any-name.toml"])
+    (tmp_path / "empty").mkdir()
     with pytest.raises(PipelineError, match="at least one record"):
+        read_records([tmp_path / "empty"])
+
+
+def test_folders_in_a_folder_are_those_of_serial_numbers(tmp_path):
+    for serial in ("SN-1", "SN-2"):
+        (tmp_path / serial).mkdir()
+        write_as_built(tmp_path / serial / "step-050.as-built.toml", record("step-050"))
+    groups = read_records_by_serial([tmp_path])
+    assert {serial: list(of_block) for serial, of_block in groups.items()} == {
+        "SN-1": ["step-050"],
+        "SN-2": ["step-050"],
+    }
+    with pytest.raises(PipelineError, match="give the folder of one serial number"):
         read_records([tmp_path])
 
 

@@ -55,6 +55,13 @@ def test_masked_and_missing_points_were_not_measured(heights):
     np.testing.assert_array_equal(np.isnan(take_scan((X, heights)).height), HIDDEN)
 
 
+@pytest.mark.parametrize("fill", [-9999.0, -32768.0, 32767.0, 1e30])
+def test_values_that_fill_gaps_of_arrays_were_not_measured_and_this_is_said(fill):
+    scan = take_scan((X * 1e6, np.where(HIDDEN, fill, Z * 1e6)), "um")
+    np.testing.assert_array_equal(np.isnan(scan.height), HIDDEN)
+    assert "stands for a missing value" in scan.scale
+
+
 def test_a_labelled_array_is_read_by_its_coordinates_and_their_units():
     xarray = pytest.importorskip("xarray")
     along = ("x", X[::-1] * 1e3, {"units": "mm"})

@@ -13,6 +13,7 @@ import pytest
 
 from stepblocks.cli import main, make_command
 from stepblocks.declaration.read import load_set
+from stepblocks.declaration.set import choose_operating_point
 from stepblocks.errors import PipelineError
 from stepblocks.simulators.export import export_scenes
 from stepblocks.simulators.scenes import SCENE_FORMATS
@@ -325,3 +326,24 @@ def test_a_model_that_is_none_is_refused(tmp_path, capsys):
     ]
     assert main(arguments) == 2
     assert "model must have the format" in capsys.readouterr().err
+
+
+def test_several_simulators_are_written_in_one_start(tmp_path):
+    done = export_scenes(SET, ["forcelaw", "gltf", "forcelaw"], tmp_path, only="step-050")
+    assert [found.folder.name for found in done] == ["forcelaw", "gltf"]
+    assert all((found.folder / "README.md").is_file() for found in done)
+    with pytest.raises(PipelineError, match=r"--for must be one of .*, got 'unity'"):
+        export_scenes(SET, ["gltf", "unity"], tmp_path)
+
+
+def test_a_scene_says_where_predict_calls_another_energy_felt(tmp_path):
+    """50 um at 0.3 N by the drag in time, the same model that predict has in its column."""
+    from stepblocks.predict.predictions import predict_one
+
+    (done,) = export_scenes(SET, "forcelaw", tmp_path, only="step-050", normal_load=1.0)
+    text = (done.folder / "README.md").read_text()
+    ratio = float(text.split(" times the formula's")[0].split()[-1])
+    stimuli = load_set(SET)
+    part = next(part for part in stimuli.stimuli if part.id == "step-050")
+    point = choose_operating_point(stimuli, part, {"normal_load": 1.0})
+    assert ratio == pytest.approx(predict_one(part.counterface(), point).over_formula, rel=1e-2)

@@ -98,7 +98,7 @@ def test_an_answer_is_on_the_disk_before_the_next_trial_is_shown_and_a_run_goes_
     with pytest.raises(StudyError, match="trial must be the one that is next, got '1'"):
         run.answer("1", {"estimate_um": "30"})
     with pytest.raises(
-        StudyError, match="estimate_um must be a number from 0 to 10000, got 'high'"
+        StudyError, match="the height in micrometres must be a number from 0 to 10000, got 'high'"
     ):
         run.answer("2", {"estimate_um": "high"})
     assert answered(real) == ["1"]
@@ -226,7 +226,7 @@ def test_the_page_answers_only_itself(real):
     status, said, _ = ask("/answer", {"trial": "1", "answers": {"estimate_um": "-1"}}, **mine)
     assert (status, json.loads(said)["error"]) == (
         422,
-        "estimate_um must be a number from 0 to 10000, got '-1'",
+        "the height in micrometres must be a number from 0 to 10000, got '-1'",
     )
     assert not (real / "runs" / "participant-1.csv").exists()
     assert json.loads(ask("/answer", good, **mine)[1])["trial"] == "2"

@@ -78,7 +78,7 @@ def test_what_a_table_lacks_is_named_with_its_place(tmp_path):
     path.write_text("subject,probe,h,answer\n1,bare,0.02,20\n")
     for columns, message in (
         (COLUMNS | {"condition": "sonde"}, r"got no condition \[.*my.csv, line 2\]"),
-        (COLUMNS | {"probe": "x"}, "columns must be named for participant, .* got 'probe'"),
+        (COLUMNS | {"weight": "x"}, "columns must be named for participant, .* got 'weight'"),
         (
             COLUMNS | {"height_um": "answer", "height_mm": "answer", "estimate_um": "probe"},
             "estimate_um must be a number",

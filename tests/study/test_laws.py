@@ -156,14 +156,16 @@ def test_one_height_alone_gives_no_participant_a_trend():
 
 
 @pytest.mark.parametrize(
-    ("mean", "said"), [(10.0, ["10.8"]), (31.0, ["3.7"]), (32.0, []), (54.0, []), (55.0, ["3.7"])]
+    ("factor", "named"), [(0.5, True), (0.9, False), (1.1, False), (2.0, True)]
 )
-def test_who_answers_far_below_the_others_is_named_like_who_answers_far_above(mean, said):
-    # By hand: the others lie 0, 2, 2 and 4 from their median, the last one 10, 11 or 32. The middle
-    # of the five is 2, one robust standard deviation 1.4826 * 2; 10 are 3.37 and 11 are 3.71.
-    estimates = [40.0, 42.0, 44.0, 46.0, mean]
-    frame = pd.DataFrame({"participant": list("abcde"), "height": 50e-6, "estimate_um": estimates})
-    assert describe_unlike_participants(frame, "estimate_um") == [
-        f"Participant e's mean answer is {far} robust standard deviations from the median of all."
-        for far in said
-    ]
+def test_who_answers_far_below_the_others_is_named_like_who_answers_far_above(factor, named):
+    # Ten others lie within 4 % of their median, 2 % in the middle: a half or a double is 23 robust
+    # standard deviations of the logarithm away, a tenth more or less 3.2 to 3.6.
+    steps = np.array([-4.0, -3.0, -2.0, -1.0, 0.0, 0.0, 1.0, 2.0, 3.0, 4.0])
+    others = 50.0 * np.exp(0.01 * steps)
+    estimates = [*others, 50.0 * factor]
+    names = list("abcdefghijk")
+    frame = pd.DataFrame({"participant": names, "height": 50e-6, "estimate_um": estimates})
+    found = describe_unlike_participants(frame, "estimate_um")
+    assert len(found) == named
+    assert all(note.startswith("Participant k's mean answer is ") for note in found)

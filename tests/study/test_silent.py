@@ -209,7 +209,10 @@ def test_the_na_of_r_is_a_missing_answer(tmp_path):
 def test_a_participant_without_a_condition_is_named_and_the_others_are_analysed(tmp_path):
     rows = [r for r in estimates() if (r["participant"], r["condition"]) != ("p3", "soft")]
     result = analysed(tmp_path, rows)
-    assert "Participant p3 has no judgement with soft." in result.notes
+    assert any(
+        note.endswith("condition without any answer: participant p3.") for note in result.notes
+    )
+    assert "p3" not in set(result.frame["participant"])
     assert len(result.measures) == 3
 
 

@@ -1,4 +1,4 @@
-"""Compares a session with its declarations before it is measured: sign, channels, gain, spring."""
+"""Compares a session with its declarations first: sign, channels, gain, spring, speed, rate."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -19,12 +19,16 @@ from stepblocks.contact.operating_point import PAPER
 from stepblocks.errors import BenchError, StepblocksError
 from stepblocks.rig.forward import read_tip_radii
 
-_FAR = 2.0  # factor by which spring, load or peak force may differ from what is declared
+# factor by which spring or load may differ from what is declared; a slip of two is beyond it, with
+# what a ramp may miss
+_FAR = 1.8
 _HIGHEST_FRICTION = 3.0
 _FEWEST = 3  # trials that must be measured before a declaration is called wrong
 _TRIED = 4  # trials in which each likely slip is tried
 _CLEARLY = 0.5  # share of the misfit that a gain must leave to be named instead of the spring
 _UNIT_DECADES = 2.0  # powers of ten from which on a wrong spring is a matter of units
+# [Hz] in which the tools of the paper ring
+_USUAL_RING = (250.0, 350.0)
 _STEEPEST = 1.5  # angle up to which equation (1) is evaluated [rad]
 _LEAST_FORCE = 1e-9  # below which no logarithm is taken [N]
 
@@ -193,7 +197,7 @@ def _refuse_disagreement(session: Session, measured: Sequence[Pilot], agreement:
 
 
 def _name_wrong_factor(session: Session, measured: Sequence[Pilot], spring: float) -> str:
-    """Say which of gain, spring and speed is wrong: a wrong gain contradicts the blocks too.
+    """Say which of gain, spring, speed and rate is wrong: a wrong gain contradicts the blocks too.
 
     `spring` is the measured over the declared spring constant [1].
     """
@@ -208,12 +212,30 @@ def _name_wrong_factor(session: Session, measured: Sequence[Pilot], spring: floa
     if abs(math.log10(spring)) > _UNIT_DECADES:
         return f"correct the unit of `trials.columns.speed`, which is {times} times the right one"
     advice = f"correct it, or `trials.columns.speed`: one of them is {times} times the right one"
+    advice += f"; or `acquisition.sample_rate` is {spring:.2g} times the right one"
+    advice += _describe_ring_by_right_rate(measured, spring)
     if math.isnan(misfit):
         advice += (
             f"; or `acquisition.channels.tangential.factor` is {spring:.3g} times the right one, "
             "which the heights of the blocks would tell"
         )
     return advice
+
+
+def _describe_ring_by_right_rate(measured: Sequence[Pilot], rate: float) -> str:
+    """Say that the ring speaks for a wrong rate, where it does; `rate` is shown over right rate."""
+    rings = np.array([features["ring_frequency_hz"] for _, features in measured], dtype=float)
+    known = rings[np.isfinite(rings)]
+    if not known.size:
+        return ""
+    shown = float(np.median(known))
+    lowest, highest = _USUAL_RING
+    if lowest <= shown <= highest or not lowest <= shown / rate <= highest:
+        return ""
+    return (
+        f", for which the ring speaks: at the right rate its {shown:.3g} Hz are {shown / rate:.3g} "
+        "Hz, as tools ring"
+    )
 
 
 def _measure_misfit_of_blocks(session: Session, measured: Sequence[Pilot], gain: float) -> float:

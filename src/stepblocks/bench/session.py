@@ -4,6 +4,7 @@ It says what the probe and the acquisition are, where traces, trials and scans l
 are named.
 """
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Literal, Self
@@ -19,13 +20,14 @@ from stepblocks.files.text import Document, is_file, read_document
 from stepblocks.mistakes import Mistake, collect_mistakes, format_mistakes, list_mistakes
 from stepblocks.quantities import make_quantity_parser
 
-TraceFormat = Literal["csv", "hdf5", "tdms", "mat"]
+TraceFormat = Literal["csv", "hdf5", "tdms", "mat", "wav"]
 # with the suffixes of their files
 FORMATS: dict[TraceFormat, tuple[str, ...]] = {
     "csv": (".csv", ".txt", ".tsv"),
     "hdf5": (".h5", ".hdf5", ".hdf"),
     "tdms": (".tdms",),
     "mat": (".mat",),
+    "wav": (".wav",),
 }
 _DIMENSIONS = {"speed": "speed", "load": "force", "height": "length"}  # of conditions
 _MOST_BYTES = 1 << 20  # a longer session.toml is none
@@ -33,6 +35,21 @@ _SPRING_FACTOR = 2.0  # by which a certificate may differ from the declared spri
 
 _Time = Annotated[float, BeforeValidator(make_quantity_parser("time")), Field(ge=0.0)]
 _Force = Annotated[float, BeforeValidator(make_quantity_parser("force")), Field(gt=0.0)]
+_VOLTS = {"V": 1.0, "mV": 1e-3}
+_FULL_SCALE = re.compile(r"(?P<number>[-+.\deE]+)\s*(?P<unit>V|mV)?")
+
+
+def _parse_full_scale(value: object) -> object:
+    """Turn a full scale into volts, or a plain number in the unit of the channels."""
+    if not isinstance(value, str):
+        return value
+    match = _FULL_SCALE.fullmatch(value.strip())
+    if match is None:
+        raise ValueError(f'must be a number or a voltage such as "10 V", got {value!r}')
+    return float(match["number"]) * _VOLTS[match["unit"] or "V"]
+
+
+_FullScale = Annotated[float, BeforeValidator(_parse_full_scale), Field(gt=0.0, le=1e9)]
 _Delimiter = Annotated[str, Field(min_length=1, max_length=1)]
 _Decimal = Literal[".", ","]
 _Encoding = Annotated[str, AfterValidator(check_encoding)]
@@ -90,6 +107,11 @@ class Acquisition(Strict):
         ``"drags"``: one record of all trials, cut into drags in the order of the table.
     trim : pair of times, optional
         Part of each record that is used, counted from its first sample [s].
+    rows : str, optional
+        ``"trials"``: arrays of trials x samples, a row for each trial in the order of the table.
+    full_scale : float or str, optional
+        Of WAV files: what a sample of 1 is, in volts (``"10 V"``) where a factor says what a volt
+        is, else as a number in the unit of the channels.
     """
 
     sample_rate: Frequency
@@ -105,6 +127,8 @@ class Acquisition(Strict):
     range: _Force | None = None
     split: Literal["drags"] | None = None
     trim: tuple[_Time, _Time] | None = None
+    rows: Literal["trials"] | None = None
+    full_scale: _FullScale | None = None
 
     @model_validator(mode="after")
     def _can_be_read(self) -> Self:
@@ -113,6 +137,19 @@ class Acquisition(Strict):
             raise ValueError(
                 f"`acquisition.format` must be given, {self.traces!r} has no suffix that is known"
             )
+        if self.kind == "wav" and self.full_scale is None:
+            raise ValueError(
+                "`acquisition.full_scale` must say what full scale of a WAV file is, such as "
+                '"10 V" beside a factor of "5 N/V"'
+            )
+        if self.full_scale is not None and self.kind != "wav":
+            raise ValueError("`acquisition.full_scale` is for WAV files alone")
+        if self.rows and (self.per_trial or self.group or self.split):
+            raise ValueError(
+                "`acquisition.rows` is for one file of all trials, without {trial}, group and split"
+            )
+        if self.rows and self.kind not in ("hdf5", "mat"):
+            raise ValueError("`acquisition.rows` is for HDF5 and MATLAB files")
         if self.trim and not self.trim[0] < self.trim[1]:
             raise ValueError("`acquisition.trim` must be two times, the first before the second")
         if self.split and (self.per_trial or self.group):

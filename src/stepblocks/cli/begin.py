@@ -22,7 +22,7 @@ _PANEL = "Begin"
 # columns that a session's table of trials must have; the first row shows how
 _TRIALS = "trial,block,height_um,load_n,speed_mm_s,tip\n1,step-025,25,0.5,5,tip-125\n"
 
-_Kind = Literal["block", "crown", "tip", "study", "session", "sweep"]
+_Kind = Literal["block", "crown", "tip", "study", "session", "sweep", "device"]
 
 
 @command(

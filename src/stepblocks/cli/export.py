@@ -1,5 +1,6 @@
 """``stepblocks export``, ``feel`` and ``compare``: what simulators load, show and give back."""
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -27,10 +28,24 @@ from stepblocks.files.table_rows import list_rows
 app = typer.Typer()
 
 
+class Simulator(StrEnum):
+    """What scenes are written for."""
+
+    MUJOCO = "mujoco"
+    CHAI3D = "chai3d"
+    SOFA = "sofa"
+    USD = "usd"
+    GLTF = "gltf"
+    X3D = "x3d"
+    FORCELAW = "forcelaw"
+    NATIVE = "native"
+
+
 @command(
     app,
     "export",
     "export mine.toml --for mujoco",
+    "export mine.toml --for mujoco --for gltf",
     "export --for chai3d --device touch --only step-050",
     "export --list-devices",
     panel="Simulators",
@@ -38,12 +53,12 @@ app = typer.Typer()
 def export(
     *,
     files: Files = None,
-    simulator: Annotated[
-        Literal["mujoco", "chai3d", "sofa", "usd", "gltf", "x3d", "forcelaw", "native"] | None,
+    simulators: Annotated[
+        list[Simulator] | None,
         typer.Option(
             "--for",
             metavar="SIMULATOR",
-            help="mujoco, chai3d, sofa, usd, gltf, x3d, forcelaw or native",
+            help="mujoco, chai3d, sofa, usd, gltf, x3d, forcelaw or native; --for again for more",
         ),
     ] = None,
     list_devices: Annotated[
@@ -106,17 +121,17 @@ def export(
     """
     require_one(
         "begin with: stepblocks export --for mujoco",
-        **{"for": simulator, "list_devices": list_devices or None},
+        **{"for": simulators or None, "list_devices": list_devices or None},
     )
     if list_devices:
         return _list_devices(devices)
     from stepblocks.simulators.export import export_scenes
 
     progress = make_progress("written", quiet=quiet, lines=1000)
-    assert simulator is not None
+    wanted = [simulator.value for simulator in dict.fromkeys(simulators or [])]
     written = export_scenes(
         files or [],
-        simulator,
+        wanted,
         output,
         progress=lambda one: progress(name=one.name),
         **keep_given_options(
@@ -138,11 +153,12 @@ def export(
     record = {}
     for scene in written:
         plan = str(scene.plan or "")
-        record[scene.name] = {"folder": str(scene.folder), "plan": plan}
+        key = scene.name if len(wanted) == 1 else f"{scene.name}/{scene.folder.name}"
+        record[key] = {"folder": str(scene.folder), "plan": plan}
         notes.append(f"{scene.name}: {scene.folder}")
         if plan:
             notes[-1] += f"\n  {plan}"
-    return Outcome(f"{len(written)} {folders} for {simulator}", notes=notes, record=record)
+    return Outcome(f"{len(written)} {folders} for {', '.join(wanted)}", notes=notes, record=record)
 
 
 def _list_devices(own: Path | None) -> Outcome:

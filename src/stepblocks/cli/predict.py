@@ -167,20 +167,30 @@ def _predict_as_built(
     from stepblocks.predict import as_built
     from stepblocks.predict.columns import format_row
     from stepblocks.quantities import format_units
-    from stepblocks.records.as_built import read_records
+    from stepblocks.records.as_built import read_records_by_serial
 
-    records = read_records(paths)
+    groups = read_records_by_serial(paths)
     for stimuli in sets:
-        for sentence in as_built.describe_energy_changes(stimuli, records):
-            print(format_units(sentence), file=sys.stderr)
+        for serial, records in groups.items():
+            of_block = as_built.select_recorded(stimuli, serial, records)
+            if of_block is None:
+                continue
+            for sentence in as_built.describe_energy_changes(of_block, records):
+                begin = f"{serial}: " if serial else ""
+                print(f"{begin}{format_units(sentence)}", file=sys.stderr)
     handle_speed = PAPER.speed if speed is None else speed
+    measured: list[StimulusSet] = []
     predictions: list[Prediction] = []
     rows: list[dict[str, str]] = []
     for stimuli in sets:
-        found, found_rows = as_built.predict_as_built(stimuli, records, in_time, handle_speed)
+        built, found, found_rows = as_built.predict_blocks(stimuli, groups, in_time, handle_speed)
+        measured += built
         predictions += found
         rows += [format_row(row) for row in found_rows]
-    measured = [as_built.replace_nominals(stimuli, records) for stimuli in sets]
+    if not rows:
+        raise PipelineError(
+            f"records must be of stimuli that are declared, got {', '.join(groups)} without one"
+        )
     return _Predicted(measured, predictions, rows)
 
 

@@ -214,7 +214,7 @@ def loop(
     result = loop_session(session[0], output, **options)
     for scan in result.document["scans"]["left_out"]:
         print(format_units(f"scan of {scan['block']} left out: {scan['reason']}"), file=sys.stderr)
-    notes = []
+    notes = list(result.record.headline)
     excluded = len(result.document["excluded"])
     if excluded:
         notes.append(f"values or trials excluded, each with its reason in the report: {excluded}")

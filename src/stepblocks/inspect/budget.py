@@ -49,6 +49,7 @@ class Source(StrEnum):
     FLANKS = "flanks"
     PEAK = "peak"
     STYLUS_RADIUS = "stylus radius"
+    DRIFT = "drift"
     AS_STATED = "as stated in the file"
 
 

@@ -36,8 +36,8 @@ from stepblocks.inspect.noise import (
     Array,
     Estimate,
     Mask,
-    estimate_of_rows,
     estimate_robust_scale,
+    estimate_std_of_row_sums,
 )
 from stepblocks.inspect.notes import NoteKind
 from stepblocks.inspect.profiles import list_features
@@ -50,6 +50,8 @@ _STAND_OUT = 6.0
 # of its depth, by which the floor of a dot may fall to its middle: a dome's falls by 0.047 [1]
 _LEVEL_FLOOR = 0.04
 _FLOOR = 0.5  # distance from the edge over the largest of a dot, beyond which its floor lies [1]
+# Share of the points of a dot that must be measured: of a hole without light, strays may be left
+_LEAST_MEASURED = 0.5
 _CORE = 0.75  # the same of the middle of the floor [1]
 _TERMS_OF_FORM = 6.0  # of a polynomial of degree two over a map
 
@@ -127,7 +129,8 @@ def measure_dots(
     regions = _divide_regions(dots, known)
     depths = _measure_depths(dots, regions, level, rows)
     is_cut = _find_cut_dots(dots)
-    kept = np.flatnonzero(depths.have_level_floor & ~is_cut)
+    is_measured = _find_measured_dots(dots, known)
+    kept = np.flatnonzero(depths.have_level_floor & ~is_cut & is_measured)
     counted = NoteKind.DOTS_KEPT.describe(kept=len(kept), total=len(dots.numbers), cut=is_cut.sum())
     if 2 * len(kept) <= np.sum(~is_cut):
         raise MetrologyError(f"most dots and craters must have a level floor, got: {counted}")
@@ -235,7 +238,7 @@ def _divide_regions(dots: _Dots, known: Mask) -> _Regions:
 def _measure_depths(dots: _Dots, regions: _Regions, level: Array, rows: Array) -> _Depths:
     """Measure the depths of all dots on a map [m], levelled as a whole and row by row."""
     weights = _list_weights(dots.reference, dots.labels, regions.floor, regions.beside)
-    stds = estimate_of_rows(weights, rows, dots.reference)
+    stds = estimate_std_of_row_sums(weights, rows, dots.reference)
     # as many as would fit into what lies beside them, less the form of the map
     usual_floor = max(np.median(np.bincount(regions.floor[regions.floor > 0])), 1)
     dof = max(float(dots.reference.sum()) / usual_floor - _TERMS_OF_FORM, 1.0)
@@ -279,6 +282,26 @@ def _find_cut_dots(dots: _Dots) -> Mask:
     labels = dots.labels
     border = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
     return np.isin(dots.numbers, border)
+
+
+def _find_measured_dots(dots: _Dots, known: Mask) -> Mask:
+    """Return which dots have enough of their own points measured, shape (dots,).
+
+    Raises
+    ------
+    MetrologyError
+        If none has.
+    """
+    points = np.bincount(dots.labels.ravel())[1:]
+    measured = np.bincount(dots.labels[known], minlength=len(points) + 1)[1:]
+    is_measured = measured >= _LEAST_MEASURED * points
+    if not is_measured.any():
+        best = int(np.argmax(measured / points))
+        raise MetrologyError(
+            f"dots and craters must have {_LEAST_MEASURED:.0%} of their own points measured, got "
+            f"{measured[best]:,} of {points[best]:,} at most"
+        )
+    return np.asarray(is_measured)
 
 
 def _select_asked_dots(kept: NDArray[np.intp], asked: Sequence[int] | None) -> NDArray[np.intp]:

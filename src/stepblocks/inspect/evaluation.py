@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
 from stepblocks.inspect.budget import Measured
+from stepblocks.inspect.layout import DeclaredLayout
 from stepblocks.inspect.noise import Array, Mask
 from stepblocks.inspect.notes import Note
 from stepblocks.scans.scan import ScannedProfile
@@ -75,6 +76,8 @@ class EvaluationOptions:
     stylus_cone : float or None
         Full angle of the stylus [rad], 0 of an optical instrument. Where it is not stated, 60 and
         90 deg are taken as possible (ISO 3274).
+    layout : DeclaredLayout or None
+        What the part has beside its working edge; `inspect_scan` takes it from the declaration.
     """
 
     exclusion: float | None = None
@@ -86,6 +89,7 @@ class EvaluationOptions:
     area: tuple[float, ...] | None = None
     stylus_radius: float | None = None
     stylus_cone: float | None = None
+    layout: DeclaredLayout | None = None
 
 
 AS_FOUND = EvaluationOptions()

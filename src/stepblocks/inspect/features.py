@@ -22,6 +22,8 @@ PAIR = 0.35  # relative difference of the two edges of one ridge or groove, at m
 # of the last coefficient of a polynomial over its uncertainty, from which it is kept [1]
 _SIGNIFICANT = 4.0
 _LEAST_POINTS = 5  # of a feature and of its surroundings
+# Share of the points of a ridge or groove that must be measured: strays may be left of the others
+_LEAST_MEASURED = 0.1
 _SLACK = 0.25  # of the width of a flank, kept out beside it [1]
 _SLACK_STEPS = 1.5  # sampling intervals that are kept out besides
 
@@ -176,9 +178,9 @@ def _fit_polynomials(
 ) -> dict[int, Fit]:
     """Fit polynomials and heights, by the degree, as far as the points determine them."""
     used = _find_points_beside_edges(x, z, edges, exclusion)
-    steps = np.array(
-        [(x > span.begin) & (x < span.end) for span in _pair_edges(edges)], dtype=np.float64
-    )
+    spans = _pair_edges(edges)
+    _refuse_unseen(x, z, spans)
+    steps = np.array([(x > span.begin) & (x < span.end) for span in spans], dtype=np.float64)
     points_of_features = (used & (steps > 0.5)).sum(axis=1)
     points_beside = (used & (steps.sum(axis=0) < 0.5)).sum()
     least = min(*points_of_features, points_beside)
@@ -201,6 +203,18 @@ def _fit_polynomials(
             f"{points_beside} for a polynomial of degree {degrees[0]}"
         )
     return fits
+
+
+def _refuse_unseen(x: Array, z: Array, spans: Sequence[_Span]) -> None:
+    """Refuse a ridge or groove of which next to nothing was measured."""
+    for span in spans:
+        inside = (x > span.begin) & (x < span.end)
+        measured = int((inside & np.isfinite(z)).sum())
+        if measured < _LEAST_MEASURED * inside.sum():
+            raise MetrologyError(
+                f"a feature must have {_LEAST_MEASURED:.0%} of its points measured, got {measured} "
+                f"of {inside.sum()} from {span.begin * 1e6:.4g} um on"
+            )
 
 
 def _find_points_beside_edges(

@@ -363,7 +363,7 @@ def _measure_width(
     if unseen > 0.0:
         how = "half of what was not measured there, rectangular"
         parts.append(Component(Source.MISSING, unseen / np.sqrt(3.0), how=how))
-    walls = _place_walls(flanks, depth, asked.options)
+    walls = _locate_walls_behind_stylus_flanks(flanks, depth, asked.options)
     width = add_instrument_components(
         f"width W of the {asked.label.split()[0]}, at half its height",
         float(widths.mean()),
@@ -386,7 +386,9 @@ class _Walls:
     component: Component  # what that leaves open
 
 
-def _place_walls(flanks: float, depth: float, options: EvaluationOptions) -> _Walls:
+def _locate_walls_behind_stylus_flanks(
+    flanks: float, depth: float, options: EvaluationOptions
+) -> _Walls:
     """Place the walls of a groove: a stylus shows an upright wall as a flank as wide as its cone.
 
     `flanks` is half of both flanks' widths, and `depth` that of the groove [m].

@@ -21,6 +21,7 @@ from stepblocks.files.atomic import replace_text
 from stepblocks.files.pages import render_page
 from stepblocks.files.tables import Table, write_table
 from stepblocks.files.text import escape_file_name
+from stepblocks.inspect.batch import MeasuredBatch, draw_charts, measure_batches, note_batches
 from stepblocks.inspect.budget import Measured
 from stepblocks.inspect.conformity import Outcome, combine_verdicts
 from stepblocks.inspect.evaluation import Extent
@@ -46,6 +47,7 @@ from stepblocks.inspect.size_tables import show_rows, state_units
 from stepblocks.records.laboratory import Laboratory
 
 _BLOCKS, _VARIATION, _SCANS = "blocks", "variation", "scans"
+_CAPABILITY = "capability"
 _OF_SCANS = ("unit", "channel")  # options that say how a scan is read, and no results of others
 _LEAD = (
     "ISO 14253-1. Of a block that was scanned several times the scatter of its scans stands in "
@@ -61,20 +63,24 @@ class ManyScans:
     Attributes
     ----------
     tables : dict of DataFrame
-        ``blocks``, ``variation`` and ``scans``; lengths in micrometres and angles in degrees, each
-        in columns that say so, such as ``value_um`` and ``value_deg``.
+        ``blocks``, ``variation``, ``scans`` and, of five parts or more, ``capability``; lengths in
+        micrometres and angles in degrees, each in columns that say so, such as ``value_um`` and
+        ``value_deg``.
     left_out : tuple of str
         Files that could not be evaluated, and why.
     verdict : Outcome
         Over all blocks.
     reports : dict of InspectionResult
         One for each block, by its serial number; none of a standard.
+    batches : tuple of MeasuredBatch
+        What five parts or more tell of their process, one for each characteristic.
     """
 
     tables: Mapping[str, Table]
     left_out: tuple[str, ...]
     verdict: Outcome
     reports: Mapping[str, InspectionResult]
+    batches: tuple[MeasuredBatch, ...] = ()
 
     @property
     def table_rows(self) -> dict[str, Sequence[Mapping[str, object]]]:
@@ -217,15 +223,22 @@ def inspect_many(
         reports[block] = _merge_reports(inspected.find_results(block), values)
     verdict = combine_verdicts(report.verdict for report in reports.values())
     blocks = _list_blocks(reports, averages)
+    batches: list[MeasuredBatch] = []
+    if standard is None:
+        batches = measure_batches(reports)
+    tables = {
+        _BLOCKS: state_units(pd.DataFrame(blocks)),
+        _VARIATION: state_units(pd.DataFrame(averages.variation)),
+    }
+    if batches:
+        tables[_CAPABILITY] = state_units(pd.DataFrame([batch.make_row() for batch in batches]))
+    tables[_SCANS] = state_units(table).drop(columns="measured")
     return ManyScans(
-        tables={
-            _BLOCKS: state_units(pd.DataFrame(blocks)),
-            _VARIATION: state_units(pd.DataFrame(averages.variation)),
-            _SCANS: state_units(table).drop(columns="measured"),
-        },
+        tables=tables,
         left_out=tuple(inspected.left_out),
         verdict=verdict,
         reports=reports if standard is None else {},
+        batches=tuple(batches),
     )
 
 
@@ -388,20 +401,31 @@ def write_many(
     Returns
     -------
     list of Path
-        Scans (CSV), the page with all tables (HTML), and what `write_inspection` writes of each
-        block.
+        Scans (CSV), the page with all tables (HTML), of five parts or more their capability (CSV)
+        and control charts (SVG), and what `write_inspection` writes of each block.
     """
     base = Path(folder)
     table = base / "inspections.csv"
     page = base / "inspections.html"
     write_table(result.tables[_SCANS], table)
     written = []
-    for serial, report in result.reports.items():
+    for number, (serial, report) in enumerate(result.reports.items(), start=1):
         subfolder = base / re.sub(r"[^\w.-]+", "_", serial).strip(".")
         of_block = _name_block_in(laboratory, serial, report.identity)
+        if of_block is not None and len(result.reports) > 1:
+            # ISO/IEC 17025, 7.8.2.1 d: the number of a certificate is its own
+            of_block = of_block.model_copy(
+                update={"certificate": f"{of_block.certificate}-{number}"}
+            )
         written += write_inspection(report, subfolder, of_block)
-    _write_page(page, result, [path for path in written if path.suffix == ".html"])
-    return [table, page, *written]
+    batch_files = []
+    if result.batches:
+        batch_files = [base / "capability.csv", base / "control-charts.svg"]
+        write_table(result.tables[_CAPABILITY], batch_files[0])
+        draw_charts(batch_files[1], result.batches)
+    pages = [path for path in written if path.suffix == ".html"]
+    _write_page(page, result, [*pages, *batch_files])
+    return [table, page, *batch_files, *written]
 
 
 def _name_block_in(laboratory: Laboratory | None, serial: str, identity: str) -> Laboratory | None:
@@ -419,6 +443,7 @@ def _write_page(path: Path, result: ManyScans, pages: list[Path]) -> None:
     """Write the page with all tables and links to the pages of the blocks."""
     notes = [f"{serial}: {report.conclusion}" for serial, report in result.reports.items()]
     notes += [f"left out: {reason}" for reason in result.left_out]
+    notes += note_batches(result.reports, result.batches)
     page = render_page(
         "stepblocks.inspect",
         "inspection.html.j2",

@@ -6,6 +6,7 @@ import numpy as np
 
 from stepblocks.inspect.attempts import evaluate_each, evaluate_if_possible
 from stepblocks.inspect.budget import (
+    Bound,
     Component,
     Instrument,
     Measured,
@@ -62,6 +63,11 @@ def measure_margin(
     values = {}
     for key, discrepancy in _list_discrepancies(margins).items():
         values[key] = _average_discrepancy(key, discrepancy, sampling, instrument)
+    gap = values["vertical_discrepancy"]
+    if options.stylus_radius != 0.0:
+        # a stylus falls into a gap late and leaves it early
+        gap = replace(gap, bound=Bound.AT_LEAST)
+    values["marginal_gap"] = replace(gap, name="marginal gap")
     first = kept[0].item
     left_shoulder = np.nanmedian(first.height[: len(first.height) // 4])
     return Evaluation(
@@ -122,16 +128,21 @@ def measure_tip(
         scan = sampled.rows[0]
         through = "circle through the cap of the profile"
     cap = fit_cap(scan, nominal)
-    form = _estimate_form_of_cap(scan, nominal, cap)
+    form = _estimate_form_uncertainty_of_radius(scan, nominal, cap)
     radius = cap.radius
     if options.stylus_radius:
         radius = replace(radius, value=radius.value - options.stylus_radius)
         notes.append(NoteKind.STYLUS_TAKEN_OFF_BALL.describe(radius=options.stylus_radius * 1e6))
     measured = average_profiles("ball radius", [radius], instrument, [form], _CAP_POWERS)
+    if options.stylus_radius is None:
+        # a stylus of any radius makes the ball look larger by it
+        measured = replace(measured, bound=Bound.AT_MOST)
     angle = np.degrees(cap.cap_angle)
     notes.append(NoteKind.FORM_OF_BALL.describe(form=cap.form * 1e6, angle=angle))
     if cap.rejected:
         notes.append(NoteKind.SPIKES_LEFT_OUT.describe(left_out=cap.rejected, points=cap.points))
+    if measured.bound is Bound.AT_MOST:
+        notes.append(NoteKind.STYLUS_OF_BALL_UNKNOWN.describe())
     lowest = float(np.nanmin(cap.drawn.height))
     return Evaluation(
         values={"ball_radius": measured},
@@ -143,7 +154,9 @@ def measure_tip(
     )
 
 
-def _estimate_form_of_cap(scan: ScannedProfile | HeightMap, nominal: float, cap: Cap) -> Component:
+def _estimate_form_uncertainty_of_radius(
+    scan: ScannedProfile | HeightMap, nominal: float, cap: Cap
+) -> Component:
     """Return what the form of a ball leaves open of its radius: the change over a narrower cap."""
     reach = float(np.sin(cap.cap_angle))  # of what the points cover, as a part of the radius
     narrower = evaluate_if_possible(lambda part: fit_cap(scan, nominal, part), _NARROWER * reach)

@@ -250,7 +250,7 @@ def _compute_dof(grid: "_LagGrid", product: Array, count: float, traces: "_Trace
     return max(dof * left, 1.0)
 
 
-def estimate_of_rows(weights: Iterable[Array], residuals: Array, used: Mask) -> Array:
+def estimate_std_of_row_sums(weights: Iterable[Array], residuals: Array, used: Mask) -> Array:
     """State the standard uncertainties of sums ``w . z`` over a map levelled row by row.
 
     Each of `weights` covers as many whole rows as it has, and holds what their lines take away.

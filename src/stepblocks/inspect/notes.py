@@ -51,6 +51,10 @@ class NoteKind(Enum):
     )
     # tip
     STYLUS_TAKEN_OFF_BALL = "the stylus radius of {radius:.4g} um is taken off"
+    STYLUS_OF_BALL_UNKNOWN = (
+        "the radius of the stylus is not stated, so the ball may be smaller by it: state it, 0 um "
+        "of an optical instrument"
+    )
     FORM_OF_BALL = "form of the ball {form:.3g} um, with noise, over {angle:.3g} deg"
     # working edge
     EDGE_TURNED = "edge turned by {angle:.3g} deg; measured across it"
@@ -69,6 +73,10 @@ class NoteKind(Enum):
         "the stylus radius of {radius:.3g} um is not taken off the edge radius: the edge shows "
         "{seen:.2g} um, sharper than such a stylus can; check what is stated"
     )
+    WORKING_EDGE_ALONE = (
+        "the working edge is the one from {begin:.4g} to {end:.4g} um, by what the declaration has "
+        "beside it; left out are {beside}"
+    )
     ALSO_SHOWS = "the scan also shows {features}"
     ALSO_SHOWS_STEPS = (
         "the scan also shows {features}; height and radius are those of the part between such steps"
@@ -80,6 +88,11 @@ class NoteKind(Enum):
     SPIKES_AT_EDGE = (
         "{spikes} single isolated points near the edge left out as spikes, up to {highest:.3g} um "
         "over the face"
+    )
+    DRIFT_OR_BEND = (
+        "both faces share a form of {zone:.3g} um along the edge: drift of the instrument, or a "
+        "bent part. It is taken off, so flatness and parallelism are at least what is stated; a "
+        "scan of the part turned by 90 deg tells which it is"
     )
     FORM_OF_FACES = (
         "flatness and parallelism are those of the form, polynomials of degree {degree}, over what "
@@ -125,6 +138,13 @@ class NotMeasuredReason(Enum):
     STYLUS_CONE = (
         "the {cone} shows no riser steeper than {slope}; a section or replica across the edge "
         "would show it"
+    )
+    VALLEY_AT_FOOT = (
+        "the lower face falls at the foot of the edge, as it does where heights are upside down; "
+        "make sure of their sign"
+    )
+    GAP_UNDER_BEVEL = (
+        "a trace shows the opening of the margin; a section or replica would show the gap beneath"
     )
     UPPER_FACE_TOO_SHORT = (
         "a scan that reaches 0.2 mm beyond the edge on the upper face would show it"

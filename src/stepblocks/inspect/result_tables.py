@@ -19,6 +19,7 @@ _CHARACTERISTICS, _BUDGET, _NOT_MEASURED = (
     "not measured",
 )
 _NOT_STATED = "not stated"
+_NOT_JUDGED = "not judged"
 _MOST_DECIMALS = 6  # of a micrometre: a picometre
 _DECIMALS_OF_EXACT = 4  # where no uncertainty says how many
 _LIMIT_DECIMALS = 9  # to which limits are rounded, so that a limit reads as it was declared
@@ -67,6 +68,7 @@ def build_tables(
         Lines of each table by its title.
     """
     judgements = {judgement.characteristic.key: judgement for judgement in judged}
+    not_judged = {absent.characteristic.key for absent in missing}
     characteristics = []
     budget = []
     for key in _order_keys(values, numbers):
@@ -78,7 +80,10 @@ def build_tables(
             label = judgement.characteristic.label
             decision = judgement.decision
         unit = _DEGREE if is_angle(key) else _MICROMETRE
-        characteristics.append(_describe_value(numbers.get(key), label, measured, decision, unit))
+        row = _describe_value(numbers.get(key), label, measured, decision, unit)
+        if key in not_judged:  # it has limits, and what is missing says why they do not apply
+            row["verdict"] = _NOT_JUDGED
+        characteristics.append(row)
         for part in measured.components:
             budget.append(_describe_component(label, part, unit))
     not_measured = [_describe_missing(absent, numbers) for absent in missing]

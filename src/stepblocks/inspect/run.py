@@ -25,6 +25,7 @@ from stepblocks.inspect.feature import (
     refuse_unused_options,
 )
 from stepblocks.inspect.judgement import Judgement, NotMeasured
+from stepblocks.inspect.layout import find_layout
 from stepblocks.inspect.notes import NoteKind, NotMeasuredReason
 from stepblocks.inspect.result import InspectionResult
 from stepblocks.inspect.results_of_others import has_results_of_others, read_results_of_others
@@ -140,7 +141,9 @@ def inspect_scan(
         scale = loaded.scale
         source, digest = identify_source(scan, loaded)
         refuse_long_scan(asked.characteristics, _measure_length(loaded), source.name)
+        options = replace(options, layout=find_layout(asked.characteristics))
         evaluation = evaluate_scan(main.key, loaded, instrument, main, options, _OF_PARTS)
+        evaluation = _drop_gap_under_bevel(asked, evaluation)
         evaluation = _add_roughness_where_asked(asked, evaluation, instrument)
     evaluation = _add_notes_on_reading(asked, evaluation, scale, source.name)
     result = judge_part(asked.part, evaluation, source, digest, asked.order, wanted)
@@ -179,6 +182,18 @@ def _find_scanned_characteristic(asked: _AskedPart, feature: ScannedFeature) -> 
             return characteristic
     raise PipelineError(
         f"a scan of {asked.part.id} cannot be inspected: only blocks, margins and tips can"
+    )
+
+
+def _drop_gap_under_bevel(asked: _AskedPart, evaluation: Evaluation) -> Evaluation:
+    """Leave the marginal gap out where the part states an opening of another width."""
+    keys = {characteristic.key for characteristic in asked.characteristics}
+    if not {"marginal_gap", "vertical_discrepancy"} <= keys:
+        return evaluation
+    values = {key: value for key, value in evaluation.values.items() if key != "marginal_gap"}
+    reason = NotMeasuredReason.GAP_UNDER_BEVEL.describe()
+    return replace(
+        evaluation, values=values, missing={**evaluation.missing, "marginal_gap": reason}
     )
 
 

@@ -10,7 +10,7 @@ from stepblocks.files.tables import Table
 from stepblocks.inspect.judgement import is_angle
 
 # columns that are sizes, with the digits that a page shows of them
-_DIGITS = {"value": 5, "u": 3, "u95": 3, "lower": 7, "upper": 7, "std": 3}
+_DIGITS = {"value": 5, "u": 3, "u95": 3, "lower": 7, "upper": 7, "std": 3, "std_within": 3}
 _LIMIT_DECIMALS = 9  # to which sizes are rounded, so that a limit reads as it was declared
 _ANGLE, _LENGTH = "deg", "um"
 

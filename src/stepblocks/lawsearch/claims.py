@@ -152,7 +152,7 @@ def choose_delivered_effects(
         nominal.append(np.where(is_open, np.nan, error))
     of_specimens, base = _keep_laws_of_specimens(explanation, predictor, nominal)
     findings, errors = _drop_worsening(explanation, predictor, of_specimens, base)
-    delivered = _deliver(explanation, findings)
+    delivered = _refit_with_kept_findings(explanation, findings)
     held_out = []
     for i in range(len(ways)):
         extended = np.where(left_open[i], np.nan, errors[i])
@@ -230,7 +230,9 @@ def _drop_worsening(
     return findings, base
 
 
-def _deliver(explanation: Explanation, findings: tuple[Finding, ...]) -> Explanation:
+def _refit_with_kept_findings(
+    explanation: Explanation, findings: tuple[Finding, ...]
+) -> Explanation:
     """Deliver the model with the effects of some findings, and say which claims had to go."""
     effects = [finding.effect for finding in findings]
     delivered = {law.id for law in effects}

@@ -12,6 +12,7 @@ from stepblocks.lawsearch.forward_model import ForwardModel, Trials
 from stepblocks.lawsearch.judge import judge_search
 from stepblocks.lawsearch.law import Law
 from stepblocks.lawsearch.mixture import find_bad_trials
+from stepblocks.lawsearch.scatter import find_outliers
 from stepblocks.lawsearch.search import DeployedError, search_effects_and_structure
 
 _BAD = 0.5  # chance that a trial went wrong, from which it is held apart
@@ -57,6 +58,7 @@ def explain(
     rules = rules or Rules()
     if not isinstance(trials, Trials):
         trials = Trials.from_table(trials)
+    trials, wild_rows = _leave_out_wild_readings(trials, rules.wild)
     found = search_effects_and_structure(model, trials, candidates, rules, deployed, announce)
     apart: dict[int, float] = {}
     for _ in range(_ROUNDS):
@@ -71,5 +73,33 @@ def explain(
         trials = trials.without(list(apart))
         found = search_effects_and_structure(model, trials, candidates, rules, deployed, announce)
     explanation = judge_search(found, candidates, rules)
+    for row in wild_rows:
+        apart.setdefault(row, 1.0)
     bad_trials = tuple(BadTrial(row, chance) for row, chance in sorted(apart.items()))
     return replace(explanation, apart=bad_trials)
+
+
+def _leave_out_wild_readings(trials: Trials, threshold: float) -> tuple[Trials, list[int]]:
+    """Leave out single readings far from any smooth function of the conditions.
+
+    The other readings of their trials count. What is wild under some settings alone is what a
+    model lacks, and stays.
+
+    Parameters
+    ----------
+    trials : Trials
+    threshold : float
+        Robust standard deviations from which a reading is left out.
+
+    Returns
+    -------
+    trials : Trials
+    rows : list of int
+        Trials with such a reading.
+    """
+    wild = find_outliers(trials, threshold)
+    is_wild = np.asarray(wild.any(axis=1), dtype=np.float64)
+    rows = np.flatnonzero(is_wild)
+    if not rows.size or depends_on_settings(is_wild, trials):
+        return trials, []
+    return replace(trials, values=np.where(wild, np.nan, trials.values)), rows.tolist()

@@ -53,6 +53,9 @@ class Rules:
         Of the bootstrap.
     fits : int
         Laws, and smooths, that are fitted in full at each step.
+    wild : float
+        Robust standard deviations from any smooth function of the conditions, from which a single
+        reading is left out.
     """
 
     alpha: float = 0.01
@@ -61,6 +64,7 @@ class Rules:
     draws: int = 500
     seed: int = 0
     fits: int = 10
+    wild: float = 4.0
 
 
 @dataclass(frozen=True)

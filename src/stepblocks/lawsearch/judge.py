@@ -92,11 +92,11 @@ def _judge_effect(
         verdict = Verdict.UNEXPLAINED
     elif elsewhere:
         verdict = Verdict.AMBIGUOUS
-    elif effect.named:
+    elif effect.named or effect.is_line:
         verdict = Verdict.EFFECT
     else:
         verdict = Verdict.UNEXPLAINED
-    if doubt is None and not effect.named:
+    if doubt is None and not effect.named and not effect.is_line:
         doubt = Doubt.NO_LAW_FITS
     shares = find_largest_shares(problem, base, current)
     return Finding(

@@ -111,6 +111,8 @@ class Law:
     evidence : float
         What a measurement beside the trials says in favour of the law, as a fall of the criterion
         [1].
+    is_line : bool
+        Whether a smooth is a straight line, whose slope with its interval may be claimed.
     """
 
     id: str
@@ -127,6 +129,7 @@ class Law:
     given: bool = True
     steps: tuple[str, ...] = ()
     evidence: float = 0.0
+    is_line: bool = False
 
     def __getstate__(self) -> bytes:
         # the functions of a law are closures, which the standard pickle cannot store

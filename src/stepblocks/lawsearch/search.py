@@ -20,6 +20,7 @@ from stepblocks.lawsearch.run_order import (
 from stepblocks.lawsearch.structure import (
     Hint,
     HintKind,
+    check_neighbours,
     describe_wandering,
     estimate_errors_in_order,
     find_hints,
@@ -27,6 +28,7 @@ from stepblocks.lawsearch.structure import (
 
 _LEAST_EXCHANGE_GAIN = 4.0  # of the criterion, below which an exchange is not made
 _LEAST_SMOOTH_GAIN = 10.0  # of the criterion, for which a smooth replaces a law of its place
+_WANDERING_LEVEL = 0.01  # of the test by which a quantity is said to wander
 _EXCHANGE_FITS = 6  # laws, and smooths, that are fitted in the place of another
 
 DeployedError = Callable[[Fit], float]  # error of a fit where it will be used
@@ -105,9 +107,21 @@ def find_residual_structure(found: SearchResult) -> ResidualStructure:
     hints = find_hints(found.problem, found.extended)
     hinted = {hint.quantity for hint in hints}
     for quantity in sorted(explained_by_walk - hinted):
-        hints = (*hints, describe_wandering(quantity))
+        if _errs_with_neighbours(found, quantity):
+            hints = (*hints, describe_wandering(quantity))
     neighbours = {hint.quantity for hint in hints if hint.kind == HintKind.NEIGHBOURS}
     return ResidualStructure(hints, explained_by_walk, explained_by_walk | neighbours)
+
+
+def _errs_with_neighbours(found: SearchResult, quantity: str) -> bool:
+    """Tell whether neighbours err together in a quantity, without the laws that follow time.
+
+    That a walk explains as much as a law does not make it wander: trials that are independent
+    would do so once in a hundred sessions.
+    """
+    base = fit_without_time_effects(found.problem, found.extended)
+    errors = estimate_errors_in_order(found.problem, base)[quantity]
+    return check_neighbours(quantity, errors.values).p_value < _WANDERING_LEVEL
 
 
 def _add_wandering_noise(

@@ -15,9 +15,13 @@ from stepblocks.lawsearch.forward_model import Floats
 FIRST_FIGURE = "sliding_friction"
 _NO_CONDITIONS = ("trial", "status", "reason", "block")
 _LABELS = ("day", "batch")  # their numbers are labels
-_MOST_MISSED = 0.1  # share of readings that may be missing in a column of numbers
+_MOST_MISSED = 0.5  # share of cells that may be blank in a column of numbers
+_MOST_WORDS = 0.1  # share of the filled cells that may be no numbers in a column of numbers
+_SLOW = 0.5  # correlation of a reading with the one before, from which neighbours tell a gap
 _NIGHT = 4.0 * 3600.0  # s, pause after which another day begins
 _REST = 3.0  # times the median pause, over which a pause counts as a rest
+# a jump by so many hours at most, each to so many seconds, may be a clock that was set [s]
+_HOUR, _HOUR_SLACK, _MOST_SET_HOURS = 3600.0, 120.0, 2
 _CLOCK = "_elapsed_s"  # end of the name of a column of times since the start
 # relative uncertainty from which a value says nothing, a factor of two; and the least one
 _LARGEST_STD, _LEAST_STD = 0.7, 1e-6
@@ -109,17 +113,66 @@ def read_covariates(table: pd.DataFrame) -> dict[str, NDArray[np.generic]]:
     return covariates
 
 
+def count_gaps(table: pd.DataFrame) -> dict[str, int]:
+    """Count the trials without a value in each column of numbers that has gaps."""
+    gaps = {}
+    for name in takewhile(lambda column: column != FIRST_FIGURE, table.columns):
+        if name in _NO_CONDITIONS or not _holds_numbers(table, name):
+            continue
+        missing = int((~np.isfinite(read_numbers(table, name))).sum())
+        if missing:
+            gaps[name] = missing
+    return gaps
+
+
+def _holds_numbers(table: pd.DataFrame, name: str) -> bool:
+    """Tell whether a column is one of numbers, of which some may be blank."""
+    if name in _LABELS:
+        return False
+    seen = np.isfinite(read_numbers(table, name))
+    blank = table[name].isna().to_numpy() | (table[name].astype(str).str.strip() == "").to_numpy()
+    filled = int((~blank).sum())
+    if seen.mean() <= 1.0 - _MOST_MISSED or not filled:
+        return False
+    return bool(seen.sum() > (1.0 - _MOST_WORDS) * filled)
+
+
 def _read_covariate(table: pd.DataFrame, name: str) -> NDArray[np.generic]:
     """Read a column as numbers, or as labels where many cells are no numbers.
 
-    A reading that is missing now and then takes the median of the others.
+    A blank cell of a reading that changes slowly is filled between its neighbours along the run,
+    any other with the median: such a trial says nothing of the column, and speaks of all others.
     """
-    numbers = read_numbers(table, name)
-    seen = np.isfinite(numbers)
-    if name in _LABELS or seen.mean() <= 1.0 - _MOST_MISSED:
+    if not _holds_numbers(table, name):
         labels: NDArray[np.generic] = table[name].fillna("unknown").astype(str).to_numpy()
         return labels
-    return np.where(seen, numbers, np.nanmedian(numbers))
+    numbers = read_numbers(table, name)
+    if np.isfinite(numbers).all():
+        return numbers
+    return _fill_gaps(numbers, _read_order(table))
+
+
+def _read_order(table: pd.DataFrame) -> Floats:
+    """Read the order of the run, shape (n,): that of the table where it is not written."""
+    order = read_numbers(table, "run_order")
+    if not np.isfinite(order).all():
+        return np.arange(float(len(order)))
+    return order
+
+
+def _fill_gaps(numbers: Floats, order: Floats) -> Floats:
+    """Fill what is not-a-number between its neighbours in order, or with the median."""
+    seen = np.isfinite(numbers)
+    rows = np.flatnonzero(seen)
+    rows = rows[np.argsort(order[rows], kind="stable")]
+    in_order = numbers[rows]
+    filled = np.where(seen, numbers, np.median(in_order))
+    varies = len(in_order) > 2 and np.ptp(in_order[1:]) > 0.0 and np.ptp(in_order[:-1]) > 0.0
+    if not varies:
+        return filled
+    if np.corrcoef(in_order[:-1], in_order[1:])[0, 1] <= _SLOW:
+        return filled
+    return np.where(seen, numbers, np.interp(order, order[rows], in_order))
 
 
 def derive_covariates(features: pd.DataFrame) -> dict[str, NDArray[np.generic]]:
@@ -132,9 +185,7 @@ def derive_covariates(features: pd.DataFrame) -> dict[str, NDArray[np.generic]]:
     dict
         Columns of shape (n,) in the order of the table.
     """
-    order = read_numbers(features, "run_order")
-    if not np.isfinite(order).all():
-        order = np.arange(float(len(order)))
+    order = _read_order(features)
     rows = np.argsort(order, kind="stable")
     run = features.iloc[rows].reset_index(drop=True)
     derived: dict[str, pd.Series] = {}
@@ -166,3 +217,41 @@ def _derive_pauses(run: pd.DataFrame, clock: str) -> dict[str, "pd.Series[Any]"]
     if "day" not in run and days.iloc[-1] > 1:
         derived["day"] = days.astype(str)
     return derived
+
+
+def describe_clock(features: pd.DataFrame) -> list[str]:
+    """Say where the clock of a run jumps: backwards, or by whole hours between regular trials.
+
+    Parameters
+    ----------
+    features : DataFrame
+        With a column of times since the start [s], such as ``when_elapsed_s``, and ``trial``.
+
+    Returns
+    -------
+    list of str
+        A sentence for each jump.
+    """
+    clocks = [column for column in features.columns if column.endswith(_CLOCK)]
+    if not clocks:
+        return []
+    run = features.iloc[np.argsort(_read_order(features), kind="stable")]
+    gaps = np.diff(read_numbers(run, clocks[0]))
+    if not np.isfinite(gaps).any():
+        return []
+    usual = float(np.nanmedian(gaps))
+    sentences = []
+    for row in np.flatnonzero(np.isfinite(gaps)):
+        jump = float(gaps[row]) - usual
+        whole_hours = round(jump / _HOUR)
+        near_hours = whole_hours != 0 and abs(jump - whole_hours * _HOUR) < _HOUR_SLACK
+        is_jump = gaps[row] < 0.0 or (near_hours and abs(whole_hours) <= _MOST_SET_HOURS)
+        if not is_jump:
+            continue
+        before, after = run["trial"].iloc[row], run["trial"].iloc[row + 1]
+        direction = "ahead"
+        if jump < 0.0:
+            direction = "back"
+        text = f"the clock jumps {direction} by {abs(jump) / 60.0:.0f} min between the trials"
+        sentences.append(f"{text} {before} and {after}: was it set, or was there a break?")
+    return sentences

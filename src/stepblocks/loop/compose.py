@@ -21,12 +21,15 @@ from stepblocks.lawsearch.structure import Hint
 from stepblocks.loop.apart import describe_trial
 from stepblocks.loop.bench_model import find_column, list_candidates, list_covariate_ranges
 from stepblocks.loop.block_scans import Scans
+from stepblocks.loop.calibration_check import CalibrationCheck
 from stepblocks.loop.channels import ENERGY, JUDGED, PEAK_FORCE
 from stepblocks.loop.experiment import propose_experiment
 from stepblocks.loop.finding import write_sentence
+from stepblocks.loop.headline import list_block_errors, write_headline
 from stepblocks.loop.record import (
     AdequacyRecord,
     ApartTrial,
+    CalibrationRecord,
     CensoredTrials,
     DetectableEffect,
     EffectRecord,
@@ -76,6 +79,8 @@ def compose_record(
     between: Holdout,
     scans: Scans,
     rules: Rules,
+    *,
+    checks: Sequence[CalibrationCheck] = (),
 ) -> LoopRecord:
     """Compose the contents of result.json.
 
@@ -91,6 +96,8 @@ def compose_record(
         What the scans of the blocks showed.
     rules : Rules
         Of the search.
+    checks : sequence of CalibrationCheck
+        What the records show of spring and load.
     """
     pure_error = _test_against_replicates(table, explanation)
     floor = _estimate_noise_floor(table, explanation.extended, list(pure_error.values()))
@@ -115,15 +122,39 @@ def compose_record(
         apart=_list_apart(table, explanation),
         regimes=table.regimes,
         censored=_list_censored(table, explanation),
-        next_experiment=propose_experiment(explanation),
+        next_experiment=propose_experiment(explanation, checks),
         adequacy=_describe_adequacy(explanation, rules, pure_error),
         identifiability=_describe_identifiability(explanation),
         scans=_describe_scans(scans),
         left_open_on_new_blocks=table.names[between.left_open[:, ENERGY]].tolist(),
         selected_in_folds=[*within.selected, *between.selected],
         trials_analysed=len(table.trials),
+        calibration=[_describe_check(check) for check in checks],
+        notes=table.notes,
+        error_by_block=list_block_errors(table, within, floor.ln_energy_rms),
     )
-    return replace(record, finding=write_sentence(explanation, record))
+    return replace(
+        record,
+        finding=write_sentence(explanation, record),
+        headline=write_headline(explanation, record, table),
+    )
+
+
+def _describe_check(check: CalibrationCheck) -> CalibrationRecord:
+    """Describe what the records show of a declared quantity; it is in words where it is open."""
+    text = ""
+    if check.is_open:
+        text = check.sentence
+    return CalibrationRecord(
+        quantity=check.quantity.value,
+        shown_over_declared=check.shown,
+        low=check.low,
+        high=check.high,
+        contradicts=check.contradicts,
+        explained_by_effect=check.explained,
+        near_factor=check.slip,
+        text=text,
+    )
 
 
 def _describe_model(fitted: Fit, spring: float, errors: ModelErrors) -> ModelRecord:

@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.lawsearch.discrimination import CRITERION, RankedSetting, Ranking, rank_settings
-from stepblocks.lawsearch.findings import Explanation
+from stepblocks.lawsearch.findings import Explanation, Verdict
 from stepblocks.lawsearch.fit import fit_without
 from stepblocks.lawsearch.forward_model import Trials
 from stepblocks.lawsearch.law import Law
 from stepblocks.lawsearch.problem import Fit
 from stepblocks.loop.bench_model import SessionModel
+from stepblocks.loop.calibration_check import CalibrationCheck
 from stepblocks.loop.channels import PEAK_FORCE
 from stepblocks.loop.settings import CHOSEN, COUNTED, GONE, MOST_SETTINGS, SHOWN, build_grid
 from stepblocks.rig.state import DragState
@@ -22,6 +23,11 @@ NOTHING = "nothing"  # what an effect is distinguished from that has no rival
 _SLIPS = 1.1  # ratio of the release force to that of sliding, from which a tip slips
 _FRICTION_RANGE = (0.01, 0.9)  # that a stimulus file takes
 _WRITE_DOWN = "write down what differs between these trials: who, when, which tip and which batch"
+_WEIGH_FIRST = "no drag tells a wrong spring, speed, gain or load apart: weigh them"
+_CHECK_INSTRUMENT = (
+    "check the instrument first: tare both gauges, hang a known weight on each, and repeat ten "
+    "trials of the first setting"
+)
 _OUT_OF_REACH = "no setting within reach tells these apart"
 
 
@@ -46,7 +52,7 @@ class NextExperiment:
     calibration : tuple[str, ...] | None
         What to do on the bench; None where only a note is given.
     note : str
-        Why no trials are asked for; empty where they are.
+        Why no trials are asked for tomorrow; empty where they are.
     trials : tuple[RankedSetting, ...]
         Settings, best first.
     repeats : int
@@ -91,6 +97,8 @@ class NextExperiment:
         form["repeats"] = self.repeats
         form["width_after"] = self.width_after
         form["channel"] = self.channel
+        if self.note:
+            form["note"] = self.note
         if self.block is not None:
             form["block"] = self.block
         return form
@@ -105,22 +113,35 @@ class _RivalModels(NamedTuple):
     second: Fit
 
 
-def propose_experiment(explanation: Explanation) -> NextExperiment | None:
+def propose_experiment(
+    explanation: Explanation, checks: Sequence[CalibrationCheck] = ()
+) -> NextExperiment | None:
     """Propose settings that separate the rivals best.
+
+    Parameters
+    ----------
+    explanation : Explanation
+    checks : sequence of CalibrationCheck
+        Declarations that the records contradict come first: nothing is known better than they.
 
     Returns
     -------
     NextExperiment or None
         None where nothing is open.
     """
+    weighings = tuple(check.quantity.advice for check in checks if check.is_open)
     models = _choose_models(explanation)
     if models is None:
+        if weighings and not explanation.hints:
+            suspects = tuple(check.sentence for check in checks if check.is_open)
+            return NextExperiment(suspects, weighings, _WEIGH_FIRST)
         if not explanation.hints:
             return None
         sentences = tuple(hint.sentence for hint in explanation.hints)
-        return NextExperiment(sentences, note=_WRITE_DOWN)
+        return NextExperiment(sentences, weighings or None, _WRITE_DOWN)
     separates = models.effect.id, models.rival
-    moves = _list_moves(explanation)
+    checks_of_doubt = _list_checks_of_doubt(explanation)
+    moves = tuple(dict.fromkeys((*weighings, *checks_of_doubt, *_list_moves(explanation))))
     trials = explanation.problem.trials
     extra = _list_varied_covariates(trials, models)
     grid = build_grid(trials, extra)
@@ -133,15 +154,53 @@ def propose_experiment(explanation: Explanation) -> NextExperiment | None:
         )
     if ranking is None:
         return NextExperiment(separates, moves, _OUT_OF_REACH)
+    block = _design_block(trials, state, ranking.settings[0])
+    note = ""
+    if not 0 < ranking.repeats <= len(trials):
+        # what it would take is said, and not asked for
+        note = _describe_price(ranking, trials)
+        moves = moves or _list_other_ways(explanation)
+        block = None
     return NextExperiment(
         separates=separates,
         calibration=moves,
+        note=note,
         trials=ranking.settings,
         repeats=ranking.repeats,
         width_after=ranking.width_after,
         channel=ranking.channel,
-        block=_design_block(trials, state, ranking.settings[0]),
+        block=block,
     )
+
+
+def _list_checks_of_doubt(explanation: Explanation) -> tuple[str, ...]:
+    """List what to check of the instrument before anything else where a finding is doubtful."""
+    doubtful = {Verdict.UNEXPLAINED, Verdict.AMBIGUOUS}
+    if any(finding.verdict in doubtful for finding in explanation.findings):
+        return (_CHECK_INSTRUMENT,)
+    return ()
+
+
+def _list_other_ways(explanation: Explanation) -> tuple[str, ...]:
+    """List what tells more than drags would: scans of blocks without one, weights, the spring."""
+    model = explanation.problem.model
+    assert isinstance(model, SessionModel)
+    ways = []
+    if not model.scanned:
+        ways.append("scan the edges of the blocks")
+    if "load_bias_n" not in model.known:
+        ways.append("weigh the weights and put them on the normal gauge")
+    if "spring_constant" not in model.known:
+        ways.append("have the spring certified, or hang a known weight on it")
+    return tuple(ways)
+
+
+def _describe_price(ranking: Ranking, trials: Trials) -> str:
+    """Say why no trials are asked for: more would be needed than a session has."""
+    needed = "no number of trials is enough"
+    if ranking.repeats:
+        needed = f"{ranking.repeats} trials would be needed, this session has {len(trials)}"
+    return f"no affordable experiment separates these: {needed}"
 
 
 def _choose_models(explanation: Explanation) -> _RivalModels | None:

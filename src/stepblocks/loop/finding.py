@@ -49,7 +49,8 @@ def write_sentence(explanation: Explanation, record: LoopRecord) -> str:
             f"No effect beyond noise was found{_describe_detectable(record)}; error of E_v "
             f"{errors.before}, noise {errors.noise}"
         )
-    parts = _list_parts(explanation, record)
+    parts = [check.text for check in record.calibration if check.text]
+    parts += _list_parts(explanation, record)
     text = "; ".join(dict.fromkeys(parts))
     if not text:
         text = "The trials differ by more than noise would do, and no law is claimed"
@@ -59,7 +60,7 @@ def write_sentence(explanation: Explanation, record: LoopRecord) -> str:
             f"{errors.before} -> {errors.after} on new trials, "
             f"{errors.before_blocks} -> {errors.after_blocks} on new blocks"
         )
-    apart = _describe_apart(len(record.apart))
+    apart = describe_apart(len(record.apart))
     text = f"{text}{apart}; error of E_v {change}, noise {errors.noise}"
     return text[0].upper() + text[1:]
 
@@ -74,7 +75,7 @@ def _describe_detectable(record: LoopRecord) -> str:
     return f" (what would have shown: {', '.join(effects)})"
 
 
-def _describe_apart(count: int) -> str:
+def describe_apart(count: int) -> str:
     """Say how many trials were held apart; empty where none were."""
     if count == 0:
         return ""
@@ -91,9 +92,9 @@ def _list_parts(explanation: Explanation, record: LoopRecord) -> list[str]:
         # the rivals of the first finding come first, then those of the next
         last_rival = first_rival + len(finding.rivals)
         rivals = record.rivals[first_rival:last_rival]
-        parts.append(_describe_finding(finding, entry, rivals, sentences))
+        parts.append(describe_finding(finding, entry, rivals, sentences))
         first_rival = last_rival
-    doubt = _describe_doubt_of_whole(explanation)
+    doubt = describe_doubt_of_whole(explanation)
     if doubt:
         parts.append(doubt)
     if any(hint.kind != STICK_SLIP for hint in explanation.hints):
@@ -101,7 +102,7 @@ def _list_parts(explanation: Explanation, record: LoopRecord) -> list[str]:
     return parts
 
 
-def _describe_doubt_of_whole(explanation: Explanation) -> str:
+def describe_doubt_of_whole(explanation: Explanation) -> str:
     """Say why the whole is not claimed; empty where a finding has said so, or it is claimed."""
     if explanation.verdict is not Verdict.UNEXPLAINED or not explanation.reason:
         return ""
@@ -148,7 +149,7 @@ def _format_percent_after(after: float, before: float) -> str:
     return f"{text} (by chance)" if after > before else text
 
 
-def _describe_finding(
+def describe_finding(
     finding: Finding,
     entry: EffectRecord,
     rivals: Sequence[EffectRecord],

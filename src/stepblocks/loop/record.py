@@ -194,6 +194,31 @@ class UnusedScan:
 
 
 @dataclass(frozen=True)
+class CalibrationRecord:
+    """What the records show of a declared quantity, as a ratio to it with its 95 % interval."""
+
+    quantity: str
+    shown_over_declared: float
+    low: float
+    high: float
+    contradicts: bool
+    explained_by_effect: bool
+    near_factor: float | None
+    text: str
+
+
+@dataclass(frozen=True)
+class BlockError:
+    """Error of ln E_v of held-out trials of a block, as root mean squares, with its noise."""
+
+    block: str
+    trials: int
+    before: float
+    after: float
+    noise: float
+
+
+@dataclass(frozen=True)
 class ScansRecord:
     """What the scans of the blocks showed.
 
@@ -247,6 +272,10 @@ class LoopRecord:
     left_open_on_new_blocks: Sequence[str]
     selected_in_folds: Sequence[Sequence[str]]
     trials_analysed: int
+    calibration: Sequence[CalibrationRecord] = ()
+    notes: Sequence[str] = ()
+    headline: Sequence[str] = ()
+    error_by_block: Sequence[BlockError] = ()
 
     def as_document(self) -> dict[str, Any]:
         """Return the record in its form in JSON, without the number of the schema."""

@@ -1,5 +1,6 @@
 """A session in; residual, effect, error before and after, out."""
 
+import math
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
@@ -28,6 +29,7 @@ from stepblocks.lawsearch.holdout import (
 )
 from stepblocks.loop.bench_model import list_covariate_ranges
 from stepblocks.loop.block_scans import Scans, scan_blocks
+from stepblocks.loop.calibration_check import check_calibration, weigh_calibration
 from stepblocks.loop.compose import compose_record
 from stepblocks.loop.experiment import write_block_stimulus
 from stepblocks.loop.heights import add_height_errors
@@ -292,18 +294,21 @@ def analyse_table(
 
     See `analyse_features`.
     """
-    rules = rules or Rules()
+    # a table of a session has left its wild readings out
+    rules = replace(rules or Rules(), wild=math.inf)
+    checks = check_calibration(table.trials, table.model)
     # the matrices are small: threads of the linear algebra only wait for each other
     with threadpool_limits(limits=1, user_api="blas"):
         explained = _explain_and_hold_out(table, rules, jobs, announce)
-    found, within, between = explained.found, explained.within, explained.between
+        found, checks = weigh_calibration(explained.found, checks)
+    within, between = explained.within, explained.between
     return LoopResult(
         title="",
         table=table,
         found=found,
         within=within,
         between=between,
-        record=compose_record(table, found, within, between, scans, rules),
+        record=compose_record(table, found, within, between, scans, rules, checks=checks),
         model=build_learned_model(table, found, list_covariate_ranges(table.trials)),
     )
 

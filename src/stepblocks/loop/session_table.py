@@ -19,7 +19,9 @@ from stepblocks.loop.block_scans import Scans
 from stepblocks.loop.channels import DECAY_TIME, JUDGED, PEAK_FORCE, RING_FREQUENCY
 from stepblocks.loop.columns import (
     FIRST_FIGURE,
+    count_gaps,
     derive_covariates,
+    describe_clock,
     read_channels,
     read_covariates,
     read_numbers,
@@ -30,6 +32,7 @@ from stepblocks.loop.usable_trials import (
     ExcludedTrial,
     select_usable_trials,
 )
+from stepblocks.quantities import format_column_label
 from stepblocks.rig.forward import read_tip_radii
 from stepblocks.rig.state import CHANNELS
 
@@ -67,6 +70,8 @@ class SessionTable:
         Of trials whose tip has no number in its name [um].
     measured : Floats
         Shape (n, 7), values of the channels, those of trials held apart included.
+    notes : tuple of str
+        What a reader should know of the columns: blank cells, jumps of the clock.
     """
 
     trials: Trials
@@ -77,6 +82,7 @@ class SessionTable:
     model: SessionModel
     tip_radius_um: float
     measured: Floats
+    notes: tuple[str, ...] = ()
 
 
 def build_session_table(
@@ -144,7 +150,17 @@ def build_session_table(
         model=model,
         tip_radius_um=tip_radius * 1e6,
         measured=trials.values,
+        notes=(*_describe_gaps(table), *describe_clock(features)),
     )
+
+
+def _describe_gaps(table: pd.DataFrame) -> list[str]:
+    """Say in which columns of numbers trials have no value."""
+    notes = []
+    for name, count in count_gaps(table).items():
+        what = format_column_label(name).partition(",")[0]
+        notes.append(f"{count} of {len(table)} trials have no {what}: they speak about all else")
+    return notes
 
 
 def _freeze_laws(laws: Mapping[str, Mapping[str, Any]]) -> tuple[tuple[str, Any], ...]:

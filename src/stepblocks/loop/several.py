@@ -4,6 +4,7 @@ Spring, tip, blocks and laws are common to all of them; friction and ring are th
 the spread among days follows the next one.
 """
 
+import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -34,6 +35,9 @@ from stepblocks.records.model import WIDE, LearnedFit
 _LEVEL = 0.975  # quantile of a 95 % interval
 _ONE_BLOCK = 10.0  # standard uncertainties by which scans of one block may differ
 _LEAST_VARIANCE = 1e-24  # of the errors of a parameter
+_POSITIVE = ("friction",)  # constants of a day that are positive by nature
+_DAY_LEVEL = 0.01  # of the tests of all constants of a day together, by which they differ
+_TOO_FEW = 2  # sessions, from which a next one is hardly known
 _CLOCK = "_elapsed_s"  # end of the name of a column of times since the start of a session
 
 
@@ -79,6 +83,8 @@ class PooledParameter:
         95 % interval in a session that is yet to come.
     sessions : Mapping[str, SessionValue]
         By the name of the session.
+    equal_p_value : float
+        Chance that sessions of one value differ as much; not-a-number of a single one.
     """
 
     unit: str
@@ -87,6 +93,24 @@ class PooledParameter:
     among_sessions_std: float
     next: Interval
     sessions: Mapping[str, SessionValue]
+    equal_p_value: float = math.nan
+
+    def take_exponential(self) -> "PooledParameter":
+        """Return the number itself of a parameter that was pooled as a logarithm."""
+        sessions = {}
+        for name, session in self.sessions.items():
+            value = math.exp(session.value)
+            shrunk = math.exp(session.shrunk)
+            sessions[name] = SessionValue(value, value * session.std, shrunk)
+        mean = math.exp(self.mean)
+        return replace(
+            self,
+            mean=mean,
+            mean_std=mean * self.mean_std,
+            among_sessions_std=mean * self.among_sessions_std,
+            next=Interval(math.exp(self.next.low), math.exp(self.next.high)),
+            sessions=sessions,
+        )
 
 
 @dataclass(frozen=True)
@@ -241,6 +265,9 @@ def pool_parameter(unit: str, sessions: Mapping[str, float], covariance: Floats)
         pooled = GLS(values, np.ones(n), covariance + ratio * apart).fit()
         return float(pooled.ssr) - n + 1.0
 
+    equal_p_value = math.nan
+    if n > 1:
+        equal_p_value = float(stats.chi2.sf(compute_misfit(0.0) + n - 1.0, n - 1))
     largest_ratio = 1.0 + n * float(np.ptp(values)) ** 2 / unit_variance
     ratio = 0.0
     if compute_misfit(0.0) > 0.0:
@@ -266,6 +293,7 @@ def pool_parameter(unit: str, sessions: Mapping[str, float], covariance: Floats)
         among_sessions_std=float(np.sqrt(ratio * unit_variance)),
         next=Interval(mean - reach, mean + reach),
         sessions=of_sessions,
+        equal_p_value=equal_p_value,
     )
 
 
@@ -289,13 +317,72 @@ def list_shared(fitted: Fit, sessions: Sequence[str]) -> dict[str, PooledParamet
             names = {"": parameter.name}
         rows = [row_of[name] for name in names.values()]
         values = {session: fitted.values[name] for session, name in names.items()}
-        pooled = pool_parameter(parameter.unit, values, fitted.covariance[np.ix_(rows, rows)])
+        pooled = _pool(plain_name, parameter.unit, values, fitted.covariance[np.ix_(rows, rows)])
         if plain_name in OF_A_DAY:
             shared[plain_name] = pooled
         else:
             common = dict.fromkeys(sessions, pooled.sessions[""])
             shared[parameter.name] = replace(pooled, sessions=common)
     return shared
+
+
+def _pool(name: str, unit: str, values: Mapping[str, float], covariance: Floats) -> PooledParameter:
+    """Pool a parameter; one that is positive by nature as a logarithm, so that it stays so."""
+    if name not in _POSITIVE or min(values.values()) <= 0.0:
+        return pool_parameter(unit, values, covariance)
+    numbers = np.array(list(values.values()))
+    logarithms = {session: math.log(value) for session, value in values.items()}
+    relative = covariance / np.outer(numbers, numbers)
+    return pool_parameter(unit, logarithms, relative).take_exponential()
+
+
+def describe_days(shared: Mapping[str, PooledParameter]) -> list[str]:
+    """Say which constants of a day differ between sessions by more than chance.
+
+    Parameters
+    ----------
+    shared : Mapping[str, PooledParameter]
+        As `list_shared` returns them.
+
+    Returns
+    -------
+    list of str
+        A sentence for each such constant, with its value in each session.
+    """
+    of_a_day = {name: shared[name] for name in OF_A_DAY if name in shared}
+    sentences = []
+    for name, pooled in of_a_day.items():
+        if not pooled.equal_p_value * len(of_a_day) < _DAY_LEVEL:
+            continue
+        figures = []
+        for session, value in pooled.sessions.items():
+            number = value.value
+            if name.startswith("ln_"):
+                number = math.exp(number)
+            figures.append(f"{number:.3g} in {session}")
+        words = name.removeprefix("ln_").replace("_", " ")
+        text = f"{words} differs between the sessions: {' and '.join(figures)}"
+        if len(figures) == _TOO_FEW:
+            text = f"{text}; two sessions say little of a next one"
+        sentences.append(text)
+    return sentences
+
+
+def _put_days_first(result: LoopResult, shared: Mapping[str, PooledParameter]) -> LoopResult:
+    """Put what differs between the sessions before the finding of all of them together."""
+    sentences = describe_days(shared)
+    if not sentences:
+        return result
+    record = result.record
+    finding = record.finding[0].lower() + record.finding[1:]
+    text = "; ".join([*sentences, finding])
+    lines = (*[_begin_sentence(sentence) for sentence in sentences], *record.headline)
+    return replace(result, record=replace(record, finding=_begin_sentence(text), headline=lines))
+
+
+def _begin_sentence(text: str) -> str:
+    """Return a text with a capital letter."""
+    return text[0].upper() + text[1:]
 
 
 def explain_together(
@@ -328,6 +415,7 @@ def explain_together(
     sessions = list(tables)
     nominal, extended = result.found.nominal, result.found.extended
     shared = list_shared(extended, sessions)
+    result = _put_days_first(result, shared)
     model = replace(
         result.model,
         verdict="several sessions",

@@ -39,6 +39,54 @@ def predict_as_built(
     return predictions, rows
 
 
+def predict_blocks(
+    stimuli: StimulusSet, groups: Mapping[str, Records], dragged: bool | None, speed: float
+) -> tuple[list[StimulusSet], list[Prediction], list[dict[str, Cell]]]:
+    """Predict the blocks of several serial numbers, of each its recorded stimuli alone.
+
+    Parameters
+    ----------
+    stimuli : StimulusSet
+        What was asked for.
+    groups : mapping
+        Records by stimulus, by serial number; those without a number stand for the set.
+    dragged, speed
+        As `predict_all` takes them.
+
+    Returns
+    -------
+    list of StimulusSet
+        The sets at their measured sizes.
+    list of Prediction
+    list of dict
+        Rows of a table; with a column ``serial`` where a number is known.
+    """
+    sets: list[StimulusSet] = []
+    predictions: list[Prediction] = []
+    rows: list[dict[str, Cell]] = []
+    has_serials = any(groups)
+    for serial, records in groups.items():
+        of_block = select_recorded(stimuli, serial, records)
+        if of_block is None:
+            continue
+        found, found_rows = predict_as_built(of_block, records, dragged, speed)
+        sets.append(replace_nominals(of_block, records))
+        predictions += found
+        for row in found_rows:
+            rows.append({"serial": serial, **row} if has_serials else row)
+    return sets, predictions, rows
+
+
+def select_recorded(stimuli: StimulusSet, serial: str, records: Records) -> StimulusSet | None:
+    """Return the set of the stimuli that a serial number has records of; None of none."""
+    if not serial:
+        return stimuli
+    recorded = [part for part in stimuli.stimuli if part.id in records]
+    if not recorded:
+        return None
+    return stimuli.with_parts(recorded)
+
+
 def replace_nominals(stimuli: StimulusSet, records: Records) -> StimulusSet:
     """Replace the nominal of every step that has a record by what was measured."""
     return stimuli.with_parts(
@@ -51,8 +99,8 @@ def _replace_nominal(part: Part, record: AsBuilt | None) -> Part:
     if record is None or "height" not in part.sizes:
         return part
     measured = {}
-    if record.height is not None:
-        measured["height"] = record.height.value
+    if record.contact_height is not None:
+        measured["height"] = record.contact_height
     if "edge_radius" in record.values:
         measured["edge_radius"] = max(record.values["edge_radius"].value, 0.0)
     source = f"as built, {record.scan}"
@@ -187,8 +235,12 @@ def _describe_block(part: Part, record: AsBuilt) -> str:
     verdicts = ", ".join(f"{name} {found.verdict}" for name, found in record.values.items())
     height = part.sizes["height"].nominal * 1e6
     radius = part.sizes["edge_radius"].nominal * 1e6
+    with_burr = ""
+    if record.height is not None and record.contact_height != record.height.value:
+        with_burr = " with its burr"
     return (
-        f"{part.id} ({verdicts}): as built, {height:.2f} um and an edge radius of {radius:.2g} um, "
+        f"{part.id} ({verdicts}): as built, {height:.2f} um{with_burr} and an edge radius of "
+        f"{radius:.2g} um, "
     )
 
 

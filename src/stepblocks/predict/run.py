@@ -10,10 +10,10 @@ from stepblocks.declaration.read import load_set
 from stepblocks.declaration.set import StimulusSet
 from stepblocks.errors import PipelineError
 from stepblocks.mistakes import shorten_value
-from stepblocks.predict.as_built import predict_as_built
+from stepblocks.predict.as_built import predict_blocks
 from stepblocks.predict.columns import tabulate_prediction
 from stepblocks.predict.predictions import predict_all
-from stepblocks.records.as_built import read_records
+from stepblocks.records.as_built import read_records_by_serial
 
 
 def predict_set(
@@ -34,8 +34,9 @@ def predict_set(
     speed : float
         Of the handle in those drags [m/s].
     as_built : sequence of str or Path
-        As-built records of inspected blocks, or folders of them: what was measured counts in place
-        of the nominal, and where a surface was scanned, the columns ``surface_...`` stand behind.
+        As-built records of inspected blocks, or folders of them, or of folders by serial number:
+        what was measured counts in place of the nominal; where a surface was scanned, the columns
+        ``surface_...`` stand behind, and where there are serial numbers, ``serial`` before.
 
     Returns
     -------
@@ -54,8 +55,8 @@ def predict_set(
     if not isinstance(stimuli, StimulusSet):
         stimuli = load_set(Path(stimuli))
     if as_built:
-        records = read_records([Path(path) for path in as_built])
-        _, rows = predict_as_built(stimuli, records, dragged, speed)
+        groups = read_records_by_serial([Path(path) for path in as_built])
+        _, _, rows = predict_blocks(stimuli, groups, dragged, speed)
     else:
         predictions = predict_all(stimuli, dragged, speed)
         rows = [tabulate_prediction(prediction) for prediction in predictions]

@@ -24,6 +24,8 @@ from stepblocks.scans.text import read_text_scan
 
 # characteristics that are the height of a step: at the edge itself, or of a feature that is as high
 _HEIGHTS = ("step_height", "groove_depth", "ridge_height")
+_RECORDS = "*.as-built.toml"
+_FAILED = "does not conform"  # verdict of what lies outside of its limits
 _VALUE_DIGITS = 9  # of a value in the record
 _STD_DIGITS = 4  # of its standard uncertainty
 _LENGTH = BeforeValidator(make_quantity_parser("length"))
@@ -74,6 +76,16 @@ class AsBuilt:
             if key in self.values:
                 return self.values[key]
         return None
+
+    @property
+    def contact_height(self) -> float | None:
+        """Height that a tip meets [m]: the step with a burr on it that does not conform."""
+        if self.height is None:
+            return None
+        burr = self.values.get("burr")
+        if burr is None or burr.verdict != _FAILED:
+            return self.height.value
+        return self.height.value + burr.value
 
 
 class _Head(BaseModel):
@@ -214,26 +226,59 @@ def read_records(paths: Sequence[Path]) -> dict[str, AsBuilt]:
         If there is no record, or two of one stimulus.
     """
     records: dict[str, AsBuilt] = {}
-    for file in _list_record_files(paths):
-        record = read_as_built(file)
-        if record.stimulus in records:
-            raise PipelineError(
-                f"records must name each stimulus once, got {record.stimulus} twice [{file}]"
-            )
-        records[record.stimulus] = record
-    if not records:
-        raise PipelineError("expected at least one record (*.as-built.toml), got none")
+    for serial, of_block in read_records_by_serial(paths).items():
+        for stimulus, record in of_block.items():
+            if stimulus in records:
+                raise PipelineError(
+                    f"records must name each stimulus once, got {stimulus} twice: give the folder "
+                    f"of one serial number [{serial}]"
+                )
+            records[stimulus] = record
     return records
 
 
-def _list_record_files(paths: Sequence[Path]) -> list[Path]:
-    """Return files as they are, and the records in each folder in the order of their names."""
-    files: list[Path] = []
+def read_records_by_serial(paths: Sequence[Path]) -> dict[str, dict[str, AsBuilt]]:
+    """Read the records of several blocks, by serial number and stimulus.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        Files; folders of them; and folders that `write_many` wrote, with one folder for each serial
+        number.
+
+    Returns
+    -------
+    dict
+        Records by stimulus, by serial number; those that no folder names have an empty one.
+
+    Raises
+    ------
+    PipelineError
+        If there is no record, or two of one stimulus under one number.
+    """
+    groups: dict[str, dict[str, AsBuilt]] = {}
+    for serial, file in _list_record_files(paths):
+        record = read_as_built(file)
+        group = groups.setdefault(serial, {})
+        if record.stimulus in group:
+            raise PipelineError(
+                f"records must name each stimulus once, got {record.stimulus} twice [{file}]"
+            )
+        group[record.stimulus] = record
+    if not groups:
+        raise PipelineError("expected at least one record (*.as-built.toml), got none")
+    return groups
+
+
+def _list_record_files(paths: Sequence[Path]) -> list[tuple[str, Path]]:
+    """List records with their serial numbers: files, those of folders and of folders in these."""
+    files: list[tuple[str, Path]] = []
     for path in paths:
-        if path.is_dir():
-            files += sorted(path.glob("*.as-built.toml"))
-        else:
-            files.append(path)
+        if not path.is_dir():
+            files.append(("", path))
+            continue
+        files += [("", file) for file in sorted(path.glob(_RECORDS))]
+        files += [(file.parent.name, file) for file in sorted(path.glob(f"*/{_RECORDS}"))]
     return files
 
 

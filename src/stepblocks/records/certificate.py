@@ -6,6 +6,7 @@ XML signature (XMLDSig) to the file.
 """
 
 import dataclasses
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 from html import unescape
@@ -39,6 +40,7 @@ RULE = (
 # pages of the PDF
 _A4 = (8.27, 11.69)  # inch
 _ROWS = 26  # of the table on a page
+_LINES = 75  # of text alone on a page
 _LINE_WIDTH = 125  # characters of a line of text
 _LABEL_WIDTH = 44  # characters of a label, which may take two lines
 _LINE_HEIGHT = 0.0118  # of a line of text, as a part of the page
@@ -216,7 +218,7 @@ def collect_content(
         scan=record.scan,
         release=__version__,
         blank=_BLANK,
-        customer=order.owner or order.author,
+        customer=_find_customer(order, laboratory),
         begin=begin,
         end=end,
         digest=digest[:_DIGEST_DIGITS],
@@ -227,18 +229,39 @@ def collect_content(
     )
 
 
+def _find_customer(order: OrderSpec, laboratory: Laboratory | None) -> str:
+    """Return the customer that the laboratory names, or else the owner or author of the order."""
+    if laboratory is not None and laboratory.customer:
+        return laboratory.customer
+    return order.owner or order.author
+
+
 def _find_obstacle(entry: JudgedRecord) -> str:
     """Return why a value is not certified; empty where nothing stands against it."""
     if not entry.uncertainty_stated:
         return "measured, without a stated uncertainty"
     if entry.bound:
-        return f"known as a bound only: {entry.bound} the measured value"
+        return f"known as a bound only: {entry.bound} {_format_bound(entry)}"
     if entry.coverage_factor > _LARGEST_FACTOR:
         return (
             f"too few profiles or scans: coverage factor {entry.coverage_factor:.2f}, "
             f"at most {_LARGEST_FACTOR}; four scans of the part or more suffice"
         )
     return ""
+
+
+def _format_bound(entry: JudgedRecord) -> str:
+    """Write the value of a bound with its expanded uncertainty, limits and verdict."""
+    factor, unit = (_DEGREES, "deg") if entry.unit == "rad" else (1e6, "um")
+    low, high = entry.interval_95
+    half = 0.5 * (high - low) * factor
+    limits = []
+    if entry.lower_limit is not None:
+        limits.append(f"at least {entry.lower_limit * factor:.7g}")
+    if entry.upper_limit is not None:
+        limits.append(f"at most {entry.upper_limit * factor:.7g}")
+    text = f"{entry.value * factor:.3g} {unit}, U (95 %) {half:.2g} {unit}"
+    return f"{text}; required {' and '.join(limits) or 'nothing'} {unit}: {entry.verdict}"
 
 
 def _find_conformity_of_whole(results: list[CertifiedCharacteristic], is_complete: bool) -> str:
@@ -316,19 +339,53 @@ def write_pdf(path: Path, content: CertificateContent) -> None:
     """Write the certificate as A4 pages."""
     from matplotlib.backends.backend_pdf import PdfPages
 
-    text = unescape(content.render("certificate.txt.j2"))
-    lines = []
-    for paragraph in text.splitlines():
-        lines += wrap(paragraph, _LINE_WIDTH) or [""]
+    lines = _wrap_lines(unescape(content.render("certificate.txt.j2")).splitlines())
     rows = [format_row(result) for result in content.results]
     tables = [rows[first : first + _ROWS] for first in range(0, len(rows), _ROWS)] or [[]]
+    annex = _wrap_lines(_list_annex_lines(content))
+    chapters = [annex[first : first + _LINES] for first in range(0, len(annex), _LINES)]
+    pages = [(lines, table) for table in tables] + [(chapter, []) for chapter in chapters]
     # in memory, since on a full disk the library ends in an error of its compressor
     with BytesIO() as file:
         with PdfPages(file, metadata={"CreationDate": None, "ModDate": None}) as document:
-            for number, table in enumerate(tables, start=1):
-                heading = f"Certificate   {content.identity}   page {number} of {len(tables)}"
-                document.savefig(_draw_page(heading, lines, table))
+            for number, (text, table) in enumerate(pages, start=1):
+                heading = f"Certificate   {content.identity}   page {number} of {len(pages)}"
+                document.savefig(_draw_page(heading, text, table))
         replace_bytes(path, file.getvalue())
+
+
+def _wrap_lines(paragraphs: Iterable[str]) -> list[str]:
+    """Break paragraphs into lines that fit the page."""
+    lines = []
+    for paragraph in paragraphs:
+        lines += wrap(paragraph, _LINE_WIDTH) or [""]
+    return lines
+
+
+def _list_annex_lines(content: CertificateContent) -> list[str]:
+    """List what stands behind the results: their budgets, and what is not certified."""
+    lines = []
+    if content.results:
+        lines.append("uncertainty budgets, standard uncertainties")
+    for result in content.results:
+        factor, unit = _choose_unit(result)
+        parts = []
+        for component in result.budget:
+            parts.append(f"{component.source} {float(component.std) * factor:.3g} {unit}")
+        parts += result.not_observed
+        lines.append(f"{result.number} {result.label}: {'; '.join(parts)}")
+    if content.open_ends:
+        lines += ["", "not certified"]
+    for open_end in content.open_ends:
+        lines.append(f"{open_end.number} {open_end.label}: {open_end.reason}")
+    return lines
+
+
+def _choose_unit(result: CertifiedCharacteristic) -> tuple[float, str]:
+    """Return the unit in which a characteristic is shown, with how many make one of the SI."""
+    if result.unit == "\\metre":
+        return 1e6, "um"
+    return _DEGREES, "deg"
 
 
 def _draw_page(heading: str, lines: list[str], rows: list[list[str]]) -> "Figure":
@@ -362,10 +419,7 @@ def format_row(result: CertifiedCharacteristic) -> list[str]:
 
     The uncertainty has two digits, and the value as many decimals (JCGM 100, 7.2.6).
     """
-    if result.unit == "\\metre":
-        factor, unit = 1e6, "um"
-    else:
-        factor, unit = _DEGREES, "deg"
+    factor, unit = _choose_unit(result)
     ends = {limit.side: f"{float(limit.size) * factor:.7g}" for limit in result.limits}
     limits = f"{ends.get('lower', '')} to {ends.get('upper', '')}".strip()
     half = float(result.expanded) * factor

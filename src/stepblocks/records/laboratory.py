@@ -67,9 +67,11 @@ class Laboratory(BaseModel, frozen=True, extra="forbid"):
     measured_from, measured_to : date
         When the part was measured.
     certificate : str
-        Number of the certificate.
-    customer_address, serial : str
+        Number of the certificate; of several parts the first part of their numbers.
+    customer, customer_address, serial : str
         Of the customer and of the part, where they are known.
+    issued : date or None
+        When the certificate is issued.
     """
 
     name: _Text
@@ -82,7 +84,9 @@ class Laboratory(BaseModel, frozen=True, extra="forbid"):
     measured_from: _Date
     measured_to: _Date
     certificate: _Text
+    customer: Annotated[str, Field(max_length=200)] = ""
     customer_address: str = ""
+    issued: _Date | None = None
     serial: str = ""
 
 

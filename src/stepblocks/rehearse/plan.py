@@ -104,7 +104,7 @@ class SessionPlan(Strict):
     title : str
     source : Source
     seed : int
-    format : Literal['csv', 'hdf5']
+    format : Literal['csv', 'hdf5', 'mat', 'tdms']
     model : Model
     design : Design
     scatter : Scatter
@@ -116,7 +116,7 @@ class SessionPlan(Strict):
     title: str = "Simulated session"
     source: Source = "equations"
     seed: int = Field(ge=0)
-    format: Literal["csv", "hdf5"] = "hdf5"
+    format: Literal["csv", "hdf5", "mat", "tdms"] = "hdf5"
     model: Model = Model()
     design: Design
     scatter: Scatter = Scatter()

@@ -2,19 +2,28 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import h5py
 import numpy as np
 
 from stepblocks.bench.signal import Trace
 
+if TYPE_CHECKING:
+    from nptdms import TdmsWriter
+
 _NAMES = ("time_s", "fx_n", "fy_n")
 # where the traces of a session lie, by format
 TRACE_FILES = {
     "csv": "traces/{trial:04d}.csv",
     "hdf5": "traces.h5",
+    "mat": "traces/{trial:04d}.mat",
+    "tdms": "traces.tdms",
 }
+# the text that opens a MAT file of version 5, padded to its length; SciPy writes the hour into it
+_MAT_HEADING = b"MATLAB 5.0 MAT-file, written by stepblocks".ljust(116)
 
 Write = Callable[[int, Trace], None]  # appends the trace of a trial
 
@@ -22,12 +31,21 @@ Write = Callable[[int, Trace], None]  # appends the trace of a trial
 @contextmanager
 def open_writer(folder: Path, kind: str) -> Iterator[Write]:
     """Begin the traces of a session in an empty folder; `kind` is one of `TRACE_FILES`."""
+    path = folder / TRACE_FILES[kind]
     if kind == "csv":
-        (folder / TRACE_FILES["csv"]).parent.mkdir()
+        path.parent.mkdir()
         yield lambda trial, trace: _write_text(folder, trial, trace)
+    elif kind == "mat":
+        path.parent.mkdir()
+        yield lambda trial, trace: _write_mat(folder, trial, trace)
+    elif kind == "tdms":
+        from nptdms import TdmsWriter
+
+        with TdmsWriter(path) as writer:
+            yield lambda trial, trace: _write_segment(writer, f"{trial:04d}", trace)
     else:
         # the first layout of HDF5, since an older library writes the time into later ones
-        with h5py.File(folder / TRACE_FILES[kind], "w") as file:
+        with h5py.File(path, "w") as file:
             yield lambda trial, trace: _write_group(file.create_group(f"{trial:04d}"), trace)
 
 
@@ -48,3 +66,30 @@ def _write_group(group: "h5py.Group", trace: Trace) -> None:
         group.create_dataset(
             name, data=values.astype(np.float32), compression="gzip", track_times=False
         )
+
+
+def _write_mat(folder: Path, trial: int, trace: Trace) -> None:
+    """Write a trial as a MAT file of version 5, a variable for each column."""
+    from scipy.io import savemat
+
+    columns = (trace.time, trace.tangential, trace.normal)
+    variables = {}
+    for name, values in zip(_NAMES, columns, strict=True):
+        variables[name] = values.astype(np.float32)
+    stream = BytesIO()
+    opened: Any = stream  # the stubs know paths alone
+    savemat(opened, variables, do_compression=True, oned_as="column")
+    content = stream.getvalue()
+    path = folder / TRACE_FILES["mat"].format(trial=trial)
+    path.write_bytes(_MAT_HEADING + content[len(_MAT_HEADING) :])
+
+
+def _write_segment(writer: "TdmsWriter", group: str, trace: Trace) -> None:
+    """Append a trial as a group of TDMS, a channel for each column."""
+    from nptdms import ChannelObject
+
+    channels = []
+    columns = (trace.time, trace.tangential, trace.normal)
+    for name, values in zip(_NAMES, columns, strict=True):
+        channels.append(ChannelObject(group, name, values.astype(np.float32)))
+    writer.write_segment(channels)

@@ -247,13 +247,15 @@ def build_extended_state(
     Release after contact, what follows the peak when it is known.
     """
     state = build_nominal_state(design, values)
-    for law, law_values in sorted(active, key=lambda effect: _find_turn(effect[0])):
+    for law, law_values in sorted(
+        active, key=lambda effect: _rank_in_order_of_application(effect[0])
+    ):
         column = select_covariate(design, state, law.covariate) if law.given else None
         state = law.apply(state, column, law_values)
     return state
 
 
-def _find_turn(law: Law) -> tuple[bool, bool]:
+def _rank_in_order_of_application(law: Law) -> tuple[bool, bool]:
     """Find when a law is applied: after those of which it needs the peak or the contact."""
     follows_peak = law.given and law.covariate == PEAK_FORCE
     return follows_peak, law.slot == "conversion"

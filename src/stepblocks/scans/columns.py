@@ -63,6 +63,9 @@ def choose_columns(table: NumberTable, channel: str | None) -> Columns:
             candidates.append(column)
     if len(candidates) > 3 or channel is not None:
         return _choose_by_names(table, candidates, channel)
+    named = _choose_by_clear_names(table, candidates)
+    if named is not None:
+        return named
     if len(candidates) == 3:
         return _choose_by_extent(table, candidates)
     if len(candidates) == 2:
@@ -71,6 +74,50 @@ def choose_columns(table: NumberTable, channel: str | None) -> Columns:
     raise MetrologyError(
         f"table must have 2 columns (x, z) or 3 (x, y, z), got {len(candidates)} [{table.source}]"
     )
+
+
+def _choose_by_clear_names(table: NumberTable, candidates: list[int]) -> Columns | None:
+    """Choose two or three columns by their names; None where these do not tell.
+
+    Where x is not among them, y says where a profile runs.
+
+    Raises
+    ------
+    MetrologyError
+        If two columns have the name of heights.
+    """
+    if not table.names:
+        return None
+    names = {column: table.names[column].lower() for column in candidates}
+    heights = _find_beginning_with(names, _Z_NAMES)
+    along = _find_beginning_with(names, _X_NAMES)
+    across = _find_beginning_with(names, _Y_NAMES)
+    if len(heights) > 1 and (along or across):
+        raise MetrologyError(
+            "channel must name the column of heights, one of "
+            f"{', '.join(table.names[column] for column in heights)} [{table.source}]"
+        )
+    if len(heights) != 1 or len(along) > 1 or len(across) > 1:
+        return None
+    if along and across:
+        return _drop_constant(table, Columns(along[0], heights[0], across[0]))
+    if along or across:
+        return Columns((along or across)[0], heights[0])
+    return None
+
+
+def _drop_constant(table: NumberTable, columns: Columns) -> Columns:
+    """Take a map for a profile where one of its positions is the same in all points."""
+    if columns.y is None:
+        return columns
+    x, y = (table.values[:, column] for column in (columns.x, columns.y))
+    extent_x = float(np.nanmax(x) - np.nanmin(x))
+    extent_y = float(np.nanmax(y) - np.nanmin(y))
+    if extent_y < _CONSTANT * extent_x:
+        return Columns(columns.x, columns.z)
+    if extent_x < _CONSTANT * extent_y:
+        return Columns(columns.y, columns.z)
+    return columns
 
 
 def _choose_by_names(table: NumberTable, candidates: list[int], channel: str | None) -> Columns:

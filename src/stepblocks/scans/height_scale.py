@@ -127,7 +127,7 @@ def _describe_damage(part: str, error: Exception, path: Path) -> MetrologyError:
     return MetrologyError(f"{part} must state the height scale, got {reason} [{path.name}]")
 
 
-def check_height_scale(
+def check_against_stated_scale(
     height: NDArray[np.float64], scale: HeightScale, place: str, used: float | None = None
 ) -> str:
     """Compare heights with the scale that their file states.

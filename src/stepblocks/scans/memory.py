@@ -4,6 +4,7 @@ Numbers are metres unless a unit is given or they carry one themselves. What can
 refused: an option that is ignored would make a false verdict.
 """
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from stepblocks.contact.counterface import Profile
 from stepblocks.errors import MetrologyError
+from stepblocks.files.missing import blank_fill_values
 from stepblocks.mistakes import shorten_value
 from stepblocks.scans.scan import Array, HeightMap, ScannedProfile
 from stepblocks.scans.text import read_table_scan
@@ -103,18 +105,26 @@ def _make_profile(x: Any, z: Any, unit: str | None) -> ScannedProfile:
     """Make a profile of positions and heights, each with the unit that it carries or is given."""
     units = parse_units(unit)
     position = _take_lengths(x, "x", units)
-    height = _take_lengths(z, "z", units)
-    return ScannedProfile(position, height, _SOURCE, _describe_unit(unit))
+    fills: list[str] = []
+    height = _take_lengths(z, "z", units, fills)
+    return ScannedProfile(position, height, _SOURCE, _describe_unit(unit, fills))
 
 
-def _describe_unit(unit: str | None) -> str:
-    if unit is None:
-        return ""
-    return f"unit {unit} as given"
+def _describe_unit(unit: str | None, fills: Sequence[str]) -> str:
+    """Say which unit was given, and which values were taken as missing."""
+    notes = list(fills)
+    if unit is not None:
+        notes.insert(0, f"unit {unit} as given")
+    return "; ".join(notes)
 
 
-def _take_lengths(values: Any, axis: str, units: dict[str, StoredLength]) -> Array:
-    """Return lengths [m], nan where a value is masked or missing."""
+def _take_lengths(
+    values: Any, axis: str, units: dict[str, StoredLength], fills: list[str] | None = None
+) -> Array:
+    """Return lengths [m], nan where a value is masked or missing.
+
+    Where `fills` is given, values that fill gaps are missing, and it takes what is said of them.
+    """
     if hasattr(values, "magnitude") and hasattr(values, "to"):  # of Pint
         if axis in units:
             raise MetrologyError(
@@ -123,7 +133,13 @@ def _take_lengths(values: Any, axis: str, units: dict[str, StoredLength]) -> Arr
         return _take_numbers(_convert_quantity(values, axis), axis)
     if units and axis not in units:
         raise MetrologyError(f"unit must say that of {axis}, too, as x=mm,z=um, got none")
-    return units.get(axis, _METRE).to_metres(_take_numbers(values, axis))
+    numbers = _take_numbers(values, axis)
+    if fills is not None:
+        found = blank_fill_values(numbers)
+        numbers = found.values
+        if found.count:
+            fills.append(found.describe("the heights"))
+    return units.get(axis, _METRE).to_metres(numbers)
 
 
 def _convert_quantity(values: Any, axis: str) -> Any:
@@ -169,9 +185,10 @@ def _take_labelled_array(array: Any, unit: str | None) -> ScannedProfile | Heigh
             f"{shorten_value(dict(array.sizes))}"
         )
     units = parse_units(unit)
-    height = _take_labelled_lengths(array, "z", units)
+    fills: list[str] = []
+    height = _take_labelled_lengths(array, "z", units, fills)
     along_x = _take_labelled_lengths(array.coords[array.dims[-1]], "x", units)
-    scale = _describe_unit(unit)
+    scale = _describe_unit(unit, fills)
     if len(array.dims) == 1:
         return ScannedProfile(along_x, height, _SOURCE, scale)
     along_y = _take_labelled_lengths(array.coords[array.dims[0]], "y", units)
@@ -180,17 +197,19 @@ def _take_labelled_array(array: Any, unit: str | None) -> ScannedProfile | Heigh
     return HeightMap(height[:: _find_sign(dy), :: _find_sign(dx)], abs(dx), abs(dy), _SOURCE, scale)
 
 
-def _take_labelled_lengths(array: Any, axis: str, units: dict[str, StoredLength]) -> Array:
+def _take_labelled_lengths(
+    array: Any, axis: str, units: dict[str, StoredLength], fills: list[str] | None = None
+) -> Array:
     """Return the values of an array of xarray [m], by its attribute ``units`` where it has one."""
     stated = array.attrs.get("units")
     values = array.data
     if stated is None:
-        return _take_lengths(values, axis, units)
+        return _take_lengths(values, axis, units, fills)
     if axis in units:
         raise MetrologyError(
             f"unit must not be given for {array.name}, which states its own, got {stated!r}"
         )
-    return _take_lengths(values, axis, parse_units(f"{axis}={stated}"))
+    return _take_lengths(values, axis, parse_units(f"{axis}={stated}"), fills)
 
 
 def _find_step(positions: Array, name: str) -> float:

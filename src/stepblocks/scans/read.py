@@ -14,7 +14,7 @@ from stepblocks.files.confined import read_confined
 from stepblocks.files.text import is_file
 from stepblocks.scans.formats import READERS
 from stepblocks.scans.formats.reader import ReadScan, ScanReader, ScanRequest, check_archive
-from stepblocks.scans.height_scale import check_height_scale
+from stepblocks.scans.height_scale import check_against_stated_scale
 from stepblocks.scans.memory import ScanInMemory, take_scan
 from stepblocks.scans.scan import HeightMap, ScannedProfile
 
@@ -61,9 +61,10 @@ def read_scan(
     ----------
     path : str or Path
         A text table (``.csv``, ``.txt``, ``.tsv``, ``.xyz``, ``.asc``, ``.dat``) of x, z or of x,
-        y, z, or a matrix of heights; points (``.ply``, ``.stl``, ``.obj``, ``.json``); or
-        a file of an instrument (``.x3p``, ``.sdf``, ``.sur``, ``.plux``, ``.gwy``, ``.opdx``,
-        ``.nid``, ``.ibw``, ``.mi``, ``.mnt``, ``.stp``, ``.frt`` and others).
+        y, z, or a matrix of heights; points (``.ply``, ``.stl``, ``.obj``, ``.json``); a height
+        field (``.tif``, or its sidecar); or a file of an instrument (``.x3p``, ``.sdf``,
+        ``.sur``, ``.plux``, ``.gwy``, ``.opdx``, ``.nid``, ``.ibw``, ``.mi``, ``.mnt``, ``.stp``,
+        ``.frt`` and others).
     unit : str, optional
         Unit of what does not say its own: ``um``, or by axis ``x=mm,z=um``; a number before it is
         the size of a stored 1.
@@ -119,7 +120,7 @@ def _check_scale(found: ReadScan, reader: ScanReader, path: Path) -> ScannedProf
     scan = found.scan
     stated = reader.read_height_scale(path, found.channel)
     if stated is not None:
-        checked = check_height_scale(scan.height, stated, path.name, scan.count)
+        checked = check_against_stated_scale(scan.height, stated, path.name, scan.count)
         # a stored floating number has no steps, so its unit is no resolution
         count = scan.count if stated.integral else None
         return replace(scan, scale=f"{scan.scale}; {checked}", count=count)

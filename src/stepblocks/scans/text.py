@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.errors import MetrologyError
+from stepblocks.files.decode import decode_text
+from stepblocks.files.missing import blank_fill_values
 from stepblocks.files.tables import Table
 from stepblocks.scans.columns import Columns, choose_columns, find_unit
 from stepblocks.scans.points import grid_points
@@ -31,7 +33,6 @@ _MATRIX_HEAD = re.compile(
     r"pixel size|value units|x-pixels|^#?\s*(width|breite|kanal|channel|h=\d+)",
     re.IGNORECASE | re.MULTILINE,
 )
-_ENCODING_BY_MARK = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
 _MOST_BACKWARD = 0.1  # part of the points of a profile that may lie behind one before them [1]
 _SAMPLED_NUMBERS = 2000  # in which the last printed digit is looked for
 # Distance from equal steps, in last digits of the positions, that rounding explains [1]
@@ -42,7 +43,7 @@ _SOURCE_OF_TABLE = "table.csv"
 def holds_matrix(path: Path) -> bool:
     """Tell whether the head of a text states the size of a matrix of heights."""
     with path.open("rb") as file:
-        head = _decode(file.read(_HEAD_BYTES))
+        head = file.read(_HEAD_BYTES).decode("latin-1").replace("\0", "")
     return _MATRIX_HEAD.search(head) is not None
 
 
@@ -76,10 +77,13 @@ def read_text_scan(
         raise MetrologyError(
             f"text must not exceed {_MOST_BYTES >> 20} MiB, got {size} bytes [{path.name}]"
         )
-    text = _decode(path.read_bytes())
-    if "\0" in text[:_PROBED_CHARACTERS]:
+    decoded = decode_text(path.read_bytes(), path.name, MetrologyError)
+    if "\0" in decoded.text[:_PROBED_CHARACTERS]:
         raise MetrologyError(f"file must be text, got binary data [{path.name}]")
-    return _make_scan(parse_table(text, path.name), unit, channel)
+    scan = _make_scan(parse_table(decoded.text, path.name), unit, channel)
+    if decoded.note:
+        scan = replace(scan, scale=f"{scan.scale}; {decoded.note}")
+    return scan
 
 
 def read_table_scan(
@@ -140,18 +144,6 @@ def _read_numbers(column: "pd.Series") -> Array:
     )
 
 
-def _decode(raw: bytes) -> str:
-    """Decode text as UTF-16 where its mark says so, or else as UTF-8 or Latin-1."""
-    encoding = _ENCODING_BY_MARK.get(raw[:2])
-    try:
-        if encoding is None:
-            return raw.decode("utf-8-sig")
-        whole_characters = len(raw) - len(raw) % 2
-        return raw[:whole_characters].decode(encoding)
-    except UnicodeDecodeError:
-        return raw.decode("latin-1")  # profilometers write the micro sign so
-
-
 @dataclass(frozen=True)
 class _Axis:
     """One column of a scan."""
@@ -186,8 +178,16 @@ def _make_scan(
     units = parse_units(unit)
     if table.values.shape[1] > 3 and not table.names and channel is None:
         return _make_map_of_matrix(table, units)
-    axes = _find_axes(table, choose_columns(table, channel), units)
+    columns = choose_columns(table, channel)
+    found = blank_fill_values(table.values[:, columns.z])
+    if found.count:
+        values = table.values.copy()
+        values[:, columns.z] = found.values
+        table = replace(table, values=values)
+    axes = _find_axes(table, columns, units)
     scale = _describe_units(axes, unit)
+    if found.count:
+        scale += f"; {found.describe(table.get_name(columns.z) or 'the heights')}"
     if "y" in axes:
         return _make_map_of_points(axes, scale, table.source)
     return _make_profile(axes, scale, table.source)
@@ -286,20 +286,23 @@ def _is_moved(x: Array, even: Array) -> bool:
 
 def _make_map_of_matrix(table: NumberTable, units: Mapping[str, StoredLength]) -> HeightMap:
     """Make a map of heights without a head, whose step and unit the user states."""
-    if "x" not in units or "z" not in units:
+    steps_are_stated = all(axis in units and units[axis].is_step for axis in "xy")
+    if not steps_are_stated or "z" not in units:
         raise MetrologyError(
-            "table must have 2 columns (x, z) or 3 (x, y, z); a matrix of heights needs a "
-            f"step and a unit, as x=0.5um,z=nm, got {table.values.shape[1]} columns "
-            f"[{table.source}]"
+            "the spacing of a matrix of heights must be given for x and y, with the unit of the "
+            "heights, as x=0.5um,y=0.5um,z=nm (a table has 2 columns, x, z, or 3, x, y, z), got "
+            f"{table.values.shape[1]} columns [{table.source}]"
         )
-    along_x = units["x"]
-    along_y = units.get("y", along_x)
-    heights = _Axis(None, table.values.ravel(), units["z"])
+    found = blank_fill_values(table.values)
+    heights = _Axis(None, found.values.ravel(), units["z"])
+    scale = "matrix with the spacing and unit given"
+    if found.count:
+        scale += f"; {found.describe('the heights')}"
     return HeightMap(
-        table.values * units["z"].metres,
-        along_x.metres,
-        along_y.metres,
+        found.values * units["z"].metres,
+        units["x"].metres,
+        units["y"].metres,
         source=table.source,
-        scale="matrix with the step and unit given",
+        scale=scale,
         count=heights.measure_last_digit(),
     )

@@ -4,14 +4,18 @@ Instruments separate fields by semicolons, tabs, commas or blanks, write decimal
 and put a head above the table and a footer below it.
 """
 
+import csv
 import io
+import math
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from stepblocks.errors import MetrologyError
+from stepblocks.files.missing import is_missing_word
+from stepblocks.files.numbers import NotationError, NumberNotation, find_notation
 from stepblocks.scans.scan import Array
 from stepblocks.scans.units import UNIT_PATTERN, UNITS_PER_METRE, StoredLength
 
@@ -20,8 +24,13 @@ _MOST_HEADER_LINES = 400
 # Lines at the end of the longest head and below it, by which the notation is found
 _SAMPLED_LINES = 50
 _SHOWN_CHARACTERS = 60  # of a wrong line, in a message
-# How instruments write a point that was not measured
-_MISSING = {"", "nan", "bad", "-", "***", "---"}
+_MOST_DOUBTFUL = 4000  # lines in which the decimal sign is looked for, evenly over the text
+_POINT = NumberNotation(".")
+_COMMA = NumberNotation(",")
+# Between thousands a blank would also separate two fields
+_INNER_BLANK = re.compile(r"\s")
+_COMMENT = re.compile(r"\s*#(?!\s*[-+.\d])")
+_AXIS_NAME = re.compile(r"(?i)[xyz]([\s_\[(/]|$)")  # of a column, as most programs write it
 _STEP_NAME = re.compile(r"(?i)x[- _]?(resolution|spacing|step)")
 _UNIT_ALONE = re.compile(rf"[\[(]?{UNIT_PATTERN}[\])]?")
 
@@ -54,32 +63,52 @@ class NumberTable:
         return self.names[column]
 
 
-def parse_number(field: str) -> float:
-    """Read a field as a number, nan for a word that stands for a missing point.
-
-    Raises
-    ------
-    ValueError
-        If it is neither.
-    """
-    if field.lower() in _MISSING:
-        return np.nan
-    return float(field)
-
-
 @dataclass(frozen=True)
 class Notation:
-    """How a text separates fields and writes numbers."""
+    """How a text separates fields and writes numbers.
 
-    separator: str | None  # None: any run of blanks
-    decimal_comma: bool = False
+    Attributes
+    ----------
+    separator : str or None
+        One letter; None for any run of blanks.
+    numbers : NumberNotation
+        How its numbers are written.
+    """
+
+    separator: str | None
+    numbers: NumberNotation = _POINT
 
     def split_line(self, line: str) -> list[str]:
         """Split a line into fields, without the empty ones that some instruments append."""
-        fields = [field.strip() for field in line.split(self.separator)]
+        fields = self._split_cells(line)
         while fields and not fields[-1]:
             fields.pop()
         return fields
+
+    def _split_cells(self, line: str) -> list[str]:
+        """Split a line into all its fields; a field in quotation marks may hold the separator."""
+        if '"' in line and self.separator is not None:
+            cells = next(csv.reader([line], delimiter=self.separator, skipinitialspace=True))
+            return [cell.strip() for cell in cells]
+        return [field.strip() for field in line.split(self.separator)]
+
+    def count_cells(self, line: str) -> int:
+        """Count the fields of a line, empty ones included."""
+        return len(self._split_cells(line))
+
+    def parse_number(self, field: str) -> float:
+        """Read a field as a number, nan for a word that stands for a missing point.
+
+        Raises
+        ------
+        ValueError
+            If it is neither.
+        """
+        if is_missing_word(field):
+            return math.nan
+        if self.separator in (",", None) and _INNER_BLANK.search(field.strip()):
+            raise ValueError(f"{field!r} is two numbers")
+        return self.numbers.parse(field)
 
     def parse_numbers(self, fields: Iterable[str]) -> list[float] | None:
         """Read fields as numbers, nan for a missing point.
@@ -87,35 +116,43 @@ class Notation:
         The result is None if a field is no number, or if all points are missing.
         """
         try:
-            if self.decimal_comma:
-                numbers = [parse_number(field.replace(",", ".")) for field in fields]
-            else:
-                numbers = [parse_number(field) for field in fields]
+            numbers = [self.parse_number(field) for field in fields]
         except ValueError:
             return None
         if np.isnan(numbers).all():
             return None
         return numbers
 
+    def holds_number(self, field: str) -> bool:
+        """Tell whether a field is a number, and no word for a missing one."""
+        numbers = self.parse_numbers([field])
+        return numbers is not None
+
     def count_columns(self, line: str) -> int:
         """Count the numbers of a line; 0 if it is no row of a table of two columns or more."""
-        fields = self.split_line(line)
+        try:
+            fields = self.split_line(line)
+        except csv.Error:
+            return 0
         if len(fields) < 2 or self.parse_numbers(fields) is None:
             return 0
         return len(fields)
 
 
-_POINTS = Notation(separator=None)  # numbers with decimal points
+_BLANKS = Notation(separator=None)  # numbers with decimal points
 # In the order of preference where several fit equally well
-_NOTATIONS = (
-    Notation(";"),
-    Notation(";", decimal_comma=True),
-    Notation("\t"),
-    Notation("\t", decimal_comma=True),
-    Notation(","),
-    Notation(None),
-    Notation(None, decimal_comma=True),
-)
+_SEPARATORS = (";", "\t", ",", None)
+
+
+def parse_number(field: str) -> float:
+    """Read a field with a decimal point, nan for a word that stands for a missing point.
+
+    Raises
+    ------
+    ValueError
+        If it is neither.
+    """
+    return Notation(";").parse_number(field)
 
 
 @dataclass(frozen=True)
@@ -149,6 +186,7 @@ def parse_table(text: str, source: str) -> NumberTable:
     """
     lines = text.splitlines()
     layout = _find_layout(lines, source)
+    _refuse_row_in_head(lines, layout, source)
     head = [_split_head_line(line, layout.notation) for line in lines[: layout.first_line]]
     if layout.columns > MOST_COLUMNS and any(len(fields) == layout.columns for fields in head):
         raise MetrologyError(
@@ -162,7 +200,7 @@ def parse_table(text: str, source: str) -> NumberTable:
 
 def _find_layout(lines: Sequence[str], source: str) -> _Layout:
     """Find the notation of a text, and the first line that is a row of numbers in it."""
-    notation = _find_notation(lines)
+    notation = _find_notation(lines, source)
     if notation is not None:
         for number, line in enumerate(lines[: _MOST_HEADER_LINES + 1]):
             columns = notation.count_columns(line)
@@ -175,28 +213,73 @@ def _find_layout(lines: Sequence[str], source: str) -> _Layout:
     )
 
 
-def _find_notation(lines: Sequence[str]) -> Notation | None:
+def _find_notation(lines: Sequence[str], source: str) -> Notation | None:
     """Find the notation in which most of the sampled lines are rows of numbers."""
     begin = [line for line in lines[: _MOST_HEADER_LINES + _SAMPLED_LINES] if line.strip()]
     sample = begin[-_SAMPLED_LINES:]
     best: Notation | None = None
     most_rows = 0
-    for notation in _NOTATIONS:
-        rows = sum(notation.count_columns(line) > 0 for line in sample)
-        if rows > most_rows:
-            best = notation
-            most_rows = rows
-    return best
+    for separator in _SEPARATORS:
+        for numbers in (_POINT, _COMMA):
+            notation = Notation(separator, numbers)
+            rows = sum(notation.count_columns(line) > 0 for line in sample)
+            if rows > most_rows:
+                best = notation
+                most_rows = rows
+    if best is None:
+        return None
+    return replace(best, numbers=_find_decimal_sign(lines, best, source))
+
+
+def _find_decimal_sign(lines: Sequence[str], notation: Notation, source: str) -> NumberNotation:
+    """Find the decimal sign that the numbers of a text share; that of `notation` without commas."""
+    cells: list[str] = []
+    for line in lines[:: max(len(lines) // _MOST_DOUBTFUL, 1)]:
+        if "," in line:
+            try:
+                cells += notation.split_line(line)
+            except csv.Error:
+                continue
+    commas = [cell for cell in cells if "," in cell]
+    if not commas:
+        return notation.numbers
+    try:
+        return find_notation(cells)
+    except NotationError as error:
+        raise MetrologyError(f"{error} [{source}]") from error
 
 
 def _split_head_line(line: str, notation: Notation) -> list[str]:
-    return [field.lstrip("# ").strip('"') for field in notation.split_line(line)]
+    try:
+        fields = notation.split_line(line)
+    except csv.Error:
+        fields = line.split(notation.separator)
+    return [field.lstrip("# ").strip('"') for field in fields]
+
+
+def _refuse_row_in_head(lines: Sequence[str], layout: _Layout, source: str) -> None:
+    """Refuse a row with a fault right above the table, which would be taken for its head."""
+    above = layout.first_line - 1
+    if layout.notation.separator is None or above < 0:
+        return
+    fields = _split_head_line(lines[above], layout.notation)
+    are_numbers = [layout.notation.holds_number(field) for field in fields]
+    if len(fields) != layout.columns or not any(are_numbers):
+        return
+    is_below_names = False
+    if above > 0:
+        names = _split_head_line(lines[above - 1], layout.notation)
+        is_below_names = len(names) == layout.columns and _AXIS_NAME.match(names[0]) is not None
+    if are_numbers[0] or is_below_names:
+        raise _describe_broken_line(lines[above], above + 1, layout, source)
 
 
 def _read_clean_rows(lines: Sequence[str], layout: _Layout) -> Array | None:
     """Read a table without missing points, footer or fault; None where it has one of them."""
     body = "\n".join(lines[layout.first_line :])
-    if layout.notation.decimal_comma:
+    if layout.notation.numbers.decimal == ",":
+        if "." in body:
+            return None  # between thousands
         body = body.replace(",", ".")
     try:
         values = np.loadtxt(
@@ -216,21 +299,36 @@ def _read_rows(lines: Sequence[str], layout: _Layout, source: str) -> Array:
     end: int | None = None  # the first line that is no row of the table
     for index in range(layout.first_line, len(lines)):
         line = lines[index]
-        fields = notation.split_line(line)
+        if _COMMENT.match(line):
+            continue
+        try:
+            fields = notation.split_line(line)
+        except csv.Error:
+            raise _describe_broken_line(line, index + 1, layout, source) from None
         if not fields:
             continue
         row = _parse_row(fields, layout)
-        is_short = row is not None and len(line.split(notation.separator)) < layout.columns
+        is_short = row is not None and notation.count_cells(line) < layout.columns
         if row is not None and not is_short and end is None:
             rows.append(row)
             continue
         if end is None:
             end = index
-        # a footer holds words: a line that begins with a number belongs to the table
-        begins_with_number = notation.parse_numbers(fields[:1]) is not None
-        if begins_with_number or is_short:
+        if is_short or _looks_like_row(fields, layout):
             raise _describe_broken_line(lines[end], end + 1, layout, source)
     return np.array(rows, dtype=np.float64)
+
+
+def _looks_like_row(fields: Sequence[str], layout: _Layout) -> bool:
+    """Tell whether a line belongs to the table, and not to its footer, which holds words.
+
+    It begins with a number, or has as many fields as the table and a number among them.
+    """
+    notation = layout.notation
+    if notation.holds_number(fields[0]):
+        return True
+    is_as_long = len(fields) == layout.columns and notation.separator is not None
+    return is_as_long and any(notation.holds_number(field) for field in fields)
 
 
 def _parse_row(fields: Sequence[str], layout: _Layout) -> list[float] | None:
@@ -242,9 +340,17 @@ def _parse_row(fields: Sequence[str], layout: _Layout) -> list[float] | None:
 
 
 def _describe_broken_line(line: str, number: int, layout: _Layout, source: str) -> MetrologyError:
-    shown = ",".join(layout.notation.split_line(line))[:_SHOWN_CHARACTERS]
+    """Say which line of a table is none of its rows, and which of its fields is no number."""
+    notation = layout.notation
+    try:
+        fields = notation.split_line(line)
+    except csv.Error:
+        fields = [line]
+    wrong = [field for field in fields if notation.parse_numbers([field, "0"]) is None]
+    shown = ",".join(fields)[:_SHOWN_CHARACTERS]
+    reason = f", since {wrong[0][:_SHOWN_CHARACTERS]!r} is none" if wrong else ""
     return MetrologyError(
-        f"line must hold {layout.columns} numbers, got {shown!r} [{source}, line {number}]"
+        f"line must hold {layout.columns} numbers, got {shown!r}{reason} [{source}, line {number}]"
     )
 
 
@@ -283,7 +389,7 @@ def _find_unit_alone(lines: Sequence[Sequence[str]]) -> StoredLength | None:
 def _is_numbered(title: Sequence[str], values: Array) -> bool:
     """Tell whether the first column, which the title leaves out, only counts the points."""
     for field in title:
-        if _POINTS.parse_numbers([field]) is not None:
+        if _BLANKS.holds_number(field):
             return False
     return bool((np.diff(values[:, 0]) == 1.0).all())
 
@@ -299,7 +405,7 @@ def _scale_numbers(
     for fields in lines:
         if len(fields) != 2 or not _STEP_NAME.match(fields[0]):
             continue
-        step = _POINTS.parse_numbers(fields[1:])
+        step = _BLANKS.parse_numbers(fields[1:])
         if step is None:
             continue
         positions = values.copy()

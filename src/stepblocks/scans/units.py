@@ -1,7 +1,7 @@
 """Units of length as instruments and users write them."""
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeVar
 
 import numpy as np
@@ -47,10 +47,13 @@ class StoredLength:
         The number before the unit [1].
     per_metre : float
         How many of the unit make one metre [1/m].
+    is_step : bool
+        Whether a number was stated for one axis alone, such as the spacing of a matrix.
     """
 
     number: float
     per_metre: float
+    is_step: bool = field(default=False, compare=False)
 
     @property
     def metres(self) -> float:
@@ -83,7 +86,7 @@ def parse_units(unit: str | None) -> dict[str, StoredLength]:
 
     Examples
     --------
-    >>> parse_units("x=0.5um,z=nm")["x"].metres
+    >>> parse_units("x=0.5um,y=0.5um,z=nm")["x"].metres
     5e-07
     """
     units: dict[str, StoredLength] = {}
@@ -94,7 +97,8 @@ def parse_units(unit: str | None) -> dict[str, StoredLength]:
         if match is None:
             raise _describe_wrong_unit(unit)
         axis, number, name = match.groups()
-        length = StoredLength(float(number or 1.0), UNITS_PER_METRE[name])
+        is_step = bool(axis) and number is not None
+        length = StoredLength(float(number or 1.0), UNITS_PER_METRE[name], is_step)
         if length.number == 0.0:
             raise _describe_wrong_unit(unit)
         if axis:

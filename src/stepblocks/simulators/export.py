@@ -2,7 +2,7 @@
 
 import errno
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -55,7 +55,7 @@ class Exported:
 
 def export_scenes(
     files: Sets,
-    simulator: str,
+    simulator: str | Sequence[str],
     output: str | Path,
     *,
     device: str | None = None,
@@ -80,8 +80,8 @@ def export_scenes(
     ----------
     files : str, Path, StimulusSet or sequence of them
         Stimulus files, folders of them, or sets.
-    simulator : str
-        One of `stepblocks.simulators.scenes.SCENE_FORMATS`.
+    simulator : str or sequence of str
+        One or several of `stepblocks.simulators.scenes.SCENE_FORMATS`.
     output : str or Path
         Folder for ``set/id/simulator``, or ``set/id/simulator-device``; what else lies there stays.
     device, devices : str, str or Path, optional
@@ -116,15 +116,13 @@ def export_scenes(
         If a file, a device or a value is wrong, nothing matches, or the device does not render a
         stimulus that is meant.
     """
-    if simulator not in SCENE_FORMATS:
-        known = ", ".join(SCENE_FORMATS)
-        raise PipelineError(f"--for must be one of {known}, got {simulator!r}")
+    forms = _find_formats(simulator)
     if ring not in ("exponential", "drag"):
         raise PipelineError(f"--ring must be one of exponential, drag, got {ring!r}")
     check_overrides(overrides)
     profiles = load_devices(devices)  # a missing file is named even where no device is asked for
     order = _Order(
-        form=SCENE_FORMATS[simulator],
+        forms=forms,
         device=None if device is None else find_device(device, profiles),
         scale=scale,
         only=only,
@@ -141,16 +139,18 @@ def export_scenes(
         for batch in batches:
             scenes = _build_scenes(batch, order)
             for identity, scene in scenes.items():
-                folder = Path(batch.stimuli.name) / identity / order.folder_name
-                (draft / folder).mkdir(parents=True)
-                write_scene(draft / folder, scene, order.form)
-                written = Exported(
-                    f"{batch.stimuli.name}/{identity}", Path(output) / folder, scene.plan
-                )
-                exported.append(written)
-                if progress is not None:
-                    progress(written)
-            _write_whole_set(draft, batch, list(scenes.values()), order)
+                for form in order.forms:
+                    folder = Path(batch.stimuli.name) / identity / order.name_folder(form)
+                    (draft / folder).mkdir(parents=True)
+                    write_scene(draft / folder, scene, form)
+                    written = Exported(
+                        f"{batch.stimuli.name}/{identity}", Path(output) / folder, scene.plan
+                    )
+                    exported.append(written)
+                    if progress is not None:
+                        progress(written)
+            for form in order.forms:
+                _write_whole_set(draft, batch, list(scenes.values()), form, order)
         if not exported:
             raise PipelineError(f"--only must match at least one stimulus, got {only!r}")
         _move_into_place(draft, Path(output))
@@ -161,17 +161,28 @@ def export_scenes(
 class _Order:
     """What is to be written of every set."""
 
-    form: SceneFormat
+    forms: tuple[SceneFormat, ...]
     device: Device | None
     scale: float | None  # asked for; None leaves it to the device, or is 1
     only: str | None  # pattern of the stimuli that are meant
 
-    @property
-    def folder_name(self) -> str:
-        """Name of each stimulus's folder."""
+    def name_folder(self, form: SceneFormat) -> str:
+        """Name each stimulus's folder for a simulator."""
         if self.device is None:
-            return self.form.name
-        return f"{self.form.name}-{self.device.id}"
+            return form.name
+        return f"{form.name}-{self.device.id}"
+
+
+def _find_formats(simulator: str | Sequence[str]) -> tuple[SceneFormat, ...]:
+    """Find the formats of one or several simulators, each once, in the order in which they came."""
+    names = [simulator] if isinstance(simulator, str) else list(simulator)
+    known = ", ".join(SCENE_FORMATS)
+    if not names:
+        raise PipelineError(f"--for must be one of {known}, got none")
+    for name in names:
+        if name not in SCENE_FORMATS:
+            raise PipelineError(f"--for must be one of {known}, got {name!r}")
+    return tuple(SCENE_FORMATS[name] for name in dict.fromkeys(names))
 
 
 @dataclass(frozen=True)
@@ -217,9 +228,11 @@ def _build_scenes(batch: _Batch, order: _Order) -> dict[str, Scene]:
     }
 
 
-def _write_whole_set(draft: Path, batch: _Batch, scenes: list[Scene], order: _Order) -> None:
+def _write_whole_set(
+    draft: Path, batch: _Batch, scenes: list[Scene], form: SceneFormat, order: _Order
+) -> None:
     """Write what holds several stimuli at once: all blocks of a set, and scanned teeth."""
-    form, name = order.form, order.folder_name
+    name = order.name_folder(form)
     folder = draft / batch.stimuli.name
     _write_set(folder / f"{name}-blocks", scenes, form, name)
     if form.write_tooth is None or not Path(batch.source).is_file():

@@ -28,6 +28,7 @@ from stepblocks.contact.path.centre import CentrePath
 from stepblocks.haptics.devices import SAFE_FORCE, RenderingPlan
 from stepblocks.parts.kind import Part
 from stepblocks.parts.shapes import Mesh
+from stepblocks.predict.predictions import Prediction, predict_one
 from stepblocks.quantities import format_units
 
 _APPROACH = 30e-6  # from where the tip starts to the notch, unmagnified [m]
@@ -227,10 +228,22 @@ def write_scene(folder: Path, scene: Scene, form: SceneFormat) -> None:
         folder / "README.md",
         scene=scene,
         form=form,
+        in_time=_predict_in_time(scene),
         names=sorted(path.relative_to(folder).as_posix() for path in files),
         math=math,
         Status=Status,
     )
+
+
+def _predict_in_time(scene: Scene) -> Prediction | None:
+    """Predict the drag towards +x in time where `predict` takes its energy for what is felt."""
+    event = scene.events[0]
+    if event.learned is not None or event.waveform is not None:
+        return None
+    predicted = predict_one(scene.surface.counterface(), scene.point)
+    if not predicted.differs:
+        return None
+    return predicted
 
 
 def _write_ring(folder: Path, event: VibrationEvent, full_scale: float) -> None:

@@ -16,8 +16,13 @@ from stepblocks.files.pages import render_page
 from stepblocks.files.tables import format_csv
 from stepblocks.quantities import check_seed
 from stepblocks.study.analysis.foreign import read_foreign_judgements
-from stepblocks.study.analysis.judgements import Judgements, join_answers, split_groups
+from stepblocks.study.analysis.judgements import (
+    Judgements,
+    join_answers,
+    separate_factors_between_participants,
+)
 from stepblocks.study.analysis.page import render_run_sheets, render_study, write_figures
+from stepblocks.study.analysis.paper import list_paper_tables, write_latex, write_markdown
 from stepblocks.study.analysis.results import StudyResult
 from stepblocks.study.columns import RATINGS, Row, group_by_participant, list_levels
 from stepblocks.study.design.adaptive import Prior, complete_prior
@@ -138,7 +143,7 @@ def design_study(
     if kind.paired and not standard:
         identities = ", ".join(item.identity for item in blocks.items)
         raise StudyError(f"standard must be one of {identities}, got {standard!r}")
-    declared = _declare_factors(kind, probes, factors)
+    declared = _declare_factors(kind, probes, factors, between)
     if experiment == "virtual":
         _check_virtual_factors(factors, between)
     stated_prior = _state_prior(prior, trials)
@@ -184,12 +189,23 @@ def design_study(
 
 
 def _declare_factors(
-    kind: Experiment, probes: Sequence[str], factors: Mapping[str, Sequence[str]]
+    kind: Experiment,
+    probes: Sequence[str],
+    factors: Mapping[str, Sequence[str]],
+    between: Sequence[str],
 ) -> Factors:
-    """Return all factors of a design; without any, those of the kind of experiment."""
+    """Return all factors of a design; without any, those of the kind of experiment.
+
+    A further factor within participants leaves the usual probes of a kind that has some; groups of
+    participants alone are compared with one probe, which the preregistration says.
+    """
     declared = dict[str, Sequence[str]]()
+    usual = kind.factors.get("probe", ())
+    groups_alone = all(name in between for name in factors)
     if probes:
         declared["probe"] = tuple(probes)
+    elif usual and "probe" not in factors and not groups_alone:
+        declared["probe"] = usual
     declared.update(factors)
     return declared or dict(kind.factors)
 
@@ -213,7 +229,7 @@ def _state_prior(prior: Mapping[str, float], trials: int) -> Prior:
 
 def _check_outcomes(design: Design, primary: str, reference: str) -> None:
     """Reject a primary outcome or a reference that the trials of a design do not have."""
-    table = split_groups(pd.DataFrame(design.trials))
+    table = separate_factors_between_participants(pd.DataFrame(design.trials))
     conditions = sorted(set(table["condition"]))
     if reference and reference not in conditions:
         raise StudyError(f"reference must be one of {', '.join(conditions)}, got {reference!r}")
@@ -376,7 +392,8 @@ def analyse_study(
         CSV files of answers, or folders of them; commas, semicolons or tabs, decimal points or
         commas. Without a design also a dataset as `share_study` writes it.
     output : str or Path, optional
-        Folder for report.html, results.csv and judgements.csv.
+        Folder for report.html, results.csv and judgements.csv; of estimates also the tables of a
+        paper, tables.md and tables.tex.
     columns : mapping of str
         Without a design, their names for ours:
         ``{"participant": "subject", "condition": "probe", "height_um": "h", "estimate_um":
@@ -450,7 +467,11 @@ def _read_judgements(
 def _write_report(result: StudyResult, folder: Path) -> None:
     """Write the report, its tables and its figures."""
     page = render_study(result)
+    tables = list_paper_tables(result)
     write_figures(result, folder / "figures")
     replace_text(folder / "judgements.csv", result.judgements_csv())
     replace_text(folder / "results.csv", result.results_csv())
+    if tables:
+        replace_text(folder / "tables.md", write_markdown(tables))
+        replace_text(folder / "tables.tex", write_latex(tables))
     replace_text(folder / "report.html", page)

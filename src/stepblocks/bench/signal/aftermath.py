@@ -42,6 +42,12 @@ _FAR = 2.5  # spreads of the tool's figures within which a fit is still of that 
 _FIRST_SWINGS = 25e-3  # [s]
 _HEARD = 1.3
 _USUAL_DECAY = 25e-3  # [s] first guess where nothing says better
+# [s] in which pulses die that the rest of a release may leave beside an exponential
+_REST_TIMES = np.array([0.2e-3, 0.8e-3, 2.5e-3])
+_LATE_BEGINS = (2.6e-3, 6.0e-3)  # [s] after the release, where the rest may be gone
+_VISIBLE = 1e-3  # of the amplitude of the ring, from which on a misfit counts
+_REST_MEAN = 4  # samples that are averaged to see it
+_REST_SIGMAS = 4.0  # standard deviations of noise within which it counts as zero
 _NOT_KNOWN = Estimate(math.nan, math.nan)
 
 
@@ -104,6 +110,8 @@ class Aftermath:
         First after the slip, which tells the amplitude of a ring that is no bell's.
     sample : float
         Time between two samples [s].
+    is_late : bool
+        Whether a bell was fitted from where the rest of a slow release was gone.
     """
 
     ring: Ring | RubbingRing
@@ -115,6 +123,7 @@ class Aftermath:
     friction_decay: Estimate = _NOT_KNOWN
     swing: Swing | None = None
     sample: float = 0.0
+    is_late: bool = False
 
     @property
     def damped(self) -> bool:
@@ -160,6 +169,9 @@ def fit_aftermath(
     if saw is None:
         first = int(np.searchsorted(time, top + _RELEASE_TIME))
         cosine = fit_cosine(time[first:], force[first:], top, approach.mains, marks.noise)
+        late = fit_ring_after_rest(time, force, cosine, marks.noise)
+        if late is not None:
+            return late
     else:
         # it is no bell, and what the tip draws when the ring has died is no part of that
         end = int(np.searchsorted(time, top + _FIRST_SWINGS))
@@ -246,6 +258,63 @@ def _measure_swing(
         level_std = saw.kinetic.std
     depth_std = math.hypot(bottom.std, level_std, drift.std)
     return Swing(Estimate(depth, depth_std), bottom.instant, decay_time, 0.5 / frequency)
+
+
+def fit_ring_after_rest(time: Array, force: Array, early: Ring, noise: float) -> Aftermath | None:
+    """Fit a bell from where the rest of a slow release is gone, and carry it back to the release.
+
+    Parameters
+    ----------
+    time, force : Array
+        Shape (n,), instants [s] and tangential force [N].
+    early : Ring
+        The damped cosine from the release on, beside a rest that dies by an exponential.
+    noise : float
+        Standard deviation of a sample [N].
+
+    Returns
+    -------
+    Aftermath or None
+        None where the rest dies by the exponential, or what is left out is no rest: that of a
+        release lies above the ring and only dies, while friction makes the first swings larger.
+    """
+    release = early.origin
+    since = time[time.size - early.fit.residuals.size :] - release
+    pulses = np.exp(-since[:, None] / _REST_TIMES)
+    begun = early.fit.residuals[since < _LATE_BEGINS[-1]]
+    is_visible = float(np.std(begun)) > _VISIBLE * early.amplitude(release).value
+    if not is_visible or not early.fit.would_gain_from(pulses):
+        return None
+    for begin in _LATE_BEGINS:
+        first = int(np.searchsorted(time, release + begin))
+        late = fit_cosine(time[first:], force[first:], release, early.basis.mains, noise)
+        if late.misfit < _GOOD and not late.fit.would_gain_from(pulses[-(time.size - first) :]):
+            break
+    else:
+        return None
+    left_out = slice(int(np.searchsorted(time, release + _RELEASE_TIME)), first)
+    rest = force[left_out] - late.curve_without_rest(time[left_out])
+    if not _is_dying_rest(rest, noise):
+        return None
+    return Aftermath(
+        late,
+        release,
+        late.amplitude(release),
+        late.frequency,
+        late.decay_time,
+        late.level,
+        is_late=True,
+    )
+
+
+def _is_dying_rest(rest: Array, noise: float) -> bool:
+    """Tell whether what a ring leaves of the first samples, shape (m,) [N], lies above and dies."""
+    size = min(_REST_MEAN, rest.size)
+    means = np.convolve(rest, np.full(size, 1.0 / size), mode="valid")
+    slack = _REST_SIGMAS * noise / math.sqrt(size)
+    stays_above = bool(means.min() > -slack)
+    only_dies = bool((np.diff(means) < math.sqrt(2.0) * slack).all())
+    return stays_above and only_dies and bool(means[0] > slack)
 
 
 def fit_bell(

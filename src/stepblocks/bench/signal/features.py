@@ -342,7 +342,9 @@ def _fit_release(
         return after, Peak(top.instant, top.force, top.std, corner=False)
     after = fit_aftermath(time, force, marks, approach, tool)
     peak = find_peak(time, force, marks, approach, after)
-    if peak.corner and after.damped:  # which sample is the highest is a matter of noise
+    if (
+        peak.corner and after.damped and not after.is_late
+    ):  # which sample is the highest is a matter of noise
         noise = estimate_sliding_noise(time, approach, marks)
         after = fit_bell(time, force, peak.time, approach.mains, noise)
         peak = find_peak(time, force, marks, approach, after)

@@ -28,7 +28,7 @@ _PER_SAMPLE = 8  # instants that are tried per sample
 _DURATIONS = (1.0, 3.0, 10.0, 30.0)
 _TOP_REACH = 10.0  # samples after the begin of the fall, within which the top lies
 _TOP_STEPS = 81  # of the search for it
-_LEAST_NOISE = 1e-9  # of the rise: a record from a formula has none
+_LEAST_NOISE = 2e-4  # of the rise, to which no fall is a polynomial
 _SURE = 60.0  # difference of log likelihoods beyond which a shape counts for nothing
 
 
@@ -102,6 +102,7 @@ class Window:
     ) -> "Window":
         """Cut the samples from the ramp to where a part of the fall is done."""
         step = float(np.median(np.diff(time)))
+        top = float(time[marks.peak])
         first = max(marks.peak - _BEFORE, 0)
         last = min(marks.peak + _AFTER, time.size - 1)
         excess = force - approach.line(time)
@@ -116,9 +117,9 @@ class Window:
         if miss > _CLEAR_MISS * noise:
             noise = miss
         return cls(
-            since=(time[part] - time[marks.peak]) / step,
+            since=(time[part] - top) / step,
             excess=excess[part],
-            climb=approach.slope * step,
+            climb=approach.ramp(top).value - approach.ramp(top - step).value,
             rise=marks.rise,
             noise=max(noise, _LEAST_NOISE * marks.rise),
             sample=step,

@@ -16,6 +16,7 @@ from stepblocks.bench.faults import FaultKind, TraceError, TrialFault
 from stepblocks.bench.signal import check_size
 from stepblocks.bench.traces.formats import READERS
 from stepblocks.bench.traces.reader import TextLayout, TraceReader, TrialPlace
+from stepblocks.bench.traces.rows import TrialRow
 from stepblocks.contact import Array
 
 # attributes that say the time between two samples, or their rate, with the power of the time
@@ -50,8 +51,11 @@ def read_columns(
         between two samples that the file states; or else ``fault`` and ``details`` of a
         `TraceError`.
     """
+    row = None
+    if place["row"] is not None:
+        row = TrialRow(**place["row"])
     trial_place = TrialPlace(
-        place["trial"], tuple(place["groups"]), place["has_own_file"], place["is_whole_file"]
+        place["trial"], tuple(place["groups"]), place["has_own_file"], place["is_whole_file"], row
     )
     try:
         return _read_columns(path, kind, TextLayout(**layout), trial_place, names)

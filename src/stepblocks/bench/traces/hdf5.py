@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 import h5py
@@ -11,13 +13,23 @@ from numpy.typing import ArrayLike
 from stepblocks.bench.faults import FaultKind, TraceError
 from stepblocks.bench.signal import MOST_SAMPLES, check_size, join_first
 from stepblocks.bench.traces.reader import TextLayout, TraceReader, TrialPlace
+from stepblocks.bench.traces.rows import TrialRow, cut_filling, describe_arrays
 
 _CACHE = 256 * 2**10  # descriptions of groups that are kept, in their size on disk [bytes]
+_LISTED_ITEMS = 10  # of a file, which a message may list
 _MOST_COLUMNS = 64  # of a table with the most samples that a trace may have
 
 
-class Hdf5Reader(TraceReader["h5py.File", "h5py.Group | h5py.Dataset"]):
-    """Reads groups of datasets, compound tables and plain ones."""
+@dataclass(frozen=True)
+class RowOfFile:
+    """A trial that is one row of each array of a file."""
+
+    file: "h5py.File"
+    row: TrialRow
+
+
+class Hdf5Reader(TraceReader["h5py.File", "h5py.Group | h5py.Dataset | RowOfFile"]):
+    """Reads groups of datasets, compound tables and plain ones, and arrays of a row per trial."""
 
     def open(self, path: Path, layout: TextLayout | None = None) -> "h5py.File":
         """Open a file, of a MATLAB file from version 7.3 on too."""
@@ -34,8 +46,12 @@ class Hdf5Reader(TraceReader["h5py.File", "h5py.Group | h5py.Dataset"]):
         file.id.set_mdc_config(cache)
         return file
 
-    def find_group(self, file: "h5py.File", place: TrialPlace) -> "h5py.Group | h5py.Dataset":
-        """Find the group or the table of one trial."""
+    def find_group(
+        self, file: "h5py.File", place: TrialPlace
+    ) -> "h5py.Group | h5py.Dataset | RowOfFile":
+        """Find the group, the table or the row of one trial."""
+        if place.row is not None:
+            return RowOfFile(file, place.row)
         if place.is_whole_file:
             return file
         for name in place.groups:
@@ -43,10 +59,17 @@ class Hdf5Reader(TraceReader["h5py.File", "h5py.Group | h5py.Dataset"]):
                 group = file[name]
                 _require_inside(group, file)
                 return group
-        raise TraceError(FaultKind.MISSING, f"no group {place.groups[0]!r} among the traces")
+        raise TraceError(
+            FaultKind.MISSING,
+            f"no group {place.groups[0]!r} among the traces; {_describe_file(file)}",
+        )
 
-    def read_column(self, group: "h5py.Group | h5py.Dataset", name: str | int) -> ArrayLike:
-        """Read one channel of a group of datasets, of a compound table or of a plain one."""
+    def read_column(
+        self, group: "h5py.Group | h5py.Dataset | RowOfFile", name: str | int
+    ) -> ArrayLike:
+        """Read one channel of a group of datasets, of a table, or of a row of arrays."""
+        if isinstance(group, RowOfFile):
+            return _read_row(group, name)
         if isinstance(group, h5py.Dataset):
             return _read_table_column(group, name)
         if isinstance(name, int) or name not in group:
@@ -62,10 +85,12 @@ class Hdf5Reader(TraceReader["h5py.File", "h5py.Group | h5py.Dataset"]):
         return np.asarray(dataset[()])
 
     def read_attributes(
-        self, group: "h5py.Group | h5py.Dataset", names: Sequence[str | int]
+        self, group: "h5py.Group | h5py.Dataset | RowOfFile", names: Sequence[str | int]
     ) -> dict[str, object]:
         """Return the attributes of a trial and of its channels."""
         attributes: dict[str, object] = {}
+        if isinstance(group, RowOfFile):
+            group = group.file
         with suppress(Exception):  # the library raises anything on damaged attributes
             attributes |= dict(group.attrs)
         if isinstance(group, h5py.Dataset):
@@ -74,6 +99,36 @@ class Hdf5Reader(TraceReader["h5py.File", "h5py.Group | h5py.Dataset"]):
             with suppress(Exception):
                 attributes |= dict(group[name].attrs)
         return attributes
+
+
+def _describe_file(file: "h5py.File") -> str:
+    """Say what a file holds at its top."""
+    shapes: dict[str, tuple[int, ...]] = {}
+    for name in islice(file, _LISTED_ITEMS):
+        with suppress(Exception):  # the library raises anything on damaged items
+            shapes[name] = getattr(file[name], "shape", ())
+    return describe_arrays(shapes)
+
+
+def _read_row(group: RowOfFile, name: str | int) -> ArrayLike:
+    """Read the row of one trial from an array of trials x samples."""
+    if isinstance(name, int) or name not in group.file:
+        raise TraceError(
+            FaultKind.UNKNOWN_CHANNEL,
+            f"no array {name!r}; {_describe_file(group.file)}",
+        )
+    array = group.file[name]
+    if not isinstance(array, h5py.Dataset):
+        raise TraceError(FaultKind.WITHOUT_HEADING, f"channel {name!r} is a group, no array")
+    _require_inside(array, group.file)
+    if max(array.shape, default=0) == array.size:
+        check_size(array.size, name)
+        return np.asarray(array[()]).ravel()
+    axis = group.row.find_axis(array.shape, name)
+    check_size(array.shape[1 - axis], name)
+    if axis == 0:
+        return cut_filling(np.asarray(array[group.row.number, :]))
+    return cut_filling(np.asarray(array[:, group.row.number]))
 
 
 def _require_inside(item: "h5py.HLObject", container: "h5py.HLObject") -> None:

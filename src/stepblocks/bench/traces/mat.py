@@ -6,8 +6,9 @@ A file of one trial may also hold a variable per channel.
 import io
 import struct
 from collections.abc import Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
@@ -20,6 +21,7 @@ from stepblocks.bench.faults import FaultKind, TraceError
 from stepblocks.bench.signal import join_first
 from stepblocks.bench.traces.hdf5 import Hdf5Reader
 from stepblocks.bench.traces.reader import TextLayout, TraceReader, TrialPlace
+from stepblocks.bench.traces.rows import TrialRow, describe_arrays
 
 _HEADER = 128  # bytes of a version 5 file before its first variable
 _MARK = slice(126, 128)  # of the header, which tells the order of bytes
@@ -28,6 +30,7 @@ _TAG = 8  # bytes before a variable, with its type and length
 _NAMED = 4096  # bytes of a variable in which its name lies
 _HDF5_MARK = b"\x89HDF\r\n\x1a\n"
 _USER_BLOCK = 512  # bytes before the HDF5 part of a MATLAB file
+_LISTED_ITEMS = 10  # of a file, which a message may list
 _MOST_BYTES = 1 << 30  # of one variable
 _LONGEST_REASON = 120  # letters of a message of SciPy
 _LONGEST_REASON_OF_DAMAGE = 80
@@ -59,7 +62,21 @@ class Variables:
         for name in names:
             if name in self.extents:
                 return self._load_variable(name, self.extents[name])
-        raise TraceError(FaultKind.MISSING, f"no variable {names[0]!r} among the traces")
+        raise TraceError(
+            FaultKind.MISSING,
+            f"no variable {names[0]!r} among the traces; {self._describe()}",
+        )
+
+    def _describe(self) -> str:
+        """Say what the file holds."""
+        shapes: dict[str, tuple[int, ...]] = {}
+        for name, extent in islice(self.extents.items(), _LISTED_ITEMS):
+            begin = Extent(extent.start, min(extent.length, _NAMED))
+            with suppress(Exception):  # SciPy raises anything on damaged variables
+                opened: Any = _extract_variable(self.path, begin)  # the stubs know paths alone
+                ((_, shape, _kind),) = whosmat(opened)
+                shapes[name] = tuple(shape)
+        return describe_arrays(shapes)
 
     def _load_variable(self, name: str, extent: Extent) -> object:
         """Read one variable."""
@@ -87,6 +104,14 @@ def _extract_variable(path: Path, extent: Extent) -> io.BytesIO:
         return io.BytesIO(header + file.read(extent.length))
 
 
+@dataclass(frozen=True)
+class RowOfVariables:
+    """A trial that is one row of each variable of a file of version 5."""
+
+    variables: Variables
+    row: TrialRow
+
+
 class MatReader(TraceReader[Any, Any]):
     """Reads files of any version; those from 7.3 on are HDF5."""
 
@@ -104,6 +129,8 @@ class MatReader(TraceReader[Any, Any]):
         """Find the struct or the matrix of one trial; a file of its own is the group itself."""
         if not isinstance(file, Variables):
             return self._hdf5.find_group(file, place)
+        if place.row is not None:
+            return RowOfVariables(file, place.row)
         if place.is_whole_file:
             return file
         value = file.load(place.groups)
@@ -113,6 +140,9 @@ class MatReader(TraceReader[Any, Any]):
 
     def read_column(self, group: object, name: str | int) -> ArrayLike:
         """Read one channel."""
+        if isinstance(group, RowOfVariables):
+            array = np.asarray(group.variables.load((str(name),)))
+            return group.row.take(array, name)
         if isinstance(group, Variables):
             return np.asarray(group.load((str(name),)))
         if isinstance(group, dict):

@@ -13,6 +13,8 @@ from typing import Generic, TypeVar
 
 from numpy.typing import ArrayLike
 
+from stepblocks.bench.traces.rows import TrialRow
+
 File = TypeVar("File")
 Group = TypeVar("Group")
 
@@ -54,12 +56,15 @@ class TrialPlace:
         Whether the file holds this trial alone.
     is_whole_file : bool
         Whether the file itself is the group.
+    row : TrialRow or None
+        Row of the arrays of the file that the trial is; None where it is a group.
     """
 
     trial: str
     groups: tuple[str, ...]
     has_own_file: bool
     is_whole_file: bool
+    row: TrialRow | None = None
 
 
 class TraceReader(ABC, Generic[File, Group]):

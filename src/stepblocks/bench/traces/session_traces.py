@@ -15,6 +15,7 @@ from stepblocks.bench.session import Acquisition, Session
 from stepblocks.bench.signal import Trace
 from stepblocks.bench.traces import columns
 from stepblocks.bench.traces.reader import TextLayout, TrialPlace
+from stepblocks.bench.traces.rows import TrialRow
 from stepblocks.bench.traces.split import cut_drags
 from stepblocks.bench.trials import open_trials
 from stepblocks.contact import Array
@@ -157,11 +158,26 @@ class Traces(ExitStack):
             _list_group_names(acquisition.group, trial),
             has_own_file=has_own_file,
             is_whole_file=has_own_file and acquisition.group is None,
+            row=self._find_row(trial),
         )
         names = [channel.column for channel, _ in self._channels.values()]
         raw = self._read_columns(path, place, names)
         _check_increments(raw.increments, acquisition.sample_rate)
         return self._convert_to_si(raw)
+
+    def _find_row(self, trial: str) -> TrialRow | None:
+        """Find the row of a trial where each trial is a row of arrays; else None."""
+        if self.session.acquisition.rows is None:
+            return None
+        if trial not in self._places:
+            raise TraceError(FaultKind.MISSING, f"trial {trial!r} is not in the table of trials")
+        return TrialRow(self._places[trial], len(self._places))
+
+    @cached_property
+    def _places(self) -> dict[str, int]:
+        """Places of the trials in their table."""
+        names = [trial.name for trial in open_trials(self.session)]
+        return {name: place for place, name in enumerate(names)}
 
     def _read_columns(
         self, path: Path, place: TrialPlace, names: Sequence[str | int]
@@ -186,8 +202,11 @@ class Traces(ExitStack):
     def _convert_to_si(self, raw: _RawColumns) -> Trace:
         """Return a trace in SI, with the tare taken off; its clock may be that of the rate."""
         rate = self.session.acquisition.sample_rate
+        full_scale = self.session.acquisition.full_scale or 1.0
         quantities: dict[str, Array] = {}
         for samples, (name, channel) in zip(raw.samples, self._channels.items(), strict=True):
+            if name != "time":
+                samples = full_scale * samples
             values = samples * channel.channel.scale(channel.dimension, name)
             offset = channel.channel.offset_in_si(channel.dimension, name)
             if offset:

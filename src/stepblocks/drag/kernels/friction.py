@@ -95,7 +95,7 @@ def start_bristles(
 
 
 @njit(forceinline=True)
-def change_sides(bristles: Bristles, was_right: bool, is_right: bool) -> Bristles:
+def update_bristles_at_kink(bristles: Bristles, was_right: bool, is_right: bool) -> Bristles:
     """Let the branches change their parts where the tip passes a kink."""
     if is_right == was_right:
         return bristles

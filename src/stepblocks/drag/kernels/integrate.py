@@ -29,12 +29,12 @@ from stepblocks.drag.kernels.event import (
 from stepblocks.drag.kernels.friction import (
     Bristles,
     FrictionLaw,
-    change_sides,
     compute_bristle_energy,
     compute_wall_change,
     grip_surface,
     rub_wall,
     start_bristles,
+    update_bristles_at_kink,
 )
 from stepblocks.drag.kernels.ledger import (
     add_powers,
@@ -139,7 +139,7 @@ def integrate(
         under = touch_piece(piece, contact, position, velocity)
         beyond = touch_beyond_kink(kink, model.window, contact, position, velocity)
         # ---- friction of both contacts, and of the wall
-        bristles = change_sides(bristles, was_right, is_right)
+        bristles = update_bristles_at_kink(bristles, was_right, is_right)
         grip = grip_surface(
             friction, friction_law, under, bristles.under, position, velocity, time, travel_time
         )

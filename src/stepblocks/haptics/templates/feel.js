@@ -4,6 +4,8 @@ const RATE = 10000; // ticks per second
 const BEFORE = 0.02; // kept before a release [s]
 const AFTER = 0.06; // kept after it [s]
 const LONGEST = 20; // of a record [s]
+const SMALLEST_TIP = 1; // radius that the box takes [um]
+const LARGEST_TIP = 1000;
 const VIEW = 1.5e-3; // width of the picture [m]
 const $ = id => document.getElementById(id);
 const history = new Float64Array(RATE / 2); // force on the hand, the newest last [N]
@@ -13,6 +15,7 @@ let stimulus; // that is felt
 let tool; // what the controls say
 let path; // of the tip over the stimulus
 const paths = new Map(); // that were built so far
+let tipRadius; // of the ball [m]: what the box showed when it was last right
 let side = "block"; // which of the two blocks is felt
 let hand; // where the hand is [m]
 let wanted; // where it goes [m]
@@ -57,7 +60,7 @@ function readTool() {
   };
 }
 
-const radius = () => +$("tip").value * 1e-6;
+const radius = () => tipRadius;
 function release() {
   return predict(path, 1, tool);
 }
@@ -129,7 +132,8 @@ function setDeclared() {
   const variants = stimulus.variants.map((one, i) => new Option(one.label, i));
   $("variant").replaceChildren(...variants);
   $("variant-label").hidden = variants.length < 2;
-  $("tip").value = toMicrometres(stimulus.radius);
+  tipRadius = stimulus.radius;
+  $("tip").value = toMicrometres(tipRadius);
   $("load").min = Math.min(0.05, stimulus.load);
   $("load").max = Math.max(2, stimulus.load);
   $("friction").max = Math.max(0.5, stimulus.friction);
@@ -420,13 +424,16 @@ document.addEventListener("keydown", event => {
 for (const id of ["block", "other"]) {
   $(id).addEventListener("change", () => choose(id));
 }
-for (const id of ["tip", "variant"]) {
-  $(id).addEventListener("change", () => {
-    if (radius() >= 1e-6 && radius() <= 1e-3) {
-      restart();
-    }
-  });
-}
+$("variant").addEventListener("change", restart);
+// a radius beyond the limits of the box becomes the nearest; what is no number changes nothing
+$("tip").addEventListener("change", () => {
+  const wish = parseFloat($("tip").value);
+  if (isFinite(wish)) {
+    tipRadius = clamp(wish, SMALLEST_TIP, LARGEST_TIP) * 1e-6;
+  }
+  $("tip").value = toMicrometres(tipRadius);
+  restart();
+});
 $("a").addEventListener("click", () => choose("block"));
 $("b").addEventListener("click", () => choose("other"));
 $("blind").addEventListener("change", beginBlind);

@@ -247,9 +247,9 @@ class Probe {
     return along * (1 - friction * rise) - load * (rise + friction);
   }
 
-  // The tip leaves a knot: a release where the knot is a notch that held it. The hand went straight
-  // from where it was a tick ago, and the force left to move the tip is linear along that way: where
-  // it crosses zero the notch gave way, whatever the rate and the speed.
+  // The tip leaves a knot: a release where the knot is a notch that held it. The hand went
+  // straight from where it was a tick ago, and the force left to move the tip is linear along that
+  // way: where it crosses zero the notch gave way, whatever the rate and the speed.
   leave(direction, knot, slope, hand, dt) {
     const { x: xs, up, down } = this.path;
     const { stiffness, friction, load, limit, conversion, vibration } = this.tool;
@@ -306,8 +306,8 @@ class Probe {
     return [x, i];
   }
 
-  // One tick with the hand at a place; returns the force on the hand. A place that is no number, and
-  // a time that runs backwards, are counted and move nothing: the last good force fades to zero
+  // One tick with the hand at a place; returns the force on the hand. A place that is no number,
+  // and a time that runs backwards, are counted and move nothing: the last good force fades to zero
   // within FADE, and grows again as slowly afterwards. A hand that jumped sets the tip down anew.
   tick(hand, dt) {
     const share = this.share;

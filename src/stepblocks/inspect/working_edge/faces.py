@@ -1,11 +1,12 @@
 """Form of the faces beside a working edge, and their profiles for roughness."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from stepblocks.inspect.budget import (
+    Bound,
     Component,
     Instrument,
     Measured,
@@ -23,6 +24,7 @@ from stepblocks.inspect.form import (
 from stepblocks.inspect.noise import Array
 from stepblocks.inspect.notes import Note, NoteKind
 from stepblocks.inspect.working_edge.crossing import CrossedEdges
+from stepblocks.inspect.working_edge.drift import Drift, find_drift
 from stepblocks.scans.scan import HeightMap, ScannedProfile
 
 _MOST_ACROSS = 300  # points of a map along either side through which the form of a face is fitted
@@ -79,6 +81,10 @@ def measure_faces(
     side = across[::thin_y, ::thin_x]
     on_lower = side < -exclusion
     on_upper = side > exclusion
+    drift = find_drift(x, y, height, on_lower, on_upper)
+    if drift is not None:
+        height = height - drift.offsets[:, np.newaxis]
+        notes.append(NoteKind.DRIFT_OR_BEND.describe(zone=drift.zone * 1e6))
     lower = fit_face(x, y, height, on_lower)
     upper = fit_face(x, y, height, on_upper)
     zones = {
@@ -93,7 +99,7 @@ def measure_faces(
         _UPPER: Extent(float(np.ptp(side[on_upper & known])), float(y[-1])),
     }
     covered[_PARALLELISM] = min(covered.values())
-    values = {key: _measure_zone(zone, instrument) for key, zone in zones.items()}
+    values = {key: _measure_zone(zone, instrument, drift) for key, zone in zones.items()}
     return MeasuredFaces(values, covered)
 
 
@@ -106,12 +112,17 @@ def _describe_zones(zones: list[_Zone], degree: int) -> Note:
     return NoteKind.FORM_OF_FACES.describe(degree=degree, zones=", ".join(listed))
 
 
-def _measure_zone(zone: _Zone, instrument: Instrument) -> Measured:
-    """Return the zone of a form with its budget."""
+def _measure_zone(zone: _Zone, instrument: Instrument, drift: Drift | None) -> Measured:
+    """Return the zone of a form with its budget; a bound where drift was taken off the faces."""
     form = estimate_zone(zone.compute, *zone.faces)
     how = "draws from the covariance of the form"
-    noise = Component(Source.NOISE, form.std, form.dof, how)
-    return add_instrument_components(zone.name, form.value, [noise], instrument)
+    components = [Component(Source.NOISE, form.std, form.dof, how)]
+    if drift is None:
+        return add_instrument_components(zone.name, form.value, components, instrument)
+    how = "a quarter of what both faces share along the edge"
+    components.append(Component(Source.DRIFT, 0.25 * drift.zone, how=how))
+    measured = add_instrument_components(zone.name, form.value, components, instrument)
+    return replace(measured, bound=Bound.AT_LEAST)
 
 
 def extract_faces(crossed: CrossedEdges) -> Iterator[ScannedProfile]:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import theilslopes
 
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.attempts import Attempts, evaluate_each, evaluate_if_possible
@@ -37,19 +38,25 @@ from stepblocks.inspect.profiles import (
     list_directions,
     sample_profiles,
 )
-from stepblocks.inspect.working_edge.burr import Burr, find_burr
+from stepblocks.inspect.working_edge.burr import ZONE, Burr, find_burr
+from stepblocks.inspect.working_edge.choose import find_working_stretch
 from stepblocks.inspect.working_edge.crossing import CrossedEdge, CrossedEdges
 from stepblocks.inspect.working_edge.faces import MeasuredFaces, extract_faces, measure_faces
 from stepblocks.inspect.working_edge.radius import average_radius
 from stepblocks.inspect.working_edge.riser import ANGLE, STRAIGHTNESS, measure_riser
 from stepblocks.scans.scan import HeightMap, ScannedProfile
 
-_MOST_SLANT_ROWS = 12  # of a map, from which the direction of its edge is found
+_MOST_SLANT_ROWS = 40  # of a map, from which the direction of its edge is found
 _LEAST_SLANT_ROWS = 3
 _TURNED = 0.01  # slope of an edge over a map from which it is turned [1]
 _MOST_REFITTED = 10  # profiles whose heights are fitted again
 _WIDER = 2.0  # exclusion over the usual one, with which they are [1]
 _LEVEL = 0.5e-3  # length of the level faces on either side of an edge that was seen [m]
+_VALLEY = 1e-6  # depth of a valley at the foot of an edge that is none of its form [m]
+_DEEPER = 2.0  # that it must be deeper than a burr is high [1]
+_SURE = 2.0  # standard uncertainties that it must stand out by [1]
+# what is measured where heights that are upside down show the foot of the edge
+_OF_THE_UPPER_CORNER = ("burr", "edge_radius")
 _WORTH = 0.02  # of the step, from which another feature in its scan is named [1]
 # what the planes beside a second step would bend
 _OF_THE_EDGE = ("step_height", "edge_radius", ANGLE, STRAIGHTNESS)
@@ -122,8 +129,19 @@ def _measure_along_rows(
     scan: ScannedProfile | HeightMap, instrument: Instrument, options: EvaluationOptions
 ) -> Evaluation:
     """Measure an edge that the rows of a scan cross."""
+    stretch = None
+    if options.layout is not None:
+        stretch = find_working_stretch(sample_profiles(scan, options).rows, options.layout)
+    if stretch is not None:
+        options = replace(options, begin=stretch.begin, end=stretch.end, layout=None)
     turned = _turn_profiles(scan, options)
     notes = turned.notes
+    if stretch is not None:
+        notes.append(
+            NoteKind.WORKING_EDGE_ALONE.describe(
+                begin=stretch.begin * 1e6, end=stretch.end * 1e6, beside=stretch.beside
+            )
+        )
     crossed = _cross_edge(turned, options)
     first = crossed.first
     values = {
@@ -155,6 +173,10 @@ def _measure_along_rows(
         missing["burr"] = NotMeasuredReason.UPPER_FACE_TOO_SHORT.describe()
     else:
         values["burr"] = _describe_burr(burr, instrument, notes)
+    if _has_valley_at_foot(points, crossed, burr):
+        for key in _OF_THE_UPPER_CORNER:
+            values.pop(key, None)
+            missing[key] = NotMeasuredReason.VALLEY_AT_FOOT.describe()
     faces = MeasuredFaces({}, {})
     if isinstance(turned.scan, HeightMap):
         faces = measure_faces(turned.scan, points.across, first.edge.exclusion, instrument, notes)
@@ -211,11 +233,9 @@ def _find_slant(rows: list[ScannedProfile]) -> float:
     places = np.array(max(rising, falling, key=len))
     if len(places) < _LEAST_SLANT_ROWS:
         return 0.0
-    lag = len(places) // 2
-    ahead = places[lag:]
-    behind = places[: len(places) - lag]
-    slopes = (ahead[:, 1] - behind[:, 1]) / (ahead[:, 0] - behind[:, 0])
-    slant = float(np.median(slopes))
+    # by the median of the slopes between all rows: each place is known to a sample alone
+    offsets, positions = places.T
+    slant = float(theilslopes(positions, offsets).slope)
     if abs(slant) > _TURNED:
         return slant
     return 0.0
@@ -339,7 +359,7 @@ def _measure_between_steps(
     position = crossing.row.position
     before = max([step for step in beside.steps if step < middle], default=position[0])
     behind = min([step for step in beside.steps if step > middle], default=position[-1])
-    part = replace(options, begin=before / turned.turn, end=behind / turned.turn)
+    part = replace(options, begin=before / turned.turn, end=behind / turned.turn, layout=None)
     narrow = _measure_along_rows(turned.scan, instrument, part).values
     return {key: narrow[key] for key in narrow if key in values and key in _OF_THE_EDGE}
 
@@ -366,6 +386,28 @@ def _lay_line(y: Array, values: list[float], at_y: Array) -> Array:
     if np.ptp(y) > 0.0:
         return np.asarray(np.polyval(np.polyfit(y, values, 1), at_y), dtype=np.float64)
     return np.full(len(at_y), values[0])
+
+
+def _has_valley_at_foot(points: LevelledPoints, crossed: CrossedEdges, burr: Burr | None) -> bool:
+    """Tell whether the lower face falls at the foot of the edge by far more than a burr stands up.
+
+    No block has a valley there: heights that are upside down show their burr so.
+    """
+    step = crossed.compute_usual_height()
+    exclusion = crossed.compute_usual_exclusion()
+    # another step in the scan bends the planes: the lower face counts as it lies beside the edge
+    across = points.across
+    beside = (across < -exclusion) & (across > -exclusion - 2.0 * ZONE)
+    beside &= np.isfinite(points.level)
+    if beside.sum() < LEAST_FACE:
+        return False
+    line = np.polynomial.Polynomial.fit(across[beside], points.level[beside], 1)
+    valley = find_burr(-across, step - points.level + line(across), step, exclusion)
+    if valley is None:
+        return False
+    standing = 0.0 if burr is None else burr.height.value
+    surely = valley.height.value - _SURE * float(np.hypot(valley.height.std, valley.noise))
+    return surely > _VALLEY + _DEEPER * standing
 
 
 def _describe_burr(burr: Burr, instrument: Instrument, notes: list[Note]) -> Measured:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.lawsearch.law import Law, Parameter, SizedChange
+from stepblocks.quantities import format_column_label
 from stepblocks.rig.forward import SPEED_OVER_LOAD
 from stepblocks.rig.state import DragState, Floats
 
@@ -400,8 +401,13 @@ def _make_trend_law(slot: str, covariate: CovariateRange) -> Law:
     """Let a slot follow a covariate along a straight line."""
     move = SLOT_MOVES[slot]
     description = ""
-    if covariate.name == _RUN and slot in _JUMPING:
+    is_drift = covariate.name == _RUN and slot in _JUMPING
+    is_line = not is_drift and not covariate.pair
+    if is_drift:
         description = f"{slot} drifts along the run, by ln"
+    if is_line:
+        of = format_column_label(covariate.name).partition(",")[0]
+        description = f"{slot.replace('_', ' ')} follows the {of} along a line, slope"
     return Law(
         f"trend_{slot}_{covariate.name}",
         f"{move.form}, g a straight line over {covariate.name}",
@@ -409,9 +415,10 @@ def _make_trend_law(slot: str, covariate: CovariateRange) -> Law:
         SizedChange(move.change, _follow(covariate.line, ("slope",))),
         move.slot,
         covariate.name,
-        named=bool(description),
+        named=is_drift,
         rank=10,
         description=description,
+        is_line=is_line,
     )
 
 

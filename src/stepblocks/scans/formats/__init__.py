@@ -2,6 +2,7 @@
 
 from stepblocks.scans.formats.digital_surf import DigitalSurfReader
 from stepblocks.scans.formats.gwyddion import GwyddionReader
+from stepblocks.scans.formats.heightfield import HeightFieldReader, TiffReader
 from stepblocks.scans.formats.nanofocus import NanoFocusReader
 from stepblocks.scans.formats.points import PointReader
 from stepblocks.scans.formats.reader import ScanReader
@@ -15,7 +16,9 @@ from stepblocks.scans.formats.x3p import X3pReader
 READERS: tuple[ScanReader, ...] = (
     TextMatrixReader(),
     TextReader(),
+    HeightFieldReader(),
     PointReader(),
+    TiffReader(),
     X3pReader(),
     SdfReader(),
     DigitalSurfReader(),

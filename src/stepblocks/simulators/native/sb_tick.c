@@ -74,9 +74,9 @@ static int slides(const pull *h, double direction, double x, size_t i)
     return drive(h, direction, x, height_at(p, x, i), slope_at(p, x, i)) > 0.0;
 }
 
-/* The tip leaves a knot of the path: a release where the knot is a notch that held it. The hand went
- * straight from where it was a tick ago, and the force left to move the tip is linear along that
- * way: where it crosses zero the notch gave way, whatever the rate and the speed. */
+/* The tip leaves a knot of the path: a release where the knot is a notch that held it. The hand
+ * went straight from where it was a tick ago, and the force left to move the tip is linear along
+ * that way: where it crosses zero the notch gave way, whatever the rate and the speed. */
 static void leave(sb_world *w, const sb_block *block, const pull *h, double direction, size_t knot,
                   double slope, double dt)
 {

@@ -163,8 +163,8 @@ SB_API int sb_choose(sb_world *world, int block);
 SB_API int sb_reset(sb_world *world, const double hand[3]);
 
 /* One servo tick: the force on a hand at a position with a velocity, dt after the last tick; 0
- * where the clock has not moved on. The output is always written and always finite. Returns an sb_state, or SB_ERROR_ARGUMENT for a null
- * pointer or a world without blocks. */
+ * where the clock has not moved on. The output is always written and always finite. Returns an
+ * sb_state, or SB_ERROR_ARGUMENT for a null pointer or a world without blocks. */
 SB_API int sb_tick(sb_world *world, const double hand[3], const double velocity[3], double dt,
                    sb_output *output);
 

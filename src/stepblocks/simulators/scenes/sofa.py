@@ -39,6 +39,9 @@ SOFA = SceneFormat(
     run="`runSofa scene.scn`; bind the position of `@device/hand` to your driver (its Geomagic "
     "plugin reports centimetres).",
     settings=(
+        "for SOFA v25.12 and later; in an older release write `GenericConstraintSolver` for "
+        "`BlockGaussSeidelConstraintSolver` in `scene.scn`, which is the same solver by its name "
+        "before",
         "centimetres, as SOFA's Geomagic driver reports",
         "alarm distance a tenth of the step, contact distance a hundredth: the usual 0.15 and "
         "0.05 are larger than the step",

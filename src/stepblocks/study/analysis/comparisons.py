@@ -23,6 +23,9 @@ from stepblocks.study.analysis.psychometric import (
     compute_weber,
     fit_psychometric,
 )
+from stepblocks.study.columns import PairOrder
+
+_FEWEST_CONSTANT = 8  # trials in which the same answer is no chance
 
 
 class CurveQuantity(StrEnum):
@@ -100,6 +103,9 @@ class Comparisons:
         Participants of the model.
     model : Population or None
         Of these participants, in the same order.
+    constant : tuple of str
+        Participants who always gave the same answer, which says nothing of a threshold: not in the
+        model.
     """
 
     setting: str
@@ -109,6 +115,7 @@ class Comparisons:
     spread: Estimate | None
     people: tuple[GroupMember, ...] = ()
     model: Population | None = None
+    constant: tuple[str, ...] = ()
 
     def leave_out(self, who: str) -> "Comparisons":
         """Return what all others say; what the group of all says is not among it."""
@@ -137,12 +144,16 @@ def fit_setting(setting: str, judgements: Table, standard: float) -> Comparisons
     """
     by_participant = judgements.groupby("participant", sort=False)
     curves = tuple(fit_curve(str(name), answers) for name, answers in by_participant)
+    constant = find_constant(judgements, standard)
+    judgements = judgements[~judgements["participant"].isin(constant)]
+    if judgements.empty:
+        return Comparisons(setting, curves, standard, None, None, constant=constant)
     tables = judgements.pivot_table(
         index="participant", columns="height", values="higher", aggfunc=["sum", "count"]
     ).fillna(0.0)
     hits = tables["sum"]
-    if len(curves) < 2 or hits.shape[1] < 3:
-        return Comparisons(setting, curves, standard, None, None)
+    if len(hits) < 2 or hits.shape[1] < 3:
+        return Comparisons(setting, curves, standard, None, None, constant=constant)
     heights = hits.columns.to_numpy(float)
     grid = Grid(np.log(heights / standard), hits, tables["count"])
     model = Population(grid.likelihood, grid.axes)
@@ -159,7 +170,28 @@ def fit_setting(setting: str, judgements: Table, standard: float) -> Comparisons
         model.estimate(CurveQuantity.SPREAD.axis),
         tuple(people),
         model,
+        constant,
     )
+
+
+def find_constant(judgements: Table, standard: float) -> tuple[str, ...]:
+    """Find participants who always gave the same answer, to blocks below and above the standard.
+
+    The answer is which block of a pair is higher; with the standard in either place it is also
+    whether the second one is.
+    """
+    found = []
+    for name, answers in judgements.groupby("participant", sort=False):
+        heights = answers["height"]
+        if len(answers) < _FEWEST_CONSTANT or not heights.min() < standard < heights.max():
+            continue
+        second = answers["higher"]
+        if "condition" in answers:
+            is_first = answers["condition"] == PairOrder.STANDARD_FIRST.value
+            second = (answers["higher"] == 1) == is_first
+        if answers["higher"].nunique() == 1 or second.nunique() == 1:
+            found.append(str(name))
+    return tuple(found)
 
 
 def fit_curve(who: str, judgements: Table) -> Curve:

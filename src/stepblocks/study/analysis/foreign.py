@@ -3,7 +3,7 @@
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from stepblocks.errors import StudyError
@@ -29,8 +29,10 @@ DESCRIPTIONS = {
     "answered_utc": "when it was answered, UTC",
     "reaction_s": "time from the question to the answer, seconds",
 }
+PROBE = "probe"  # the factor that has a column of its own name
 _LOWEST, _HIGHEST = 0.1, 5000.0  # of the steps of blocks; beyond, it is another unit [um]
 _MICROMETRES = {"um": 1.0, "mm": 1e3, "m": 1e6}  # in each unit of a column
+_MOST_LEVELS = 12  # of a column that splits the judgements
 _FEWEST_COPIED = 6  # rows of a participant of which the second half may be a copy
 
 
@@ -96,8 +98,7 @@ def read_foreign_judgements(
     if experiment not in EXPERIMENTS:
         raise StudyError(f"experiment must be one of {', '.join(EXPERIMENTS)}, got {experiment!r}")
     for name in columns:
-        if re.sub("_(mm|m)$", "_um", name) not in DESCRIPTIONS:
-            raise StudyError(f"columns must be named for {', '.join(DESCRIPTIONS)}, got {name!r}")
+        _check_name(name)
     names = _Columns(columns)
     participant = names.name("participant")
     rows = list[SheetRow]()
@@ -105,20 +106,34 @@ def read_foreign_judgements(
         rows += read_rows(path, [participant], names=(participant, names.name("condition")))
     _refuse_copied_rows(rows, {names.name("trial"), "repetition", "time"})
     _refuse_copied_tables(rows, participant)
-    pairs = [Judgement(row.cells, row) for row in _number_rows(rows, names, experiment)]
-    return join_rows(experiment, pairs, ratings, {})
+    translated = [_translate(row, names) for row in rows]
+    _refuse_partial_columns(translated)
+    crossed = _cross_factors(translated, names, experiment)
+    pairs = [Judgement(row.cells, row) for row in _number_rows(crossed, experiment)]
+    judgements = join_rows(experiment, pairs, ratings, {})
+    return replace(judgements, remarks=tuple(_describe_unused(rows, names)))
 
 
-def _number_rows(rows: Sequence[SheetRow], names: _Columns, experiment: str) -> Iterator[SheetRow]:
-    """Yield foreign rows in our columns, with the trial, repetition and block of each."""
+def _check_name(name: str) -> None:
+    """Reject a name of a column that no kind of judgements has."""
+    if name == PROBE or name.startswith(FACTOR):
+        return
+    if re.sub("_(mm|m)$", "_um", name) not in DESCRIPTIONS:
+        known = ", ".join((*DESCRIPTIONS, PROBE, f"{FACTOR}..."))
+        raise StudyError(f"columns must be named for {known}, got {name!r}")
+
+
+def _number_rows(rows: Sequence[SheetRow], experiment: str) -> Iterator[SheetRow]:
+    """Yield translated rows with the trial, repetition and block of each."""
     trials = Counter[str]()
     repetitions = Counter[tuple[str, str, str]]()
     for row in rows:
-        cells = _translate(row.cells, names, EXPERIMENTS[experiment].default_condition)
+        cells = {"condition": EXPERIMENTS[experiment].default_condition, **row.cells}
         _check_cells(cells, row.place, experiment)
         cells.setdefault("stimulus", f"step-{read_number(cells['height_um']):03.6g}")
         trials[cells["participant"]] += 1
-        cell = (cells["participant"], cells["condition"], cells["stimulus"])
+        setting = "/".join(cells[name] for name in cells if name.startswith(FACTOR))
+        cell = (cells["participant"], f"{cells['condition']} {setting}", cells["stimulus"])
         repetitions[cell] += 1
         numbered = {
             "standard_height_um": cells["height_um"],
@@ -129,17 +144,123 @@ def _number_rows(rows: Sequence[SheetRow], names: _Columns, experiment: str) -> 
         yield SheetRow(numbered, row.file, row.line)
 
 
-def _translate(row: Row, names: _Columns, condition: str) -> dict[str, str]:
-    """Return a foreign row in our columns; `condition` is the one of a row that names none."""
-    cells = {"condition": condition}
+def _translate(row: SheetRow, names: _Columns) -> SheetRow:
+    """Return a foreign row in our columns, declared factors last."""
+    cells = dict[str, str]()
     for column in DESCRIPTIONS:
-        text = names.read(row, column)
+        text = names.read(row.cells, column)
         if text is not None:
             cells[column] = text
-    for name, text in row.items():
-        if name.startswith(FACTOR):
-            cells[name] = text
-    return cells
+    cells |= _read_factors(row.cells, names)
+    return SheetRow(cells, row.file, row.line)
+
+
+def _read_factors(row: Row, names: _Columns) -> dict[str, str]:
+    """Read the levels of declared factors: of columns named so, and of those that are mapped."""
+    levels = {name: text for name, text in row.items() if name.startswith(FACTOR)}
+    taken = set(names.named.values())
+    if PROBE in row and PROBE not in taken:
+        levels[FACTOR + PROBE] = row[PROBE]
+    for ours, theirs in names.named.items():
+        if theirs not in row:
+            continue
+        if ours == PROBE:
+            levels[FACTOR + PROBE] = row[theirs]
+        elif ours.startswith(FACTOR):
+            levels[ours] = row[theirs]
+    return levels
+
+
+def _refuse_partial_columns(rows: Sequence[SheetRow]) -> None:
+    """Reject tables of which only some have a column of groups, factors or conditions."""
+    shared = dict[str, SheetRow]()
+    for row in rows:
+        for name in row.cells:
+            if name in ("group", "condition", "stimulus") or name.startswith(FACTOR):
+                shared.setdefault(name, row)
+    for row in rows:
+        for name, first in shared.items():
+            if name not in row.cells:
+                raise StudyError(
+                    f"{name} must be a column of every table, as of {first.file}, got none "
+                    f"[{row.place}]"
+                )
+
+
+def _cross_factors(
+    rows: Sequence[SheetRow], names: _Columns, experiment: str
+) -> Sequence[SheetRow]:
+    """Cross the condition with every factor within participants that it does not hold.
+
+    The condition becomes a declared factor of its own, called as their column. Without a column of
+    conditions they are the crossed levels of the factors. Of comparisons the condition is the order
+    of a pair, and every factor is a setting anyway.
+    """
+    if EXPERIMENTS[experiment].paired or not rows:
+        return rows
+    factors = [name for name in rows[0].cells if name.startswith(FACTOR)]
+    within = [name for name in factors if _varies_within(rows, name)]
+    if not within:
+        return rows
+    if "condition" not in rows[0].cells:
+        return [_join_condition(row, within) for row in rows]
+    beside = [name for name in within if not _is_held(rows, name)]
+    if not beside:
+        return rows
+    own = FACTOR + names.name("condition").removeprefix(FACTOR)
+    crossed = []
+    for row in rows:
+        cells = {**row.cells}
+        if own not in within:
+            cells[own] = row.cells["condition"]
+        levels = [row.cells["condition"], *(row.cells[name] for name in beside)]
+        cells["condition"] = "/".join(levels)
+        crossed.append(SheetRow(cells, row.file, row.line))
+    return crossed
+
+
+def _join_condition(row: SheetRow, factors: Sequence[str]) -> SheetRow:
+    """Give a row the crossed levels of some factors as its condition."""
+    condition = "/".join(row.cells[name] for name in factors)
+    return SheetRow({**row.cells, "condition": condition}, row.file, row.line)
+
+
+def _varies_within(rows: Sequence[SheetRow], name: str) -> bool:
+    """Return whether a participant meets several levels of a factor."""
+    levels = dict[str, set[str]]()
+    for row in rows:
+        levels.setdefault(row.cells.get("participant", ""), set()).add(row.cells[name])
+    return any(len(met) > 1 for met in levels.values())
+
+
+def _is_held(rows: Sequence[SheetRow], name: str) -> bool:
+    """Return whether the condition tells the level of a factor."""
+    levels = dict[str, set[str]]()
+    for row in rows:
+        levels.setdefault(row.cells["condition"], set()).add(row.cells[name])
+    return all(len(met) == 1 for met in levels.values())
+
+
+def _describe_unused(rows: Sequence[SheetRow], names: _Columns) -> Iterator[str]:
+    """Name columns that split the judgements and are in no model."""
+    used = {names.name(ours) for ours in DESCRIPTIONS} | set(names.named.values()) | {PROBE}
+    for ours in DESCRIPTIONS:
+        stem = ours.removesuffix("_um")
+        used |= {names.name(f"{stem}_{unit}") for unit in _MICROMETRES}
+    levels = dict[str, dict[str, int]]()
+    for row in rows:
+        for name, text in row.cells.items():
+            if name not in used and not name.startswith(FACTOR):
+                counts = levels.setdefault(name, {})
+                counts[text] = counts.get(text, 0) + 1
+    for name, counts in levels.items():
+        if 2 <= len(counts) <= _MOST_LEVELS and min(counts.values()) > 1:
+            shown = ", ".join(text or "nothing" for text in counts)
+            word = re.sub(r"\W", "_", name)
+            yield (
+                f"Left out of every model: the column {name!r} ({shown}). Name it "
+                f"--columns {FACTOR}{word}={name} to test it."
+            )
 
 
 def _check_cells(cells: Row, place: str, experiment: str) -> None:

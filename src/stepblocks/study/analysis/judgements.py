@@ -58,12 +58,15 @@ class Judgements:
         Every missing answer of participants who stay in the table.
     left : tuple of str
         Participants without any answer in a condition of their design: not in the table.
+    remarks : tuple of str
+        On what the tables hold beside the judgements.
     """
 
     experiment: str
     frame: Table
     missing: tuple[TrialKey, ...]
     left: tuple[str, ...]
+    remarks: tuple[str, ...] = ()
 
     def notes(self) -> list[str]:
         """Describe what is missing, and how it was treated."""
@@ -76,6 +79,7 @@ class Judgements:
             )
         if self.missing:
             lines.append(self._describe_missing())
+        lines += self.remarks
         lines += self._describe_conditions()
         value = EXPERIMENTS[self.experiment].value
         return lines + describe_unlike_participants(self.frame, value)
@@ -120,7 +124,7 @@ class Judgements:
                 f"{', '.join(lacking[:_FEW])} [{path}]"
             )
         grouped = self.frame.assign(group=self.frame["participant"].map(group))
-        return replace(self, frame=split_groups(grouped))
+        return replace(self, frame=separate_factors_between_participants(grouped))
 
     def analyse(
         self, margin: float = math.nan, primary: str = "", reference: str = ""
@@ -242,7 +246,9 @@ def join_rows(
     if frame.empty:
         raise StudyError("at least one participant must have answered in every condition, got none")
     _refuse_empty_cells(planned, frame)
-    return Judgements(experiment, split_groups(frame), missing, tuple(left))
+    return Judgements(
+        experiment, separate_factors_between_participants(frame), missing, tuple(left)
+    )
 
 
 def _index_planned(pairs: Sequence[Judgement]) -> dict[TrialKey, Row]:
@@ -305,13 +311,48 @@ def _list_mistakes(mistakes: Sequence[Mistake]) -> str:
 def _find_left_out(
     planned: Mapping[TrialKey, Row], answered: Mapping[TrialKey, Values]
 ) -> list[str]:
-    """Return the participants without any answer in a condition of their design."""
+    """Return the participants without any answer in a condition of their design.
+
+    A condition that a participant has no row of counts as one without an answer, where others who
+    share conditions with the participant met it: a trial that was never run may have an empty row
+    or none.
+    """
     answers = Counter((key.participant, planned[key]["condition"]) for key in answered)
-    left = dict[str, None]()
+    asked = dict[str, set[str]]()
     for key, row in planned.items():
-        if not answers[key.participant, row["condition"]]:
-            left[key.participant] = None
-    return list(left)
+        asked.setdefault(key.participant, set()).add(row["condition"])
+    expected = _expect_conditions(asked)
+    return [
+        participant
+        for participant, conditions in expected.items()
+        if not all(answers[participant, condition] for condition in conditions)
+    ]
+
+
+def _expect_conditions(asked: Mapping[str, set[str]]) -> dict[str, set[str]]:
+    """Return the conditions that each participant should have met.
+
+    They are all that participants who share a condition met, directly or by others between them:
+    groups that meet conditions of their own stay apart. Where fewer than half of such participants
+    met all of them, nobody was meant to, and what each was asked counts.
+    """
+    families: list[tuple[list[str], set[str]]] = []
+    for participant, conditions in asked.items():
+        people, met = [participant], set(conditions)
+        apart = []
+        for family in families:
+            if family[1] & met:
+                people, met = [*family[0], *people], met | family[1]
+            else:
+                apart.append(family)
+        families = [*apart, (people, met)]
+    expected = dict[str, set[str]]()
+    for people, met in families:
+        complete = [participant for participant in people if asked[participant] == met]
+        is_incomplete_design = 2 * len(complete) < len(people)
+        for participant in people:
+            expected[participant] = asked[participant] if is_incomplete_design else met
+    return {participant: expected[participant] for participant in asked}
 
 
 def _choose_columns(planned: Mapping[TrialKey, Row]) -> list[str]:
@@ -333,7 +374,7 @@ def _refuse_empty_cells(planned: Mapping[TrialKey, Row], frame: Table) -> None:
         )
 
 
-def split_groups(frame: Table) -> Table:
+def separate_factors_between_participants(frame: Table) -> Table:
     """Drop factors of one level; those that vary between participants only are their group.
 
     Where nothing else varies, a group is the condition of its participants.

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 
 from stepblocks.quantities import format_units
 from stepblocks.study.analysis.accuracy import Measure, assess_equivalence
-from stepblocks.study.analysis.anova import Interval
+from stepblocks.study.analysis.anova import Interval, Term
 from stepblocks.study.analysis.bounded import Bounded
 from stepblocks.study.analysis.comparisons import Comparisons
 from stepblocks.study.analysis.findings import (
@@ -31,6 +31,7 @@ def write_headline(result: StudyResult) -> str:
         if finding.primary:
             text = _describe_finding(finding, result.reference)
             sentences.append(f"primary outcome, {finding.name}: {text}")
+            sentences += _describe_factors(finding)
             if not finding.p < _LEVEL:
                 break
         elif finding.corrected < _LEVEL:
@@ -46,6 +47,15 @@ def _describe_finding(finding: Finding, reference: str) -> str:
     if isinstance(finding.test, RatingTest):
         return _describe_ratings(finding.test, finding, reference)
     return _describe_contrast(finding.test, finding)
+
+
+def _describe_factors(finding: Finding) -> Iterator[str]:
+    """Describe the tests of several crossed factors, each beside the others."""
+    if not isinstance(finding.test, MeasureTest):
+        return
+    tests = [f"{term.name}, {format_f_test(term)}" for term in finding.test.measure.factors]
+    if tests:
+        yield f"of its factors: {'; '.join(tests)}"
 
 
 def _describe_contrast(test: ContrastTest, finding: Finding) -> str:
@@ -102,8 +112,11 @@ def _describe_measure(measure: Measure, finding: Finding, reference: str) -> str
     for interval in paired or modelled:
         if interval.p < _LEVEL:
             differences.append(_describe_pair(interval, measure.logarithmic))
-    text = "; ".join(differences) or "conditions differ, no single pair does"
-    return f"{text} ({p})"
+    tested = p
+    if measure.corrected is not None:
+        tested = format_f_test(measure.corrected, finding.corrected)
+    text = "; ".join(differences) or "no single pair does"
+    return f"conditions differ, {tested}; {text}"
 
 
 def _describe_no_difference(
@@ -132,7 +145,8 @@ def _describe_no_difference(
 
 
 def _describe_pair(interval: Interval, logarithmic: bool) -> str:
-    """Describe how the condition with the larger value differs from the other."""
+    """Describe how the condition with the larger value differs from the other, with its own p."""
+    tested = f"p {format_apa_p(interval.p)}"
     if interval.difference > 0.0:
         larger, smaller = interval.first, interval.second
         bounds = interval.bounds
@@ -141,10 +155,10 @@ def _describe_pair(interval: Interval, logarithmic: bool) -> str:
         bounds = Bounded(-interval.difference, -interval.high, -interval.low)
     if logarithmic:
         ratio, low, high = bounds.transform(math.exp)
-        size = f"a factor of {ratio:#.2g} (95 % {low:#.2g} to {high:#.2g})"
+        size = f"a factor of {ratio:#.2g} (95 % {low:#.2g} to {high:#.2g}, {tested})"
     else:
         length, low, high = bounds.transform(lambda metres: metres * 1e6)
-        size = f"{length:.2g} um (95 % {low:.2g} to {high:.2g})"
+        size = f"{length:.2g} um (95 % {low:.2g} to {high:.2g}, {tested})"
     return f"with {larger} it is larger by {size} than with {smaller}"
 
 
@@ -181,6 +195,20 @@ def _describe_power_law(law: PowerLaw, named: bool) -> str:
         f"{where}the perceived magnitude grows with the height to the power of "
         f"{law.exponent:.2g} (95 % {law.low:.2g} to {law.high:.2g})"
     )
+
+
+def format_f_test(term: Term, p: float = math.nan) -> str:
+    """Write an F test as the APA asks for; `p` stands for a corrected probability."""
+    shown = term.p if math.isnan(p) else p
+    df, df_error = format_df(term.df), format_df(term.df_error)
+    return f"F({df}, {df_error}) = {term.f:.2f}, p {format_apa_p(shown)}"
+
+
+def format_df(df: float) -> str:
+    """Write degrees of freedom: whole where they are, else with two digits."""
+    if math.isclose(df, round(df), rel_tol=1e-6):
+        return f"{df:.0f}"
+    return f"{df:.2f}"
 
 
 def format_apa_p(p: float) -> str:

@@ -8,12 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import integrate, linalg, stats
+from scipy import integrate, linalg, optimize, stats
 
 from stepblocks.contact import Array
 from stepblocks.files.tables import Table
 from stepblocks.study.analysis.anova import Interval, Term, make_interval, make_term
 
+_FAR = 20.0  # from t, how far its noncentrality is sought [1]
 _TINY = 1e-300  # keeps a quotient of variances that vanish finite
 
 
@@ -211,6 +212,31 @@ def compute_bayes_factor(t: float, people: float) -> float:
     null = math.exp(-0.5 * (df + 1.0) * math.log1p(t * t / df))
     alternative, _ = integrate.quad(weigh, 0.0, math.inf)
     return null / float(alternative)
+
+
+def compute_effect_interval(t: float, people: float) -> tuple[float, float]:
+    """Return the 95 % interval of d, the mean over the standard deviation of differences [1].
+
+    By the noncentral t distribution: Steiger, J. H., Fouladi, R. T. (1997), Noncentrality interval
+    estimation and the evaluation of statistical models.
+    """
+    df, scale = people - 1.0, math.sqrt(people)
+    reach = abs(t) + _FAR
+
+    def exceed(delta: float) -> float:
+        """Return the probability of less than t under a noncentrality; scipy has none far off."""
+        found = float(stats.nct.cdf(t, df, delta))
+        if math.isnan(found):
+            return float(delta < t)
+        return found
+
+    def find(probability: float) -> float:
+        """Find the noncentrality under which t is exceeded with 1 - probability."""
+        return float(
+            optimize.brentq(lambda delta: exceed(delta) - probability, t - reach, t + reach)
+        )
+
+    return find(0.975) / scale, find(0.025) / scale
 
 
 def approximate_bayes_factor(term: Term) -> float:

@@ -25,6 +25,7 @@ from stepblocks.study.analysis.repeated import (
     Sphericity,
     approximate_bayes_factor,
     compute_bayes_factor,
+    compute_effect_interval,
 )
 
 Rows = Iterator["ResultRow"]
@@ -118,7 +119,7 @@ def list_rows(analysis: Analysis, findings: Sequence[Finding]) -> Rows:
     for finding in findings:
         name = AnalysisName.PRIMARY if finding.primary else AnalysisName.SECONDARY
         yield ResultRow("", name, finding.name, p=finding.corrected)
-    for measure in analysis.measures:
+    for measure in _sort_measures(analysis, findings):
         for row in _list_measure(measure):
             yield replace(row, measure=measure.name)
     yield from _list_ratings(analysis)
@@ -139,6 +140,12 @@ def list_rows(analysis: Analysis, findings: Sequence[Finding]) -> Rows:
         yield from _list_equivalence(interval, False, before=f"{EXPONENT}, ")
     for influence in leave_out_each(analysis, findings):
         yield _make_influence_row(influence)
+
+
+def _sort_measures(analysis: Analysis, findings: Sequence[Finding]) -> list[Measure]:
+    """Sort measures of accuracy: the primary outcome first, the others as they are."""
+    first = [finding.name for finding in findings if finding.primary]
+    return sorted(analysis.measures, key=lambda measure: measure.name not in first)
 
 
 def _make_row(
@@ -197,12 +204,20 @@ def _list_family(analysis: AnalysisName, intervals: Sequence[Interval], logarith
         bounds, unit = interval.bounds, Unit.MICROMETRES
         if logarithmic:
             bounds, unit = bounds.transform(math.exp), Unit.NONE
-        yield _make_row(analysis, quantity, bounds, unit, df_error=interval.df, p=interval.p)
+        t = interval.difference / interval.error
+        yield _make_row(
+            analysis, quantity, bounds, unit, statistic=t, df_error=interval.df, p=interval.p
+        )
+        low, high = math.nan, math.nan
+        if analysis is AnalysisName.PAIRED:
+            low, high = compute_effect_interval(t, interval.df + 1.0)
         yield ResultRow(
             "",
             analysis,
             f"{_describe_difference(interval)}, over the {analysis.effect_scale}",
             estimate=interval.effect_size,
+            low_95=low,
+            high_95=high,
         )
 
 
@@ -274,7 +289,7 @@ def _list_bayes_factors(intervals: Sequence[Interval]) -> Rows:
         yield ResultRow(
             "",
             AnalysisName.BAYES,
-            f"{interval.first} and {interval.second}, no difference over a difference",
+            f"BF01, {interval.first} and {interval.second}, no difference over a difference",
             estimate=compute_bayes_factor(interval.difference / interval.error, interval.df + 1.0),
         )
 

@@ -4,6 +4,7 @@
 # the order is the design's.
 
 import math
+import re
 import threading
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
@@ -28,6 +29,32 @@ from stepblocks.study.experiments.registry import EXPERIMENTS
 MAGNIFICATION = 100.0  # of a virtual block: the hand of a mouse travels centimetres [1]
 _LONGEST_REACTION = 86_400.0  # a day [s]
 _LONGEST_COMMENT = 500  # letters
+
+# What a participant reads for the columns of answers
+_ANSWER_WORDS = {
+    "estimate_um": "the height in micrometres",
+    "realism_rating": "the rating",
+    "second_is_higher": "the answer",
+    "magnitude_ratio": "the number",
+}
+_DECIMAL_COMMA = re.compile(r"(\d+),(\d+)")
+
+
+def _read_page_number(name: str, text: str) -> str:
+    """Return an answer with a decimal point where a participant wrote a decimal comma.
+
+    Three digits behind a comma may be thousands, which nobody must guess.
+    """
+    found = _DECIMAL_COMMA.fullmatch(text)
+    if found is None:
+        return text
+    whole, share = found.groups()
+    if len(share) == 3 and whole != "0":
+        words = _ANSWER_WORDS.get(name, name)
+        raise StudyError(
+            f"{words} must be clear: is it {whole}{share} or {whole}.{share}? Write one of them"
+        )
+    return f"{whole}.{share}"
 
 
 class Run:
@@ -250,11 +277,11 @@ class Run:
         if isinstance(self.hand, Mouse):
             self.hand.post(x, held)
 
-    def sense(self) -> dict[str, object]:
+    def report_probe_state(self) -> dict[str, object]:
         """Return where the probe is [m], what rings, and what is in doubt."""
         if self._virtual is None:
             return {"x": 0.0, "events": 0, "loudness": 0.0}
-        return dict(self._virtual.sense())
+        return dict(self._virtual.report_probe_state())
 
     def end(self) -> None:
         """Stop the servo loop, if one runs."""
@@ -294,8 +321,10 @@ class Run:
                     f"reaction_s must be from 0 to {_LONGEST_REACTION:.0f}, got {reaction:g}: "
                     "load the page anew"
                 )
-            answers = {name: texts.get(name, "").strip() for name in self.kind.answers}
-            values = self.kind.read(row, answers, self.ratings)  # refuses what cannot be read
+            answers = {}
+            for name in self.kind.answers:
+                answers[name] = _read_page_number(name, texts.get(name, "").strip())
+            values = self._read_answers(row, answers)
             if self._virtual is not None and self._is_virtual(row):
                 self._end_trial(row, self._virtual)
             if self.practice:
@@ -331,6 +360,16 @@ class Run:
         self._file.write([*self._rows, row])
         self._rows.append(row)
         self._place(self._rows)
+
+    def _read_answers(self, row: Row, answers: Row) -> dict[str, float]:
+        """Read the answers to a trial; refuse them in the words of the page, not of the files."""
+        try:
+            return self.kind.read(row, answers, self.ratings)
+        except StudyError as error:
+            text = str(error)
+            for name, words in _ANSWER_WORDS.items():
+                text = text.replace(name, words)
+            raise StudyError(text) from error
 
     def undo(self) -> None:
         """Take the last answer back; its trial is asked again."""

@@ -194,7 +194,7 @@ class _Handler(BaseHTTPRequestHandler):
         if self.path == "/hand":
             mouse = _MouseRequest.parse(document)
             run.move(mouse.x, mouse.held)
-            return run.sense()
+            return run.report_probe_state()
         if self.path == "/begin":
             run.begin()
         elif self.path == "/undo":

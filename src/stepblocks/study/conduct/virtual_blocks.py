@@ -114,7 +114,7 @@ class VirtualBlocks:
         servo = self.servo
         return servo is not None and bool((servo.record()["held"] > 0.0).any())
 
-    def sense(self) -> Mapping[str, object]:
+    def report_probe_state(self) -> Mapping[str, object]:
         """Return where the probe is [m], what rings, and what is in doubt, as the page asks it.
 
         ``loudness`` is the amplitude of the last release over the largest of the study.

@@ -22,8 +22,9 @@ from stepblocks.study.columns import Row
 
 Declared: TypeAlias = str | Path | StimulusSet  # a stimulus file, or the set of one
 
-# no I, O, Q, S, Z, G, J: a hand writes them like others; their number, 19, is prime
-_ALPHABET = "ABCDEFHKLMNPRTUVWXY"
+# no vowels, with which a code reads as a word, nor Y; no G, Q, S, which a hand writes like others;
+# their number, 17, is prime
+_ALPHABET = "BCDFHJKLMNPRTVWXZ"
 MAX_CODES = len(_ALPHABET) ** 2  # blocks that one study can tell apart
 PRACTICE = "P-"  # begins a code of practice, which says what was right: no trial shows it
 

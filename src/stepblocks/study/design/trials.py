@@ -1,6 +1,7 @@
 """Experiments as lists of trials: blocks, crossed factors, balanced orders, blinding codes."""
 
 import itertools
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -19,6 +20,7 @@ from stepblocks.study.design.orders import (
 
 REPETITIONS = 3  # of experiment 1
 MAX_TRIALS = 200_000
+_FEWEST_COMPARED = 2  # participants whose differences have a standard deviation
 _SHUFFLES = 5000  # orders of a set that are tried until no block follows itself
 
 _BLOCK = ("stimulus", "engraved", "code", "height_um")
@@ -54,7 +56,12 @@ class Design:
 
     @property
     def detectable(self) -> float:
-        """Difference over its standard deviation that a paired t-test finds in 80 % of studies."""
+        """Difference over its standard deviation that a paired t-test finds in 80 % of studies.
+
+        Infinite with one participant, who has no standard deviation.
+        """
+        if len(self.blocks) < _FEWEST_COMPARED:
+            return math.inf
         from statsmodels.stats.power import TTestPower
 
         return float(TTestPower().solve_power(nobs=len(self.blocks), alpha=0.05, power=0.8))

@@ -1,6 +1,7 @@
 """Comparisons of each block with a standard: constant stimuli, and adaptive placement."""
 
 import itertools
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,12 @@ import pandas as pd
 from stepblocks.errors import StudyError
 from stepblocks.files.tables import Table
 from stepblocks.study.analysis.anova import Interval
-from stepblocks.study.analysis.comparisons import CurveQuantity, compare_settings, fit_setting
+from stepblocks.study.analysis.comparisons import (
+    Comparisons,
+    CurveQuantity,
+    compare_settings,
+    fit_setting,
+)
 from stepblocks.study.analysis.findings import Analysis, name_contrast
 from stepblocks.study.columns import FACTOR, PairOrder, Row, read_number
 from stepblocks.study.design.simulate import Observer, simulate_comparison
@@ -79,7 +85,23 @@ def _analyse_comparisons(frame: Table, margin: float) -> Analysis:
     if pairs:
         for quantity in CurveQuantity:
             contrasts[quantity] = tuple(compare_settings(quantity, *pair) for pair in pairs)
-    return Analysis(frame=frame, comparisons=tuple(settings), contrasts=contrasts)
+    return Analysis(
+        frame=frame,
+        comparisons=tuple(settings),
+        contrasts=contrasts,
+        remarks=tuple(_describe_constant(settings)),
+    )
+
+
+def _describe_constant(settings: Sequence[Comparisons]) -> Iterator[str]:
+    """Name participants who always gave the same answer, and say that no mean has them."""
+    for setting in settings:
+        where = f" with {setting.setting}" if setting.setting else ""
+        for name in setting.constant:
+            yield (
+                f"Participant {name} always gave the same answer{where}, which says nothing of a "
+                "threshold: left out of the means of the group."
+            )
 
 
 def name_settings(frame: Table) -> pd.Series:

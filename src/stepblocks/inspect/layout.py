@@ -1,0 +1,68 @@
+"""What a part has beside its working edge, as its declaration says.
+
+Places count across the edge from it, positive towards the upper face.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from stepblocks.parts.characteristics import Characteristic
+
+_LEAST_SLACK = 0.1e-3  # by which a wall may lie off its declared place [m]
+_SLACK = 0.1  # part of the distance by which it may: the lateral scale, and a turned scan [1]
+
+
+class Wall(NamedTuple):
+    """A wall of a groove or ridge."""
+
+    place: float  # across the working edge [m]
+    rise: float  # of the surface towards the upper face [m]
+
+
+@dataclass(frozen=True)
+class DeclaredLayout:
+    """A working edge, and the walls beside it.
+
+    Attributes
+    ----------
+    step : float
+        Height of the working edge [m].
+    walls : tuple of Wall
+        Those of the groove or ridge, the nearer one first; none where the part has neither.
+    """
+
+    step: float
+    walls: tuple[Wall, ...] = ()
+
+    def invert(self) -> "DeclaredLayout":
+        """Return the layout as a scan shows it whose heights are upside down."""
+        walls = tuple(Wall(-wall.place, wall.rise) for wall in self.walls)
+        return DeclaredLayout(self.step, walls)
+
+    def find_wall(self, place: float, rise: float) -> int | None:
+        """Return the index of the wall that lies about a place and rises or falls so; else None."""
+        for index, wall in enumerate(self.walls):
+            slack = max(_LEAST_SLACK, _SLACK * abs(wall.place))
+            if abs(place - wall.place) <= slack and rise * wall.rise > 0.0:
+                return index
+        return None
+
+
+def find_layout(characteristics: Iterable[Characteristic]) -> DeclaredLayout | None:
+    """Find the layout of a part in its characteristics; None of a part without a working edge."""
+    sizes = {size.key: size.nominal for size in characteristics}
+    step = sizes.get("step_height")
+    if step is None:
+        return None
+    if {"groove_distance", "groove_width", "groove_depth"} <= set(sizes):
+        near = sizes["groove_distance"]
+        far = near + sizes["groove_width"]
+        depth = sizes["groove_depth"]
+        return DeclaredLayout(step, (Wall(near, -depth), Wall(far, depth)))
+    if {"ridge_distance", "ridge_width", "ridge_height"} <= set(sizes):
+        near = -sizes["ridge_distance"]
+        far = near - sizes["ridge_width"]
+        height = sizes["ridge_height"]
+        return DeclaredLayout(step, (Wall(near, -height), Wall(far, height)))
+    return DeclaredLayout(step)

@@ -1,0 +1,193 @@
+"""Which of several edges in a scan is the working edge: what lies beside it says so."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from stepblocks.errors import MetrologyError
+from stepblocks.inspect.attempts import evaluate_each
+from stepblocks.inspect.found_edges import FoundEdge, find_edges
+from stepblocks.inspect.layout import DeclaredLayout
+from stepblocks.scans.scan import ScannedProfile
+
+_MOST_ROWS = 12  # of a map, in which the working edge is looked for
+# Distance within which a lesser edge is a part of a greater one, such as its burr [m]
+_SAME_EDGE = 0.1e-3
+_PLAUSIBLE = 0.3  # part of the declared step by which that of the working edge may be off [1]
+_MARGIN = 5.0  # sampling intervals kept out beside the flank of another edge [1]
+
+
+@dataclass(frozen=True)
+class _EdgesOfRow:
+    """The edges of a profile, each with what belongs to it."""
+
+    row: ScannedProfile
+    edges: tuple[FoundEdge, ...]
+
+    def describe(self) -> str:
+        """Name the edges by what they rise and where they lie."""
+        named = []
+        for edge in self.edges:
+            named.append(f"{edge.rise * 1e6:+.3g} um at {edge.position * 1e6:.4g} um")
+        return ", ".join(named)
+
+
+@dataclass(frozen=True, order=True)
+class _Fit:
+    """How well a scan fits the declaration if an edge is the working one; the best is greatest."""
+
+    is_possible: bool
+    explained: int  # edges beside it that the declaration has
+    is_plausible: bool  # whether it is about as high
+    unexplained: int  # less the edges that it has not
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """The part of a scan in which the working edge lies alone."""
+
+    begin: float  # m
+    end: float  # m
+    beside: str  # which other edges were left out
+
+
+def find_working_stretch(rows: Sequence[ScannedProfile], layout: DeclaredLayout) -> Stretch | None:
+    """Find the stretch of a scan in which the working edge lies alone.
+
+    Parameters
+    ----------
+    rows : sequence of ScannedProfile
+        Profiles of a scan.
+    layout : DeclaredLayout
+        What lies beside the edge.
+
+    Returns
+    -------
+    Stretch or None
+        None where no profile shows another edge.
+
+    Raises
+    ------
+    MetrologyError
+        If several edges may be the working edge, or the scan fits upside down.
+    """
+    chosen = rows[:: max(len(rows) // _MOST_ROWS, 1)]
+    found = evaluate_each(_find_edges_of_row, chosen).results
+    several = [edges for edges in found if len(edges.edges) > 1]
+    if not several:
+        return None
+    decided: list[tuple[_EdgesOfRow, int]] = []
+    for edges in several:
+        index = _choose_edge(edges, layout)
+        if index is not None:
+            decided.append((edges, index))
+    if not decided:
+        raise _describe_doubt(several[0], layout)
+    return _find_common_stretch(several, decided)
+
+
+def _find_edges_of_row(row: ScannedProfile) -> _EdgesOfRow:
+    """Find the edges of a profile, a lesser one near a greater one being part of that."""
+    edges = find_edges(row.position, row.height)
+    kept: list[FoundEdge] = []
+    for edge in sorted(edges, key=lambda candidate: -abs(candidate.rise)):
+        if all(abs(edge.position - greater.position) > _SAME_EDGE for greater in kept):
+            kept.append(edge)
+    kept.sort(key=lambda edge: edge.position)
+    return _EdgesOfRow(row, tuple(kept))
+
+
+def _choose_edge(edges: _EdgesOfRow, layout: DeclaredLayout) -> int | None:
+    """Return the index of the working edge; None where several are as likely."""
+    fits = [_fit_layout(edges, index, layout) for index in range(len(edges.edges))]
+    best = max(fits)
+    if not best.is_possible or fits.count(best) > 1:
+        return None
+    if not best.explained and not best.is_plausible:
+        return None
+    return fits.index(best)
+
+
+def _fit_layout(edges: _EdgesOfRow, index: int, layout: DeclaredLayout) -> _Fit:
+    """Compare the edges of a profile with a layout, if one of them is the working edge."""
+    working = edges.edges[index]
+    sign = float(np.sign(working.rise))
+    walls: set[int] = set()
+    unexplained = 0
+    for number, edge in enumerate(edges.edges):
+        if number == index:
+            continue
+        wall = layout.find_wall(sign * (edge.position - working.position), sign * edge.rise)
+        if wall is None:
+            unexplained += 1
+        else:
+            walls.add(wall)
+    return _Fit(
+        is_possible=not _lacks_wall(edges.row, working, sign, walls, layout),
+        explained=len(walls),
+        is_plausible=abs(abs(working.rise) - layout.step) <= _PLAUSIBLE * layout.step,
+        unexplained=-unexplained,
+    )
+
+
+def _lacks_wall(
+    row: ScannedProfile, working: FoundEdge, sign: float, walls: set[int], layout: DeclaredLayout
+) -> bool:
+    """Tell whether a profile shows one wall of a groove or ridge, and not the other within it."""
+    if len(walls) != 1:
+        return False
+    for index, wall in enumerate(layout.walls):
+        if index in walls:
+            continue
+        place = working.position + sign * wall.place
+        slack = _SAME_EDGE + 2.0 * row.spacing
+        if row.position[0] + slack < place < row.position[-1] - slack:
+            return True
+    return False
+
+
+def _describe_doubt(edges: _EdgesOfRow, layout: DeclaredLayout) -> MetrologyError:
+    """Say why no edge can be taken for the working edge."""
+    upside_down = layout.invert()
+    inverted = [_fit_layout(edges, index, upside_down) for index in range(len(edges.edges))]
+    if max(inverted).explained == len(layout.walls) > 0:
+        return MetrologyError(
+            "heights must be positive upwards: the edges of the scan are those of the part upside "
+            f"down, got {edges.describe()}"
+        )
+    return MetrologyError(
+        "scan must show which of its edges is the working edge, got "
+        f"{edges.describe()}, of which several may be it: give the part that holds it alone by "
+        "--from and --to"
+    )
+
+
+def _find_common_stretch(
+    several: Sequence[_EdgesOfRow], decided: Sequence[tuple[_EdgesOfRow, int]]
+) -> Stretch:
+    """Return the stretch that holds the working edge, and no other edge, in all profiles."""
+    places = [edges.edges[index].position for edges, index in decided]
+    usual = float(np.median(places))
+    begins = []
+    ends = []
+    for edges in several:
+        margin = _MARGIN * edges.row.spacing
+        distances = [abs(edge.position - usual) for edge in edges.edges]
+        index = int(np.argmin(distances))
+        begins.append(float(edges.row.position[0]))
+        ends.append(float(edges.row.position[-1]))
+        if index > 0:
+            begins[-1] = edges.edges[index - 1].end + margin
+        if index + 1 < len(edges.edges):
+            ends[-1] = edges.edges[index + 1].begin - margin
+    begin = max(begins)
+    end = min(ends)
+    if not begin < min(places) <= max(places) < end:
+        raise MetrologyError(
+            "working edge must keep clear of the other edges in all profiles, got one that runs "
+            "across them: give a part that holds it alone by --from, --to or --area"
+        )
+    first, chosen = decided[0]
+    others = [edge for number, edge in enumerate(first.edges) if number != chosen]
+    return Stretch(begin, end, _EdgesOfRow(first.row, tuple(others)).describe())

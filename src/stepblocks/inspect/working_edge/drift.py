@@ -1,0 +1,121 @@
+"""What both faces of a map share along its slow axis: drift of the instrument, or a bent part.
+
+A scan line by line cannot tell one from the other. What is shared is taken off, and the form of the
+faces is then known from below alone.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from stepblocks.inspect.noise import Array, Mask
+
+_DEGREE = 3  # of a form along the slow axis, as of that of a face
+_SURE = 3.0  # standard uncertainties from which a term is there [1]
+_LEAST_ZONE = 20e-9  # of what is shared, below which it is left in [m]
+_LEAST_ROWS = 8
+_MOST_CORRELATED = 0.95  # of one row with the next, as it is allowed for [1]
+
+
+@dataclass(frozen=True)
+class Drift:
+    """What both faces share along the slow axis.
+
+    Attributes
+    ----------
+    offsets : array, shape (ny,)
+        Of the rows [m].
+    zone : float
+        Their range [m].
+    """
+
+    offsets: Array
+
+    @property
+    def zone(self) -> float:
+        """Range of the offsets [m]."""
+        return float(np.ptp(self.offsets))
+
+
+@dataclass(frozen=True)
+class _Terms:
+    """Terms of degree two and three along the slow axis, with their uncertainties [m]."""
+
+    values: Array
+    stds: Array
+
+
+def find_drift(x: Array, y: Array, height: Array, lower: Mask, upper: Mask) -> Drift | None:
+    """Find the form along y that both faces of a map have alike.
+
+    Parameters
+    ----------
+    x, y : array, shape (nx,) and (ny,)
+        Positions of columns and rows [m].
+    height : array, shape (ny, nx)
+        nan where nothing was measured [m].
+    lower, upper : array of bool, shape (ny, nx)
+        The points of either face.
+
+    Returns
+    -------
+    Drift or None
+        None where the faces share nothing that stands out of the noise.
+    """
+    if len(y) < _LEAST_ROWS:
+        return None
+    t = 2.0 * (y - y[0]) / (y[-1] - y[0]) - 1.0
+    terms = []
+    for face in (lower, upper):
+        found = _fit_rows(t, _average_rows(x, y, height, face))
+        if found is None:
+            return None
+        terms.append(found)
+    first, second = terms
+    shared = _find_shared(first, second)
+    offsets = np.polynomial.legendre.legval(t, [0.0, 0.0, *shared])
+    drift = Drift(np.asarray(offsets))
+    if drift.zone < _LEAST_ZONE:
+        return None
+    return drift
+
+
+def _average_rows(x: Array, y: Array, height: Array, face: Mask) -> Array:
+    """Return the mean height of each row of a face over its plane, shape (ny,) [m]."""
+    used = face & np.isfinite(height)
+    along, across = np.meshgrid(x, y)
+    design = np.column_stack([np.ones(used.sum()), along[used], across[used]])
+    if len(design) < design.shape[1]:
+        return np.full(len(y), np.nan)
+    plane = np.linalg.lstsq(design, height[used], rcond=None)[0]
+    level = height - plane[0] - plane[1] * along - plane[2] * across
+    counts = used.sum(axis=1)
+    sums = np.where(used, level, 0.0).sum(axis=1)
+    return np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)
+
+
+def _fit_rows(t: Array, means: Array) -> _Terms | None:
+    """Fit a cubic to the means of rows; None where too few rows show the face."""
+    known = np.isfinite(means)
+    if known.sum() < _LEAST_ROWS:
+        return None
+    design = np.polynomial.legendre.legvander(t[known], _DEGREE)
+    values = np.linalg.lstsq(design, means[known], rcond=None)[0]
+    residuals = means[known] - design @ values
+    variance = float(residuals @ residuals) / (known.sum() - design.shape[1])
+    # neighbouring rows wander together, and say less than as many that do not
+    products = float(residuals[1:] @ residuals[:-1])
+    correlated = np.clip(products / max(float(residuals @ residuals), 1e-300), 0, _MOST_CORRELATED)
+    variance *= float((1.0 + correlated) / (1.0 - correlated))
+    covariance = variance * np.linalg.inv(design.T @ design)
+    stds = np.sqrt(np.diag(covariance))
+    return _Terms(np.asarray(values[2:], dtype=np.float64), stds[2:])
+
+
+def _find_shared(first: _Terms, second: _Terms) -> Array:
+    """Return the terms that both faces have, with the lesser of their sizes [m]."""
+    is_sure = np.abs(first.values) > _SURE * first.stds
+    is_sure &= np.abs(second.values) > _SURE * second.stds
+    is_sure &= first.values * second.values > 0.0
+    size = np.minimum(np.abs(first.values), np.abs(second.values))
+    return np.where(is_sure, np.sign(first.values) * size, 0.0)

@@ -1,0 +1,282 @@
+"""What ramps and standing force say of the calibration, before any law is looked for.
+
+A spring, a speed or a gain that is declared wrongly passes through every equation: the ramps show
+it, and the heights of blocks that nobody scanned take it up. So it is a finding of its own, and its
+size enters the uncertainties that depend on it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+
+import numpy as np
+
+from stepblocks.lawsearch.findings import Explanation, Verdict
+from stepblocks.lawsearch.forward_model import Trials
+from stepblocks.lawsearch.law import Law
+from stepblocks.lawsearch.objective import STEP
+from stepblocks.lawsearch.problem import Fit, Problem
+from stepblocks.loop.bench_model import COMMON_ERRORS, SessionModel
+from stepblocks.records.model import WIDE
+from stepblocks.rig.effects.gauges import GAUGE_LAWS
+
+_MAD_TO_STD = 1.4826  # ratio of standard and median absolute deviation of a normal distribution
+_MEDIAN_LOSS = 1.2533  # ratio of the uncertainties of a median and of a mean, of normal errors
+_CONTRADICTION = 2.5758  # standard uncertainties, beyond which a declaration is contradicted, 99 %
+_LEAST_TRIALS = 6  # that must show a quantity
+_SLIPS = (2.0, 10.0, 100.0, 1000.0)  # factors by which people slip
+_NEAR_SLIP = 0.08  # of such a factor
+
+
+class Declared(Enum):
+    """A declared quantity that the records show, too: the name of the channel that shows it."""
+
+    SPRING = "spring_constant"
+    LOAD = "normal_load_ratio"
+
+    @property
+    def shown_by(self) -> str:
+        """What shows it, in words."""
+        if self is Declared.SPRING:
+            return "the ramps show"
+        return "the normal gauge shows"
+
+    @property
+    def name_in_words(self) -> str:
+        """What is declared, in words."""
+        if self is Declared.SPRING:
+            return "declared spring"
+        return "set load"
+
+    @property
+    def suspects(self) -> tuple[str, ...]:
+        """What may be wrong instead."""
+        if self is Declared.SPRING:
+            return ("spring", "speed", "tangential gain")
+        return ("weights", "normal gain", "normal zero")
+
+    @property
+    def suspects_of_slip(self) -> tuple[str, ...]:
+        """What may be wrong by a factor at which people slip."""
+        if self is Declared.SPRING:
+            return ("probe.spring_constant", "trials.columns.speed", "acquisition.sample_rate")
+        return ("acquisition.channels.normal.factor", "trials.columns.load")
+
+    @property
+    def advice(self) -> str:
+        """What decides among the suspects."""
+        if self is Declared.SPRING:
+            return (
+                "weigh the spring: hang a known weight on the tip, read its deflection and the "
+                "tangential gauge, and time the handle over a known distance"
+            )
+        return "put a known weight on the normal gauge, and weigh the weights"
+
+
+@dataclass(frozen=True)
+class CalibrationCheck:
+    """What the records say of one declared quantity.
+
+    Attributes
+    ----------
+    quantity : Declared
+    shown : float
+        Ratio of what is shown to what is declared [1].
+    low, high : float
+        Its 95 % interval, with what the evaluation may share among trials [1].
+    contradicts : bool
+        Whether shown and declared differ by more than 99 % allow.
+    slip : float | None
+        The factor near which the ratio lies, at which people slip.
+    explained : bool
+        Whether an effect that was found accounts for the difference.
+    """
+
+    quantity: Declared
+    shown: float
+    low: float
+    high: float
+    contradicts: bool
+    slip: float | None = None
+    explained: bool = False
+
+    @property
+    def is_open(self) -> bool:
+        """Whether a contradiction is left that no effect accounts for."""
+        return self.contradicts and not self.explained
+
+    @property
+    def sentence(self) -> str:
+        """The contradiction in plain words."""
+        percent = 100.0 * (self.shown - 1.0)
+        more = "more" if percent > 0.0 else "less"
+        low, high = sorted(abs(100.0 * (end - 1.0)) for end in (self.low, self.high))
+        suspects = self.quantity.suspects
+        if self.slip is not None:
+            suspects = self.quantity.suspects_of_slip
+        named = f"{', '.join(suspects[:-1])} or {suspects[-1]}"
+        return (
+            f"{self.quantity.shown_by} {abs(percent):.1f} % ({low:.1f} to "
+            f"{high:.1f} %) {more} than the {self.quantity.name_in_words}: {named}"
+        )
+
+
+def check_calibration(trials: Trials, model: SessionModel) -> tuple[CalibrationCheck, ...]:
+    """Hold what the records show of spring and load against what is declared.
+
+    Parameters
+    ----------
+    trials : Trials
+    model : SessionModel
+        Says how well the spring and the load are known.
+    """
+    checks = []
+    for quantity in Declared:
+        shown = trials.values[:, trials.channels.index(quantity.value)]
+        shown = shown[np.isfinite(shown)]
+        if shown.size < _LEAST_TRIALS:
+            continue
+        middle = float(np.median(shown))
+        scatter = _MAD_TO_STD * float(np.median(np.abs(shown - middle)))
+        of_trials = _MEDIAN_LOSS * scatter / np.sqrt(shown.size)
+        declared, declared_std = _find_declared(quantity, trials, model)
+        std = float(np.hypot(of_trials, COMMON_ERRORS[quantity.value]))
+        ratio = middle / declared
+        doubt = float(np.hypot(std, declared_std))
+        checks.append(
+            CalibrationCheck(
+                quantity=quantity,
+                shown=ratio,
+                low=ratio - WIDE * std,
+                high=ratio + WIDE * std,
+                contradicts=abs(ratio - 1.0) > _CONTRADICTION * doubt,
+                slip=_find_slip(ratio),
+            )
+        )
+    return tuple(checks)
+
+
+def _find_declared(quantity: Declared, trials: Trials, model: SessionModel) -> tuple[float, float]:
+    """Return what is declared, in units of its nominal value, and its standard uncertainty [1]."""
+    if quantity is Declared.SPRING:
+        certificate = model.known.get("spring_constant")
+        if certificate is None:
+            return 1.0, 0.0
+        value, std = certificate
+        return value / model.tool.stiffness, std / model.tool.stiffness
+    gain, gain_std = model.known.get("normal_ln_gain", (0.0, 0.0))
+    load = float(np.median(np.asarray(trials.covariates["load_n"], dtype=np.float64)))
+    shift, shift_std = 0.0, 0.0
+    for name in ("normal_zero_n", "load_bias_n"):
+        value, std = model.known.get(name, (0.0, 0.0))
+        shift += value / load
+        shift_std = float(np.hypot(shift_std, std / load))
+    return float(np.exp(gain)) + shift, float(np.hypot(gain_std, shift_std))
+
+
+def _find_slip(ratio: float) -> float | None:
+    """Find the factor near which a ratio lies, at which people slip."""
+    for factor in _SLIPS:
+        for slip in (factor, 1.0 / factor):
+            if abs(ratio / slip - 1.0) < _NEAR_SLIP:
+                return slip
+    return None
+
+
+def weigh_calibration(
+    explanation: Explanation, checks: Sequence[CalibrationCheck]
+) -> tuple[Explanation, tuple[CalibrationCheck, ...]]:
+    """Say which contradictions are left beside the effects, and let them widen the intervals.
+
+    Parameters
+    ----------
+    explanation : Explanation
+    checks : sequence of CalibrationCheck
+        Of the trials that were explained.
+
+    Returns
+    -------
+    explanation : Explanation
+        Its intervals hold what a wrong gain would change; it no longer ends in ``none`` where the
+        declaration is contradicted.
+    checks : tuple of CalibrationCheck
+    """
+    weighed = tuple(_look_for_cause(check, explanation) for check in checks)
+    spring = next((c for c in weighed if c.quantity is Declared.SPRING), None)
+    explanation = _widen_by_gain(explanation, spring)
+    is_open = any(check.is_open for check in weighed)
+    if is_open and explanation.verdict is Verdict.NONE:
+        # which of the suspects it is, these trials cannot tell
+        explanation = replace(explanation, verdict=Verdict.AMBIGUOUS)
+    return explanation, weighed
+
+
+def _look_for_cause(check: CalibrationCheck, explanation: Explanation) -> CalibrationCheck:
+    """Mark a contradiction that an effect accounts for."""
+    fitted = explanation.extended
+    slots = {law.slot for law in fitted.effects}
+    if check.quantity is Declared.LOAD:
+        return replace(check, explained=bool(slots & {"sensor", "normal_load"}))
+    ratio, std = fitted.values["stiffness_ratio"], fitted.std["stiffness_ratio"]
+    left = abs(ratio - 1.0)
+    doubt = float(np.hypot(std, COMMON_ERRORS[Declared.SPRING.value]))
+    return replace(check, explained=bool(slots) and left < _CONTRADICTION * doubt)
+
+
+def _widen_by_gain(explanation: Explanation, spring: CalibrationCheck | None) -> Explanation:
+    """Widen the intervals of both models by what is not known of the tangential gain.
+
+    A gain is known by its certificate, or else to what the ramps miss the declared spring by.
+    """
+    model = explanation.problem.model
+    assert isinstance(model, SessionModel)
+    if any(law.id in ("sensor_gain", "instrument") for law in explanation.extended.effects):
+        return explanation
+    gain_std = 0.0
+    if "ln_gain" in model.known:
+        gain_std = model.known["ln_gain"][1]
+    elif spring is not None and spring.is_open:
+        gain_std = abs(float(np.log(spring.shown)))
+    if gain_std == 0.0:
+        return explanation
+    return replace(
+        explanation,
+        nominal=_add_unknown_gain(explanation.problem, explanation.nominal, gain_std),
+        extended=_add_unknown_gain(explanation.problem, explanation.extended, gain_std),
+    )
+
+
+def _add_unknown_gain(problem: Problem, fitted: Fit, gain_std: float) -> Fit:
+    """Let the logarithm of the gain be uncertain by `gain_std` in the covariance of a fit.
+
+    To first order: what the fit answers to a change of the gain, by the variance that the trials
+    leave the gain and by the gain that they would ask for, which the fit leaves out.
+    """
+    law = _find_gain_law()
+    name = law.parameters[0].name
+    step = STEP * law.parameters[0].scale
+    active = [*fitted.active, (law, {name: step})]
+    shifted = problem.model.predict(problem.trials, fitted.values, active)
+    white = problem.noise.whiten((shifted - fitted.predicted) / step)
+    change = np.zeros(fitted.jacobian.shape[0])
+    change[: white.size] = white
+    # the columns of the Jacobian are in units of the scales of the parameters
+    scale = np.array([p.scale for p in fitted.parameters])
+    scaled_covariance = fitted.covariance / np.outer(scale, scale)
+    answer = scaled_covariance @ (fitted.jacobian.T @ change)
+    unanswered = change - fitted.jacobian @ answer
+    variance = 1.0 / (gain_std**-2 + float(unanswered @ unanswered))
+    asked = variance * float(unanswered @ np.concatenate([fitted.residual, fitted.departure]))
+    variance += asked**2
+    answer = answer * scale
+    covariance = fitted.covariance + variance * np.outer(answer, answer)
+    names = [p.name for p in fitted.parameters]
+    std = dict(fitted.std)
+    for parameter, moved in zip(names, answer.tolist(), strict=True):
+        std[parameter] = float(np.hypot(std[parameter], np.sqrt(variance) * moved))
+    return replace(fitted, covariance=covariance, std=std)
+
+
+def _find_gain_law() -> Law:
+    """Return the law of a tangential gauge with another gain."""
+    return next(law for law in GAUGE_LAWS if law.id == "sensor_gain")
