@@ -12,10 +12,10 @@ def test_without_a_place_for_compiled_code_a_folder_of_the_process_takes_its_pla
     def refuse(**options):
         raise RuntimeError("cannot cache function: no locator available")
 
-    monkeypatch.setattr(compiled, "njit", refuse)
+    monkeypatch.setattr(numba, "njit", refuse)
     monkeypatch.setattr(numba.config, "CACHE_DIR", "")
     monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
-    compiled._provide_cache()
+    compiled._provide_compiler()
     folder = numba.config.CACHE_DIR
     assert os.environ["NUMBA_CACHE_DIR"] == folder
     assert Path(folder).is_dir()

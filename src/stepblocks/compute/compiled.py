@@ -9,9 +9,9 @@ import atexit
 import os
 import shutil
 import tempfile
+from typing import Any
 
-import numba
-from numba import njit
+import numba as compiler
 
 __all__ = ["njit", "numba"]
 
@@ -20,16 +20,18 @@ def _do_nothing() -> None:
     """Stand for any function of this package whose compiled form is to be kept."""
 
 
-def _provide_cache() -> None:
-    """Give Numba a folder of this process and its children where it finds none by itself."""
+def _provide_compiler() -> Any:
+    """Return Numba, with a folder of this process and its children where it finds none."""
     try:
-        njit(cache=True)(_do_nothing)
+        compiler.njit(cache=True)(_do_nothing)
     except RuntimeError:
         # nobody else can write to it: Numba trusts what it finds there
         folder = tempfile.mkdtemp(prefix="stepblocks-compiled-")
         atexit.register(shutil.rmtree, folder, ignore_errors=True)
         os.environ["NUMBA_CACHE_DIR"] = folder
-        numba.config.CACHE_DIR = folder
+        compiler.config.CACHE_DIR = folder
+    return compiler
 
 
-_provide_cache()
+numba = _provide_compiler()
+njit = numba.njit
