@@ -418,6 +418,7 @@ def make_file_calls(work: Path) -> dict[str, Words]:
         "loop_session": ((session,), {"features": features, "jobs": 1}),
         "loop_sessions": (([session], "loop"), {}),
         "simulate_session": ((work / "plan.toml", "another"), {}),
+        "simulate_sessions": ((work / "plan.toml", "several", [1]), {"jobs": 1}),
         "run_sweep": ((work / "sweep.toml", "sweep"), {"jobs": 1}),
         "export_scenes": ((stimuli, "forcelaw", "scenes"), {"normal_load": 1.0}),
         "write_feel_page": ((stimuli, "feel.html"), {}),
@@ -431,6 +432,9 @@ def make_file_calls(work: Path) -> dict[str, Words]:
         "write_sheets": ((study,), {}),
         "ScannedMargin": ((), dict(margin)),
         "SweepResult": ((work / "sweep", None, 1, 0), {}),
+        "Rehearsals": (((work / "seed-000001",), 1, 0), {}),
+        "Limits": ((), {"first": 3.0}),
+        "ReadingWarning": (("cells are separated by tabs [table.csv]",), {}),
     }
 
 

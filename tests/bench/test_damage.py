@@ -119,7 +119,7 @@ SESSION_DAMAGE = {
     ),
     "trials.csv is binary": (
         lambda f: (f / "trials.csv").write_bytes(b"\xff\xfe\x00\x01" * 50),
-        "must be CSV in UTF-8",
+        "must have a column 'trial'",
     ),
     "no trial column": (
         lambda f: edit(f / "trials.csv", "trial,", "id,", 1),
@@ -127,7 +127,7 @@ SESSION_DAMAGE = {
     ),
     "a column twice": (
         lambda f: edit(f / "trials.csv", "operator", "block", 1),
-        "names the column 'block' twice",
+        "must not name a column twice, got 'block'",
     ),
     "a column named like a feature": (
         lambda f: edit(f / "trials.csv", "operator", "peak_force_n"),
@@ -189,11 +189,11 @@ TRIAL_DAMAGE = {
     "empty file": (lambda f: (f / "traces/0003.csv").write_text(""), "unreadable"),
     "header only": (
         lambda f: (f / "traces/0003.csv").write_text("time_s,fx_n,fy_n\n"),
-        "truncated|no numbers",
+        "truncated|no numbers|no samples",
     ),
     "text among numbers": (
         lambda f: edit(f / "traces/0003.csv", "0.0100", "oops", 1),
-        "no numbers",
+        "must be a number, got 'oops",
     ),
     "another header": (lambda f: edit(f / "traces/0003.csv", "fx_n", "force"), "unknown channel"),
     "not-a-number": (lambda f: change_trace(f, with_nan), "not-a-number: 3 of"),

@@ -94,6 +94,7 @@ def test_a_rate_that_is_off_by_two_is_named_with_the_ring_that_speaks_for_it(
         ("swap", "tangential and normal are exchanged"),
     ],
 )
+@pytest.mark.filterwarnings("ignore::stepblocks.errors.ReadingWarning")
 def test_each_slip_of_an_engineer_s_records_is_refused_and_no_table_is_written(
     shared_bench, tmp_path, name, slip
 ):

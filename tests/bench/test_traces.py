@@ -159,7 +159,8 @@ def test_an_unknown_channel_is_named(write, tmp_path):
 
 
 def test_every_format_has_a_layout_here():
-    assert {write.__name__.split("_")[0] for write in WRITERS} == set(READERS)
+    # WAV has no columns by name: test_rows_and_wav has its layouts
+    assert {write.__name__.split("_")[0] for write in WRITERS} == set(READERS) - {"wav"}
 
 
 @pytest.mark.parametrize("kind", TRACE_FILES)

@@ -112,8 +112,8 @@ def test_a_session_is_one_that_the_program_reads_and_the_same_seed_gives_the_sam
     assert set(table.operator) == {"A", "B"}
     good = table[table.status == "ok"]
     true = {str(row["trial"]): row["peak_n"] for row in told}
-    # a ramp of 200 N/s climbs 20 mN from sample to sample
-    np.testing.assert_allclose(good.peak_force_n, [true[name] for name in good.trial], rtol=0.012)
+    # a ramp of 200 N/s climbs 20 mN from sample to sample; 3 mN of noise are 1.6 % of the least
+    np.testing.assert_allclose(good.peak_force_n, [true[name] for name in good.trial], rtol=0.016)
 
 
 def test_a_deleted_operator_leaves_no_column(tmp_path):

@@ -204,3 +204,12 @@ def test_a_sheet_of_libreoffice_is_a_table(tmp_path):
     write_ods(tmp_path / "m.ods", 'table:number-columns-spanned="2"')
     with pytest.raises(PipelineError, match="must not be merged, got A1:B1"):
         load_table(tmp_path / "m.ods")
+
+
+def test_a_last_column_that_is_empty_leaves_the_separator_what_it_is(tmp_path):
+    # a log with a column for notes, none of which was written, and blanks in names and cells
+    table = load(
+        tmp_path,
+        "trial,load [gf],time,notes\n1,50.9,11/20/2026 08:40:59 AM,\n2,15.3,11/20/2026 08:42:19 AM,\n",
+    )
+    assert table.names == ["trial", "load [gf]", "time", "notes"]

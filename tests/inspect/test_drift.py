@@ -48,13 +48,6 @@ def test_what_both_faces_share_line_by_line_fails_no_part(seed):
     assert "turned by 90 deg" in note
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("seed", range(20))
-def test_a_random_walk_of_the_instrument_fails_no_part(seed):
-    result = inspect_map(seed, walk=1.5 * UM)
-    assert not find_failures(result) & {"flatness_lower", "flatness_upper"}
-
-
 def test_a_form_of_one_face_alone_fails_it_still():
     assert "flatness_upper" in find_failures(inspect_map(bow_upper=2.5 * UM))
 

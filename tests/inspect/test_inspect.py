@@ -182,7 +182,8 @@ def test_a_margin_and_a_tip_are_measured(tmp_path, capsys):
         header="x_um y_um z_um",
         comments="",
     )
-    assert inspect(str(path), "--stimulus", "tip-125", "--characteristics", "1", *KNOWN) == 0
+    asked = [str(path), "--stimulus", "tip-125", "--characteristics", "1"]
+    assert inspect(*asked, *OPTICAL) == 0
     assert "ball radius" in capsys.readouterr().out
 
 
@@ -215,7 +216,7 @@ def test_what_cannot_be_inspected_gives_one_line_and_exit_code_2(
     [
         (b"", [], "scan must not be empty [scan.csv]"),
         (b"1\n2\n3\n" * 50, [], "a table of numbers in two columns or more, got none [scan.csv]"),
-        (b"no scan at all\n", [], "a table of numbers in two columns or more, got none [scan.csv]"),
+        (b"no scan at all\n", [], "table has no rows [scan.csv]"),
         (b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0", [], "file must be text, got binary data [scan.csv]"),
         (
             b"x_um,z_um\n1,nan\n2,nan\n3,nan\n",

@@ -160,7 +160,6 @@ SLIPS = {
         ("0.15", "inf", "friction must be a finite number, got inf"),
         ("tip_radius_um", "tip_radus_um", "is it 'tip_radius_um'?"),
         ("load_n", "weight", "table must have a column normal_load_n or normal_load_mn"),
-        ("0.5,0.2,60", "0.5,,60", "friction must be a finite number, got nan"),
         ("25,1,0.15,125", "25,1 N,0.15,125", "load_n must be a finite number, got '1 N'"),
     ],
     "profile": [

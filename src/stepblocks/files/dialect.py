@@ -210,15 +210,24 @@ def _score(dialect: Dialect, sample: str) -> tuple[float, float, int]:
         return 0.0, 0.0, 0
     widths = Counter(count_cells(record.cells) for record in records)
     columns = count_cells(records[0].cells)
-    usual, fitting = widths.most_common(1)[0]
+    usual, _ = widths.most_common(1)[0]
     if columns < 2 and usual < 2:
         return 0.0, 0.0, 0
-    if columns < 2:  # a line of text above the table
-        fitting = 0
-    elif usual != columns:
-        fitting = widths[columns]
+    fitting = 0  # of a line of text above the table
+    if columns >= 2:
+        fitting = _count_fitting_rows(records, columns)
     below = records[1:] or records
     return fitting / len(records), _measure_numbers(below), columns
+
+
+def _count_fitting_rows(records: Sequence[Record], columns: int) -> int:
+    """Count the rows with as many cells as the first, with or without the empty ones at the end."""
+    width = len(records[0].cells)
+    fitting = 0
+    for record in records:
+        if count_cells(record.cells) == columns or len(record.cells) == width:
+            fitting += 1
+    return fitting
 
 
 def _drop_last_line(dialect: Dialect, sample: str) -> list[Record]:

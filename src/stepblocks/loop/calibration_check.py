@@ -184,7 +184,7 @@ def _find_slip(ratio: float) -> float | None:
 
 
 def weigh_calibration(
-    explanation: Explanation, checks: Sequence[CalibrationCheck]
+    explanation: Explanation, checks: Sequence[CalibrationCheck], *, knows_laws: bool = False
 ) -> tuple[Explanation, tuple[CalibrationCheck, ...]]:
     """Say which contradictions are left beside the effects, and let them widen the intervals.
 
@@ -193,6 +193,9 @@ def weigh_calibration(
     explanation : Explanation
     checks : sequence of CalibrationCheck
         Of the trials that were explained.
+    knows_laws : bool
+        Whether a law of friction or contact is known beforehand: it accounts for what the ramps
+        show, as an effect does.
 
     Returns
     -------
@@ -201,7 +204,7 @@ def weigh_calibration(
         declaration is contradicted.
     checks : tuple of CalibrationCheck
     """
-    weighed = tuple(_look_for_cause(check, explanation) for check in checks)
+    weighed = tuple(_look_for_cause(check, explanation, knows_laws) for check in checks)
     spring = next((c for c in weighed if c.quantity is Declared.SPRING), None)
     explanation = _widen_by_gain(explanation, spring)
     is_open = any(check.is_open for check in weighed)
@@ -211,8 +214,10 @@ def weigh_calibration(
     return explanation, weighed
 
 
-def _look_for_cause(check: CalibrationCheck, explanation: Explanation) -> CalibrationCheck:
-    """Mark a contradiction that an effect accounts for."""
+def _look_for_cause(
+    check: CalibrationCheck, explanation: Explanation, knows_laws: bool
+) -> CalibrationCheck:
+    """Mark a contradiction that an effect, or a law that is known beforehand, accounts for."""
     fitted = explanation.extended
     slots = {law.slot for law in fitted.effects}
     if check.quantity is Declared.LOAD:
@@ -220,7 +225,9 @@ def _look_for_cause(check: CalibrationCheck, explanation: Explanation) -> Calibr
     ratio, std = fitted.values["stiffness_ratio"], fitted.std["stiffness_ratio"]
     left = abs(ratio - 1.0)
     doubt = float(np.hypot(std, COMMON_ERRORS[Declared.SPRING.value]))
-    return replace(check, explained=bool(slots) and left < _CONTRADICTION * doubt)
+    has_cause = bool(slots) or knows_laws
+    is_explained = has_cause and left < _CONTRADICTION * doubt
+    return replace(check, explained=is_explained)
 
 
 def _widen_by_gain(explanation: Explanation, spring: CalibrationCheck | None) -> Explanation:

@@ -300,7 +300,9 @@ def analyse_table(
     # the matrices are small: threads of the linear algebra only wait for each other
     with threadpool_limits(limits=1, user_api="blas"):
         explained = _explain_and_hold_out(table, rules, jobs, announce)
-        found, checks = weigh_calibration(explained.found, checks)
+        found, checks = weigh_calibration(
+            explained.found, checks, knows_laws=bool(table.model.laws)
+        )
     within, between = explained.within, explained.between
     return LoopResult(
         title="",

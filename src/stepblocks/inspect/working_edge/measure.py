@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import theilslopes
 
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.attempts import Attempts, evaluate_each, evaluate_if_possible
@@ -235,10 +234,22 @@ def _find_slant(rows: list[ScannedProfile]) -> float:
         return 0.0
     # by the median of the slopes between all rows: each place is known to a sample alone
     offsets, positions = places.T
-    slant = float(theilslopes(positions, offsets).slope)
+    slant = _find_median_slope(offsets, positions)
     if abs(slant) > _TURNED:
         return slant
     return 0.0
+
+
+def _find_median_slope(x: Array, y: Array) -> float:
+    """Find the median of the slopes between all pairs of points, shape (n,), as Theil and Sen do.
+
+    `scipy.stats` says the same, and takes as long to load as all the rest.
+    """
+    first, second = np.triu_indices(len(x), k=1)
+    runs = x[second] - x[first]
+    is_apart = runs != 0.0
+    rises = y[second] - y[first]
+    return float(np.median(rises[is_apart] / runs[is_apart]))
 
 
 def _cross_edge(turned: _TurnedProfiles, options: EvaluationOptions) -> CrossedEdges:

@@ -46,7 +46,7 @@ NATIVE = SceneFormat(
         "the law has no speed of its own: the hand goes straight from tick to tick, and a release "
         "is found on that way; speed acts through the hand's position and `damping_n_s_per_m` "
         "alone",
-        "`cmake -DSTEPBLOCKS_DEMO=OFF` leaves the demonstration `drag.c` out",
+        "the option `-DSTEPBLOCKS_DEMO=OFF` leaves the demonstration `drag.c` out",
     ),
     verified=(
         "built without a warning and held to the Python renderer to 1e-9 by the test suite; the "
