@@ -455,7 +455,10 @@ def format_csv(
     import pandas as pd
 
     rows: Any = table
-    frame = pd.DataFrame(rows, columns=None if columns is None else list(columns))
+    names = None
+    if columns is not None:
+        names = list(columns)
+    frame = pd.DataFrame(rows, columns=names)
     escaped = {}
     for name in frame.columns:
         if frame[name].dtype.kind not in _NUMBER_KINDS:

@@ -1,12 +1,13 @@
 """What the parts of a batch tell of their process: tables of capability and of control charts."""
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from stepblocks.files.figures import make_figure, save_figure
+from stepblocks.files.figures import Axes, make_figure, save_figure
 from stepblocks.inspect.capability import (
     FEWEST_PARTS,
     Capability,
@@ -20,6 +21,9 @@ from stepblocks.inspect.result import InspectionResult
 
 _MANY_PARTS = 25  # below it, an interval is so wide that an index proves little
 _HEIGHT = 2.2  # of a chart [inch]
+_MARGIN = 0.6  # above and below all charts [inch]
+_MOST_LEVEL_NAMES = 8  # of parts, that stand beside each other below a chart
+_MEASURED_COLOUR, _LIMIT_COLOUR = "#1f4e79", "#b3261e"
 
 
 @dataclass(frozen=True)
@@ -84,12 +88,11 @@ def measure_batches(reports: Mapping[str, InspectionResult]) -> list[MeasuredBat
         Of the characteristics with at least five parts. A part whose scan is that of an earlier
         one is no part of its own and does not count.
     """
-    serials = list(reports)
-    copies = find_copies([reports[serial].digest for serial in serials])
+    copies = _list_copies(reports)
     independent = {}
-    for place, serial in enumerate(serials):
-        if place not in copies:
-            independent[serial] = reports[serial]
+    for serial, report in reports.items():
+        if serial not in copies:
+            independent[serial] = report
     batches = []
     for part, key in _list_characteristics(independent):
         batch = _measure_batch(part, key, independent)
@@ -103,10 +106,9 @@ def note_batches(
 ) -> list[str]:
     """Say what limits the figures of a batch, a line each."""
     notes = []
-    serials = list(reports)
-    copies = find_copies([reports[serial].digest for serial in serials])
+    copies = _list_copies(reports)
     if copies:
-        named = ", ".join(serials[place] for place in sorted(copies))
+        named = ", ".join(copies)
         notes.append(f"capability leaves out {named}: the same scan stands for an earlier part")
     few = [batch for batch in batches if batch.capability.count < _MANY_PARTS]
     if few:
@@ -116,6 +118,13 @@ def note_batches(
             f"{_MANY_PARTS} or more for a claim to a customer"
         )
     return notes
+
+
+def _list_copies(reports: Mapping[str, InspectionResult]) -> list[str]:
+    """List the parts whose scan is that of an earlier one, by their serial numbers."""
+    serials = list(reports)
+    copies = find_copies([report.digest for report in reports.values()])
+    return [serials[place] for place in sorted(copies)]
 
 
 def _list_characteristics(
@@ -164,26 +173,34 @@ def _measure_batch(
 
 def draw_charts(path: Path, batches: Sequence[MeasuredBatch]) -> None:
     """Draw the chart of individuals of each characteristic with its limits, and save it."""
-    figure, axes = make_figure(len(batches), height=_HEIGHT * len(batches) + 0.6)
+    figure, axes = make_figure(len(batches), height=_HEIGHT * len(batches) + _MARGIN)
     for panel, batch in zip(np.atleast_1d(axes), batches, strict=True):
-        factor, unit = 1e6, "um"
-        if is_angle(batch.characteristic):
-            factor, unit = np.degrees(1.0), "deg"
-        chart = batch.chart
-        places = np.arange(len(chart.values))
-        panel.plot(places, factor * chart.values, "o-", color="#1f4e79", ms=3, lw=1)
-        panel.axhline(factor * chart.centre, color="#1f4e79", lw=0.8)
-        for limit in (chart.lower, chart.upper):
-            panel.axhline(factor * limit, color="#1f4e79", lw=0.8, ls="--")
-        for limit in (batch.lower, batch.upper):
-            if np.isfinite(limit):
-                panel.axhline(factor * limit, color="#b3261e", lw=0.8)
-        for place in chart.find_outside():
-            panel.plot(place, factor * chart.values[place], "o", color="#b3261e", ms=6)
-        panel.set_xticks(places, batch.blocks, rotation=60 if len(places) > 8 else 0)
-        label = batch.characteristic.replace("_", " ")
-        panel.set_ylabel(f"{label} [{unit}]", fontsize=8)
-        panel.set_title(
-            f"{batch.part}: dashed, limits of the chart; red, limits of the drawing", fontsize=8
-        )
+        _draw_chart(panel, batch)
     save_figure(figure, path)
+
+
+def _draw_chart(panel: Axes, batch: MeasuredBatch) -> None:
+    """Draw the parts of a batch in their order, in micrometres or degrees."""
+    factor, unit = 1e6, "um"
+    if is_angle(batch.characteristic):
+        factor, unit = math.degrees(1.0), "deg"
+    chart = batch.chart
+    places = np.arange(len(chart.values))
+    panel.plot(places, factor * chart.values, "o-", color=_MEASURED_COLOUR, ms=3, lw=1)
+    panel.axhline(factor * chart.centre, color=_MEASURED_COLOUR, lw=0.8)
+    for limit in (chart.lower, chart.upper):
+        panel.axhline(factor * limit, color=_MEASURED_COLOUR, lw=0.8, ls="--")
+    for limit in (batch.lower, batch.upper):
+        if np.isfinite(limit):
+            panel.axhline(factor * limit, color=_LIMIT_COLOUR, lw=0.8)
+    for place in chart.find_outside():
+        panel.plot(place, factor * chart.values[place], "o", color=_LIMIT_COLOUR, ms=6)
+    rotation = 0
+    if len(places) > _MOST_LEVEL_NAMES:
+        rotation = 60
+    panel.set_xticks(places, batch.blocks, rotation=rotation)
+    label = batch.characteristic.replace("_", " ")
+    panel.set_ylabel(f"{label} [{unit}]", fontsize=8)
+    panel.set_title(
+        f"{batch.part}: dashed, limits of the chart; red, limits of the drawing", fontsize=8
+    )

@@ -113,15 +113,16 @@ def compute_capability(values: Array, lower: float, upper: float) -> Capability:
     overall = float(np.std(values, ddof=1))
     within = estimate_std_within(values)
     freedom_within = _FREEDOM_OF_RANGES * (count - 1)
+    to_nearer_limit = min(upper - mean, mean - lower)
     return Capability(
         count=count,
         mean=mean,
         std_overall=overall,
         std_within=within,
         pp=_compute_index(upper - lower, 6.0 * overall, count - 1.0),
-        ppk=_compute_centred_index(min(upper - mean, mean - lower), overall, count, count - 1.0),
+        ppk=_compute_centred_index(to_nearer_limit, overall, count, count - 1.0),
         cp=_compute_index(upper - lower, 6.0 * within, freedom_within),
-        cpk=_compute_centred_index(min(upper - mean, mean - lower), within, count, freedom_within),
+        cpk=_compute_centred_index(to_nearer_limit, within, count, freedom_within),
     )
 
 

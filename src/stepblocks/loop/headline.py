@@ -18,6 +18,7 @@ from stepblocks.loop.finding import (
 )
 from stepblocks.loop.record import BlockError, EffectRecord, LoopRecord
 from stepblocks.loop.session_table import SessionTable
+from stepblocks.loop.words import begin_sentence
 
 _LEAST_SHOWN_P = 1e-4  # chance of a false alarm, below which it is only said to be less
 
@@ -53,7 +54,7 @@ def write_headline(
     if not lines:
         lines.append("No effect beyond noise was found")
     lines += _write_rest(explanation, record)
-    return tuple(_begin_sentence(line) for line in lines)
+    return tuple(begin_sentence(line) for line in lines)
 
 
 def _write_findings(explanation: Explanation, record: LoopRecord, table: SessionTable) -> list[str]:
@@ -115,11 +116,6 @@ def _write_rest(explanation: Explanation, record: LoopRecord) -> list[str]:
         change = f"{errors.before} before, {errors.after} after"
     lines.append(f"the energy of new trials errs by {change}; noise alone leaves {errors.noise}")
     return lines
-
-
-def _begin_sentence(text: str) -> str:
-    """Return a line with a capital letter."""
-    return text[0].upper() + text[1:]
 
 
 def list_block_errors(table: SessionTable, within: Holdout, noise: float) -> list[BlockError]:

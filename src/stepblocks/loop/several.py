@@ -30,6 +30,7 @@ from stepblocks.loop.result import LoopResult
 from stepblocks.loop.run import Announce, analyse_table, loop_session, write_loop
 from stepblocks.loop.session_table import SessionTable
 from stepblocks.loop.usable_trials import ExcludedTrial
+from stepblocks.loop.words import begin_sentence
 from stepblocks.records.model import WIDE, LearnedFit
 
 _LEVEL = 0.975  # quantile of a 95 % interval
@@ -376,13 +377,8 @@ def _put_days_first(result: LoopResult, shared: Mapping[str, PooledParameter]) -
     record = result.record
     finding = record.finding[0].lower() + record.finding[1:]
     text = "; ".join([*sentences, finding])
-    lines = (*[_begin_sentence(sentence) for sentence in sentences], *record.headline)
-    return replace(result, record=replace(record, finding=_begin_sentence(text), headline=lines))
-
-
-def _begin_sentence(text: str) -> str:
-    """Return a text with a capital letter."""
-    return text[0].upper() + text[1:]
+    lines = (*[begin_sentence(sentence) for sentence in sentences], *record.headline)
+    return replace(result, record=replace(record, finding=begin_sentence(text), headline=lines))
 
 
 def explain_together(

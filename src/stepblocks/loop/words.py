@@ -47,6 +47,11 @@ _COVARIATES = {
 }
 
 
+def begin_sentence(text: str) -> str:
+    """Return a text with a capital letter, as a sentence or a line begins."""
+    return text[0].upper() + text[1:]
+
+
 def describe_covariate(name: str) -> str:
     """Name what an effect follows; a column that only this session has keeps its own name."""
     parts = [_describe_single_covariate(part) for part in name.split(TOGETHER)]

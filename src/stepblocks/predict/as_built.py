@@ -73,7 +73,9 @@ def predict_blocks(
         sets.append(replace_nominals(of_block, records))
         predictions += found
         for row in found_rows:
-            rows.append({"serial": serial, **row} if has_serials else row)
+            if has_serials:
+                row = {"serial": serial, **row}
+            rows.append(row)
     return sets, predictions, rows
 
 

@@ -1,7 +1,5 @@
 """Rehearse a session many times, each with a seed of its own, here or on a cluster."""
 
-import hashlib
-import json
 import tempfile
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
@@ -17,13 +15,13 @@ from stepblocks.files.atomic import (
     lock_folder,
     make_draft_folder,
     move_into_place,
-    replace_text,
     sync_folder,
 )
+from stepblocks.files.claim import FolderClaim, hash_plan
 from stepblocks.files.packed import PackedFolder, pack_folder, unpack_folder
 from stepblocks.quantities import check_seed
 from stepblocks.rehearse.plan import SessionPlan, read_plan
-from stepblocks.rehearse.run import write_session
+from stepblocks.rehearse.run import write_session, write_session_folder
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -93,7 +91,7 @@ def simulate_sessions(
     places = []
     missing = []
     with lock_folder(folder):
-        _claim_folder(declared, folder)
+        _make_claim(declared).take(folder)
         for seed in seeds:
             place = folder / f"seed-{seed:06d}"
             places.append(place)
@@ -117,41 +115,18 @@ def _check_seeds(seeds: Sequence[int]) -> None:
         raise PipelineError("seeds must differ from each other, got one twice")
 
 
-def _claim_folder(plan: SessionPlan, folder: Path) -> None:
-    """Write the plan into the folder, or make sure that the same one lies there.
-
-    Raises
-    ------
-    PipelineError
-        If the folder holds sessions of another plan, or something else.
-    """
-    path = folder / _PLAN_FILE
+def _make_claim(plan: SessionPlan) -> FolderClaim:
+    """Return what claims the folder of the rehearsals of a plan, whose own seed does not count."""
     content = plan.model_dump(mode="json", exclude={"seed"})
-    described = json.dumps({"plan": content, "stepblocks": __version__}, sort_keys=True)
-    digest = hashlib.sha256(described.encode()).hexdigest()
-    if path.is_file():
-        if _read_digest(path, folder) != digest:
-            raise PipelineError(
-                "folder holds sessions of another plan, or of another version of stepblocks; "
-                f"choose another folder [{folder}]"
-            )
-        return
-    if any(folder.glob("seed-*")):
-        raise PipelineError(
-            f"folder holds sessions without {_PLAN_FILE}; choose another folder [{folder}]"
-        )
-    record = {"schema": 1, "digest": digest, "plan": content}
-    replace_text(path, json.dumps(record, indent=1, sort_keys=True) + "\n")
-
-
-def _read_digest(path: Path, folder: Path) -> object:
-    """Digest of the plan that a folder was filled by."""
-    try:
-        return json.loads(path.read_text(encoding="utf-8")).get("digest")
-    except (OSError, ValueError, AttributeError, RecursionError) as error:
-        raise PipelineError(
-            f"{_PLAN_FILE} cannot be read; choose another folder [{folder}]"
-        ) from error
+    digest = hash_plan({"plan": content, "stepblocks": __version__})
+    return FolderClaim(
+        file_name=_PLAN_FILE,
+        results="seed-*",
+        result_words="sessions",
+        other_words="sessions of another plan",
+        digest=digest,
+        record={"schema": 1, "digest": digest, "plan": content},
+    )
 
 
 def _simulate_missing(
@@ -163,9 +138,7 @@ def _simulate_missing(
     folder = missing[0][1].parent
     processes = min(jobs, len(missing))
     if cluster is None or is_shared(cluster, folder):
-        yield from run_calls(
-            write_session_folder, missing, jobs=processes, on=cluster, in_order=False
-        )
+        yield from run_calls(write_session_to, missing, jobs=processes, on=cluster, in_order=False)
         return
     calls = run_calls(pack_session, missing, jobs=processes, on=cluster, in_order=False)
     for place, files in calls:
@@ -176,12 +149,9 @@ def _simulate_missing(
         yield place
 
 
-def write_session_folder(plan: SessionPlan, place: Path) -> Path:
+def write_session_to(plan: SessionPlan, place: Path) -> Path:
     """Write a session into its folder, whole or not at all; return the folder."""
-    with make_draft_folder(place) as draft:
-        write_session(plan, draft)
-        sync_folder(draft)
-        move_into_place(draft, place)
+    write_session_folder(plan, place)
     return place
 
 

@@ -97,7 +97,7 @@ def simulate_session(
     is_free = not output.exists() or (output.is_dir() and not any(output.iterdir()))
     if not is_free:
         raise PipelineError(f"output must be a new or empty folder, got {str(output)!r}")
-    return _write_session_folder(declared, output)
+    return write_session_folder(declared, output)
 
 
 def _read_seeded_plan(plan: str | Path, seed: int | None) -> SessionPlan:
@@ -109,7 +109,7 @@ def _read_seeded_plan(plan: str | Path, seed: int | None) -> SessionPlan:
     return declared.model_copy(update={"seed": seed})
 
 
-def _write_session_folder(plan: SessionPlan, output: Path) -> SimulationSummary:
+def write_session_folder(plan: SessionPlan, output: Path) -> SimulationSummary:
     """Write a simulated session into a new folder, whole or not at all."""
     with make_draft_folder(output) as draft:
         summary = write_session(plan, draft)

@@ -10,6 +10,7 @@ import h5py
 import numpy as np
 
 from stepblocks.bench.signal import Trace
+from stepblocks.contact import Array
 
 if TYPE_CHECKING:
     from nptdms import TdmsWriter
@@ -61,8 +62,13 @@ def _write_text(folder: Path, trial: int, trace: Trace) -> None:
     )
 
 
+def _pair_columns(trace: Trace) -> Iterator[tuple[str, Array]]:
+    """Yield each column of a trace under the name that it has in every format."""
+    return zip(_NAMES, (trace.time, trace.tangential, trace.normal), strict=True)
+
+
 def _write_group(group: "h5py.Group", trace: Trace) -> None:
-    for name, values in zip(_NAMES, (trace.time, trace.tangential, trace.normal), strict=True):
+    for name, values in _pair_columns(trace):
         group.create_dataset(
             name, data=values.astype(np.float32), compression="gzip", track_times=False
         )
@@ -72,9 +78,8 @@ def _write_mat(folder: Path, trial: int, trace: Trace) -> None:
     """Write a trial as a MAT file of version 5, a variable for each column."""
     from scipy.io import savemat
 
-    columns = (trace.time, trace.tangential, trace.normal)
     variables = {}
-    for name, values in zip(_NAMES, columns, strict=True):
+    for name, values in _pair_columns(trace):
         variables[name] = values.astype(np.float32)
     stream = BytesIO()
     opened: Any = stream  # the stubs know paths alone
@@ -89,7 +94,6 @@ def _write_segment(writer: "TdmsWriter", group: str, trace: Trace) -> None:
     from nptdms import ChannelObject
 
     channels = []
-    columns = (trace.time, trace.tangential, trace.normal)
-    for name, values in zip(_NAMES, columns, strict=True):
+    for name, values in _pair_columns(trace):
         channels.append(ChannelObject(group, name, values.astype(np.float32)))
     writer.write_segment(channels)

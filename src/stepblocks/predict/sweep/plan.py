@@ -1,12 +1,11 @@
 """The plan of a sweep: a table whose rows follow from their numbers alone."""
 
-import hashlib
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 
 from stepblocks.contact.operating_point import PAPER
+from stepblocks.files.claim import hash_plan
 
 # dimensions of a counterface, and the parameters of a sweep that stand for them
 SURFACES: dict[str, dict[str, str]] = {
@@ -105,5 +104,4 @@ class SweepPlan:
         """Hash of all that the rows and their files depend on, the program's version included."""
         from stepblocks import __version__
 
-        content = json.dumps({**asdict(self), "stepblocks": __version__}, sort_keys=True)
-        return hashlib.sha256(content.encode()).hexdigest()
+        return hash_plan({**asdict(self), "stepblocks": __version__})

@@ -5,7 +5,6 @@ a run may be interrupted, and what is finished stays. Rows do not depend on how 
 """
 
 import io
-import json
 from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from html import escape
@@ -17,7 +16,8 @@ import pandas as pd
 from stepblocks.compute.cluster import is_shared, open_cluster
 from stepblocks.compute.seam import run_calls
 from stepblocks.errors import PipelineError
-from stepblocks.files.atomic import lock_folder, replace_bytes, replace_text
+from stepblocks.files.atomic import lock_folder, replace_bytes
+from stepblocks.files.claim import FolderClaim
 from stepblocks.files.figures import Axes, take_axes
 from stepblocks.files.text import is_file, measure_file_size
 from stepblocks.predict.sweep.plan import SweepPlan
@@ -167,7 +167,7 @@ def run_sweep(
     if partitions is not None:
         share = f"-{wanted.start}-{wanted.stop}"
     with lock_folder(folder, share):
-        _claim_folder(plan, folder)
+        _make_claim(plan).take(folder)
         missing = [number for number in wanted if not _is_whole(plan, number, folder)]
         for number in missing:
             # a damaged file is ours, whatever it holds: the plan beside it says so
@@ -262,34 +262,17 @@ def _format_parquet(table: pa.Table) -> bytes:
     return stream.getvalue()
 
 
-def _claim_folder(plan: SweepPlan, folder: Path) -> None:
-    """Write the resolved plan into the folder, or make sure that the same one lies there."""
-    path = folder / PLAN_FILE
-    if path.exists():
-        if _read_digest(path, folder) != plan.digest:
-            raise PipelineError(
-                "folder holds the result of another sweep, or of another version of "
-                f"stepblocks; choose another folder [{folder}]"
-            )
-        return
-    # looked for again: a run of other partitions may have begun meanwhile
-    if any(folder.glob("part-*.parquet")) and not path.exists():
-        raise PipelineError(
-            f"folder holds partitions without {PLAN_FILE}; choose another folder [{folder}]"
-        )
+def _make_claim(plan: SweepPlan) -> FolderClaim:
+    """Return what claims the folder of a sweep."""
     record = {"schema": 1, "digest": plan.digest, "rows": plan.rows, "plan": asdict(plan)}
-    replace_text(path, json.dumps(record, indent=1, sort_keys=True) + "\n")
-
-
-def _read_digest(path: Path, folder: Path) -> object:
-    """Digest of the plan that a folder was filled by."""
-    try:
-        measure_file_size(path)  # refuses a pipe, which would be waited for
-        return json.loads(path.read_text(encoding="utf-8")).get("digest")
-    except (OSError, ValueError, AttributeError, RecursionError) as error:
-        raise PipelineError(
-            f"{PLAN_FILE} cannot be read; choose another folder [{folder}]"
-        ) from error
+    return FolderClaim(
+        file_name=PLAN_FILE,
+        results="part-*.parquet",
+        result_words="partitions",
+        other_words="the result of another sweep",
+        digest=plan.digest,
+        record=record,
+    )
 
 
 def _find_path(folder: Path, number: int) -> Path:
