@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 from stepblocks.build.manifest import hash_file
 from stepblocks.errors import ReadingWarning
 from stepblocks.files.atomic import protect_files, replace_text
+from stepblocks.files.store import names_object_store
 from stepblocks.quantities import format_column, format_column_label, format_units
 
 if TYPE_CHECKING:
@@ -311,6 +312,8 @@ def protect_output(place: object, *, force: bool) -> Iterator[list[Path]]:
     since is theirs.
     """
     written: list[Path] = []
+    if isinstance(place, str) and not names_object_store(place):
+        place = Path(place)
     if not isinstance(place, Path):
         yield written
         return

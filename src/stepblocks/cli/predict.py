@@ -265,8 +265,14 @@ def sweep(
     *,
     design: Annotated[Path, typer.Argument(metavar="SWEEP.toml", help="the design")],
     output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="DIR", help="folder to write to")
-    ] = Path("out/sweep"),
+        str,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="DIR",
+            help="folder to write to, or an address such as s3://bucket/sweep",
+        ),
+    ] = "out/sweep",
     jobs: Annotated[
         int,
         typer.Option(
@@ -312,11 +318,14 @@ def sweep(
             partitions=chosen,
             on_partition=lambda _: progress(total=total),
         )
+    kept = []
+    if isinstance(done.folder, Path):
+        kept = [done.folder / PLAN_FILE, *done.folder.glob("part-*.parquet")]
     return Outcome(
         (
             f"{plan.rows} rows in {plan.partitions} partitions{share}: {done.computed} computed, "
             f"{done.found} found [{output}]"
         ),
         record={"rows": plan.rows, "computed": done.computed, "found": done.found},
-        kept=[output / PLAN_FILE, *output.glob("part-*.parquet")],
+        kept=kept,
     )

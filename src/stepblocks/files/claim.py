@@ -4,11 +4,9 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 from stepblocks.errors import PipelineError
-from stepblocks.files.atomic import replace_text
-from stepblocks.files.text import measure_file_size
+from stepblocks.files.store import ResultStore
 
 
 @dataclass(frozen=True)
@@ -36,7 +34,7 @@ class FolderClaim:
     digest: str
     record: Mapping[str, object]
 
-    def take(self, folder: Path) -> None:
+    def take(self, store: ResultStore) -> None:
         """Write the plan into a folder, or make sure that the same one lies there.
 
         Raises
@@ -44,30 +42,34 @@ class FolderClaim:
         PipelineError
             If the folder holds results of another plan, or results without one.
         """
-        path = folder / self.file_name
-        if path.exists():
-            if self._read_digest(path, folder) != self.digest:
+        if self._is_claimed(store):
+            if self._read_digest(store) != self.digest:
                 raise PipelineError(
                     f"folder holds {self.other_words}, or of another version of "
-                    f"stepblocks; choose another folder [{folder}]"
+                    f"stepblocks; choose another folder [{store.place}]"
                 )
             return
         # looked for again: another run of the same plan may have begun meanwhile
-        if any(folder.glob(self.results)) and not path.exists():
+        if store.has_any(self.results) and not self._is_claimed(store):
             raise PipelineError(
                 f"folder holds {self.result_words} without {self.file_name}; choose another "
-                f"folder [{folder}]"
+                f"folder [{store.place}]"
             )
-        replace_text(path, json.dumps(self.record, indent=1, sort_keys=True) + "\n")
+        text = json.dumps(self.record, indent=1, sort_keys=True) + "\n"
+        store.write(self.file_name, text.encode())
 
-    def _read_digest(self, path: Path, folder: Path) -> object:
+    def _is_claimed(self, store: ResultStore) -> bool:
+        """Tell whether a plan lies in a folder."""
+        return store.has_any(self.file_name)
+
+    def _read_digest(self, store: ResultStore) -> object:
         """Digest of the plan that a folder was filled by."""
         try:
-            measure_file_size(path)  # refuses a pipe, which would be waited for
-            return json.loads(path.read_text(encoding="utf-8")).get("digest")
+            content = store.read(self.file_name) or b""
+            return json.loads(content.decode("utf-8")).get("digest")
         except (OSError, ValueError, AttributeError, RecursionError) as error:
             raise PipelineError(
-                f"{self.file_name} cannot be read; choose another folder [{folder}]"
+                f"{self.file_name} cannot be read; choose another folder [{store.place}]"
             ) from error
 
 

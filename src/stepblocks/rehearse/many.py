@@ -19,6 +19,7 @@ from stepblocks.files.atomic import (
 )
 from stepblocks.files.claim import FolderClaim, hash_plan
 from stepblocks.files.packed import PackedFolder, pack_folder, unpack_folder
+from stepblocks.files.store import FolderStore
 from stepblocks.quantities import check_seed
 from stepblocks.rehearse.plan import SessionPlan, read_plan
 from stepblocks.rehearse.run import write_session, write_session_folder
@@ -91,7 +92,7 @@ def simulate_sessions(
     places = []
     missing = []
     with lock_folder(folder):
-        _make_claim(declared).take(folder)
+        _make_claim(declared).take(FolderStore(folder))
         for seed in seeds:
             place = folder / f"seed-{seed:06d}"
             places.append(place)

@@ -16,10 +16,9 @@ import pandas as pd
 from stepblocks.compute.cluster import is_shared, open_cluster
 from stepblocks.compute.seam import run_calls
 from stepblocks.errors import PipelineError
-from stepblocks.files.atomic import lock_folder, replace_bytes
 from stepblocks.files.claim import FolderClaim
 from stepblocks.files.figures import Axes, take_axes
-from stepblocks.files.text import is_file, measure_file_size
+from stepblocks.files.store import FolderStore, ResultStore, open_store
 from stepblocks.predict.sweep.plan import SweepPlan
 from stepblocks.predict.sweep.read import load_sweep
 from stepblocks.quantities import format_column_label, format_units
@@ -46,16 +45,17 @@ class SweepResult:
 
     Attributes
     ----------
-    folder : Path
-        Holds the partitions, ``part-00000000.parquet`` and on. pandas and Dask read the folder
-        as it is, DuckDB ``*.parquet`` in it, polars with ``hidden_file_prefix="_"``.
+    folder : Path or str
+        Holds the partitions, ``part-00000000.parquet`` and on; an address where an object store
+        holds them. pandas and Dask read the folder as it is, DuckDB ``*.parquet`` in it, polars
+        with ``hidden_file_prefix="_"``.
     plan : SweepPlan
         What was computed.
     computed, found : int
         Partitions that this run wrote, and those that were there.
     """
 
-    folder: Path
+    folder: Path | str
     plan: SweepPlan
     computed: int
     found: int
@@ -71,16 +71,19 @@ class SweepResult:
 
     def read(self, columns: list[str] | None = None) -> pd.DataFrame:
         """Read the table, or some of its columns; units stand at the end of their names."""
-        known = pq.read_schema(_find_path(self.folder, 0)).names
+        store = open_store(self.folder)
+        known = _open_partition(store, 0).schema_arrow.names
         for name in columns or ():
             if name not in known:
                 raise PipelineError(f"columns must be of {', '.join(known)}, got {name!r}")
-        partitions = [_find_path(self.folder, number) for number in range(self.plan.partitions)]
-        table: pd.DataFrame = pq.read_table(partitions, columns=columns).to_pandas()
+        partitions = []
+        for number in range(self.plan.partitions):
+            partitions.append(_open_partition(store, number).read(columns))
+        table: pd.DataFrame = pa.concat_tables(partitions).to_pandas()
         return table
 
     def _repr_html_(self) -> str:
-        rows = pq.read_table(_find_path(self.folder, 0)).slice(0, _SHOWN)
+        rows = _open_partition(open_store(self.folder), 0).read().slice(0, _SHOWN)
         return f"<p>{escape(repr(self))}</p>{rows.to_pandas().to_html(index=False)}"
 
     def plot(
@@ -132,7 +135,8 @@ def run_sweep(
     plan : SweepPlan, str or Path
         What to compute, or its TOML file.
     output : str or Path
-        Where the partitions go. A folder of another plan is refused.
+        Where the partitions go: a folder, or an address that fsspec reaches, such as
+        ``"s3://bucket/sweep"`` (with ``s3fs`` installed). One with another plan is refused.
     jobs : int
         Processes; a script needs no main guard. On a batch system, the workers to ask for.
     on : str or distributed.Client, optional
@@ -154,30 +158,31 @@ def run_sweep(
     ------
     PipelineError
         If the plan cannot be read, the folder belongs to another one, pyarrow is not installed, a
-        process was ended from outside, or the cluster cannot be used.
+        process was ended from outside, or the cluster or the object store cannot be used.
     """
     _require_jobs(jobs)
     if not isinstance(plan, SweepPlan | str | Path):
         raise PipelineError(f"plan must be a SweepPlan or a path, got {type(plan).__name__}")
     if not isinstance(plan, SweepPlan):
         plan = load_sweep(Path(plan))
-    folder = Path(output)
+    store = open_store(output)
     wanted = _choose_partitions(plan, partitions)
     share = ""
     if partitions is not None:
         share = f"-{wanted.start}-{wanted.stop}"
-    with lock_folder(folder, share):
-        _make_claim(plan).take(folder)
-        missing = [number for number in wanted if not _is_whole(plan, number, folder)]
+    with store.locked(share):
+        _make_claim(plan).take(store)
+        missing = [number for number in wanted if not _is_whole(plan, number, store)]
         for number in missing:
             # a damaged file is ours, whatever it holds: the plan beside it says so
-            damaged = _find_path(folder, number)
-            if is_file(damaged):
-                damaged.unlink()
+            store.remove(_name_partition(number))
         with open_cluster(on, jobs) as client:
-            for number in _write_partitions(plan, missing, folder, jobs, client):
+            for number in _write_partitions(plan, missing, store, jobs, client):
                 if on_partition is not None:
                     on_partition(number)
+    folder: Path | str = store.place
+    if isinstance(store, FolderStore):
+        folder = store.folder
     return SweepResult(folder, plan, len(missing), len(wanted) - len(missing))
 
 
@@ -192,18 +197,31 @@ def _choose_partitions(plan: SweepPlan, partitions: range | None) -> range:
 
 
 def _write_partitions(
-    plan: SweepPlan, numbers: Sequence[int], folder: Path, jobs: int, client: "Client | None"
+    plan: SweepPlan,
+    numbers: Sequence[int],
+    store: ResultStore,
+    jobs: int,
+    client: "Client | None",
 ) -> Generator[int]:
     """Write partitions here or on a cluster; yield the number of each when it is there."""
-    if client is None or is_shared(client, folder):
-        calls = ((plan, number, folder.absolute()) for number in numbers)
+    if isinstance(store, FolderStore):
+        store = FolderStore(store.folder.absolute())
+    if client is None or _reaches_workers(store, client):
+        calls = ((plan, number, store) for number in numbers)
         yield from run_calls(write_partition, calls, jobs=jobs, on=client, in_order=False)
         return
     calls_elsewhere = ((plan, number) for number in numbers)
     computed = run_calls(compute_partition, calls_elsewhere, jobs=jobs, on=client, in_order=False)
     for number, content in computed:
-        replace_bytes(_find_path(folder, number), content)
+        store.write(_name_partition(number), content)
         yield number
+
+
+def _reaches_workers(store: ResultStore, client: "Client") -> bool:
+    """Tell whether workers of a cluster write where this process does."""
+    if isinstance(store, FolderStore):
+        return is_shared(client, store.folder)
+    return True
 
 
 def _require_jobs(jobs: object) -> None:
@@ -214,10 +232,10 @@ def _require_jobs(jobs: object) -> None:
         raise PipelineError(f"jobs must be a whole number from 1 to {_MOST_JOBS}, got {shown:.40}")
 
 
-def write_partition(plan: SweepPlan, number: int, folder: Path) -> int:
+def write_partition(plan: SweepPlan, number: int, store: ResultStore) -> int:
     """Compute one partition and put its file in place; return its number."""
     _, content = compute_partition(plan, number)
-    replace_bytes(_find_path(folder, number), content)
+    store.write(_name_partition(number), content)
     return number
 
 
@@ -235,12 +253,12 @@ def _list_rows(plan: SweepPlan, number: int) -> range:
     return range(plan.rows)[first : first + plan.rows_per_partition]
 
 
-def _is_whole(plan: SweepPlan, number: int, folder: Path) -> bool:
+def _is_whole(plan: SweepPlan, number: int, store: ResultStore) -> bool:
     """Tell whether a partition is there, and to the byte what is written for its rows."""
-    path = _find_path(folder, number)
     try:
-        measure_file_size(path)  # refuses a pipe
-        content = path.read_bytes()
+        content = store.read(_name_partition(number))
+        if content is None:
+            return False
         table = pq.ParquetFile(pa.BufferReader(content), page_checksum_verification=True).read()
     except (OSError, ValueError, pa.ArrowException):
         return False
@@ -275,6 +293,15 @@ def _make_claim(plan: SweepPlan) -> FolderClaim:
     )
 
 
-def _find_path(folder: Path, number: int) -> Path:
-    """Where a partition stands."""
-    return folder / f"part-{number:08d}.parquet"
+def _open_partition(store: ResultStore, number: int) -> pq.ParquetFile:
+    """Open a partition for reading; one that is gone is an error that names it."""
+    name = _name_partition(number)
+    content = store.read(name)
+    if content is None:
+        raise PipelineError(f"partition is gone: run the sweep again [{store.place}/{name}]")
+    return pq.ParquetFile(pa.BufferReader(content))
+
+
+def _name_partition(number: int) -> str:
+    """Name of the file of a partition."""
+    return f"part-{number:08d}.parquet"
