@@ -17,20 +17,13 @@ import pandas as pd
 
 from stepblocks.contact import Array
 from stepblocks.contact.domain import require_positive
+from stepblocks.contact.operating_point import LEVEL_DIFFERENCE, WEBER_FRACTION
 from stepblocks.contact.uncertainty import draw_standard_normal
 from stepblocks.errors import PipelineError
 from stepblocks.files.tables import load_table, read_si_columns, warn_of_notes
 from stepblocks.mistakes import Mistake, collect_mistakes, format_mistakes
 from stepblocks.predict.predictions import Model, Prediction
 
-# Just noticeable difference of power [dB] at the fingertip, 250-350 Hz (Weber fraction 0.41 of
-# energy, 0.19 of amplitude). It was not measured on a hand-held explorer: a median of 0.20 of
-# amplitude stands in the abstract of "Vibrotactile difference thresholds: effects of vibration
-# frequency, vibration magnitude, contact area, and body location" (thenar, 125 Hz, 10 dB over
-# threshold, 12 subjects; up to 0.58 elsewhere). Craig (1972, Perception & Psychophysics 11, 150) is
-# remembered, not checked, for 1.5 dB. The fraction rises towards threshold, which is ignored, and
-# was not measured on a short ring felt through a tool: treat it as a factor of two.
-LEVEL_DIFFERENCE = 1.5
 _DOUBT = 2.0  # factor to either side within which the fraction of the literature lies, 95 %
 
 _Z75 = NormalDist().inv_cdf(0.75)  # of a difference that three of four judgements tell
@@ -133,9 +126,8 @@ class Discrimination:
         return np.interp(log_energies, nodes, logs), np.interp(log_energies, nodes, spreads)
 
 
-_FRACTION = 10.0 ** (LEVEL_DIFFERENCE / 10.0) - 1.0
 LITERATURE: Final = Discrimination(
-    (WeberFraction(_FRACTION, _FRACTION / _DOUBT, _FRACTION * _DOUBT),),
+    (WeberFraction(WEBER_FRACTION, WEBER_FRACTION / _DOUBT, WEBER_FRACTION * _DOUBT),),
     f"{LEVEL_DIFFERENCE:g} dB of power at the fingertip, within a factor of {_DOUBT:g}",
 )
 
