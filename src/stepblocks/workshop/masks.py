@@ -207,7 +207,7 @@ def _outline_opening(block: StepBlock, *, is_named: bool) -> Shape:
     half_length = 0.5e6 * block.body.length.nominal
     half_width = 0.5e6 * block.body.width.nominal
     outside = half_width + 0.5 * STREET
-    face = shapely.box(-half_length - 0.5 * STREET, -outside, 0.0, outside)
+    face: Shape = shapely.box(-half_length - 0.5 * STREET, -outside, 0.0, outside)
     assert block.metrology is not None
     feature = _outline_feature(block.metrology, half_width)
     is_groove = block.metrology.kind == "groove"
