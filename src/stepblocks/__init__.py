@@ -15,6 +15,8 @@ Everything that a command does is also a function. The public names, in the orde
   `estimate_interval`, `find_energy_change`, `predict_set`, `predict_table`, `predict_trials`,
   `to_dataset`, `plot_predictions`, `run_sweep`, `SweepResult`, `drag_over`,
   `list_vibration_events`;
+- told apart by a person: `compare_stimuli`, `compute_jnd_distance`, `Discrimination`,
+  `WeberFraction`, `read_discrimination`;
 - render: `export_scenes`, `write_feel_page`, `compare_record`, `Renderer`;
 - measure: `read_scan`, `ScannedProfile`, `HeightMap`, `list_channels`, `inspect_scan`,
   `inspect_standard`, `inspect_many`, `EvaluationOptions`, `Instrument`, `read_laboratory`,

@@ -70,6 +70,13 @@ from .predict.dataset import (
     to_dataset as to_dataset,
 )
 from .predict.learned import predict_trials as predict_trials
+from .predict.neighbours import compare_stimuli as compare_stimuli
+from .predict.perception import (
+    Discrimination as Discrimination,
+    WeberFraction as WeberFraction,
+    compute_jnd_distance as compute_jnd_distance,
+    read_discrimination as read_discrimination,
+)
 from .predict.run import predict_set as predict_set
 from .predict.sweep.run import SweepResult as SweepResult, run_sweep as run_sweep
 from .predict.table import predict_table as predict_table

@@ -81,7 +81,10 @@ def test_pictures_of_a_set_are_drawn_where_they_are_asked_for(tmp_path, capsys):
     )
     drawn = sorted(path.name for path in folder.iterdir())
     maps = [f"crown-margins.margin-map.R125.mu{mu}.png" for mu in ("0p15", "0p2")]
-    assert drawn == [*maps, "paper-four.energy-of-height.R125.mu0p15.png"]
+    ways = ("crown-to-tooth", "tooth-to-crown")
+    maps += [f"crown-margins.neighbours.{way}.R125.png" for way in ways]
+    steps = ["paper-four.energy-of-height.R125.mu0p15.png", "paper-four.neighbours.up.R125.png"]
+    assert drawn == [*maps, *steps]
     assert all((folder / name).read_bytes().startswith(b"\x89PNG") for name in drawn)
     assert all(name in capsys.readouterr().out for name in drawn[:1])
 

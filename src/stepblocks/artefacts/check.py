@@ -136,3 +136,5 @@ _JUDGES: dict[str, Callable[[Path, Part], Iterator[Verdict]]] = {
     ".json": _judge_specification,
     **dict.fromkeys(MESH_READERS, _judge_mesh),
 }
+# of the artefacts that can be judged
+ARTEFACT_ENDINGS = tuple(ending for ending in _JUDGES if ending != _PIECES)

@@ -212,6 +212,14 @@ def workshop(
             show_default="2 um, ground",
         ),
     ] = None,
+    masks: Annotated[
+        bool,
+        typer.Option(
+            "--masks",
+            help="write the masks of etched steps, too: GDSII of the blocks of silicon of each set "
+            "(extra masks)",
+        ),
+    ] = False,
     quiet: Quiet = False,
 ) -> Outcome:
     """Write drawings, inspection sheets and gauge-block variants; compare the routes of making.
@@ -228,6 +236,7 @@ def workshop(
         output,
         only=only,
         capability=capability,
+        masks=masks,
         announce=lambda one: progress(name=f"{one.name}: {len(one.files)} files"),
     )
     files_written = sum(len(order.files) for order in orders)

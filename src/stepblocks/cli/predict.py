@@ -19,7 +19,6 @@ from stepblocks.cli.options import (
     Table,
     WholeRange,
     Wide,
-    keep_given_options,
     make_whole_number_reader,
     read_whole_range,
 )
@@ -28,6 +27,8 @@ from stepblocks.errors import PipelineError
 
 if TYPE_CHECKING:
     from stepblocks.declaration.set import StimulusSet
+    from stepblocks.predict.as_built import PredictedSet
+    from stepblocks.predict.perception import Discrimination
     from stepblocks.predict.predictions import Prediction
 
 app = typer.Typer()
@@ -38,6 +39,7 @@ app = typer.Typer()
     "predict",
     "predict mine.toml",
     "predict mine.toml -o predictions.csv --plots plots",
+    "predict mine.toml --perception pairs.csv",
     "predict table.csv -o out.csv",
     "predict trials.csv --model out/loop/model.json -o out.csv",
     "predict session --model out/loop/model.json -o out.csv",
@@ -81,6 +83,25 @@ def predict(
         ),
     ] = None,
     speed: Speed = None,
+    perception: Annotated[
+        Path | None,
+        typer.Option(
+            "--perception",
+            metavar="CSV",
+            help="write how well each pair of stimuli is told apart, in just noticeable "
+            "differences",
+        ),
+    ] = None,
+    discrimination: Annotated[
+        Path | None,
+        typer.Option(
+            "--discrimination",
+            metavar="TABLE",
+            help="measured Weber fraction of the energy (weber_fraction, weber_fraction_95_low, "
+            "weber_fraction_95_high; energy_uj where there are several)",
+            show_default="1.5 dB of power, within a factor of 2",
+        ),
+    ] = None,
     wide: Wide = False,
 ) -> Outcome:
     """Predict critical angle, forces and vibration energy of sets, tables or unseen trials.
@@ -92,38 +113,79 @@ def predict(
     from stepblocks.files.text_table import is_table_name
 
     if model or any(is_table_name(path) for path in files):
+        _refuse_perception(perception, discrimination)
         return _predict_table(files, output, model)
-    in_time = None if conversion is None else conversion == "simulated"
-    return _predict_sets(files, as_built, in_time, speed, output=output, plots=plots, wide=wide)
+    asked = _Asked(
+        in_time=None if conversion is None else conversion == "simulated",
+        speed=_choose_speed(speed),
+        discrimination=_read_person(discrimination),
+    )
+    return _predict_sets(
+        files, as_built, asked, output=output, plots=plots, perception=perception, wide=wide
+    )
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """How sets are predicted."""
+
+    in_time: bool | None  # whether rows are dragged in time; None up to a number of rows
+    speed: float  # of the handle [m/s]
+    discrimination: "Discrimination"
+
+
+def _choose_speed(given: float | None) -> float:
+    """Return the speed of the handle [m/s], by default the paper's."""
+    from stepblocks.contact.operating_point import PAPER
+
+    return PAPER.speed if given is None else given
+
+
+def _refuse_perception(perception: Path | None, discrimination: Path | None) -> None:
+    """Refuse options that compare the stimuli of a set where rows of a table are predicted."""
+    for name, value in (("--perception", perception), ("--discrimination", discrimination)):
+        if value is not None:
+            raise PipelineError(f"{name} needs stimulus files, got a table or a session [{value}]")
+
+
+def _read_person(table: Path | None) -> "Discrimination":
+    """Read how finely a person tells energies apart; that of the literature without a table."""
+    from stepblocks.predict.perception import LITERATURE, read_discrimination
+
+    if table is None:
+        return LITERATURE
+    return read_discrimination(table)
 
 
 def _predict_sets(
     files: list[Path],
     records: list[Path] | None,
-    in_time: bool | None,
-    speed: float | None,
+    asked: _Asked,
     *,
     output: Path | None,
     plots: Path | None,
+    perception: Path | None,
     wide: bool,
 ) -> Outcome:
     """Predict what sets of stimuli ask for, as declared or as measured."""
     from stepblocks.declaration.read import load_sets
     from stepblocks.files.atomic import replace_text
     from stepblocks.files.tables import format_csv
-    from stepblocks.predict.columns import choose_terminal_columns
+    from stepblocks.predict.columns import choose_terminal_columns, format_row
     from stepblocks.predict.predictions import describe_left_out
 
     sets = [declared for declared, _ in load_sets(files)]
     if records:
-        predicted = _predict_as_built(sets, records, in_time, speed)
+        predicted = _predict_as_built(sets, records, asked)
     else:
-        predicted = _predict_as_declared(sets, in_time, speed)
-    rows = predicted.rows
-    notes = describe_left_out(predicted.predictions)
+        predicted = _predict_as_declared(sets, asked)
+    rows = [format_row(row) for found in predicted for row in found.rows]
+    notes = describe_left_out(_list_predictions(predicted))
+    if perception:
+        notes += _write_pairs(predicted, asked, perception)
     if plots:
-        notes += _write_plots(predicted.sets, plots)
-    rings = _tabulate_rings(predicted.sets)
+        notes += _write_plots(predicted, asked, plots)
+    rings = _tabulate_rings([found.stimuli for found in predicted])
     record = {"predictions": rows, **rings}
     if output:
         replace_text(output, format_csv(rows))
@@ -136,36 +198,29 @@ def _predict_sets(
     return Outcome("", {"": shown, **rings}, notes=notes, record=record)
 
 
-@dataclass(frozen=True)
-class _Predicted:
-    """What was predicted of several sets."""
-
-    sets: "list[StimulusSet]"  # as they were predicted: measured sizes stand for the nominal ones
-    predictions: "list[Prediction]"
-    rows: list[dict[str, str]]  # of a table, one for each prediction
-
-
-def _predict_as_declared(
-    sets: "list[StimulusSet]", in_time: bool | None, speed: float | None
-) -> _Predicted:
-    """Predict sets at their nominal sizes."""
-    from stepblocks.predict.columns import format_row, tabulate_prediction
-    from stepblocks.predict.predictions import predict_all
-
+def _list_predictions(predicted: "list[PredictedSet]") -> "list[Prediction]":
+    """List the predictions of several sets."""
     predictions: list[Prediction] = []
-    for stimuli in sets:
-        predictions += predict_all(stimuli, in_time, **keep_given_options(speed=speed))
-    rows = [format_row(tabulate_prediction(prediction)) for prediction in predictions]
-    return _Predicted(sets, predictions, rows)
+    for found in predicted:
+        predictions += found.predictions
+    return predictions
+
+
+def _predict_as_declared(sets: "list[StimulusSet]", asked: _Asked) -> "list[PredictedSet]":
+    """Predict sets at their nominal sizes."""
+    from stepblocks.predict.as_built import predict_as_declared
+
+    return [
+        predict_as_declared(stimuli, asked.in_time, asked.speed, asked.discrimination)
+        for stimuli in sets
+    ]
 
 
 def _predict_as_built(
-    sets: "list[StimulusSet]", paths: list[Path], in_time: bool | None, speed: float | None
-) -> _Predicted:
+    sets: "list[StimulusSet]", paths: list[Path], asked: _Asked
+) -> "list[PredictedSet]":
     """Predict sets at their measured sizes, and say how the energies changed by that."""
-    from stepblocks.contact.operating_point import PAPER
     from stepblocks.predict import as_built
-    from stepblocks.predict.columns import format_row
     from stepblocks.quantities import format_units
     from stepblocks.records.as_built import read_records_by_serial
 
@@ -178,29 +233,59 @@ def _predict_as_built(
             for sentence in as_built.describe_energy_changes(of_block, records):
                 begin = f"{serial}: " if serial else ""
                 print(f"{begin}{format_units(sentence)}", file=sys.stderr)
-    handle_speed = PAPER.speed if speed is None else speed
-    measured: list[StimulusSet] = []
-    predictions: list[Prediction] = []
-    rows: list[dict[str, str]] = []
+    predicted: list[PredictedSet] = []
     for stimuli in sets:
-        built, found, found_rows = as_built.predict_blocks(stimuli, groups, in_time, handle_speed)
-        measured += built
-        predictions += found
-        rows += [format_row(row) for row in found_rows]
-    if not rows:
+        predicted += as_built.predict_blocks(
+            stimuli, groups, asked.in_time, asked.speed, asked.discrimination
+        )
+    if not any(found.rows for found in predicted):
         raise PipelineError(
             f"records must be of stimuli that are declared, got {', '.join(groups)} without one"
         )
-    return _Predicted(measured, predictions, rows)
+    return predicted
 
 
-def _write_plots(sets: "list[StimulusSet]", folder: Path) -> list[str]:
+def _write_pairs(predicted: "list[PredictedSet]", asked: _Asked, path: Path) -> list[str]:
+    """Write how well each pair of stimuli is told apart; return what to say of it."""
+    import pandas as pd
+
+    from stepblocks.files.tables import write_table
+    from stepblocks.predict.neighbours import list_pairs, tabulate_pairs
+
+    tables = []
+    for found in predicted:
+        pairs = list_pairs(found.stimuli, found.predictions, asked.discrimination)
+        table = tabulate_pairs(pairs)
+        if "serial" in found.rows[0]:
+            table.insert(0, "serial", found.rows[0]["serial"])
+        tables.append(table)
+    table = pd.concat(tables, ignore_index=True)
+    write_table(table, path, "%.6g")
+    notes = [
+        f"{path}: {len(table)} pairs, {int(table['neighbours'].sum())} of them neighbours; one "
+        f"just noticeable difference is {asked.discrimination.source}"
+    ]
+    if not asked.discrimination.has_interval:
+        notes.append(
+            "the Weber fraction has no interval: that of the distances is of the blocks and the "
+            "setting alone"
+        )
+    return notes
+
+
+def _write_plots(predicted: "list[PredictedSet]", asked: _Asked, folder: Path) -> list[str]:
     """Write the plots of several sets; return their paths."""
     from stepblocks.predict.figures import write_plots
+    from stepblocks.predict.neighbours import list_pairs
+    from stepblocks.predict.neighbours_figure import write_neighbour_plots
 
     paths: list[str] = []
-    for stimuli in sets:
-        paths += map(str, write_plots(stimuli, folder))
+    for found in predicted:
+        paths += map(str, write_plots(found.stimuli, folder))
+        pairs = list_pairs(
+            found.stimuli, found.predictions, asked.discrimination, only_neighbours=True
+        )
+        paths += map(str, write_neighbour_plots(found.stimuli.name, pairs, folder))
     return paths
 
 

@@ -17,7 +17,14 @@ from stepblocks.declaration.series import MAX_SERIES, expand_series, merge_table
 from stepblocks.declaration.write import format_set
 from stepblocks.errors import StepblocksError, StimulusError
 from stepblocks.files.atomic import replace_text
-from stepblocks.mistakes import Location, Mistake, format_mistakes, list_mistakes, shorten_value
+from stepblocks.mistakes import (
+    Location,
+    Mistake,
+    collect_mistakes,
+    format_mistakes,
+    list_mistakes,
+    shorten_value,
+)
 from stepblocks.parts.conditions import (
     PAPER_STEPS,
     DampingRig,
@@ -26,6 +33,7 @@ from stepblocks.parts.conditions import (
     ProbeSpec,
 )
 from stepblocks.parts.declared import Identity, Table, make_rules_validator
+from stepblocks.parts.felt_tolerance import resolve_felt_tolerance
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
 from stepblocks.parts.kinds.margin import MarginBlock
@@ -360,7 +368,19 @@ def make_set(
             mistakes += list_mistakes(error, make_file_model(), declared, locate, validate_set)
     if mistakes:
         raise StimulusError(format_mistakes(mistakes, place))
-    return stimuli
+    return _resolve_felt_tolerances(stimuli, place)
+
+
+def _resolve_felt_tolerances(stimuli: StimulusSet, place: object) -> StimulusSet:
+    """Give the parts of a set the limits that follow from what is felt, or say which cannot be."""
+    mistakes: list[Mistake] = []
+    parts = []
+    for part in stimuli.stimuli:
+        with collect_mistakes(mistakes, f"{part.stanza} {part.id!r}"):
+            parts.append(resolve_felt_tolerance(part, stimuli.find_conditions(part)))
+    if mistakes:
+        raise StimulusError(format_mistakes(mistakes, place))
+    return stimuli.with_parts(parts)
 
 
 def _expand_kinds(raw: dict[str, Any], folder: Path, mistakes: list[Mistake]) -> None:

@@ -51,7 +51,8 @@ def _list_fields(table: Table, left_out: Container[str] = ()) -> dict[str, objec
     fields: dict[str, object] = {}
     for name, field in type(table).model_fields.items():
         value = getattr(table, name)
-        if name in left_out or (value is None and field.default is None):
+        is_left_out = name in left_out or field.exclude
+        if is_left_out or (value is None and field.default is None):
             continue
         quantity = _find_quantity((field.annotation, *field.metadata))
         if isinstance(table, WorkingFaces) and isinstance(value, Dimension):
@@ -108,7 +109,8 @@ def _write_dimension(dimension: Dimension) -> object:
     """Return a dimension as TOML holds it; what the standard or a default states is left to it."""
     nominal = format_exactly(dimension.nominal, dimension.quantity)
     fields = {"nominal": nominal}
-    if not dimension.general and not dimension.usual:
+    is_stated = not (dimension.general or dimension.usual or dimension.by_feel)
+    if is_stated:
         fields["tolerance"] = _write_tolerance(dimension)
     if dimension.source:
         fields["source"] = dimension.source

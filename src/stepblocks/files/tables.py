@@ -33,6 +33,7 @@ SUFFIXES: dict[str, dict[str, str]] = {
     "speed": {"mm_s": "mm/s", "m_s": "m/s"},
     "ratio": {"": "", "pct": "%"},
     "time": {"s": "s", "ms": "ms"},
+    "energy": {"uj": "uJ", "nj": "nJ", "j": "J"},
 }
 
 _LARGEST_WHOLE = 2.0**53  # up to which every whole number is a float

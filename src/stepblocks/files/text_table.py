@@ -46,7 +46,7 @@ _MOST_BYTES = 2_000_000_000
 _MOST_COLUMNS = 10_000
 _MOST_SHOWN = 60  # letters of a row that a message shows
 _SHEETS = (".xlsx", ".xlsm", ".xls", ".xlsb", ".ods")
-_TABLES = (".csv", ".tsv", *_SHEETS)
+TABLE_ENDINGS = (".csv", ".tsv", *_SHEETS)
 _SHEET_MARKS = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1")  # of a zip, of an old Excel
 # a unit in a row of units: in brackets, or letters with powers, as "um", "N/mm", "m s^-1", "1"
 _UNIT = re.compile(r"[\[(].*[\])]|[A-Za-zµμΩÅ°%‰]+[23]?([ */·^-]*-?[A-Za-zµμΩ°0-9]+)?|1|-")
@@ -253,7 +253,7 @@ def read_text_table(
 
 def is_table_name(path: Path) -> bool:
     """Tell whether a file's name is that of a table: CSV, TSV or a workbook."""
-    return path.suffix.lower() in _TABLES
+    return path.suffix.lower() in TABLE_ENDINGS
 
 
 def is_sheet(path: Path) -> bool:

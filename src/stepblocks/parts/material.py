@@ -105,6 +105,12 @@ MATERIALS = {
     "zirconia": _make_material(
         "zirconia", "3Y-TZP zirconia", 6050.0, "ISO 13356, minimum 6.00 g/cm3, nominal"
     ),
+    "silicon": _make_material(
+        "silicon",
+        "Silicon wafer, single crystal",
+        2329.0,
+        "lattice parameter (CODATA 2018), molar mass",
+    ),
     "1.4301": _make_material(
         "stainless", "X5CrNi18-10 (1.4301)", 7900.0, "EN 10088-1:2014, table E.3"
     ),

@@ -92,6 +92,8 @@ class Dimension:
         Whether the deviations are the defaults of this program, because none are stated.
     general : bool
         Whether the deviations are the general ones of ISO 2768-1, because none are stated.
+    by_feel : bool
+        Whether the deviations follow from what the part's ring may change by.
 
     Raises
     ------
@@ -106,6 +108,7 @@ class Dimension:
     source: str = ""
     usual: bool = False
     general: bool = False
+    by_feel: bool = False
 
     def __post_init__(self) -> None:
         if not self.lower <= self.upper:
@@ -122,6 +125,8 @@ class Dimension:
     @property
     def tolerance_origin(self) -> str:
         """Where the deviations come from: the standard, the program or the file."""
+        if self.by_feel:
+            return "by feel"
         if self.general:
             return "ISO 2768-m"
         if self.usual:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 
 from stepblocks.contact.counterface import find_scanned_angle
@@ -11,16 +11,43 @@ from stepblocks.contact.energy_change import find_energy_change
 from stepblocks.contact.uncertainty import Interval
 from stepblocks.declaration.set import StimulusSet
 from stepblocks.parts.kind import Part
-from stepblocks.predict.columns import Cell, tabulate_prediction
+from stepblocks.predict.columns import Cell
+from stepblocks.predict.neighbours import tabulate_predictions
+from stepblocks.predict.perception import LITERATURE, Discrimination
 from stepblocks.predict.predictions import Prediction, predict_all, predict_by_formula
 from stepblocks.records.as_built import AsBuilt
 
 Records = Mapping[str, AsBuilt]  # by the identity of the stimulus
 
 
+@dataclass(frozen=True)
+class PredictedSet:
+    """A set as it was predicted: measured sizes stand for the nominal ones."""
+
+    stimuli: StimulusSet
+    predictions: tuple[Prediction, ...]
+    rows: list[dict[str, Cell]]  # of a table, one for each prediction
+
+
+def predict_as_declared(
+    stimuli: StimulusSet,
+    dragged: bool | None,
+    speed: float,
+    discrimination: Discrimination = LITERATURE,
+) -> PredictedSet:
+    """Predict a set at its nominal sizes; `dragged` and `speed` as `predict_all` takes them."""
+    predictions = predict_all(stimuli, dragged, speed)
+    rows = tabulate_predictions(stimuli, predictions, discrimination)
+    return PredictedSet(stimuli, predictions, rows)
+
+
 def predict_as_built(
-    stimuli: StimulusSet, records: Records, dragged: bool | None, speed: float
-) -> tuple[tuple[Prediction, ...], list[dict[str, Cell]]]:
+    stimuli: StimulusSet,
+    records: Records,
+    dragged: bool | None,
+    speed: float,
+    discrimination: Discrimination = LITERATURE,
+) -> PredictedSet:
     """Predict what was measured in place of the nominal; with the rows of a table.
 
     Where any surface was scanned, the rows have the columns of `tabulate_surface`, too.
@@ -28,20 +55,21 @@ def predict_as_built(
     built = replace_nominals(stimuli, records)
     nominal = predict_all(built, dragged, speed)
     predictions = tuple(predict_from_surfaces(nominal, built, records))
-    has_surface = any(record.surface is not None for record in records.values())
-    release_over_surface = prepare_surface_releases(stimuli, records)
-    rows = []
-    for prediction in predictions:
-        row = tabulate_prediction(prediction)
-        if has_surface:
+    rows = tabulate_predictions(built, predictions, discrimination)
+    if any(record.surface is not None for record in records.values()):
+        release_over_surface = prepare_surface_releases(stimuli, records)
+        for row, prediction in zip(rows, predictions, strict=True):
             row |= tabulate_surface(release_over_surface(prediction))
-        rows.append(row)
-    return predictions, rows
+    return PredictedSet(built, predictions, rows)
 
 
 def predict_blocks(
-    stimuli: StimulusSet, groups: Mapping[str, Records], dragged: bool | None, speed: float
-) -> tuple[list[StimulusSet], list[Prediction], list[dict[str, Cell]]]:
+    stimuli: StimulusSet,
+    groups: Mapping[str, Records],
+    dragged: bool | None,
+    speed: float,
+    discrimination: Discrimination = LITERATURE,
+) -> list[PredictedSet]:
     """Predict the blocks of several serial numbers, of each its recorded stimuli alone.
 
     Parameters
@@ -52,31 +80,26 @@ def predict_blocks(
         Records by stimulus, by serial number; those without a number stand for the set.
     dragged, speed
         As `predict_all` takes them.
+    discrimination : Discrimination
+        Of the person who compares the blocks of a serial number.
 
     Returns
     -------
-    list of StimulusSet
-        The sets at their measured sizes.
-    list of Prediction
-    list of dict
-        Rows of a table; with a column ``serial`` where a number is known.
+    list of PredictedSet
+        Rows have a column ``serial`` where a number is known.
     """
-    sets: list[StimulusSet] = []
-    predictions: list[Prediction] = []
-    rows: list[dict[str, Cell]] = []
+    predicted: list[PredictedSet] = []
     has_serials = any(groups)
     for serial, records in groups.items():
         of_block = select_recorded(stimuli, serial, records)
         if of_block is None:
             continue
-        found, found_rows = predict_as_built(of_block, records, dragged, speed)
-        sets.append(replace_nominals(of_block, records))
-        predictions += found
-        for row in found_rows:
-            if has_serials:
-                row = {"serial": serial, **row}
-            rows.append(row)
-    return sets, predictions, rows
+        found = predict_as_built(of_block, records, dragged, speed, discrimination)
+        if has_serials:
+            rows = [{"serial": serial, **row} for row in found.rows]
+            found = replace(found, rows=rows)
+        predicted.append(found)
+    return predicted
 
 
 def select_recorded(stimuli: StimulusSet, serial: str, records: Records) -> StimulusSet | None:

@@ -211,6 +211,8 @@ _HIDDEN_COLUMNS = (
     "_high_uj",
     "_hz",
     "drag_pull_force_n",
+    "jnd_to_next_95_low",
+    "jnd_to_next_95_high",
 )
 
 

@@ -1,18 +1,260 @@
-"""What a person compares when two rings are felt one after the other."""
+"""How far two rings are apart for a person, in just noticeable differences with an interval.
+
+One just noticeable difference is told by three of four judgements of pairs. In the logarithm of the
+energy it is ln(1 + w) with the Weber fraction w (Weber's law; Fechner's integral where w depends on
+the energy).
+"""
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import NormalDist
+from typing import Final
 
+import numpy as np
+import pandas as pd
+
+from stepblocks.contact import Array
+from stepblocks.contact.domain import require_positive
+from stepblocks.contact.operating_point import LEVEL_DIFFERENCE, WEBER_FRACTION
+from stepblocks.contact.uncertainty import draw_standard_normal
+from stepblocks.errors import PipelineError
+from stepblocks.files.tables import load_table, read_si_columns, warn_of_notes
+from stepblocks.mistakes import Mistake, collect_mistakes, format_mistakes
 from stepblocks.predict.predictions import Model, Prediction
 
-# Just noticeable difference of power [dB] at the fingertip, 250-350 Hz (Weber fraction 0.41 of
-# energy, 0.19 of amplitude). It was not measured on a hand-held explorer: a median of 0.20 of
-# amplitude stands in the abstract of "Vibrotactile difference thresholds: effects of vibration
-# frequency, vibration magnitude, contact area, and body location" (thenar, 125 Hz, 10 dB over
-# threshold, 12 subjects; up to 0.58 elsewhere). Craig (1972, Perception & Psychophysics 11, 150) is
-# remembered, not checked, for 1.5 dB. The fraction rises towards threshold, which is ignored, and
-# was not measured on a short ring felt through a tool: treat it as a factor of two.
-LEVEL_DIFFERENCE = 1.5
+_DOUBT = 2.0  # factor to either side within which the fraction of the literature lies, 95 %
+
+_Z75 = NormalDist().inv_cdf(0.75)  # of a difference that three of four judgements tell
+_Z975 = NormalDist().inv_cdf(0.975)
+_TAILS = (0.025, 0.975)  # of an interval of 95 %
+DRAWS = 2000  # of an interval; its ends scatter by 2 % of its width
+_NODES = 9  # energies between two rings at which the Weber fraction is asked
+_LARGEST_FRACTION = 100.0  # beyond which a table means something else
+# of each figure: the names of its column, its dimension, and the value where there is no column
+_COLUMNS = {
+    "fraction": (("weber_fraction",), "ratio", None),
+    "low": (("weber_fraction_95_low", "weber_fraction_low"), "ratio", math.nan),
+    "high": (("weber_fraction_95_high", "weber_fraction_high"), "ratio", math.nan),
+    "energy": (("energy", "vibration_energy"), "energy", math.nan),
+}
+
+
+@dataclass(frozen=True)
+class WeberFraction:
+    """Least share by which an energy must grow to be told apart, at one energy.
+
+    Attributes
+    ----------
+    fraction : float
+        Weber fraction of the energy, told by 75 % of the judgements of pairs [1].
+    low, high : float
+        Its 95 % interval [1]; equal to `fraction` where it is taken as known.
+    energy : float
+        At which it holds [J]; NaN where it is the same at all energies.
+    """
+
+    fraction: float
+    low: float
+    high: float
+    energy: float = math.nan
+
+    def __post_init__(self) -> None:
+        for name in ("fraction", "low", "high"):
+            value = getattr(self, name)
+            require_positive(f"Weber {name}", value)
+            if value > _LARGEST_FRACTION:
+                raise PipelineError(
+                    f"Weber {name} must be at most {_LARGEST_FRACTION:g}, got {value:g}"
+                )
+        if not self.low <= self.fraction <= self.high:
+            raise PipelineError(
+                f"Weber fraction must lie within its interval, got {self.fraction:g} in "
+                f"{self.low:g} to {self.high:g}"
+            )
+        if not math.isnan(self.energy):
+            require_positive("energy", self.energy, "J")
+
+    @property
+    def log_spread(self) -> float:
+        """Standard uncertainty of the logarithm of the fraction [1]."""
+        return math.log(self.high / self.low) / (2.0 * _Z975)
+
+
+@dataclass(frozen=True)
+class Discrimination:
+    """How finely a person tells energies of rings apart.
+
+    Attributes
+    ----------
+    fractions : tuple of WeberFraction
+        One for all energies, or several at rising energies; between them the logarithm of the
+        fraction is interpolated over that of the energy, beyond them the last one holds.
+    source : str
+        Where they stand.
+    """
+
+    fractions: tuple[WeberFraction, ...]
+    source: str
+
+    def __post_init__(self) -> None:
+        if not self.fractions:
+            raise PipelineError(f"discrimination needs a Weber fraction, got none [{self.source}]")
+        if len(self.fractions) == 1:
+            return
+        energies = [known.energy for known in self.fractions]
+        is_rising = all(np.diff(energies) > 0.0)
+        if not is_rising:
+            raise PipelineError(
+                f"several Weber fractions must stand at rising energies, each with its own "
+                f"[{self.source}]"
+            )
+
+    @property
+    def has_interval(self) -> bool:
+        """Whether any fraction is uncertain."""
+        return any(known.log_spread > 0.0 for known in self.fractions)
+
+    def interpolate(self, log_energies: Array) -> tuple[Array, Array]:
+        """Return logarithms of the fraction and their standard uncertainties at ln(E / J)."""
+        logs = np.log([known.fraction for known in self.fractions])
+        spreads = np.array([known.log_spread for known in self.fractions])
+        if len(self.fractions) == 1:
+            return np.full_like(log_energies, logs[0]), np.full_like(log_energies, spreads[0])
+        nodes = np.log([known.energy for known in self.fractions])
+        return np.interp(log_energies, nodes, logs), np.interp(log_energies, nodes, spreads)
+
+
+LITERATURE: Final = Discrimination(
+    (WeberFraction(WEBER_FRACTION, WEBER_FRACTION / _DOUBT, WEBER_FRACTION * _DOUBT),),
+    f"{LEVEL_DIFFERENCE:g} dB of power at the fingertip, within a factor of {_DOUBT:g}",
+)
+
+
+@dataclass(frozen=True)
+class JndDistance:
+    """How far apart two rings are for a person.
+
+    Attributes
+    ----------
+    jnd, low, high : float
+        Just noticeable differences from the first to the second ring, with the 95 % interval [1];
+        negative where the second is the weaker.
+    """
+
+    jnd: float
+    low: float
+    high: float
+
+    @property
+    def correct_share(self) -> float:
+        """Share of judgements that tell the two apart [1]: Phi(0.674 |d|), 0.75 at one difference.
+
+        Of a choice between two, without lapses.
+        """
+        return NormalDist().cdf(_Z75 * abs(self.jnd))
+
+
+def compute_jnd_distance(
+    first: float,
+    second: float,
+    discrimination: Discrimination = LITERATURE,
+    *,
+    log_ratios: Array | None = None,
+) -> JndDistance:
+    """Compute how many just noticeable differences lie between two energies of rings.
+
+    Parameters
+    ----------
+    first, second : float
+        Energies [J].
+    discrimination : Discrimination
+        Weber fraction of the energy, by default that of the literature.
+    log_ratios : ndarray, shape (n,), optional
+        Draws of ln(second / first), where the energies are uncertain; by default they are known.
+
+    Returns
+    -------
+    JndDistance
+        With the 95 % interval from the uncertainty of the Weber fraction and of the energies.
+
+    Raises
+    ------
+    StepblocksError
+        If an energy is not positive and finite.
+
+    Examples
+    --------
+    >>> distance = compute_jnd_distance(10e-6, 20e-6)  # 3.01 dB, with 1.5 dB to a difference
+    >>> round(distance.jnd, 2), distance.low < distance.jnd < distance.high
+    (2.01, True)
+    """
+    for name, energy in (("first", first), ("second", second)):
+        require_positive(f"{name} energy", energy, "J")
+    log_ratio = math.log(second / first)
+    nodes = math.log(first) + log_ratio * (np.arange(_NODES) + 0.5) / _NODES
+    log_fractions, spreads = discrimination.interpolate(nodes)
+    jnd = log_ratio * float(np.mean(1.0 / np.log1p(np.exp(log_fractions))))
+    draws = DRAWS if log_ratios is None else len(log_ratios)
+    person = draw_standard_normal(1, draws, seed=1)[0]
+    drawn_fractions = np.exp(log_fractions[:, None] + spreads[:, None] * person)
+    densities = np.mean(1.0 / np.log1p(drawn_fractions), axis=0)
+    drawn_ratios = np.full(draws, log_ratio) if log_ratios is None else log_ratios
+    low, high = np.quantile(drawn_ratios * densities, _TAILS)
+    return JndDistance(jnd, float(low), float(high))
+
+
+def read_discrimination(table: pd.DataFrame | str | Path) -> Discrimination:
+    """Read measured Weber fractions of the energy of a ring.
+
+    Parameters
+    ----------
+    table : DataFrame, str or Path
+        One row with ``weber_fraction`` (or ``weber_fraction_pct``) and, where they are known,
+        ``weber_fraction_95_low`` and ``weber_fraction_95_high``; or several rows with
+        ``energy_uj`` as well.
+
+    Returns
+    -------
+    Discrimination
+        By rising energy.
+
+    Raises
+    ------
+    PipelineError
+        If a column is missing or a row says something impossible; all mistakes at once.
+    """
+    if isinstance(table, pd.DataFrame):
+        places = [f"row {row + 1}" for row in range(len(table))]
+        source = "table"
+        columns = read_si_columns(table, _COLUMNS, source, lets_missing=True)
+    else:
+        loaded = load_table(Path(table))
+        warn_of_notes(loaded.notes, table)
+        places = [loaded.source.name_row(row) for row in range(len(loaded.frame))]
+        source = str(table)
+        columns = read_si_columns(loaded.frame, _COLUMNS, loaded.source, lets_missing=True)
+    fractions: list[WeberFraction] = []
+    mistakes: list[Mistake] = []
+    for row, place in enumerate(places):
+        figures = {name: float(column[row]) for name, column in columns.items()}
+        with collect_mistakes(mistakes, place):
+            fractions.append(_make_fraction(figures))
+    if mistakes:
+        raise PipelineError(format_mistakes(mistakes, source))
+    fractions.sort(key=lambda known: known.energy)
+    return Discrimination(tuple(fractions), source)
+
+
+def _make_fraction(figures: dict[str, float]) -> WeberFraction:
+    """Make a Weber fraction of a row's figures; one without an interval is taken as known."""
+    fraction, low, high = (figures[name] for name in ("fraction", "low", "high"))
+    if math.isnan(low) != math.isnan(high):
+        raise PipelineError("both ends of the interval must be given, or none")
+    if math.isnan(low):
+        low = high = fraction
+    return WeberFraction(fraction, low, high, figures["energy"])
 
 
 def choose_energies(compared: Sequence[Prediction]) -> tuple[list[float], str]:

@@ -163,7 +163,7 @@ def _predict_under_ball(
     radii = (ball.nominal,) if part.ball is None else ball.limits
     nominal_angles = faces[0].angles(ball.nominal)
     corner_angles = [face.angles(radius) for face in faces for radius in radii]
-    middle = _make_middle_face(part, step_height)
+    middle = make_middle_face(part, step_height)
     worn = _compute_stiffness_tolerance(stimuli, part)
     for backward in range(len(faces[0].ways)):
         reached = [angles[backward] for angles in corner_angles]
@@ -195,7 +195,7 @@ def _predict_under_ball(
             )
 
 
-def _make_middle_face(part: Part, step_height: float | None) -> Counterface:
+def make_middle_face(part: Part, step_height: float | None) -> Counterface:
     """Counterface in the middle of all tolerance zones: of a one-sided zone the expectation."""
     if not part.crossed:
         return part.counterface(step_height)

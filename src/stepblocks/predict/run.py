@@ -10,9 +10,7 @@ from stepblocks.declaration.read import load_set
 from stepblocks.declaration.set import StimulusSet
 from stepblocks.errors import PipelineError
 from stepblocks.mistakes import shorten_value
-from stepblocks.predict.as_built import predict_blocks
-from stepblocks.predict.columns import tabulate_prediction
-from stepblocks.predict.predictions import predict_all
+from stepblocks.predict.as_built import predict_as_declared, predict_blocks
 from stepblocks.records.as_built import read_records_by_serial
 
 
@@ -43,7 +41,8 @@ def predict_set(
     pandas.DataFrame
         One row for each stimulus, tip, step, direction, friction and load, in that order; the
         columns of ``predictions.csv`` (docs/explanation/uncertainty.md), the unit in each name,
-        with all digits.
+        with all digits; behind them ``jnd_to_next``, the just noticeable differences to the next
+        higher stimulus, with its interval.
 
     Raises
     ------
@@ -54,10 +53,10 @@ def predict_set(
         raise PipelineError(f"stimuli must be a set or its file, got {shorten_value(stimuli)}")
     if not isinstance(stimuli, StimulusSet):
         stimuli = load_set(Path(stimuli))
-    if as_built:
-        groups = read_records_by_serial([Path(path) for path in as_built])
-        _, _, rows = predict_blocks(stimuli, groups, dragged, speed)
-    else:
-        predictions = predict_all(stimuli, dragged, speed)
-        rows = [tabulate_prediction(prediction) for prediction in predictions]
+    if not as_built:
+        return pd.DataFrame(predict_as_declared(stimuli, dragged, speed).rows)
+    groups = read_records_by_serial([Path(path) for path in as_built])
+    rows = []
+    for predicted in predict_blocks(stimuli, groups, dragged, speed):
+        rows += predicted.rows
     return pd.DataFrame(rows)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from stepblocks.errors import MetrologyError
 from stepblocks.files.stl import read_stl
 from stepblocks.files.wavefront import read_obj
+from stepblocks.scans.pcd import read_pcd
 from stepblocks.scans.scan import Array, HeightMap
 from stepblocks.scans.units import StoredLength
 
@@ -197,7 +198,7 @@ def read_points(path: Path, units: Mapping[str, StoredLength]) -> HeightMap:
     Parameters
     ----------
     path : Path
-        A PLY, STL, OBJ or JSON file.
+        A PLY, STL, OBJ, PCD or JSON file.
     units : mapping of str to StoredLength
         Length of a stored 1 for each axis.
 
@@ -222,12 +223,14 @@ def read_points(path: Path, units: Mapping[str, StoredLength]) -> HeightMap:
 
 
 def _read_vertices(path: Path) -> Array:
-    """Read the vertices of a mesh, in the unit of the file, shape (n, 3)."""
+    """Read vertices of a mesh or points of a cloud, in the unit of the file, shape (n, 3)."""
     ending = path.suffix.lower()
     if ending == ".stl":
         return read_stl(path).vertices
     if ending == ".obj":
         return read_obj(path).vertices
+    if ending == ".pcd":
+        return read_pcd(path)
     import meshio
 
     return np.asarray(meshio.read(path, file_format="ply").points, dtype=np.float64)

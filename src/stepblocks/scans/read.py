@@ -61,8 +61,8 @@ def read_scan(
     ----------
     path : str or Path
         A text table (``.csv``, ``.txt``, ``.tsv``, ``.xyz``, ``.asc``, ``.dat``) of x, z or of x,
-        y, z, or a matrix of heights; points (``.ply``, ``.stl``, ``.obj``, ``.json``); a height
-        field (``.tif``, or its sidecar); or a file of an instrument (``.x3p``, ``.sdf``,
+        y, z, or a matrix of heights; points (``.ply``, ``.stl``, ``.obj``, ``.pcd``, ``.json``); a
+        height field (``.tif``, or its sidecar); or a file of an instrument (``.x3p``, ``.sdf``,
         ``.sur``, ``.plux``, ``.gwy``, ``.opdx``, ``.nid``, ``.ibw``, ``.mi``, ``.mnt``, ``.stp``,
         ``.frt`` and others).
     unit : str, optional

@@ -16,12 +16,11 @@ from stepblocks.contact.event import (
     compute_ring_force,
     list_vibration_events,
 )
-from stepblocks.contact.operating_point import Tool
+from stepblocks.contact.operating_point import WEBER_FRACTION, Tool
 from stepblocks.declaration.read import load_set
 from stepblocks.declaration.set import choose_operating_point
 from stepblocks.errors import HapticsError
 from stepblocks.files.tables import load_table, read_si_columns, warn_of_notes, write_table
-from stepblocks.predict.perception import LEVEL_DIFFERENCE
 from stepblocks.simulators.conditions import check_overrides
 
 _LENGTH = 5.0  # of the ring that is compared, in time constants
@@ -37,19 +36,18 @@ _LEAST_POWER = 1e-300
 _HAPTIC = "doi 10.1109/HAPTIC.2006.1627110"
 # Just noticeable differences as shares of the value, and where they stand. That of a decay was not
 # found for rings this short: an assumption, twice that of the energy which it changes
-_POWER = 10.0 ** (LEVEL_DIFFERENCE / 10.0) - 1.0
 JND = {
     "peak force": (
         0.07,
         "Pang, Tan, Durlach (1991), Perception & Psychophysics 49, 531: about 7 % of 2.5 to 10 N",
     ),
-    "ring energy": (_POWER, "1.5 dB of power, as `predict.perception` takes it"),
+    "ring energy": (WEBER_FRACTION, "1.5 dB of power, as `contact.operating_point` takes it"),
     "ring frequency": (
         0.2,
         f"HAPTIC 2006, {_HAPTIC}: 0.18 to 0.25 at the index finger up to 200 Hz, 0.2 taken",
     ),
     "ring decay": (0.8, "assumed"),
-    "energy in the ring's band": (_POWER, "as the energy"),
+    "energy in the ring's band": (WEBER_FRACTION, "as the energy"),
 }
 
 

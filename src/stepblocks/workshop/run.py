@@ -19,11 +19,13 @@ from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.gauge_pair import GaugePair, choose_pair
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.step_block import StepBlock
+from stepblocks.parts.material import MATERIALS
 from stepblocks.parts.on_paper import make_sheet_table
 from stepblocks.parts.tolerance import GUARD_FACTOR
 from stepblocks.quantities import parse_quantity
 from stepblocks.records.qif import write_qif
 from stepblocks.workshop.drawing import write_drawing, write_series_drawing
+from stepblocks.workshop.masks import SILICON, load_gdstk, write_masks
 from stepblocks.workshop.routes import GAUGE_BLOCKS, Route, find_routes, make_route_row
 from stepblocks.workshop.setup import write_setup
 
@@ -71,6 +73,7 @@ def order_parts(
     *,
     only: str | None = None,
     capability: str | float | None = None,
+    masks: bool = False,
     announce: Callable[[PartOrder], None] | None = None,
 ) -> list[PartOrder]:
     """Write drawings and sheets of all parts of stimulus files, and their routes.
@@ -86,24 +89,32 @@ def order_parts(
     capability : str or float, optional
         Largest deviation of a height that the workshop holds in one piece, such as ``"1 um"``, or
         in metres; 2 um, ground and not lapped, where omitted.
+    masks : bool
+        Whether the masks of the etched steps of each set are written, too: of its step blocks of
+        silicon, as ``output/set/set.masks.gds`` with a table of the etches (extra ``masks``).
     announce : callable, optional
         Called with the order of each part as soon as it is written.
 
     Returns
     -------
     list of PartOrder
-        One of each part, and one of each series of blocks that differ in height only.
+        One of each part, one of each series of blocks that differ in height only, and one of the
+        masks of each set.
 
     Raises
     ------
     StepblocksError
-        If a file cannot be read, nothing is selected, or a folder to write to lies behind a link.
+        If a file cannot be read, nothing is selected, a folder to write to lies behind a link, or
+        masks are asked for and no step block is of silicon.
     """
     deviation = _read_capability(capability)
     output = Path(output)
     orders: list[PartOrder] = []
     sets = [stimuli for stimuli, _ in load_sets(files)]
     selected = select_stimuli(sets, only)
+    if masks:
+        load_gdstk()  # before any part is drawn
+        _require_etched([part for _, part in selected])
     with lock_folder(output):
         for stimuli, part in selected:
             order = _order_part(part, output, deviation, stimuli)
@@ -115,7 +126,32 @@ def order_parts(
             series = _find_series(parts)
             if len(series) > 1:
                 orders.append(_order_series(series, output, stimuli))
+            etched = _find_etched(parts)
+            if masks and etched:
+                orders.append(_order_masks(etched, output, stimuli))
     return orders
+
+
+def _find_etched(parts: Sequence[Part]) -> list[StepBlock]:
+    """Find the step blocks that are etched: those of silicon."""
+    blocks = [part for part in parts if isinstance(part, StepBlock)]
+    return [block for block in blocks if block.material == MATERIALS[SILICON]]
+
+
+def _require_etched(parts: Sequence[Part]) -> None:
+    """Refuse masks where nothing is etched."""
+    if not _find_etched(parts):
+        names = sorted({part.material.name for part in parts})
+        raise PipelineError(
+            f'masks need a step block of material = "{SILICON}", got parts of {", ".join(names)}'
+        )
+
+
+def _order_masks(blocks: Sequence[StepBlock], output: Path, stimuli: StimulusSet) -> PartOrder:
+    """Write the masks of the silicon blocks of a set."""
+    folder = _make_folder(output, stimuli.name)
+    written = write_masks(folder / f"{stimuli.name}.masks.gds", blocks)
+    return PartOrder(f"{stimuli.name}/masks", tuple(written), ())
 
 
 def _read_capability(capability: str | float | None) -> float:

@@ -39,6 +39,7 @@ from stepblocks.parts.face_characteristics import (
     make_edge_characteristics,
     make_form_characteristics,
 )
+from stepblocks.parts.felt_tolerance import FeltTolerance, describe_felt_tolerance
 from stepblocks.parts.kind import (
     COARSE_DEFLECTION,
     CONTACT_DEFLECTION,
@@ -102,6 +103,9 @@ class StepBlock(Block):
         What it is made of, with its density [kg/m^3].
     working_faces : WorkingFaces or None
         Demands on the faces beside the edge; None where the file states none.
+    tolerance : FeltTolerance or None
+        What its ring may change by: limits of `height` and `edge_radius` follow from it where the
+        file states none.
     """
 
     stanza: ClassVar[str] = "step_block"
@@ -119,9 +123,13 @@ class StepBlock(Block):
     metrology: Annotated[MetrologyFeature | None, BeforeValidator(read_none)] = declare_default({})
     material: MaterialField = declare_default("steel")
     working_faces: WorkingFaces | None = None
+    tolerance: FeltTolerance | None = None
 
     def make_counterface(self, **sizes: float) -> Step:
         return Step(sizes["height"], max(sizes["edge_radius"], 0.0))
+
+    def derived(self) -> list[list[str]]:
+        return describe_felt_tolerance(self.tolerance)
 
     def top(self, x: float) -> float:
         # circle about (r, H - r) between the two faces

@@ -11,7 +11,7 @@ class PointReader(ScanReader):
     """Numbers without a unit, which the user states."""
 
     form = "points"
-    endings = (".ply", ".stl", ".obj", ".json")
+    endings = (".ply", ".stl", ".obj", ".pcd", ".json")
     takes_unit = True
     has_header = False
 

@@ -1,0 +1,200 @@
+"""Tolerances by what is felt: bounds of the energy of the ring in place of micrometres."""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Annotated
+
+from pydantic import Field, InstanceOf
+
+from stepblocks.contact.counterface import Counterface
+from stepblocks.contact.energy import Status
+from stepblocks.contact.felt_limits import (
+    Deviations,
+    EnergyBounds,
+    FeltLimits,
+    compute_energy_changes,
+    find_felt_limits,
+)
+from stepblocks.contact.operating_point import WEBER_FRACTION, OperatingPoint
+from stepblocks.errors import ContactError, StimulusError
+from stepblocks.parts.conditions import PredictionGrid, Ratio
+from stepblocks.parts.declared import Table, make_rules_validator, read_positive
+from stepblocks.parts.kind import Part
+from stepblocks.parts.tolerance import Dimension
+
+_WHOLE = 0.999999  # of a decimal place, which the binary number next to it may miss
+
+
+@dataclass(frozen=True)
+class FeltVerdict:
+    """What a part keeps by its limits.
+
+    Attributes
+    ----------
+    friction : Deviations
+        Of the coefficient, within which the energy is kept [1].
+    fall, rise : float
+        Change of the energy at the weakest and the strongest corner over all conditions [1].
+    conditions : int
+        Combinations of tip, step and friction in which it is kept.
+    """
+
+    friction: Deviations
+    fall: float
+    rise: float
+    conditions: int
+
+    def record(self) -> dict[str, object]:
+        """Return plain values for JSON, the unit in the names."""
+        return {
+            "friction_upper_deviation": self.friction.upper,
+            "friction_lower_deviation": self.friction.lower,
+            "energy_fall_share": self.fall,
+            "energy_rise_share": self.rise,
+            "conditions": self.conditions,
+        }
+
+
+class FeltTolerance(Table):
+    """What the ring of a part may change by; limits of its sizes follow from it."""
+
+    # of E_v to either side [1]
+    energy: Annotated[float, read_positive("ratio")] | None = None
+    # just noticeable differences to either side [1]
+    jnd: Annotated[float, read_positive("ratio")] | None = None
+    # that makes a just noticeable difference of the energy [1]
+    weber_fraction: Annotated[float, read_positive("ratio")] = WEBER_FRACTION
+    # of the coefficient to either side, spent first; left out, friction has a share [1]
+    friction: Ratio | None = None
+    # found for the set
+    verdict: InstanceOf[FeltVerdict] | None = Field(None, exclude=True)
+
+    @make_rules_validator
+    def _check_one_is_given(self) -> Iterator[str]:
+        """Yield what keeps the bounds from being those of one thing."""
+        if (self.energy is None) == (self.jnd is None):
+            yield "tolerance must have either energy or jnd, not both or none"
+        if self.energy is not None and self.energy >= 1.0:
+            yield f"tolerance.energy must be below 100 %, got {100.0 * self.energy:g} %"
+
+    @property
+    def bounds(self) -> EnergyBounds:
+        """Within which the energy stays."""
+        if self.energy is not None:
+            return EnergyBounds(math.log1p(self.energy), -math.log1p(-self.energy))
+        assert self.jnd is not None
+        span = self.jnd * math.log1p(self.weber_fraction)
+        return EnergyBounds(span, span)
+
+    def describe(self) -> str:
+        """Say what is kept."""
+        if self.energy is not None:
+            return f"{100.0 * self.energy:g} %"
+        return f"{self.jnd:g} just noticeable differences of {100.0 * self.weber_fraction:.3g} %"
+
+
+def describe_felt_tolerance(tolerance: FeltTolerance | None) -> list[list[str]]:
+    """Say for people what a part keeps, and with which friction."""
+    if tolerance is None or tolerance.verdict is None:
+        return []
+    verdict = tolerance.verdict
+    friction = verdict.friction
+    return [
+        [
+            "vibration energy",
+            f"kept within {tolerance.describe()}: {100.0 * verdict.fall:+.2g} % to "
+            f"{100.0 * verdict.rise:+.2g} % at the worst corners, with friction "
+            f"{friction.upper:+.2g}/{friction.lower:+.2g}",
+        ]
+    ]
+
+
+def resolve_felt_tolerance(part: Part, grid: PredictionGrid) -> Part:
+    """Give a part the limits that follow from what is felt; parts without such a wish are returned.
+
+    Raises
+    ------
+    StimulusError
+        If nothing rings under the conditions, or no limits keep the energy.
+    """
+    tolerance: FeltTolerance | None = getattr(part, "tolerance", None)
+    if tolerance is None:
+        return part
+    conditions = list(_list_ringing(part, grid))
+    if not conditions:
+        raise StimulusError("tolerance needs a condition of the prediction that releases, got none")
+    fixed = {}
+    free = []
+    for name, size in part.sizes.items():
+        if size.by_feel or size.usual:
+            free.append(name)
+        else:
+            fixed[name] = Deviations(size.upper, size.lower)
+    if tolerance.friction is None:
+        free.append("friction")
+    else:
+        fixed["friction"] = Deviations(tolerance.friction, -tolerance.friction)
+    limits = _find_narrowest_limits(conditions, tolerance, free, fixed)
+    kept = {**fixed, **limits}
+    fall, rise = 0.0, 0.0
+    for face, point in conditions:
+        weakest, strongest = compute_energy_changes(face, point, kept)
+        fall = min(fall, math.expm1(weakest))
+        rise = max(rise, math.expm1(strongest))
+    verdict = FeltVerdict(kept["friction"], fall, rise, len(conditions))
+    update: dict[str, object] = {"tolerance": tolerance.model_copy(update={"verdict": verdict})}
+    for name, field in part.counterface_fields.items():
+        if name in limits:
+            update[field] = _limit_size(part.sizes[name], limits[name])
+    return part.model_copy(update=update)
+
+
+def _limit_size(size: Dimension, limit: Deviations) -> Dimension:
+    """Return a dimension with limits by what is felt."""
+    return replace(
+        size, upper=limit.upper, lower=limit.lower, usual=False, general=False, by_feel=True
+    )
+
+
+def _list_ringing(part: Part, grid: PredictionGrid) -> Iterator[tuple[Counterface, OperatingPoint]]:
+    """Yield the conditions that release; the load scales all energies alike."""
+    face = part.counterface()
+    for radius, friction in product(grid.tip_radii, grid.coefficients):
+        point = grid.first_point(ball_radius=radius, friction=friction)
+        if face.release(point).status is Status.RELEASES:
+            yield face, point
+
+
+def _find_narrowest_limits(
+    conditions: list[tuple[Counterface, OperatingPoint]],
+    tolerance: FeltTolerance,
+    free: list[str],
+    fixed: Mapping[str, Deviations],
+) -> FeltLimits:
+    """Find limits that hold under all conditions, rounded to what a drawing says."""
+    found = []
+    for face, point in conditions:
+        try:
+            found.append(find_felt_limits(face, point, tolerance.bounds, free, fixed))
+        except ContactError as error:
+            raise StimulusError(
+                f"tolerance of {tolerance.describe()} cannot be kept with a tip of "
+                f"{point.ball_radius * 1e6:g} um and friction {point.friction:g}: {error}"
+            ) from error
+    narrowest = {}
+    for name in free:
+        upper = min(limits[name].upper for limits in found)
+        lower = max(limits[name].lower for limits in found)
+        narrowest[name] = Deviations(_round_down(upper), 0.0 - _round_down(-lower))
+    return narrowest
+
+
+def _round_down(width: float) -> float:
+    """Round a width towards zero to two digits, as a drawing says it."""
+    if width == 0.0:
+        return 0.0
+    decade = math.floor(math.log10(width)) - 1
+    digits = math.floor(width / 10.0**decade + (1.0 - _WHOLE))
+    return float(f"{digits}e{decade}")
