@@ -247,3 +247,50 @@ def test_a_mistake_is_said_in_a_line_and_nothing_is_written(
     assert said in error
     assert "Traceback" not in error
     assert not list(tmp_path.iterdir())
+
+
+def make_bare_set():
+    return sb.StimulusSet.declare(
+        "bare",
+        prediction={"normal_loads": ["1 N"], "frictions": [0.15]},
+        step_block=[{"id": f"step-{um:03}", "height": f"{um} um"} for um in (10, 20, 30)],
+    )
+
+
+def test_under_a_softer_probe_a_lower_step_feels_like_the_one_under_the_bare_probe():
+    # equation 1: half the stiffness doubles the energy of a pull, so the pull falls by sqrt 2
+    prediction = {"tool": {"stiffness": "4905 N/m"}}
+    design = sb.design_set(
+        "soft",
+        like="step-0?0",
+        base=make_bare_set(),
+        prediction=prediction,
+        route=SHARP,
+        model="formula",
+    )
+    for block, height in zip(design.blocks, (10e-6, 20e-6, 30e-6), strict=True):
+        angle = sb.find_step_angle(height, RADIUS)
+        pull = sb.find_release(angle, LOAD, FRICTION).pull_force / math.sqrt(2.0)
+        turned = max(math.atan(pull / LOAD) - math.atan(FRICTION), 0.0)
+        assert block.exact_size == pytest.approx(RADIUS * (1.0 - math.cos(turned)), rel=1e-6)
+        assert block.wanted == f"like step-{height * 1e6:03.0f}"
+
+
+def test_a_block_under_the_same_probe_feels_like_itself_by_formula_and_by_drag():
+    for model in ("formula", "drag"):
+        design = sb.design_set("same", like=["step-020"], base=make_bare_set(), model=model)
+        assert design.blocks[0].size == pytest.approx(20e-6, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ({"like": "step-020"}, "like needs a base"),
+        ({"like": "gap-*", "base": make_bare_set()}, "like must name a block of the base"),
+        ({"like": "step-*", "base": make_bare_set(), "lowest": 1e-6}, "give one of both"),
+        ({"like": [3], "base": make_bare_set()}, "like must be names"),
+    ],
+)
+def test_what_is_to_feel_alike_must_be_there(words, said):
+    with pytest.raises(sb.StepblocksError, match=said):
+        sb.design_set("soft", **words)

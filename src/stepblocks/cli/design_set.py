@@ -36,6 +36,7 @@ _NOT_KNOWN = "0"  # tolerance of a condition that is left out
     "design-set even.toml --targets '5 uJ' '20 uJ' '30 dB' --load '0.8 N' --friction 0.2",
     "design-set gaps.toml --kind margin_block --lowest '1 uJ' --highest '4 uJ' --number 4 --base "
     "mine.toml",
+    "design-set soft.toml --base bare.toml --like 'step-*' --stiffness '5 N/mm' --load '0.8 N'",
     panel="What is felt",
 )
 def design_set(
@@ -82,6 +83,15 @@ def design_set(
             "--apart",
             metavar="JND",
             help="distance of neighbours in just noticeable differences, such as '1 JND'",
+            rich_help_panel=_TARGETS,
+        ),
+    ] = None,
+    like: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--like",
+            metavar="PATTERN",
+            help="in place of targets, blocks of --base: feel as they do under its first condition",
             rich_help_panel=_TARGETS,
         ),
     ] = None,
@@ -171,6 +181,24 @@ def design_set(
     tip_radius: TipRadius = None,
     load: Load = None,
     friction: Friction = None,
+    stiffness: Annotated[
+        float | None,
+        make_quantity_option(
+            "stiffness",
+            "--stiffness",
+            help="of the tool along the drag",
+            show_default="9.81 N/mm, or that of --base",
+        ),
+    ] = None,
+    conversion: Annotated[
+        float | None,
+        make_quantity_option(
+            "ratio",
+            "--conversion",
+            help="share of the stored energy that rings",
+            show_default="0.2, or that of --base",
+        ),
+    ] = None,
     tip_tolerance: Annotated[
         float | None,
         make_quantity_option(
@@ -243,6 +271,7 @@ def design_set(
         tip_radius,
         load,
         friction,
+        _declare_tool(stiffness, conversion),
         tip_radius=tip_tolerance,
         normal_load=load_tolerance,
         friction=friction_tolerance,
@@ -254,6 +283,7 @@ def design_set(
         highest=highest,
         number=number,
         apart=apart,
+        like=like or (),
         base=base,
         prediction=conditions,
         route=MakingRoute(kind, **options),
@@ -275,7 +305,11 @@ def _require_picture(plot: Path | None) -> None:
 
 
 def _declare_conditions(
-    tip: float | None, load: float | None, coefficient: float | None, **held: float | None
+    tip: float | None,
+    load: float | None,
+    coefficient: float | None,
+    tool: dict[str, Any],
+    **held: float | None,
 ) -> dict[str, Any] | None:
     """Declare the conditions that were given, as a stimulus file does; None where none was.
 
@@ -290,12 +324,24 @@ def _declare_conditions(
         declared["normal_loads"] = [format_exactly(load, "force")]
     if coefficient is not None:
         declared["frictions"] = [coefficient]
+    if tool:
+        declared["tool"] = tool
     tolerances = keep_given_options(**held)
     if "tip_radius" in tolerances:
         tolerances["tip_radius"] = format_exactly(tolerances["tip_radius"], "length")
     if tolerances:
         declared["tolerances"] = tolerances
     return declared or None
+
+
+def _declare_tool(stiffness: float | None, conversion: float | None) -> dict[str, Any]:
+    """Declare what was given of the tool, as a stimulus file does."""
+    from stepblocks.quantities import format_exactly
+
+    tool: dict[str, Any] = keep_given_options(conversion=conversion)
+    if stiffness is not None:
+        tool["stiffness"] = format_exactly(stiffness, "stiffness")
+    return tool
 
 
 def _show(found: "SetDesign", output: Path, plot: Path | None) -> Outcome:

@@ -1,9 +1,9 @@
 """How far sizes and setting may go before a set is no longer evenly spaced."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -14,8 +14,9 @@ from stepblocks.predict.set_design.neighbours import Felt, compute_distances
 
 EVEN = 0.25  # by which a distance may change before a set is no longer evenly spaced [JND]
 _FIRST_STEP = 1e-4  # of a value, from which its allowance is sought [1]
-_DOUBLINGS = 16
-_BISECTIONS = 40
+_MOST = 1e5  # of that step, to which it is sought [1]
+_NEARLY_ALL = 0.999  # of a value, to which its fall is sought [1]
+_PARTS, _DIVISIONS = 60, 5  # in which it is sought, and how often
 
 
 @dataclass(frozen=True)
@@ -45,23 +46,35 @@ class _Set:
     backward: bool
     difference: float  # just noticeable [dB]
 
-    def change_distances(self, name: str, moved: Sequence[int], deviation: float) -> float:
-        """Greatest change of a distance [JND] where one input of some blocks deviates [SI]."""
-        before = self._compute_distances({}, ())
-        after = self._compute_distances({name: deviation}, moved)
-        change = np.abs(after - before).max()
-        return float(change) if np.isfinite(change) else math.inf
+    @cached_property
+    def energies(self) -> Array:
+        """Energies without a deviation [J], shape (blocks, 1)."""
+        nothing = np.zeros(1)
+        return np.array(
+            [self._compute_energies(block, "friction", nothing) for block in self.blocks]
+        )
 
-    def _compute_distances(self, shift: dict[str, float], moved: Sequence[int]) -> Array:
-        """Distances of neighbours [JND] where some blocks deviate; infinite next to a held one."""
-        energies = np.empty(len(self.blocks))
-        for index, block in enumerate(self.blocks):
-            deviations = shift if index in moved else {}
-            _, energy = compute_deviated_releases(block.face, self.point, deviations, self.backward)
-            energies[index] = float(energy)
-        if not np.isfinite(energies).all():
-            return np.full(len(energies) - 1, np.inf)
-        return compute_distances(energies[:-1], energies[1:], self.difference)
+    def change_distances(self, name: str, moved: Sequence[int], deviations: Array) -> Array:
+        """Greatest change of a distance [JND] for each deviation [SI] of an input of some blocks.
+
+        It is infinite where one of them no longer slips.
+        """
+        deviated = np.repeat(self.energies, deviations.size, axis=1)
+        for index in moved:
+            deviated[index] = self._compute_energies(self.blocks[index], name, deviations)
+        before = compute_distances(self.energies[:-1], self.energies[1:], self.difference)
+        after = compute_distances(deviated[:-1], deviated[1:], self.difference)
+        slips = (np.isfinite(deviated) & (deviated > 0.0)).all(axis=0)
+        change = np.full(deviations.size, np.inf)
+        change[slips] = np.abs(after[:, slips] - before).max(axis=0)
+        return change
+
+    def _compute_energies(self, block: Felt, name: str, deviations: Array) -> Array:
+        """Energies of a block where one input deviates [J]."""
+        _, energies = compute_deviated_releases(
+            block.face, self.point, {name: deviations}, self.backward
+        )
+        return np.broadcast_to(energies, deviations.shape)
 
 
 def find_allowances(
@@ -110,30 +123,24 @@ def _find_allowance(
     compared: _Set, name: str, moved: Sequence[int], value: float
 ) -> tuple[float, float]:
     """Find how far an input may fall and rise [SI] from its value."""
+    least = _FIRST_STEP * (value or compared.point.ball_radius)
     change = partial(compared.change_distances, name, moved)
-    step = _FIRST_STEP * (value or compared.point.ball_radius)
-    sides = []
-    for sign, most in ((-1.0, value), (1.0, math.inf)):
-        inside, outside = 0.0, min(step, most)
-        for _ in range(_DOUBLINGS):
-            if outside >= most or change(sign * outside) > EVEN:
-                break
-            inside, outside = outside, min(2.0 * outside, most)
-        sides.append(_refine(compared, name, moved, sign, inside, outside))
-    down, up = sides
-    return down, up
+    down = math.inf
+    if value > 0.0:
+        # at 0 itself nothing is felt
+        down = _find_first_beyond(
+            lambda deviations: change(-deviations), least, _NEARLY_ALL * value
+        )
+    return down, _find_first_beyond(change, least, _MOST * least)
 
 
-def _refine(
-    compared: _Set, name: str, moved: Sequence[int], sign: float, inside: float, outside: float
-) -> float:
-    """Bisect between a deviation that a set bears and one that it does not [SI]."""
-    if compared.change_distances(name, moved, sign * outside) <= EVEN:
-        return math.inf
-    for _ in range(_BISECTIONS):
-        middle = 0.5 * (inside + outside)
-        if compared.change_distances(name, moved, sign * middle) <= EVEN:
-            inside = middle
-        else:
-            outside = middle
-    return inside
+def _find_first_beyond(change: Callable[[Array], Array], least: float, most: float) -> float:
+    """Find the deviation from which a distance changes by more than `EVEN`; infinite if none."""
+    tried = np.concatenate([[0.0], np.geomspace(least, most, _PARTS)])
+    for _ in range(_DIVISIONS):
+        is_beyond = change(tried) > EVEN
+        if not is_beyond.any():
+            return math.inf
+        first = int(np.argmax(is_beyond))
+        tried = np.linspace(tried[first - 1], tried[first], _PARTS)
+    return float(tried[0])

@@ -1,6 +1,6 @@
 """Design a set by what is felt."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence, Sized
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -15,6 +15,11 @@ from stepblocks.mistakes import shorten_value
 from stepblocks.parts.conditions import PredictionGrid
 from stepblocks.parts.declared import Table
 from stepblocks.predict.predictions import DIFFERS, Model
+from stepblocks.predict.set_design.alike import (
+    drag_differs_over,
+    read_like_targets,
+    select_models,
+)
 from stepblocks.predict.set_design.allowances import find_allowances
 from stepblocks.predict.set_design.curve import EnergyCurve, measure_drag_energy
 from stepblocks.predict.set_design.neighbours import (
@@ -58,6 +63,7 @@ def design_set(
     highest: str | float | None = None,
     number: int | None = None,
     apart: str | float | None = None,
+    like: str | Sequence[str] = (),
     base: StimulusSet | str | Path | None = None,
     prediction: Mapping[str, object] | None = None,
     route: MakingRoute | None = None,
@@ -77,6 +83,9 @@ def design_set(
     lowest, highest, number, apart : optional
         In place of `targets`, evenly spaced ones: from the lowest, by two of the highest, their
         number and their distance in just noticeable differences, such as ``"1 JND"``.
+    like : str or sequence of str, optional
+        In place of targets, names or patterns of blocks of the base: what is designed feels under
+        `prediction` as they do under the first condition of the base.
     base : StimulusSet, str or Path, optional
         Set whose conditions, and whose first block of the kind, stand for everything that is not
         given here.
@@ -109,7 +118,7 @@ def design_set(
     --------
     >>> design = design_set("even", ["5 uJ", "10 uJ", "20 uJ"], model="formula")
     >>> [f"{block.size * 1e6:.1f} um" for block in design.blocks]
-    ['13.9 um', '24.3 um', '37.2 um']
+    ['13.1 um', '24.1 um', '38.1 um']
     """
     route = _take_route(route)
     stated_model = _read_model(model)
@@ -120,16 +129,38 @@ def design_set(
     _require_direction(backward, block)
     difference = read_difference(jnd)
     spacing = Spacing(lowest, highest, number, apart)
-    wanted = read_targets(targets, spacing, difference, point.tool)
+    models = select_models(base, like)
+    stated = None
+    if not models:
+        stated = read_targets(targets, spacing, difference, point.tool)
+    elif spacing.is_asked_for or not _is_empty(targets):
+        raise PipelineError("like must not be given beside targets or lowest: give one of both")
+
+    def read_wanted(by: Model) -> tuple[Target, ...]:
+        """Return the targets; those of other blocks are energies by the same model."""
+        if stated is not None:
+            return stated
+        assert base is not None
+        return read_like_targets(base, models, backward, speed, by)
+
     sizes = find_size_range(block, route)
     curve = EnergyCurve(
         block, point, backward, stated_model or Model.FORMULA, sizes.least, sizes.most
     )
-    found = _place_targets(wanted, curve, sizes)
-    if stated_model is None and _drag_differs(found, curve):
-        curve = replace(curve, model=Model.DRAG)
-        found = _place_targets(wanted, curve, sizes)
+    found = _place_targets(read_wanted(curve.model), curve, sizes)
+    if stated_model is None:
+        differs = _drag_differs(found, curve)
+        if base is not None and not differs:
+            differs = drag_differs_over(base, models, backward, speed)
+        if differs:
+            curve = replace(curve, model=Model.DRAG)
+            found = _place_targets(read_wanted(curve.model), curve, sizes)
     return _assemble(conditions, block, curve, found, difference)
+
+
+def _is_empty(targets: Iterable[str | float]) -> bool:
+    """Whether no target is listed."""
+    return isinstance(targets, Sized) and len(targets) == 0
 
 
 def _take_route(route: MakingRoute | None) -> MakingRoute:
