@@ -113,6 +113,7 @@ $(VENV)/ready: pyproject.toml constraints.txt
 	@echo 'installing into $(VENV): a minute or two'
 	$(PYTHON) -m venv $(VENV)
 	$(INSTALL) -e .
+	@$(BIN)/python -m compileall -q src
 	@touch $@
 
 $(VENV)/ready-all: $(VENV)/ready

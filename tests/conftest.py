@@ -9,6 +9,8 @@ import pytest
 from filelock import FileLock
 from hypothesis import settings
 
+from stepblocks.parts.kind import Part
+
 # the same examples on every machine, however slow it is
 settings.register_profile("same-everywhere", derandomize=True, deadline=None)
 settings.load_profile("same-everywhere")
@@ -26,8 +28,10 @@ ROOT = Path(__file__).resolve().parent.parent
 BEGUN_FIRST = (
     "artefacts/test_artefacts.py",
     "cli/test_one_event.py",
+    "drag/test_laws.py",
     "loop/test_finding.py",
     "loop/test_loop.py",
+    "loop/test_own_effect.py",
     "loop/test_rehearsal.py",
     "loop/test_run.py",
     "predict/test_sweep.py",
@@ -35,10 +39,28 @@ BEGUN_FIRST = (
     "simulators/test_native.py",
     "simulators/test_native_force.py",
     "simulators/test_scenes.py",
+    "study/test_conduct.py",
     "study/test_recovery.py",
     "study/test_silent.py",
+    "test_fuzz_and_faults.py",
     "workshop/test_ten_blocks.py",
 )
+
+
+# what the quick tests build: a part of each kind and of each form that has an artefact of its own,
+# and the parts that single tests open
+QUICKLY_BUILT = {
+    "apparatus-050",
+    "crown-chamfer-over",
+    "gap-050-under-020",
+    "hook-125",
+    "sheath-soft",
+    "sheath-hard",
+    "step-010",
+    "step-050",
+    "step-100",
+    "tip-125",
+}
 
 
 def pytest_collection_modifyitems(items):
@@ -48,8 +70,18 @@ def pytest_collection_modifyitems(items):
         function = item.nodeid.partition("[")[0]
         if item.get_closest_marker("repeats") and function in seen:
             item.add_marker("long")
+        if is_of_a_part_that_is_built_at_length(item):
+            item.add_marker("long")
         seen.add(function)
     items.sort(key=lambda item: not item.path.as_posix().endswith(BEGUN_FIRST))
+
+
+def is_of_a_part_that_is_built_at_length(item):
+    """Tell whether a test opens a shipped part that the quick tests do not build."""
+    if "shipped_output" not in item.fixturenames or not hasattr(item, "callspec"):
+        return False
+    given = item.callspec.params.values()
+    return any(isinstance(value, Part) and value.id not in QUICKLY_BUILT for value in given)
 
 
 def pytest_collection_finish():
@@ -89,14 +121,25 @@ def make_once(tmp_path_factory):
     return make_or_read
 
 
+def select_quickly_built(shipped):
+    """Take the parts of a shipped set that the quick tests build."""
+    parts = tuple(part for part in shipped.stimuli if part.id in QUICKLY_BUILT)
+    return shipped.model_copy(update={"stimuli": parts})
+
+
 @pytest.fixture(scope="session")
-def shipped_output(make_once):
-    """Output folder with every shipped stimulus built."""
+def shipped_output(make_once, request):
+    """Output folder with shipped stimuli: all of them in the long tests, else some of each set."""
     from stepblocks.build.run import build_sets
+    from stepblocks.declaration.read import load_set
     from stepblocks.declaration.select import find_stimulus_files
 
+    sets = [load_set(path) for path in find_stimulus_files([ROOT / "stimuli"])]
+    if request.config.option.markexpr != "long":
+        sets = [select_quickly_built(shipped) for shipped in sets]
+
     def build(folder):
-        return build_sets(find_stimulus_files([ROOT / "stimuli"]), folder).failures
+        return build_sets(sets, folder).failures
 
     folder, failures = make_once("shipped", build)
     assert failures == []

@@ -176,6 +176,7 @@ def test_the_psychophysicist_gets_run_sheets_and_a_report(tmp_path, monkeypatch,
     assert "judgements" in look_at(browser, tmp_path / "people" / "report" / "report.html")
 
 
+@pytest.mark.long
 @pytest.mark.browser
 def test_the_bench_gets_features_and_what_its_model_lacks(tmp_path, monkeypatch, browser):
     walk("The bench", tmp_path, monkeypatch)

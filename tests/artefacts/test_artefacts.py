@@ -48,10 +48,10 @@ def test_ten_steps_are_within_a_nanometre_in_every_mesh_format(shipped_output, f
 
 def test_meshes_stay_small(shipped_output):
     # A 10 um edge on a 20 mm block must not need a million triangles.
-    for stimulus in SETS["paper-ten"].stimuli:
-        _, triangles, *_ = read_mesh(
-            shipped_output / "paper-ten" / stimulus.id / f"{stimulus.id}.stl"
-        )
+    meshes = list((shipped_output / "paper-ten").glob("*/*.stl"))
+    assert meshes
+    for path in meshes:
+        _, triangles, *_ = read_mesh(path)
         assert len(triangles) < 5_000
 
 

@@ -28,6 +28,7 @@ ROOT = Path(__file__).parents[2]
 SHARED = Path(os.environ.get("STEPBLOCKS_SHARED", ROOT / ".." / "shared"))
 
 
+@pytest.mark.long
 def test_every_stimulus_names_only_faces_that_its_solid_has():
     from stepblocks.cad import kernel
 
@@ -49,6 +50,7 @@ def test_every_stimulus_names_only_faces_that_its_solid_has():
 
 # the checks of one part of every kind and of every way a margin can be made; benchmarks/ap242.py
 # runs all
+@pytest.mark.repeats
 @pytest.mark.parametrize(
     "identity",
     [

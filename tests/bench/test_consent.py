@@ -54,6 +54,7 @@ def _declare(folder, line):
     path.write_text(path.read_text().replace("[acquisition]", f"[trials]\n{line}\n[acquisition]"))
 
 
+@pytest.mark.long
 def test_exchanged_rows_are_flagged_and_the_finding_says_what_swap_and_exclude_would_change(
     session, exchanged
 ):

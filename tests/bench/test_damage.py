@@ -154,6 +154,7 @@ SESSION_DAMAGE = {
 }
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("name", SESSION_DAMAGE)
 def test_a_session_that_cannot_be_read_ends_in_one_line(name, session, tmp_path, capsys):
     damage, message = SESSION_DAMAGE[name]
@@ -297,6 +298,7 @@ def test_the_same_samples_under_two_trials_are_out_both_times(session, tmp_path)
     ] == ["5", "6"]
 
 
+@pytest.mark.long
 def test_a_trace_of_another_block_is_found_by_its_angle(make_session, tmp_path):
     folder = make_session(tmp_path / "s", count=36)
     rows = pd.read_csv(folder / "trials.csv", dtype=str)

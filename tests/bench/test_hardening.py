@@ -27,6 +27,7 @@ def stretched(force):
     return next(root.real for root in np.roots([G, 0.0, 1.0, -force]) if abs(root.imag) < 1e-12)
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize(
     ("height", "load"), [(30e-6, 1.1), (50e-6, 0.8), (80e-6, 0.5), (80e-6, 1.1)]
 )

@@ -47,6 +47,7 @@ def test_the_regime_is_that_of_the_motion_and_the_ring_counts_by_its_first_swing
     assert std < max(0.03 * size, 6e-3)
 
 
+@pytest.mark.long
 def test_pulls_of_the_ring_s_amplitude_are_those_of_its_stated_uncertainty():
     pulls, random = [], np.random.default_rng(5)
     for seed in range(24):

@@ -275,6 +275,7 @@ def test_a_plan_that_asks_for_the_impossible_is_one_line(line, message, tmp_path
         assert tomllib.loads((tmp_path / "out" / "session.toml").read_text())["schema"] == 1
 
 
+@pytest.mark.long
 def test_figures_show_any_trial_even_an_excluded_one(make_session, tmp_path, capsys):
     folder = make_session(tmp_path / "s", count=3)
     trace = pd.read_csv(folder / "traces/0002.csv")

@@ -124,6 +124,7 @@ def test_a_deleted_operator_leaves_no_column(tmp_path):
     assert not (tmp_path / "s" / "scans").exists()
 
 
+@pytest.mark.long
 def test_what_a_gauge_could_not_show_is_a_bound_without_an_uncertainty_and_the_rest_of_it_stands(
     tmp_path,
 ):

@@ -117,6 +117,7 @@ def test_an_edge_that_is_no_arc_is_predicted_and_dragged_by_its_surface(tmp_path
     assert dragged.summary["peak_force_n"] == pytest.approx(expected, rel=0.04)
 
 
+@pytest.mark.long
 def test_the_loop_takes_records_instead_of_scans_and_names_every_scan_that_it_cannot_use(
     shared, tmp_path, capsys
 ):

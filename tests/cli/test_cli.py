@@ -141,6 +141,7 @@ def test_a_slip_of_the_pen_is_answered_in_one_line(words, said, capsys):
     assert said in error
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
 def test_completion_knows_commands_and_options(shell, capsys):
     assert main(["completion", shell]) == 0
@@ -213,6 +214,7 @@ def test_json_and_quiet_are_taken_at_their_word(tmp_path, capsys):
     assert "omega-3" in {one["device"] for one in json.loads(capsys.readouterr().out)["devices"]}
 
 
+@pytest.mark.long
 def test_colour_is_for_terminals_and_never_where_it_is_not_wanted():
     command = [sys.executable, "-m", "stepblocks", "export", "--list-devices"]
     shown = {
@@ -301,6 +303,7 @@ def test_what_is_not_there_is_said_in_one_line(arguments, message, capsys, tmp_p
     assert error.count("\n") == 1
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize(
     "words", [["predict", str(ROOT / "stimuli" / "paper-ten.toml")], ["help", "predict"], ["-h"]]
 )

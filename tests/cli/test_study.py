@@ -128,6 +128,7 @@ def test_filled_in_sheets_are_analysed_and_never_overwritten(folder, capsys):
     assert (code, "must occur once" in err, len(err.splitlines())) == (2, True, 1)
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize(
     ("options", "figures", "quantity"),
     [

@@ -3,6 +3,8 @@
 import subprocess
 import sys
 
+import pytest
+
 SCRIPT = """
 from joblib.externals.loky import ProcessPoolExecutor
 from stepblocks.compute.processes import die_with_parent
@@ -37,6 +39,7 @@ print(list(run_in_processes(hold, [(number,) for number in range(6)], 2)))
 """
 
 
+@pytest.mark.long
 def test_a_worker_that_has_grown_is_replaced_in_silence_and_the_work_goes_on():
     done = subprocess.run(
         [sys.executable, "-W", "error::UserWarning", "-c", GROWING],

@@ -105,6 +105,7 @@ def test_a_part_of_a_set_is_dragged_over_by_its_name(declared):
         stepblocks.drag_over("high", stimuli=declared)
 
 
+@pytest.mark.long
 def test_a_set_is_drawn_and_exported_as_its_file_is(declared, built, tmp_path):
     source = built[0] / "mine.toml"
     for name, given in (("set", declared), ("file", source)):

@@ -80,6 +80,7 @@ def test_a_declared_block_is_dragged_over_under_the_conditions_of_its_set(tmp_pa
     assert heavier["settings"]["friction"] == 0.2
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize(
     "name", ["gap-100", "gap-050-over-020", "gap-050-under-020", "gap-050-bevelled"]
 )

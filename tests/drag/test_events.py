@@ -229,6 +229,7 @@ def test_a_groove_is_the_same_both_ways():
     assert there.events.x_m.iloc[0] + back.events.x_m.iloc[0] == pytest.approx(90e-6, abs=1e-9)
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("height", [10e-6, 25e-6, 50e-6])
 def test_a_rigid_tip_integrated_from_event_to_event_gives_the_same_release(height):
     # Origin: `oracles.rigid_drag`, its own path, contact, impacts and integrator.
@@ -270,6 +271,7 @@ def test_a_small_groove_under_a_small_ball_closes_its_ledger_and_a_slow_hard_one
     assert hard.trace.peak_force == pytest.approx(hard.formula.pull_force, rel=5e-3)
 
 
+@pytest.mark.long
 def test_over_a_wavy_step_prediction_drag_and_exported_ring_answer_for_the_step():
     # Equation (1) at the steepest place of the path, found by three ways: exact dilation, the
     # track of the drag, and the path of the centre that scenes and the renderer follow.

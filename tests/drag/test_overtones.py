@@ -108,6 +108,7 @@ def test_a_pulled_handle_drags_a_tool_of_two_modes():
     assert done.ring.energy == pytest.approx(sum(done.ring.mode_energies))
 
 
+@pytest.mark.long
 def test_a_tool_of_two_modes_takes_a_law_of_friction():
     # a law that is a constant is that coefficient; to check it, the rows were read as if they had
     # no columns for the modes

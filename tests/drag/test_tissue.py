@@ -54,6 +54,7 @@ def test_gum_is_a_long_tool_on_an_incompressible_half_space():
         Tissue(-1.0)
 
 
+@pytest.mark.long
 def test_a_crown_may_have_gum_in_predictions_drags_and_scenes(tmp_path):
     text = (STIMULI / "crown-margins.toml").read_text()
     path = tmp_path / "crown-margins.toml"

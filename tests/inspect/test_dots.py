@@ -189,6 +189,7 @@ def test_rows_that_cannot_agree_any_more_are_not_evaluated(monkeypatch):
     assert len(rows) < 10
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize(
     ("name", "depth"), [("squares_holes", 500.0 * NM), ("circles_holes", 499.5 * NM)]
 )

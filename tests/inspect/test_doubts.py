@@ -142,6 +142,7 @@ def test_faces_are_those_of_the_part_of_a_map_that_is_asked_for():
         assert found.values[key].value < 0.5 * UM  # with the other wall 20 um
 
 
+@pytest.mark.long
 def test_a_map_is_turned_by_one_of_its_walls_and_not_by_both():
     notes = measure_edge(trench(math.radians(5.0)), Instrument(0.0, 0.0, 0.0)).notes
     (turned,) = (note for note in notes if note.startswith("edge turned by"))
@@ -205,6 +206,7 @@ def test_a_flank_of_55_degrees_is_no_arc_as_high_as_the_step(radius, seed):
     assert edge.radius.value < 28 * UM
 
 
+@pytest.mark.long
 def test_the_radius_of_an_edge_that_is_no_circle_holds_what_its_window_changes():
     # an ellipse with half axes of 20 and 14 um: of curvature 20^2 / 14 = 28.6 um at the face, where
     # a circle of its width has 20 um; windows of a circle say the same
@@ -243,6 +245,7 @@ def test_a_bowed_face_is_no_burr():
     assert found.value < found.expanded()
 
 
+@pytest.mark.long
 def test_the_serial_number_of_a_sheet_is_that_of_the_scans_beside_it(tmp_path):
     scan = write_scan(tmp_path / "scan.csv", block(), ("x_um", "z_um"))
     part = inspect_scan(scan, "step-050", instrument=KNOWN).stimulus

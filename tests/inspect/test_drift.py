@@ -36,6 +36,7 @@ def find_failures(result):
     return {entry.characteristic.key for entry in failed}
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("seed", range(3))
 def test_what_both_faces_share_line_by_line_fails_no_part(seed):
     result = inspect_map(seed, drift=2.5 * UM)

@@ -156,6 +156,7 @@ def test_a_flank_of_several_samples_is_interpolated_and_leaves_no_interval_open(
     assert 1e-9 < result.opening.std < 20e-9
 
 
+@pytest.mark.long
 def test_the_radius_of_a_tip_under_correlated_noise_is_unbiased_and_covered_at_its_rate():
     grid = np.arange(-60, 61) * 125e-6 / 80.0
     errors, halves, stds = [], [], []

@@ -146,6 +146,7 @@ def test_soft_gauges_with_a_neighbour_have_no_false_verdict():
     assert rejected <= 0.05 * judged
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("angle", [-12.0, 3.0, 8.0])
 def test_the_turn_of_an_edge_over_a_map_is_stated_to_a_quarter_of_a_degree(angle):
     y, x = np.mgrid[:60, :300] * 1.5 * UM

@@ -55,6 +55,7 @@ def test_a_step_is_found_where_enough_lines_lie_behind_it():
     assert abs(found.value - 100 * NM) < found.expanded()
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("depth", [50 * NM, UM, 20 * UM])
 @pytest.mark.parametrize("half", [10, 40, 120])
 def test_a_v_notch_has_no_edge(depth, half):

@@ -92,6 +92,7 @@ def test_a_burr_or_a_ridge_near_the_edge_does_not_conform(tall, at, gauge):
     assert result.verdict is Outcome.DOES_NOT_CONFORM
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("gauge", [profile_of, map_of])
 def test_a_clean_edge_has_no_burr_and_a_single_point_is_a_spike_that_is_reported(gauge):
     scan = gauge(block)

@@ -117,6 +117,7 @@ def test_the_waves_of_a_wandering_quantity_are_those_that_carry_most_of_a_walk()
     np.testing.assert_allclose(waves @ waves.T, np.eye(23), atol=1e-12)
 
 
+@pytest.mark.long
 def test_the_place_of_a_jump_lies_in_its_interval_as_often_as_stated():
     jump = Law(
         "jump",

@@ -141,6 +141,7 @@ def test_the_program_leaves_a_page_with_every_row_and_honest_verdicts(found, tmp
     assert (tmp_path / "evidence.svg").stat().st_size > 1000
 
 
+@pytest.mark.long
 def test_the_same_page_comes_out_twice(tmp_path):
     hold_against_evidence(tmp_path / "a")
     hold_against_evidence(tmp_path / "b")

@@ -163,6 +163,7 @@ def test_a_zero_is_found_as_a_zero_and_never_as_a_geometry(shifted):
     assert found.extended.values["tangential_zero.zero_n"] == pytest.approx(0.02, abs=2e-3)
 
 
+@pytest.mark.long
 def test_a_zero_that_is_known_is_no_finding_and_one_that_is_ruled_out_is_not_named(shifted):
     assert _explained(shifted, {"zero_n": (0.02, 1e-3)}).verdict is Verdict.NONE
     ruled_out = _explained(shifted, {"zero_n": (0.0, 1e-4)})

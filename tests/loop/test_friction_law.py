@@ -57,6 +57,7 @@ def test_nothing_is_missing_where_the_law_is_declared_and_unseen_blocks_are_twic
     assert with_law < 0.5 * constant
 
 
+@pytest.mark.long
 def test_the_model_that_is_written_predicts_by_the_law_without_the_session(declared, tmp_path):
     write_loop(declared, tmp_path)
     learned = read_model(tmp_path / "model.json")

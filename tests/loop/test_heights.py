@@ -27,6 +27,7 @@ def _features(error):
     return features_of(bench_trials(_COLUMNS, 3, effects))
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("error", [-6e-6, 1e-6, 6e-6])
 def test_a_height_is_named_where_it_is_beyond_its_tolerance_and_not_within_it(error):
     table = build_session_table(_features(error), 9810.0, 125e-6)
@@ -65,6 +66,7 @@ def test_a_height_that_a_scan_has_measured_is_no_finding():
     assert add_height_errors(nothing, table) is nothing
 
 
+@pytest.mark.long
 def test_the_finding_names_the_block_and_its_height_error_and_the_energies_are_right():
     result = analyse_features(_features(6e-6), 9810.0, 125e-6, rules=_RULES)
     assert result.verdict is Verdict.EFFECT

@@ -45,6 +45,7 @@ _RUN = np.arange(1.0, 97.0)
 _DAYS = np.select([_RUN < 20, _RUN < 70], [1.0, 1.25], 1.1)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [1, 2])
 def test_three_days_of_unequal_length_are_found_each_with_its_first_trial_and_its_level(seed):
     found, left = _explain(_DAYS, seed)
@@ -121,6 +122,7 @@ def test_friction_of_the_first_trial_after_a_rest_alone_changes_with_the_pause()
     assert left < 0.02
 
 
+@pytest.mark.long
 def test_friction_that_wanders_is_taken_out_along_the_run_and_no_law_is_claimed():
     steps = np.random.default_rng([3, 9]).standard_normal(96)
     found, left = _explain(np.exp(0.12 * np.cumsum(steps) / math.sqrt(96.0)), 3)

@@ -48,6 +48,7 @@ def predict_channels(hysteresis, height, load, speed):
     return compute_channels(shown)[0][:6]
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize(
     ("height", "load", "speed"),
     # of the last the loops are wide enough to be seen, and no friction of the tip

@@ -57,6 +57,7 @@ def test_a_bench_without_an_effect_is_left_alone() -> None:
     assert verdicts == [Verdict.NONE] * 4
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scanned", [True, False])
 def test_a_rounded_edge_is_found_with_and_without_scans_of_the_heights(scanned: bool) -> None:
     columns = design_columns(160, 5)
@@ -75,6 +76,7 @@ def test_a_rounded_edge_is_found_with_and_without_scans_of_the_heights(scanned: 
     assert std < (0.3e-6 if scanned else 3e-6)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [1, 2, 5])
 def test_24_trials_show_edges_of_5_um_that_the_scans_show_too(seed: int) -> None:
     columns = design_columns(24, seed)

@@ -79,6 +79,7 @@ def test_the_page_says_which_trial_and_which_channel_carry_an_effect_most(result
     ) in part
 
 
+@pytest.mark.long
 def test_trials_held_apart_stand_in_a_table_with_what_they_look_like(result):
     rows = [ApartTrial("5", 0.98, "let go early, at 60 % of the peak force")]
     page = render_loop_page(replace(result, record=replace(result.record, apart=rows)))
@@ -165,6 +166,7 @@ def test_the_lines_of_the_headline_are_those_of_result_json_and_the_page_has_bar
     assert head.count("<meter") == 2 * len(blocks)
 
 
+@pytest.mark.long
 def test_a_title_from_a_session_cannot_break_the_page(result):
     page = render_loop_page(replace(result, title="<script>alert(1)</script>"))
     assert "<script>" not in page

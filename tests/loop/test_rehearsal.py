@@ -88,6 +88,7 @@ def test_the_planned_session_with_its_traces_is_explained(planned, plan, tmp_pat
     assert found["verdict"] != "none"
 
 
+@pytest.mark.long
 def test_rehearsals_plant_nothing_and_their_json_says_what_would_show(rehearsed):
     _, seeds, found = rehearsed
     assert seeds == [(3, ()), (4, ())]

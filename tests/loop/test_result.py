@@ -115,6 +115,7 @@ def test_the_mean_edge_weighs_each_scan_by_its_certainty(result):
     assert "mean_edge_radius_m" not in _again(result)["scans"]
 
 
+@pytest.mark.long
 def test_forces_and_scans_speak_of_the_same_edge():
     columns = design_columns(60, 5)
     from stepblocks.loop.bench_model import list_candidates

@@ -41,6 +41,7 @@ def quiet():
     return features, result, said
 
 
+@pytest.mark.long
 def test_a_long_analysis_says_which_of_its_searches_runs_and_what_that_finds(quiet):
     said = quiet[2]
     assert [done for done, _, _ in said] == list(range(1, 9))  # all trials, and seven folds
@@ -174,6 +175,7 @@ def test_a_result_draws_energies_before_and_after_into_the_axes_given(quiet):
     assert axes.get_ylabel() == "measured vibration energy, µJ"
 
 
+@pytest.mark.long
 def test_features_that_are_measured_already_are_explained_as_they_are(tmp_path, monkeypatch, worn):
     write_session(tmp_path / "session", Plan(trials=6), 1)
     features = measure_session(tmp_path / "session", jobs=1)
@@ -208,6 +210,7 @@ def test_records_that_do_not_exist_are_reported_before_anything_is_measured(tmp_
         loop_session(tmp_path, as_built=[tmp_path])
 
 
+@pytest.mark.long
 def test_traces_of_trials_held_apart_are_drawn_on_the_page(worn, tmp_path, monkeypatch):
     write_session(tmp_path / "session", Plan(trials=6), 1)
     rows = [ApartTrial(trial, 0.99, "let go early") for trial in ("2", "5")]

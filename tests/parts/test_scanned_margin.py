@@ -95,6 +95,7 @@ def built(tmp_path_factory):
     return path, folder, build_sets([path], folder / "out", jobs=1)
 
 
+@pytest.mark.long
 def test_a_bad_scan_goes_from_its_file_to_solids_meshes_page_and_scenes(built, tmp_path):
     path, folder, report = built
     assert report.failures == []

@@ -19,6 +19,7 @@ SHIPPED = [
 ]
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("stimulus", SHIPPED)
 def test_every_shipped_solid_has_the_volume_of_its_closed_form(stimulus):
     for (_, body), volume in zip(build_solids(stimulus), stimulus.volumes(), strict=True):

@@ -244,6 +244,7 @@ HOSTILE = {
 }
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("name", HOSTILE)
 def test_hostile_files_end_in_one_line_and_bounded_memory(name, tmp_path):
     write, rule = HOSTILE[name]

@@ -56,6 +56,7 @@ def tour(path):
     return np.add(hand, [0.0, 0.0, path.z.min() - 3e-5])
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("block", BLOCKS)
 def test_every_tick_from_c_sharp_is_that_of_the_renderer(run, block):
     """Force, pull, tip and releases to 1e-9; a column out of its place would be seen at once."""

@@ -49,6 +49,7 @@ def test_the_full_scale_of_the_wavs_belongs_to_the_set_whatever_is_written_of_it
     assert len(scales) == 1
 
 
+@pytest.mark.long
 def test_a_pattern_without_a_slash_means_stimuli_and_not_the_set(tmp_path):
     margins = str(Path(SET).with_name("crown-margins.toml"))
     done = export_scenes(margins, "gltf", tmp_path, only="crown*")

@@ -116,6 +116,7 @@ def design(folder, **more):
     return stepblocks.design_study(HEIGHTS, folder, seed=4, **(options | more))
 
 
+@pytest.mark.long
 def test_two_settings_go_from_the_design_to_one_comparison(tmp_path):
     design(tmp_path, probes=("bare", "soft"))
     answers = tmp_path / "answers.csv"

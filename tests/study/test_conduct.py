@@ -234,6 +234,7 @@ def test_the_page_answers_only_itself(real):
     server.shutdown()
 
 
+@pytest.mark.long
 @pytest.mark.browser
 def test_a_run_in_the_browser_that_is_killed_on_the_way_ends_as_planned(virtual, window):
     """Four trials of the sixty that benchmarks/study_run_in_browser.py drives."""

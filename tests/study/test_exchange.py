@@ -172,6 +172,7 @@ def test_groups_of_participants_are_compared(study, tmp_path):
         analyse_study(study, [study / "sheets"], groups=people)
 
 
+@pytest.mark.long
 def test_groups_are_compared_where_all_participants_meet_one_condition(tmp_path):
     # expected: Student's t of SciPy over the participants' mean errors
     design_study(HEIGHTS, tmp_path, seed=1, participants=8, probes=("bare",))
@@ -231,6 +232,7 @@ def test_power_takes_its_conditions_from_the_probes_bare_included():
     assert row["power_ratio"] > 0.5
 
 
+@pytest.mark.long
 def test_when_a_trial_was_shown_and_answered_stands_in_every_file(tmp_path):
     design_study(HEIGHTS, tmp_path, seed=1, participants=3, repetitions=2, probes=("a", "b"))
     random = np.random.default_rng(1)

@@ -73,6 +73,7 @@ def test_a_spread_that_all_answers_leave_open_downwards_has_no_lower_end():
     assert wide.low < wide.value <= wide.high
 
 
+@pytest.mark.long
 def test_the_marginal_likelihood_is_that_of_brute_force_integration():
     hits, totals = compared()
     grid = Grid(LEVELS, hits[:3], totals[:3])
@@ -247,6 +248,7 @@ def test_two_groups_of_unequal_size_and_spread_are_compared_as_welch_does():
     assert found.df == pytest.approx(exact.df, rel=0.01)
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize(("share", "level"), [(0.1, 0.055), (0.5, 0.057), (0.9, 0.046)])
 def test_two_groups_of_five_who_do_not_differ_claim_a_difference_at_the_level(share, level):
     # normal participants, `share` of the variance theirs, judged by find_tail as a model judges

@@ -49,6 +49,7 @@ def test_a_known_weber_fraction_is_recovered_without_bias():
     assert 0.865 < covered < 0.99
 
 
+@pytest.mark.long
 def test_simulated_pairs_carry_the_weber_fraction_through_sheets_and_table():
     design = compared(8, BLOCKS, 6, 1, "step-050").trials
     energies = {item.identity: item.height for item in BLOCKS}
@@ -168,6 +169,7 @@ def test_power_of_the_f_test_is_that_of_the_noncentral_f():
     assert low <= found <= high
 
 
+@pytest.mark.long
 def test_power_of_the_mixed_model_is_that_of_the_noncentral_f():
     # Differences within participants have the variance 2 (condition_spread^2 + noise^2 / judgements
     # per cell), on participants - 1 degrees of freedom

@@ -279,6 +279,7 @@ def test_a_figure_of_participants_names_their_groups(tmp_path):
     assert len(looks) == 2
 
 
+@pytest.mark.long
 def test_each_factor_has_a_bayes_factor_and_groups_have_a_bound():
     # paired t-test of the levels and t-test of the groups by scipy; for three levels what
     # two models of statsmodels leave, by the information criterion (Masson 2011)

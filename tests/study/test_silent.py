@@ -257,6 +257,7 @@ def test_a_participant_whose_conditions_were_swapped_is_named_in_the_report(tmp_
     assert "are the conditions swapped?" in render_study(result)
 
 
+@pytest.mark.long
 def test_several_factors_are_crossed_and_each_is_tested(tmp_path):
     factors = {"load": ("light", "heavy"), "hand": ("left", "right")}
     options = {"probes": ("bare", "soft"), "factors": factors, "between": ("hand",)}

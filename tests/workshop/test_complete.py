@@ -53,6 +53,7 @@ def written(tmp_path_factory):
     return write
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("identity", sorted(STIMULI))
 def test_every_shipped_part_is_complete_on_paper(identity, tmp_path):
     part = STIMULI[identity]

@@ -34,6 +34,7 @@ def drawing(request, tmp_path_factory):
     return STIMULI[request.param], path
 
 
+@pytest.mark.repeats
 def test_every_dimension_of_the_dxf_measures_and_prints_what_was_asked_for(drawing):
     stimulus, path = drawing
     listed = {
@@ -61,6 +62,7 @@ def test_every_dimension_of_the_dxf_measures_and_prints_what_was_asked_for(drawi
         ), wanted.label
 
 
+@pytest.mark.repeats
 def test_no_text_overlaps_another_or_leaves_the_sheet(drawing):
     import ezdxf
     from ezdxf import bbox

@@ -43,6 +43,7 @@ def test_one_order_names_the_files_of_its_part_and_a_tip_has_no_routes(orders):
     )
 
 
+@pytest.mark.long
 def test_a_capability_may_be_a_text_or_metres_and_decides_which_route_reaches(tmp_path):
     found = []
     for capability in ("0.5 um", 0.5e-6, None):
@@ -56,6 +57,7 @@ def test_a_capability_may_be_a_text_or_metres_and_decides_which_route_reaches(tm
     assert found[0]["gauge blocks, grade K"] == found[2]["gauge blocks, grade K"]
 
 
+@pytest.mark.long
 def test_a_block_with_the_sizes_of_another_is_said_where_it_is_ordered(tmp_path, capsys):
     blocks = [
         {"id": "first", "height": "25 um"},
@@ -79,6 +81,7 @@ def test_a_set_with_a_mistake_leaves_no_folder(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("capability", ["0 um", "-1 um", 0.0])
 def test_a_capability_must_be_positive(capability, tmp_path):
     with pytest.raises(MachiningError, match="capability must be positive"):
