@@ -152,7 +152,7 @@ def _tabulate_block(block: DesignedBlock) -> Row:
     further = ", ".join(f"{size * 1e6:.4g}" for size in block.further_sizes)
     row: Row = {
         "block": block.id,
-        "target_uj": 1e6 * block.target_energy,
+        "wanted": block.wanted,
         "exact_size_um": 1e6 * block.exact_size,
         "size_um": 1e6 * block.size,
         "energy_uj": 1e6 * block.energy,
@@ -160,6 +160,7 @@ def _tabulate_block(block: DesignedBlock) -> Row:
         "energy_95_high_uj": 1e6 * block.energy_high,
         "level_db": block.level,
         "locks_probability": block.held,
+        "target_uj": 1e6 * block.target_energy,
     }
     if further:
         row["also_at_um"] = further
