@@ -104,7 +104,10 @@ SHEATH = {
 }
 # names that are not called: what only types a value, what the others are derived from, and
 # enumerations, which Python itself looks up
-NOT_CALLED = {"BuildReport", "ContactLaw", "Counterface", "PAPER", "Status", "StepblocksError"}
+NOT_CALLED = {
+    *("BuildReport", "ContactLaw", "Counterface", "PAPER", "SetDesign", "Status"),
+    "StepblocksError",
+}
 
 
 def make_strange_values() -> list[tuple[str, object]]:
@@ -366,6 +369,11 @@ def make_value_calls() -> dict[str, Words]:
         "parse_quantity": (("25 um", "length"), {}),
         "format_quantity": ((25e-6, "length"), {"digits": 4}),
         "predict_set": ((declared,), {"dragged": False}),
+        "MakingRoute": (("step_block",), {"step": 1e-7, "least": 2e-6, "tolerance": "1 um"}),
+        "design_set": (
+            ("even", [5e-6, 10e-6]),
+            {"base": declared, "route": sb.MakingRoute(), "jnd": 1.5, "model": "formula"},
+        ),
         "predict_table": ((table,), {}),
         "plot_predictions": ((sb.predict_set(declared, dragged=False),), {}),
         "sample_height_field": ((block,), {}),

@@ -14,7 +14,8 @@ Everything that a command does is also a function. The public names, in the orde
 - predict: `find_step_angle`, `find_margin_angles`, `find_release`, `Release`, `Status`,
   `estimate_interval`, `find_energy_change`, `predict_set`, `predict_table`, `predict_trials`,
   `to_dataset`, `plot_predictions`, `run_sweep`, `SweepResult`, `drag_over`,
-  `list_vibration_events`;
+  `list_vibration_events`; the other way round, `design_set` with a `MakingRoute` gives a
+  `SetDesign`;
 - told apart by a person: `compare_stimuli`, `compute_jnd_distance`, `Discrimination`,
   `WeberFraction`, `read_discrimination`;
 - render: `export_scenes`, `write_feel_page`, `compare_record`, `Renderer`;

@@ -78,6 +78,9 @@ from .predict.perception import (
     read_discrimination as read_discrimination,
 )
 from .predict.run import predict_set as predict_set
+from .predict.set_design.result import SetDesign as SetDesign
+from .predict.set_design.route import MakingRoute as MakingRoute
+from .predict.set_design.run import design_set as design_set
 from .predict.sweep.run import SweepResult as SweepResult, run_sweep as run_sweep
 from .predict.table import predict_table as predict_table
 from .quantities import format_quantity as format_quantity, parse_quantity as parse_quantity

@@ -59,7 +59,7 @@ def test_a_partition_that_is_gone_is_named(plan, tmp_path):
     folder = tmp_path / "bucket"
     stored = stepblocks.run_sweep(plan, folder.as_uri())
     (folder / "part-00000003.parquet").unlink()
-    with pytest.raises(PipelineError, match="partition is gone: .*part-00000003.parquet"):
+    with pytest.raises(PipelineError, match=r"partition is gone: .*part-00000003.parquet"):
         stored.read()
 
 

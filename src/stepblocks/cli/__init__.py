@@ -25,6 +25,7 @@ from stepblocks import __version__
 from stepblocks.cli import (
     begin,
     build,
+    design_set,
     drag,
     export,
     inspect,
@@ -44,7 +45,7 @@ _ENDING_SIGNALS = ("SIGTERM", "SIGINT", "SIGHUP")  # where the system has them
 _GRACE = 5.0  # for what is open to be closed, when asked to end [s]
 _COMPLETE = "_STEPBLOCKS_COMPLETE"  # set by the shell when it asks for completions
 # One file per command or group of commands, in the order of the help
-_MODULES = (begin, build, inspect, predict, drag, export, session, study)
+_MODULES = (begin, build, inspect, predict, design_set, drag, export, session, study)
 
 
 def _print_version(requested: bool) -> None:

@@ -1,6 +1,7 @@
 """The figures of a study, each with the data that it draws."""
 
 import itertools
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from types import SimpleNamespace
@@ -8,6 +9,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import pandas as pd
+from scipy import stats
 
 from stepblocks.contact import Array
 from stepblocks.files.figures import Axes, take_axes
@@ -139,28 +141,69 @@ def _take_look(index: int) -> _Look:
 
 
 def _draw_estimates(figure: Figure, result: Analysis) -> Table:
-    """Draw means and standard deviations of estimates against the height."""
+    """Draw means of estimates against the height, with 95 % intervals within participants."""
     axes = figure.subplots()
     frame = result.frame
     top = float(max(frame["height"].max(), frame["estimate"].max())) * 1e6
     axes.plot([0, top], [0, top], color=_LINE, lw=1, label="true height")
-    cells = (1e6 * frame["estimate"]).groupby([frame["condition"], _convert_heights(frame)])
-    means = cells.agg(mean_um="mean", sd_um="std").reset_index()
+    means = compute_intervals_within(
+        frame.assign(height_um=_convert_heights(frame), estimate_um=1e6 * frame["estimate"])
+    )
     middle = 0.5 * (means["condition"].nunique() - 1)
     for index, (name, condition) in enumerate(means.groupby("condition")):
         axes.errorbar(
             condition["height_um"] + (index - middle) * _SIDE_BY_SIDE * top,
             condition["mean_um"],
-            condition["sd_um"].fillna(0.0),
+            condition["half_width_um"].fillna(0.0),
             fmt=_take_look(index).line,
             ms=4,
             lw=1.2,
             capsize=3,
             label=str(name),
         )
-    axes.set(xlabel=format_column_label("height_um"), ylabel=format_column_label("estimate_um"))
+    axes.set(
+        xlabel=format_column_label("height_um"),
+        ylabel="mean estimate of all participants [um]",
+        title="bars: 95 % interval of the mean, within participants",
+    )
     axes.legend(frameon=False)
     return means
+
+
+def compute_intervals_within(frame: Table) -> Table:
+    """Compute means of estimates with intervals that leave out how participants differ as a whole.
+
+    Parameters
+    ----------
+    frame : DataFrame
+        One judgement in each row: ``participant``, ``condition``, ``height_um``, ``estimate_um``.
+
+    Returns
+    -------
+    DataFrame
+        ``condition``, ``height_um``, ``mean_um`` of the participants' means, and ``half_width_um``
+        of its 95 % interval; NaN for a single participant.
+
+    References
+    ----------
+    Cousineau 2005, Tutor. Quant. Methods Psychol. 1, 42, with the correction of Morey 2008, ibid.
+    4, 61.
+    """
+    keys = ["participant", "condition", "height_um"]
+    means = frame.groupby(keys, as_index=False)["estimate_um"].mean()
+    by_person = means.groupby("participant")["estimate_um"]
+    means["centred"] = means["estimate_um"] - by_person.transform("mean")
+    cells_met = int(by_person.size().max())
+    # centring takes a share of 1 / cells from every variance
+    correction = math.sqrt(cells_met / max(cells_met - 1, 1))
+    cells = means.groupby(["condition", "height_um"])
+    table = cells.agg(
+        mean_um=("estimate_um", "mean"), spread=("centred", "std"), people=("centred", "size")
+    ).reset_index()
+    quantile = stats.t.ppf(0.975, (table["people"] - 1).clip(lower=1))
+    error = table["spread"] / np.sqrt(table["people"])
+    table["half_width_um"] = quantile * correction * error
+    return table[["condition", "height_um", "mean_um", "half_width_um"]]
 
 
 def _convert_heights(frame: Table) -> pd.Series:
@@ -322,7 +365,7 @@ def _draw_magnitudes(figure: Figure, result: Analysis) -> Table:
 _DRAWINGS = (
     _Drawing(
         "estimates",
-        "Estimates against height; bars: standard deviation of the judgements.",
+        "Mean estimates against height; bars: 95 % intervals within participants (Morey 2008).",
         lambda result: bool(result.measures),
         _draw_estimates,
     ),
