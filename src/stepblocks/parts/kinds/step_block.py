@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import BeforeValidator
@@ -103,6 +103,10 @@ class StepBlock(Block):
     working_faces : WorkingFaces or None
         Demands on the faces beside the edge; None where the file states none.
     """
+
+    if TYPE_CHECKING:  # a field holds what was read of what is given
+
+        def __init__(self, **fields: object) -> None: ...
 
     stanza: ClassVar[str] = "step_block"
     kind_name: ClassVar[str] = "step block"
