@@ -10,7 +10,7 @@ import re
 from collections.abc import Callable, Sequence
 from decimal import Decimal
 from functools import cache, lru_cache, partial
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, TypeVar
 
 from stepblocks.errors import QuantityError
 
@@ -20,6 +20,28 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 Number = TypeVar("Number", float, "NDArray[np.float64]")  # one number or an array of them
+
+Magnitude = TypeVar("Magnitude", covariant=True)
+
+
+class PintQuantity(Protocol[Magnitude]):
+    """A number or an array with its unit, a quantity of Pint of any registry."""
+
+    @property
+    def magnitude(self) -> Magnitude:
+        """The number or the array without its unit."""
+
+    @property
+    def units(self) -> Any:
+        """The unit."""
+
+    def to(self, other: Any = ..., /) -> Any:
+        """Return it in another unit."""
+
+
+# What any public function takes for one quantity: a number in SI, a text such as "25 um", or a
+# quantity of Pint
+Measure: TypeAlias = "float | np.integer[Any] | np.floating[Any] | str | PintQuantity[float]"
 
 # Name of each dimension a field can have, the SI unit that its floats are in, and an example
 _KNOWN = {

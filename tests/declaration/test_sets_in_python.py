@@ -158,3 +158,29 @@ def test_a_study_has_the_blocks_of_a_set_as_of_its_file(tmp_path):
         for source in sources.values()
     ]
     assert powers[0].equals(powers[1])
+
+
+@pytest.mark.parametrize("height", [50e-6, np.float64(50e-6), "50 um", "0.05 mm"])
+def test_a_length_in_python_is_metres_or_states_its_unit(height):
+    assert stepblocks.StepBlock(id="a", height=height).height.nominal == 50e-6
+    assert stepblocks.Step(height).height == 50e-6
+    declared = StimulusSet.declare("mine", step_block=[{"id": "a", "height": height}])
+    assert declared.stimuli[0].height.nominal == 50e-6
+
+
+@pytest.mark.parametrize("height", [50, True, float("nan"), -1e-6])
+def test_a_number_that_is_no_height_is_refused_in_python(height):
+    with pytest.raises(stepblocks.StepblocksError, match="height: must"):
+        stepblocks.StepBlock(id="a", height=height)
+
+
+def test_a_number_without_its_unit_is_refused_in_a_file(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text('[[step_block]]\nid = "a"\nheight = 5e-5\n')
+    with pytest.raises(stepblocks.StepblocksError, match="a number needs its unit"):
+        stepblocks.load_set(path)
+
+
+def test_a_set_in_python_has_the_tips_of_the_paper_as_a_file_has():
+    block = stepblocks.StepBlock(id="a", height=50e-6)
+    assert StimulusSet(name="m", title="M", stimuli=(block,)).prediction.tip_radii == (125e-6,)

@@ -4,7 +4,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,9 @@ from stepblocks.contact.domain import (
     convert_fields,
     read_lengths,
     read_number,
+    read_values,
     require_points,
+    require_positive,
     unwrap_scalar,
 )
 from stepblocks.contact.energy import Release, find_release
@@ -37,7 +39,7 @@ from stepblocks.contact.path.centre import (
     find_outline,
 )
 from stepblocks.errors import ContactError
-from stepblocks.quantities import format_quantity
+from stepblocks.quantities import Measure, format_quantity
 
 SIDE = 0.5e-3  # of a margin that was scanned [m]
 REACH = 5e-3  # half length of a centre path on either side of the edge [m]
@@ -117,9 +119,9 @@ class Counterface(ABC):
         x[0], x[-1] = -REACH, REACH
         return find_outline(np.column_stack([x, z]))
 
-    def centre_path(self, ball_radius: float) -> CentrePath:
+    def centre_path(self, ball_radius: Measure) -> CentrePath:
         """Path of the centre of a ball, from 5 mm before the edge to 5 mm behind it."""
-        return build_envelope_path(*self.outline(), ball_radius)
+        return build_envelope_path(*self.outline(), _read_ball(ball_radius))
 
 
 @dataclass(frozen=True)
@@ -131,7 +133,8 @@ class Step(Counterface):
     Attributes
     ----------
     height : float
-        H [m]; a text such as ``"25 um"`` is read.
+        H [m]. It may be given as a text such as ``"25 um"`` or as a quantity of Pint, as every
+        length of a counterface.
     edge_radius : float
         r [m]; 0 is the sharp edge.
     """
@@ -140,6 +143,10 @@ class Step(Counterface):
     edge_radius: float = 0.0
     ways = ("up",)  # nothing catches on the way down
     _dimensions = ("height", "edge_radius")
+
+    if TYPE_CHECKING:  # a field holds SI, whatever was given
+
+        def __init__(self, height: Measure, edge_radius: Measure = ...) -> None: ...
 
     def __post_init__(self) -> None:
         convert_fields(self, 0.0, height=_LENGTH, edge_radius=_LENGTH)
@@ -224,9 +231,22 @@ class Margin(Counterface):
     ways = ("tooth-to-crown", "crown-to-tooth")
     _dimensions = ("gap", "opening", "rise")
 
+    if TYPE_CHECKING:  # a field holds SI, whatever was given
+
+        def __init__(
+            self,
+            gap: Measure,
+            opening: Measure,
+            rise: Measure,
+            depth: Measure = ...,
+            fall: Measure = ...,
+        ) -> None: ...
+
     def __post_init__(self) -> None:
         convert_fields(self, 0.0, gap=_LENGTH)
         convert_fields(self, -MOST_LENGTH, opening=_LENGTH, rise=_LENGTH)
+        convert_fields(self, 0.0, depth=("length", math.inf))
+        convert_fields(self, -math.inf, fall=("ratio", math.inf))
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
@@ -286,6 +306,10 @@ class Groove(Counterface):
     flank: float
     _dimensions = ("width", "flank")
 
+    if TYPE_CHECKING:  # a field holds SI, whatever was given
+
+        def __init__(self, width: Measure, flank: Measure) -> None: ...
+
     def __post_init__(self) -> None:
         convert_fields(self, width=_LENGTH)
         convert_fields(self, 1e-3, flank=("angle", 0.5 * math.pi))
@@ -330,6 +354,12 @@ class Profile(Counterface):
     z: Array
     feature: tuple[float, float] | None = None
 
+    if TYPE_CHECKING:  # a field holds SI, whatever was given
+
+        def __init__(
+            self, x: Real, z: Real, feature: tuple[Measure, Measure] | None = ...
+        ) -> None: ...
+
     def __post_init__(self) -> None:
         for name in ("x", "z"):
             object.__setattr__(self, name, read_lengths(name, getattr(self, name)))
@@ -354,7 +384,7 @@ class Profile(Counterface):
         return f"Profile({self.x.size} points over {run}, heights over {span})"
 
     @classmethod
-    def from_scan(cls, scan: Scanned, feature: tuple[float, float] | None = None) -> "Profile":
+    def from_scan(cls, scan: Scanned, feature: tuple[Measure, Measure] | None = None) -> "Profile":
         """Take over a scanned profile; straight lines bridge points that were not measured.
 
         Parameters
@@ -379,7 +409,7 @@ class Profile(Counterface):
 
     def angles(self, ball_radius: Real, **dimensions: Real) -> Angles:
         """By exact dilation: the steepest slopes of the path of the tip, once for each ball."""
-        radii = np.asarray(ball_radius, dtype=np.float64)
+        radii = np.asarray(read_values("ball_radius", ball_radius, "length"))
         balls, which = np.unique(radii, return_inverse=True)
         forward, backward = np.empty(balls.size), np.empty(balls.size)
         for number, ball in enumerate(balls.tolist()):
@@ -407,17 +437,18 @@ class Profile(Counterface):
         """Take its own points, at most 2000."""
         return find_outline(np.column_stack([self.x, self.z]))
 
-    def centre_path(self, ball_radius: float) -> CentrePath:
+    def centre_path(self, ball_radius: Measure) -> CentrePath:
+        ball = _read_ball(ball_radius)
         discs, lines = self.outline()
         first, last = lines[0].start, lines[-1].end
         # level beyond both ends, where the ball meets the first point from a radius away
-        before = Line((first[0] - ball_radius, first[1]), first)
-        behind = Line(last, (last[0] + ball_radius, last[1]))
+        before = Line((first[0] - ball, first[1]), first)
+        behind = Line(last, (last[0] + ball, last[1]))
         ends = [Disc(*first, 0.0), Disc(*last, 0.0)]
-        path = build_envelope_path([*discs, *ends], [before, *lines, behind], ball_radius)
+        path = build_envelope_path([*discs, *ends], [before, *lines, behind], ball)
         if self.feature is None:
             return path
-        return replace(path, feature=FeatureRange(*self.feature, ball_radius))
+        return replace(path, feature=FeatureRange(*self.feature, ball))
 
 
 @dataclass(frozen=True)
@@ -512,6 +543,13 @@ def _find_steepest_angles(
         find_steepest_catch(path, feature).angle,
         find_steepest_catch(path.mirrored(), mirrored_feature).angle,
     )
+
+
+def _read_ball(ball_radius: Measure) -> float:
+    """Read the radius of a ball [m], above 0."""
+    ball = read_number("ball_radius", ball_radius, "length")
+    require_positive("ball_radius", ball, "m")
+    return ball
 
 
 def take_counterface(surface: object) -> Counterface:

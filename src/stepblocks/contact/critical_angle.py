@@ -3,7 +3,6 @@
 It is the steepest slope of the path of the ball's centre.
 """
 
-from collections.abc import Sequence
 from typing import overload
 
 import numpy as np
@@ -18,16 +17,13 @@ from stepblocks.contact.domain import (
     unwrap_scalar,
 )
 from stepblocks.contact.kernels import Angles
+from stepblocks.quantities import Measure
 
 
 @overload
-def find_step_angle(
-    height: float | str, ball_radius: float | str, edge_radius: float | str = 0.0
-) -> float: ...
+def find_step_angle(height: Measure, ball_radius: Measure, edge_radius: Measure = 0.0) -> float: ...
 @overload
-def find_step_angle(
-    height: Array | Sequence[float], ball_radius: Real, edge_radius: Real = 0.0
-) -> Array: ...
+def find_step_angle(height: Real, ball_radius: Real, edge_radius: Real = 0.0) -> Array: ...
 def find_step_angle(height: Real, ball_radius: Real, edge_radius: Real = 0.0) -> Real:
     """Critical angle where a ball on the lower face meets the edge of a step.
 
@@ -70,12 +66,10 @@ def find_step_angle(height: Real, ball_radius: Real, edge_radius: Real = 0.0) ->
 
 @overload
 def find_margin_angles(
-    opening: float | str, rise: float | str, ball_radius: float | str
+    opening: Measure, rise: Measure, ball_radius: Measure
 ) -> tuple[float, float]: ...
 @overload
-def find_margin_angles(
-    opening: Array | Sequence[float], rise: Real, ball_radius: Real
-) -> tuple[Array, Array]: ...
+def find_margin_angles(opening: Real, rise: Real, ball_radius: Real) -> tuple[Array, Array]: ...
 def find_margin_angles(opening: Real, rise: Real, ball_radius: Real) -> Angles:
     """Critical angles over a margin or a groove.
 

@@ -22,6 +22,7 @@ from stepblocks.contact.domain import (
 )
 from stepblocks.contact.operating_point import PAPER, Tool
 from stepblocks.errors import ContactError
+from stepblocks.quantities import Measure
 
 
 class Status(StrEnum):
@@ -113,7 +114,7 @@ class Release(Generic[Statuses, Floats]):
 
 @overload
 def find_release(
-    angle: float | str, normal_load: float | str, friction: float, tool: Tool = ...
+    angle: Measure, normal_load: Measure, friction: Measure, tool: Tool = ...
 ) -> Release[Status, float]: ...
 @overload
 def find_release(

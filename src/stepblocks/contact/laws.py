@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from importlib.metadata import entry_points
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from stepblocks.contact.domain import (
     convert_fields,
@@ -19,6 +19,7 @@ from stepblocks.contact.domain import (
     require_positive,
 )
 from stepblocks.errors import ContactError, QuantityError
+from stepblocks.quantities import Measure
 
 Coefficient = Callable[[float, float, float, float], float]
 
@@ -96,10 +97,12 @@ class Stribeck(FrictionLaw):
         self,
         sliding: float,
         static: float,
-        speed: float = 1e-3,
+        speed: Measure = 1e-3,
         viscous: float = 0.0,
-        bristle_stiffness: float = 0.0,
+        bristle_stiffness: Measure = 0.0,
     ) -> None:
+        speed = read_number("speed", speed, "speed")
+        bristle_stiffness = read_number("bristle_stiffness", bristle_stiffness, "stiffness")
         require_positive("speed", speed, "m/s")
         for name, value in (("sliding", sliding), ("static", static), ("viscous", viscous)):
             require_not_negative(name, value)
@@ -145,6 +148,14 @@ class Hertz(ContactLaw):
     modulus: float = 210e9
     poisson: float = 0.3
 
+    if TYPE_CHECKING:  # a field holds SI, whatever was given
+
+        def __init__(self, modulus: Measure = ..., poisson: Measure = ...) -> None: ...
+
+    def __post_init__(self) -> None:
+        convert_fields(self, modulus=("pressure", 1e13))
+        convert_fields(self, -1.0, poisson=("ratio", 0.5))
+
     def power_law(self, ball_radius: float) -> tuple[float, float]:
         """Return ``4/3 E* sqrt(R)`` and 1.5."""
         reduced = self.modulus / (2.0 * (1.0 - self.poisson * self.poisson))
@@ -162,6 +173,13 @@ class LinearContact(ContactLaw):
     """
 
     stiffness: float
+
+    if TYPE_CHECKING:  # a field holds SI, whatever was given
+
+        def __init__(self, stiffness: Measure) -> None: ...
+
+    def __post_init__(self) -> None:
+        convert_fields(self, stiffness=("stiffness", 1e15))
 
     def power_law(self, ball_radius: float) -> tuple[float, float]:
         """Return the stiffness and 1."""
@@ -201,6 +219,12 @@ class Overtone:
     frequency: float
     decay_time: float
     mass_ratio: float = 1.0
+
+    if TYPE_CHECKING:  # a field holds SI, whatever was given
+
+        def __init__(
+            self, frequency: Measure, decay_time: Measure, mass_ratio: Measure = ...
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         convert_fields(

@@ -4,8 +4,9 @@ The ball, the load, the friction, the speed, and the tool as a spring that rings
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from stepblocks.contact.domain import (
     MOST_BALL,
@@ -17,6 +18,7 @@ from stepblocks.contact.domain import (
 from stepblocks.contact.laws import ContactLaw, FrictionLaw, Overtone
 from stepblocks.errors import ContactError
 from stepblocks.mistakes import shorten_value
+from stepblocks.quantities import Measure
 
 # figure 5: 86 % of the energy of the ring lies in 250 to 350 Hz
 _BAND_SHARE = 0.86  # [1]
@@ -67,6 +69,16 @@ class Limits:
     spring: float = math.inf
     gauge: float = math.inf
     hand: float = math.inf
+
+    if TYPE_CHECKING:  # a field holds SI, whatever was given
+
+        def __init__(
+            self,
+            strength: Measure = ...,
+            spring: Measure = ...,
+            gauge: Measure = ...,
+            hand: Measure = ...,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -125,6 +137,22 @@ class Tool:
     overtones: tuple[Overtone, ...] = ()
     __repr__ = format_changed_fields
 
+    if TYPE_CHECKING:  # a field holds SI, whatever was given
+
+        def __init__(
+            self,
+            stiffness: Measure = ...,
+            conversion: Measure = ...,
+            *,
+            ring_duration: Measure = ...,
+            detection_threshold: Measure = ...,
+            frequency: Measure = ...,
+            decay_time: Measure = ...,
+            frequency_deviation: Measure = ...,
+            limits: Limits = ...,
+            overtones: Overtone | Sequence[Overtone] = ...,
+        ) -> None: ...
+
     def __post_init__(self) -> None:
         convert_fields(
             self,
@@ -163,6 +191,10 @@ class Tool:
         return 1.0 / (math.tau * self.frequency * self.decay_time)
 
 
+# dimensions of the fields of `Tissue`; a damping is a number alone
+_TISSUE = {"stiffness": "stiffness", "damping": "ratio", "friction": "force"}
+
+
 @dataclass(frozen=True)
 class Tissue:
     """A soft wall along which the tool rubs; none by default.
@@ -174,9 +206,17 @@ class Tissue:
     damping: float = 0.0  # N s/m
     friction: float = 0.0  # at which the tool slides along it [N]
 
+    if TYPE_CHECKING:  # a field holds SI, whatever was given
+
+        def __init__(
+            self, stiffness: Measure = ..., damping: Measure = ..., friction: Measure = ...
+        ) -> None: ...
+
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
+        for name, dimension in _TISSUE.items():
+            value = read_number(f"{name} of the tissue", getattr(self, name), dimension)
             require_not_negative(f"{name} of the tissue", value)
+            object.__setattr__(self, name, value)
 
 
 @dataclass(frozen=True)
@@ -216,6 +256,21 @@ class OperatingPoint:
     friction_law: FrictionLaw | None = None
     contact: ContactLaw | None = None
     __repr__ = format_changed_fields
+
+    if TYPE_CHECKING:  # a field holds SI, whatever was given
+
+        def __init__(
+            self,
+            ball_radius: Measure,
+            normal_load: Measure,
+            friction: Measure | FrictionLaw,
+            tool: Tool = ...,
+            speed: Measure = ...,
+            *,
+            tissue: Tissue = ...,
+            friction_law: FrictionLaw | None = ...,
+            contact: ContactLaw | None = ...,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         friction: object = self.friction

@@ -10,17 +10,25 @@ import numpy as np
 
 from stepblocks.contact import Array, kernels
 from stepblocks.contact.counterface import Counterface, take_counterface
-from stepblocks.contact.domain import Real, Scanned, require_not_negative
+from stepblocks.contact.domain import Real, Scanned, read_number, require_not_negative
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.errors import ContactError
-from stepblocks.quantities import check_seed
+from stepblocks.quantities import Measure, check_seed
 
 _LOW_TAIL, _HIGH_TAIL = 0.025, 0.975  # of an interval of 95 %
 _STEP = 1e-3  # of an uncertainty, by which a sensitivity is taken by differences
 _AGREEMENT = 0.1  # of the width of an interval, by which drawn and analytic ends may differ
 _LEAST_DRAWS, _MOST_DRAWS = 100, 10_000_000
 _SMALLEST_BALL = 1e-3  # a drawn ball keeps this share of its nominal radius [1]
+# of the inputs that are no lengths
+_DIMENSIONS = {
+    "flank": "angle",
+    "friction": "ratio",
+    "normal_load": "force",
+    "stiffness": "stiffness",
+    "conversion": "ratio",
+}
 _KNOWN = 300.0  # logarithm of a factor beyond which nothing is known
 
 
@@ -167,7 +175,7 @@ def _derive_by_differences(
 def estimate_interval(
     face: Counterface | Scanned,
     point: OperatingPoint,
-    uncertainty: Mapping[str, float],
+    uncertainty: Mapping[str, Measure],
     *,
     backward: bool = False,
     draws: int = 20_000,
@@ -180,11 +188,11 @@ def estimate_interval(
     face, point : Counterface or ScannedProfile, OperatingPoint
         What is dragged over at its nominal dimensions, and under what.
     uncertainty : mapping of str to float
-        Standard uncertainties [SI] by name: of the counterface's dimensions (`height`,
-        `edge_radius` of a step; `gap`, `opening`, `rise` of a margin, whose opening follows the gap
-        where it is left out), of `ball_radius`, `friction`, `normal_load`, `stiffness` and
-        `conversion`; what is left out is known. Each is drawn from a normal distribution of its
-        own, cut off at 0.
+        Standard uncertainties, in SI or with a unit, by name: of the counterface's dimensions
+        (`height`, `edge_radius` of a step; `gap`, `opening`, `rise` of a margin, whose opening
+        follows the gap where it is left out), of `ball_radius`, `friction`, `normal_load`,
+        `stiffness` and `conversion`; what is left out is known. Each is drawn from a normal
+        distribution of its own, cut off at 0.
     backward : bool
         Whether the drag is towards falling x.
     draws, seed : int
@@ -215,16 +223,16 @@ def estimate_interval(
     check_seed(seed)
     face = take_counterface(face)
     names = list(list_inputs(face, point))
-    uncertainty = _check_uncertainty(uncertainty, names)
+    known = _read_uncertainty(uncertainty, names)
     release = face.release(point, backward)
     normal = dict(zip(names, draw_standard_normal(len(names), draws, seed), strict=True))
-    deviations = {name: width * normal[name] for name, width in uncertainty.items()}
+    deviations = {name: width * normal[name] for name, width in known.items()}
     forces, energies = compute_deviated_releases(face, point, deviations, backward)
     force_low, force_high = _find_quantiles(forces, draws)
     energy_low, energy_high = _find_quantiles(energies, draws)
     low = high = math.nan
     if release.status is Status.RELEASES:
-        low, high = _estimate_to_first_order(face, point, uncertainty, backward)
+        low, high = _estimate_to_first_order(face, point, known, backward)
     width = max(high - low, 1e-12 * release.vibration_energy)
     apart = max(abs(energy_low - low), abs(energy_high - high))
     return Interval(
@@ -242,13 +250,16 @@ def estimate_interval(
     )
 
 
-def _check_uncertainty(uncertainty: Mapping[str, float], names: Sequence[str]) -> dict[str, float]:
-    """Return uncertainties in the order of their inputs, or refuse an unknown or negative one."""
+def _read_uncertainty(uncertainty: Mapping[str, Measure], names: Sequence[str]) -> dict[str, float]:
+    """Return uncertainties [SI] in the order of their inputs; refuse unknown or negative ones."""
+    read = {}
     for name, value in uncertainty.items():
         if name not in names:
             raise ContactError(f"uncertainty must be of {', '.join(names)}, got {name!r}")
-        require_not_negative(f"uncertainty of {name}", value)
-    return {name: uncertainty[name] for name in names if name in uncertainty}
+        dimension = _DIMENSIONS.get(name, "length")
+        read[name] = read_number(f"uncertainty of {name}", value, dimension)
+        require_not_negative(f"uncertainty of {name}", read[name])
+    return {name: read[name] for name in names if name in read}
 
 
 def _estimate_to_first_order(

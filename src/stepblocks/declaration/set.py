@@ -7,9 +7,9 @@ from functools import partial
 from html import escape
 from itertools import islice
 from pathlib import Path
-from typing import Annotated, Any, Self, TypeGuard
+from typing import TYPE_CHECKING, Annotated, Any, Self, TypeGuard
 
-from pydantic import FailFast, Field, ValidationError, create_model
+from pydantic import FailFast, Field, ValidationError, create_model, model_validator
 
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.contact.rod import RodRing
@@ -41,6 +41,7 @@ from stepblocks.parts.kinds.scanned_margin import ScannedMargin
 from stepblocks.parts.kinds.sheath import Sheath
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.kinds.tips import HookTip, StraightTip
+from stepblocks.parts.tolerance import Origin
 
 # The kinds, in the order in which a set holds them; a new one stands here
 SHIPPED: tuple[type[Part], ...] = (
@@ -115,6 +116,10 @@ class StimulusSet(Table):
         Rig on which the ring of the probe is measured.
     """
 
+    if TYPE_CHECKING:  # a field holds what was read of what is given
+
+        def __init__(self, **fields: object) -> None: ...
+
     name: Identity
     title: Annotated[str, Field(min_length=1, max_length=200)]
     source: Annotated[str, Field(max_length=500)] = ""
@@ -142,7 +147,7 @@ class StimulusSet(Table):
         **declared
             Tables of a stimulus file: ``prediction``, ``order``, and lists of stanzas by kind,
             such as ``step_block=[{"id": "a", "height": "25 um"}]``. A stanza is a mapping, which
-            may stand for a series, or a part.
+            may stand for a series, or a part. Numbers are in SI.
 
         Returns
         -------
@@ -155,7 +160,7 @@ class StimulusSet(Table):
             With all mistakes: name, rule, value and place.
         """
         # the place is said in one line, whatever was given as the name
-        return make_set(name, declared, Path(), " ".join(str(name).split()), [])
+        return make_set(name, declared, Path(), " ".join(str(name).split()), [], Origin.PYTHON)
 
     def to_toml(self, path: str | Path | None = None) -> str:
         """Write the set as a stimulus file that reads back as the same set.
@@ -243,6 +248,19 @@ class StimulusSet(Table):
                 sentences[part.id] = f"{part.id} has the sizes of {first}: {part.summary}"
         return sentences
 
+    @model_validator(mode="after")
+    def _complete_conditions(self) -> Self:
+        """Add tips and steps of the paper that parts need and a declaration leaves out."""
+        additions: dict[str, tuple[float, ...]] = {}
+        if not self.prediction.tip_radii and any(part.ball is None for part in self.stimuli):
+            additions["tip_radii"] = (PAPER.ball_radius,)
+        if not self.prediction.step_heights and not all(part.crossed for part in self.stimuli):
+            additions["step_heights"] = PAPER_STEPS
+        if additions:
+            completed = self.prediction.model_copy(update=additions)
+            object.__setattr__(self, "prediction", completed)  # frozen from here on
+        return self
+
     @make_rules_validator
     def _check_parts_suit_the_conditions(self) -> Iterator[str]:
         """Yield what parts and conditions of the set lack for each other."""
@@ -250,13 +268,6 @@ class StimulusSet(Table):
             yield (
                 f"id must be unique in its set, got {name!r} twice; in a series it names what "
                 f"varies, such as '{name}-{{height_um:03}}'"
-            )
-        if not all(part.crossed for part in self.stimuli) and not self.prediction.step_heights:
-            yield "prediction.step_heights must be given for a set with tips or sheaths, got none"
-        if any(part.ball is None for part in self.stimuli) and not self.prediction.tip_radii:
-            yield (
-                "prediction.tip_radii must be given for a set with blocks, crowns or sheaths, "
-                "got none"
             )
         yield from self._list_missing_conditions()
         if not self.stimuli:
@@ -305,29 +316,23 @@ def make_file_model() -> type[Table]:
     return create_model("StimulusFile", __base__=Table, **fields)
 
 
-def validate_set(declared: Mapping[str, object]) -> StimulusSet:
-    """Validate what a file declares; tips and steps that it leaves out are those of the paper."""
-    fields = dict(make_file_model().model_validate(declared))
+def validate_set(declared: Mapping[str, object], origin: Origin = Origin.FILE) -> StimulusSet:
+    """Validate what a file, or Python, declares."""
+    fields = dict(make_file_model().model_validate(declared, context=origin))
     parts: list[Part] = []
     for stanza in list_kinds():
         parts += fields.pop(stanza)
-    fields["prediction"] = _complete_conditions(fields["prediction"], parts)
     fields["stimuli"] = tuple(parts)
     return StimulusSet.model_validate(fields)
 
 
-def _complete_conditions(grid: PredictionGrid, parts: Sequence[Part]) -> PredictionGrid:
-    """Add tips and steps of the paper that parts need and a file leaves out."""
-    additions: dict[str, tuple[float, ...]] = {}
-    if not grid.tip_radii and any(part.ball is None for part in parts):
-        additions["tip_radii"] = (PAPER.ball_radius,)
-    if not grid.step_heights and not all(part.crossed for part in parts):
-        additions["step_heights"] = PAPER_STEPS
-    return grid.model_copy(update=additions)
-
-
 def make_set(
-    name: str, raw: dict[str, Any], folder: Path, place: object, mistakes: list[Mistake]
+    name: str,
+    raw: dict[str, Any],
+    folder: Path,
+    place: object,
+    mistakes: list[Mistake],
+    origin: Origin = Origin.FILE,
 ) -> StimulusSet:
     """Make a set of the tables of a file in a folder, or say all that is wrong with them.
 
@@ -343,6 +348,8 @@ def make_set(
         What is read, for the message.
     mistakes : list of Mistake
         What is wrong so far; the list grows.
+    origin : Origin
+        Whether numbers without a unit are read, in SI.
 
     Returns
     -------
@@ -360,12 +367,13 @@ def make_set(
         raise StimulusError(f"a set must have at most {MAX_SERIES} stimuli, got {total} [{place}]")
     declared = {"name": name, "title": name, **raw}
     try:
-        stimuli = validate_set(declared)
+        stimuli = validate_set(declared, origin)
     except ValidationError as error:
         # where stanzas could not be read, a set without any is no mistake of its own
         if total or not mistakes:
             locate = partial(_locate_stanza, declared)
-            mistakes += list_mistakes(error, make_file_model(), declared, locate, validate_set)
+            validate = partial(validate_set, origin=origin)
+            mistakes += list_mistakes(error, make_file_model(), declared, locate, validate)
     if mistakes:
         raise StimulusError(format_mistakes(mistakes, place))
     return _resolve_felt_tolerances(stimuli, place)

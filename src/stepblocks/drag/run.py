@@ -29,6 +29,7 @@ from stepblocks.files.atomic import replace_text
 from stepblocks.files.figures import Axes, take_axes
 from stepblocks.files.tables import write_table
 from stepblocks.parts.kind import Part
+from stepblocks.quantities import Measure
 from stepblocks.scans.read import Scan
 
 # What of the probe and of the settings may be given beside the subject, and each dimension
@@ -168,10 +169,10 @@ def drag_over(
     backward: bool = False,
     stimuli: Sets | None = None,
     setting: str | None = None,
-    x_range: tuple[float, float] | None = None,
+    x_range: tuple[Measure, Measure] | None = None,
     contact: ContactLaw | None = None,
     tool: Tool | None = None,
-    **values: float | str | FrictionLaw,
+    **values: "Measure | FrictionLaw",
 ) -> Drag:
     """Drag a tip over something in time, until it has passed every edge and rung.
 
@@ -198,8 +199,8 @@ def drag_over(
     tool : Tool, optional
         Stiffness, frequency (and so its mass) and decay of the explorer, in the place of the set's
         and of `stiffness` and `frequency`.
-    **values : float, str or FrictionLaw
-        What differs from the paper, or from the stimulus's set, in SI or as a text with its unit:
+    **values : float, str, quantity of Pint or FrictionLaw
+        What differs from the paper, or from the stimulus's set, in SI or with its unit:
         `tip_radius`, `edge_radius`, `step_height` [m], `load` [N], `friction` [1] or a law such as
         `Stribeck`, `stiffness` [N/m], `frequency` [Hz], `damping_ratio`, a share of critical
         damping [1] that is else that of the tool's ring; `hardening`, k3 of ``F = k x + k3 x^3``
@@ -244,7 +245,7 @@ def drag_over(
     if x_range is not None:
         if not isinstance(face, Profile):
             raise PipelineError(f"x_range is for a profile; {target.name} has one edge")
-        face = replace(face, feature=x_range)
+        face = Profile(face.x, face.z, x_range)
     changes = {} if named is None else named.changes(point.tool, point.normal_load)
     for name in _OF_PROBE:
         if name in keywords:

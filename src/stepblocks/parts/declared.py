@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, Any, TypeAlias
 
 from pydantic import (
@@ -12,13 +13,20 @@ from pydantic import (
     ConfigDict,
     Field,
     ValidationError,
+    ValidationInfo,
     model_validator,
 )
 
 from stepblocks.errors import QuantityError, UsageError
 from stepblocks.mistakes import list_mistakes
-from stepblocks.parts.tolerance import Dimension, parse_sensible
-from stepblocks.quantities import DIMENSIONS, format_quantity, parse_quantity
+from stepblocks.parts.tolerance import (
+    Dimension,
+    Origin,
+    find_origin,
+    parse_declared,
+    parse_sensible,
+)
+from stepblocks.quantities import DIMENSIONS, format_quantity
 
 # names of devices, which Windows lets no file or folder have (Microsoft Learn, Naming Files, Paths,
 # and Namespaces)
@@ -97,8 +105,8 @@ class QuantityValidator(BeforeValidator):
 def read_positive(dimension: str, *, or_zero: bool = False) -> QuantityValidator:
     """Read a quantity in SI that must be positive, or may be zero."""
 
-    def read(raw: object) -> float:
-        value = parse_sensible(raw, dimension)
+    def read(raw: object, info: ValidationInfo) -> float:
+        value = parse_sensible(raw, dimension, find_origin(info))
         if or_zero and not value >= 0.0:
             raise QuantityError(f"must not be negative, got {raw!r}")
         if not or_zero and not value > 0.0:
@@ -148,9 +156,12 @@ class Table(BaseModel):
 
     def __init__(self, **fields: object) -> None:
         try:
-            super().__init__(**fields)
+            self.__pydantic_validator__.validate_python(
+                fields, self_instance=self, context=Origin.PYTHON
+            )
         except ValidationError as error:  # in the words of the readers of files
-            mistakes = list_mistakes(error, type(self), fields)
+            validate = partial(type(self).model_validate, context=Origin.PYTHON)
+            mistakes = list_mistakes(error, type(self), fields, validate=validate)
             text = " ".join("; ".join(text for _, text in mistakes).split())
             raise UsageError(f"{type(self).__name__}: {text}") from error
 
@@ -220,7 +231,7 @@ class Sourced:
 def make_sourced_validator(quantity: str) -> BeforeValidator:
     """Make a validator that reads a positive value with its source."""
 
-    def read(raw: object) -> Sourced:
+    def read(raw: object, info: ValidationInfo) -> Sourced:
         if isinstance(raw, Sourced):
             return raw
         if not isinstance(raw, dict) or set(raw) != {"value", "source"}:
@@ -228,7 +239,7 @@ def make_sourced_validator(quantity: str) -> BeforeValidator:
         source = raw["source"]
         if not isinstance(source, str) or not source.strip():
             raise QuantityError(f"source must say where the value comes from, got {source!r:.60}")
-        value = parse_sensible(raw["value"], quantity)
+        value = parse_sensible(raw["value"], quantity, find_origin(info))
         if not value > 0.0:
             raise QuantityError(f"value must be positive, got {raw['value']!r:.60}")
         return Sourced(value, quantity, source)
@@ -241,11 +252,11 @@ def read_none(raw: object) -> object:
     return None if raw == "none" else raw
 
 
-def _read_zone(raw: object) -> Dimension:
+def _read_zone(raw: object, info: ValidationInfo) -> Dimension:
     """Read the width of a zone as a dimension of nominal 0 that may only grow."""
     if isinstance(raw, Dimension):
         return raw
-    width = parse_quantity(raw, "length")
+    width = parse_declared(raw, "length", find_origin(info))
     if not width > 0.0:
         raise QuantityError(f"must be positive, got {format_quantity(width, 'length')}")
     return Dimension(0.0, width, 0.0)

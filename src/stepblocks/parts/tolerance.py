@@ -1,12 +1,14 @@
 """Nominal values with their permitted deviations, and the general tolerances of ISO 2768-1."""
 
 import math
+import numbers
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, NamedTuple
+from enum import Enum
+from typing import Annotated, NamedTuple, cast
 
-from pydantic import BeforeValidator
+from pydantic import BeforeValidator, ValidationInfo
 
 from stepblocks.errors import QuantityError
 from stepblocks.quantities import format_quantity, parse_quantity
@@ -55,7 +57,38 @@ _GENERAL_TOLERANCES = (
 ANGULAR_DEVIATION = math.radians(1.0)
 
 
-def parse_sensible(raw: object, quantity: str) -> float:
+class Origin(Enum):
+    """Who declares a part: a file must give every number its unit, Python's numbers are in SI."""
+
+    FILE = "file"
+    PYTHON = "Python"
+
+
+def find_origin(info: ValidationInfo) -> Origin:
+    """Return who declares what pydantic validates; it is a file where nobody says."""
+    if info.context is Origin.PYTHON:
+        return Origin.PYTHON
+    return Origin.FILE
+
+
+def parse_declared(raw: object, quantity: str, origin: Origin) -> float:
+    """Read a quantity in SI; a number without a unit is read of Python alone.
+
+    Raises
+    ------
+    QuantityError
+        If it is no such quantity, or not finite.
+    """
+    is_number = isinstance(raw, numbers.Real) and not isinstance(raw, bool)
+    if origin is Origin.FILE or not is_number:
+        return parse_quantity(raw, quantity)
+    value = float(cast(float, raw))
+    if not math.isfinite(value):
+        raise QuantityError(f"must be finite, got {value}")
+    return value
+
+
+def parse_sensible(raw: object, quantity: str, origin: Origin = Origin.FILE) -> float:
     """Read a quantity of a size that a bench can have, in SI.
 
     Raises
@@ -63,7 +96,7 @@ def parse_sensible(raw: object, quantity: str) -> float:
     QuantityError
         If it is no such quantity, or too small or too large to be meant.
     """
-    value = parse_quantity(raw, quantity)
+    value = parse_declared(raw, quantity, origin)
     sensible = _SENSIBLE.get(quantity, _ANYTHING)
     if abs(value) > sensible.largest:
         largest = format_quantity(sensible.largest, quantity)
@@ -183,14 +216,14 @@ class _Deviations(NamedTuple):
 _DEVIATIONS = re.compile(r"^\s*(?P<upper>[+-]?[^/]+)/(?P<lower>[+-]?[^/]+)$")
 
 
-def _read_deviations(raw: object, quantity: str) -> _Deviations:
+def _read_deviations(raw: object, quantity: str, origin: Origin) -> _Deviations:
     """Read ``"1 um"`` (to either side) or ``"+2 um / -0 um"``."""
     match = _DEVIATIONS.match(raw) if isinstance(raw, str) else None
     if match is not None:
         upper = parse_quantity(match["upper"], quantity)
         lower = parse_quantity(match["lower"], quantity)
     else:
-        upper = parse_quantity(raw, quantity)
+        upper = parse_declared(raw, quantity, origin)
         if not upper > 0.0:
             raise QuantityError(f"tolerance must be positive, got {raw!r}")
         lower = -upper
@@ -206,7 +239,7 @@ def _read_deviations(raw: object, quantity: str) -> _Deviations:
     return _Deviations(upper, lower)
 
 
-def _read_dimension(raw: object, quantity: str) -> Dimension:
+def _read_dimension(raw: object, quantity: str, origin: Origin) -> Dimension:
     """Read a dimension from a quantity, or a table with nominal, tolerance and source.
 
     Where no tolerance is stated it is the general one of ISO 2768-m, or what ``otherwise`` says.
@@ -216,12 +249,12 @@ def _read_dimension(raw: object, quantity: str) -> Dimension:
     if isinstance(nominal_raw, Dimension):
         return nominal_raw
     _check_dimension_names(table)
-    nominal = parse_sensible(nominal_raw, quantity)
+    nominal = parse_sensible(nominal_raw, quantity, origin)
     source = table.get("source", "")
     if not isinstance(source, str):
         raise ValueError(f"source must be text, got {source!r}")
     if "tolerance" in table:
-        stated = _read_deviations(table["tolerance"], quantity)
+        stated = _read_deviations(table["tolerance"], quantity, origin)
         return Dimension(nominal, stated.upper, stated.lower, quantity, source)
     general: float | None = ANGULAR_DEVIATION
     if quantity != "angle":
@@ -229,7 +262,7 @@ def _read_dimension(raw: object, quantity: str) -> Dimension:
     if general is not None:
         return Dimension(nominal, general, -general, quantity, source, general=True)
     if "otherwise" in table:
-        usual = _read_deviations(table["otherwise"], quantity)
+        usual = _read_deviations(table["otherwise"], quantity, origin)
         return Dimension(nominal, usual.upper, usual.lower, quantity, source, usual=True)
     raise ValueError(
         "a tolerance must be stated: general tolerances (ISO 2768-m) do not cover "
@@ -254,8 +287,8 @@ def _make_validator(
 ) -> BeforeValidator:
     """Make a validator of a dimension whose nominal value must be accepted; `rule` says when."""
 
-    def read(raw: object) -> Dimension:
-        dimension = _read_dimension(raw, quantity)
+    def read(raw: object, info: ValidationInfo) -> Dimension:
+        dimension = _read_dimension(raw, quantity, find_origin(info))
         if accepts is None:
             return dimension
         nominal = dimension.nominal

@@ -4,7 +4,7 @@ import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from stepblocks import cad
 from stepblocks.parts.characteristics import (
@@ -114,6 +114,10 @@ class CrownOnTooth(CrownMargin, Turned):
     root_length: PositiveLength = declare_default("8 mm")
     internal_gap: Length = declare_default("60 um", otherwise="15 um")
     shell_thickness: PositiveLength = declare_default("1.5 mm", "0.1 mm")
+
+    if TYPE_CHECKING:  # a field holds what was read of what is given
+
+        def __init__(self, **fields: object) -> None: ...
 
     stanza: ClassVar[str] = "crown_on_tooth"
     kind_name: ClassVar[str] = "crown on tooth"

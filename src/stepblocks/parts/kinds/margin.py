@@ -3,7 +3,7 @@
 import itertools
 import math
 from collections.abc import Iterator
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from stepblocks import cad
 from stepblocks.parts.body import Block, Body, Stock
@@ -65,6 +65,10 @@ class MarginBlock(CrownMargin, Block):
     working_faces : WorkingFaces or None
         Demands on the faces of tooth and crown; None where the file states none.
     """
+
+    if TYPE_CHECKING:  # a field holds what was read of what is given
+
+        def __init__(self, **fields: object) -> None: ...
 
     stanza: ClassVar[str] = "margin_block"
     kind_name: ClassVar[str] = "margin block"

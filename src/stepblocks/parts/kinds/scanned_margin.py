@@ -5,7 +5,7 @@ import math
 from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,6 +109,10 @@ class ScannedMargin(CrownMargin):
     thickness : Dimension
         From the base to the tooth at the margin [m].
     """
+
+    if TYPE_CHECKING:  # a field holds what was read of what is given
+
+        def __init__(self, **fields: object) -> None: ...
 
     stanza: ClassVar[str] = "scanned_margin"
     kind_name: ClassVar[str] = "scanned margin"

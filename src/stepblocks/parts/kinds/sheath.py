@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from stepblocks import cad
 from stepblocks.contact.rod import Sleeve
@@ -88,6 +88,10 @@ class Sheath(Turned, HeldPart):
         What it is made of, with density [kg/m^3], Young's modulus [Pa], Poisson's ratio and loss
         factor [1] at the frequency of the ring.
     """
+
+    if TYPE_CHECKING:  # a field holds what was read of what is given
+
+        def __init__(self, **fields: object) -> None: ...
 
     stanza: ClassVar[str] = "sheath"
     kind_name: ClassVar[str] = "sheath of the probe"

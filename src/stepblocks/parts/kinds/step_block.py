@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import BeforeValidator
@@ -107,6 +107,10 @@ class StepBlock(Block):
         What its ring may change by: limits of `height` and `edge_radius` follow from it where the
         file states none.
     """
+
+    if TYPE_CHECKING:  # a field holds what was read of what is given
+
+        def __init__(self, **fields: object) -> None: ...
 
     stanza: ClassVar[str] = "step_block"
     kind_name: ClassVar[str] = "step block"

@@ -3,7 +3,7 @@
 import itertools
 import math
 from collections.abc import Iterator
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -172,6 +172,10 @@ class StraightTip(Tip):
         From the contact point to the end of the shank [m].
     """
 
+    if TYPE_CHECKING:  # a field holds what was read of what is given
+
+        def __init__(self, **fields: object) -> None: ...
+
     stanza: ClassVar[str] = "straight_tip"
     kind_name: ClassVar[str] = "straight probe tip"
 
@@ -229,6 +233,10 @@ class HookTip(Tip):
     straight_length : Dimension
         Length of the shank beyond the bend [m].
     """
+
+    if TYPE_CHECKING:  # a field holds what was read of what is given
+
+        def __init__(self, **fields: object) -> None: ...
 
     stanza: ClassVar[str] = "hook_tip"
     kind_name: ClassVar[str] = "shepherd's hook"
