@@ -6,10 +6,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from stepblocks.contact.domain import read_number, require_positive
-from stepblocks.contact.operating_point import Tool
+from stepblocks.contact.operating_point import LEVEL_DIFFERENCE, Tool
 from stepblocks.errors import PipelineError
 from stepblocks.mistakes import shorten_value
-from stepblocks.predict.perception import LEVEL_DIFFERENCE
 from stepblocks.quantities import format_quantity
 
 MOST_TARGETS = 100  # of one set: more blocks than a person compares
