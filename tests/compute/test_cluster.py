@@ -306,9 +306,11 @@ def test_a_lost_scheduler_is_said_and_the_next_run_goes_on(plan, tmp_path, monke
     assert _read_files(output) == _read_files(alone.folder)
 
 
-# what a batch system does, as dask-jobqueue asks for it: it starts the script of a job
+# what a batch system does, as dask-jobqueue asks for it: it keeps the script of a job, whose file is
+# removed as soon as it was handed in, and starts it
 SBATCH = """#!/bin/sh
-sh "$1" >/dev/null 2>&1 &
+cp "$1" "kept-$$.sh"
+sh "kept-$$.sh" >/dev/null 2>&1 &
 echo "Submitted batch job $!"
 """
 
