@@ -306,8 +306,8 @@ def test_a_lost_scheduler_is_said_and_the_next_run_goes_on(plan, tmp_path, monke
     assert _read_files(output) == _read_files(alone.folder)
 
 
-# what a batch system does, as dask-jobqueue asks for it: it keeps the script of a job, whose file is
-# removed as soon as it was handed in, and starts it
+# what a batch system does, as dask-jobqueue asks for it: it keeps the script of a job, whose file
+# is removed as soon as it was handed in, and starts it
 SBATCH = """#!/bin/sh
 cp "$1" "kept-$$.sh"
 sh "kept-$$.sh" >/dev/null 2>&1 &
