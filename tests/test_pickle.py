@@ -23,6 +23,8 @@ SETS = {
 PARTS = {type(part).__name__: part for one in SETS.values() for part in one.stimuli}
 X = np.linspace(-1e-3, 1e-3, 9)
 EXAMPLES = {
+    "WeberFraction": sb.WeberFraction(0.3, 0.25, 0.35),
+    "Discrimination": sb.Discrimination((sb.WeberFraction(0.3, 0.25, 0.35),), "people.csv"),
     "Instrument": sb.Instrument(0.001, 1e-9),
     **PARTS,
     "StimulusSet": SETS["paper-ten"],

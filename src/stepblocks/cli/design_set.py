@@ -34,9 +34,8 @@ _NOT_KNOWN = "0"  # tolerance of a condition that is left out
     "design-set",
     "design-set even.toml --lowest '2 uJ' --apart '1 JND' --number 6",
     "design-set even.toml --targets '5 uJ' '20 uJ' '30 dB' --load '0.8 N' --friction 0.2",
-    "design-set gaps.toml --kind margin_block --lowest '1 uJ' --highest '4 uJ' --number 4 --base "
-    "mine.toml",
-    "design-set soft.toml --base bare.toml --like 'step-*' --stiffness '5 N/mm' --load '0.8 N'",
+    "design-set gaps.toml --base mine.toml --kind margin_block --targets '2 uJ' '4 uJ'",
+    "design-set soft.toml --base mine.toml --like 'step-*' --stiffness '5 N/mm'",
     panel="What is felt",
 )
 def design_set(
