@@ -147,10 +147,6 @@ class ObjectStore:
         self.has_any("*")
         yield
 
-    def open_system(self) -> "tuple[AbstractFileSystem, str]":
-        """Return the file system of fsspec, and the path of this place in it."""
-        return self._locate("")
-
     def _locate(self, name: str) -> "tuple[AbstractFileSystem, str]":
         """Return the file system and the path of an object."""
         try:
