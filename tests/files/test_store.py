@@ -89,6 +89,15 @@ def test_a_store_without_its_package_says_which_is_missing(monkeypatch):
         ObjectStore("s3://bucket/sweep").read("part")
 
 
+def test_a_bucket_that_is_not_there_is_named_and_not_made(plan, tmp_path, monkeypatch):
+    from fsspec.implementations.local import LocalFileSystem
+
+    monkeypatch.setattr(LocalFileSystem, "root_marker", "")  # as of stores with buckets
+    with pytest.raises(PipelineError, match="store has no such place"):
+        stepblocks.run_sweep(plan, (tmp_path / "bucket").as_uri())
+    assert not (tmp_path / "bucket").exists()
+
+
 def test_the_command_line_writes_to_an_address(plan, tmp_path, capsys):
     address = (tmp_path / "bucket").as_uri()
     assert main(["sweep", str(plan), "-o", address]) == 0

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from stepblocks.declaration.read import load_set
-from stepblocks.errors import StepblocksError
+from stepblocks.errors import ContactError
 from stepblocks.parts.tolerance import Dimension
 from stepblocks.predict.predictions import _compute_stiffness_tolerance, predict_by_formula
 from stepblocks.predict.sheaths import (
@@ -105,10 +105,10 @@ def test_a_shank_too_thick_for_its_ring_and_a_sheath_too_long_for_its_shank_are_
             'value = "4 mm", source = "assumed', 'value = "3.9 mm", source = "assumed'
         ).replace('position = { nominal = "10 mm"', 'position = { nominal = "60 mm"')
     )
-    with pytest.raises(StepblocksError, match="must lie on the free length of the shank"):
+    with pytest.raises(ContactError, match="must lie on the free length of the shank"):
         predict_conditions(load_set(path))
     path.write_text(text.replace('value = "300 Hz"', 'value = "350 Hz"'))
-    with pytest.raises(StepblocksError, match="must not exceed that of the bare shank"):
+    with pytest.raises(ContactError, match="must not exceed that of the bare shank"):
         predict_conditions(load_set(path))
 
 

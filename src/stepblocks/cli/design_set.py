@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
+from typer.models import OptionInfo
 
 from stepblocks.cli.command import command
 from stepblocks.cli.options import (
@@ -27,6 +28,14 @@ _TARGETS = "What is to be felt"
 _ROUTE = "What can be made"
 _SETTING = "How the conditions are held"
 _NOT_KNOWN = "0"  # tolerance of a condition that is left out
+
+
+def _make_length_option(name: str, what: str, default: str) -> OptionInfo:
+    """Return an option of the route of making: a text that is read with the declaration."""
+    option: OptionInfo = typer.Option(
+        name, metavar="LENGTH", help=what, show_default=default, rich_help_panel=_ROUTE
+    )
+    return option
 
 
 @command(
@@ -119,63 +128,31 @@ def design_set(
     ] = "step_block",
     step: Annotated[
         str | None,
-        typer.Option(
-            "--step",
-            metavar="LENGTH",
-            help="sizes are whole multiples of this",
-            show_default="0.1 um",
-            rich_help_panel=_ROUTE,
-        ),
+        _make_length_option("--step", "sizes are whole multiples of this", "0.1 um"),
     ] = None,
     least: Annotated[
         str | None,
-        typer.Option(
-            "--least",
-            metavar="LENGTH",
-            help="smallest size",
-            show_default="what can be declared",
-            rich_help_panel=_ROUTE,
-        ),
+        _make_length_option("--least", "smallest size", "what can be declared"),
     ] = None,
     most: Annotated[
         str | None,
-        typer.Option(
-            "--most",
-            metavar="LENGTH",
-            help="largest size",
-            show_default="what can be declared",
-            rich_help_panel=_ROUTE,
-        ),
+        _make_length_option("--most", "largest size", "what can be declared"),
     ] = None,
     tolerance: Annotated[
         str | None,
-        typer.Option(
+        _make_length_option(
             "--tolerance",
-            metavar="LENGTH",
-            help="of the size, such as '1 um' or '+2 um / -0 um'",
-            show_default="that of the kind or of --base",
-            rich_help_panel=_ROUTE,
+            "of the size, such as '1 um' or '+2 um / -0 um'",
+            "that of the kind or of --base",
         ),
     ] = None,
     edge_radius: Annotated[
         str | None,
-        typer.Option(
-            "--edge-radius",
-            metavar="LENGTH",
-            help="of the working edge",
-            show_default="0 um, or that of --base",
-            rich_help_panel=_ROUTE,
-        ),
+        _make_length_option("--edge-radius", "of the working edge", "0 um, or that of --base"),
     ] = None,
     edge_tolerance: Annotated[
         str | None,
-        typer.Option(
-            "--edge-tolerance",
-            metavar="LENGTH",
-            help="of the edge radius",
-            show_default="+2 um / -0 um",
-            rich_help_panel=_ROUTE,
-        ),
+        _make_length_option("--edge-tolerance", "of the edge radius", "+2 um / -0 um"),
     ] = None,
     tip_radius: TipRadius = None,
     load: Load = None,

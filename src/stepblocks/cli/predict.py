@@ -115,8 +115,11 @@ def predict(
     if model or any(is_table_name(path) for path in files):
         _refuse_perception(perception, discrimination)
         return _predict_table(files, output, model)
+    in_time = None
+    if conversion is not None:
+        in_time = conversion == "simulated"
     asked = _Asked(
-        in_time=None if conversion is None else conversion == "simulated",
+        in_time=in_time,
         speed=_choose_speed(speed),
         discrimination=_read_person(discrimination),
     )

@@ -5,8 +5,6 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from scipy.optimize import brentq
-
 from stepblocks.contact.counterface import Counterface
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import OperatingPoint
@@ -184,6 +182,9 @@ def _share_budget(wish: _Wish, budget: float, direction: float) -> dict[str, flo
         outside *= 2.0
     else:  # nothing that can become smaller takes the energy out of its bounds
         return deviate(outside)
+    # loaded here, since every declaration that is read imports this module
+    from scipy.optimize import brentq
+
     return deviate(float(brentq(find_excess, 0.0, outside, xtol=_EXACT)))
 
 

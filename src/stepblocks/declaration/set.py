@@ -33,7 +33,7 @@ from stepblocks.parts.conditions import (
     ProbeSpec,
 )
 from stepblocks.parts.declared import Identity, Table, make_rules_validator
-from stepblocks.parts.felt_tolerance import resolve_felt_tolerance
+from stepblocks.parts.felt_tolerance import has_felt_tolerance, resolve_felt_tolerance
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
 from stepblocks.parts.kinds.margin import MarginBlock
@@ -381,9 +381,14 @@ def make_set(
 
 def _resolve_felt_tolerances(stimuli: StimulusSet, place: object) -> StimulusSet:
     """Give the parts of a set the limits that follow from what is felt, or say which cannot be."""
+    if not any(has_felt_tolerance(part) for part in stimuli.stimuli):
+        return stimuli
     mistakes: list[Mistake] = []
     parts = []
     for part in stimuli.stimuli:
+        if not has_felt_tolerance(part):
+            parts.append(part)
+            continue
         with collect_mistakes(mistakes, f"{part.stanza} {part.id!r}"):
             parts.append(resolve_felt_tolerance(part, stimuli.find_conditions(part)))
     if mistakes:

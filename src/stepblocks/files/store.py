@@ -121,7 +121,9 @@ class ObjectStore:
         """Put an object in place in one piece."""
         system, path = self._locate(name)
         with _said_as_ours(self.address):
-            system.makedirs(path.rpartition("/")[0], exist_ok=True)
+            # where names have no root the first one is a bucket, which nobody asked to make
+            if system.root_marker:
+                system.makedirs(path.rpartition("/")[0], exist_ok=True)
             system.pipe_file(path, content)
 
     def remove(self, name: str) -> None:
@@ -157,7 +159,13 @@ class ObjectStore:
                 f"'stepblocks[cluster]' [{self.address}]"
             ) from error
         with _said_as_ours(self.address):
-            system, path = url_to_fs(f"{self.address}/{name}")
+            try:
+                system, path = url_to_fs(f"{self.address}/{name}")
+            except ValueError as error:
+                raise PipelineError(
+                    "address must be of a kind that fsspec knows, such as s3://bucket/sweep: "
+                    f"{error} [{self.address}]"
+                ) from error
         return system, path
 
 
@@ -175,11 +183,8 @@ def _said_as_ours(address: str) -> Iterator[None]:
         raise PipelineError(
             f"this kind of address needs a package that is not installed: {error} [{address}]"
         ) from error
-    except ValueError as error:
-        raise PipelineError(
-            f"address must be of a kind that fsspec knows, such as s3://bucket/sweep: {error} "
-            f"[{address}]"
-        ) from error
+    except PipelineError:
+        raise
     except Exception as error:  # each store has errors of its own
         reason = " ".join(str(error).split()) or type(error).__name__
         raise PipelineError(f"store cannot be used: {reason} [{address}]") from error

@@ -111,17 +111,20 @@ def describe_felt_tolerance(tolerance: FeltTolerance | None) -> list[list[str]]:
     ]
 
 
+def has_felt_tolerance(part: Part) -> bool:
+    """Whether the sizes of a part get limits by what is felt."""
+    return getattr(part, "tolerance", None) is not None
+
+
 def resolve_felt_tolerance(part: Part, grid: PredictionGrid) -> Part:
-    """Give a part the limits that follow from what is felt; parts without such a wish are returned.
+    """Give a part with a tolerance by what is felt the limits that follow from it.
 
     Raises
     ------
     StimulusError
         If nothing rings under the conditions, or no limits keep the energy.
     """
-    tolerance: FeltTolerance | None = getattr(part, "tolerance", None)
-    if tolerance is None:
-        return part
+    tolerance: FeltTolerance = part.tolerance  # type: ignore[attr-defined]  # has_felt_tolerance
     conditions = list(_list_ringing(part, grid))
     if not conditions:
         raise StimulusError("tolerance needs a condition of the prediction that releases, got none")

@@ -196,12 +196,12 @@ def compute_jnd_distance(
     nodes = math.log(first) + log_ratio * (np.arange(_NODES) + 0.5) / _NODES
     log_fractions, spreads = discrimination.interpolate(nodes)
     jnd = log_ratio * float(np.mean(1.0 / np.log1p(np.exp(log_fractions))))
-    draws = DRAWS if log_ratios is None else len(log_ratios)
-    person = draw_standard_normal(1, draws, seed=1)[0]
+    if log_ratios is None:
+        log_ratios = np.full(DRAWS, log_ratio)
+    person = draw_standard_normal(1, len(log_ratios), seed=1)[0]
     drawn_fractions = np.exp(log_fractions[:, None] + spreads[:, None] * person)
     densities = np.mean(1.0 / np.log1p(drawn_fractions), axis=0)
-    drawn_ratios = np.full(draws, log_ratio) if log_ratios is None else log_ratios
-    low, high = np.quantile(drawn_ratios * densities, _TAILS)
+    low, high = np.quantile(log_ratios * densities, _TAILS)
     return JndDistance(jnd, float(low), float(high))
 
 

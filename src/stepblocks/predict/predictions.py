@@ -29,6 +29,11 @@ MOST_DRAGGED = 10_000
 DIFFERS = 1.5
 
 
+def is_far_apart(over_formula: float) -> bool:
+    """Tell whether a drag's energy over the formula's [1] is beyond a factor of `DIFFERS`."""
+    return over_formula > DIFFERS or over_formula < 1.0 / DIFFERS
+
+
 class Model(StrEnum):
     """Which of the two predictions of a ring's energy counts."""
 
@@ -77,8 +82,7 @@ class Prediction:
     @property
     def differs(self) -> bool:
         """Whether drag and formula are further apart than a factor of `DIFFERS`."""
-        ratio = self.over_formula
-        return ratio > DIFFERS or ratio < 1.0 / DIFFERS
+        return is_far_apart(self.over_formula)
 
     @property
     def felt_by(self) -> Model:

@@ -10,6 +10,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, TypeAlias
 
+import numpy as np
 import pandas as pd
 import shapely
 import shapely.affinity
@@ -76,12 +77,13 @@ def plan_etches(heights: Sequence[float]) -> list[Etch]:
     etches = []
     if bits < len(distinct):
         for bit in range(bits):
-            indices = [i for i, height in enumerate(nanometres) if height // unit >> bit & 1]
-            etches.append(Etch((unit << bit) * 1e-9, tuple(indices)))
+            step = unit << bit
+            has_step = [bool(height // unit >> bit & 1) for height in nanometres]
+            etches.append(Etch(step * 1e-9, tuple(np.flatnonzero(has_step).tolist())))
     else:
         for depth in distinct:
-            indices = [i for i, height in enumerate(nanometres) if height == depth]
-            etches.append(Etch(depth * 1e-9, tuple(indices)))
+            is_so_high = [height == depth for height in nanometres]
+            etches.append(Etch(depth * 1e-9, tuple(np.flatnonzero(is_so_high).tolist())))
     return [etch for etch in etches if etch.indices]
 
 

@@ -10,7 +10,7 @@ from stepblocks.declaration.set import StimulusSet, choose_operating_point
 from stepblocks.errors import PipelineError
 from stepblocks.mistakes import shorten_value
 from stepblocks.parts.kind import Part
-from stepblocks.predict.predictions import DIFFERS, Model
+from stepblocks.predict.predictions import Model, is_far_apart
 from stepblocks.predict.set_design.curve import measure_drag_energy
 from stepblocks.predict.set_design.targets import MOST_TARGETS, Target
 
@@ -93,7 +93,7 @@ def drag_differs_over(
         face, point = part.counterface(), choose_operating_point(base, part, {"speed": speed})
         by_formula = _compute_energy(face, point, backward, Model.FORMULA)
         ratio = _compute_energy(face, point, backward, Model.DRAG) / by_formula
-        if ratio > DIFFERS or ratio < 1.0 / DIFFERS:
+        if is_far_apart(ratio):
             return True
     return False
 

@@ -123,13 +123,13 @@ def place_target(target: Target, curve: EnergyCurve, sizes: SizeRange) -> Placem
         return found
     if curve.model is Model.FORMULA and found.obstacle in _BEYOND.values():
         return found  # an energy takes the same pull under every load and with every tip
-    loads = _find_nearest(
+    load = _find_nearest(
         lambda factor: _reaches(target, curve, sizes, load_factor=factor), curve.point.normal_load
     )
-    tips = _find_nearest(
+    tip_radius = _find_nearest(
         lambda factor: _reaches(target, curve, sizes, tip_factor=factor), curve.point.ball_radius
     )
-    return replace(found, load=loads, tip_radius=tips)
+    return replace(found, load=load, tip_radius=tip_radius)
 
 
 def _try_target(target: Target, curve: EnergyCurve, sizes: SizeRange) -> Placement | MissedTarget:

@@ -14,7 +14,7 @@ from stepblocks.errors import PipelineError
 from stepblocks.mistakes import shorten_value
 from stepblocks.parts.conditions import PredictionGrid
 from stepblocks.parts.declared import Table
-from stepblocks.predict.predictions import DIFFERS, Model
+from stepblocks.predict.predictions import Model, is_far_apart
 from stepblocks.predict.set_design.alike import (
     drag_differs_over,
     read_like_targets,
@@ -276,7 +276,7 @@ def _drag_differs(found: list[Placement | MissedTarget], curve: EnergyCurve) -> 
         face = curve.block.make_face(placed.made_size)
         energy = measure_drag_energy(face, curve.point, curve.backward)
         ratio = energy / curve.compute_energy(placed.made_size)
-        if ratio > DIFFERS or ratio < 1.0 / DIFFERS:
+        if is_far_apart(ratio):
             return True
     return False
 

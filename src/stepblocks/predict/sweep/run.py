@@ -296,9 +296,15 @@ def _make_claim(plan: SweepPlan) -> FolderClaim:
 def _open_partition(store: ResultStore, number: int) -> pq.ParquetFile:
     """Open a partition for reading; one that is gone is an error that names it."""
     name = _name_partition(number)
+    gone = f"partition is gone: run the sweep again [{store.place}/{name}]"
+    if isinstance(store, FolderStore):
+        path = store.folder / name
+        if not path.exists():
+            raise PipelineError(gone)
+        return pq.ParquetFile(path)  # of which only the columns that are wanted are read
     content = store.read(name)
     if content is None:
-        raise PipelineError(f"partition is gone: run the sweep again [{store.place}/{name}]")
+        raise PipelineError(gone)
     return pq.ParquetFile(pa.BufferReader(content))
 
 

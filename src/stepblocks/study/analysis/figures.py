@@ -149,6 +149,8 @@ def _draw_estimates(figure: Figure, result: Analysis) -> Table:
     means = compute_intervals_within(
         frame.assign(height_um=_convert_heights(frame), estimate_um=1e6 * frame["estimate"])
     )
+    judgements = (1e6 * frame["estimate"]).groupby([frame["condition"], _convert_heights(frame)])
+    means = means.merge(judgements.std().rename("sd_um").reset_index())
     middle = 0.5 * (means["condition"].nunique() - 1)
     for index, (name, condition) in enumerate(means.groupby("condition")):
         axes.errorbar(
