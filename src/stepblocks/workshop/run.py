@@ -19,6 +19,7 @@ from stepblocks.parts.body import Block
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.gauge_pair import GaugePair, choose_pair
 from stepblocks.parts.kind import Part
+from stepblocks.parts.kinds.kit_part import KitPart
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.material import MATERIALS
 from stepblocks.parts.on_paper import make_sheet_table
@@ -27,6 +28,7 @@ from stepblocks.quantities import parse_quantity
 from stepblocks.records.qif import write_qif
 from stepblocks.workshop.drawing import write_drawing, write_series_drawing
 from stepblocks.workshop.kit import find_kits, write_kit
+from stepblocks.workshop.kit_setup import write_kit_setup
 from stepblocks.workshop.masks import SILICON, load_gdstk, write_masks
 from stepblocks.workshop.routes import GAUGE_BLOCKS, Route, find_routes, make_route_row
 from stepblocks.workshop.setup import write_setup
@@ -226,6 +228,8 @@ def _order_part(part: Part, output: Path, capability: float, stimuli: StimulusSe
             written.append(assembly)
     if isinstance(part, Block):
         written += write_setup(folder, part, routes, pair)
+    elif isinstance(part, KitPart):
+        written += write_kit_setup(folder, part)
     written += _write_inspection_sheet(folder, part, stimuli.order)
     note = stimuli.describe_alike().get(part.id, "")
     return PartOrder(name, tuple(written), tuple(routes), note)

@@ -70,6 +70,14 @@ class Component:
         return not self.designation
 
     @property
+    def is_turned(self) -> bool:
+        """Whether it is made of rods about one axis, as on a lathe."""
+        if self.boxes:
+            return False
+        axes = {rod.axis for rod in self.rods}
+        return len(axes) == 1
+
+    @property
     def volume(self) -> float:
         """Volume in closed form [m^3]."""
         return math.fsum(share.volume for share in self._list_shares())

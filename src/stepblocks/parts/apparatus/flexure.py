@@ -9,6 +9,7 @@ from stepblocks.parts.material import MATERIALS
 
 LEAVES = 2
 _SHEAR_SHARE = 5.0 / 6.0  # of a section that is a rectangle, of which shear is carried (Timoshenko)
+_WIDE = 5.0  # width over thickness from which on a leaf bends as a plate
 # mass of a beam between parallel ends over what moves with its end, for its deflection
 # 3 s^2 - 2 s^3 under a force there (Rayleigh)
 _LEAF_SHARE = 13.0 / 35.0
@@ -69,9 +70,21 @@ def compute_leaf_stiffness(leaf: Flexure) -> float:
     modulus = leaf.modulus.value
     second_moment = width * thickness**3 / 12.0
     shear_modulus = modulus / (2.0 * (1.0 + leaf.poisson.value))
-    by_bending = length**3 / (12.0 * modulus * second_moment)
+    by_bending = length**3 / (12.0 * find_bending_modulus(leaf) * second_moment)
     by_shear = length / (_SHEAR_SHARE * shear_modulus * width * thickness)
     return 1.0 / (by_bending + by_shear)
+
+
+def find_bending_modulus(leaf: Flexure) -> float:
+    """Find the modulus in bending [Pa]: of a wide leaf that of a plate, E / (1 - nu^2).
+
+    Its clamped ends keep a wide leaf from curving across (Timoshenko and Woinowsky-Krieger, Theory
+    of Plates and Shells, 1959, article 2).
+    """
+    modulus = leaf.modulus.value
+    if leaf.width.nominal < _WIDE * leaf.thickness.nominal:
+        return modulus
+    return modulus / (1.0 - leaf.poisson.value**2)
 
 
 def _compute_sensitivity(leaf: Flexure) -> float:
@@ -83,7 +96,7 @@ def _compute_sensitivity(leaf: Flexure) -> float:
     lever = 0.5 * leaf.length.nominal - leaf.gauge_place.nominal
     moment = lever / LEAVES
     section_modulus = leaf.width.nominal * leaf.thickness.nominal**2 / 6.0
-    strain = moment / (leaf.modulus.value * section_modulus)
+    strain = moment / (find_bending_modulus(leaf) * section_modulus)
     return leaf.gauge_factor.value * strain
 
 
