@@ -202,12 +202,12 @@ def name_block(height: float) -> str:
 
 
 def read_plan(path: Path) -> SessionPlan:
-    """Read a plan.
+    """Read a plan, and the stimulus file of the kit that it names.
 
     Raises
     ------
-    PipelineError
-        With all that is wrong with it.
+    StepblocksError
+        With all that is wrong with it, or with that file.
     """
     document = read_document(path, "plan", PipelineError)
     if "apparatus" in document:
