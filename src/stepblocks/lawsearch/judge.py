@@ -92,11 +92,11 @@ def _judge_effect(
         verdict = Verdict.UNEXPLAINED
     elif elsewhere:
         verdict = Verdict.AMBIGUOUS
-    elif effect.named or effect.is_line:
+    elif effect.named or effect.shape:
         verdict = Verdict.EFFECT
     else:
         verdict = Verdict.UNEXPLAINED
-    if doubt is None and not effect.named and not effect.is_line:
+    if doubt is None and not effect.named and not effect.shape:
         doubt = Doubt.NO_LAW_FITS
     shares = find_largest_shares(problem, base, current)
     return Finding(
@@ -136,6 +136,8 @@ def _list_rivals(
         if family in families or fitted.criterion > current.criterion + rules.margin:
             continue
         if law.place == effect.place and not law.named:
+            continue
+        if law.slot == effect.slot and effect.covariate in law.refines:
             continue
         if law.slot == effect.slot and _is_special_case(problem, current, effect, fitted):
             continue
