@@ -14,10 +14,12 @@ from stepblocks.errors import PipelineError
 from stepblocks.files.atomic import lock_folder, replace_text, resolve_inside
 from stepblocks.files.pages import render_page
 from stepblocks.files.tables import write_table
+from stepblocks.parts.apparatus.declared import Apparatus
 from stepblocks.parts.body import Block
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.gauge_pair import GaugePair, choose_pair
 from stepblocks.parts.kind import Part
+from stepblocks.parts.kinds.kit_part import KitPart
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.material import MATERIALS
 from stepblocks.parts.on_paper import make_sheet_table
@@ -25,6 +27,8 @@ from stepblocks.parts.tolerance import GUARD_FACTOR
 from stepblocks.quantities import parse_quantity
 from stepblocks.records.qif import write_qif
 from stepblocks.workshop.drawing import write_drawing, write_series_drawing
+from stepblocks.workshop.kit import find_kits, write_kit
+from stepblocks.workshop.kit_setup import write_kit_setup
 from stepblocks.workshop.masks import SILICON, load_gdstk, write_masks
 from stepblocks.workshop.routes import GAUGE_BLOCKS, Route, find_routes, make_route_row
 from stepblocks.workshop.setup import write_setup
@@ -98,14 +102,15 @@ def order_parts(
     Returns
     -------
     list of PartOrder
-        One of each part, one of each series of blocks that differ in height only, and one of the
-        masks of each set.
+        One of each part, one of each series of blocks that differ in height only, one of each kit
+        of the apparatus, and one of the masks of each set.
 
     Raises
     ------
     StepblocksError
         If a file cannot be read, nothing is selected, a folder to write to lies behind a link, or
-        masks are asked for and no step block is of silicon.
+        masks are asked for and no step block is of silicon, or parts of a kit are in each other's
+        way.
     """
     deviation = _read_capability(capability)
     output = Path(output)
@@ -126,6 +131,8 @@ def order_parts(
             series = _find_series(parts)
             if len(series) > 1:
                 orders.append(_order_series(series, output, stimuli))
+            for kit in find_kits(parts):
+                orders.append(_order_kit(kit, output, stimuli))
             etched = _find_etched(parts)
             if masks and etched:
                 orders.append(_order_masks(etched, output, stimuli))
@@ -182,6 +189,13 @@ def _order_series(series: Sequence[StepBlock], output: Path, stimuli: StimulusSe
     return PartOrder(f"{stimuli.name}/series", tuple(drawings), ())
 
 
+def _order_kit(kit: Apparatus, output: Path, stimuli: StimulusSet) -> PartOrder:
+    """Write what a kit has beside its parts: assembly, lists, loads and pictures."""
+    folder = _make_folder(output, stimuli.name)
+    written = write_kit(folder, kit, stimuli.order)
+    return PartOrder(f"{stimuli.name}/{kit.id}", tuple(written), ())
+
+
 def _make_folder(output: Path, name: str) -> Path:
     """Make a folder inside the output folder; raise a PipelineError if a link leads out of it."""
     folder = resolve_inside(output, name)
@@ -214,6 +228,8 @@ def _order_part(part: Part, output: Path, capability: float, stimuli: StimulusSe
             written.append(assembly)
     if isinstance(part, Block):
         written += write_setup(folder, part, routes, pair)
+    elif isinstance(part, KitPart):
+        written += write_kit_setup(folder, part)
     written += _write_inspection_sheet(folder, part, stimuli.order)
     note = stimuli.describe_alike().get(part.id, "")
     return PartOrder(name, tuple(written), tuple(routes), note)

@@ -150,22 +150,27 @@ def _list_probed(block: Block) -> list[ProbedLine]:
         accepted = "-"
         if _can_be_probed(characteristic):
             place = f"setup {_SETUPS[characteristic.key]}"
-            accepted = _format_accepted(characteristic)
-        limits = _format_demand(characteristic)
+            accepted = format_accepted(characteristic)
+        limits = format_demand(characteristic)
         lines.append(ProbedLine(str(number), characteristic.label, limits, place, accepted))
     return lines
 
 
 def _can_be_probed(characteristic: Characteristic) -> bool:
     """Tell whether the machine reaches a characteristic, and proves that it conforms."""
-    if characteristic.key not in _SETUPS or characteristic.kind in (*FORM, "note"):
+    return characteristic.key in _SETUPS and is_proved_by_probe(characteristic)
+
+
+def is_proved_by_probe(characteristic: Characteristic) -> bool:
+    """Tell whether a touch probe on the machine can prove that a dimension conforms."""
+    if characteristic.kind in (*FORM, "note"):
         return False
     tolerance = characteristic.upper - characteristic.lower
     guard_bands = 2.0 * (GUARD_FACTOR * PROBE)
     return guard_bands <= _LARGEST_GUARD_SHARE * tolerance
 
 
-def _format_demand(characteristic: Characteristic) -> str:
+def format_demand(characteristic: Characteristic) -> str:
     """Write the limits of a characteristic as on a drawing."""
     if characteristic.kind == "roughness":
         return f"Ra {characteristic.upper * 1e6:g} um"
@@ -176,7 +181,7 @@ def _format_demand(characteristic: Characteristic) -> str:
     )
 
 
-def _format_accepted(characteristic: Characteristic) -> str:
+def format_accepted(characteristic: Characteristic) -> str:
     """Write the limits within which a measured value conforms (ISO 14253-1) [mm]."""
     guard = GUARD_FACTOR * PROBE
     least = characteristic.nominal + characteristic.lower + guard
