@@ -222,9 +222,23 @@ def design(
 
 
 @command(study, "sheet", "study sheet study")
-def sheet(*, folder: Folder) -> Outcome:
-    """Write blinded run sheets, to print and as CSV to fill in."""
-    number = stepblocks.write_sheets(folder)
+def sheet(
+    *,
+    folder: Folder,
+    program: Annotated[
+        Literal["psychopy", "jspsych", "opensesame"] | None,
+        typer.Option(
+            "--for",
+            help="write the trials as this program reads them, instead; 'study analyse' reads its "
+            "records",
+        ),
+    ] = None,
+) -> Outcome:
+    """Write blinded run sheets, to print and as CSV to fill in, or the trials for a program."""
+    number = stepblocks.write_sheets(folder, **keep_given_options(program=program))
+    if program is not None:
+        readme = folder / program / "README.md"
+        return Outcome(f"{readme.parent}: trials of {number} participants; read {readme}")
     return Outcome(
         f"{folder / 'sheets'}: {number} run sheets; print {folder / 'run-sheets.html'}",
         record={"sheets": number},
@@ -337,7 +351,8 @@ def analyse(
         typer.Option(
             "--data",
             metavar="PATH",
-            help="a table of your own, a folder of them, or a BIDS dataset; without DIR",
+            help="a table of your own or of PsychoPy, jsPsych, OpenSesame, Gorilla or Qualtrics, a "
+            "folder of them, or a BIDS dataset; without DIR",
         ),
     ] = None,
     columns: Annotated[
@@ -347,6 +362,15 @@ def analyse(
             metavar="OURS=YOURS,...",
             parser=read_pairs,
             help="your names of columns, such as trial=n,rating=score",
+        ),
+    ] = None,
+    wide: Annotated[
+        str | None,
+        typer.Option(
+            "--wide",
+            metavar="PATTERN",
+            help="how the columns of trials are called in a table of --data with a row for each "
+            "participant, such as '{condition}_{height_um}_{repetition}'",
         ),
     ] = None,
     experiment: Annotated[
@@ -406,6 +430,7 @@ def analyse(
         place,
         **keep_given_options(
             columns=columns,
+            wide=wide,
             experiment=experiment,
             equivalent=equivalent,
             groups=groups,

@@ -303,7 +303,7 @@ def _list_mistakes(mistakes: Sequence[Mistake]) -> str:
     files = list(dict.fromkeys(mistake.row.file for mistake in mistakes))
     placed = []
     for row, text in mistakes:
-        place = f"line {row.line}" if len(files) == 1 else row.place
+        place = f"{row.unit} {row.line}" if len(files) == 1 else row.place
         placed.append((place, text))
     return format_mistakes(placed, ", ".join(files))
 
