@@ -33,6 +33,7 @@ from stepblocks.cli.study_options import (
     read_pairs,
 )
 from stepblocks.errors import PipelineError
+from stepblocks.study.conduct.page_run import PageRun
 
 study = typer.Typer(
     name="study",
@@ -286,6 +287,16 @@ def run(
             show_default="0",
         ),
     ] = None,
+    train: Annotated[
+        int | None,
+        typer.Option(
+            "--train",
+            metavar="N",
+            parser=make_whole_number_reader(1, 10_000),
+            help="train with N pairs today instead (adaptive, constant): they grow harder while "
+            "three of four are right",
+        ),
+    ] = None,
     tip_radius: TipRadius = None,
     load: Load = None,
     friction: Friction = None,
@@ -304,36 +315,60 @@ def run(
 
     The same command goes on after a break.
     """
+    options = keep_given_options(
+        device=device,
+        library=library,
+        scale=scale,
+        ratings=ratings,
+        practice=practice,
+        ball_radius=tip_radius,
+        normal_load=load,
+        friction=friction,
+    )
+    if train is not None:
+        if options or file is not None:
+            raise PipelineError("train takes no stimulus file and no option of virtual blocks")
+        return _train(folder, participant, train, port, no_open)
+    opened = stepblocks.open_run(folder, participant, file, **options)
+    print(f"{opened.path}: {opened.answered} of {len(opened.planned)} trials are answered")
+    summary = "all trials are answered"
+    if not _serve(opened, port, no_open):
+        summary = "stopped; the same command goes on"
+    return Outcome(summary, record={"answered": opened.answered, "of": len(opened.planned)})
+
+
+def _serve(run: PageRun, port: int, no_open: bool) -> bool:
+    """Serve the page of a run until it is done; return False where it is stopped before."""
     from stepblocks.study.conduct.server import RunServer
 
-    opened = stepblocks.open_run(
-        folder,
-        participant,
-        file,
-        **keep_given_options(
-            device=device,
-            library=library,
-            scale=scale,
-            ratings=ratings,
-            practice=practice,
-            ball_radius=tip_radius,
-            normal_load=load,
-            friction=friction,
-        ),
-    )
-    server = RunServer(opened, port)
-    print(f"{opened.path}: {opened.answered} of {len(opened.planned)} trials are answered")
+    server = RunServer(run, port)
     print(f"open {server.url}", flush=True)
     if not no_open:
         import webbrowser
 
         webbrowser.open(server.url)
-    summary = "all trials are answered"
     try:
         server.until_done()
     except KeyboardInterrupt:
-        summary = "stopped; the same command goes on"
-    return Outcome(summary, record={"answered": opened.answered, "of": len(opened.planned)})
+        return False
+    return True
+
+
+def _train(folder: Path, participant: str, trials: int, port: int, no_open: bool) -> Outcome:
+    """Train a participant, and say what was reached on each day."""
+    training = stepblocks.open_training(folder, participant, trials)
+    print(f"{training.path}: {training.answered} pairs were answered so far")
+    if training.now is None:
+        training.close()
+    else:
+        _serve(training, port, no_open)
+    days = training.summarise()
+    for day in days:
+        print(f"{day.date}: {day.right} of {day.trials} right, level {day.level:g} of {day.levels}")
+    return Outcome(
+        f"{folder / 'training' / 'progress.csv'}: {len(days)} days of participant {participant}",
+        record={"days": [day.describe() for day in days]},
+    )
 
 
 @command(study, "analyse", "study analyse study study/answers.csv")
