@@ -102,6 +102,22 @@ Reference = Annotated[
 ]
 
 
+Covariate = Annotated[
+    Literal["order"] | None,
+    typer.Option(
+        "--covariate", help="the order of trials is a covariate of the mixed models of estimates"
+    ),
+]
+
+
+def _read_anchors(text: str) -> tuple[str, ...]:
+    """Read what the lowest and the highest rating mean."""
+    words = tuple(word.strip() for word in text.split(","))
+    if len(words) != 2:
+        raise ValueError(f"must be LOW,HIGH, got {text!r:.60}")
+    return words
+
+
 def _read_factor(text: str) -> tuple[str, tuple[str, ...]]:
     """Read the name of a factor and its levels."""
     name, _, written_levels = text.partition("=")
@@ -185,6 +201,26 @@ def design(
     ] = False,
     primary: Primary = None,
     reference: Reference = None,
+    covariate: Covariate = None,
+    question: Annotated[
+        str | None,
+        typer.Option(
+            "--question",
+            metavar="TEXT",
+            help="how a rating of realism is asked for (virtual), in the participants' language",
+            show_default="How real did it feel?",
+        ),
+    ] = None,
+    anchors: Annotated[
+        Any,
+        typer.Option(
+            "--anchors",
+            metavar="LOW,HIGH",
+            parser=_read_anchors,
+            help="what the lowest and the highest rating mean (virtual)",
+            show_default="not at all real,completely real",
+        ),
+    ] = None,
     only: Only = None,
     seed: Seed,
     output: Annotated[
@@ -209,6 +245,9 @@ def design(
             interleaved=interleaved,
             primary=primary,
             reference=reference,
+            covariate=covariate,
+            question=question,
+            anchors=anchors,
             only=only,
         ),
     )
@@ -447,6 +486,7 @@ def analyse(
     ratings: Ratings = None,
     primary: Primary = None,
     reference: Reference = None,
+    covariate: Covariate = None,
 ) -> Outcome:
     """Analyse answers: results.csv and report.html."""
     from stepblocks.study.analysis.prose import write_headline
@@ -472,6 +512,7 @@ def analyse(
             ratings=ratings,
             primary=primary,
             reference=reference,
+            covariate=covariate,
         ),
     )
     notes = [*result.notes, *result.remarks]

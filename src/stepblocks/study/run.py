@@ -27,7 +27,14 @@ from stepblocks.study.analysis.results import StudyResult
 from stepblocks.study.columns import RATINGS, Row, group_by_participant, list_levels
 from stepblocks.study.design.adaptive import Prior, complete_prior
 from stepblocks.study.design.blocks import Declared, choose_blocks, find_designed_blocks
-from stepblocks.study.design.plan import FILE_NAME, Plan, read_plan, read_prior
+from stepblocks.study.design.plan import (
+    ANCHORS,
+    FILE_NAME,
+    QUESTION,
+    Plan,
+    read_plan,
+    read_prior,
+)
 from stepblocks.study.design.read import read_all_answers, read_design
 from stepblocks.study.design.sheet import blind_row, format_key, write_new_files
 from stepblocks.study.design.simulate import TYPICAL_OBSERVER, Observer
@@ -61,6 +68,9 @@ def design_study(
     prior: Mapping[str, float] = MappingProxyType({}),
     primary: str = "",
     reference: str = "",
+    covariate: str = "",
+    question: str = "",
+    anchors: Sequence[str] = (),
     only: str | None = None,
 ) -> Design:
     """Design a study with the blocks of a set, or of some heights.
@@ -102,6 +112,11 @@ def design_study(
         Primary outcome, such as ``"absolute error"``; by default the first of the experiment.
     reference : str
         Condition that the others are compared with in the report's first sentence.
+    covariate : str
+        ``"order"``: the order of trials is a covariate of the mixed models of estimates.
+    question, anchors : str, sequence of str
+        Of ``"virtual"``: how a rating of realism is asked for, and what its lowest and highest
+        value mean, in the words and language of the participants.
     only : str, optional
         Pattern of the blocks that take part.
 
@@ -138,6 +153,9 @@ def design_study(
         trials=trials,
         prior=prior,
         reference=reference,
+        covariate=covariate,
+        question=question,
+        anchors=anchors,
         repetitions=repetitions != REPETITIONS,
     )
     blocks = choose_blocks(source, only=only)
@@ -148,10 +166,16 @@ def design_study(
     if experiment == "virtual":
         _check_virtual_factors(factors, between)
     stated_prior = _state_prior(prior, trials)
-    plan = Plan(primary, reference)
+    plan = Plan(
+        primary,
+        reference,
+        covariate=covariate,
+        question=question or QUESTION,
+        anchors=tuple(anchors) or ANCHORS,
+    )
     if kind.adaptive:
         repetitions = math.ceil(stated_prior.trials / _TRIALS_OF_REPETITION)
-        plan = Plan(primary, reference, stated_prior)
+        plan = replace(plan, prior=stated_prior)
     design = design_trials(
         experiment,
         participants,
@@ -178,6 +202,7 @@ def design_study(
         primary=plan.primary,
         reference=plan.reference,
         prior=plan.prior,
+        plan=plan,
     )
     files = {
         _DESIGN: format_csv(design.trials),
@@ -284,13 +309,14 @@ def write_sheets(folder: str | Path, program: str = "") -> int:
                 f"[{folder / _DESIGN}]"
             )
     if program:
-        write_new_files(folder, list_condition_files(program, kind, sheets))
+        plan = read_plan(folder)
+        write_new_files(folder, list_condition_files(program, kind, sheets, plan))
         return len(sheets)
     digits = len(str(len(sheets)))
     files = {}
     for participant, rows in sheets.items():
         files[f"sheets/participant-{participant:0>{digits}}.csv"] = format_csv(rows)
-    files["run-sheets.html"] = render_run_sheets(kind.sheet_title, sheets)
+    files["run-sheets.html"] = render_run_sheets(kind, sheets, read_plan(folder))
     write_new_files(folder, files)
     return len(sheets)
 
@@ -389,6 +415,7 @@ def analyse_study(
     groups: str | Path | None = None,
     primary: str = "",
     reference: str = "",
+    covariate: str = "",
     wide: str = "",
 ) -> StudyResult:
     """Analyse filled-in run sheets, or judgements that were not planned here.
@@ -422,6 +449,9 @@ def analyse_study(
     primary, reference : str
         Primary outcome and the condition that others are compared with, as in `design_study`; of a
         design its own.
+    covariate : str
+        As in `design_study`; of a design its own. Trials without a number are numbered as their
+        rows stand.
     wide : str
         Without a design, how columns of trials are called in tables with a row for each
         participant: ``"{condition}_{height_um}_{repetition}"``, ``{answer}`` among them where a
@@ -463,10 +493,18 @@ def analyse_study(
         equivalent=not math.isnan(equivalent),
         ratings=ratings != RATINGS,
         reference=reference,
+        covariate=covariate,
     )
-    plan = replace(plan, primary=primary or plan.primary, reference=reference or plan.reference)
+    plan = replace(
+        plan,
+        primary=primary or plan.primary,
+        reference=reference or plan.reference,
+        covariate=covariate or plan.covariate,
+    )
+    if plan.covariate and wide and "{trial}" not in wide:
+        raise StudyError("a table with a row for each participant does not say in which order")
     grouped = judgements.assign_groups(groups)
-    result = grouped.analyse(equivalent, plan.primary, plan.reference)
+    result = grouped.analyse(equivalent, plan.primary, plan.reference, plan.covariate)
     if output is not None:
         _write_report(result, Path(output))
     return result

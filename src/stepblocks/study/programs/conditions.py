@@ -8,6 +8,7 @@ from stepblocks.errors import StudyError
 from stepblocks.files.pages import render_page
 from stepblocks.files.tables import format_csv
 from stepblocks.study.columns import Row
+from stepblocks.study.design.plan import Plan
 from stepblocks.study.experiments.kind import Experiment
 from stepblocks.study.programs.program import PREFIX
 
@@ -15,13 +16,12 @@ WRITTEN = ("psychopy", "jspsych", "opensesame")  # programs that trials are writ
 
 _PROMPTS = {
     "estimate_um": "How high is the block, in micrometres?",
-    "realism_rating": "How real did it feel? (1 to 7)",
     "magnitude_ratio": "Which number fits what you felt?",
 }
 
 
 def list_condition_files(
-    program: str, kind: Experiment, sheets: Mapping[str, Sequence[Row]]
+    program: str, kind: Experiment, sheets: Mapping[str, Sequence[Row]], plan: Plan
 ) -> dict[str, str]:
     """Write the trials of every participant for a program.
 
@@ -33,6 +33,8 @@ def list_condition_files(
         What is answered.
     sheets : mapping
         Blinded trials by participant.
+    plan : Plan
+        In whose words a rating is asked for.
 
     Returns
     -------
@@ -51,7 +53,7 @@ def list_condition_files(
         trials[participant] = [_list_variables(row, kind) for row in rows]
     files = {}
     if program == "jspsych":
-        files["trials.js"] = _write_script(kind, trials)
+        files["trials.js"] = _write_script(kind, trials, plan)
     else:
         for participant, variables in trials.items():
             files[f"participant-{participant}.csv"] = format_csv(variables)
@@ -62,6 +64,7 @@ def list_condition_files(
         kind=kind,
         answers=kind.answers,
         columns=[*first],
+        plan=plan,
         codes=[name for name in first if name.endswith("code")],
     )
     files["README.md"] = html.unescape(readme)
@@ -74,9 +77,14 @@ def _list_variables(row: Row, kind: Experiment) -> dict[str, str]:
     return {f"{PREFIX}{name}": row[name] for name in shown}
 
 
-def _write_script(kind: Experiment, trials: Mapping[str, Sequence[Row]]) -> str:
+def _write_script(kind: Experiment, trials: Mapping[str, Sequence[Row]], plan: Plan) -> str:
     """Write the trials of all participants and a timeline that runs them, in JavaScript."""
-    script = render_page("stepblocks.study", "jspsych.js", kind=kind, prompts=_PROMPTS)
+    low, high = plan.anchors
+    rating = f"{plan.question} (1: {low}, 7: {high})"
+    prompts = {}
+    for name, text in {**_PROMPTS, "realism_rating": rating}.items():
+        prompts[name] = json.dumps(text).replace("</", "<\\/")
+    script = render_page("stepblocks.study", "jspsych.js", kind=kind, prompts=prompts)
     # a script within a page must not be able to end it
     listed = json.dumps(trials).replace("</", "<\\/")
     return f"const stepblocksTrials = {listed};\n\n{html.unescape(script)}"

@@ -29,7 +29,7 @@ function makeStepblocksTimeline(jsPsych, participant) {
     type: jsPsychSurveyText,
     questions: [
 {% for answer in kind.answers %}
-      { prompt: "{{ prompts[answer] }}", name: "{{ answer }}", required: true },
+      { prompt: {{ prompts[answer] }}, name: "{{ answer }}", required: true },
 {% endfor %}
     ],
     data: data,
