@@ -243,6 +243,8 @@ def _lower_one_face(body, block, rise: float, top: float):
         return body
     feature = getattr(block, "metrology", None)
     edge = 0.0
+    if hasattr(block, "opening"):
+        edge = min(block.opening.nominal, 0.0)  # a lip stands over the tooth
     if rise < 0.0:
         edge = block.marginal_gap.nominal
     x = -FAR if rise > 0.0 else FAR

@@ -40,6 +40,7 @@ _SHOWN_COLUMNS = (
     "height_deviation_um",
     "permitted_um",
     "status",
+    "missed",
     "note",
 )
 GROUND = "2 um"  # deviation of a height in one piece that is ground, not lapped
@@ -251,6 +252,5 @@ def tabulate_routes(orders: Iterable[PartOrder]) -> list[dict[str, object]]:
     for order in orders:
         for route in order.routes:
             row = make_route_row(order.name, route)
-            row["reaches"] = "yes" if route.reaches else "no"
             rows.append({column: row[column] for column in _SHOWN_COLUMNS})
     return rows

@@ -24,7 +24,7 @@ from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.on_paper import format_limits, format_millimetres, format_zone
 from stepblocks.parts.stock import build_stock, compute_stock
 from stepblocks.parts.tolerance import GUARD_FACTOR
-from stepblocks.workshop.routes import Route
+from stepblocks.workshop.routes import Reach, Route
 from stepblocks.workshop.setup_limits import (
     GRINDING,
     GUARD,
@@ -151,10 +151,10 @@ def _measure_stock(block: Block) -> list[float]:
 
 
 def _list_reaching(routes: Sequence[Route]) -> list[str]:
-    """List the names of the routes that hold the tolerance of the height, each once."""
+    """List the names of the routes that leave every characteristic as drawn, each once."""
     names: list[str] = []
     for route in routes:
-        if route.reaches and route.name not in names:
+        if route.reach is Reach.YES and route.name not in names:
             names.append(route.name)
     return names
 
