@@ -34,13 +34,13 @@ _SHOWN_COLUMNS = (
     "route",
     "reaches",
     "conforming_share",
+    "missed",
     "energy_uj",
     "energy_95_low_uj",
     "energy_95_high_uj",
     "height_deviation_um",
     "permitted_um",
     "status",
-    "missed",
     "note",
 )
 GROUND = "2 um"  # deviation of a height in one piece that is ground, not lapped
