@@ -78,11 +78,6 @@ class Route:
     unknown: tuple[str, ...]  # characteristics of the faces for which it has no figures
 
     @property
-    def holds_height(self) -> bool:
-        """Whether the height stays within its tolerance."""
-        return self.deviation <= self.tolerance
-
-    @property
     def reach(self) -> Reach:
         """Whether it leaves every characteristic as drawn, in the material of the part."""
         if self.missed:
