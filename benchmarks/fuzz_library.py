@@ -447,6 +447,7 @@ def make_file_calls(work: Path) -> dict[str, Words]:
         "SweepResult": ((work / "sweep", None, 1, 0), {}),
         "Rehearsals": (((work / "seed-000001",), 1, 0), {}),
         "Limits": ((), {"first": 3.0}),
+        "TableLayout": ((), {"decimal": ",", "encoding": "cp1252", "missing": [-9999, "OVER"]}),
         "ReadingWarning": (("cells are separated by tabs [table.csv]",), {}),
     }
 

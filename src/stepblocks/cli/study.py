@@ -33,6 +33,7 @@ from stepblocks.cli.study_options import (
     read_pairs,
 )
 from stepblocks.errors import PipelineError
+from stepblocks.files.layout import UNDECLARED, TableLayout
 
 study = typer.Typer(
     name="study",
@@ -388,6 +389,7 @@ def analyse(
     ratings: Ratings = None,
     primary: Primary = None,
     reference: Reference = None,
+    layout: TableLayout = UNDECLARED,
 ) -> Outcome:
     """Analyse answers: results.csv and report.html."""
     from stepblocks.study.analysis.prose import write_headline
@@ -404,6 +406,7 @@ def analyse(
         folder,
         data or answers or [],
         place,
+        layout=layout,
         **keep_given_options(
             columns=columns,
             experiment=experiment,
@@ -447,12 +450,14 @@ def share(
         str | None,
         typer.Option("--licence", metavar="NAME", help="licence that the dataset names"),
     ] = None,
+    layout: TableLayout = UNDECLARED,
 ) -> Outcome:
     """Write the study as a BIDS dataset, to share it."""
     files = stepblocks.share_study(
         folder,
         answers or [],
         output,
+        layout=layout,
         **keep_given_options(form=form, authors=authors, licence=licence),
     )
     return Outcome(f"{output}: {len(files)} files", record={"files": files})

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from stepblocks.errors import PipelineError, ReadingWarning
 from stepblocks.files.atomic import replace_text
+from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.files.missing import is_missing_word
 from stepblocks.files.numbers import NumberNotation
-from stepblocks.files.text_table import TableLayout, TextTable, read_text_table
+from stepblocks.files.text_table import TextTable, read_text_table
 from stepblocks.mistakes import Mistake, format_mistakes, shorten_value
 from stepblocks.quantities import multiply_by_unit, parse_quantity
 
@@ -80,15 +81,13 @@ class FileTable:
 
 
 def read_table(
-    path: Path,
-    texts: Collection[str] = (),
-    missing: Sequence[float] | None = None,
+    path: Path, texts: Collection[str] = (), layout: TableLayout = UNDECLARED
 ) -> "pd.DataFrame":
     """Read a table with a header; what had to be found out about it is a `ReadingWarning`.
 
     See `load_table`.
     """
-    table = load_table(path, texts, missing)
+    table = load_table(path, texts, layout)
     warn_of_notes(table.notes, path)
     return table.frame
 
@@ -100,9 +99,7 @@ def warn_of_notes(notes: Iterable[str], place: object) -> None:
 
 
 def load_table(
-    path: Path,
-    texts: Collection[str] = (),
-    missing: Sequence[float] | None = None,
+    path: Path, texts: Collection[str] = (), layout: TableLayout = UNDECLARED
 ) -> FileTable:
     """Read a table with a header.
 
@@ -112,8 +109,8 @@ def load_table(
         CSV, TSV or a workbook of Excel or LibreOffice; see `read_text_table`.
     texts : collection of str
         Columns that are texts, whatever they look like.
-    missing : sequence of float, optional
-        Numbers that stand for a missing value; by default those that stand out.
+    layout : TableLayout
+        What is declared of it.
 
     Raises
     ------
@@ -123,7 +120,6 @@ def load_table(
     """
     import pandas as pd
 
-    layout = TableLayout(missing=None if missing is None else tuple(missing))
     source = read_text_table(path, layout)
     if not source.rows:
         raise PipelineError(f"table has no rows [{path}]")

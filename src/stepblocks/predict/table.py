@@ -12,7 +12,8 @@ from stepblocks.contact.counterface import Step
 from stepblocks.contact.energy import find_release
 from stepblocks.contact.operating_point import PAPER, SHIPPED_LIMITS, OperatingPoint, Tool
 from stepblocks.contact.uncertainty import estimate_interval
-from stepblocks.errors import ContactError
+from stepblocks.errors import ContactError, PipelineError
+from stepblocks.files.layout import UNDECLARED, TableLayout, refuse_layout
 from stepblocks.files.tables import (
     ColumnRule,
     load_table,
@@ -49,7 +50,10 @@ _RESULT = (_FIGURES[0], "status", *_FIGURES[1:], "problem")
 
 
 def predict_table(
-    table: pd.DataFrame | str | Path, output: str | Path | None = None
+    table: pd.DataFrame | str | Path,
+    output: str | Path | None = None,
+    *,
+    layout: TableLayout = UNDECLARED,
 ) -> pd.DataFrame:
     """Predict each row of a table, with an interval.
 
@@ -62,6 +66,8 @@ def predict_table(
         uncertainties in columns of the same names with ``u_`` before them.
     output : str or Path, optional
         CSV to write.
+    layout : TableLayout
+        What is declared of a file: encoding, signs, missing values; the rest is found.
 
     Returns
     -------
@@ -80,10 +86,11 @@ def predict_table(
     if not isinstance(table, pd.DataFrame) and hasattr(table, "to_pandas"):  # polars or Arrow
         table = table.to_pandas()
     if isinstance(table, pd.DataFrame):
+        refuse_layout(layout, "a table in memory", PipelineError)
         frame, columns = table, _read_columns(table, "table")
     else:
         path = Path(table)
-        read = load_table(path)
+        read = load_table(path, layout=layout)
         warn_of_notes(read.notes, path)
         frame, columns = read.frame, _read_columns(read.frame, read.source)
     predicted = _predict_rows(columns, len(frame)).set_index(frame.index)

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stepblocks.errors import MetrologyError
+from stepblocks.files.layout import UNDECLARED, MissingValues, TableLayout
 from stepblocks.files.missing import is_missing_word
 from stepblocks.files.numbers import NotationError, NumberNotation, find_notation
 from stepblocks.scans.scan import Array
@@ -49,12 +50,15 @@ class NumberTable:
         Unit that the head states for the whole table.
     source : str
         Name of the file, for messages.
+    missing : MissingValues, optional
+        What is declared as missing; by default numbers that stand out.
     """
 
     names: tuple[str, ...]
     values: Array
     unit: StoredLength | None
     source: str
+    missing: MissingValues | None = None
 
     def get_name(self, column: int) -> str | None:
         """Return the name of a column, None where columns have no names."""
@@ -73,10 +77,13 @@ class Notation:
         One letter; None for any run of blanks.
     numbers : NumberNotation
         How its numbers are written.
+    words : frozenset of str
+        Words for a missing point, beside the usual ones.
     """
 
     separator: str | None
     numbers: NumberNotation = _POINT
+    words: frozenset[str] = frozenset()
 
     def split_line(self, line: str) -> list[str]:
         """Split a line into fields, without the empty ones that some instruments append."""
@@ -104,7 +111,7 @@ class Notation:
         ValueError
             If it is neither.
         """
-        if is_missing_word(field):
+        if is_missing_word(field) or field in self.words:
             return math.nan
         if self.separator in (",", None) and _INNER_BLANK.search(field.strip()):
             raise ValueError(f"{field!r} is two numbers")
@@ -164,7 +171,7 @@ class _Layout:
     columns: int
 
 
-def parse_table(text: str, source: str) -> NumberTable:
+def parse_table(text: str, source: str, declared: TableLayout = UNDECLARED) -> NumberTable:
     """Find the table of numbers in a text and read it.
 
     Parameters
@@ -173,6 +180,8 @@ def parse_table(text: str, source: str) -> NumberTable:
         The whole text: a head of any kind, the table, a footer that does not begin with numbers.
     source : str
         Name of the file, for messages.
+    declared : TableLayout
+        What is known of the text beforehand.
 
     Returns
     -------
@@ -185,7 +194,7 @@ def parse_table(text: str, source: str) -> NumberTable:
         If there is no table of at least two columns, or one of its lines is broken.
     """
     lines = text.splitlines()
-    layout = _find_layout(lines, source)
+    layout = _find_layout(lines, source, declared)
     _refuse_row_in_head(lines, layout, source)
     head = [_split_head_line(line, layout.notation) for line in lines[: layout.first_line]]
     if layout.columns > MOST_COLUMNS and any(len(fields) == layout.columns for fields in head):
@@ -195,12 +204,13 @@ def parse_table(text: str, source: str) -> NumberTable:
     values = _read_clean_rows(lines, layout)
     if values is None:
         values = _read_rows(lines, layout, source)
-    return _name_columns(head, values, source)
+    table = _name_columns(head, values, source)
+    return replace(table, missing=declared.missing_values)
 
 
-def _find_layout(lines: Sequence[str], source: str) -> _Layout:
+def _find_layout(lines: Sequence[str], source: str, declared: TableLayout) -> _Layout:
     """Find the notation of a text, and the first line that is a row of numbers in it."""
-    notation = _find_notation(lines, source)
+    notation = _find_notation(lines, source, declared)
     if notation is not None:
         for number, line in enumerate(lines[: _MOST_HEADER_LINES + 1]):
             columns = notation.count_columns(line)
@@ -213,22 +223,47 @@ def _find_layout(lines: Sequence[str], source: str) -> _Layout:
     )
 
 
-def _find_notation(lines: Sequence[str], source: str) -> Notation | None:
+def _find_notation(lines: Sequence[str], source: str, declared: TableLayout) -> Notation | None:
     """Find the notation in which most of the sampled lines are rows of numbers."""
     begin = [line for line in lines[: _MOST_HEADER_LINES + _SAMPLED_LINES] if line.strip()]
     sample = begin[-_SAMPLED_LINES:]
+    words = _list_words(declared)
     best: Notation | None = None
     most_rows = 0
-    for separator in _SEPARATORS:
-        for numbers in (_POINT, _COMMA):
-            notation = Notation(separator, numbers)
+    for separator in _list_separators(declared):
+        for numbers in _list_notations(declared):
+            notation = Notation(separator, numbers, words)
             rows = sum(notation.count_columns(line) > 0 for line in sample)
             if rows > most_rows:
                 best = notation
                 most_rows = rows
-    if best is None:
-        return None
+    if best is None or declared.decimal is not None:
+        return best
     return replace(best, numbers=_find_decimal_sign(lines, best, source))
+
+
+def _list_separators(declared: TableLayout) -> Sequence[str | None]:
+    """List what may separate the fields of a text: what is declared, else all."""
+    if declared.separator is None:
+        return _SEPARATORS
+    if declared.separator.isspace() and declared.separator != "\t":
+        return (None,)
+    return (declared.separator,)
+
+
+def _list_notations(declared: TableLayout) -> Sequence[NumberNotation]:
+    """List how the numbers of a text may be written: as declared, else with either sign."""
+    if declared.decimal is None:
+        return (_POINT, _COMMA)
+    return (NumberNotation(declared.decimal),)
+
+
+def _list_words(declared: TableLayout) -> frozenset[str]:
+    """Return the words that are declared to stand for a missing point."""
+    values = declared.missing_values
+    if values is None:
+        return frozenset()
+    return frozenset(values.words)
 
 
 def _find_decimal_sign(lines: Sequence[str], notation: Notation, source: str) -> NumberNotation:

@@ -12,6 +12,7 @@ import pandas as pd
 
 from stepblocks.errors import PipelineError, StudyError
 from stepblocks.files.atomic import replace_text
+from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.files.pages import render_page
 from stepblocks.files.tables import format_csv
 from stepblocks.quantities import check_seed
@@ -381,6 +382,7 @@ def analyse_study(
     groups: str | Path | None = None,
     primary: str = "",
     reference: str = "",
+    layout: TableLayout = UNDECLARED,
 ) -> StudyResult:
     """Analyse filled-in run sheets, or judgements that were not planned here.
 
@@ -411,6 +413,8 @@ def analyse_study(
     primary, reference : str
         Primary outcome and the condition that others are compared with, as in `design_study`; of a
         design its own.
+    layout : TableLayout
+        What is declared of the tables of answers and groups: encoding, signs, missing values.
 
     Returns
     -------
@@ -437,9 +441,9 @@ def analyse_study(
     """
     plan = Plan()
     if folder is None:
-        judgements = read_foreign_judgements(answers, columns, experiment, ratings)
+        judgements = read_foreign_judgements(answers, columns, experiment, ratings, layout)
     else:
-        judgements = _read_judgements(Path(folder), answers, ratings)
+        judgements = _read_judgements(Path(folder), answers, ratings, layout)
         plan = read_plan(Path(folder))
     refuse_unused_options(
         judgements.experiment,
@@ -448,7 +452,7 @@ def analyse_study(
         reference=reference,
     )
     plan = replace(plan, primary=primary or plan.primary, reference=reference or plan.reference)
-    grouped = judgements.assign_groups(groups)
+    grouped = judgements.assign_groups(groups, layout)
     result = grouped.analyse(equivalent, plan.primary, plan.reference)
     if output is not None:
         _write_report(result, Path(output))
@@ -456,11 +460,11 @@ def analyse_study(
 
 
 def _read_judgements(
-    folder: Path, answers: Sequence[str | Path], ratings: tuple[int, int]
+    folder: Path, answers: Sequence[str | Path], ratings: tuple[int, int], layout: TableLayout
 ) -> Judgements:
     """Read the answers to the trials of a design."""
     design = read_design(folder / _DESIGN)
-    rows = read_all_answers(answers, design[0]["experiment"])
+    rows = read_all_answers(answers, design[0]["experiment"], layout)
     return join_answers(design, rows, ratings)
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from stepblocks.errors import StudyError
+from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.study.analysis.judgements import Judgement, Judgements, join_rows
 from stepblocks.study.columns import FACTOR, RATINGS, Row, read_number
 from stepblocks.study.design.read import SheetRow, find_sheets, read_rows
@@ -73,6 +74,7 @@ def read_foreign_judgements(
     columns: Mapping[str, str],
     experiment: str,
     ratings: tuple[int, int] = RATINGS,
+    layout: TableLayout = UNDECLARED,
 ) -> Judgements:
     """Read judgements from tables or a dataset of a study that was not designed here.
 
@@ -88,6 +90,8 @@ def read_foreign_judgements(
         Kind of the judgements.
     ratings : tuple of int
         Lowest and highest rating.
+    layout : TableLayout
+        What is declared of the tables.
 
     Raises
     ------
@@ -103,7 +107,8 @@ def read_foreign_judgements(
     participant = names.name("participant")
     rows = list[SheetRow]()
     for path in find_sheets(tables):
-        rows += read_rows(path, [participant], names=(participant, names.name("condition")))
+        of_names = (participant, names.name("condition"))
+        rows += read_rows(path, [participant], names=of_names, layout=layout)
     _refuse_copied_rows(rows, {names.name("trial"), "repetition", "time"})
     _refuse_copied_tables(rows, participant)
     translated = [_translate(row, names) for row in rows]

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from stepblocks.errors import StudyError
+from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.files.numbers import NumberNotation, is_plain_number
 from stepblocks.files.tables import warn_of_notes
 from stepblocks.files.text_table import TextTable, is_table_name, read_text_table
@@ -95,16 +96,18 @@ def _check_heights(row: SheetRow) -> None:
             )
 
 
-def read_answers(path: Path, experiment: str) -> list[SheetRow]:
+def read_answers(path: Path, experiment: str, layout: TableLayout = UNDECLARED) -> list[SheetRow]:
     """Read filled-in run sheets; one in which no trial is answered yet has no rows."""
-    return read_rows(path, list_answer_columns(experiment), empty=True)
+    return read_rows(path, list_answer_columns(experiment), empty=True, layout=layout)
 
 
-def read_all_answers(paths: Sequence[str | Path], experiment: str) -> list[SheetRow]:
+def read_all_answers(
+    paths: Sequence[str | Path], experiment: str, layout: TableLayout = UNDECLARED
+) -> list[SheetRow]:
     """Read all filled-in run sheets of files and folders."""
     rows = []
     for path in find_sheets(paths):
-        rows += read_answers(path, experiment)
+        rows += read_answers(path, experiment, layout)
     return rows
 
 
@@ -135,7 +138,11 @@ def find_sheets(paths: Sequence[str | Path]) -> list[Path]:
 
 
 def read_rows(
-    path: Path, columns: Sequence[str], empty: bool = False, names: Collection[str] = _NAMES
+    path: Path,
+    columns: Sequence[str],
+    empty: bool = False,
+    names: Collection[str] = _NAMES,
+    layout: TableLayout = UNDECLARED,
 ) -> list[SheetRow]:
     """Read a table that people write: CSV in any dialect, or a sheet of a workbook.
 
@@ -149,6 +156,8 @@ def read_rows(
         Whether it may have no rows.
     names : collection of str
         Columns of names, in which a person may be called NA.
+    layout : TableLayout
+        What is declared of it.
 
     Returns
     -------
@@ -160,7 +169,7 @@ def read_rows(
     StudyError
         If the file cannot be read, or is no such table.
     """
-    table = read_text_table(path, raises=StudyError, most_bytes=_MAX_BYTES)
+    table = read_text_table(path, layout, raises=StudyError, most_bytes=_MAX_BYTES)
     lacking = [name for name in columns if name not in table.names]
     if lacking:
         raise StudyError(
