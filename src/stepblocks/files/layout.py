@@ -38,7 +38,7 @@ class TableLayout:
         The decimal sign.
     encoding : str, optional
         Such as ``"cp1252"``; any encoding of text that Python knows by this name.
-    missing : sequence of float or str, optional
+    missing : sequence of numbers and texts, optional
         Numbers and words that stand for a missing value, wherever they are. By default a number
         counts as missing that instruments write for it and that stands far off its column; words
         for it, as ``NA``, count in columns of numbers either way.

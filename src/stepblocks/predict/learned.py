@@ -380,7 +380,7 @@ def format_learned_columns(prediction: Prediction, learned: LearnedModel) -> dic
 def _format_learned(status: str, force: Iterable[float], energy: Iterable[float]) -> dict[str, str]:
     """Columns of a learned drag: a force [N] and an energy [uJ], each with its ends."""
     row = {"learned_status": status}
-    for figure, values in (("pull_force{}_n", force), ("vibration_energy{}_uj", energy)):
-        for end, value in zip(("", "_low", "_high"), values, strict=True):
+    for figure, values in (("peak_force{}_n", force), ("vibration_energy{}_uj", energy)):
+        for end, value in zip(("", "_95_low", "_95_high"), values, strict=True):
             row[f"learned_{figure.format(end)}"] = format_six_digits(value)
     return row
