@@ -180,3 +180,19 @@ def test_predict_drag_sweep_export_and_feel_speak_of_the_same_event(folder, name
     assert event["trigger_position_m"] == pytest.approx(feature["x_m"], abs=1e-6)
     angles = (event["critical_angle_deg"], row.critical_angle_deg)
     assert angles == pytest.approx((feature["critical_angle_deg"],) * 2, rel=1e-6)
+
+
+def test_predict_says_which_energy_is_felt_and_the_drag_which_limit_it_does_not_know(
+    tmp_path, capsys, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.toml").write_text('[[step_block]]\nid = "step-050"\nheight = "50 um"\n')
+    assert main(["predict", "mine.toml", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    (row,) = found["predictions"]
+    assert row["felt_by"] == "drag"
+    assert row["felt_energy_uj"] == row["drag_vibration_energy_uj"] != row["vibration_energy_uj"]
+    assert any("vibration_energy_uj is that of equation (1)" in note for note in found["notes"])
+    # eq. (1) by hand: tan(acos(1 - 100/125) + atan 0.15) N is more than a hand pulls
+    assert main(["drag", "100 um", "-o", "d"]) == 0
+    assert "so that `predict` says beyond-hand" in capsys.readouterr().out

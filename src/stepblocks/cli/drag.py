@@ -267,6 +267,8 @@ def _describe_drag(summary: Document) -> list[str]:
             f"({summary['ring_share']:.0%} of what spring and fall give) for "
             f"{summary['ring_duration_s'] * 1e3:.1f} ms"
         )
+    if "limit" in summary:
+        notes.append(summary["limit"])
     if "difference_from_equation_1" in summary:
         notes.append(summary["difference_from_equation_1"])
     return notes

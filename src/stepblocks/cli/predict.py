@@ -178,7 +178,7 @@ def _predict_sets(
     from stepblocks.files.atomic import replace_text
     from stepblocks.files.tables import format_csv
     from stepblocks.predict.columns import choose_terminal_columns, format_row
-    from stepblocks.predict.predictions import describe_left_out
+    from stepblocks.predict.predictions import describe_felt, describe_left_out
 
     sets = [declared for declared, _ in load_sets(files)]
     if records:
@@ -186,13 +186,14 @@ def _predict_sets(
     else:
         predicted = _predict_as_declared(sets, asked)
     rows = [format_row(row) for found in predicted for row in found.rows]
-    notes = describe_left_out(_list_predictions(predicted))
+    predictions = _list_predictions(predicted)
+    notes = [*describe_left_out(predictions), *describe_felt(predictions)]
     if perception:
         notes += _write_pairs(predicted, asked, perception)
     if plots:
         notes += _write_plots(predicted, asked, plots)
     rings = _tabulate_rings([found.stimuli for found in predicted])
-    record = {"predictions": rows, **rings}
+    record = {"predictions": rows, **rings, "notes": notes}
     if output:
         replace_text(output, format_csv(rows))
         summary = f"{output}: {len(rows)} predictions"
