@@ -23,6 +23,7 @@ from stepblocks.errors import ContactError, PipelineError
 from stepblocks.files.layout import UNDECLARED, TableLayout, refuse_layout
 from stepblocks.files.tables import (
     ColumnRule,
+    convert_dataset,
     load_table,
     read_si_columns,
     warn_of_notes,
@@ -101,8 +102,11 @@ def predict_table(
     PipelineError
         If the table or one of its columns is wrong.
     """
-    if not isinstance(table, pd.DataFrame) and hasattr(table, "to_pandas"):  # polars or Arrow
-        table = table.to_pandas()
+    given: Any = table
+    if hasattr(given, "data_vars"):
+        table = convert_dataset(given)
+    elif hasattr(given, "to_pandas"):  # of polars or Arrow
+        table = given.to_pandas()
     if isinstance(table, pd.DataFrame):
         refuse_layout(layout, "a table in memory", PipelineError)
         frame, columns = table, _read_columns(table, "table")

@@ -191,12 +191,30 @@ def _make_scan(
         values[:, columns.z] = found.values
         table = replace(table, values=values)
     axes = _find_axes(table, columns, units)
-    scale = _describe_units(axes, unit)
+    _refuse_infinite(table, columns)
+    notes = [_describe_units(axes, unit), *table.notes]
     if found.count:
-        scale += f"; {found.describe(table.get_name(columns.z) or 'the heights')}"
+        notes.append(found.describe(table.get_name(columns.z) or "the heights"))
+    scale = "; ".join(notes)
     if "y" in axes:
         return _make_map_of_points(axes, scale, table.source)
     return _make_profile(axes, scale, table.source)
+
+
+def _refuse_infinite(table: NumberTable, columns: Columns) -> None:
+    """Refuse a position that is missing or infinite, and a height that is infinite, by its line."""
+    for axis, column in columns.list_axes().items():
+        numbers = table.values[:, column]
+        is_wrong = np.isinf(numbers)
+        if axis != "z":
+            is_wrong |= np.isnan(numbers)
+        is_known = bool(np.isfinite(numbers).any())  # else the whole column is refused
+        if is_wrong.any() and is_known:
+            row = int(np.flatnonzero(is_wrong)[0])
+            raise MetrologyError(
+                f"{table.get_name(column) or axis} must be a finite number, got "
+                f"{numbers[row]:g} [{table.name_row(row)}]"
+            )
 
 
 def _find_missing(table: NumberTable, heights: Array) -> FillFound:
@@ -308,14 +326,14 @@ def _make_map_of_matrix(table: NumberTable, units: Mapping[str, StoredLength]) -
         )
     found = _find_missing(table, table.values)
     heights = _Axis(None, found.values.ravel(), units["z"])
-    scale = "matrix with the spacing and unit given"
+    notes = ["matrix with the spacing and unit given", *table.notes]
     if found.count:
-        scale += f"; {found.describe('the heights')}"
+        notes.append(found.describe("the heights"))
     return HeightMap(
         found.values * units["z"].metres,
         units["x"].metres,
         units["y"].metres,
         source=table.source,
-        scale=scale,
+        scale="; ".join(notes),
         count=heights.measure_last_digit(),
     )
