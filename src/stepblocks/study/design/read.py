@@ -182,6 +182,7 @@ def read_rows(
     columns: Sequence[str],
     empty: bool = False,
     names: Collection[str] = _NAMES,
+    *,
     asked: Asked | None = None,
     pattern: str = "",
     layout: TableLayout = UNDECLARED,
