@@ -140,14 +140,12 @@ def draw_part_sheet(
         fields |= _list_series_fields(series, order)
         _tabulate_heights(sheet, series.blocks)
     remarks = _draw_views(sheet, part)
-    notes = _state_undrawn(sheet)
+    notes = _state_undrawn(sheet, part)
     if part.has_working_faces:
         sheet.draw_general_texture(_TEXTURE_FOOT)
         defaults = describe_default_demands(part)
         if defaults:
             remarks.append(defaults)
-    elif part.governing_field:
-        remarks.append(_describe_contact_roughness(part))
     notes += [Note(remark) for remark in remarks]
     _write_notes(sheet, notes)
     draw_border(sheet, f"{part.title}, part drawing", fields)
@@ -210,13 +208,16 @@ def _draw_views(sheet: Sheet, part: Part) -> list[str]:
     return []
 
 
-def _state_undrawn(sheet: Sheet) -> list[Note]:
+def _state_undrawn(sheet: Sheet, part: Part) -> list[Note]:
     """State in words, with its number, each characteristic that no view shows."""
     notes = []
     for key, listed in sheet.listed.items():
         if listed.number not in sheet.numbers:
             label = use_decimal_comma(listed.characteristic.label)
-            notes.append(Note(f"{listed.number}  {label}: {sheet.format_limits(key)}", key))
+            text = f"{label}: {sheet.format_limits(key)}"
+            if key == "roughness":
+                text = f"{label}: {_describe_contact_roughness(part)}"
+            notes.append(Note(f"{listed.number}  {text}", key))
     return notes
 
 
@@ -224,9 +225,7 @@ def _describe_contact_roughness(part: Part) -> str:
     """Say which roughness the surface has that a tip touches."""
     governing = part.governing_field.replace("_", " ")
     roughness = use_decimal_comma(f"{part.face_demands['roughness'].upper * 1e6:.2f}")
-    return (
-        f"Ra {roughness} µm or better where a tip touches, from the tolerance of the {governing}."
-    )
+    return f"{roughness} µm or better, from the tolerance of the {governing}"
 
 
 def _write_notes(sheet: Sheet, notes: Sequence[Note]) -> None:

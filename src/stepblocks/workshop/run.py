@@ -1,6 +1,6 @@
 """Everything a workshop gets besides the STEP file: drawings, sheets, routes."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -19,8 +19,11 @@ from stepblocks.parts.body import Block
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.gauge_pair import GaugePair, choose_pair
 from stepblocks.parts.kind import Part
+from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
 from stepblocks.parts.kinds.kit_part import KitPart
+from stepblocks.parts.kinds.sheath import Sheath
 from stepblocks.parts.kinds.step_block import StepBlock
+from stepblocks.parts.kinds.tips import Tip
 from stepblocks.parts.material import MATERIALS
 from stepblocks.parts.on_paper import make_sheet_table
 from stepblocks.parts.tolerance import GUARD_FACTOR
@@ -38,6 +41,7 @@ _SHOWN_COLUMNS = (
     "route",
     "reaches",
     "conforming_share",
+    "missed",
     "energy_uj",
     "energy_95_low_uj",
     "energy_95_high_uj",
@@ -46,6 +50,12 @@ _SHOWN_COLUMNS = (
     "status",
     "note",
 )
+# why a kind has no setup sheet and no routes
+_MADE_ELSEWHERE: Mapping[type, str] = {
+    Tip: "shank, cone and ball are ground in one chucking, as the maker of tips has it set up",
+    Sheath: "it is turned and bored in one chucking",
+    CrownOnTooth: "a dental workshop mills tooth and crown from the STEP file",
+}
 GROUND = "2 um"  # deviation of a height in one piece that is ground, not lapped
 
 
@@ -62,7 +72,7 @@ class PartOrder:
     routes : tuple of Route
         Ways to make a step block; empty for other parts.
     note : str
-        Which block of the set has the same sizes.
+        Which block of the set has the same sizes, and why a part has no setup sheet or routes.
     """
 
     name: str
@@ -231,8 +241,21 @@ def _order_part(part: Part, output: Path, capability: float, stimuli: StimulusSe
     elif isinstance(part, KitPart):
         written += write_kit_setup(folder, part)
     written += _write_inspection_sheet(folder, part, stimuli.order)
-    note = stimuli.describe_alike().get(part.id, "")
+    notes = [stimuli.describe_alike().get(part.id, ""), _describe_missing_papers(part)]
+    note = "; ".join(text for text in notes if text)
     return PartOrder(name, tuple(written), tuple(routes), note)
+
+
+def _describe_missing_papers(part: Part) -> str:
+    """Say why a part has no setup sheet or no routes; empty where it has both."""
+    if isinstance(part, StepBlock):
+        return ""
+    if isinstance(part, Block):
+        return "no routes: nobody publishes what a way of making leaves at a gap"
+    for kind, way in _MADE_ELSEWHERE.items():
+        if isinstance(part, kind):
+            return f"no setup sheet and no routes: {way}"
+    return "no setup sheet and no routes: they are for blocks alone"
 
 
 def _write_routes(folder: Path, block: StepBlock, name: str, routes: Sequence[Route]) -> Path:
@@ -267,6 +290,5 @@ def tabulate_routes(orders: Iterable[PartOrder]) -> list[dict[str, object]]:
     for order in orders:
         for route in order.routes:
             row = make_route_row(order.name, route)
-            row["reaches"] = "yes" if route.reaches else "no"
             rows.append({column: row[column] for column in _SHOWN_COLUMNS})
     return rows
