@@ -97,6 +97,12 @@ def test_a_text_scan_is_read_as_declared(tmp_path):
     assert "-7 in 'z_µm' (4 cells) stands for a missing value" in scan.scale
 
 
+@pytest.mark.parametrize("name", ["height [um]", "height (um)", "Height [µm]", "step height [um]"])
+def test_a_unit_in_brackets_is_no_misspelt_name(name, tmp_path):
+    path = write(tmp_path, f"{name},load_n,friction\n50,1,0.15\n")
+    assert sb.predict_table(path).status.tolist() == ["releases"]
+
+
 def test_the_options_of_a_command_declare_the_same(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write(tmp_path, TABLE)
