@@ -23,6 +23,7 @@ SETS = {
 PARTS = {type(part).__name__: part for one in SETS.values() for part in one.stimuli}
 X = np.linspace(-1e-3, 1e-3, 9)
 EXAMPLES = {
+    "TrainingDay": sb.TrainingDay("1", "2026-11-29", 8, 6, 0.41, 0.93, 5.0, 8, 0.2, 1.5),
     "WeberFraction": sb.WeberFraction(0.3, 0.25, 0.35),
     "Discrimination": sb.Discrimination((sb.WeberFraction(0.3, 0.25, 0.35),), "people.csv"),
     "Instrument": sb.Instrument(0.001, 1e-9),

@@ -97,6 +97,11 @@ from .simulators.compare import compare_record as compare_record
 from .simulators.export import export_scenes as export_scenes
 from .study.analysis.exchange import share_study as share_study
 from .study.conduct.run import open_run as open_run
+from .study.conduct.training import (
+    TrainingDay as TrainingDay,
+    open_training as open_training,
+    read_training as read_training,
+)
 from .study.power import study_power as study_power
 from .study.run import (
     analyse_study as analyse_study,

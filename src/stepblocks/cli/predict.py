@@ -186,6 +186,10 @@ def _predict_sets(
     else:
         predicted = _predict_as_declared(sets, asked)
     rows = [format_row(row) for found in predicted for row in found.rows]
+    if not rows:
+        raise PipelineError(
+            "a prediction needs a stimulus that is felt, got parts of the apparatus alone"
+        )
     predictions = _list_predictions(predicted)
     notes = [*describe_left_out(predictions), *describe_felt(predictions)]
     if perception:

@@ -1,6 +1,7 @@
 """``stepblocks simulate-session``, ``measure`` and ``loop``: a bench session, and what it shows."""
 
 import sys
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -135,6 +136,15 @@ def measure(
             show_default="the first twelve",
         ),
     ] = None,
+    whole_record: Annotated[
+        Path | None,
+        typer.Option(
+            "--whole-record",
+            metavar="CSV",
+            help="also fit ramp, release and ring of each trace in one likelihood, and write that "
+            "beside the features",
+        ),
+    ] = None,
     layout: TableLayout = UNDECLARED,
     quiet: Quiet = False,
 ) -> Outcome:
@@ -163,10 +173,23 @@ def measure(
     notes = [f"excluded {count}: {reason}" for reason, count in reasons.items()]
     notes += [f"note: {note}" for note in summary.notes]
     measured = summary.total - summary.excluded
+    record: Document = {
+        "trials": summary.total,
+        "excluded": reasons,
+        "notes": list(summary.notes),
+    }
+    if whole_record is not None:
+        from stepblocks.bench.whole_records import compare_whole_records
+
+        compared = compare_whole_records(session, whole_record, jobs)
+        shapes = ", ".join(f"{shape} {count}" for shape, count in compared.shapes.items())
+        notes.append(
+            f"whole records: {compared.fitted} of {compared.total} fitted, {compared.differing} "
+            f"differ from a feature; releases by shape: {shapes or 'none'} -> {whole_record}"
+        )
+        record["whole_record"] = asdict(compared)
     return Outcome(
-        f"{measured} of {summary.total} trials measured -> {output}",
-        notes=notes,
-        record={"trials": summary.total, "excluded": reasons, "notes": list(summary.notes)},
+        f"{measured} of {summary.total} trials measured -> {output}", notes=notes, record=record
     )
 
 

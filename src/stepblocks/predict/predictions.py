@@ -137,6 +137,8 @@ def predict_one(face: Counterface, point: OperatingPoint, backward: bool = False
 def predict_by_formula(stimuli: StimulusSet) -> Iterator[Prediction]:
     """Predict a set over its grid, in the order stimulus, tip, step, direction, friction, load."""
     for part in stimuli.stimuli:
+        if not part.is_felt:
+            continue
         grid = stimuli.find_conditions(part)
         for ball, step_height in product(_list_balls(part, grid), _list_steps(part, grid)):
             yield from _predict_under_ball(stimuli, part, ball, step_height)
