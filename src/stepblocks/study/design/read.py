@@ -252,6 +252,7 @@ def _clean_cells(table: TextTable, column: int) -> list[str]:
     if not table.holds_numbers(column):
         return ["" if cell in _MISSING else cell for cell in cells]
     found = table.read_sound_numbers(column, StudyError)
+    found = replace(found, words=())  # the notes of a study count the missing answers
     warn_of_notes(filter(None, [found.describe(table.names[column])]), table.file)
     cleaned = []
     for cell, value in zip(cells, found.values.tolist(), strict=True):
