@@ -184,6 +184,7 @@ def read_rows(
     names: Collection[str] = _NAMES,
     asked: Asked | None = None,
     pattern: str = "",
+    *,
     layout: TableLayout = UNDECLARED,
 ) -> list[SheetRow]:
     """Read a table that people write: CSV in any dialect, or a sheet of a workbook.
