@@ -17,6 +17,7 @@ import sys
 import tempfile
 import time
 import traceback
+import warnings
 import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -27,7 +28,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests"))  # for a model that might be learned
 
 from stepblocks.bench.faults import TraceError  # noqa: E402
-from stepblocks.errors import StepblocksError  # noqa: E402
+from stepblocks.errors import ReadingWarning, StepblocksError  # noqa: E402
 from stepblocks.files.confined import MEMORY  # noqa: E402
 
 SECONDS = 20  # of the processor, for one input
@@ -517,6 +518,7 @@ def main(argv: list[str] | None = None) -> int:
         "--keep", type=Path, default=Path("fuzz-faults"), help="folder for what failed"
     )
     arguments = parser.parse_args(argv)
+    warnings.simplefilter("ignore", ReadingWarning)  # of every input another one
     for late in (signal.SIGALRM, signal.SIGPROF):
         signal.signal(late, _late)
     rows: list[list[float]] = []

@@ -9,7 +9,7 @@ import pytest
 
 import stepblocks as sb
 from stepblocks.cli import main
-from stepblocks.errors import StepblocksError, UsageError
+from stepblocks.errors import ReadingWarning, StepblocksError, UsageError
 from stepblocks.files.layout import TableLayout
 from stepblocks.files.tables import load_table
 from stepblocks.files.text_table import read_text_table
@@ -95,6 +95,23 @@ def test_a_text_scan_is_read_as_declared(tmp_path):
     assert np.flatnonzero(np.isnan(scan.height)).tolist() == [3, 13, 23, 33, 40]
     assert scan.height[0] == pytest.approx(0.5e-6)
     assert "-7 in 'z_µm' (4 cells) stands for a missing value" in scan.scale
+
+
+@pytest.mark.parametrize("name", ["height [um]", "height (um)", "Height [µm]", "step height [um]"])
+def test_a_unit_in_brackets_is_no_misspelt_name(name, tmp_path):
+    path = write(tmp_path, f"{name},load_n,friction\n50,1,0.15\n")
+    assert sb.predict_table(path).status.tolist() == ["releases"]
+
+
+@pytest.mark.parametrize("error", ["#N/A", "#VALUE!", "#DIV/0!", "#NAME?"])
+def test_a_row_that_begins_with_an_error_of_a_spreadsheet_is_no_comment(error, tmp_path):
+    path = write(tmp_path, f"height_um,load_n,friction\n50,1,0.15\n{error},1,0.15\n60,1,0.15\n")
+    if error == "#N/A":
+        with pytest.warns(ReadingWarning, match="#N/A in 'height_um'"):
+            assert sb.predict_table(path).status.tolist() == ["releases", "invalid", "releases"]
+        return
+    with pytest.raises(StepblocksError, match=r"height_um must be a finite number.*line 3\]"):
+        sb.predict_table(path)
 
 
 def test_the_options_of_a_command_declare_the_same(tmp_path, capsys, monkeypatch):

@@ -44,6 +44,7 @@ def load(tmp_path, content: str | bytes, name="t.csv") -> FileTable:
         PLAIN.replace(",", '","').replace("\n", '"\n"').join(['"', ""])[:-1],
         "# measured on Monday, by hand\n" + PLAIN,
         PLAIN.replace("\n", "\n[um],[N],\n", 1),
+        PLAIN.replace("\n", "\n---,---,:--:\n".replace(":--:", ":---:"), 1),
         "\ufeff" + PLAIN,
         PLAIN.encode("utf-16"),
         PLAIN.encode("utf-16-be"),

@@ -28,7 +28,8 @@ __all__ = [
 BLANKS = " "  # any run of blanks between two cells
 _SEPARATORS = (",", ";", "\t", "|", BLANKS)  # in the order of preference
 _SAMPLED_LINES = 200
-_COMMENT = re.compile(r"\s*(#(?!\d)|//|%(?=\s))")
+# behind a mark; what a spreadsheet writes for an error, as #N/A or #VALUE!, is a cell
+_COMMENT = re.compile(r"\s*(#(?!\d|N/A|NA\b|[A-Z]+[!?]|DIV/0!)|//|%(?=\s))")
 _COMMENT_STARTS = ("#", "/", "%")
 _DECLARED_SEPARATOR = re.compile(r"sep=(.)\s*", re.IGNORECASE)  # the first line of an Excel's CSV
 _NAMES = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars", BLANKS: "blanks"}

@@ -139,8 +139,16 @@ def describe_missing(found: Sequence[str], count: int, place: str) -> str:
 
 
 def list_missing_words(cells: Sequence[str]) -> tuple[str, ...]:
-    """List the cells that say by a word that nothing is there, empty ones left out."""
-    return tuple(cell for cell in cells if cell and is_missing_word(cell))
+    """List the cells that say by a word that nothing is there.
+
+    An empty cell needs no word, and ``nan`` is what a program writes for no number.
+    """
+    return tuple(cell for cell in cells if is_missing_word(cell) and not _is_plain_gap(cell))
+
+
+def _is_plain_gap(cell: str) -> bool:
+    """Tell whether a cell is empty or not-a-number, and so needs no note."""
+    return cell.strip().lower().lstrip("+-") in ("", "nan")
 
 
 def is_missing_word(text: str) -> bool:

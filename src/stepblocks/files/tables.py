@@ -395,10 +395,14 @@ def _find_misspelt_defaults(frame: "pd.DataFrame", rules: Sequence[ColumnRule]) 
     """
     if all(rule.default is None for rule in rules):
         return {}
-    known: set[str] = set()
+    known: dict[str, str] = {}
     for rule in rules:
-        known.update(rule.list_columns())
-    return find_misspelt_columns(frame, known)
+        known |= rule.list_columns()
+    misspelt = find_misspelt_columns(frame, known)
+    for column in list(misspelt):
+        if find_column_name(column, known):  # as "height [um]", which is another way to write it
+            del misspelt[column]
+    return misspelt
 
 
 def _convert_column(

@@ -57,6 +57,7 @@ TABLE_ENDINGS = (".csv", ".tsv", *_SHEETS)
 _SHEET_MARKS = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1")  # of a zip, of an old Excel
 # a unit in a row of units: in brackets, or letters with powers, as "um", "N/mm", "m s^-1", "1"
 _UNIT = re.compile(r"[\[(].*[\])]|[A-Za-zµμΩÅ°%‰]+[23]?([ */·^-]*-?[A-Za-zµμΩ°0-9]+)?|1|-")
+_RULE = re.compile(r":?(-{3,}|={3,}):?")  # as Markdown draws it below a header
 _LONGEST_UNIT = 12  # letters
 _HEAD_BYTES = 10_000  # in which the first row of a table lies
 _PLAIN = NumberNotation()
@@ -348,6 +349,7 @@ def build_table(
     width = _find_width(records, names)
     if width > _MOST_COLUMNS:
         raise raises(f"table must have at most {_MOST_COLUMNS} columns, got {width} [{place}]")
+    _drop_rule(records, notes)
     if not shape.keeps_ragged:
         _refuse_ragged_rows(records, width, place, raises, bool(raw.sheet))
     has_trailing = _cut_rows(records, width) or len(names) > width
@@ -483,6 +485,16 @@ def _name_columns(
             )
         named.append(f"Unnamed: {number}")
     return named
+
+
+def _drop_rule(records: list[Record], notes: list[str]) -> None:
+    """Leave out a row of dashes that is drawn below the header."""
+    if not records:
+        return
+    filled = [cell for cell in records[0].cells if cell]
+    if all(_RULE.fullmatch(cell) for cell in filled):
+        notes.append(f"line {records[0].line} is a rule and left out")
+        records.pop(0)
 
 
 def _take_units(records: list[Record], names: Sequence[str], notes: list[str]) -> tuple[str, ...]:

@@ -31,7 +31,8 @@ _POINT = NumberNotation(".")
 _COMMA = NumberNotation(",")
 # Between thousands a blank would also separate two fields
 _INNER_BLANK = re.compile(r"\s")
-_COMMENT = re.compile(r"\s*#(?!\s*[-+.\d])")
+# what a spreadsheet writes for an error, as #N/A, is a cell
+_COMMENT = re.compile(r"\s*#(?!\s*[-+.\d]|N/A|NA\b|[A-Z]+[!?]|DIV/0!)")
 _AXIS_NAME = re.compile(r"(?i)[xyz]([\s_\[(/]|$)")  # of a column, as most programs write it
 _STEP_NAME = re.compile(r"(?i)x[- _]?(resolution|spacing|step)")
 _UNIT_ALONE = re.compile(rf"[\[(]?{UNIT_PATTERN}[\])]?")

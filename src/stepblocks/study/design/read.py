@@ -185,6 +185,7 @@ def read_rows(
     *,
     asked: Asked | None = None,
     pattern: str = "",
+    *,
     layout: TableLayout = UNDECLARED,
 ) -> list[SheetRow]:
     """Read a table that people write: CSV in any dialect, or a sheet of a workbook.
@@ -253,6 +254,7 @@ def _clean_cells(table: TextTable, column: int) -> list[str]:
     if not table.holds_numbers(column):
         return ["" if cell in _MISSING else cell for cell in cells]
     found = table.read_sound_numbers(column, StudyError)
+    found = replace(found, words=())  # the notes of a study count the missing answers
     warn_of_notes(filter(None, [found.describe(table.names[column])]), table.file)
     cleaned = []
     for cell, value in zip(cells, found.values.tolist(), strict=True):
