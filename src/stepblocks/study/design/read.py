@@ -185,7 +185,6 @@ def read_rows(
     *,
     asked: Asked | None = None,
     pattern: str = "",
-    *,
     layout: TableLayout = UNDECLARED,
 ) -> list[SheetRow]:
     """Read a table that people write: CSV in any dialect, or a sheet of a workbook.
