@@ -316,7 +316,8 @@ def write_sheets(folder: str | Path, program: str = "") -> int:
     files = {}
     for participant, rows in sheets.items():
         files[f"sheets/participant-{participant:0>{digits}}.csv"] = format_csv(rows)
-    files["run-sheets.html"] = render_run_sheets(kind, sheets, read_plan(folder))
+    words = read_plan(folder) if "realism_rating" in kind.answers else None
+    files["run-sheets.html"] = render_run_sheets(kind.sheet_title, sheets, words)
     write_new_files(folder, files)
     return len(sheets)
 
