@@ -41,6 +41,7 @@ EXAMPLES = {
     "Release": sb.find_release(0.5, 1.0, 0.15),
     "Status": sb.Status.LOCKED,
     "Limits": sb.Limits(),
+    "TableLayout": sb.TableLayout(decimal=",", missing=[-9999, "OVER"]),
     "Rehearsals": sb.Rehearsals((Path("seed-000001"),), 1, 0),
     "Stribeck": sb.Stribeck(0.2, 0.1, 1e-3),
     "Hertz": sb.Hertz(),

@@ -1,6 +1,6 @@
 """Everything a workshop gets besides the STEP file: drawings, sheets, routes."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -14,17 +14,24 @@ from stepblocks.errors import PipelineError
 from stepblocks.files.atomic import lock_folder, replace_text, resolve_inside
 from stepblocks.files.pages import render_page
 from stepblocks.files.tables import write_table
+from stepblocks.parts.apparatus.declared import Apparatus
 from stepblocks.parts.body import Block
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.gauge_pair import GaugePair, choose_pair
 from stepblocks.parts.kind import Part
+from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
+from stepblocks.parts.kinds.kit_part import KitPart
+from stepblocks.parts.kinds.sheath import Sheath
 from stepblocks.parts.kinds.step_block import StepBlock
+from stepblocks.parts.kinds.tips import Tip
 from stepblocks.parts.material import MATERIALS
 from stepblocks.parts.on_paper import make_sheet_table
 from stepblocks.parts.tolerance import GUARD_FACTOR
 from stepblocks.quantities import parse_quantity
 from stepblocks.records.qif import write_qif
 from stepblocks.workshop.drawing import write_drawing, write_series_drawing
+from stepblocks.workshop.kit import find_kits, write_kit
+from stepblocks.workshop.kit_setup import write_kit_setup
 from stepblocks.workshop.masks import SILICON, load_gdstk, write_masks
 from stepblocks.workshop.routes import GAUGE_BLOCKS, Route, find_routes, make_route_row
 from stepblocks.workshop.setup import write_setup
@@ -34,6 +41,7 @@ _SHOWN_COLUMNS = (
     "route",
     "reaches",
     "conforming_share",
+    "missed",
     "energy_uj",
     "energy_95_low_uj",
     "energy_95_high_uj",
@@ -42,6 +50,12 @@ _SHOWN_COLUMNS = (
     "status",
     "note",
 )
+# why a kind has no setup sheet and no routes
+_MADE_ELSEWHERE: Mapping[type, str] = {
+    Tip: "shank, cone and ball are ground in one chucking, as the maker of tips has it set up",
+    Sheath: "it is turned and bored in one chucking",
+    CrownOnTooth: "a dental workshop mills tooth and crown from the STEP file",
+}
 GROUND = "2 um"  # deviation of a height in one piece that is ground, not lapped
 
 
@@ -58,7 +72,7 @@ class PartOrder:
     routes : tuple of Route
         Ways to make a step block; empty for other parts.
     note : str
-        Which block of the set has the same sizes.
+        Which block of the set has the same sizes, and why a part has no setup sheet or routes.
     """
 
     name: str
@@ -98,14 +112,15 @@ def order_parts(
     Returns
     -------
     list of PartOrder
-        One of each part, one of each series of blocks that differ in height only, and one of the
-        masks of each set.
+        One of each part, one of each series of blocks that differ in height only, one of each kit
+        of the apparatus, and one of the masks of each set.
 
     Raises
     ------
     StepblocksError
         If a file cannot be read, nothing is selected, a folder to write to lies behind a link, or
-        masks are asked for and no step block is of silicon.
+        masks are asked for and no step block is of silicon, or parts of a kit are in each other's
+        way.
     """
     deviation = _read_capability(capability)
     output = Path(output)
@@ -126,6 +141,8 @@ def order_parts(
             series = _find_series(parts)
             if len(series) > 1:
                 orders.append(_order_series(series, output, stimuli))
+            for kit in find_kits(parts):
+                orders.append(_order_kit(kit, output, stimuli))
             etched = _find_etched(parts)
             if masks and etched:
                 orders.append(_order_masks(etched, output, stimuli))
@@ -182,6 +199,13 @@ def _order_series(series: Sequence[StepBlock], output: Path, stimuli: StimulusSe
     return PartOrder(f"{stimuli.name}/series", tuple(drawings), ())
 
 
+def _order_kit(kit: Apparatus, output: Path, stimuli: StimulusSet) -> PartOrder:
+    """Write what a kit has beside its parts: assembly, lists, loads and pictures."""
+    folder = _make_folder(output, stimuli.name)
+    written = write_kit(folder, kit, stimuli.order)
+    return PartOrder(f"{stimuli.name}/{kit.id}", tuple(written), ())
+
+
 def _make_folder(output: Path, name: str) -> Path:
     """Make a folder inside the output folder; raise a PipelineError if a link leads out of it."""
     folder = resolve_inside(output, name)
@@ -214,9 +238,24 @@ def _order_part(part: Part, output: Path, capability: float, stimuli: StimulusSe
             written.append(assembly)
     if isinstance(part, Block):
         written += write_setup(folder, part, routes, pair)
+    elif isinstance(part, KitPart):
+        written += write_kit_setup(folder, part)
     written += _write_inspection_sheet(folder, part, stimuli.order)
-    note = stimuli.describe_alike().get(part.id, "")
+    notes = [stimuli.describe_alike().get(part.id, ""), _describe_missing_papers(part)]
+    note = "; ".join(text for text in notes if text)
     return PartOrder(name, tuple(written), tuple(routes), note)
+
+
+def _describe_missing_papers(part: Part) -> str:
+    """Say why a part has no setup sheet or no routes; empty where it has both."""
+    if isinstance(part, StepBlock):
+        return ""
+    if isinstance(part, Block):
+        return "no routes: nobody publishes what a way of making leaves at a gap"
+    for kind, way in _MADE_ELSEWHERE.items():
+        if isinstance(part, kind):
+            return f"no setup sheet and no routes: {way}"
+    return "no setup sheet and no routes: they are for blocks alone"
 
 
 def _write_routes(folder: Path, block: StepBlock, name: str, routes: Sequence[Route]) -> Path:
@@ -251,6 +290,5 @@ def tabulate_routes(orders: Iterable[PartOrder]) -> list[dict[str, object]]:
     for order in orders:
         for route in order.routes:
             row = make_route_row(order.name, route)
-            row["reaches"] = "yes" if route.reaches else "no"
             rows.append({column: row[column] for column in _SHOWN_COLUMNS})
     return rows
