@@ -520,7 +520,7 @@ def _read_judgements(
     answers: Sequence[str | Path],
     ratings: tuple[int, int],
     columns: Mapping[str, str],
-    layout: TableLayout,
+    layout: TableLayout = UNDECLARED,
 ) -> Judgements:
     """Read the answers to the trials of a design; `columns` are as in `analyse_study`."""
     design = read_design(folder / _DESIGN)
