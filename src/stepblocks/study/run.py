@@ -317,7 +317,8 @@ def write_sheets(folder: str | Path, program: str = "") -> int:
     files = {}
     for participant, rows in sheets.items():
         files[f"sheets/participant-{participant:0>{digits}}.csv"] = format_csv(rows)
-    files["run-sheets.html"] = render_run_sheets(kind, sheets, read_plan(folder))
+    words = read_plan(folder) if "realism_rating" in kind.answers else None
+    files["run-sheets.html"] = render_run_sheets(kind.sheet_title, sheets, words)
     write_new_files(folder, files)
     return len(sheets)
 
@@ -519,7 +520,7 @@ def _read_judgements(
     answers: Sequence[str | Path],
     ratings: tuple[int, int],
     columns: Mapping[str, str],
-    layout: TableLayout,
+    layout: TableLayout = UNDECLARED,
 ) -> Judgements:
     """Read the answers to the trials of a design; `columns` are as in `analyse_study`."""
     design = read_design(folder / _DESIGN)
