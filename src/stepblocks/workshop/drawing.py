@@ -143,7 +143,7 @@ def _list_fields(part: Part, order: OrderSpec) -> dict[str, str]:
         "owner": order.owner or "-",
         "date": order.date or "-",
         "revision": order.revision or "-",
-        "quantity": str(order.quantity),
+        "quantity": str(order.count_parts(part.id)),
         "sheet": "1 of 1",
     }
 

@@ -27,6 +27,7 @@ from stepblocks.parts.on_paper import make_sheet_table
 from stepblocks.parts.tolerance import GUARD_FACTOR
 from stepblocks.quantities import parse_quantity
 from stepblocks.records.qif import write_qif
+from stepblocks.workshop.bundle import OrderedPart, write_bundle
 from stepblocks.workshop.drawing import write_drawing, write_series_drawing
 from stepblocks.workshop.masks import SILICON, load_gdstk, write_masks
 from stepblocks.workshop.routes import GAUGE_BLOCKS, Route, find_routes, make_route_row
@@ -108,8 +109,8 @@ def order_parts(
     Returns
     -------
     list of PartOrder
-        One of each part, one of each series of blocks that differ in height only, and one of the
-        masks of each set.
+        One of each part, one of each series of blocks that differ in height only, one of the parts
+        list and the archive for a quotation of each set, and one of the masks of each set.
 
     Raises
     ------
@@ -136,6 +137,8 @@ def order_parts(
             series = _find_series(parts)
             if len(series) > 1:
                 orders.append(_order_series(series, output, stimuli))
+            if parts:
+                orders.append(_order_bundle(parts, output, stimuli))
             etched = _find_etched(parts)
             if masks and etched:
                 orders.append(_order_masks(etched, output, stimuli))
@@ -190,6 +193,15 @@ def _order_series(series: Sequence[StepBlock], output: Path, stimuli: StimulusSe
     folder = _make_folder(output, stimuli.name)
     drawings = write_series_drawing(folder, stimuli.name, series, stimuli.order)
     return PartOrder(f"{stimuli.name}/series", tuple(drawings), ())
+
+
+def _order_bundle(parts: Sequence[Part], output: Path, stimuli: StimulusSet) -> PartOrder:
+    """Write the parts list of a set, and the archive of its papers."""
+    folder = _make_folder(output, stimuli.name)
+    alike = stimuli.describe_alike()
+    ordered = [OrderedPart(part, folder / part.id, alike.get(part.id, "")) for part in parts]
+    written = write_bundle(folder, stimuli, ordered)
+    return PartOrder(f"{stimuli.name}/quotation", tuple(written), ())
 
 
 def _make_folder(output: Path, name: str) -> Path:
