@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from stepblocks.cli import main
 from stepblocks.declaration.read import load_set
 from stepblocks.errors import StepblocksError
 from stepblocks.workshop.run import order_parts
@@ -68,3 +69,15 @@ def test_a_quantity_is_of_a_part_of_the_set(tmp_path):
     path.write_text(ORDER.replace("tip-b = 5", "tip-c = 5"))
     with pytest.raises(StepblocksError, match=r"order\.quantities must name parts .* 'tip-c'"):
         load_set(path)
+
+
+@pytest.mark.long
+def test_the_page_of_a_build_shows_drawings_whichever_was_run_first(tmp_path):
+    (tmp_path / "own.toml").write_text(ORDER)
+    arguments = [str(tmp_path / "own.toml"), "-o", str(tmp_path / "out")]
+    assert main(["build", *arguments]) == 0
+    page = tmp_path / "out" / "index.html"
+    assert "tip-a.drawing.pdf" not in page.read_text(encoding="utf-8")
+    assert main(["workshop", *arguments]) == 0
+    assert "tip-a.drawing.pdf" in page.read_text(encoding="utf-8")
+    assert "own.quotation.zip" in page.read_text(encoding="utf-8")
