@@ -110,7 +110,7 @@ def order_parts(
     -------
     list of PartOrder
         One of each part, one of each series of blocks that differ in height only, one of the parts
-        list and the archive for a quotation of each set, and one of the masks of each set.
+        list and the archive for a quotation of each whole set, and one of the masks of each set.
 
     Raises
     ------
@@ -137,7 +137,7 @@ def order_parts(
             series = _find_series(parts)
             if len(series) > 1:
                 orders.append(_order_series(series, output, stimuli))
-            if parts:
+            if only is None:  # a part of a set is no order of it
                 orders.append(_order_bundle(parts, output, stimuli))
             etched = _find_etched(parts)
             if masks and etched:
