@@ -39,7 +39,7 @@ from stepblocks.lawsearch.forward_model import Trials
 from stepblocks.lawsearch.identifiability import compare_directions
 from stepblocks.lawsearch.law import Law, Parameter
 from stepblocks.loop.bench_model import SessionModel, list_candidates, list_covariate_ranges
-from stepblocks.rig.effects.smooth import SLOT_MOVES
+from stepblocks.rig.effects.grammar.slots import SLOT_MOVES
 from stepblocks.rig.state import CHANNELS
 
 Planted = tuple[Law, dict[str, float]]  # an effect with values of its parameters

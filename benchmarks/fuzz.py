@@ -216,11 +216,16 @@ def _tables(work: Path) -> Iterator[Kind]:
     conditions = {"height_um": [25.5, 50.0, 1200.0], "load_n": [1.0, 0.5, 1.5]}
     conditions["friction"] = [0.15, 0.25, 0.05]
     dialects = []
+    profiles = []
     for number in range(40):
         content = draw_dialect(number).write(conditions)
         if _is_answer(content, work, predict_table):
             dialects.append(("t.csv", content))
+        content = draw_dialect(number).write({"x_um": list(range(40)), "z_um": [0.5, 12.5] * 20})
+        if _is_answer(content, work, read_scan):
+            profiles.append(("s.csv", content))
     yield "dialects", (dialects, lambda path: predict_table(path))
+    yield "profiles", (profiles, read_scan)
     units = [b"25 um", b"9.81 N/mm", b"7850 kg/m^3", b"0.15", b"10 %", b"-3.5e-6 m", b"20 degC"]
 
     def quantities(path: Path) -> object:

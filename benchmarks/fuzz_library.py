@@ -280,6 +280,8 @@ def write_files(work: Path) -> None:
     heights = (20e-6, 40e-6)
     sb.design_study(heights, work / "study", seed=1, participants=2, repetitions=2)
     sb.simulate_study(work / "study", None, work / "answers.csv", seed=2)
+    compared = {"experiment": "constant", "standard": "step-050", "repetitions": 1}
+    sb.design_study([40e-6, 50e-6, 65e-6], work / "compared", seed=1, participants=2, **compared)
 
 
 def make_scan() -> tuple[np.ndarray, np.ndarray]:
@@ -400,6 +402,7 @@ def make_file_calls(work: Path) -> dict[str, Words]:
 
     stimuli, scan = work / "mine.toml", work / "scan.csv"
     session, study, answers = work / "session", work / "study", work / "answers.csv"
+    compared = work / "compared"
     block = sb.load_set(stimuli).stimuli[0]
     features = sb.measure_session(session)
     seen = sb.inspect_scan(scan, "step-025", stimuli=stimuli, feature="edge")
@@ -441,12 +444,15 @@ def make_file_calls(work: Path) -> dict[str, Words]:
         "analyse_study": ((study, [answers]), {}),
         "share_study": ((study, [answers], "dataset"), {}),
         "open_run": ((study, "1"), {"scale": 100.0}),
+        "open_training": ((compared, "1"), {"trials": 4}),
+        "read_training": ((compared,), {}),
         "order_parts": ((stimuli, "ordered"), {"only": "step-025"}),
         "write_sheets": ((study,), {}),
         "ScannedMargin": ((), dict(margin)),
         "SweepResult": ((work / "sweep", None, 1, 0), {}),
         "Rehearsals": (((work / "seed-000001",), 1, 0), {}),
         "Limits": ((), {"first": 3.0}),
+        "TableLayout": ((), {"decimal": ",", "encoding": "cp1252", "missing": [-9999, "OVER"]}),
         "ReadingWarning": (("cells are separated by tabs [table.csv]",), {}),
     }
 
@@ -494,8 +500,8 @@ def make_method_calls(work: Path) -> dict[str, Call]:
         "StimulusSet.to_toml": (declared.to_toml, ("mine.toml",), {}),
         "StepBlock.counterface": (declared.stimuli[0].counterface, (26e-6,), {}),
         "Profile.from_scan": (sb.Profile.from_scan, (sb.read_scan(work / "scan.csv"),), {}),
-        "SweepResult.read": (sweep.read, (["height_m"],), {}),
-        "SweepResult.plot": (sweep.plot, ("height_m",), {"y": "vibration_energy_j"}),
+        "SweepResult.read": (sweep.read, (["height_um"],), {}),
+        "SweepResult.plot": (sweep.plot, ("height_um",), {"y": "vibration_energy_uj"}),
         "Trials.from_table": (sb.Trials.from_table, (trials,), {}),
     }
 

@@ -127,6 +127,7 @@ def posting(port: int, token: str, seconds: float) -> None:
 
 def by_hand(server: RunServer, seconds: float) -> None:
     """Post from a thread of the server's priority, without a page."""
+    assert isinstance(server.experiment, Run)
     hand = server.experiment.hand
     assert isinstance(hand, Mouse)
 

@@ -53,6 +53,7 @@ QUICKLY_BUILT = {
     "apparatus-050",
     "crown-chamfer-over",
     "gap-050-under-020",
+    "hook",
     "hook-125",
     "sheath-soft",
     "sheath-hard",

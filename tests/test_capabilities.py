@@ -16,13 +16,15 @@ from stepblocks.scans.read import FORMATS as SCAN_FORMATS
 from stepblocks.simulators.scenes import SCENE_FORMATS
 from stepblocks.study.analysis.exchange import FORMATS as SHARED_FORMATS
 from stepblocks.study.experiments.registry import EXPERIMENTS
+from stepblocks.study.programs.conditions import WRITTEN
+from stepblocks.study.programs.records import PROGRAMS
 from stepblocks.workshop.rendering import FORMATS as DRAWING_FORMATS
 
 ROOT = Path(__file__).resolve().parents[1]
 INDEX = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
 REMOVED = re.compile(r"~~`?([^`~]+)`?~~")
 # a name that leaves the page is struck out there, so that this number never falls
-NAMES_LISTED = 113
+NAMES_LISTED = 121
 KINDS = {
     "stimuli that are declared": [kind.stanza for kind in SHIPPED],
     "artefacts that are written and read back": ARTEFACT_ENDINGS,
@@ -34,6 +36,8 @@ KINDS = {
     "drawings": DRAWING_FORMATS,
     "experiments": EXPERIMENTS,
     "studies that are shared": SHARED_FORMATS,
+    "programs that trials are written for": WRITTEN,
+    "programs whose records are read": [program.title for program in PROGRAMS],
 }
 
 

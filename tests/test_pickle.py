@@ -23,6 +23,7 @@ SETS = {
 PARTS = {type(part).__name__: part for one in SETS.values() for part in one.stimuli}
 X = np.linspace(-1e-3, 1e-3, 9)
 EXAMPLES = {
+    "TrainingDay": sb.TrainingDay("1", "2026-11-29", 8, 6, 0.41, 0.93, 5.0, 8, 0.2, 1.5),
     "WeberFraction": sb.WeberFraction(0.3, 0.25, 0.35),
     "Discrimination": sb.Discrimination((sb.WeberFraction(0.3, 0.25, 0.35),), "people.csv"),
     "Instrument": sb.Instrument(0.001, 1e-9),
@@ -40,6 +41,7 @@ EXAMPLES = {
     "Release": sb.find_release(0.5, 1.0, 0.15),
     "Status": sb.Status.LOCKED,
     "Limits": sb.Limits(),
+    "TableLayout": sb.TableLayout(decimal=",", missing=[-9999, "OVER"]),
     "Rehearsals": sb.Rehearsals((Path("seed-000001"),), 1, 0),
     "Stribeck": sb.Stribeck(0.2, 0.1, 1e-3),
     "Hertz": sb.Hertz(),

@@ -40,6 +40,7 @@ from .declaration.read import load_set as load_set
 from .declaration.set import StimulusSet as StimulusSet, register_kind as register_kind
 from .drag.run import drag_over as drag_over
 from .errors import ReadingWarning as ReadingWarning, StepblocksError as StepblocksError
+from .files.layout import TableLayout as TableLayout
 from .haptics.feel_page import write_feel_page as write_feel_page
 from .haptics.renderer import Renderer as Renderer
 from .inspect.budget import Instrument as Instrument
@@ -96,6 +97,11 @@ from .simulators.compare import compare_record as compare_record
 from .simulators.export import export_scenes as export_scenes
 from .study.analysis.exchange import share_study as share_study
 from .study.conduct.run import open_run as open_run
+from .study.conduct.training import (
+    TrainingDay as TrainingDay,
+    open_training as open_training,
+    read_training as read_training,
+)
 from .study.power import study_power as study_power
 from .study.run import (
     analyse_study as analyse_study,

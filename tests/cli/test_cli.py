@@ -280,7 +280,7 @@ def test_predict_prints_a_table_and_writes_the_same_as_csv(tmp_path, capsys, mon
     shown = [line.split() for line in lines if line.startswith("apparatus")]
     assert [line[0] for line in shown] == [row["stimulus"] for row in table]
     # three digits, wherever the column stands
-    assert f"{float(table[0]['pull_force_n']):.3g}" in shown[0]
+    assert f"{float(table[0]['peak_force_n']):.3g}" in shown[0]
 
 
 @pytest.mark.parametrize(

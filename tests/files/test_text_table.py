@@ -7,8 +7,9 @@ import openpyxl
 import pytest
 
 from stepblocks.errors import PipelineError, ReadingWarning
+from stepblocks.files.layout import TableLayout
 from stepblocks.files.tables import FileTable, load_table, read_table
-from stepblocks.files.text_table import TableLayout, read_text_table
+from stepblocks.files.text_table import read_text_table
 
 PLAIN = "height_um,load_n,note\n50.5,1,a\n1000,0.25,b\n"
 

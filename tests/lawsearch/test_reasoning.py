@@ -29,6 +29,7 @@ from stepblocks.lawsearch.search import add_or_replace_effect
 _RULES = Rules(draws=200)
 
 
+@pytest.mark.long
 def test_noise_alone_opens_the_gate_no_more_often_than_stated() -> None:
     opened = 0
     for seed in range(60):

@@ -116,8 +116,12 @@ def test_laws_are_asked_for_by_what_they_follow(trials):
             SPEED_OVER_LOAD,
         )
     }
-    heights = [law.id for law in asked if law.covariate == "block" and law.named]
-    assert heights == [f"block_height_error~{block}" for block in np.unique(trials.block)]
+    of_blocks = [law.id for law in asked if law.covariate == "block" and law.named]
+    blocks = np.unique(trials.block).tolist()
+    heights = [f"block_height_error~{block}" for block in blocks]
+    # any two blocks may have exchanged their labels
+    exchanges = [f"exchanged_blocks~{a}~{b}" for a, b in itertools.combinations(blocks, 2)]
+    assert of_blocks == [*heights, *exchanges]
 
 
 def test_edge_and_tip_imitate_each_other_so_a_scan_decides_which_is_asked_for(trials):
@@ -255,3 +259,19 @@ def test_an_error_that_the_evaluation_leaves_in_all_trials_makes_no_groups_of_th
     )
     problem = build_problem(_MODEL, off)
     assert find_hints(problem, fit(problem)) == ()
+
+
+def test_errors_that_trials_share_hold_none_of_the_noise_of_single_readings(trials):
+    """By each reading, what is left of a smooth beside them would be the noise itself."""
+    generator = np.random.default_rng(0)
+    values = np.ones_like(trials.values)
+    noise = 1e-3 * generator.standard_normal(len(trials))
+    values[:, CHANNELS.index("spring_constant")] += noise
+    quiet = _MODEL.systematics(replace(trials, values=np.ones_like(values)))
+    loud = _MODEL.systematics(replace(trials, values=values))
+    for term, usual in zip(loud, quiet, strict=True):
+        if term.channel == "spring_constant":
+            change = term.column - usual.column
+            # of noise that is independent, a fit of eight columns keeps their share of the variance
+            expected = 1e-3 * np.sqrt(8.0 / len(trials)) * np.std(usual.column)
+            assert np.std(change) < 2.0 * expected

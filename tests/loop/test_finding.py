@@ -22,8 +22,9 @@ from stepblocks.loop.record import EffectRecord, Estimate, ModelErrors, NoiseFlo
 from stepblocks.loop.run import analyse_features, loop_session
 from stepblocks.loop.session_table import build_session_table
 from stepblocks.loop.words import describe_covariate, find_slope_unit, format_value
+from stepblocks.rig.effects.grammar.compose import list_composed_laws
+from stepblocks.rig.effects.grammar.covariates import CovariateRange
 from stepblocks.rig.effects.named import list_named_laws
-from stepblocks.rig.effects.smooth import CovariateRange, list_smooth_laws
 
 _WARMTH, _DAMP = CovariateRange("temperature_c", 18.0, 26.0), CovariateRange("humidity_pct", 40, 60)
 _SPEED = CovariateRange("speed_mm_s", 2.0, 20.0, log=True)
@@ -116,7 +117,7 @@ def test_a_rival_is_said_in_words_with_its_figures_and_no_law_by_its_place(worn)
     result = worn[2]
     (finding,) = result.found.findings
     (pivot,) = (law for law in list_named_laws() if law.id == "pivot_friction")
-    line = next(law for law in list_smooth_laws((_WARMTH,)) if not law.description)
+    line = next(law for law in list_composed_laws((_WARMTH,)) if not law.description)
     fitted = result.found.extended
     rivals = (Rival(pivot, fitted, 1.0), Rival(line, fitted, 2.0), Rival(line, fitted, 3.0))
     open_ = replace(finding, verdict=Verdict.AMBIGUOUS, rivals=rivals)
@@ -170,7 +171,7 @@ def test_the_channel_in_which_equal_trials_agree_better_than_a_law_is_named(worn
 )
 def test_a_slope_is_told_per_unit_of_what_it_follows(where, one, other, steps, unit):
     # origin: of ln mu = g + b x the line is b times the step in x
-    law = next(law for law in list_smooth_laws((where,)) if law.id.startswith("trend_friction"))
+    law = next(law for law in list_composed_laws((where,)) if law.id.startswith("trend_friction"))
     state = SimpleNamespace(friction=1.0, changed=lambda **slots: SimpleNamespace(**slots))
     low, high = law.apply(state, np.array([one, other]), {"slope": 0.4}).friction
     factor, shown = find_slope_unit(where)

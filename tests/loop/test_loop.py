@@ -273,7 +273,7 @@ def test_the_name_of_a_tip_gives_its_radius() -> None:
     assert parse_tip_radius_um("blue", 125.0) == 125.0
 
 
-@pytest.mark.repeats
+@pytest.mark.long
 @pytest.mark.skipif(not (_SHARED / "bench").is_dir(), reason="the shared sessions are not at hand")
 @pytest.mark.parametrize(
     ("session", "rows", "verdict", "effect"),

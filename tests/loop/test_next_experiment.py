@@ -62,7 +62,7 @@ def test_only_what_the_bench_has_done_is_asked_for_and_only_where_the_tip_slips(
     claims = [
         replace(found, findings=(replace(found.findings[0], effect=law, rivals=()),), extended=one)
         for law in list_candidates(trials, list_covariate_ranges(trials))
-        if law.id in ("load_dependent_friction", "edge_rounding", "viscous_drag")
+        if law.id in ("load_dependent_friction", "edge_rounding", "load_bias")
         for one in [fit(found.problem, (law,), {})]
     ]
     for claim in claims:

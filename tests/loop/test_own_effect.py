@@ -45,6 +45,7 @@ def offer(monkeypatch):
     return offer
 
 
+@pytest.mark.long
 def test_an_effect_of_a_package_is_found_written_read_and_predicts(offer, tmp_path):
     offer(FILM)
     trials = bench_trials(design_columns(60, 3), 3, ((FILM, {"rise": 0.5}),))

@@ -101,11 +101,12 @@ def test_rehearsals_plant_nothing_and_their_json_says_what_would_show(rehearsed)
     assert 0.5 < float(sizes["edge rounding"].split()[0]) < 10.0
 
 
-def test_a_plan_overwrites_nothing_and_belongs_to_a_session(planned, plan, capsys):
-    before = (planned / "trials.csv").read_bytes()
-    assert main(["new", "session", str(planned), "--plan", str(plan)]) == 2
+def test_a_plan_overwrites_nothing_and_belongs_to_a_session(tmp_path, plan, capsys):
+    trials = tmp_path / "trials.csv"
+    trials.write_text("trial,block\n1,step-050\n")
+    assert main(["new", "session", str(tmp_path), "--plan", str(plan)]) == 2
     assert "there is one already; --force replaces it" in capsys.readouterr().err
-    assert (planned / "trials.csv").read_bytes() == before
+    assert trials.read_text() == "trial,block\n1,step-050\n"
     assert main(["new", "block", "--plan", str(plan)]) == 2
     assert "--plan goes with: stepblocks new session, got block" in capsys.readouterr().err
     locked = plan.parent / "locked.toml"

@@ -8,8 +8,8 @@ import numpy as np
 
 from stepblocks.contact.operating_point import Tool
 from stepblocks.records.model import LearnedFit, LearnedModel
+from stepblocks.rig.effects.grammar.covariates import CovariateRange
 from stepblocks.rig.effects.named import list_named_laws
-from stepblocks.rig.effects.smooth import CovariateRange
 
 __all__ = ["CONSTANTS", "make_learned_model"]
 

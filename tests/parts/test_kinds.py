@@ -31,6 +31,9 @@ PARTS = [
     for part in stimuli.stimuli
 ]
 CROSSED = [one for one in PARTS if one.values[0].crossed]
+HELD = [one for one in PARTS if one.values[0].is_felt and not one.values[0].crossed]
+FELT = [*CROSSED, *HELD]
+UNFELT = [one for one in PARTS if not one.values[0].is_felt]
 BLOCKS = [one for one in PARTS if isinstance(one.values[0], Block)]
 # one of each kind and form, where meshing every one would take long
 FORMS = [
@@ -42,6 +45,8 @@ FORMS = [
     "tip-029",
     "hook-125",
     "sheath-soft",
+    "hook",
+    "counterweight",
 ]
 SOME = [one for one in PARTS if one.values[0].id in FORMS]
 
@@ -85,7 +90,7 @@ def test_the_critical_angle_at_its_nominal_lies_between_those_at_the_corners_of_
         assert min(spread) - 1e-12 <= face.angles(125e-6)[way] <= max(spread) + 1e-12
 
 
-@pytest.mark.parametrize("part", [one for one in PARTS if not one.values[0].crossed])
+@pytest.mark.parametrize("part", HELD)
 def test_what_is_held_or_worn_is_felt_at_the_step_under_it(part):
     (face,) = part.corners(37e-6)
     # equation (2)
@@ -95,6 +100,15 @@ def test_what_is_held_or_worn_is_felt_at_the_step_under_it(part):
     ):
         part.counterface()
     assert (part.ball is None) == (part.sleeve is not None)
+
+
+@pytest.mark.parametrize("part", UNFELT)
+def test_what_no_tip_meets_answers_no_counterface(part):
+    with pytest.raises(ContactError, match=f"part of the apparatus is not felt.*{part.id}"):
+        part.counterface()
+    assert not part.crossed
+    assert part.ball is None
+    assert part.sleeve is None
 
 
 @pytest.mark.parametrize("part", BLOCKS)
@@ -159,7 +173,7 @@ def test_every_characteristic_finds_its_faces(part):
                 assert 0 <= find_face(owner, face, part.id) < len(owner)
 
 
-@pytest.mark.parametrize("part", PARTS)
+@pytest.mark.parametrize("part", FELT)
 def test_its_faces_are_asked_for_what_its_band_allows(part):
     demands, governing = part.face_demands, getattr(part, part.governing_field)
     band = governing.upper - governing.lower
@@ -173,7 +187,7 @@ def test_its_faces_are_asked_for_what_its_band_allows(part):
         assert all(zone.usual for zone in demands.values())
 
 
-@pytest.mark.parametrize("part", PARTS)
+@pytest.mark.parametrize("part", FELT)
 def test_its_picture_shows_what_is_felt(part):
     factor, width, middle = part.choose_close_up()
     assert factor >= 1.0

@@ -12,7 +12,7 @@ from stepblocks.contact.critical_angle import find_step_angle
 from stepblocks.contact.energy import find_release
 from stepblocks.errors import PipelineError
 from stepblocks.predict.learned import predict_trials
-from stepblocks.rig.effects.smooth import list_smooth_laws
+from stepblocks.rig.effects.grammar.compose import list_composed_laws
 
 _NUMBERS = ["peak_force_n", "vibration_energy_j"]
 
@@ -185,7 +185,7 @@ def test_a_setting_that_is_the_same_to_three_digits_is_no_extrapolation():
 
 def _with_law(model, name, **values):
     """Put one smooth law over a column of the session into a model, its values certain."""
-    (law,) = (law for law in list_smooth_laws(model.ranges) if law.id == name)
+    (law,) = (law for law in list_composed_laws(model.ranges) if law.id == name)
     known = model.extended
     found = known.values | {f"{name}.{key}": value for key, value in values.items()}
     fitted = replace(

@@ -10,8 +10,9 @@ from oracles.learned import CONSTANTS
 from stepblocks.contact.critical_angle import find_step_angle
 from stepblocks.contact.energy import find_release
 from stepblocks.lawsearch.law import Law
+from stepblocks.rig.effects.grammar.compose import list_composed_laws
+from stepblocks.rig.effects.grammar.covariates import CovariateRange
 from stepblocks.rig.effects.named import list_named_laws
-from stepblocks.rig.effects.smooth import CovariateRange, list_smooth_laws
 from stepblocks.rig.forward import (
     BenchDesign,
     build_nominal_state,
@@ -61,7 +62,7 @@ def _covariate(law: Law, state: DragState) -> object:
 
 
 def _all_laws() -> tuple[Law, ...]:
-    return (*list_named_laws(["step-050"]), *list_smooth_laws(_RANGES))
+    return (*list_named_laws(["step-050"]), *list_composed_laws(_RANGES))
 
 
 def _changed(law: Law, **values: float) -> np.ndarray:
@@ -102,6 +103,7 @@ def test_a_slot_shows_only_in_its_channels(law: Law) -> None:
         "stiffness": {_ENERGY, _SPRING, _RING, _DECAY},
         "conversion": {_ENERGY, _FORCE} if law.id == "real_release" else {_ENERGY},
         "drag": {_ENERGY, _FORCE, _FRICTION},
+        "ring": {_RING, _DECAY},
         "sensor": {_ENERGY, _FORCE, _FRICTION, _SPRING, _RING, _DECAY, _LOAD},
     }[law.slot]
     assert set(np.flatnonzero(moved).tolist()) <= seen

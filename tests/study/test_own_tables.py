@@ -246,7 +246,7 @@ def test_a_paper_gets_means_deviations_tests_and_effect_sizes(tmp_path):
         list_paper_tables(result)
     )
     latex = write_latex(list_paper_tables(result))
-    assert latex.count(r"\begin{tabular}") == latex.count(r"\end{tabular}") == 9
+    assert latex.count(r"\begin{tabular}") == latex.count(r"\end{tabular}") == 10
 
 
 @pytest.mark.parametrize(("t", "people"), [(2.5, 10), (-6.0, 12), (0.0, 10), (40.0, 3)])

@@ -184,6 +184,12 @@ def compute_volume(body: Body) -> float:
     return float(body.Volume()) / _MM**3
 
 
+def compute_common_volume(body: Body, obstacle: Body) -> float:
+    """Compute the volume that two bodies share [m^3]; it is 0 where they only touch."""
+    common = body.intersect(obstacle)
+    return math.fsum(float(solid.Volume()) for solid in common.Solids()) / _MM**3
+
+
 def describe_faces(body: Body) -> tuple[Face, ...]:
     """Describe the faces of a body, in the order of the kernel."""
     return tuple(_describe_face(face) for face in body.Faces())

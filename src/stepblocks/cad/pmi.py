@@ -173,7 +173,7 @@ def write_step_with_tolerances(
     bodies: Sequence[tuple[str, Body]],
     dimensions: Sequence[PmiDimension],
     tolerances: Sequence[PmiTolerance],
-    material: PmiMaterial,
+    materials: PmiMaterial | Sequence[PmiMaterial],
     assembly: str = "",
 ) -> None:
     """Write solids, dimensions, tolerances and material as AP242, as the kernel does it.
@@ -186,8 +186,8 @@ def write_step_with_tolerances(
         Solids by their names.
     dimensions, tolerances
         Of these bodies.
-    material : PmiMaterial
-        Of all bodies.
+    materials : PmiMaterial or sequence of PmiMaterial
+        Of all bodies, or of each.
     assembly : str, optional
         Name of the product that several bodies make up.
 
@@ -202,7 +202,9 @@ def write_step_with_tolerances(
     Interface_Static.SetCVal_s("write.step.schema", "AP242DIS")
     Interface_Static.SetCVal_s("write.step.unit", "MM")
     Interface_Static.SetIVal_s("write.precision.mode", 0)
-    document = _Document(bodies, material, assembly)
+    if isinstance(materials, PmiMaterial):
+        materials = [materials] * len(bodies)
+    document = _Document(bodies, materials, assembly)
     for dimension in dimensions:
         document.add_dimension(dimension)
     for tolerance in tolerances:
@@ -236,18 +238,23 @@ class _Document:
 
     Parameters
     ----------
-    bodies, material, assembly
+    bodies, materials, assembly
         As for `write_step_with_tolerances`.
     """
 
     def __init__(
-        self, bodies: Sequence[tuple[str, Body]], material: PmiMaterial, assembly: str
+        self,
+        bodies: Sequence[tuple[str, Body]],
+        materials: Sequence[PmiMaterial],
+        assembly: str,
     ) -> None:
         self.document = TDocStd_Document(TCollection_ExtendedString("stepblocks"))
         self._shapes = XCAFDoc_DocumentTool.ShapeTool_s(self.document.Main())
         self._tolerances = XCAFDoc_DocumentTool.DimTolTool_s(self.document.Main())
         self._materials = XCAFDoc_DocumentTool.MaterialTool_s(self.document.Main())
-        self._bodies = [self._add_body(name, body, material) for name, body in bodies]
+        self._bodies = []
+        for (name, body), material in zip(bodies, materials, strict=True):
+            self._bodies.append(self._add_body(name, body, material))
         if len(self._bodies) > 1:
             self._assemble(assembly)
 

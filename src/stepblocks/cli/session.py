@@ -1,6 +1,7 @@
 """``stepblocks simulate-session``, ``measure`` and ``loop``: a bench session, and what it shows."""
 
 import sys
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -21,6 +22,7 @@ from stepblocks.cli.options import (
 )
 from stepblocks.cli.outcome import Outcome, make_progress
 from stepblocks.errors import PipelineError
+from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.files.text import Document
 
 app = typer.Typer()
@@ -134,6 +136,16 @@ def measure(
             show_default="the first twelve",
         ),
     ] = None,
+    whole_record: Annotated[
+        Path | None,
+        typer.Option(
+            "--whole-record",
+            metavar="CSV",
+            help="also fit ramp, release and ring of each trace in one likelihood, and write that "
+            "beside the features",
+        ),
+    ] = None,
+    layout: TableLayout = UNDECLARED,
     quiet: Quiet = False,
 ) -> Outcome:
     """Measure the features of every trace of a bench session.
@@ -146,21 +158,38 @@ def measure(
     if trials is not None and plots is None:
         raise PipelineError("--trials says which trials --plots draws: give --plots, too")
     summary = write_features(
-        session, output, progress=make_progress("measured trials", quiet=quiet, lines=10), jobs=jobs
+        session,
+        output,
+        progress=make_progress("measured trials", quiet=quiet, lines=10),
+        jobs=jobs,
+        layout=layout,
     )
     if plots is not None:
         from stepblocks.bench.figures import draw_trials
 
         chosen = [name.strip() for name in trials.split(",")] if trials else None
-        draw_trials(session, plots, chosen)
+        draw_trials(session, plots, chosen, layout=layout)
     reasons = dict(sorted(summary.reasons.items(), key=lambda item: -item[1]))
     notes = [f"excluded {count}: {reason}" for reason, count in reasons.items()]
     notes += [f"note: {note}" for note in summary.notes]
     measured = summary.total - summary.excluded
+    record: Document = {
+        "trials": summary.total,
+        "excluded": reasons,
+        "notes": list(summary.notes),
+    }
+    if whole_record is not None:
+        from stepblocks.bench.whole_records import compare_whole_records
+
+        compared = compare_whole_records(session, whole_record, jobs)
+        shapes = ", ".join(f"{shape} {count}" for shape, count in compared.shapes.items())
+        notes.append(
+            f"whole records: {compared.fitted} of {compared.total} fitted, {compared.differing} "
+            f"differ from a feature; releases by shape: {shapes or 'none'} -> {whole_record}"
+        )
+        record["whole_record"] = asdict(compared)
     return Outcome(
-        f"{measured} of {summary.total} trials measured -> {output}",
-        notes=notes,
-        record={"trials": summary.total, "excluded": reasons, "notes": list(summary.notes)},
+        f"{measured} of {summary.total} trials measured -> {output}", notes=notes, record=record
     )
 
 
@@ -190,6 +219,7 @@ def loop(
     ] = False,
     as_built: AsBuilt = None,
     laws: Laws = None,
+    layout: TableLayout = UNDECLARED,
     quiet: Quiet = False,
 ) -> Outcome:
     """Find what the model lacks for a measured session.
@@ -206,6 +236,7 @@ def loop(
         jobs=jobs,
         forces_only=forces_only,
         as_built=as_built or [],
+        layout=layout,
         progress=partial(show, name="trials measured"),
         announce=show,
     )

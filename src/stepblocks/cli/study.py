@@ -33,6 +33,8 @@ from stepblocks.cli.study_options import (
     read_pairs,
 )
 from stepblocks.errors import PipelineError
+from stepblocks.files.layout import UNDECLARED, TableLayout
+from stepblocks.study.conduct.page_run import PageRun
 
 study = typer.Typer(
     name="study",
@@ -99,6 +101,22 @@ Reference = Annotated[
         "--reference", metavar="NAME", help="condition that the report compares the others with"
     ),
 ]
+
+
+Covariate = Annotated[
+    Literal["order"] | None,
+    typer.Option(
+        "--covariate", help="the order of trials is a covariate of the mixed models of estimates"
+    ),
+]
+
+
+def _read_anchors(text: str) -> tuple[str, ...]:
+    """Read what the lowest and the highest rating mean."""
+    words = tuple(word.strip() for word in text.split(","))
+    if len(words) != 2:
+        raise ValueError(f"must be LOW,HIGH, got {text!r:.60}")
+    return words
 
 
 def _read_factor(text: str) -> tuple[str, tuple[str, ...]]:
@@ -184,6 +202,26 @@ def design(
     ] = False,
     primary: Primary = None,
     reference: Reference = None,
+    covariate: Covariate = None,
+    question: Annotated[
+        str | None,
+        typer.Option(
+            "--question",
+            metavar="TEXT",
+            help="how a rating of realism is asked for (virtual), in the participants' language",
+            show_default="How real did it feel?",
+        ),
+    ] = None,
+    anchors: Annotated[
+        Any,
+        typer.Option(
+            "--anchors",
+            metavar="LOW,HIGH",
+            parser=_read_anchors,
+            help="what the lowest and the highest rating mean (virtual)",
+            show_default="not at all real,completely real",
+        ),
+    ] = None,
     only: Only = None,
     seed: Seed,
     output: Annotated[
@@ -208,6 +246,9 @@ def design(
             interleaved=interleaved,
             primary=primary,
             reference=reference,
+            covariate=covariate,
+            question=question,
+            anchors=anchors,
             only=only,
         ),
     )
@@ -222,9 +263,23 @@ def design(
 
 
 @command(study, "sheet", "study sheet study")
-def sheet(*, folder: Folder) -> Outcome:
-    """Write blinded run sheets, to print and as CSV to fill in."""
-    number = stepblocks.write_sheets(folder)
+def sheet(
+    *,
+    folder: Folder,
+    program: Annotated[
+        Literal["psychopy", "jspsych", "opensesame"] | None,
+        typer.Option(
+            "--for",
+            help="write the trials as this program reads them, instead; 'study analyse' reads its "
+            "records",
+        ),
+    ] = None,
+) -> Outcome:
+    """Write blinded run sheets, to print and as CSV to fill in, or the trials for a program."""
+    number = stepblocks.write_sheets(folder, **keep_given_options(program=program))
+    if program is not None:
+        readme = folder / program / "README.md"
+        return Outcome(f"{readme.parent}: trials of {number} participants; read {readme}")
     return Outcome(
         f"{folder / 'sheets'}: {number} run sheets; print {folder / 'run-sheets.html'}",
         record={"sheets": number},
@@ -272,6 +327,16 @@ def run(
             show_default="0",
         ),
     ] = None,
+    train: Annotated[
+        int | None,
+        typer.Option(
+            "--train",
+            metavar="N",
+            parser=make_whole_number_reader(1, 10_000),
+            help="train with N pairs today instead (adaptive, constant): they grow harder while "
+            "three of four are right",
+        ),
+    ] = None,
     tip_radius: TipRadius = None,
     load: Load = None,
     friction: Friction = None,
@@ -290,36 +355,60 @@ def run(
 
     The same command goes on after a break.
     """
+    options = keep_given_options(
+        device=device,
+        library=library,
+        scale=scale,
+        ratings=ratings,
+        practice=practice,
+        ball_radius=tip_radius,
+        normal_load=load,
+        friction=friction,
+    )
+    if train is not None:
+        if options or file is not None:
+            raise PipelineError("train takes no stimulus file and no option of virtual blocks")
+        return _train(folder, participant, train, port, no_open)
+    opened = stepblocks.open_run(folder, participant, file, **options)
+    print(f"{opened.path}: {opened.answered} of {len(opened.planned)} trials are answered")
+    summary = "all trials are answered"
+    if not _serve(opened, port, no_open):
+        summary = "stopped; the same command goes on"
+    return Outcome(summary, record={"answered": opened.answered, "of": len(opened.planned)})
+
+
+def _serve(run: PageRun, port: int, no_open: bool) -> bool:
+    """Serve the page of a run until it is done; return False where it is stopped before."""
     from stepblocks.study.conduct.server import RunServer
 
-    opened = stepblocks.open_run(
-        folder,
-        participant,
-        file,
-        **keep_given_options(
-            device=device,
-            library=library,
-            scale=scale,
-            ratings=ratings,
-            practice=practice,
-            ball_radius=tip_radius,
-            normal_load=load,
-            friction=friction,
-        ),
-    )
-    server = RunServer(opened, port)
-    print(f"{opened.path}: {opened.answered} of {len(opened.planned)} trials are answered")
+    server = RunServer(run, port)
     print(f"open {server.url}", flush=True)
     if not no_open:
         import webbrowser
 
         webbrowser.open(server.url)
-    summary = "all trials are answered"
     try:
         server.until_done()
     except KeyboardInterrupt:
-        summary = "stopped; the same command goes on"
-    return Outcome(summary, record={"answered": opened.answered, "of": len(opened.planned)})
+        return False
+    return True
+
+
+def _train(folder: Path, participant: str, trials: int, port: int, no_open: bool) -> Outcome:
+    """Train a participant, and say what was reached on each day."""
+    training = stepblocks.open_training(folder, participant, trials)
+    print(f"{training.path}: {training.answered} pairs were answered so far")
+    if training.now is None:
+        training.close()
+    else:
+        _serve(training, port, no_open)
+    days = training.summarise()
+    for day in days:
+        print(f"{day.date}: {day.right} of {day.trials} right, level {day.level:g} of {day.levels}")
+    return Outcome(
+        f"{folder / 'training' / 'progress.csv'}: {len(days)} days of participant {participant}",
+        record={"days": [day.describe() for day in days]},
+    )
 
 
 @command(study, "analyse", "study analyse study study/answers.csv")
@@ -337,7 +426,8 @@ def analyse(
         typer.Option(
             "--data",
             metavar="PATH",
-            help="a table of your own, a folder of them, or a BIDS dataset; without DIR",
+            help="a table of your own or of PsychoPy, jsPsych, OpenSesame, Gorilla or Qualtrics, a "
+            "folder of them, or a BIDS dataset; without DIR",
         ),
     ] = None,
     columns: Annotated[
@@ -347,6 +437,15 @@ def analyse(
             metavar="OURS=YOURS,...",
             parser=read_pairs,
             help="your names of columns, such as trial=n,rating=score",
+        ),
+    ] = None,
+    wide: Annotated[
+        str | None,
+        typer.Option(
+            "--wide",
+            metavar="PATTERN",
+            help="how the columns of trials are called in a table of --data with a row for each "
+            "participant, such as '{condition}_{height_um}_{repetition}'",
         ),
     ] = None,
     experiment: Annotated[
@@ -388,6 +487,8 @@ def analyse(
     ratings: Ratings = None,
     primary: Primary = None,
     reference: Reference = None,
+    covariate: Covariate = None,
+    layout: TableLayout = UNDECLARED,
 ) -> Outcome:
     """Analyse answers: results.csv and report.html."""
     from stepblocks.study.analysis.prose import write_headline
@@ -404,14 +505,17 @@ def analyse(
         folder,
         data or answers or [],
         place,
+        layout=layout,
         **keep_given_options(
             columns=columns,
+            wide=wide,
             experiment=experiment,
             equivalent=equivalent,
             groups=groups,
             ratings=ratings,
             primary=primary,
             reference=reference,
+            covariate=covariate,
         ),
     )
     notes = [*result.notes, *result.remarks]
@@ -447,12 +551,14 @@ def share(
         str | None,
         typer.Option("--licence", metavar="NAME", help="licence that the dataset names"),
     ] = None,
+    layout: TableLayout = UNDECLARED,
 ) -> Outcome:
     """Write the study as a BIDS dataset, to share it."""
     files = stepblocks.share_study(
         folder,
         answers or [],
         output,
+        layout=layout,
         **keep_given_options(form=form, authors=authors, licence=licence),
     )
     return Outcome(f"{output}: {len(files)} files", record={"files": files})

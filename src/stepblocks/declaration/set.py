@@ -36,6 +36,7 @@ from stepblocks.parts.declared import Identity, Table, make_rules_validator
 from stepblocks.parts.felt_tolerance import has_felt_tolerance, resolve_felt_tolerance
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
+from stepblocks.parts.kinds.kit_part import KitPart
 from stepblocks.parts.kinds.margin import MarginBlock
 from stepblocks.parts.kinds.scanned_margin import ScannedMargin
 from stepblocks.parts.kinds.sheath import Sheath
@@ -52,6 +53,7 @@ SHIPPED: tuple[type[Part], ...] = (
     StraightTip,
     HookTip,
     Sheath,
+    KitPart,
 )
 _registered: list[type[Part]] = []  # as long as a `register_kind` lasts
 
@@ -213,6 +215,10 @@ class StimulusSet(Table):
     def with_parts(self, parts: Iterable[Part]) -> Self:
         """Return the set with other parts under the same conditions."""
         return self.model_copy(update={"stimuli": tuple(parts)})
+
+    def keep_felt(self) -> Self:
+        """Return the set without the parts that take no part in a drag; it may be empty."""
+        return self.with_parts([part for part in self.stimuli if part.is_felt])
 
     def predict_ring(self, part: Part) -> RodRing | None:
         """Predict how the probe rings with a part on its shank; None where it wears none."""

@@ -19,6 +19,7 @@ __all__ = [
     "Dialect",
     "count_cells",
     "find_dialect",
+    "find_quote",
     "is_number_in_any_notation",
     "list_first_lines",
     "split_records",
@@ -114,7 +115,7 @@ def find_dialect(text: str, separator: str | None = None) -> Dialect:
         The one in which most rows have as many cells as the first, and most cells are numbers.
     """
     lines = list_first_lines(text)
-    quote = _find_quote(lines)
+    quote = find_quote(lines)
     if separator is not None:
         return Dialect(separator, quote)
     declared = _DECLARED_SEPARATOR.fullmatch(text.partition("\n")[0])
@@ -189,8 +190,8 @@ def list_first_lines(text: str) -> list[str]:
     return lines
 
 
-def _find_quote(lines: Sequence[str]) -> str:
-    """Return the quotation mark of a table: single ones only where they begin most lines."""
+def find_quote(lines: Sequence[str]) -> str:
+    """Return the quotation mark of lines: single ones only where they begin most of them."""
     if not lines:
         return '"'
     single = [line for line in lines if line.startswith("'") and line.rstrip(",;\t|").endswith("'")]

@@ -12,6 +12,7 @@ import numpy as np
 from stepblocks.contact.counterface import Counterface
 from stepblocks.declaration.read import Sets, load_sets
 from stepblocks.declaration.set import StimulusSet, choose_operating_point
+from stepblocks.errors import PipelineError
 from stepblocks.files.atomic import replace_text
 from stepblocks.files.pages import render_page
 from stepblocks.parts.kind import Part
@@ -54,8 +55,10 @@ def write_feel_page(files: Sets, page: str | Path) -> int:
     """
     stimuli = []
     for declared, place in load_sets(files):
-        for part in declared.stimuli:
+        for part in declared.keep_felt().stimuli:
             stimuli.append(_describe_stimulus(declared, part, place))
+    if not stimuli:
+        raise PipelineError("the page needs a stimulus that is felt, got parts of the apparatus")
     script = _read_scripts()
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     data = json.dumps(stimuli, allow_nan=False, separators=(",", ":"))

@@ -224,12 +224,9 @@ def _span_direction(shaped: _ShapedLaw, remaining: Floats, length: Floats) -> Di
     length : Floats
         Shape (a,), of the whitened changes.
     """
-    squared, turn = np.linalg.eigh(remaining.T @ remaining)
-    squared, turn = squared[::-1], turn[:, ::-1]
-    kept = squared > _LEAST_REMAINING**2
-    if not np.any(kept):
+    to_basis = _find_basis(remaining)
+    if to_basis is None:
         return None
-    to_basis = turn[:, kept] / np.sqrt(squared[kept])
     return Direction(
         effect=shaped.law,
         shape=shaped.shape,
@@ -237,6 +234,22 @@ def _span_direction(shaped: _ShapedLaw, remaining: Floats, length: Floats) -> Di
         root=to_basis / length[:, None],
         one_sided=_is_one_sided(shaped.law),
     )
+
+
+def _find_basis(remaining: Floats) -> Floats | None:
+    """Find the combinations of changes, shape (a, k), that make orthonormal columns of them.
+
+    The result is None where nothing of the changes remains.
+    """
+    if remaining.shape[1] == 1:
+        length = np.linalg.norm(remaining)
+        return np.array([[1.0 / length]]) if length > _LEAST_REMAINING else None
+    squared, turn = np.linalg.eigh(remaining.T @ remaining)
+    squared, turn = squared[::-1], turn[:, ::-1]
+    kept = squared > _LEAST_REMAINING**2
+    if not np.any(kept):
+        return None
+    return np.asarray(turn[:, kept] / np.sqrt(squared[kept]))
 
 
 def _is_one_sided(law: Law) -> bool:

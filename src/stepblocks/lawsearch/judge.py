@@ -24,6 +24,8 @@ from stepblocks.lawsearch.search import choose_in_place_of
 _LEAST_SHARE = 0.3
 _INFLUENCE = 0.01  # share of the trials that may not carry an effect
 _SAME_PREDICTION = 1e-3  # of a channel, within which a sudden change and a label predict the same
+_NEARLY_ALL = 0.9  # share of the trials that a sudden change moves, from which on it is a constant
+_MOVED = 1e-6  # of a channel, from which a trial is moved
 _MOST_RIVAL_FITS = 8  # laws, and smooths, that are fitted in the place of an effect
 # the verdict on the whole is the first of these among the findings
 _WEAKEST_FIRST = (Verdict.AMBIGUOUS, Verdict.UNEXPLAINED, Verdict.EFFECT)
@@ -92,11 +94,11 @@ def _judge_effect(
         verdict = Verdict.UNEXPLAINED
     elif elsewhere:
         verdict = Verdict.AMBIGUOUS
-    elif effect.named or effect.is_line:
+    elif effect.named or effect.shape:
         verdict = Verdict.EFFECT
     else:
         verdict = Verdict.UNEXPLAINED
-    if doubt is None and not effect.named and not effect.is_line:
+    if doubt is None and not effect.named and not effect.shape:
         doubt = Doubt.NO_LAW_FITS
     shares = find_largest_shares(problem, base, current)
     return Finding(
@@ -137,6 +139,8 @@ def _list_rivals(
             continue
         if law.place == effect.place and not law.named:
             continue
+        if law.slot == effect.slot and effect.covariate in law.refines:
+            continue
         if law.slot == effect.slot and _is_special_case(problem, current, effect, fitted):
             continue
         families.add(family)
@@ -165,9 +169,12 @@ def _is_special_case(problem: Problem, current: Fit, effect: Law, rival: Fit) ->
     """Tell whether an effect is a special case of its rival, which then is no rival of its own.
 
     A law of one amplitude is a special case of a law with one amplitude for each label where these
-    are alike. A sudden change is one of a column that changes its label at that time.
+    are alike. A sudden change is one of a column that changes its label at that time; a constant is
+    one of a sudden change behind which nearly all trials lie.
     """
     wider = rival.effects[-1]
+    if wider.steps and effect.covariate == "none":
+        return _find_moved_share(problem, rival) >= _NEARLY_ALL
     if wider.steps:
         return np.allclose(
             rival.predicted, current.predicted, atol=_SAME_PREDICTION, equal_nan=True
@@ -180,6 +187,13 @@ def _is_special_case(problem: Problem, current: Fit, effect: Law, rival: Fit) ->
     other_effects = [(law, values) for law, values in current.active if law is not effect]
     predicted = problem.model.predict(problem.trials, current.values, [*other_effects, alike])
     return np.allclose(predicted, current.predicted, rtol=1e-9, atol=1e-12, equal_nan=True)
+
+
+def _find_moved_share(problem: Problem, fitted: Fit) -> float:
+    """Find the share of the trials whose prediction the last effect of a fit moves."""
+    without = problem.model.predict(problem.trials, fitted.values, fitted.active[:-1])
+    moved = np.abs(fitted.predicted - without) > _MOVED
+    return float(np.mean(moved.any(axis=1)))
 
 
 def _name_family(effect: Law) -> str:

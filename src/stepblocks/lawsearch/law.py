@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import cloudpickle
@@ -106,13 +107,17 @@ class Law:
     given : bool
         False where the covariate only says over what the law shows, and the formula holds without
         a value of the covariate.
+    refines : tuple[str, ...]
+        Covariates of whose laws in the same slot this one is a finer case, such as one with a
+        slope for each group.
     steps : tuple[str, ...]
         Parameters that give the places of sudden changes, in the order of the covariate.
     evidence : float
         What a measurement beside the trials says in favour of the law, as a fall of the criterion
         [1].
-    is_line : bool
-        Whether a smooth is a straight line, whose slope with its interval may be claimed.
+    shape : str
+        Name of the shape of a composed law, such as ``line`` or ``threshold``, whose figures with
+        their intervals may be claimed; empty for laws with names of their own and for smooths.
     """
 
     id: str
@@ -129,7 +134,8 @@ class Law:
     given: bool = True
     steps: tuple[str, ...] = ()
     evidence: float = 0.0
-    is_line: bool = False
+    shape: str = ""
+    refines: tuple[str, ...] = ()
 
     def __getstate__(self) -> bytes:
         # the functions of a law are closures, which the standard pickle cannot store
@@ -138,7 +144,7 @@ class Law:
     def __setstate__(self, state: bytes) -> None:
         vars(self).update(cloudpickle.loads(state))
 
-    @property
+    @cached_property
     def amplitudes(self) -> tuple[str, ...]:
         """Names of the parameters at whose start the effect vanishes."""
         shape_parameters = self.shapes[0]

@@ -17,8 +17,10 @@ from stepblocks.lawsearch.forward_model import Floats, Systematic, Trials
 from stepblocks.lawsearch.law import Active, Law, Parameter
 from stepblocks.rig import forward
 from stepblocks.rig.effects.gauges import apply_instrument_constants
+from stepblocks.rig.effects.geometry import make_exchange_law
+from stepblocks.rig.effects.grammar.compose import list_composed_laws
+from stepblocks.rig.effects.grammar.covariates import CovariateRange
 from stepblocks.rig.effects.named import list_named_laws
-from stepblocks.rig.effects.smooth import CovariateRange, list_smooth_laws
 from stepblocks.rig.forward import PEAK_FORCE, SPEED_OVER_LOAD, TOGETHER, BenchDesign
 from stepblocks.rig.state import CHANNELS, DragState, compute_channels
 
@@ -41,8 +43,16 @@ _MIDDLE_SHIFTS = {"ln_peak_force": 0.2, "sliding_friction": 0.2, "normal_load_ra
 # covariates that are set or computed; all others are readings of the surroundings
 _SET = ("height_um", "load_n", "speed_mm_s", "run_order", PEAK_FORCE, SPEED_OVER_LOAD)
 _MOST_READINGS = 3  # of the surroundings that are tried pair by pair
+_RAMP = "spring_constant"  # the channel that is no logarithm
 _LEAST_SPREAD = 1e-9  # of a logarithm, below which all its values are equal
 _MOST_LABELS = 8  # of a covariate that is tried
+# blocks of which any two may have exchanged their labels, by how much they must differ [m], and how
+# far from that the difference that is found may lie: a share of it, and three deviations of blocks
+_MOST_EXCHANGED, _LEAST_EXCHANGED = 12, 2e-6
+_SHARE_EXCHANGED, _REACH_EXCHANGED = 0.5, 4e-6
+# numbers that may act under each label by itself, columns of labels, and their labels
+_GROUPED = ("height_um", "load_n", "speed_mm_s", "run_order")
+_MOST_GROUPINGS, _MOST_GROUPS = 2, 4
 _WIDE_RANGE = 5.0  # ratio of the ends of a range from which it is divided by logarithms
 _FEW_SETTINGS = 20  # distinct values below which a range may be divided by logarithms
 _FEWEST_PEAKS, _LEAST_PEAK_RANGE = 11, 1.001  # from which laws may follow the peak force
@@ -166,6 +176,7 @@ class SessionModel:
         load = _standardise(np.log(design.load))
         speed = _standardise(np.log(design.speed))
         columns = (height, load, speed, height**2, height * load, load * speed, height * speed)
+        ramp = _smooth_ramp(trials, columns)
         errors = []
         for channel in CHANNELS:
             if channel not in trials.channels:
@@ -174,7 +185,8 @@ class SessionModel:
             middle = np.full(len(trials), _MIDDLE_SHIFTS.get(channel, 0.0))
             for column in (*columns, middle):
                 if np.any(column):
-                    shown = _scale_common_error(trials, channel, column)
+                    # a relative error; all channels but the ramp are logarithms
+                    shown = column * ramp if channel == _RAMP else column
                     errors.append(Systematic(channel, shown, COMMON_ERRORS[channel]))
         return errors
 
@@ -237,12 +249,20 @@ class SessionModel:
         return forward.compute_responses(self.state(trials, values, effects))
 
 
-def _scale_common_error(trials: Trials, channel: str, column: Floats) -> Floats:
-    """Turn a relative error into one of a channel; all channels but the ramp are logarithms."""
-    if channel != "spring_constant":
-        return column
-    measured = trials.values[:, trials.channels.index(channel)]
-    return column * np.nan_to_num(measured, nan=1.0)
+def _smooth_ramp(trials: Trials, columns: Sequence[Floats]) -> Floats:
+    """Smooth the readings of the ramp over what was set, shape (n,); 1 where there is none.
+
+    By each reading, an error in proportion would hold the noise of that reading, and what is left
+    of a law beside it would be that noise again: an effect that no bench has.
+    """
+    smooth = np.ones(len(trials))
+    if _RAMP not in trials.channels:
+        return smooth
+    measured = trials.values[:, trials.channels.index(_RAMP)]
+    known = np.isfinite(measured)
+    design = np.column_stack([np.ones(len(trials)), *columns])[known]
+    smooth[known] = design @ np.linalg.lstsq(design, measured[known], rcond=None)[0]
+    return smooth
 
 
 def _spread_values_of_a_day(
@@ -278,7 +298,9 @@ def list_covariate_ranges(trials: Trials) -> tuple[CovariateRange, ...]:
         ratio = np.unique(_divide_speed_by_load(trials))
         low, high = float(ratio[0]), float(ratio[-1])
         ranges.append(CovariateRange(SPEED_OVER_LOAD, low, high, True, distinct=len(ratio)))
+    grouped = _group_numbers(ranges)
     ranges += _pair_readings(ranges)
+    ranges += grouped
     blocks = tuple(str(block) for block in np.unique(trials.block))
     if 2 < len(blocks) <= len(trials) / _TRIALS_PER_BLOCK:
         ranges.append(CovariateRange("block", labels=blocks, distinct=len(blocks)))
@@ -325,6 +347,18 @@ def _pair_readings(ranges: Sequence[CovariateRange]) -> list[CovariateRange]:
     return pairs
 
 
+def _group_numbers(ranges: Sequence[CovariateRange]) -> list[CovariateRange]:
+    """Let what is set, and the run, act under each label of a column by itself."""
+    groups = [where for where in ranges if where.labels and len(where.labels) <= _MOST_GROUPS]
+    numbers = [where for where in ranges if where.name in _GROUPED and where.distinct > 2]
+    grouped = []
+    for labels in groups[:_MOST_GROUPINGS]:
+        for number in numbers:
+            name = TOGETHER.join((labels.name, number.name))
+            grouped.append(CovariateRange(name, pair=(labels, number)))
+    return grouped
+
+
 def _divide_speed_by_load(trials: Trials) -> NDArray[np.generic]:
     """Divide speed by load, which a viscous film follows [mm/s/N]."""
     return np.asarray(np.divide(trials.covariates["speed_mm_s"], trials.covariates["load_n"]))
@@ -346,6 +380,25 @@ def find_column(trials: Trials, predicted: Floats, covariate: str) -> NDArray[np
     if covariate == SPEED_OVER_LOAD:
         return _divide_speed_by_load(trials)
     return trials.covariates[covariate]
+
+
+def _list_exchanges(trials: Trials, blocks: Sequence[str]) -> list[Law]:
+    """List the exchanges of the labels of any two blocks, by what their heights differ."""
+    if not 1 < len(blocks) <= _MOST_EXCHANGED or "height_um" not in trials.covariates:
+        return []
+    stated = np.asarray(trials.covariates["height_um"], dtype=np.float64) * 1e-6
+    heights = {block: float(np.median(stated[trials.block == block])) for block in blocks}
+    laws = []
+    for first, second in combinations(blocks, 2):
+        difference = heights[second] - heights[first]
+        if abs(difference) < _LEAST_EXCHANGED:
+            continue
+        law = make_exchange_law(first, second)
+        (parameter,) = law.parameters
+        reach = min(_SHARE_EXCHANGED * abs(difference), _REACH_EXCHANGED)
+        low, high = difference - reach, difference + reach
+        laws.append(replace(law, parameters=(replace(parameter, low=low, high=high),)))
+    return laws
 
 
 def list_candidates(
@@ -372,11 +425,13 @@ def list_candidates(
     by_scans = "edge_rounding" if sharp else "tip_radius_error"
     ruled_out = {"block_tilt", by_scans}
     laws = []
-    for law in list_named_laws(np.unique(trials.block).tolist()):
+    blocks = np.unique(trials.block).tolist()
+    exchanged = _list_exchanges(trials, blocks)
+    for law in (*list_named_laws(blocks), *exchanged):
         if law.covariate not in varying or (law.id in ruled_out and not with_imitated):
             continue
         if scanned_radius and law.id == "edge_rounding":
             laws.append(replace(law, evidence=_SEEN_IN_SCANS))
         else:
             laws.append(law)
-    return (*laws, *list_smooth_laws(ranges))
+    return (*laws, *list_composed_laws(ranges))

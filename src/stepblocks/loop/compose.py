@@ -311,14 +311,13 @@ def _describe_effect(
 def _describe_parameters(effect: Law, fitted: Fit, problem: Problem) -> dict[str, Estimate]:
     """Give the fitted parameters of an effect with their 95 % intervals."""
     values, std = effect.pick_own_values(fitted.values), effect.pick_own_values(fitted.std)
-    scale, slope_unit = 1.0, ""
-    if effect.id.startswith("trend_"):
-        # the law has its slope per half range
-        ranges = {where.name: where for where in list_covariate_ranges(problem.trials)}
-        scale, slope_unit = find_slope_unit(ranges[effect.covariate])
     estimates = {}
     for p in effect.parameters:
-        unit = slope_unit or p.unit
+        scale, unit = 1.0, p.unit
+        if effect.id.startswith("trend_") and p.name.startswith("slope"):
+            # the law has its slope per half range
+            ranges = {where.name: where for where in list_covariate_ranges(problem.trials)}
+            scale, unit = find_slope_unit(ranges[effect.covariate])
         estimates[p.name] = _estimate_interval(scale * values[p.name], unit, scale * std[p.name])
     for name in effect.steps:
         column = find_column(problem.trials, fitted.predicted, effect.covariate)

@@ -16,7 +16,7 @@ from stepblocks.loop.finding import write_summary
 from stepblocks.loop.record import LoopRecord, UnusedScan
 from stepblocks.loop.session_table import SessionTable
 from stepblocks.records.model import LearnedFit, LearnedModel
-from stepblocks.rig.effects.smooth import CovariateRange
+from stepblocks.rig.effects.grammar.covariates import CovariateRange
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from stepblocks.quantities import format_column_label
-from stepblocks.rig.effects.smooth import CovariateRange
+from stepblocks.rig.effects.grammar.covariates import CovariateRange
 from stepblocks.rig.forward import PEAK_FORCE, SPEED_OVER_LOAD, TOGETHER
 
 # factor and unit in which people read a parameter, by the unit that the parameter has
@@ -103,6 +103,8 @@ def find_slope_unit(where: CovariateRange) -> tuple[float, str]:
 
     For a pair of covariates both are products.
     """
+    if where.is_grouped:
+        return find_slope_unit(where.pair[1])
     if where.pair:
         first_factor, first_unit = find_slope_unit(where.pair[0])
         second_factor, second_unit = find_slope_unit(where.pair[1])

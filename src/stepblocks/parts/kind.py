@@ -50,6 +50,7 @@ class Part(Table, ABC):
     ] = {}  # fields on which the counterface depends, by its names for them
     governing_field: ClassVar[str]  # field whose tolerance band sets the usual demands on its faces
     crossed: ClassVar[bool] = True  # whether a tip is dragged across it
+    is_felt: ClassVar[bool] = True  # whether it takes part in a drag, so that it is predicted
     has_working_faces: ClassVar[bool] = (
         False  # plane ones beside a straight edge: flatness, roughness, a height field
     )
@@ -69,6 +70,11 @@ class Part(Table, ABC):
     ) -> Iterable[Mapping[str, object]]:
         """Read what a stanza names in the folder of its file; it may give several parts."""
         return [stanza]
+
+    @property
+    def title(self) -> str:
+        """What a drawing calls it."""
+        return self.kind_name.capitalize()
 
     # what is felt
 

@@ -137,6 +137,8 @@ def predict_one(face: Counterface, point: OperatingPoint, backward: bool = False
 def predict_by_formula(stimuli: StimulusSet) -> Iterator[Prediction]:
     """Predict a set over its grid, in the order stimulus, tip, step, direction, friction, load."""
     for part in stimuli.stimuli:
+        if not part.is_felt:
+            continue
         grid = stimuli.find_conditions(part)
         for ball, step_height in product(_list_balls(part, grid), _list_steps(part, grid)):
             yield from _predict_under_ball(stimuli, part, ball, step_height)
@@ -294,6 +296,20 @@ def _measure_drag(prediction: Prediction, speed: float) -> InTime | None:
     if ring is None:
         return InTime(str(trace.status), trace.peak_force)
     return InTime(str(trace.status), trace.peak_force, ring.energy, ring.share)
+
+
+def describe_felt(predictions: Iterable[Prediction]) -> list[str]:
+    """Say which of the two energies is felt, where any row is felt by the drag."""
+    predictions = list(predictions)
+    by_drag = sum(prediction.felt_by is Model.DRAG for prediction in predictions)
+    if not by_drag:
+        return []
+    rows = "row is" if by_drag == 1 else "rows are"
+    return [
+        f"{by_drag} of {len(predictions)} {rows} felt by the drag in time (felt_energy_uj is "
+        "drag_vibration_energy_uj); vibration_energy_uj is that of equation (1), with which the "
+        "scenes of export ring"
+    ]
 
 
 def describe_left_out(predictions: Iterable[Prediction]) -> list[str]:

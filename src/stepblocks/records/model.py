@@ -6,6 +6,7 @@ Predictions from it do not need the session that it came from.
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cache
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +17,10 @@ from stepblocks.contact.operating_point import Tool
 from stepblocks.errors import ContactError, PipelineError, QuantityError
 from stepblocks.files.text import read_document
 from stepblocks.lawsearch.law import Active, Law, Parameter
+from stepblocks.rig.effects.geometry import make_exchange_law
+from stepblocks.rig.effects.grammar.compose import list_composed_laws
+from stepblocks.rig.effects.grammar.covariates import CovariateRange
 from stepblocks.rig.effects.named import list_named_laws
-from stepblocks.rig.effects.smooth import CovariateRange, list_smooth_laws
 from stepblocks.rig.forward import build_bench_design, list_constants
 from stepblocks.rig.state import CHANNELS, Floats
 
@@ -261,7 +264,8 @@ def _describe_damage(error: ValidationError) -> str:
 def _parse_model(file: ModelFile, path: Path) -> LearnedModel:
     """Turn the contents of a file into a learned model; `path` is named where it cannot be."""
     blocks = tuple(file.blocks)
-    known = (*list_named_laws(blocks), *list_smooth_laws(file.covariates))
+    exchanges = [make_exchange_law(*pair) for pair in combinations(blocks, 2)]
+    known = (*list_named_laws(blocks), *exchanges, *list_composed_laws(file.covariates))
     laws = {law.id: law for law in known}
     extended = _parse_fit("extended", file.extended, laws, path)
     quantity_std = _parse_numbers("quantity_std", file.scatter.quantity_std, (len(_QUANTITIES),))

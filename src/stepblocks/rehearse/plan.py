@@ -14,11 +14,15 @@ from pydantic import BeforeValidator, Field
 from stepblocks.bench.calibration import Frequency, Stiffness, Strict
 from stepblocks.contact import Array
 from stepblocks.contact.operating_point import PAPER
+from stepblocks.declaration.read import load_set
 from stepblocks.errors import PipelineError
 from stepblocks.files.text import read_document
-from stepblocks.mistakes import Mistake, format_mistakes, validate_data
+from stepblocks.mistakes import Mistake, format_mistakes, shorten_value, validate_data
+from stepblocks.parts.apparatus.declared import Apparatus
+from stepblocks.parts.kinds.kit_part import KitPart
 from stepblocks.quantities import make_quantity_parser
 from stepblocks.rehearse.effects import Finite, PlantedEffect, Source
+from stepblocks.rehearse.kit_loads import find_kit_loads
 from stepblocks.rehearse.record import Rig, Truth
 
 _MOST_TRIALS = 1_000_000
@@ -110,6 +114,9 @@ class SessionPlan(Strict):
     scatter : Scatter
     rig : RigPart
     effects : tuple[PlantedEffect, ...]
+    apparatus : Apparatus or None
+        Kit whose weights press and whose budget the load errs by; a plan names the stimulus file
+        that declares it.
     """
 
     schema_: Literal[1] = Field(alias="schema")
@@ -122,6 +129,7 @@ class SessionPlan(Strict):
     scatter: Scatter = Scatter()
     rig: RigPart = RigPart()
     effects: tuple[PlantedEffect, ...] = ()
+    apparatus: Apparatus | None = None
 
     def blocks(self) -> list[str]:
         """Names of the blocks."""
@@ -194,20 +202,57 @@ def name_block(height: float) -> str:
 
 
 def read_plan(path: Path) -> SessionPlan:
-    """Read a plan.
+    """Read a plan, and the stimulus file of the kit that it names.
 
     Raises
     ------
-    PipelineError
-        With all that is wrong with it.
+    StepblocksError
+        With all that is wrong with it, or with that file.
     """
     document = read_document(path, "plan", PipelineError)
+    if "apparatus" in document:
+        document["apparatus"] = _load_apparatus(document["apparatus"], path)
     plan = validate_data(SessionPlan, document, path, PipelineError)
     faults: list[Mistake] = []
     for number, effect in enumerate(plan.effects, start=1):
         fault = effect.find_fault(number, plan.source, plan.blocks())
         if fault is not None:
             faults.append(("", fault))
+    if plan.apparatus is not None:
+        plan = _use_weights(plan, plan.apparatus, faults)
     if faults:
         raise PipelineError(format_mistakes(faults, path))
     return plan
+
+
+def _load_apparatus(name: object, plan: Path) -> Apparatus:
+    """Load the kit of the stimulus file that a plan names, beside it or absolute."""
+    if not isinstance(name, str):
+        raise PipelineError(
+            f"apparatus must be the name of a stimulus file, got {shorten_value(name)} [{plan}]"
+        )
+    place = plan.parent / name
+    for part in load_set(place).stimuli:
+        if isinstance(part, KitPart):
+            return part.kit
+    raise PipelineError(f"apparatus must declare a kit in [[apparatus]], got none [{place}]")
+
+
+def _use_weights(plan: SessionPlan, kit: Apparatus, faults: list[Mistake]) -> SessionPlan:
+    """Take the loads of the weights for those asked for; the kit's budget replaces the scatter.
+
+    What is wrong is added to the faults.
+    """
+    loads, missing = find_kit_loads(kit, plan.design.loads)
+    if missing:
+        asked = ", ".join(f"{load:g} N" for load in missing)
+        known = ", ".join(f"{mass * kit.gravity.value:.4g} N" for mass in kit.normal_weights)
+        faults.append(
+            ("design", f"loads must be those of the weights of {kit.id} ({known}), got {asked}")
+        )
+    if "load" in plan.scatter.model_fields_set:
+        rule = f"load must be left out, because {kit.id} has a budget of its own"
+        faults.append(("scatter", f"{rule}, got {plan.scatter.load:g}"))
+    design = plan.design.model_copy(update={"loads": loads})
+    scatter = plan.scatter.model_copy(update={"load": 0.0})
+    return plan.model_copy(update={"design": design, "scatter": scatter})

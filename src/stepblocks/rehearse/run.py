@@ -18,6 +18,7 @@ from stepblocks.files.atomic import make_draft_folder, move_into_place, sync_fol
 from stepblocks.files.tables import escape_formula
 from stepblocks.quantities import check_seed
 from stepblocks.rehearse.effects import PlantedEffect
+from stepblocks.rehearse.kit_loads import find_common_std
 from stepblocks.rehearse.plan import SessionPlan, name_block, read_plan
 from stepblocks.rehearse.record import record_drag, record_trial
 from stepblocks.rehearse.trace_files import TRACE_FILES, open_writer
@@ -295,4 +296,15 @@ channels = {{ time = "time_s", tangential = "fx_n", normal = "fy_n" }}
 [stimuli]
 set = "simulated"
 scans = "scans/{{block}}.csv"
+{_format_calibration(plan)}"""
+
+
+def _format_calibration(plan: SessionPlan) -> str:
+    """Write what the budget of the kit says of the load; nothing where the plan names none."""
+    if plan.apparatus is None:
+        return ""
+    std = find_common_std(plan.apparatus, plan.design.loads)
+    return f"""
+[calibration]
+load_error = ["0 mN", "{std * 1e3:.2g} mN"]
 """

@@ -10,6 +10,7 @@ from stepblocks.contact.counterface import Step
 from stepblocks.contact.operating_point import OperatingPoint, Tool
 from stepblocks.errors import PipelineError
 from stepblocks.rehearse.effects import NUMBERS, PlantedEffect
+from stepblocks.rehearse.kit_loads import draw_load_error
 from stepblocks.rehearse.plan import SessionPlan
 from stepblocks.rehearse.record import Rig, Truth
 from stepblocks.rig.effects.named import list_named_laws
@@ -58,6 +59,9 @@ def compute_planted_state(
     nominal = _find_nominal_height(row, heights)
     design = _build_design(plan, row, nominal)
     values = _list_nominal_values(plan)
+    if plan.apparatus is not None:
+        load = float(design.load[0])
+        values["load_error"] = draw_load_error(plan.apparatus, load, plan.seed, chance)
     bare = build_nominal_state(design, values)
     if bool(bare.locked()[0]):
         return None

@@ -178,6 +178,10 @@ def resolve_contact(
     ring: Ring = "exponential",
 ) -> Contact:
     """Find what is dragged over and how it rings: by the formula, or by a learned model."""
+    if not stimulus.is_felt:
+        raise HapticsError(
+            f"a scene needs a stimulus that is felt, got a {stimulus.kind_name} [{stimulus.id}]"
+        )
     surface = stimulus
     if not stimulus.crossed:  # a tip or a sheathed probe, over a plain step
         if step_height is None:

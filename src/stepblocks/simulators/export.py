@@ -129,7 +129,8 @@ def export_scenes(
     )
     learned = None if model is None else read_model(Path(model))
     batches = []
-    for stimuli, source in load_sets(files):
+    for declared, source in load_sets(files):
+        stimuli = declared.keep_felt()
         contacts = _resolve_set(stimuli, learned, step_height, ring, overrides)
         batches.append(_gather_batch(stimuli, source, contacts, order))
     if order.device is not None:
@@ -152,9 +153,17 @@ def export_scenes(
             for form in order.forms:
                 _write_whole_set(draft, batch, list(scenes.values()), form, order)
         if not exported:
-            raise PipelineError(f"--only must match at least one stimulus, got {only!r}")
+            _refuse_nothing(batches, only)
         _move_into_place(draft, Path(output))
     return exported
+
+
+def _refuse_nothing(batches: "Sequence[_Batch]", only: str | None) -> None:
+    """Say why nothing is exported."""
+    if only is None:
+        names = ", ".join(batch.stimuli.name for batch in batches)
+        raise PipelineError(f"a scene needs a stimulus that is felt, got none in {names}")
+    raise PipelineError(f"--only must match at least one stimulus, got {only!r}")
 
 
 @dataclass(frozen=True)

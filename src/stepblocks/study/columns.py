@@ -9,6 +9,10 @@ Row: TypeAlias = Mapping[str, str]  # of a table, by column
 
 RATINGS = (1, 7)  # lowest and highest rating, where no others are named
 WHEN = ("participant", "trial", "condition", "repetition")
+COMPARED = ("second_is_higher",)  # answers that are yes or no
+YES = ("y", "yes", "1")
+NO = ("n", "no", "0")
+ORDER = "order"  # number of the trial in tens, where it is a covariate of the mixed model
 FACTOR = "factor_"  # begins the column of each declared factor
 
 

@@ -12,6 +12,7 @@ import pandas as pd
 
 from stepblocks.errors import PipelineError, StudyError
 from stepblocks.files.atomic import replace_text
+from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.files.pages import render_page
 from stepblocks.files.tables import format_csv
 from stepblocks.quantities import check_seed
@@ -27,7 +28,14 @@ from stepblocks.study.analysis.results import StudyResult
 from stepblocks.study.columns import RATINGS, Row, group_by_participant, list_levels
 from stepblocks.study.design.adaptive import Prior, complete_prior
 from stepblocks.study.design.blocks import Declared, choose_blocks, find_designed_blocks
-from stepblocks.study.design.plan import FILE_NAME, Plan, read_plan, read_prior
+from stepblocks.study.design.plan import (
+    ANCHORS,
+    FILE_NAME,
+    QUESTION,
+    Plan,
+    read_plan,
+    read_prior,
+)
 from stepblocks.study.design.read import read_all_answers, read_design
 from stepblocks.study.design.sheet import blind_row, format_key, write_new_files
 from stepblocks.study.design.simulate import TYPICAL_OBSERVER, Observer
@@ -36,6 +44,7 @@ from stepblocks.study.design.trials import REPETITIONS, Design, Factors, design_
 from stepblocks.study.design.virtual import VIRTUAL_FACTORS, check_virtual_factor
 from stepblocks.study.experiments.kind import Experiment
 from stepblocks.study.experiments.registry import ALIASES, EXPERIMENTS, refuse_unused_options
+from stepblocks.study.programs.conditions import list_condition_files
 
 _DESIGN = "design.csv"
 # Of an adaptive design: a repetition for every four trials, with each block in either order of a
@@ -60,6 +69,9 @@ def design_study(
     prior: Mapping[str, float] = MappingProxyType({}),
     primary: str = "",
     reference: str = "",
+    covariate: str = "",
+    question: str = "",
+    anchors: Sequence[str] = (),
     only: str | None = None,
 ) -> Design:
     """Design a study with the blocks of a set, or of some heights.
@@ -101,6 +113,11 @@ def design_study(
         Primary outcome, such as ``"absolute error"``; by default the first of the experiment.
     reference : str
         Condition that the others are compared with in the report's first sentence.
+    covariate : str
+        ``"order"``: the order of trials is a covariate of the mixed models of estimates.
+    question, anchors : str, sequence of str
+        Of ``"virtual"``: how a rating of realism is asked for, and what its lowest and highest
+        value mean, in the words and language of the participants.
     only : str, optional
         Pattern of the blocks that take part.
 
@@ -137,6 +154,9 @@ def design_study(
         trials=trials,
         prior=prior,
         reference=reference,
+        covariate=covariate,
+        question=question,
+        anchors=anchors,
         repetitions=repetitions != REPETITIONS,
     )
     blocks = choose_blocks(source, only=only)
@@ -147,10 +167,16 @@ def design_study(
     if experiment == "virtual":
         _check_virtual_factors(factors, between)
     stated_prior = _state_prior(prior, trials)
-    plan = Plan(primary, reference)
+    plan = Plan(
+        primary,
+        reference,
+        covariate=covariate,
+        question=question or QUESTION,
+        anchors=tuple(anchors) or ANCHORS,
+    )
     if kind.adaptive:
         repetitions = math.ceil(stated_prior.trials / _TRIALS_OF_REPETITION)
-        plan = Plan(primary, reference, stated_prior)
+        plan = replace(plan, prior=stated_prior)
     design = design_trials(
         experiment,
         participants,
@@ -177,6 +203,7 @@ def design_study(
         primary=plan.primary,
         reference=plan.reference,
         prior=plan.prior,
+        plan=plan,
     )
     files = {
         _DESIGN: format_csv(design.trials),
@@ -238,13 +265,16 @@ def _check_outcomes(design: Design, primary: str, reference: str) -> None:
         raise StudyError(f"primary must be one of {'; '.join(tests) or 'none'}, got {primary!r}")
 
 
-def write_sheets(folder: str | Path) -> int:
-    """Write blinded run sheets beside a design.
+def write_sheets(folder: str | Path, program: str = "") -> int:
+    """Write blinded run sheets beside a design, or its trials for another program.
 
     Parameters
     ----------
     folder : str or Path
         Holds design.csv; run-sheets.html and ``sheets/participant-N.csv`` go there.
+    program : str
+        ``"psychopy"``, ``"jspsych"`` or ``"opensesame"``: the trials as that program reads them go
+        to a folder of its name instead, with a README that says how they are run.
 
     Returns
     -------
@@ -273,16 +303,21 @@ def write_sheets(folder: str | Path) -> int:
             "an adaptive design has no sheets: 'study run' chooses each block by the answers"
         )
     sheets = group_by_participant(map(blind_row, design))
-    digits = len(str(len(sheets)))
-    files = {}
-    for participant, rows in sheets.items():
+    for participant in sheets:
         if not re.fullmatch(r"[\w.-]{1,40}", participant):  # it becomes the name of a file
             raise StudyError(
                 f"participant must be one word of at most 40 characters, got {participant!r:.60} "
                 f"[{folder / _DESIGN}]"
             )
+    if program:
+        plan = read_plan(folder)
+        write_new_files(folder, list_condition_files(program, kind, sheets, plan))
+        return len(sheets)
+    digits = len(str(len(sheets)))
+    files = {}
+    for participant, rows in sheets.items():
         files[f"sheets/participant-{participant:0>{digits}}.csv"] = format_csv(rows)
-    files["run-sheets.html"] = render_run_sheets(kind.sheet_title, sheets)
+    files["run-sheets.html"] = render_run_sheets(kind, sheets, read_plan(folder))
     write_new_files(folder, files)
     return len(sheets)
 
@@ -381,6 +416,9 @@ def analyse_study(
     groups: str | Path | None = None,
     primary: str = "",
     reference: str = "",
+    covariate: str = "",
+    wide: str = "",
+    layout: TableLayout = UNDECLARED,
 ) -> StudyResult:
     """Analyse filled-in run sheets, or judgements that were not planned here.
 
@@ -390,14 +428,16 @@ def analyse_study(
         Holds design.csv; None for judgements that no design of ours stands behind.
     answers : sequence of str or Path
         CSV files of answers, or folders of them; commas, semicolons or tabs, decimal points or
-        commas. Without a design also a dataset as `share_study` writes it.
+        commas; or the records of PsychoPy, jsPsych (JSON, too) or OpenSesame, which ran the trials
+        that `write_sheets` wrote for them. Without a design also those of Qualtrics and Gorilla,
+        and a dataset as `share_study` writes it.
     output : str or Path, optional
         Folder for report.html, results.csv and judgements.csv; of estimates also the tables of a
         paper, tables.md and tables.tex.
     columns : mapping of str
         Without a design, their names for ours:
         ``{"participant": "subject", "condition": "probe", "height_um": "h", "estimate_um":
-        "answer"}``.
+        "answer"}``. Of a design, those of answers in the records of another program.
     experiment : str
         Without a design, of which kind the judgements are, as in `design_study`.
     ratings : tuple of int
@@ -411,6 +451,15 @@ def analyse_study(
     primary, reference : str
         Primary outcome and the condition that others are compared with, as in `design_study`; of a
         design its own.
+    covariate : str
+        As in `design_study`; of a design its own. Trials without a number are numbered as their
+        rows stand.
+    wide : str
+        Without a design, how columns of trials are called in tables with a row for each
+        participant: ``"{condition}_{height_um}_{repetition}"``, ``{answer}`` among them where a
+        trial has several.
+    layout : TableLayout
+        What is declared of the tables of answers and groups: encoding, signs, missing values.
 
     Returns
     -------
@@ -437,30 +486,44 @@ def analyse_study(
     """
     plan = Plan()
     if folder is None:
-        judgements = read_foreign_judgements(answers, columns, experiment, ratings)
+        judgements = read_foreign_judgements(answers, columns, experiment, ratings, wide, layout)
     else:
-        judgements = _read_judgements(Path(folder), answers, ratings)
+        if wide:
+            raise StudyError("wide is an option of tables without a design")
+        judgements = _read_judgements(Path(folder), answers, ratings, columns, layout)
         plan = read_plan(Path(folder))
     refuse_unused_options(
         judgements.experiment,
         equivalent=not math.isnan(equivalent),
         ratings=ratings != RATINGS,
         reference=reference,
+        covariate=covariate,
     )
-    plan = replace(plan, primary=primary or plan.primary, reference=reference or plan.reference)
-    grouped = judgements.assign_groups(groups)
-    result = grouped.analyse(equivalent, plan.primary, plan.reference)
+    plan = replace(
+        plan,
+        primary=primary or plan.primary,
+        reference=reference or plan.reference,
+        covariate=covariate or plan.covariate,
+    )
+    if plan.covariate and wide and "{trial}" not in wide:
+        raise StudyError("a table with a row for each participant does not say in which order")
+    grouped = judgements.assign_groups(groups, layout)
+    result = grouped.analyse(equivalent, plan.primary, plan.reference, plan.covariate)
     if output is not None:
         _write_report(result, Path(output))
     return result
 
 
 def _read_judgements(
-    folder: Path, answers: Sequence[str | Path], ratings: tuple[int, int]
+    folder: Path,
+    answers: Sequence[str | Path],
+    ratings: tuple[int, int],
+    columns: Mapping[str, str],
+    layout: TableLayout,
 ) -> Judgements:
-    """Read the answers to the trials of a design."""
+    """Read the answers to the trials of a design; `columns` are as in `analyse_study`."""
     design = read_design(folder / _DESIGN)
-    rows = read_all_answers(answers, design[0]["experiment"])
+    rows = read_all_answers(answers, design[0]["experiment"], columns, layout)
     return join_answers(design, rows, ratings)
 
 

@@ -7,9 +7,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from stepblocks.parts.apparatus.declared import Apparatus
+from stepblocks.parts.apparatus.layout import list_components
 from stepblocks.parts.conditions import NO_ORDER, OrderSpec
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
+from stepblocks.parts.kinds.kit_part import KitPart
 from stepblocks.parts.kinds.margin import MarginBlock
 from stepblocks.parts.kinds.sheath import Sheath
 from stepblocks.parts.kinds.step_block import StepBlock
@@ -17,6 +20,7 @@ from stepblocks.parts.kinds.tips import HookTip, StraightTip
 from stepblocks.parts.on_paper import describe_default_demands, format_limits
 from stepblocks.workshop.blocks import draw_margin_block_views, draw_step_block_views
 from stepblocks.workshop.crown_views import draw_crown_views
+from stepblocks.workshop.kit_views import draw_assembly_views, draw_kit_part_views
 from stepblocks.workshop.paper import Point, use_decimal_comma
 from stepblocks.workshop.rendering import FORMATS, write_sheet
 from stepblocks.workshop.sheet import Note, Sheet
@@ -46,6 +50,7 @@ VIEWS: Mapping[type, Callable[[Sheet, Any], list[str]]] = {
     StraightTip: draw_straight_tip_views,
     HookTip: draw_hook_tip_views,
     Sheath: draw_sheath_views,
+    KitPart: draw_kit_part_views,
 }
 
 
@@ -100,6 +105,26 @@ def write_series_drawing(
     return written
 
 
+def write_assembly_drawing(folder: Path, kit: Apparatus, order: OrderSpec) -> list[Path]:
+    """Draw the components of a kit where they stand, with the numbers of its parts list."""
+    components = list_components(kit)
+
+    def draw() -> Sheet:
+        sheet = Sheet([])
+        draw_assembly_views(sheet, components)
+        grams = 1e3 * math.fsum(component.mass for component in components)
+        fields = {
+            "identity": kit.id.upper(),
+            "material": "by the parts list",
+            "mass": use_decimal_comma(f"{grams:.4g} g"),
+            **_list_order_fields(order),
+        }
+        draw_border(sheet, "Apparatus, assembly drawing", fields)
+        return sheet
+
+    return write_sheet(folder, f"{kit.id}.assembly", FORMATS, draw)
+
+
 def draw_part_sheet(
     part: Part, order: OrderSpec = NO_ORDER, series: SeriesSheet | None = None
 ) -> Sheet:
@@ -123,7 +148,7 @@ def draw_part_sheet(
             remarks.append(defaults)
     notes += [Note(remark) for remark in remarks]
     _write_notes(sheet, notes)
-    draw_border(sheet, f"{part.kind_name.capitalize()}, part drawing", fields)
+    draw_border(sheet, f"{part.title}, part drawing", fields)
     return sheet
 
 
@@ -138,12 +163,20 @@ def _list_fields(part: Part, order: OrderSpec) -> dict[str, str]:
         "identity": part.id.upper(),
         "material": part.material.order_text,
         "mass": mass,
+        **_list_order_fields(order),
+        "quantity": str(order.count_parts(part.id)),
+    }
+
+
+def _list_order_fields(order: OrderSpec) -> dict[str, str]:
+    """List the fields of the title block that the order states."""
+    return {
         "drawn by": order.author or "-",
         "approved by": order.approved_by or "-",
         "owner": order.owner or "-",
         "date": order.date or "-",
         "revision": order.revision or "-",
-        "quantity": str(order.count_parts(part.id)),
+        "quantity": str(order.quantity),
         "sheet": "1 of 1",
     }
 

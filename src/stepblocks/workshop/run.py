@@ -14,11 +14,13 @@ from stepblocks.errors import PipelineError
 from stepblocks.files.atomic import lock_folder, replace_text, resolve_inside
 from stepblocks.files.pages import render_page
 from stepblocks.files.tables import write_table
+from stepblocks.parts.apparatus.declared import Apparatus
 from stepblocks.parts.body import Block
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.gauge_pair import GaugePair, choose_pair
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
+from stepblocks.parts.kinds.kit_part import KitPart
 from stepblocks.parts.kinds.sheath import Sheath
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.kinds.tips import Tip
@@ -29,6 +31,8 @@ from stepblocks.quantities import parse_quantity
 from stepblocks.records.qif import write_qif
 from stepblocks.workshop.bundle import OrderedPart, write_bundle
 from stepblocks.workshop.drawing import write_drawing, write_series_drawing
+from stepblocks.workshop.kit import find_kits, write_kit
+from stepblocks.workshop.kit_setup import write_kit_setup
 from stepblocks.workshop.masks import SILICON, load_gdstk, write_masks
 from stepblocks.workshop.routes import GAUGE_BLOCKS, Route, find_routes, make_route_row
 from stepblocks.workshop.setup import write_setup
@@ -109,14 +113,16 @@ def order_parts(
     Returns
     -------
     list of PartOrder
-        One of each part, one of each series of blocks that differ in height only, one of the parts
-        list and the archive for a quotation of each whole set, and one of the masks of each set.
+        One of each part, one of each series of blocks that differ in height only, one of each kit
+        of the apparatus, one of the parts list and the archive for a quotation of each whole set,
+        and one of the masks of each set.
 
     Raises
     ------
     StepblocksError
         If a file cannot be read, nothing is selected, a folder to write to lies behind a link, or
-        masks are asked for and no step block is of silicon.
+        masks are asked for and no step block is of silicon, or parts of a kit are in each other's
+        way.
     """
     deviation = _read_capability(capability)
     output = Path(output)
@@ -137,6 +143,8 @@ def order_parts(
             series = _find_series(parts)
             if len(series) > 1:
                 orders.append(_order_series(series, output, stimuli))
+            for kit in find_kits(parts):
+                orders.append(_order_kit(kit, output, stimuli))
             if only is None:  # a part of a set is no order of it
                 orders.append(_order_bundle(parts, output, stimuli))
             etched = _find_etched(parts)
@@ -204,6 +212,13 @@ def _order_bundle(parts: Sequence[Part], output: Path, stimuli: StimulusSet) -> 
     return PartOrder(f"{stimuli.name}/quotation", tuple(written), ())
 
 
+def _order_kit(kit: Apparatus, output: Path, stimuli: StimulusSet) -> PartOrder:
+    """Write what a kit has beside its parts: assembly, lists, loads and pictures."""
+    folder = _make_folder(output, stimuli.name)
+    written = write_kit(folder, kit, stimuli.order)
+    return PartOrder(f"{stimuli.name}/{kit.id}", tuple(written), ())
+
+
 def _make_folder(output: Path, name: str) -> Path:
     """Make a folder inside the output folder; raise a PipelineError if a link leads out of it."""
     folder = resolve_inside(output, name)
@@ -236,6 +251,8 @@ def _order_part(part: Part, output: Path, capability: float, stimuli: StimulusSe
             written.append(assembly)
     if isinstance(part, Block):
         written += write_setup(folder, part, routes, pair)
+    elif isinstance(part, KitPart):
+        written += write_kit_setup(folder, part)
     written += _write_inspection_sheet(folder, part, stimuli.order)
     notes = [stimuli.describe_alike().get(part.id, ""), _describe_missing_papers(part)]
     note = "; ".join(text for text in notes if text)
@@ -248,6 +265,8 @@ def _describe_missing_papers(part: Part) -> str:
         return ""
     if isinstance(part, Block):
         return "no routes: nobody publishes what a way of making leaves at a gap"
+    if isinstance(part, KitPart):
+        return ""
     for kind, way in _MADE_ELSEWHERE.items():
         if isinstance(part, kind):
             return f"no setup sheet and no routes: {way}"

@@ -201,8 +201,8 @@ def _list_probed(block: Block) -> list[ProbedLine]:
         accepted = "-"
         if _can_be_probed(characteristic):
             place = f"setup {_PROBED_IN[characteristic.key]}"
-            accepted = _format_accepted(characteristic)
-        limits = _format_demand(characteristic)
+            accepted = format_accepted(characteristic)
+        limits = format_demand(characteristic)
         lines.append(ProbedLine(str(number), characteristic.label, limits, place, accepted))
     return lines
 
@@ -217,14 +217,19 @@ def _describe_place(characteristic: Characteristic) -> str:
 
 def _can_be_probed(characteristic: Characteristic) -> bool:
     """Tell whether the machine reaches a characteristic, and proves that it conforms."""
-    if characteristic.key not in _PROBED_IN or characteristic.kind in (*FORM, "note"):
+    return characteristic.key in _PROBED_IN and is_proved_by_probe(characteristic)
+
+
+def is_proved_by_probe(characteristic: Characteristic) -> bool:
+    """Tell whether a touch probe on the machine can prove that a dimension conforms."""
+    if characteristic.kind in (*FORM, "note"):
         return False
     tolerance = characteristic.upper - characteristic.lower
     guard_bands = 2.0 * GUARD
     return guard_bands <= _LARGEST_GUARD_SHARE * tolerance
 
 
-def _format_demand(characteristic: Characteristic) -> str:
+def format_demand(characteristic: Characteristic) -> str:
     """Write the limits of a characteristic as on a drawing."""
     if characteristic.kind == "roughness":
         return f"Ra {characteristic.upper * 1e6:g} um"
@@ -235,7 +240,7 @@ def _format_demand(characteristic: Characteristic) -> str:
     )
 
 
-def _format_accepted(characteristic: Characteristic) -> str:
+def format_accepted(characteristic: Characteristic) -> str:
     """Write the limits within which a measured value conforms (ISO 14253-1) [mm]."""
     least = characteristic.nominal + characteristic.lower + GUARD
     largest = characteristic.nominal + characteristic.upper - GUARD

@@ -105,7 +105,7 @@ def write_conforming(
     path: Path,
     identity: str,
     bodies: Sequence[tuple[str, door.Body]],
-    material: Material,
+    materials: Material | Sequence[Material],
     dimensions: Sequence[tuple[str, PmiDimension]],
     *,
     tolerances: Sequence[PmiTolerance] = (),
@@ -123,8 +123,8 @@ def write_conforming(
         Id of the part, or of what is written of it.
     bodies : sequence of (str, Body)
         Solids by their names.
-    material : Material
-        Of all bodies.
+    materials : Material or sequence of Material
+        Of all bodies, or of each.
     dimensions : sequence of (str, PmiDimension)
         Name and dimension.
     tolerances : sequence of PmiTolerance, optional
@@ -132,14 +132,15 @@ def write_conforming(
     notes, texture, order
         As for `make_conforming`.
     """
-    density = None if material.density is None else material.density.value
+    if isinstance(materials, Material):
+        materials = [materials] * len(bodies)
     with write_atomically(path) as draft:
         write_step_with_tolerances(
             draft,
             bodies,
             [dimension for _, dimension in dimensions],
             tolerances,
-            PmiMaterial(material.order_text, density),
+            [_make_pmi_material(material) for material in materials],
             identity,
         )
         text = make_conforming(
@@ -151,6 +152,14 @@ def write_conforming(
             order,
         )
         draft.write_text(text, encoding="utf-8", newline="\n")
+
+
+def _make_pmi_material(material: Material) -> PmiMaterial:
+    """Take name and density of a material, as the kernel writes them."""
+    density = None
+    if material.density is not None:
+        density = material.density.value
+    return PmiMaterial(material.order_text, density)
 
 
 def _list_content(part: Part, described: Sequence[tuple[door.Face, ...]]) -> _Content:

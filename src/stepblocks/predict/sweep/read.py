@@ -390,6 +390,8 @@ def _find_common_surface(parts: list[Part], path: Path) -> str:
 
 def _find_surface(part: Part) -> str:
     """Find the surface whose dimensions a part has, or else the kind of the part."""
+    if not part.is_felt:
+        return part.kind_name
     if not part.crossed:
         return "sheath" if part.ball is None else "tip"
     for surface, columns in SURFACES.items():

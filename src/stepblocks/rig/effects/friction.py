@@ -19,6 +19,7 @@ _by_speed = partial(
 # at which the coefficient is that of the nominal model
 _LOAD = 0.6  # [N]
 _SPEED = 6e-3  # [m/s]
+_LEAST_LOAD = 1e-3  # where a fit strays [N]
 _LEAST_FACTOR = 0.02  # on the coefficient, where a fit strays
 
 
@@ -26,6 +27,12 @@ def _fall_with_load(state: DragState, _: object, values: Mapping[str, float]) ->
     """Let friction follow a power of the load."""
     factor = (state.load / _LOAD) ** -values["exponent"]
     return state.changed(friction=state.friction * factor)
+
+
+def _adhere(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
+    """Let adhesion press the tip on, so that friction adds a force that no load makes."""
+    added = values["adhesion_n"] / np.maximum(state.load, _LEAST_LOAD)
+    return state.changed(friction=state.friction + added)
 
 
 def _change_on_edge(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
@@ -105,6 +112,16 @@ FRICTION_LAWS: tuple[Law, ...] = (
         _fall_with_load,
         covariate="load_n",
         description="friction falls with load: exponent",
+    ),
+    _friction(
+        "adhesive_friction",
+        "mu + A / F_py",
+        (Parameter("adhesion_n", "N", 0.0, 0.0, 1.0, 3e-3),),
+        _adhere,
+        covariate="load_n",
+        rank=1,
+        description="adhesion adds to friction, whatever the load: a force of",
+        how_to_decide="drag at a tenth of the load, or clean tip and block",
     ),
     _friction(
         "edge_friction",

@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 from functools import partial
 
+import numpy as np
+
 from stepblocks.lawsearch.law import Law, Parameter
 from stepblocks.rig.state import DragState, Floats, Labels, press_edge
 
@@ -60,7 +62,7 @@ def _make_indentation_law(variant: str, power: float, rank: int) -> Law:
         f"elastic_indentation{variant}",
         f"cos a = (R - H) / (R - d N^p), p = {power:.3g}, N = F_py cos(atan mu) / cos(a + "
         "atan mu) across the edge",
-        (Parameter("depth_at_1n_m", "m", 0.0, -5e-6, 5e-5, 1e-6),),
+        (Parameter("depth_at_1n_m", "m", 0.0, 0.0, 5e-5, 1e-6),),
         partial(_indent, power),
         covariate="load_n",
         rank=rank,
@@ -81,6 +83,26 @@ def make_height_error_law(block: str) -> Law:
         covariate="block",
         description=f"the height of block {block} differs from the stated one by",
         how_to_decide=f"scan or gauge the block {block}",
+    )
+
+
+def make_exchange_law(first: str, second: str) -> Law:
+    """Make the effect of two blocks whose labels are exchanged throughout a session."""
+
+    def exchange(state: DragState, blocks: Labels, values: Mapping[str, float]) -> DragState:
+        direction = (blocks == first).astype(np.float64) - (blocks == second)
+        return state.changed(height=state.height + values["difference_m"] * direction)
+
+    return _geometry(
+        f"exchanged_blocks~{first}~{second}",
+        f"the heights of {first} and {second} exchanged",
+        (Parameter("difference_m", "m", 0.0, -1e-3, 1e-3, 1e-6),),
+        exchange,
+        covariate="block",
+        rank=-1,
+        description=f"the labels of the blocks {first} and {second} are exchanged: their heights "
+        "differ by",
+        how_to_decide=f"scan or gauge the blocks {first} and {second}",
     )
 
 
@@ -105,7 +127,7 @@ GEOMETRY_LAWS: tuple[Law, ...] = (
     _geometry(
         "edge_polish",
         "r(n) = r + w n, n passes over the block",
-        (Parameter("growth_m_per_pass", "m", 0.0, -5e-6, 2e-5, 1e-7),),
+        (Parameter("growth_m_per_pass", "m", 0.0, 0.0, 2e-5, 1e-7),),
         _polish_edge,
         covariate="passes_of_block",
         rank=1,

@@ -14,7 +14,8 @@ from stepblocks.rig.effects.tool import TOOL_LAWS
 def list_named_laws(blocks: Sequence[str] = ()) -> tuple[Law, ...]:
     """Return the laws that have names, the height error of each of `blocks` among them.
 
-    Packages and users may offer their own, see `offered`. Laws without a name are in `smooth`.
+    Packages and users may offer their own, see `offered`. Laws without a name are composed, see
+    `grammar`.
     """
     return (
         *GEOMETRY_LAWS,

@@ -36,7 +36,7 @@ _drag = partial(
 
 _SOFTENING = Parameter("softening_per_k", "1/K", 0.0, -0.05, 0.05, 1e-3)
 _BIAS = (Parameter("load_bias_n", "N", 0.0, -0.25, 0.6, 0.01),)
-_COEFFICIENT = (Parameter("coefficient_n_s_per_m", "N s/m", 0.0, -20.0, 100.0, 0.5),)
+_COEFFICIENT = (Parameter("coefficient_n_s_per_m", "N s/m", 0.0, 0.0, 100.0, 0.5),)
 _LEAST_STIFFNESS = 0.1  # of the nominal, where a fit strays [1]
 
 

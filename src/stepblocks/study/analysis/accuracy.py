@@ -31,7 +31,7 @@ from stepblocks.study.analysis.repeated import (
     average_participants,
     compare_participants,
 )
-from stepblocks.study.columns import FACTOR
+from stepblocks.study.columns import FACTOR, ORDER
 
 BIAS = "bias"
 ANSWER = "absolute error"  # the measure that answers the paper's question
@@ -204,7 +204,8 @@ def analyse_measure(frame: Table, name: str, margin: float = math.nan) -> Measur
     Parameters
     ----------
     frame : DataFrame
-        participant, condition, stimulus, error [m]; factors and groups, where there are any.
+        participant, condition, stimulus, error [m]; factors and groups, where there are any; and
+        the order of trials where it is a covariate.
     name : str
         One of `MEASURES`.
     margin : float, optional
@@ -221,7 +222,8 @@ def analyse_measure(frame: Table, name: str, margin: float = math.nan) -> Measur
         margin = math.nan
     data, block = compute_measure(frame, name)
     tested = run_f_test(data, "value", "condition", block)
-    mixed = fit_mixed_model(data, "value", "condition", "participant", block)
+    covariate = ORDER if ORDER in data else ""
+    mixed = fit_mixed_model(data, "value", "condition", "participant", block, covariate=covariate)
     table = average_participants(data)
     corrected, sphericity = correct_conditions(data, mixed.condition)
     paired = compare_participants(table)

@@ -8,9 +8,11 @@ from importlib.metadata import version
 from pathlib import Path
 
 from stepblocks.errors import StudyError
+from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.study.analysis.foreign import DESCRIPTIONS
 from stepblocks.study.analysis.judgements import STAMPS
 from stepblocks.study.columns import FACTOR, Row, group_by_participant
+from stepblocks.study.design.plan import Plan, read_plan
 from stepblocks.study.design.read import SheetRow, TrialKey, read_all_answers, read_design
 from stepblocks.study.design.sheet import write_new_files
 from stepblocks.study.experiments.registry import EXPERIMENTS
@@ -42,12 +44,15 @@ class _Dataset:
         Label of each participant: letters and digits.
     credit : _Credit
         Of the description.
+    plan : Plan
+        In whose words ratings were asked for.
     """
 
     experiment: str
     people: Mapping[str, Sequence[Row]]
     labels: Mapping[str, str]
     credit: _Credit
+    plan: Plan
 
     @property
     def title(self) -> str:
@@ -104,6 +109,10 @@ class _Dataset:
         description: dict[str, object] = {"TaskName": self.experiment}
         for name in self.columns:
             column = {"Description": DESCRIPTIONS.get(name, "level of a declared factor")}
+            if name == "realism_rating":
+                low, high = self.plan.anchors
+                text = f"{self.plan.question} Lowest: {low}; highest: {high}"
+                column = {"Description": text}
             if name.endswith(("_um", "_s")):
                 column["Units"] = name.rpartition("_")[2]
             description[name] = column
@@ -129,6 +138,8 @@ def share_study(
     form: str = "bids",
     authors: str = "",
     licence: str = "",
+    *,
+    layout: TableLayout = UNDECLARED,
 ) -> list[str]:
     """Write a study in a form that others read.
 
@@ -145,6 +156,8 @@ def share_study(
         ``"bids"`` (BIDS 1.9, behavioural).
     authors, licence : str
         Of the dataset, for its description.
+    layout : TableLayout
+        What is declared of the tables of answers.
 
     Returns
     -------
@@ -173,11 +186,12 @@ def share_study(
         raise StudyError(f"form must be one of {', '.join(FORMATS)}, got {form!r}")
     design = read_design(Path(folder) / "design.csv")
     experiment = design[0]["experiment"]
-    people = _list_judgements(design, read_all_answers(answers, experiment))
+    people = _list_judgements(design, read_all_answers(answers, experiment, layout=layout))
     if not people:
         raise StudyError("the answers must belong to the design, got none that does")
     credit = _Credit(authors, licence)
-    files = _Dataset(experiment, people, _label_participants(people), credit).write()
+    plan = read_plan(Path(folder))
+    files = _Dataset(experiment, people, _label_participants(people), credit, plan).write()
     write_new_files(Path(output), files)
     return sorted(files)
 

@@ -9,6 +9,7 @@ from stepblocks.lawsearch.law import correct_by_holm
 from stepblocks.study.analysis.accuracy import ANSWER, Measure
 from stepblocks.study.analysis.anova import Interval
 from stepblocks.study.analysis.comparisons import Comparisons, CurveQuantity
+from stepblocks.study.analysis.log_error import LogError
 from stepblocks.study.analysis.magnitudes import PowerLaw
 from stepblocks.study.analysis.ordinal import OrdinalFit
 
@@ -112,6 +113,8 @@ class Analysis:
         Of the magnitudes, by condition.
     exponents : tuple of Interval
         Differences of exponents between conditions.
+    log_errors : tuple of LogError
+        Error of the logarithm of estimates: over all conditions, then in each.
     """
 
     frame: Table
@@ -122,6 +125,7 @@ class Analysis:
     contrasts: Mapping[CurveQuantity, tuple[Interval, ...]] = field(default_factory=dict)
     power_laws: tuple[PowerLaw, ...] = ()
     exponents: tuple[Interval, ...] = ()
+    log_errors: tuple[LogError, ...] = ()
 
     def measure(self, name: str = ANSWER) -> Measure | None:
         """Return one measure of accuracy, if it was analysed."""

@@ -7,10 +7,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from stepblocks.errors import StudyError
+from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.study.analysis.judgements import Judgement, Judgements, join_rows
 from stepblocks.study.columns import FACTOR, RATINGS, Row, read_number
 from stepblocks.study.design.read import SheetRow, find_sheets, read_rows
 from stepblocks.study.experiments.registry import ALIASES, EXPERIMENTS
+from stepblocks.study.programs.records import Asked
 
 DESCRIPTIONS = {
     "participant": "participant",
@@ -73,10 +75,13 @@ def read_foreign_judgements(
     columns: Mapping[str, str],
     experiment: str,
     ratings: tuple[int, int] = RATINGS,
+    wide: str = "",
+    layout: TableLayout = UNDECLARED,
 ) -> Judgements:
     """Read judgements from tables or a dataset of a study that was not designed here.
 
-    What is not there is numbered (trial, repetition) or found by the height (stimulus).
+    What is not there is numbered (trial, repetition) or found by the height (stimulus). Records of
+    PsychoPy, jsPsych, OpenSesame, Qualtrics and Gorilla are recognised by their columns.
 
     Parameters
     ----------
@@ -88,6 +93,10 @@ def read_foreign_judgements(
         Kind of the judgements.
     ratings : tuple of int
         Lowest and highest rating.
+    wide : str
+        How columns of trials are called, of tables with a row for each participant.
+    layout : TableLayout
+        What is declared of the tables.
 
     Raises
     ------
@@ -101,9 +110,13 @@ def read_foreign_judgements(
         _check_name(name)
     names = _Columns(columns)
     participant = names.name("participant")
+    called = (participant, names.name("condition"))
+    asked = Asked(EXPERIMENTS[experiment].answers, columns)
     rows = list[SheetRow]()
     for path in find_sheets(tables):
-        rows += read_rows(path, [participant], names=(participant, names.name("condition")))
+        rows += read_rows(
+            path, [participant], names=called, asked=asked, pattern=wide, layout=layout
+        )
     _refuse_copied_rows(rows, {names.name("trial"), "repetition", "time"})
     _refuse_copied_tables(rows, participant)
     translated = [_translate(row, names) for row in rows]
@@ -291,8 +304,8 @@ def _advise_to_melt(lacking: Sequence[str]) -> str:
     if "height_um" not in lacking or len(lacking) < 2:
         return ""
     return (
-        "; one row per judgement is needed: pandas melts a wide table, "
-        "table.melt('participant', var_name='condition', value_name='estimate_um')"
+        "; one row per judgement is needed: of a table with a column for each, say how they are "
+        "called by --wide, such as --wide '{condition}_{height_um}_{repetition}'"
     )
 
 

@@ -10,12 +10,13 @@ from typing import NamedTuple
 import pandas as pd
 
 from stepblocks.errors import StepblocksError, StudyError
+from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.files.table_rows import list_names
 from stepblocks.files.tables import Table
 from stepblocks.mistakes import format_mistakes
 from stepblocks.study.analysis.people import describe_unlike_participants
 from stepblocks.study.analysis.results import StudyResult
-from stepblocks.study.columns import FACTOR, RATINGS, WHEN, PairOrder, Row, read_number
+from stepblocks.study.columns import FACTOR, ORDER, RATINGS, WHEN, PairOrder, Row, read_number
 from stepblocks.study.design.read import SheetRow, TrialKey, index_by_trial, read_rows
 from stepblocks.study.design.sheet import blind_row
 from stepblocks.study.experiments.kind import Experiment
@@ -23,6 +24,7 @@ from stepblocks.study.experiments.registry import EXPERIMENTS
 
 STAMPS = ("shown_utc", "answered_utc", "reaction_s")  # that `study run` writes beside answers
 _SHOWN = 20  # missing judgements that a note lists
+_TRIALS_OF_SLOPE = 10.0  # over which a change with the order is stated
 _FEW = 5  # participants that a message names
 
 Values = dict[str, float | str]  # columns of the tidy table
@@ -104,7 +106,9 @@ class Judgements:
             if lacking:
                 yield f"Participant {name} has no judgement with {', '.join(lacking)}."
 
-    def assign_groups(self, path: str | Path | None) -> "Judgements":
+    def assign_groups(
+        self, path: str | Path | None, layout: TableLayout = UNDECLARED
+    ) -> "Judgements":
         """Assign a group to each participant, by a table of participants and groups.
 
         Raises
@@ -115,7 +119,7 @@ class Judgements:
         if path is None:
             return self
         group = {}
-        for row in read_rows(Path(path), ("participant", "group")):
+        for row in read_rows(Path(path), ("participant", "group"), layout=layout):
             group[row.cells["participant"]] = row.cells["group"]
         lacking = sorted(set(self.frame["participant"]) - set(group))
         if lacking:
@@ -127,9 +131,22 @@ class Judgements:
         return replace(self, frame=separate_factors_between_participants(grouped))
 
     def analyse(
-        self, margin: float = math.nan, primary: str = "", reference: str = ""
+        self,
+        margin: float = math.nan,
+        primary: str = "",
+        reference: str = "",
+        covariate: str = "",
     ) -> StudyResult:
-        """Analyse the study; conditions that differ by less than `margin` [m] are equivalent.
+        """Analyse the study.
+
+        Parameters
+        ----------
+        margin : float
+            Conditions that differ by less are equivalent [m].
+        primary, reference : str
+            Primary outcome, and the condition that others are compared with.
+        covariate : str
+            ``"order"`` for the order of trials in the mixed models; none by default.
 
         Raises
         ------
@@ -141,11 +158,29 @@ class Judgements:
         if reference and reference not in known:
             raise StudyError(f"reference must be one of {', '.join(known)}, got {reference!r}")
         notes = tuple(self.notes())
-        analysis = EXPERIMENTS[self.experiment].analyse(self.frame, margin)
+        frame = self.frame
+        if covariate:
+            frame = frame.assign(**{ORDER: _number_trials(frame) / _TRIALS_OF_SLOPE})
+        analysis = EXPERIMENTS[self.experiment].analyse(frame, margin)
         tests = [finding.name for finding in analysis.find_tested()]
         if primary and primary not in tests:
             raise StudyError(f"primary must be one of {'; '.join(tests)}, got {primary!r}")
         return StudyResult.from_analysis(analysis, self.experiment, notes, primary, reference)
+
+
+def _number_trials(frame: Table) -> pd.Series:
+    """Return the numbers of trials.
+
+    Raises
+    ------
+    StudyError
+        If a trial has another name than a number.
+    """
+    numbers = pd.to_numeric(frame["trial"], errors="coerce")
+    if numbers.isna().any():
+        name = frame["trial"][numbers.isna()].iloc[0]
+        raise StudyError(f"trial must be a number where order is a covariate, got {name!r}")
+    return numbers.astype(float)
 
 
 def join_answers(
@@ -303,7 +338,7 @@ def _list_mistakes(mistakes: Sequence[Mistake]) -> str:
     files = list(dict.fromkeys(mistake.row.file for mistake in mistakes))
     placed = []
     for row, text in mistakes:
-        place = f"line {row.line}" if len(files) == 1 else row.place
+        place = f"{row.unit} {row.line}" if len(files) == 1 else row.place
         placed.append((place, text))
     return format_mistakes(placed, ", ".join(files))
 

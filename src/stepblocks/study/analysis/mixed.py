@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy import linalg, optimize
+from scipy import linalg, optimize, stats
 from statsmodels.tools.numdiff import approx_fprime_cs, approx_hess_cs
 
 from stepblocks.contact import Array
@@ -48,6 +48,23 @@ class ConditionMean(NamedTuple):
     error: float
 
 
+class Slope(NamedTuple):
+    """Change of the response with a covariate.
+
+    Attributes
+    ----------
+    value, error : float
+        Change by one unit of the covariate, and its standard error, in the unit of the response.
+    df, p : float
+        Satterthwaite's degrees of freedom, and the probability under no change.
+    """
+
+    value: float
+    error: float
+    df: float
+    p: float
+
+
 @dataclass(frozen=True)
 class MixedFit:
     """A mixed model fitted by restricted maximum likelihood.
@@ -67,6 +84,8 @@ class MixedFit:
         Restricted, in the unit of the response.
     remarks : tuple of str
         On variances that are estimated as zero or less.
+    slope : Slope or None
+        Of the covariate; means and differences are at its mean.
     """
 
     means: tuple[ConditionMean, ...]
@@ -77,6 +96,7 @@ class MixedFit:
     sd_residual: float
     log_likelihood: float
     remarks: tuple[str, ...]
+    slope: Slope | None = None
 
 
 class _Variances(NamedTuple):
@@ -253,7 +273,9 @@ def fit_mixed_model(
     condition: str,
     participant: str,
     block: str = "",
+    *,
     intervals: bool = True,
+    covariate: str = "",
 ) -> MixedFit:
     """Fit conditions, and blocks where given, as fixed and participants as random effects.
 
@@ -265,6 +287,9 @@ def fit_mixed_model(
         Columns; without a block, conditions are the only fixed effect.
     intervals : bool
         Whether every two conditions are compared.
+    covariate : str
+        Column of a number that the response may change with, the same in all conditions; none by
+        default.
 
     Returns
     -------
@@ -290,6 +315,9 @@ def fit_mixed_model(
         )
     if not scale > 0.0:
         raise StudyError(f"{response} must not be the same in all {len(data)} rows")
+    if covariate:
+        values = frame[covariate].to_numpy(dtype=np.float64)
+        data["t"] = values - values.mean()
     model = _make_fixed_effects(data)
     likelihood = _make_likelihood(model, data)
     compared = len(conditions) > 1
@@ -302,6 +330,8 @@ def fit_mixed_model(
         likelihood.estimate_effects(optimum.point), likelihood.covariance(optimum.point)
     )
     rows = find_mean_rows(model, data, conditions)
+    for row in rows if covariate else ():
+        row[-1] = 0.0  # at the mean of the covariate, which is the last predictor
     count = partial(likelihood.count_freedom, optimum)
     variances = likelihood.variances(optimum.point)
     residual = math.exp(0.5 * optimum.point[-1])
@@ -318,6 +348,9 @@ def fit_mixed_model(
     test = None
     if compared:
         test = _test_conditions(condition, rows, effects, count)
+    slope = None
+    if covariate:
+        slope = _test_slope(effects, count, scale)
     standardised_loss = float(likelihood.loss(optimum.point))
     return MixedFit(
         means=tuple(means),
@@ -328,7 +361,22 @@ def fit_mixed_model(
         sd_residual=residual * scale,
         log_likelihood=-standardised_loss - likelihood.free * math.log(scale),
         remarks=_describe_variances(variances, repeated),
+        slope=slope,
     )
+
+
+def _test_slope(effects: LinearEstimate, count: Callable[[Array], float], scale: float) -> Slope:
+    """Test the last fixed effect, that of the covariate.
+
+    `count` takes a contrast and returns its degrees of freedom; `scale` is that of the response.
+    """
+    contrast = np.zeros(len(effects.parameters))
+    contrast[-1] = 1.0
+    value = float(effects.parameters[-1])
+    error = math.sqrt(effects.covariance[-1, -1])
+    df = count(contrast)
+    p = 2.0 * float(stats.t.sf(abs(value) / error, df))
+    return Slope(value * scale, error * scale, df, p)
 
 
 def _make_fixed_effects(data: Table) -> Any:
@@ -339,7 +387,10 @@ def _make_fixed_effects(data: Table) -> Any:
     for letter in ("a", "b"):
         if letter in data and data[letter].nunique() > 1:
             factors.append(f"C({letter}, Sum)")
-    return smf.ols(f"y ~ {' * '.join(factors) or '1'}", data)
+    formula = f"y ~ {' * '.join(factors) or '1'}"
+    if "t" in data:
+        formula += " + t"
+    return smf.ols(formula, data)
 
 
 def _make_likelihood(model: Any, data: Table) -> _Likelihood:

@@ -15,6 +15,8 @@ from stepblocks.study.analysis.prose import write_headline
 from stepblocks.study.analysis.result_table import FIGURES
 from stepblocks.study.analysis.results import StudyResult
 from stepblocks.study.columns import Row
+from stepblocks.study.design.plan import Plan
+from stepblocks.study.experiments.kind import Experiment
 from stepblocks.study.experiments.registry import EXPERIMENTS
 
 Sheets = Mapping[str, Sequence[Row]]  # rows of a blinded run sheet by participant
@@ -58,6 +60,7 @@ def render_study(result: StudyResult) -> str:
         judgements=len(result.frame),
         stimuli=result.frame["stimulus"].nunique(),
         measures=[measure.name for measure in result.measures],
+        covariate=any(measure.mixed.slope for measure in result.measures),
         groups=any(measure.groups for measure in result.measures),
         ordinal=bool(result.ordinal),
         comparisons=bool(result.comparisons),
@@ -119,6 +122,13 @@ def _save(figure: Figure, form: str) -> bytes:
     return content
 
 
-def render_run_sheets(title: str, sheets: Sheets) -> str:
+def render_run_sheets(kind: Experiment, sheets: Sheets, plan: Plan) -> str:
     """Write the blinded run sheets as one page to print, a table for each participant."""
-    return render_page("stepblocks.study", "sheets.html", title=title, sheets=sheets)
+    return render_page(
+        "stepblocks.study",
+        "sheets.html",
+        title=kind.sheet_title,
+        sheets=sheets,
+        plan=plan,
+        rated="realism_rating" in kind.answers,
+    )

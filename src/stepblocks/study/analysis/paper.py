@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from stepblocks.study.analysis.accuracy import Measure
 from stepblocks.study.analysis.anova import Interval, Term
 from stepblocks.study.analysis.findings import Finding, MeasureTest
+from stepblocks.study.analysis.log_error import LogError
 from stepblocks.study.analysis.prose import format_apa_p, format_df, format_f_test
 from stepblocks.study.analysis.repeated import compute_bayes_factor, compute_effect_interval
 from stepblocks.study.analysis.results import StudyResult
@@ -83,7 +84,26 @@ def list_paper_tables(result: StudyResult) -> list[PaperTable]:
         tables.append(_list_tests(measure, finding))
         if measure.paired:
             tables.append(_list_pairs(measure))
+    if result.log_errors:
+        tables.append(_list_log_errors(result.log_errors))
     return tables
+
+
+def _list_log_errors(errors: Sequence[LogError]) -> PaperTable:
+    """Lay out mean and root mean square of the error of the logarithm."""
+    rows = []
+    for error in errors:
+        figures = []
+        for value, low, high in (error.mean, error.rms):
+            figures += [f"{value:.3f}", f"[{low:.3f}, {high:.3f}]"]
+        cells = (error.condition or "all", *figures, str(error.people))
+        rows.append(tuple(cell.replace("-", "−") for cell in cells))
+    return PaperTable(
+        "Error of the logarithm, ln(estimate / height)",
+        ("Condition", "M", "95 % CI", "RMS", "95 % CI", "n"),
+        tuple(rows),
+        "Over the participants' means, and over their mean squares, with Student's intervals.",
+    )
 
 
 def _name_unit(measure: Measure) -> str:

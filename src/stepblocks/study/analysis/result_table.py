@@ -5,6 +5,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from enum import StrEnum
 
+from scipy import stats
+
 from stepblocks.study.analysis.accuracy import BIAS, Measure, assess_equivalence
 from stepblocks.study.analysis.anova import Interval, Term
 from stepblocks.study.analysis.bounded import Bounded
@@ -18,8 +20,9 @@ from stepblocks.study.analysis.findings import (
     RatingTest,
 )
 from stepblocks.study.analysis.influence import Influence, leave_out_each
+from stepblocks.study.analysis.log_error import LogError
 from stepblocks.study.analysis.magnitudes import PowerLaw
-from stepblocks.study.analysis.mixed import MixedFit
+from stepblocks.study.analysis.mixed import MixedFit, Slope
 from stepblocks.study.analysis.psychometric import Z975, compute_weber
 from stepblocks.study.analysis.repeated import (
     Sphericity,
@@ -29,6 +32,8 @@ from stepblocks.study.analysis.repeated import (
 )
 
 Rows = Iterator["ResultRow"]
+
+_UPPER = 0.975  # of a 95 % interval
 
 
 class AnalysisName(StrEnum):
@@ -45,6 +50,8 @@ class AnalysisName(StrEnum):
     BAYES = "Bayes factor"
     FACTORS = "declared factors"
     EQUIVALENCE = "equivalence"
+    LOGARITHM = "error of the logarithm"
+    ORDER = "mixed model, order of trials"
     GROUPS = "groups"
     ORDINAL = "ordinal model"
     CURVE = "psychometric function"
@@ -122,6 +129,8 @@ def list_rows(analysis: Analysis, findings: Sequence[Finding]) -> Rows:
     for measure in _sort_measures(analysis, findings):
         for row in _list_measure(measure):
             yield replace(row, measure=measure.name)
+    for log_error in analysis.log_errors:
+        yield from _list_log_error(log_error)
     yield from _list_ratings(analysis)
     for setting in analysis.comparisons:
         yield from _list_setting(setting)
@@ -268,11 +277,27 @@ def _list_measure(measure: Measure) -> Rows:
         yield from _list_factor(term)
     yield from _list_means(measure)
     yield from _list_deviations(measure.mixed, logarithmic)
+    if measure.mixed.slope is not None:
+        yield _make_slope_row(measure.mixed.slope)
     for interval in (*measure.mixed.intervals, *measure.group_intervals):
         yield from _list_equivalence(interval, logarithmic, Unit.MICROMETRES, margin=measure.margin)
     for term in measure.groups:
         yield _make_term_row(AnalysisName.GROUPS, term)
     yield from _list_family(AnalysisName.GROUPS, measure.group_intervals, logarithmic)
+
+
+def _make_slope_row(slope: Slope) -> ResultRow:
+    """Lay out by how much a measure changes over ten trials."""
+    reach = slope.error * float(stats.t.ppf(_UPPER, slope.df))
+    return _make_row(
+        AnalysisName.ORDER,
+        "change over 10 trials",
+        Bounded(slope.value, slope.value - reach, slope.value + reach),
+        Unit.MICROMETRES,
+        statistic=slope.value / slope.error,
+        df_error=slope.df,
+        p=slope.p,
+    )
 
 
 def _list_sphericity(sphericity: Sphericity) -> Rows:
@@ -333,6 +358,19 @@ def _list_deviations(mixed: MixedFit, logarithmic: bool) -> Rows:
             f"standard deviation between {name}",
             unit,
             estimate=deviation * unit.factor,
+        )
+
+
+def _list_log_error(error: LogError) -> Rows:
+    """Yield mean and root mean square of ln(estimate / height)."""
+    where = f" with {error.condition}" if error.condition else ""
+    name = "ln(estimate / height)"
+    for quantity, bounds in (("mean", error.mean), ("root mean square", error.rms)):
+        yield _make_row(
+            AnalysisName.LOGARITHM,
+            f"{quantity} of {name}{where}",
+            bounds,
+            df_error=float(error.people - 1),
         )
 
 

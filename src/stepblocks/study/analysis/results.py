@@ -28,7 +28,7 @@ class StudyResult(Analysis):
         On missing judgements and on participants who differ.
     primary, reference : str
         Outcome that the design names, and the condition that others are compared with.
-    frame, measures, remarks, ordinal, comparisons, contrasts, power_laws, exponents
+    frame, measures, remarks, ordinal, comparisons, contrasts, power_laws, exponents, log_errors
         As in `Analysis`.
     """
 
@@ -60,6 +60,7 @@ class StudyResult(Analysis):
             contrasts=analysis.contrasts,
             power_laws=analysis.power_laws,
             exponents=analysis.exponents,
+            log_errors=analysis.log_errors,
         )
 
     def findings(self) -> tuple[Finding, ...]:

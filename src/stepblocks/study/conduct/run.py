@@ -20,7 +20,7 @@ from stepblocks.study.conduct.clock import SteadyClock, format_stamp
 from stepblocks.study.conduct.virtual_blocks import VirtualBlocks
 from stepblocks.study.design.adaptive import order_trials
 from stepblocks.study.design.blocks import Blocks, Declared, find_designed_blocks
-from stepblocks.study.design.plan import read_prior
+from stepblocks.study.design.plan import read_plan, read_prior
 from stepblocks.study.design.read import SheetRow, read_design
 from stepblocks.study.design.sheet import blind_row
 from stepblocks.study.design.virtual import BLOCK, REAL
@@ -111,6 +111,7 @@ class Run:
         self.participant = participant
         self.ratings = ratings
         self.practice = practice
+        self._plan = read_plan(folder)
         self.planned = [row for row in design if row["participant"] == participant]
         if not self.planned:
             people = dict.fromkeys(row["participant"] for row in design)
@@ -247,6 +248,8 @@ class Run:
             "answers": list(self.kind.answers),
             "virtual": virtual,
             "ratings": list(self.ratings),
+            "question": self._plan.question,
+            "anchors": list(self._plan.anchors),
             "done": row is None,
             "running": self.servo is not None,
             "practice": self.practice,

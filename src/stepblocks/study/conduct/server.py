@@ -15,7 +15,7 @@ from typing import Any
 from stepblocks.errors import StepblocksError
 from stepblocks.files.pages import render_page
 from stepblocks.haptics.servo import raise_priority
-from stepblocks.study.conduct.run import Run
+from stepblocks.study.conduct.page_run import PageRun
 
 _LARGEST = {"GET": 0, "POST": 20_000}  # bytes of a request
 _LONGEST_LENGTH = 12  # digits of the length of a request
@@ -40,7 +40,7 @@ class RunServer(ThreadingHTTPServer):
 
     daemon_threads = True
 
-    def __init__(self, run: Run, port: int = 0) -> None:
+    def __init__(self, run: PageRun, port: int = 0) -> None:
         super().__init__(("127.0.0.1", port), _Handler)
         self.experiment = run
         self.token = secrets.token_urlsafe(16)
@@ -189,7 +189,7 @@ class _Handler(BaseHTTPRequestHandler):
             raise ValueError("a JSON object is expected")
         return document
 
-    def _perform(self, run: Run, document: Mapping[str, Any]) -> dict[str, object] | None:
+    def _perform(self, run: PageRun, document: Mapping[str, Any]) -> dict[str, object] | None:
         """Carry out a request and return the new state; None for an unknown request."""
         if self.path == "/hand":
             mouse = _MouseRequest.parse(document)

@@ -1,6 +1,7 @@
 """What a design plans beside its trials: plan.json."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -8,7 +9,11 @@ from stepblocks.errors import StudyError
 from stepblocks.study.design.adaptive import Prior, complete_prior
 
 FILE_NAME = "plan.json"
+ORDER_OF_TRIALS = "order"  # the covariate that a plan may name
+QUESTION = "How real did it feel?"
+ANCHORS = ("not at all real", "completely real")
 _SCHEMA = 1
+_LONGEST_WORDS = 80  # letters of a question or an anchor
 
 
 @dataclass(frozen=True)
@@ -23,11 +28,26 @@ class Plan:
         Condition that the others are compared with; empty for none.
     prior : Prior or None
         Of an adaptive design.
+    covariate : str
+        ``"order"`` where the order of trials is in the mixed models; empty for none.
+    question : str
+        That asks for a rating of realism.
+    anchors : tuple of str
+        What the lowest and the highest rating mean.
     """
 
     primary: str = ""
     reference: str = ""
     prior: Prior | None = None
+    covariate: str = ""
+    question: str = QUESTION
+    anchors: tuple[str, ...] = ANCHORS
+
+    def __post_init__(self) -> None:
+        if self.covariate not in ("", ORDER_OF_TRIALS):
+            raise StudyError(f"covariate must be {ORDER_OF_TRIALS!r}, got {self.covariate!r:.60}")
+        _check_words("question", (self.question,), 1)
+        _check_words("anchors", self.anchors, 2)
 
     def to_json(self) -> str:
         """Write the plan as the text of its file."""
@@ -39,8 +59,23 @@ class Plan:
             "primary": self.primary,
             "reference": self.reference,
             "prior": prior,
+            "covariate": self.covariate,
+            "question": self.question,
+            "anchors": list(self.anchors),
         }
-        return json.dumps(document, indent=1) + "\n"
+        return json.dumps(document, indent=1, ensure_ascii=False) + "\n"
+
+
+def _check_words(name: str, words: Sequence[str], number: int) -> None:
+    """Reject words that a participant cannot read, or another number of them."""
+    readable = [isinstance(text, str) and text.strip() and text.isprintable() for text in words]
+    short = all(len(str(text)) <= _LONGEST_WORDS for text in words)
+    if len(words) != number or len(set(words)) < number or not all(readable) or not short:
+        shown = ", ".join(map(repr, words))
+        raise StudyError(
+            f"{name} must be {number} different text{'s' if number > 1 else ''} of at most "
+            f"{_LONGEST_WORDS} letters, got {shown:.120}"
+        )
 
 
 def read_plan(folder: Path) -> Plan:
@@ -61,7 +96,14 @@ def read_plan(folder: Path) -> Plan:
         if not isinstance(document, dict):
             raise TypeError("a JSON object is expected")
         prior = complete_prior(document.get("prior", {}))
-        return Plan(str(document["primary"]), str(document["reference"]), prior)
+        return Plan(
+            str(document["primary"]),
+            str(document["reference"]),
+            prior,
+            str(document.get("covariate", "")),
+            str(document.get("question", QUESTION)),
+            tuple(document.get("anchors", ANCHORS)),
+        )
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise StudyError(
             f"plan.json must be as 'study design' wrote it: {error!r:.60} [{path}]"

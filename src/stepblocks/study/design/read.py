@@ -1,22 +1,27 @@
 """Read designs and filled-in run sheets, each row with its place in the file."""
 
 import math
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 from stepblocks.errors import StudyError
+from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.files.numbers import NumberNotation, is_plain_number
 from stepblocks.files.tables import warn_of_notes
-from stepblocks.files.text_table import TextTable, is_table_name, read_text_table
+from stepblocks.files.text_table import TextTable, is_table_name
 from stepblocks.study.columns import Row, read_number
 from stepblocks.study.design.sheet import list_answer_columns
 from stepblocks.study.design.trials import DESIGN_COLUMNS
 from stepblocks.study.experiments.registry import EXPERIMENTS
+from stepblocks.study.programs.melt import melt_table
+from stepblocks.study.programs.records import Asked, adopt_records, is_json, read_program_table
 
 _MISSING = ("NA", "N/A", "n/a", "#N/A", "<NA>")  # as R, BIDS, spreadsheets and pandas write it
 _MAX_BYTES = 100_000_000
+_HEAD_BYTES = 64  # that tell a list from another JSON document
 _NAMES = ("participant", "condition", "group")  # columns in which NA is a name
 
 
@@ -39,16 +44,19 @@ class SheetRow:
         Path of the table.
     line : int
         Number of the line, from 1.
+    unit : str
+        What is numbered: ``"line"`` of a table, ``"record"`` of a JSON document.
     """
 
     cells: Row
     file: str
     line: int
+    unit: str = "line"
 
     @property
     def place(self) -> str:
         """Where the row stands."""
-        return f"{self.file}, line {self.line}"
+        return f"{self.file}, {self.unit} {self.line}"
 
     @property
     def key(self) -> TrialKey:
@@ -95,16 +103,43 @@ def _check_heights(row: SheetRow) -> None:
             )
 
 
-def read_answers(path: Path, experiment: str) -> list[SheetRow]:
-    """Read filled-in run sheets; one in which no trial is answered yet has no rows."""
-    return read_rows(path, list_answer_columns(experiment), empty=True)
+def read_answers(
+    path: Path,
+    experiment: str,
+    columns: Mapping[str, str] = MappingProxyType({}),
+    layout: TableLayout = UNDECLARED,
+) -> list[SheetRow]:
+    """Read filled-in run sheets, or the records of a program that ran the trials of a design.
+
+    A sheet in which no trial is answered yet has no rows. `columns` are theirs by ours, of records
+    in which it is not clear where an answer stands.
+    """
+    asked = Asked(EXPERIMENTS[experiment].answers, columns)
+    wanted = []
+    for name in list_answer_columns(experiment):
+        wanted.append(asked.name(name))
+    rows = read_rows(path, wanted, empty=True, asked=asked, layout=layout)
+    return [_rename_answers(row, asked) for row in rows]
 
 
-def read_all_answers(paths: Sequence[str | Path], experiment: str) -> list[SheetRow]:
-    """Read all filled-in run sheets of files and folders."""
+def _rename_answers(row: SheetRow, asked: Asked) -> SheetRow:
+    """Call the answers of a row as ours, where the user calls them otherwise."""
+    cells = {**row.cells}
+    for answer in asked.answers:
+        cells[answer] = row.cells[asked.name(answer)]
+    return replace(row, cells=cells)
+
+
+def read_all_answers(
+    paths: Sequence[str | Path],
+    experiment: str,
+    columns: Mapping[str, str] = MappingProxyType({}),
+    layout: TableLayout = UNDECLARED,
+) -> list[SheetRow]:
+    """Read all filled-in run sheets of files and folders; see `read_answers`."""
     rows = []
     for path in find_sheets(paths):
-        rows += read_answers(path, experiment)
+        rows += read_answers(path, experiment, columns, layout)
     return rows
 
 
@@ -124,7 +159,7 @@ def find_sheets(paths: Sequence[str | Path]) -> list[Path]:
         if shared:
             sheets += shared
         elif path.is_dir():
-            sheets += sorted(filter(is_table_name, path.iterdir()))
+            sheets += sorted(filter(_holds_judgements, path.iterdir()))
         else:
             sheets.append(path)
     if not sheets:
@@ -134,8 +169,23 @@ def find_sheets(paths: Sequence[str | Path]) -> list[Path]:
     return sheets
 
 
+def _holds_judgements(path: Path) -> bool:
+    """Tell whether a file in a folder is a table, or the list of records that jsPsych writes."""
+    if not is_json(path):
+        return is_table_name(path)
+    with path.open("rb") as file:
+        return file.read(_HEAD_BYTES).lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"[")
+
+
 def read_rows(
-    path: Path, columns: Sequence[str], empty: bool = False, names: Collection[str] = _NAMES
+    path: Path,
+    columns: Sequence[str],
+    empty: bool = False,
+    names: Collection[str] = _NAMES,
+    *,
+    asked: Asked | None = None,
+    pattern: str = "",
+    layout: TableLayout = UNDECLARED,
 ) -> list[SheetRow]:
     """Read a table that people write: CSV in any dialect, or a sheet of a workbook.
 
@@ -149,6 +199,12 @@ def read_rows(
         Whether it may have no rows.
     names : collection of str
         Columns of names, in which a person may be called NA.
+    asked : Asked, optional
+        What to look for in the records of another program; without it they are read as they stand.
+    pattern : str
+        How a table calls its columns that has a column for each trial, as `melt_table` takes it.
+    layout : TableLayout
+        What is declared of it.
 
     Returns
     -------
@@ -160,7 +216,11 @@ def read_rows(
     StudyError
         If the file cannot be read, or is no such table.
     """
-    table = read_text_table(path, raises=StudyError, most_bytes=_MAX_BYTES)
+    table = read_program_table(path, layout, _MAX_BYTES)
+    if asked is not None:
+        table = adopt_records(table, asked)
+    if asked is not None and pattern:
+        table = melt_table(table, pattern, asked)
     lacking = [name for name in columns if name not in table.names]
     if lacking:
         raise StudyError(
@@ -176,10 +236,11 @@ def read_rows(
             cells = _clean_cells(table, number)
         cleaned[name] = cells
     file = f"{path}, {table.sheet}" if table.sheet else str(path)
+    unit = "record" if is_json(path) else "line"
     rows = []
     for row, line in enumerate(table.places):
         cells_of_row = {name: cells[row] for name, cells in cleaned.items()}
-        rows.append(SheetRow(cells_of_row, file, line))
+        rows.append(SheetRow(cells_of_row, file, line, unit))
     return rows
 
 

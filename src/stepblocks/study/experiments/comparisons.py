@@ -17,12 +17,9 @@ from stepblocks.study.analysis.comparisons import (
     fit_setting,
 )
 from stepblocks.study.analysis.findings import Analysis, name_contrast
-from stepblocks.study.columns import FACTOR, PairOrder, Row, read_number
+from stepblocks.study.columns import FACTOR, NO, YES, PairOrder, Row, read_number
 from stepblocks.study.design.simulate import Observer, simulate_comparison
 from stepblocks.study.experiments.kind import Experiment, Texts
-
-_YES = ("y", "yes", "1")
-_NO = ("n", "no", "0")
 
 
 def read_comparison(planned: Row, answer: Row, ratings: tuple[int, int]) -> dict[str, float]:
@@ -33,9 +30,9 @@ def read_comparison(planned: Row, answer: Row, ratings: tuple[int, int]) -> dict
             f"condition must be one of {', '.join(orders)}, got {planned['condition']!r}"
         )
     text = answer["second_is_higher"].lower()
-    if text not in (*_YES, *_NO):
+    if text not in (*YES, *NO):
         raise StudyError(f"second_is_higher must be y or n, got {answer['second_is_higher']!r}")
-    second_is_higher = text in _YES
+    second_is_higher = text in YES
     standard_is_first = planned["condition"] == PairOrder.STANDARD_FIRST
     return {
         "higher": int(second_is_higher == standard_is_first),

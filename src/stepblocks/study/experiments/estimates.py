@@ -8,6 +8,7 @@ from stepblocks.errors import StudyError
 from stepblocks.files.tables import Table
 from stepblocks.study.analysis.accuracy import MEASURES, SPREAD, Measure, analyse_measure
 from stepblocks.study.analysis.findings import Analysis
+from stepblocks.study.analysis.log_error import compute_log_errors
 from stepblocks.study.analysis.people import find_swapped_conditions
 from stepblocks.study.analysis.repeated import average_participants
 from stepblocks.study.columns import Row, read_number
@@ -70,7 +71,14 @@ def analyse_estimates(frame: Table, margin: float) -> Analysis:
         else:
             measures.append(measure)
             remarks += _describe_participants(measure)
-    return Analysis(frame=frame, measures=tuple(measures), remarks=tuple(remarks))
+    log_errors = compute_log_errors(frame)
+    if log_errors and log_errors[0].zeros:
+        remarks.append(
+            f"{log_errors[0].zeros} estimates of zero have no logarithm: left out of its error."
+        )
+    return Analysis(
+        frame=frame, measures=tuple(measures), remarks=tuple(remarks), log_errors=log_errors
+    )
 
 
 def _describe_participants(measure: Measure) -> Iterator[str]:
@@ -104,6 +112,7 @@ ESTIMATES = Experiment(
         "equivalent",
         "noise",
         "reference",
+        "covariate",
         "repetitions",
     ),
 )

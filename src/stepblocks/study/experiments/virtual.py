@@ -106,6 +106,9 @@ VIRTUAL = Experiment(
         "ratings",
         "noise",
         "reference",
+        "covariate",
+        "question",
+        "anchors",
         "repetitions",
     ),
 )

@@ -1,13 +1,17 @@
-"""Smooths: what a slot may follow when no law is known.
+"""Composed laws: every shape in every slot over every covariate.
 
-And what the search may not be fooled by.
+Shapes are compared with their formulas; what the search may not be fooled by stands here, too.
 """
 
 import numpy as np
 import pytest
 
+from stepblocks.rig.effects.friction import FRICTION_LAWS
+from stepblocks.rig.effects.geometry import make_exchange_law
+from stepblocks.rig.effects.grammar.compose import list_composed_laws
+from stepblocks.rig.effects.grammar.covariates import CovariateRange
+from stepblocks.rig.effects.grammar.slots import MAIN_SLOTS, SLOT_MOVES
 from stepblocks.rig.effects.release_motion import compute_release
-from stepblocks.rig.effects.smooth import SLOT_MOVES, CovariateRange, list_smooth_laws
 from stepblocks.rig.forward import build_bench_design, build_nominal_state
 from stepblocks.rig.state import compute_channels
 
@@ -79,7 +83,7 @@ def test_few_settings_take_powers_and_labels_take_one_column_each():
 
 
 def test_every_slot_is_offered_over_every_covariate_as_a_line_where_that_differs_from_a_smooth():
-    laws = list_smooth_laws((_PLAIN, _TWO, _LABELS))
+    laws = list_composed_laws((_PLAIN, _TWO, _LABELS))
     smooths = [law for law in laws if law.id.startswith("smooth_")]
     trends = [law for law in laws if law.id.startswith("trend_")]
     assert len(smooths) == 3 * len(SLOT_MOVES)
@@ -87,17 +91,17 @@ def test_every_slot_is_offered_over_every_covariate_as_a_line_where_that_differs
     # of numbers jumps have a name, of labels levels and a force by which each presses
     jumps = ["step_friction_temperature_c", "step_conversion_temperature_c"]
     levels = ["smooth_friction_operator", "smooth_conversion_operator"]
-    assert [law.id for law in laws if law.named] == [*jumps, *levels, "added_load_operator"]
+    assert {law.id for law in laws if law.named} == {*jumps, *levels, "added_load_operator"}
     assert max(law.rank for law in trends) < min(law.rank for law in smooths)
     for law in laws:
-        # where a jump lies is its shape
-        shape = {"at"} if law.id in jumps else set()
+        # where something changes is its shape
+        shape = {"at"} & {p.name for p in law.parameters}
         assert set(law.amplitudes) == {p.name for p in law.parameters} - shape
 
 
 def test_a_trend_of_friction_is_a_factor_over_the_range(state):
     law = next(
-        law for law in list_smooth_laws((_PLAIN,)) if law.id == "trend_friction_temperature_c"
+        law for law in list_composed_laws((_PLAIN,)) if law.id == "trend_friction_temperature_c"
     )
     moved = law.apply(state, np.array([18.0, 20.0, 22.0, 24.0, 26.0]), {"slope": 0.2})
     assert np.log(moved.friction / state.friction) == pytest.approx(
@@ -107,7 +111,7 @@ def test_a_trend_of_friction_is_a_factor_over_the_range(state):
 
 def test_a_law_asked_with_another_column_forgets_the_first(state):
     law = next(
-        law for law in list_smooth_laws((_PLAIN,)) if law.id == "trend_conversion_temperature_c"
+        law for law in list_composed_laws((_PLAIN,)) if law.id == "trend_conversion_temperature_c"
     )
     hot, cold = (law.apply(state, np.full(5, t), {"slope": 0.3}).conversion for t in (26.0, 18.0))
     assert np.log(hot / cold) == pytest.approx(np.full(5, 0.6))
@@ -161,17 +165,110 @@ def test_smooths_are_zero_in_the_middle_and_flat_beyond_the_range():
 
 
 def test_levels_are_named_by_every_label_but_the_first():
-    law = next(law for law in list_smooth_laws((_LABELS,)) if law.id == "smooth_friction_operator")
+    law = next(
+        law for law in list_composed_laws((_LABELS,)) if law.id == "smooth_friction_operator"
+    )
     assert [one.name for one in law.parameters] == ["g[B]", "g[C]"]
 
 
 @pytest.mark.parametrize(("trials", "shortest"), [(240.0, 6.0), (4000.0, 16.0)])
 def test_swings_are_tried_half_a_turn_apart_down_to_six_trials_or_250_turns(trials, shortest):
     run = CovariateRange("run_order", 0.0, trials)
-    (law,) = (law for law in list_smooth_laws((run,)) if law.id == "periodic_friction_run_order")
+    (law,) = (law for law in list_composed_laws((run,)) if law.id == "periodic_friction_run_order")
     periods = np.array([shape["period_trials"] for shape in law.shapes])
     assert np.diff(2.0 * trials / periods) == pytest.approx(1.0)
     # what is seen to rise and fall but once need not come back
     assert periods[0] == pytest.approx(trials / 1.5)
     assert law.parameters[-1].high < trials
     assert periods[-1] == pytest.approx(shortest)
+
+
+_RUN = CovariateRange("run_order", 1.0, 241.0)
+_LOAD = CovariateRange("load_n", 0.4, 1.6, False, (), 4)
+_GROUPED = CovariateRange("operator * load_n", pair=(_LABELS, _LOAD))
+_EVERYWHERE = (_RUN, _PLAIN, _LOAD, _LABELS, _GROUPED)
+
+
+@pytest.fixture(scope="module")
+def composed():
+    return {law.id: law for law in list_composed_laws(_EVERYWHERE)}
+
+
+def size(law, column, **values):
+    return law.apply.size(np.asarray(column), values)
+
+
+def test_every_shape_is_offered_in_every_main_slot_or_has_a_name_of_its_own_there(composed):
+    offered = {(law.slot, law.shape) for law in composed.values()}
+    assert {law.shape for law in composed.values()} == {
+        *("", "line", "levels", "power", "reciprocal", "settling", "threshold", "saturation"),
+        *("jump", "pulse", "swing", "group_lines"),
+    }
+    for slot in {SLOT_MOVES[move].slot for move in MAIN_SLOTS}:
+        missing = [
+            shape
+            for shape in ("line", "levels", "power", "reciprocal", "threshold", "group_lines")
+            if (slot, shape) not in offered
+        ]
+        assert missing == [], slot
+
+
+def test_no_two_composed_laws_share_an_id_and_each_that_claims_has_words(composed):
+    assert len(composed) == len(list_composed_laws(_EVERYWHERE))
+    silent = [
+        law.id for law in composed.values() if (law.named or law.shape) and not law.description
+    ]
+    assert silent == []
+
+
+def test_each_shape_is_its_formula(composed):
+    run = np.array([1.0, 61.0, 121.0, 241.0])
+    load = np.array([0.4, 0.8, 1.6])
+    # the middle of 0.4 to 1.6 by logarithms is 0.8
+    assert size(composed["trend_stiffness_load_n~power"], load, exponent=0.5) == pytest.approx(
+        0.5 * np.log(load / 0.8)
+    )
+    assert size(composed["trend_friction_load_n~reciprocal"], load, share=0.3) == pytest.approx(
+        0.3 * (0.8 / load - 1.0)
+    )
+    settling = composed["trend_zero_run_order~settling"]
+    assert size(settling, run, excess=2.0, settling_trials=30.0) == pytest.approx(
+        2.0 * np.exp(-(run - 1.0) / 30.0)
+    )
+    threshold = composed["trend_gain_run_order~threshold"]
+    assert size(threshold, run, rise=0.4, at=121.0).tolist() == [0.0, 0.0, 0.0, 0.4]
+    saturation = composed["trend_gain_run_order~saturation"]
+    assert size(saturation, run, rise=0.4, at=121.0).tolist() == [0.0, 0.2, 0.4, 0.4]
+    pulse = composed["step_stiffness_run_order~pulse"]
+    assert size(pulse, run, step=0.1, from_trial=50.0, until_trial=200.0) == pytest.approx(
+        [0.0, 0.1, 0.1, 0.0]
+    )
+
+
+def test_a_number_acts_under_each_label_by_itself(composed):
+    law = composed["trend_seen_load_operator * load_n"]
+    column = np.array([["A", "0.4"], ["A", "1.6"], ["B", "1.6"], ["C", "1.0"]])
+    values = {"slope[A]": 0.1, "slope[B]": 0.2, "slope[C]": 0.3, "level[B]": 1.0, "level[C]": 2.0}
+    # from -1 to 1 over the range; B and C stand above A by their levels
+    assert law.apply.size(column, values) == pytest.approx([-0.1, 0.1, 1.2, 2.0])
+    # whoever follows the load for each operator has not found another place than the load
+    assert law.refines == ("operator", "load_n")
+
+
+def test_what_is_set_moves_no_zero_of_a_gauge(composed):
+    assert "trend_zero_temperature_c" in composed
+    assert "trend_zero_load_n" not in composed
+
+
+def test_exchanged_blocks_move_by_the_difference_of_their_heights(state):
+    law = make_exchange_law("step-040", "step-050")
+    blocks = np.array(["step-040", "step-050", "step-060", "step-040", "step-050"])
+    moved = law.apply(state, blocks, {"difference_m": 10e-6})
+    assert (moved.height - state.height) * 1e6 == pytest.approx([10.0, -10.0, 0.0, 10.0, -10.0])
+
+
+def test_adhesion_adds_a_force_that_no_load_makes(state):
+    law = next(law for law in FRICTION_LAWS if law.id == "adhesive_friction")
+    moved = law.apply(state, None, {"adhesion_n": 0.05})
+    # origin: F = mu N + A, after Derjaguin (1934, doi:10.1007/BF01333114)
+    assert moved.friction * 0.5 == pytest.approx(state.friction * 0.5 + 0.05)

@@ -1,0 +1,302 @@
+"""Ramp, release and ring fitted to a record in one likelihood, with a free shape of the release.
+
+The features of a trace come from fits of its parts. Here one model holds the whole record about the
+release, once for each shape that the fall of the force may have; the shapes count by their
+likelihood, and what they leave open is part of the uncertainty (Buckland, Burnham and Augustin
+1997, doi:10.2307/2533961).
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import partial
+
+import numpy as np
+
+from stepblocks.bench.signal import Array, Estimate, Tool, Trace
+from stepblocks.bench.signal.separable import (
+    SeparableFit,
+    build_damped_wave_columns,
+    compute_correlation_inflation,
+    fit_separable,
+)
+
+_LEAST_SAMPLES = 40  # of a record about its release
+_RAMP_SHARE = 0.6  # of the ramp before the release that is fitted: further back it may be bent
+_LONGEST_RAMP = 0.05  # [s]
+_DECAYS = 3.0  # decay times of the ring that are fitted
+_LONGEST_FALL = 6e-3  # [s]
+_FIRST_FALLS = (2e-4, 8e-4, 2.5e-3)  # [s] from which a search for the length of the fall begins
+_SAMPLES_OF_DRIFT = 3.0  # about the stated release in which the release is looked for
+# the columns of the basis, by their places
+_LEVEL, _SLOPE, _DRIFT, _COSINE, _SINE, _REST = range(6)
+
+
+class ReleaseShape(StrEnum):
+    """How the force leaves its peak.
+
+    What the ring does not hold of the peak falls in some shape; the force is continuous.
+    """
+
+    CORNER = "corner"  # the ring begins at the peak itself, and nothing is left of it
+    EXPONENTIAL = "exponential"
+    HALF_COSINE = "half cosine"
+    PARABOLA = "parabola"  # slowly at first
+
+
+@dataclass(frozen=True)
+class WholeRecord:
+    """What the whole record shows.
+
+    Attributes
+    ----------
+    shape : ReleaseShape
+        The likeliest shape of the release.
+    probability : float
+        Of that shape, among the shapes that were fitted [1].
+    fall_time : float
+        Length of the fall in that shape [s]; zero for a corner.
+    peak_force, ring_amplitude : Estimate
+        [N], averaged over the shapes. The amplitude is that at the release.
+    release_time : Estimate
+        [s]
+    slope : Estimate
+        Of the ramp [N/s].
+    frequency, decay_time : Estimate
+        Of the ring [Hz], [s].
+    noise : float
+        Root mean square of the residuals of the likeliest shape [N].
+    """
+
+    shape: ReleaseShape
+    probability: float
+    fall_time: float
+    peak_force: Estimate
+    ring_amplitude: Estimate
+    release_time: Estimate
+    slope: Estimate
+    frequency: Estimate
+    decay_time: Estimate
+    noise: float
+
+
+@dataclass(frozen=True)
+class _ShapeFit:
+    """The record fitted with one shape of the release.
+
+    Attributes
+    ----------
+    shape : ReleaseShape
+    fitted : SeparableFit
+        Its last three nonlinear parameters are release [s], frequency [Hz] and decay time [s].
+    fall_time : float
+        [s]
+    """
+
+    shape: ReleaseShape
+    fitted: SeparableFit
+    fall_time: float
+
+    def get_shape(self, place: int) -> Estimate:
+        """Return a nonlinear parameter, counted from the last one."""
+        index = self.fitted.shape.size + place
+        return Estimate(float(self.fitted.shape[index]), self.fitted.std(index))
+
+    def get_slope(self) -> Estimate:
+        """Return the slope of the ramp [N/s]."""
+        index = self.fitted.shape.size + _SLOPE
+        return Estimate(float(self.fitted.weights[_SLOPE]), self.fitted.std(index))
+
+    def estimate_peak(self) -> Estimate:
+        """Estimate the force at the release [N], the sum of level, ring and rest."""
+        parts = [_LEVEL, _COSINE]
+        if self.shape in _FALLS:
+            parts.append(_REST)
+        peak = float(self.fitted.weights[parts].sum())
+        return Estimate(peak, self._propagate(parts, np.ones(len(parts))))
+
+    def estimate_amplitude(self) -> Estimate:
+        """Estimate the amplitude of the ring at the release from its cosine and sine [N]."""
+        parts = self.fitted.weights[[_COSINE, _SINE]]
+        amplitude = float(np.hypot(*parts))
+        if amplitude == 0.0:
+            return Estimate(0.0, math.nan)
+        return Estimate(amplitude, self._propagate([_COSINE, _SINE], parts / amplitude))
+
+    def _propagate(self, places: list[int], slopes: Array) -> float:
+        """Return the standard uncertainty of a sum of weights, each times its slope."""
+        at = self.fitted.shape.size + np.array(places)
+        covariance = self.fitted.covariance[np.ix_(at, at)]
+        return math.sqrt(max(float(slopes @ covariance @ slopes), 0.0))
+
+
+def fit_whole_record(trace: Trace, onset: float, release: float, tool: Tool) -> WholeRecord | None:
+    """Fit ramp, release and ring of a trace together.
+
+    Parameters
+    ----------
+    trace : Trace
+    onset, release : float
+        Instants at which the ramp begins and ends, as its features have them [s].
+    tool : Tool
+        Frequency [Hz] and decay time [s] from which the fit of the ring begins.
+
+    Returns
+    -------
+    WholeRecord or None
+        None where too little of a ramp or a ring is recorded.
+
+    Examples
+    --------
+    >>> time = np.arange(-0.05, 0.08, 1e-4)
+    >>> after = np.maximum(time, 0.0)
+    >>> ring = 0.2 * np.cos(2 * np.pi * 300.0 * after) * np.exp(-after / 0.02)
+    >>> fall = 0.5 * np.exp(-after / 5e-4)
+    >>> force = 0.3 + ring + fall + 12.0 * np.minimum(time, 0.0)
+    >>> force += 1e-3 * np.random.default_rng(1).standard_normal(time.size)
+    >>> trace = Trace(time, force, np.full(time.size, 0.5))
+    >>> found = fit_whole_record(trace, -0.05, 0.0, Tool(300.0, 0.02))
+    >>> str(found.shape), round(found.peak_force.value, 2), round(found.ring_amplitude.value, 2)
+    ('exponential', 1.0, 0.2)
+    """
+    begin = release - min(_RAMP_SHARE * (release - onset), _LONGEST_RAMP)
+    end = release + _DECAYS * tool.decay_time
+    inside = (trace.time >= begin) & (trace.time <= end)
+    time, force = trace.time[inside] - release, trace.tangential[inside]
+    if min(np.sum(time < 0.0), np.sum(time > 0.0)) < 0.5 * _LEAST_SAMPLES:
+        return None
+    fits = [_fit_corner(time, force, tool)]
+    fits += [_fit_fall(shape, time, force, tool) for shape in _FALLS]
+    return _average_shapes(fits, release)
+
+
+def _fall_exponentially(share: Array) -> Array:
+    """Fall from 1 by 1/e; `share` is the time since the release over the fall."""
+    return np.asarray(np.exp(-share))
+
+
+def _fall_half_cosine(share: Array) -> Array:
+    """Fall from 1 to 0 along half a cosine."""
+    return np.asarray(0.5 * (1.0 + np.cos(np.pi * np.minimum(share, 1.0))))
+
+
+def _fall_parabola(share: Array) -> Array:
+    """Fall from 1 to 0 along a parabola that begins level."""
+    return np.asarray(1.0 - np.minimum(share, 1.0) ** 2)
+
+
+_FALLS: dict[ReleaseShape, Callable[[Array], Array]] = {
+    ReleaseShape.EXPONENTIAL: _fall_exponentially,
+    ReleaseShape.HALF_COSINE: _fall_half_cosine,
+    ReleaseShape.PARABOLA: _fall_parabola,
+}
+
+
+def _build_corner(time: Array, parameters: Array) -> Array:
+    """Build the columns of level, ramp, drift, cosine and sine of a record, shape (n, 5).
+
+    `parameters` are release [s], frequency [Hz] and decay time [s]. Before the release all but the
+    ramp keep the value that they have at it, so that the force is continuous.
+    """
+    release, frequency, decay_time = parameters
+    since = time - release
+    after = np.maximum(since, 0.0)
+    ring = build_damped_wave_columns(after, frequency, decay_time)
+    return np.column_stack([np.ones_like(time), np.minimum(since, 0.0), after, ring])
+
+
+def _build_fall(shape: ReleaseShape, time: Array, parameters: Array) -> Array:
+    """Build the columns of a corner, and that of the rest of the peak; shape (n, 6).
+
+    `parameters` are the length of the fall [s], then those of a corner.
+    """
+    fall, release = parameters[:2]
+    rest = _FALLS[shape](np.maximum(time - release, 0.0) / fall)
+    return np.column_stack([_build_corner(time, parameters[1:]), rest])
+
+
+def _fit_corner(time: Array, force: Array, tool: Tool) -> _ShapeFit:
+    """Fit a ring that begins at the peak itself."""
+    fitted = _fit_record(partial(_build_corner, time), time, force, tool)
+    return _ShapeFit(ReleaseShape.CORNER, fitted, 0.0)
+
+
+def _fit_fall(shape: ReleaseShape, time: Array, force: Array, tool: Tool) -> _ShapeFit:
+    """Fit a fall of some shape, from the length that does best."""
+    step = float(np.median(np.diff(time)))
+    best: SeparableFit | None = None
+    for fall in _FIRST_FALLS:
+        longest = min(3.0 * fall, _LONGEST_FALL)
+        length = (fall, min(0.3 * fall, 0.5 * step), longest, 0.2 * fall)
+        fitted = _fit_record(partial(_build_fall, shape, time), time, force, tool, length)
+        if best is None or _compute_cost(fitted) < _compute_cost(best):
+            best = fitted
+    assert best is not None
+    return _ShapeFit(shape, best, float(best.shape[0]))
+
+
+def _fit_record(
+    build: Callable[[Array], Array],
+    time: Array,
+    force: Array,
+    tool: Tool,
+    length: tuple[float, ...] = (),
+) -> SeparableFit:
+    """Fit instant of the release, frequency and decay of the ring, from where they are stated.
+
+    `length` has start, bounds and scale of the length of the fall, where there is one [s].
+    """
+    step = float(np.median(np.diff(time)))
+    reach = _SAMPLES_OF_DRIFT * step
+    rows = [length] if length else []
+    rows.append((0.0, -reach, reach, step))
+    rows.append((tool.frequency, 0.7 * tool.frequency, 1.4 * tool.frequency, 1.0))
+    decay = tool.decay_time
+    rows.append((decay, 0.2 * decay, 5.0 * decay, 0.1 * decay))
+    start, lower, upper, scale = np.array(rows).T
+    return fit_separable(build, force, start, lower, upper, scale)
+
+
+def _compute_cost(fitted: SeparableFit) -> float:
+    """Compute the sum of squares that a fit leaves [N^2]."""
+    return float(fitted.residuals @ fitted.residuals)
+
+
+def _compute_criterion(fit: _ShapeFit, independent: float) -> float:
+    """Compute Schwarz's criterion for a number of independent residuals."""
+    power = max(_compute_cost(fit.fitted), 1e-30)
+    free = fit.fitted.shape.size + fit.fitted.weights.size
+    return independent * math.log(power / independent) + free * math.log(independent)
+
+
+def _average_shapes(fits: list[_ShapeFit], release: float) -> WholeRecord:
+    """Average what the shapes show by their likelihood; the times count from the `release` [s]."""
+    closest = min((fit.fitted for fit in fits), key=_compute_cost).residuals
+    # residuals that are correlated count as fewer, and for all shapes as equally many
+    independent = closest.size / compute_correlation_inflation(closest)
+    criteria = np.array([_compute_criterion(fit, independent) for fit in fits])
+    odds = np.exp(-0.5 * (criteria - criteria.min()))
+    shares = odds / odds.sum()
+    best = fits[int(np.argmin(criteria))]
+    instant = _average([fit.get_shape(-3) for fit in fits], shares)
+    return WholeRecord(
+        shape=best.shape,
+        probability=float(shares.max()),
+        fall_time=best.fall_time,
+        peak_force=_average([fit.estimate_peak() for fit in fits], shares),
+        ring_amplitude=_average([fit.estimate_amplitude() for fit in fits], shares),
+        release_time=Estimate(release + instant.value, instant.std),
+        slope=_average([fit.get_slope() for fit in fits], shares),
+        frequency=_average([fit.get_shape(-2) for fit in fits], shares),
+        decay_time=_average([fit.get_shape(-1) for fit in fits], shares),
+        noise=float(np.sqrt(np.mean(best.fitted.residuals**2))),
+    )
+
+
+def _average(estimates: list[Estimate], shares: Array) -> Estimate:
+    """Average estimates by their shares; their spread is part of the uncertainty."""
+    values = np.array([estimate.value for estimate in estimates])
+    variances = np.array([estimate.std**2 for estimate in estimates])
+    mean = float(shares @ values)
+    return Estimate(mean, math.sqrt(float(shares @ (variances + (values - mean) ** 2))))

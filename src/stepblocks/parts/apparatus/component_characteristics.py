@@ -1,0 +1,137 @@
+"""What a workshop must hold on a component: sizes over all, faces, held distances, cylinders."""
+
+import math
+from collections.abc import Iterator
+
+from stepblocks.parts.apparatus.component import Component
+from stepblocks.parts.apparatus.solids import AXES, Cylinder
+from stepblocks.parts.characteristics import (
+    Characteristic,
+    FaceRule,
+    describe_plane,
+    make_characteristic,
+    make_location,
+)
+from stepblocks.parts.tolerance import Dimension, find_general_deviation
+
+_OVERALL = ("length", "width", "height")  # over all along x, y and z
+_SIDES = ("left", "front", "base")  # from which distances along x, y and z are counted
+_SAME = 1e-9  # coordinates that differ by less are one [m]
+_LEAST_OFFSET = 0.5e-3  # of an axis from a side, from which on it is stated [m]
+_UNCOVERED = 0.05e-3  # deviation of what the general tolerances do not cover [m]
+
+
+def list_component_characteristics(component: Component) -> Iterator[Characteristic]:
+    """List the characteristics of a component, in the order of its inspection sheet."""
+    for axis in range(3):
+        yield from _list_planes(component, axis)
+    yield from component.held
+    for number, rod in enumerate(component.rods, start=1):
+        yield from _list_cylinder(component, rod, f"rod_{number}", f"rod {number}")
+    for number, bore in enumerate(component.bores, start=1):
+        yield from _list_cylinder(component, bore, f"bore_{number}", f"bore {number}")
+
+
+def _list_planes(component: Component, axis: int) -> Iterator[Characteristic]:
+    """List the size over all along an axis, and the places of the faces between its ends."""
+    extent = component.extent
+    low, high = extent.low[axis], extent.high[axis]
+    planes = _list_plane_places(component, axis)
+    if not _is_among(low, planes):  # round from there: its diameter says it
+        return
+    lowest = describe_plane(axis, low)
+    held = [face.at for face in _list_held_faces(component, axis)]
+    name = _OVERALL[axis]
+    if _is_among(high, planes) and not _is_among(high, held):
+        size = _make_general_dimension(high - low)
+        highest = describe_plane(axis, high)
+        yield make_characteristic(name, "distance", size, lowest, highest, label=f"{name} over all")
+    inner = [place for place in planes if not _is_among(place, [low, high, *held])]
+    for number, place in enumerate(inner, start=1):
+        label = f"{name}, face {number} from the {_SIDES[axis]}"
+        face = describe_plane(axis, place)
+        yield make_location(f"{name}_{number}", label, place - low, lowest, face)
+
+
+def _list_plane_places(component: Component, axis: int) -> list[float]:
+    """List where plane faces lie along an axis, ascending, each place once [m]."""
+    ends: list[float] = []
+    for box in component.boxes:
+        ends += [box.low[axis], box.high[axis]]
+    for rod in component.rods:
+        if rod.along == axis:
+            ends += [rod.start[axis], rod.end[axis]]
+    places: list[float] = []
+    for end in sorted(ends):
+        if not _is_among(end, places):
+            places.append(end)
+    return places
+
+
+def _is_among(place: float, places: list[float]) -> bool:
+    """Tell whether a coordinate is one of several."""
+    return any(abs(place - known) < _SAME for known in places)
+
+
+def _list_held_faces(component: Component, axis: int) -> Iterator[FaceRule]:
+    """List the upper faces of the distances that have a tolerance of their own."""
+    for characteristic in component.held:
+        _, upper = characteristic.faces
+        if isinstance(upper, FaceRule) and upper.axis == axis:
+            yield upper
+
+
+def _list_cylinder(
+    component: Component, cylinder: Cylinder, key: str, label: str
+) -> Iterator[Characteristic]:
+    """List the diameter of a rod or bore, and where its axis lies."""
+    holds = {axis: cylinder.middle[axis] for axis in cylinder.across}
+    holds[cylinder.along] = cylinder.middle[cylinder.along]
+    face = FaceRule("CYLINDER", radius=0.5 * cylinder.diameter, holds=holds)
+    yield make_characteristic(
+        key,
+        "diameter",
+        _find_diameter(cylinder),
+        face,
+        label=f"{label}, along {cylinder.axis}{_describe_bore(component, cylinder)}",
+    )
+    for axis in cylinder.across:
+        low = component.extent.low[axis]
+        offset = cylinder.start[axis] - low
+        has_side = any(abs(box.low[axis] - low) < _SAME for box in component.boxes)
+        if has_side and offset > _LEAST_OFFSET:
+            side = describe_plane(axis, low)
+            name = f"{label} from the {_SIDES[axis]}"
+            yield make_location(f"{key}_{AXES[axis]}", name, offset, side, face)
+
+
+def _find_diameter(cylinder: Cylinder) -> Dimension:
+    """Return the diameter with its own deviations, or the general ones."""
+    if cylinder.deviations is None:
+        return _make_general_dimension(cylinder.diameter)
+    upper, lower = cylinder.deviations
+    return Dimension(cylinder.diameter, upper, lower)
+
+
+def _describe_bore(component: Component, cylinder: Cylinder) -> str:
+    """Say which thread is cut in a bore, and how deep it is where it does not go through."""
+    if cylinder in component.rods:
+        return ""
+    thread = ""
+    if cylinder.thread:
+        thread = f" for {cylinder.thread}"
+    for box in component.boxes:
+        same_start = abs(box.low[cylinder.along] - cylinder.start[cylinder.along]) < _SAME
+        same_end = abs(box.high[cylinder.along] - cylinder.end[cylinder.along]) < _SAME
+        if same_start and same_end:
+            return thread
+    for rod in component.rods:
+        if rod.axis == cylinder.axis and math.isclose(rod.length, cylinder.length):
+            return thread
+    return f"{thread}, {cylinder.length * 1e3:g} mm long"
+
+
+def _make_general_dimension(length: float) -> Dimension:
+    """Make a dimension with the general tolerance of ISO 2768-m [m]."""
+    deviation = find_general_deviation(length) or _UNCOVERED
+    return Dimension(length, deviation, -deviation, general=True)

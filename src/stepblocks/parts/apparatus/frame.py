@@ -1,0 +1,105 @@
+"""The frame: base, seat of the blocks, two portals and the shafts between them.
+
+All sizes are in millimetres; x runs along the drag, y along the edge, z up from the tip.
+"""
+
+from collections.abc import Iterator
+
+from stepblocks.parts.apparatus.component import Component
+from stepblocks.parts.apparatus.solids import Cylinder, Deviations, make_bore, make_box, make_rod
+
+SHAFT_RISE = 11.0  # of the axes of the shafts over the lower face of the carriage
+SHAFTS = {"left": -30.0, "right": 30.0}  # y of their axes
+_SHAFT = 8.0  # diameter
+_H6 = Deviations(0.0, -9e-6)  # of 6 to 10 mm (ISO 286-2) [m]
+_PORTALS = {"rear": -116.0, "front": 44.0}  # x of their rear faces
+_FEET_OF_THE_PORTALS = (-44.0, 44.0)  # y of their screws
+SCREWS_OF_THE_SHANK_CLAMP = -52.0  # x of screws into the base
+SCREWS_OF_THE_SHEATH_JAW = -20.0
+SCREWS_OF_THE_JAWS = (72.0, 88.0)  # their y
+RELEASE_SCREW = (46.0, 80.0)
+SCREWS_OF_THE_BRACKET = ((70.0, -6.0), (70.0, 6.0))
+_SEAT_SCREWS = ((0.0, -10.0), (0.0, 10.0))
+_BLOCK_SCREWS = (-6.0, 6.0)  # their x
+
+
+def list_frame(carriage_low: float) -> Iterator[Component]:
+    """List the frame; the lower face of the carriage lies at a height [mm]."""
+    shaft_height = carriage_low + SHAFT_RISE
+    yield _make_base()
+    yield _make_seat()
+    for name, x in _PORTALS.items():
+        yield _make_portal(name, x, shaft_height)
+    for name, y in SHAFTS.items():
+        rod = make_rod("x", (-116.0, y, shaft_height), _SHAFT, 172.0, _H6)
+        yield Component(
+            f"shaft-{name}",
+            "Shaft",
+            "steel",
+            rods=(rod,),
+            designation="precision shaft 8 h6 x 172, hardened (ISO 286-2)",
+        )
+
+
+def _make_base() -> Component:
+    """Make the plate that carries everything, with a hole for each screw from below."""
+    screws = [*_SEAT_SCREWS, *SCREWS_OF_THE_BRACKET, RELEASE_SCREW]
+    for x in _PORTALS.values():
+        screws += [(x + 6.0, y) for y in _FEET_OF_THE_PORTALS]
+    for x in (SCREWS_OF_THE_SHANK_CLAMP, SCREWS_OF_THE_SHEATH_JAW):
+        screws += [(x, y) for y in SCREWS_OF_THE_JAWS]
+    bores = [make_bore("z", (x, y, -40.0), 4.5, 10.0) for x, y in screws]
+    # through which the screws of the block are reached
+    bores += [make_bore("z", (x, 0.0, -40.0), 7.0, 10.0) for x in _BLOCK_SCREWS]
+    plate = make_box((-130.0, -60.0, -40.0), (80.0, 100.0, -30.0))
+    return Component("base", "Base plate", "aluminium", boxes=(plate,), bores=tuple(bores))
+
+
+def _make_seat() -> Component:
+    """Make the seat: a block lies on it against a stop, and is screwed on from below."""
+    bores = [make_bore("z", (x, 0.0, -24.0), 3.4, 16.0) for x in _BLOCK_SCREWS]
+    bores += [make_bore("z", (x, 0.0, -30.0), 6.5, 6.0) for x in _BLOCK_SCREWS]
+    bores += [make_bore("z", (x, y, -30.0), 3.3, 12.0, "M4") for x, y in _SEAT_SCREWS]
+    body = make_box((-17.0, -14.0, -30.0), (12.0, 14.0, -8.0))
+    stop = make_box((-17.0, -14.0, -8.0), (-10.0, 14.0, -2.0))
+    return Component(
+        "block-seat",
+        "Seat of the blocks",
+        "aluminium",
+        boxes=(body, stop),
+        bores=tuple(bores),
+        is_printable=True,
+    )
+
+
+def _make_portal(name: str, x: float, shaft_height: float) -> Component:
+    """Make a portal whose two columns hold the ends of the shafts."""
+    top = shaft_height + SHAFT_RISE
+    foot = make_box((x, -50.0, -30.0), (x + 12.0, 50.0, -18.0))
+    columns = [make_box((x, y - 8.0, -18.0), (x + 12.0, y + 8.0, top)) for y in SHAFTS.values()]
+    bores: list[Cylinder] = []
+    for y in SHAFTS.values():
+        bores.append(make_bore("x", (x, y, shaft_height), _SHAFT, 12.0, "H7"))
+    for y in _FEET_OF_THE_PORTALS:
+        bores.append(make_bore("z", (x + 6.0, y, -30.0), 3.3, 10.0, "M4"))
+    return Component(
+        f"portal-{name}",
+        f"Portal of the shafts, {name}",
+        "aluminium",
+        boxes=(foot, *columns),
+        bores=tuple(bores),
+        is_printable=True,
+    )
+
+
+def make_block() -> Component:
+    """Make the place of a step block, which the set of the blocks declares."""
+    bores = [make_bore("z", (x, 0.0, -8.0), 2.5, 5.0, "M3") for x in _BLOCK_SCREWS]
+    return Component(
+        "block",
+        "Step block",
+        "steel",
+        boxes=(make_box((-10.0, -12.0, -8.0), (10.0, 12.0, 0.0)),),
+        bores=tuple(bores),
+        designation="any block of paper-ten",
+    )

@@ -1,0 +1,76 @@
+"""All components of the apparatus where they stand, by the stages in which they are assembled."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from stepblocks.parts.apparatus.component import Component
+from stepblocks.parts.apparatus.damping_rig import list_damping_rig
+from stepblocks.parts.apparatus.declared import Apparatus
+from stepblocks.parts.apparatus.frame import list_frame, make_block
+from stepblocks.parts.apparatus.probe_arm import (
+    find_carriage_height,
+    list_balanced_arm,
+    list_carriage,
+    list_yoke,
+    make_flexure,
+)
+from stepblocks.parts.apparatus.pull import list_pull
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Components that are mounted together."""
+
+    title: str
+    components: Sequence[Component]
+
+
+def list_stages(kit: Apparatus, weight: float | None = None) -> list[Stage]:
+    """List the stages of the assembly, with the components where they stand.
+
+    Parameters
+    ----------
+    kit : Apparatus
+        What is declared.
+    weight : float, optional
+        Mass of the weight on the explorer [kg]; that of the heaviest where omitted.
+
+    Returns
+    -------
+    list of Stage
+        In the frame of the rig, at the middle of the travel: x along the drag, y along the edge, z
+        up; the tip touches at the origin.
+    """
+    if weight is None:
+        weight = max(kit.normal_weights)
+    carriage_low = find_carriage_height(kit.flexure)
+    return [
+        Stage("frame", list(list_frame(carriage_low))),
+        Stage("carriage", list(list_carriage(carriage_low))),
+        Stage("flexure and pivot", [make_flexure(kit.flexure), *list_yoke()]),
+        Stage("arm", list(list_balanced_arm(weight))),
+        Stage("block and pull", [make_block(), *list_pull()]),
+        Stage("damping rig", list(list_damping_rig(kit.displacement.value))),
+    ]
+
+
+def list_components(kit: Apparatus, weight: float | None = None) -> list[Component]:
+    """List the components of a kit, in the order of its parts list; see `list_stages`."""
+    components: list[Component] = []
+    for stage in list_stages(kit, weight):
+        components += stage.components
+    return components
+
+
+def find_component(kit: Apparatus, name: str) -> Component:
+    """Find the component of a name.
+
+    Raises
+    ------
+    KeyError
+        If the kit has none of that name.
+    """
+    for component in list_components(kit):
+        if component.name == name:
+            return component
+    raise KeyError(name)

@@ -1,0 +1,137 @@
+"""The forces of the kit's weights at the tip, with the budget of their uncertainties.
+
+Tolerances count as rectangular (JCGM 100, 4.3.7): the standard uncertainty is their half width
+over the square root of 3.
+"""
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+
+from stepblocks.parts.apparatus.declared import Apparatus
+from stepblocks.parts.apparatus.layout import list_components
+from stepblocks.parts.apparatus.probe_arm import ARM, PIVOT_BORE
+from stepblocks.parts.apparatus.pull import PULLEY_BORE, PULLEY_DIAMETER
+
+_RECTANGULAR = 1.0 / math.sqrt(3.0)  # standard uncertainty over the half width
+_SCATTER_OF_FRICTION = 0.5  # share by which the coefficients of makers may be off
+
+
+class ErrorSource(Enum):
+    """What the force of a weight is uncertain by."""
+
+    MASS = "mass"
+    GRAVITY = "gravity"
+    ARM = "arm"
+    BALANCE = "balance"
+    PIVOT = "pivot"
+    PULLEY = "pulley"
+    CARRIAGE = "carriage"
+
+
+@dataclass(frozen=True)
+class ErrorComponent:
+    """One line of the budget of a force.
+
+    Attributes
+    ----------
+    source : ErrorSource
+        Where it comes from.
+    half_width : float
+        Largest deviation of the force [N].
+    is_common : bool
+        Whether it is the same in all trials; if not, its sign changes from trial to trial.
+    """
+
+    source: ErrorSource
+    half_width: float
+    is_common: bool = True
+
+    @property
+    def std(self) -> float:
+        """Standard uncertainty [N]."""
+        return _RECTANGULAR * self.half_width
+
+
+@dataclass(frozen=True)
+class Load:
+    """A force at the tip.
+
+    Attributes
+    ----------
+    mass : float
+        Of the weight [kg].
+    force : float
+        [N].
+    budget : tuple of ErrorComponent
+        What it is uncertain by.
+    """
+
+    mass: float
+    force: float
+    budget: tuple[ErrorComponent, ...]
+
+    @property
+    def std(self) -> float:
+        """Standard uncertainty of the force in one trial [N]."""
+        return math.hypot(*(component.std for component in self.budget))
+
+    @property
+    def common_std(self) -> float:
+        """Standard uncertainty of what is the same in all trials [N]."""
+        return math.hypot(*(component.std for component in self.budget if component.is_common))
+
+
+def compute_normal_load(kit: Apparatus, mass: float) -> Load:
+    """Compute with what force a weight [kg] presses the tip on a level block.
+
+    The arm is balanced without the weight, so that the force is that of the weight alone. The
+    friction of the pivot has the sign of the last movement.
+    """
+    gravity = kit.gravity.value
+    force = mass * gravity
+    carried = [part for part in list_components(kit, mass) if part.is_on_pivot]
+    counterweight = next(part for part in carried if part.name == "counterweight")
+    pressing = gravity * math.fsum(part.mass for part in carried)
+    _, offset = kit.weight_offset.limits
+    _, off_balance = kit.balance.limits
+    budget = (
+        ErrorComponent(ErrorSource.MASS, kit.weight_tolerance.value * force),
+        ErrorComponent(ErrorSource.GRAVITY, kit.gravity_tolerance.value * force),
+        ErrorComponent(ErrorSource.ARM, force * offset / ARM),
+        ErrorComponent(ErrorSource.BALANCE, counterweight.mass * gravity * off_balance / ARM),
+        ErrorComponent(
+            ErrorSource.PIVOT,
+            kit.friction.pivot.value * pressing * 0.5 * PIVOT_BORE / ARM,
+            is_common=False,
+        ),
+    )
+    return Load(mass, force, budget)
+
+
+def compute_pull(kit: Apparatus, mass: float) -> Load:
+    """Compute with what force a weight [kg] pulls on its hanger, less what the bearings take.
+
+    A cord that turns by a right angle presses its pulley with the square root of 2 of its tension.
+    """
+    gravity = kit.gravity.value
+    components = list_components(kit)
+    hanger = next(part for part in components if part.name == "weight-hanger")
+    weight = (mass + hanger.mass) * gravity
+    ratio = PULLEY_BORE / PULLEY_DIAMETER
+    pulley = math.sqrt(2.0) * weight * kit.friction.pulley.value * ratio
+    moving = math.fsum(part.mass for part in components if part.is_moving)
+    carriage = kit.friction.carriage.value * gravity * moving
+    budget = (
+        ErrorComponent(ErrorSource.MASS, kit.weight_tolerance.value * weight),
+        ErrorComponent(ErrorSource.GRAVITY, kit.gravity_tolerance.value * weight),
+        ErrorComponent(ErrorSource.PULLEY, _SCATTER_OF_FRICTION * pulley),
+        ErrorComponent(ErrorSource.CARRIAGE, _SCATTER_OF_FRICTION * carriage),
+    )
+    return Load(mass, weight - pulley - carriage, budget)
+
+
+def find_largest_common_std(kit: Apparatus) -> float:
+    """Find the largest uncertainty of a normal load that is the same in all trials [N]."""
+    loads = [compute_normal_load(kit, mass) for mass in kit.normal_weights]
+    return max(load.common_std for load in loads)

@@ -1,0 +1,333 @@
+"""What travels: carriage, flexure, yoke of the pivot, and the balanced arm with the explorer.
+
+All sizes are in millimetres; x runs along the drag, y along the edge, z up from the tip. The axis
+of the pivot lies at the height of the tip, so that a pull has no lever about it.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+from stepblocks.parts.apparatus.component import Component
+from stepblocks.parts.apparatus.declared import ENDS_OF_THE_LEAVES, Flexure
+from stepblocks.parts.apparatus.frame import SHAFT_RISE, SHAFTS
+from stepblocks.parts.apparatus.solids import (
+    Box,
+    Deviations,
+    make_bore,
+    make_box,
+    make_rod,
+)
+from stepblocks.parts.characteristics import (
+    MICROMETER,
+    Characteristic,
+    FaceRule,
+    make_characteristic,
+)
+from stepblocks.parts.material import MATERIALS
+from stepblocks.parts.revolution import Point3
+from stepblocks.parts.tolerance import Dimension
+
+ARM = 40e-3  # from the pivot to the tip [m]
+_PIVOT = -1e3 * ARM  # x of its axis
+_FOOT = 42.0  # height of the lower ends of the leaves over the tip
+_END = 6.0  # thickness of the ends of the leaves
+_HALF_END = 0.5e3 * ENDS_OF_THE_LEAVES + 1.0  # from the middle of the flexure
+_SCREWS = (_PIVOT - 12.0, _PIVOT + 12.0)  # x of the screws of flexure and yoke
+PIVOT_BORE = 3e-3  # of the bearings of the pivot [m]
+_H6 = Deviations(0.0, -6e-6)  # of a pin up to 3 mm (ISO 286-2) [m]
+_H6_OF_THE_ROD = Deviations(0.0, -8e-6)  # of a rod of 3 to 6 mm, h6 (ISO 286-2) [m]
+_SHANK = 2.35  # diameter of the explorer's shank
+_GRIP = Deviations(10e-6, 0.0)  # of the bore that grips it [m]
+_ARM_HEIGHT = 18.0  # of the middle of the arm over the tip
+_WEIGHT = 24.0  # diameter of the weights
+_WEIGHT_BORE = 2.5
+_WEIGHT_FOOT = 22.0  # where a weight stands
+_COUNTERWEIGHT = 9.0  # its diameter
+_BALANCE_ROD = 4.0  # diameter
+_COUNTERWEIGHT_PLACE = -85.0  # x of its middle, about
+WEIGHT_NAME = "weight"
+
+
+def find_carriage_height(leaf: Flexure) -> float:
+    """Find the height of the lower face of the carriage over the tip [mm]."""
+    return _FOOT + 1e3 * leaf.length.nominal + _END
+
+
+def list_balanced_arm(weight: float) -> Iterator[Component]:
+    """List the arm with clamp and explorer, a weight [kg] on it, and what balances it."""
+    arm = list(_list_arm())
+    yield from arm
+    yield _make_weight(weight)
+    rod = _make_balance_rod()
+    yield rod
+    yield _make_counterweight([*arm, rod])
+
+
+def list_carriage(low: float) -> Iterator[Component]:
+    """List the carriage with its linear bearings and the hook of the cord.
+
+    Its lower face lies at a height [mm].
+    """
+    axis_height = low + SHAFT_RISE
+    bores = [make_bore("x", (-63.0, y, axis_height), 15.0, 46.0, "H7") for y in SHAFTS.values()]
+    bores += [make_bore("z", (x, 0.0, low), 3.4, 22.0) for x in _SCREWS]
+    bores += [make_bore("x", (-23.0, y, low + 6.0), 2.5, 6.0, "M3") for y in _HOOK_SCREWS]
+    yield Component(
+        "carriage",
+        "Carriage",
+        "aluminium",
+        boxes=(make_box((-63.0, -42.0, low), (-17.0, 42.0, low + 22.0)),),
+        bores=tuple(bores),
+        is_moving=True,
+    )
+    yield _make_hook(low)
+    for name, y in SHAFTS.items():
+        tube = make_rod("x", (-62.5, y, axis_height), 15.0, 45.0)
+        yield Component(
+            f"bearing-{name}",
+            "Linear ball bearing",
+            "steel",
+            rods=(tube,),
+            bores=(make_bore("x", (-62.5, y, axis_height), 8.0, 45.0),),
+            designation="linear ball bearing 8 x 15 x 45 (ISO 10285)",
+            is_moving=True,
+        )
+
+
+_HOOK_SCREWS = (-10.0, 10.0)  # y of the screws of the hook into the carriage
+
+
+def _make_hook(low: float) -> Component:
+    """Make the hook, at whose eye the cord pulls at the height of the tip."""
+    flange = make_box((-17.0, -14.0, low + 2.0), (-13.0, 14.0, low + 10.0))
+    beam = make_box((-13.0, -4.0, low + 2.0), (29.0, 4.0, low + 10.0))
+    post = make_box((21.0, -4.0, -4.0), (29.0, 4.0, low + 2.0))
+    bores = [make_bore("x", (-17.0, y, low + 6.0), 3.4, 4.0) for y in _HOOK_SCREWS]
+    bores.append(make_bore("x", (21.0, 0.0, 0.0), 1.5, 8.0))
+    return Component(
+        "hook",
+        "Hook of the cord",
+        "aluminium",
+        boxes=(flange, beam, post),
+        bores=tuple(bores),
+        is_moving=True,
+        is_printable=True,
+    )
+
+
+def make_flexure(leaf: Flexure) -> Component:
+    """Make the flexure in one piece: two leaves between a lower and an upper end."""
+    upper_foot = _FOOT + 1e3 * leaf.length.nominal
+    ends = []
+    screws = []
+    for low in (_FOOT - _END, upper_foot):
+        ends.append(
+            make_box((_PIVOT - _HALF_END, -10.0, low), (_PIVOT + _HALF_END, 10.0, low + _END))
+        )
+        screws += [make_bore("z", (x, 0.0, low), 2.5, _END, "M3") for x in _SCREWS]
+    return Component(
+        "flexure",
+        "Flexure with strain gauges",
+        "1.4301",
+        boxes=(*ends, *_make_leaves(leaf)),
+        bores=tuple(screws),
+        held=tuple(_list_leaf_distances(leaf)),
+        is_moving=True,
+    )
+
+
+def _make_leaves(leaf: Flexure) -> list[Box]:
+    """Make the rear and the front leaf."""
+    half_thickness = 0.5 * leaf.thickness.nominal
+    half_width = 0.5 * leaf.width.nominal
+    foot = 1e-3 * _FOOT
+    leaves = []
+    for side in (-1.0, 1.0):
+        middle = -ARM + 0.5 * side * leaf.spacing.nominal
+        low = (middle - half_thickness, -half_width, foot)
+        high = (middle + half_thickness, half_width, foot + leaf.length.nominal)
+        leaves.append(Box(low, high))
+    return leaves
+
+
+def _list_leaf_distances(leaf: Flexure) -> Iterator[Characteristic]:
+    """List the distances of the flexure that decide its stiffness and its output."""
+    rear, front = _make_leaves(leaf)
+    rear_x, rear_y, foot = rear.low
+    front_x, _, _ = front.low
+    on_leaf = (rear_x, 0.0, foot + 1e-3)
+    beside_leaf = (rear_x - 1e-3, 0.0, foot)
+    on_rear_side = (0.5 * (rear_x + rear.high[0]), rear_y, foot + 1e-3)
+    yield _hold_distance("leaf_length", "length of the leaves", 2, leaf.length, beside_leaf)
+    yield _hold_distance("leaf_width", "width of the leaves", 1, leaf.width, on_rear_side)
+    yield _hold_distance("leaf_1", "thickness of the rear leaf", 0, leaf.thickness, on_leaf)
+    on_front = (front_x, 0.0, foot + 1e-3)
+    yield _hold_distance("leaf_2", "thickness of the front leaf", 0, leaf.thickness, on_front)
+    yield _hold_distance("leaf_spacing", "from leaf to leaf", 0, leaf.spacing, on_leaf)
+
+
+def _hold_distance(
+    key: str, label: str, axis: int, size: Dimension, start: Point3
+) -> Characteristic:
+    """State a distance of two plane faces with a tolerance of its own.
+
+    The faces contain the coordinates of `start` [m], the second but for that along the axis, along
+    which it lies higher.
+    """
+    holds = {k: start[k] for k in range(3) if k != axis}
+    first = FaceRule("PLANE", axis, start[axis], holds=holds)
+    second = FaceRule("PLANE", axis, start[axis] + size.nominal, holds=holds)
+    return make_characteristic(key, "distance", size, first, second, label=label, method=MICROMETER)
+
+
+def list_yoke() -> Iterator[Component]:
+    """List the yoke with the two ball bearings of the pivot, and its axle."""
+    flange = make_box((-56.0, -11.0, 28.0), (-24.0, 11.0, 36.0))
+    left_ear = make_box((-48.0, -11.0, -6.0), (-32.0, -5.0, 28.0))
+    right_ear = make_box((-48.0, 5.0, -6.0), (-32.0, 11.0, 28.0))
+    bores = [make_bore("z", (x, 0.0, 28.0), 3.4, 8.0) for x in _SCREWS]
+    bores += [make_bore("y", (_PIVOT, y, 0.0), 10.0, 4.0, "H7") for y in (-11.0, 7.0)]
+    bores += [make_bore("y", (_PIVOT, y, 0.0), 7.0, 2.0) for y in (-7.0, 5.0)]
+    yield Component(
+        "yoke",
+        "Yoke of the pivot",
+        "aluminium",
+        boxes=(flange, left_ear, right_ear),
+        bores=tuple(bores),
+        is_moving=True,
+    )
+    for name, y in (("left", -11.0), ("right", 7.0)):
+        yield Component(
+            f"pivot-bearing-{name}",
+            "Ball bearing",
+            "steel",
+            rods=(make_rod("y", (_PIVOT, y, 0.0), 10.0, 4.0),),
+            bores=(make_bore("y", (_PIVOT, y, 0.0), 1e3 * PIVOT_BORE, 4.0),),
+            designation="ball bearing 623, 3 x 10 x 4 (ISO 15)",
+            is_moving=True,
+        )
+    yield Component(
+        "axle",
+        "Axle of the pivot",
+        "steel",
+        rods=(make_rod("y", (_PIVOT, -11.0, 0.0), 1e3 * PIVOT_BORE, 22.0, _H6),),
+        designation="parallel pin 3 h6 x 22 (ISO 8734)",
+        is_moving=True,
+    )
+
+
+def _list_arm() -> Iterator[Component]:
+    """List the arm with its clamp, and the explorer, whose tip is the origin."""
+    grip = replace(make_bore("z", (0.0, 0.0, 14.0), _SHANK, 8.0), deviations=_GRIP)
+    hub = make_box((-46.0, -4.0, -5.0), (-34.0, 4.0, 22.0))
+    beam = make_box((-34.0, -4.0, 14.0), (-8.0, 4.0, 22.0))
+    head = make_box((-8.0, -8.0, 14.0), (0.0, 8.0, 22.0))
+    bores = [
+        make_bore("y", (_PIVOT, -4.0, 0.0), 1e3 * PIVOT_BORE, 8.0, "H7"),
+        make_bore("x", (-46.0, 0.0, _ARM_HEIGHT), _BALANCE_ROD, 8.0, "H7"),
+        make_bore("x", (-8.0, -5.0, _ARM_HEIGHT), 2.05, 8.0, "M2.5"),
+        make_bore("x", (-8.0, 5.0, _ARM_HEIGHT), 2.05, 8.0, "M2.5"),
+        replace(grip, inward=(-1.0, 0.0, 0.0)),
+    ]
+    yield Component(
+        "arm",
+        "Arm",
+        "aluminium",
+        boxes=(hub, beam, head),
+        bores=tuple(bores),
+        is_moving=True,
+        is_on_pivot=True,
+    )
+    holes = [make_bore("x", (0.0, y, _ARM_HEIGHT), 2.9, 5.0) for y in (-5.0, 5.0)]
+    holes.append(replace(grip, inward=(1.0, 0.0, 0.0)))
+    yield Component(
+        "explorer-clamp",
+        "Clamp of the explorer",
+        "aluminium",
+        boxes=(make_box((0.0, -8.0, 14.0), (5.0, 8.0, 22.0)),),
+        bores=tuple(holes),
+        is_moving=True,
+        is_on_pivot=True,
+        is_printable=True,
+    )
+    tip = make_rod("z", (0.0, 0.0, 0.0), 0.25, 8.0)
+    shank = make_rod("z", (0.0, 0.0, 8.0), _SHANK, 32.0)
+    yield Component(
+        "explorer",
+        "Explorer",
+        "1.4301",
+        rods=(tip, shank),
+        designation="tip-125 of probe-tips",
+        is_moving=True,
+        is_on_pivot=True,
+    )
+
+
+def describe_weight(mass: float) -> str:
+    """Say what a weight [kg] is ordered by."""
+    return f"weight {mass * 1e3:g} g, class M1 (OIML R 111-1)"
+
+
+def describe_bored_weight(mass: float) -> str:
+    """Say what a weight [kg] that stands on the explorer is ordered by."""
+    return f"{describe_weight(mass)}, bored {_WEIGHT_BORE:g}"
+
+
+def _make_weight(mass: float) -> Component:
+    """Make a weight [kg] on the shank of the explorer, as high as its mass asks for."""
+    rod = make_rod("z", (0.0, 0.0, _WEIGHT_FOOT), _WEIGHT, 1.0)
+    bore = make_bore("z", (0.0, 0.0, _WEIGHT_FOOT), _WEIGHT_BORE, 1.0)
+    length = mass / _find_density("brass") * 1e-3 / (rod.volume - bore.volume)
+    return Component(
+        WEIGHT_NAME,
+        "Weight",
+        "brass",
+        rods=(replace(rod, length=length),),
+        bores=(replace(bore, length=length),),
+        designation=describe_bored_weight(mass),
+        is_moving=True,
+        is_on_pivot=True,
+    )
+
+
+def _make_balance_rod() -> Component:
+    rod = make_rod("x", (-98.0, 0.0, _ARM_HEIGHT), _BALANCE_ROD, 60.0, _H6_OF_THE_ROD)
+    return Component(
+        "balance-rod",
+        "Rod of the counterweight",
+        "1.4301",
+        rods=(rod,),
+        is_moving=True,
+        is_on_pivot=True,
+    )
+
+
+def _make_counterweight(carried: list[Component]) -> Component:
+    """Make the counterweight where it balances what the pivot carries without a weight.
+
+    Its length is a whole number of tenths of a millimetre; its place makes up for the rest.
+    """
+    moment = math.fsum(part.mass * (part.centre[0] + ARM) for part in carried)  # [kg m]
+    usual_lever = -ARM - 1e-3 * _COUNTERWEIGHT_PLACE  # [m]
+    area = 0.25 * math.pi * 1e-6 * (_COUNTERWEIGHT**2 - _BALANCE_ROD**2)  # [m^2]
+    mass_per_length = area * _find_density("brass")  # [kg/m]
+    length = round(1e4 * moment / usual_lever / mass_per_length) / 10.0
+    lever = moment / (1e-3 * length * mass_per_length)  # [m]
+    start = (-1e3 * (ARM + lever) - 0.5 * length, 0.0, _ARM_HEIGHT)
+    return Component(
+        "counterweight",
+        "Counterweight",
+        "brass",
+        rods=(make_rod("x", start, _COUNTERWEIGHT, length),),
+        bores=(make_bore("x", start, _BALANCE_ROD, length, "H7"),),
+        is_moving=True,
+        is_on_pivot=True,
+    )
+
+
+def _find_density(material: str) -> float:
+    """Find the density of a material that a file may name [kg/m^3]."""
+    density = MATERIALS[material].density
+    assert density is not None  # of every material that has a key
+    return density.value

@@ -1,0 +1,213 @@
+"""Boxes and cylinders along the axes, of which the components are made, in closed form."""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Literal, NamedTuple, TypeAlias
+
+from stepblocks import cad
+from stepblocks.parts.revolution import Point3
+
+Axis: TypeAlias = Literal["x", "y", "z"]
+AXES: tuple[Axis, Axis, Axis] = ("x", "y", "z")
+_MILLIMETRE = 1e-3
+
+
+class Deviations(NamedTuple):
+    """Permitted deviations of a diameter [m]."""
+
+    upper: float
+    lower: float
+
+
+class _FitRow(NamedTuple):
+    """Upper deviation of H7 for diameters up to a limit (ISO 286-2:2010, table 6) [m]."""
+
+    up_to: float
+    upper: float
+
+
+_H7 = (_FitRow(3e-3, 10e-6), _FitRow(6e-3, 12e-6), _FitRow(10e-3, 15e-6), _FitRow(18e-3, 18e-6))
+
+
+@dataclass(frozen=True)
+class Box:
+    """A block with faces square to the axes, by its lower and upper corner [m]."""
+
+    low: Point3
+    high: Point3
+
+    @property
+    def volume(self) -> float:
+        """Its volume [m^3]."""
+        return math.prod(b - a for a, b in zip(self.low, self.high, strict=True))
+
+    @property
+    def centre(self) -> Point3:
+        """Its middle [m]."""
+        return _find_middle(self.low, self.high)
+
+    def move(self, by: Point3) -> "Box":
+        """Return it elsewhere [m]."""
+        return Box(add_points(self.low, by), add_points(self.high, by))
+
+    def build(self) -> cad.door.Body:
+        """Build it as a solid."""
+        return cad.kernel.make_box(self.low, self.high)
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """A cylinder along an axis: a rod, or a bore that takes it away.
+
+    Attributes
+    ----------
+    axis : str
+        Along which it lies.
+    start : tuple of float
+        Middle of the end with the lower coordinate [m].
+    diameter, length : float
+        [m].
+    deviations : Deviations or None
+        Permitted deviations of the diameter; None where the general ones hold.
+    thread : str
+        Designation of the thread that is cut in it.
+    inward : tuple of float or None
+        Direction into the part where the axis lies in a face of it, so that half of the cylinder
+        is outside; None for a whole one.
+    """
+
+    axis: Axis
+    start: Point3
+    diameter: float
+    length: float
+    deviations: Deviations | None = None
+    thread: str = ""
+    inward: Point3 | None = None
+
+    @property
+    def along(self) -> int:
+        """Number of its axis."""
+        return AXES.index(self.axis)
+
+    @property
+    def across(self) -> tuple[int, int]:
+        """Numbers of the axes that it is square to."""
+        first, second = (k for k in range(3) if k != self.along)
+        return first, second
+
+    @property
+    def end(self) -> Point3:
+        """Middle of the end with the higher coordinate [m]."""
+        return _shift(self.start, self.along, self.length)
+
+    @property
+    def middle(self) -> Point3:
+        """Middle of the whole cylinder [m]."""
+        return _find_middle(self.start, self.end)
+
+    @property
+    def box(self) -> Box:
+        """The box around it."""
+        low, high = self.start, self.end
+        for k in self.across:
+            low = _shift(low, k, -0.5 * self.diameter)
+            high = _shift(high, k, 0.5 * self.diameter)
+        return Box(low, high)
+
+    @property
+    def volume(self) -> float:
+        """Volume of what lies in the part [m^3]."""
+        whole = 0.25 * math.pi * self.diameter**2 * self.length
+        if self.inward is None:
+            return whole
+        return 0.5 * whole
+
+    @property
+    def centre(self) -> Point3:
+        """Centre of mass of what lies in the part [m]: of half a disc 4 r / (3 pi) off its side."""
+        if self.inward is None:
+            return self.middle
+        offset = 2.0 * self.diameter / (3.0 * math.pi)
+        x, y, z = (a + offset * b for a, b in zip(self.middle, self.inward, strict=True))
+        return x, y, z
+
+    def move(self, by: Point3) -> "Cylinder":
+        """Return it elsewhere [m]."""
+        return replace(self, start=add_points(self.start, by))
+
+    def build(self) -> cad.door.Body:
+        """Build it as a solid."""
+        radius = 0.5 * self.diameter
+        u, v = (_shift((0.0, 0.0, 0.0), k, radius) for k in self.across)
+        circle = cad.kernel.outline_circle(self.start, u, v)
+        return cad.kernel.extrude(circle, _shift((0.0, 0.0, 0.0), self.along, self.length))
+
+
+def add_points(point: Point3, by: Point3) -> Point3:
+    """Add two points, coordinate by coordinate."""
+    x, y, z = (a + b for a, b in zip(point, by, strict=True))
+    return x, y, z
+
+
+def _find_middle(low: Point3, high: Point3) -> Point3:
+    x, y, z = (0.5 * (a + b) for a, b in zip(low, high, strict=True))
+    return x, y, z
+
+
+def _shift(point: Point3, axis: int, by: float) -> Point3:
+    """Shift a point along an axis [m]."""
+    coordinates = list(point)
+    coordinates[axis] += by
+    x, y, z = coordinates
+    return x, y, z
+
+
+def convert_millimetres(point: Point3) -> Point3:
+    """Convert a point from millimetres to metres."""
+    x, y, z = (_MILLIMETRE * coordinate for coordinate in point)
+    return x, y, z
+
+
+def make_box(low: Point3, high: Point3) -> Box:
+    """Make a box by two corners in millimetres."""
+    return Box(convert_millimetres(low), convert_millimetres(high))
+
+
+def make_rod(
+    axis: Axis, start: Point3, diameter: float, length: float, deviations: Deviations | None = None
+) -> Cylinder:
+    """Make a rod from its start, diameter and length in millimetres; `deviations` are in metres."""
+    return Cylinder(
+        axis,
+        convert_millimetres(start),
+        _MILLIMETRE * diameter,
+        _MILLIMETRE * length,
+        deviations,
+    )
+
+
+def make_bore(axis: Axis, start: Point3, diameter: float, length: float, fit: str = "") -> Cylinder:
+    """Make a bore from its start, diameter and length in millimetres.
+
+    `fit` is ``"H7"`` (ISO 286-2), or the thread that is cut in the bore, such as ``"M4"``.
+    """
+    deviations = None
+    thread = ""
+    if fit == "H7":
+        deviations = find_h7(_MILLIMETRE * diameter)
+    elif fit:
+        thread = fit
+    return Cylinder(
+        axis,
+        convert_millimetres(start),
+        _MILLIMETRE * diameter,
+        _MILLIMETRE * length,
+        deviations,
+        thread,
+    )
+
+
+def find_h7(diameter: float) -> Deviations:
+    """Find the deviations of a bore H7 of a diameter up to 18 mm [m]."""
+    row = next(row for row in _H7 if diameter <= row.up_to)
+    return Deviations(row.upper, 0.0)

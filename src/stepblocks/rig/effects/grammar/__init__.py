@@ -1,0 +1,1 @@
+"""Laws composed of a slot, a covariate and a shape."""

@@ -1,0 +1,47 @@
+"""Laws composed: every shape, in every slot, over every covariate, where it makes sense."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepblocks.lawsearch.law import Law, Parameter, SizedChange
+from stepblocks.rig.effects.grammar.covariates import CovariateRange
+from stepblocks.rig.effects.grammar.shapes import SHAPES
+from stepblocks.rig.effects.grammar.slots import list_moved_slots, make_shift
+from stepblocks.rig.state import Floats
+
+
+def list_composed_laws(covariates: Sequence[CovariateRange]) -> tuple[Law, ...]:
+    """Return every shape of every slot over every covariate.
+
+    What the log implies, such as the passes over a block, moves a few slots alone.
+    """
+    laws: list[Law] = []
+    for covariate in covariates:
+        for slot in list_moved_slots(covariate.name, has_labels=bool(covariate.labels)):
+            for list_laws in SHAPES:
+                laws += list_laws(slot, covariate)
+        if covariate.labels and covariate.name != "block":
+            laws.append(_make_added_load_law(covariate))
+    return tuple(laws)
+
+
+def _make_added_load_law(covariate: CovariateRange) -> Law:
+    """Let each label press by a force of its own more than the weights."""
+    names = tuple(f"added_n[{label}]" for label in covariate.labels)
+
+    def add(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
+        labels = np.asarray(column)
+        is_label = [labels == label for label in covariate.labels]
+        return np.select(is_label, [values[name] for name in names], 0.0)
+
+    return Law(
+        f"added_load_{covariate.name}",
+        f"F_py + b, by {covariate.name}",
+        tuple(Parameter(name, "N", 0.0, -0.3, 0.6, 0.01) for name in names),
+        SizedChange(make_shift("load", "sensed_offset", by=1.0), add),
+        "normal_load",
+        covariate.name,
+        description=f"the load differs from the weights by {covariate.name}:",
+    )

@@ -1,0 +1,59 @@
+"""What the shapes share: amplitudes, sizes that follow columns, and their words."""
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepblocks.lawsearch.law import Parameter
+from stepblocks.quantities import format_column_label
+from stepblocks.rig.effects.grammar.covariates import RUN, CovariateRange
+from stepblocks.rig.state import Floats
+
+Size = Callable[[NDArray[np.generic], Mapping[str, float]], Floats]
+Names = tuple[str, ...]
+
+STEP_SHAPES = 12  # places along a covariate at which a search looks for a sudden change
+
+
+def make_amplitude(name: str) -> Parameter:
+    """Make the amplitude of a shape: a change of a logarithm, or in steps of its slot."""
+    return Parameter(name, "1", 0.0, -3.0, 3.0, 0.1)
+
+
+def follow_columns(basis: Callable[[NDArray[np.generic]], Floats], names: Names) -> Size:
+    """Size of a change that is a sum of columns, each by its amplitude.
+
+    A fit asks for the same column hundreds of times; the reference that is kept makes its identity
+    safe.
+    """
+    last_column: NDArray[np.generic] | None = None
+    columns: Floats = np.empty(0)
+
+    def follow(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
+        nonlocal last_column, columns
+        if last_column is not column:
+            last_column, columns = column, basis(column)
+        return np.asarray(columns @ np.array([values[name] for name in names]))
+
+    return follow
+
+
+def has_places(covariate: CovariateRange) -> bool:
+    """Tell whether a covariate takes enough numbers to show where something changes."""
+    return covariate.is_number and covariate.distinct > 2 * STEP_SHAPES
+
+
+def lies_in_heaps(covariate: CovariateRange) -> bool:
+    """Tell whether a covariate takes two values or nearly: pauses are short or long.
+
+    A line through two heaps says no more than a jump.
+    """
+    return covariate.distinct <= 2 or covariate.name == "pause_s"
+
+
+def name_covariate(covariate: CovariateRange) -> str:
+    """Name a column in a sentence, without its unit."""
+    if covariate.name == RUN:
+        return "order of the run"
+    return format_column_label(covariate.name).partition(",")[0]

@@ -1,0 +1,32 @@
+"""A line for each label: a slot follows a number under one label otherwise than under another."""
+
+from stepblocks.lawsearch.law import Law, SizedChange
+from stepblocks.rig.effects.grammar.covariates import CovariateRange
+from stepblocks.rig.effects.grammar.parts import follow_columns, make_amplitude, name_covariate
+from stepblocks.rig.effects.grammar.slots import MAIN_SLOTS, SLOT_MOVES
+
+
+def list_group_lines(slot: str, covariate: CovariateRange) -> list[Law]:
+    """List the lines of a slot over a number, one for each label of another column."""
+    if slot not in MAIN_SLOTS or not covariate.is_grouped:
+        return []
+    move = SLOT_MOVES[slot]
+    groups, number = covariate.pair
+    slopes = [f"slope[{label}]" for label in groups.labels]
+    levels = [f"level[{label}]" for label in groups.labels[1:]]
+    names = (*slopes, *levels)
+    law = Law(
+        f"trend_{slot}_{covariate.name}",
+        f"{move.form}, g a straight line over {number.name} for each {groups.name}",
+        tuple(make_amplitude(name) for name in names),
+        SizedChange(move.change, follow_columns(covariate.lines_of_groups, names)),
+        move.slot,
+        covariate.name,
+        named=False,
+        rank=16,
+        description=f"{move.words} follows the {name_covariate(number)} along a line for each "
+        f"{groups.name}, slopes, and levels above the first:",
+        shape="group_lines",
+        refines=(groups.name, number.name),
+    )
+    return [law]

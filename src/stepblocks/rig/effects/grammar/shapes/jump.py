@@ -1,0 +1,147 @@
+"""A jump: a slot changes at once where a covariate passes a place; along the run also in levels."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepblocks.lawsearch.law import Law, Parameter, SizedChange
+from stepblocks.rig.effects.grammar.covariates import RUN, CovariateRange
+from stepblocks.rig.effects.grammar.parts import STEP_SHAPES, Names, Size, has_places
+from stepblocks.rig.effects.grammar.slots import (
+    JUMPING_SLOTS,
+    MAIN_SLOTS,
+    SLOT_MOVES,
+    make_shift,
+)
+from stepblocks.rig.state import Floats
+
+_LEVELS = ("second", "third", "fourth", "fifth")
+_STEP_WIDTH = 2e-3  # of the range: a hundredth of the spacing leaves a fit no way to move
+_WAYS_TO_JUMP = tuple(slot for slot in MAIN_SLOTS if slot != "radius")
+
+
+def list_jumps(slot: str, covariate: CovariateRange) -> list[Law]:
+    """List the jump of a slot over a covariate, and along the run also several levels."""
+    if not has_places(covariate):
+        return []
+    is_run = covariate.name == RUN
+    if slot == "radius" and is_run:
+        return [_make_chip(covariate)]
+    if slot in JUMPING_SLOTS and is_run:
+        levels = [_make_levels(slot, covariate, count) for count in range(3, len(_LEVELS) + 2)]
+        return [_make_jump(slot, covariate), *levels]
+    if slot in _WAYS_TO_JUMP:
+        return [_make_jump(slot, covariate)]
+    return []
+
+
+def make_step_size(covariate: CovariateRange, sizes: Names, places: Names) -> Size:
+    """Size of a change that goes from level to level where a covariate passes the places.
+
+    `sizes` and `places` are the names of the parameters; each size counts from the first level.
+    """
+    width = _STEP_WIDTH * (covariate.high - covariate.low)
+
+    def step(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
+        numbers = np.asarray(column, dtype=np.float64)
+        past = numbers[:, None] - [values[name] for name in places]
+        rises = np.diff([values[name] for name in sizes], prepend=0.0)
+        passed = 0.5 * (1.0 + np.tanh(past / (2.0 * width)))
+        return np.asarray(passed @ rises)
+
+    return step
+
+
+def make_step_place(covariate: CovariateRange) -> Parameter:
+    """Make the place along a covariate at which something changes at once."""
+    name = "at_trial" if covariate.name == RUN else "at"
+    reach = covariate.high - covariate.low
+    middle = covariate.low + 0.5 * reach
+    return Parameter(name, "1", middle, covariate.low, covariate.high, 0.02 * reach)
+
+
+def list_step_shapes(
+    covariate: CovariateRange, places: Names, shares: NDArray[np.float64]
+) -> tuple[dict[str, float], ...]:
+    """List where a search looks for the places, by shares of the range, shape (n, places)."""
+    reach = covariate.high - covariate.low
+    shapes = []
+    for row in shares.tolist():
+        shape = {}
+        for name, share in zip(places, row, strict=True):
+            shape[name] = covariate.low + reach * share
+        shapes.append(shape)
+    return tuple(shapes)
+
+
+def _make_jump(slot: str, covariate: CovariateRange) -> Law:
+    """Change a slot at once where a covariate passes a value."""
+    move = SLOT_MOVES[slot]
+    place = make_step_place(covariate)
+    size = Parameter("step", "1", 0.0, -3.0, 3.0, 0.1)
+    shares = np.arange(0.5, STEP_SHAPES)[:, None] / STEP_SHAPES
+    words = "" if covariate.name == RUN else f"a {covariate.name.replace('_', ' ')} of "
+    return Law(
+        f"step_{slot}_{covariate.name}",
+        f"{move.form}, g from one value of {covariate.name} on",
+        (size, place),
+        SizedChange(move.change, make_step_size(covariate, (size.name,), (place.name,))),
+        move.slot,
+        covariate.name,
+        list_step_shapes(covariate, (place.name,), shares),
+        named=slot in JUMPING_SLOTS,
+        rank=15,
+        description=f"{move.words} changes at once: by {{}} in ln, from {words}{{}} on",
+        steps=(place.name,),
+        shape="jump",
+    )
+
+
+def _make_chip(covariate: CovariateRange) -> Law:
+    """Change the radius of the tip at once along the run."""
+    place = make_step_place(covariate)
+    size = Parameter("radius_step_m", "m", 0.0, -1e-4, 3e-4, 3e-6)
+    shares = np.arange(0.5, STEP_SHAPES)[:, None] / STEP_SHAPES
+    step = make_step_size(covariate, (size.name,), (place.name,))
+    return Law(
+        "tip_chip",
+        f"R + w from one value of {covariate.name} on",
+        (size, place),
+        SizedChange(make_shift("radius", by=1.0), step),
+        SLOT_MOVES["radius"].slot,
+        covariate.name,
+        list_step_shapes(covariate, (place.name,), shares),
+        rank=2,
+        description="the tip chipped: its radius changed by {}, at {}",
+        steps=(place.name,),
+    )
+
+
+def _make_levels(slot: str, covariate: CovariateRange, levels: int) -> Law:
+    """Let a slot go from level to level along the run, each counted from the first."""
+    move = SLOT_MOVES[slot]
+    size = Parameter("step", "1", 0.0, -3.0, 3.0, 0.1)
+    place = make_step_place(covariate)
+    parameters: list[Parameter] = []
+    sizes, places = [], []
+    for level in _LEVELS[: levels - 1]:
+        sizes.append(f"{size.name}[{level}]")
+        places.append(f"{place.name}[{level}]")
+        parameters += [replace(size, name=sizes[-1]), replace(place, name=places[-1])]
+    # where a search begins
+    shares = np.arange(1, levels)[None] / levels
+    return Law(
+        f"step_{slot}_{covariate.name}~{levels}",
+        f"{move.form}, g from one value of {covariate.name} on",
+        tuple(parameters),
+        SizedChange(move.change, make_step_size(covariate, tuple(sizes), tuple(places))),
+        move.slot,
+        covariate.name,
+        list_step_shapes(covariate, tuple(places), shares),
+        rank=15,
+        description=f"{move.words} goes from level to level along the run, by ln above the first "
+        "and from:",
+        steps=tuple(places),
+    )

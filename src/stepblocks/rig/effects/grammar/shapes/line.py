@@ -1,0 +1,44 @@
+"""A straight line: a slot follows a covariate, drifts along the run, or follows a product."""
+
+from stepblocks.lawsearch.law import Law, SizedChange
+from stepblocks.rig.effects.grammar.covariates import RUN, CovariateRange
+from stepblocks.rig.effects.grammar.parts import (
+    follow_columns,
+    lies_in_heaps,
+    make_amplitude,
+    name_covariate,
+)
+from stepblocks.rig.effects.grammar.slots import JUMPING_SLOTS, SLOT_MOVES
+
+
+def list_lines(slot: str, covariate: CovariateRange) -> list[Law]:
+    """List the line of a slot over a covariate."""
+    if covariate.labels or covariate.is_grouped:
+        return []
+    if lies_in_heaps(covariate) and not covariate.pair:
+        return []
+    return [_make_line(slot, covariate)]
+
+
+def _make_line(slot: str, covariate: CovariateRange) -> Law:
+    move = SLOT_MOVES[slot]
+    is_drift = covariate.name == RUN and slot in JUMPING_SLOTS
+    shape = ""
+    description = ""
+    if is_drift:
+        description = f"{move.words} drifts along the run, by ln"
+    elif not covariate.pair:
+        shape = "line"
+        description = f"{move.words} follows the {name_covariate(covariate)} along a line, slope"
+    return Law(
+        f"trend_{slot}_{covariate.name}",
+        f"{move.form}, g a straight line over {covariate.name}",
+        (make_amplitude("slope"),),
+        SizedChange(move.change, follow_columns(covariate.line, ("slope",))),
+        move.slot,
+        covariate.name,
+        named=is_drift,
+        rank=10,
+        description=description,
+        shape=shape,
+    )

@@ -1,0 +1,47 @@
+"""A power of a covariate: g = p ln(x / x0)."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepblocks.lawsearch.law import Law, Parameter, SizedChange
+from stepblocks.rig.effects.grammar.covariates import RUN, CovariateRange
+from stepblocks.rig.effects.grammar.parts import follow_columns, name_covariate
+from stepblocks.rig.effects.grammar.slots import MAIN_SLOTS, SLOT_MOVES
+from stepblocks.rig.state import Floats
+
+_LEAST_RATIO = 1.5  # of the ends of a range, below which a power is a straight line
+
+
+def list_powers(slot: str, covariate: CovariateRange) -> list[Law]:
+    """List the power of a slot over a covariate.
+
+    A covariate that is laid out by its logarithm has it already: there a line is a power.
+    """
+    if slot not in MAIN_SLOTS or not covariate.is_number or covariate.distinct < 3:
+        return []
+    is_straight = covariate.low <= 0.0 or covariate.high < _LEAST_RATIO * covariate.low
+    if is_straight or covariate.log or covariate.name == RUN:
+        return []
+    return [_make_power(slot, covariate)]
+
+
+def _make_power(slot: str, covariate: CovariateRange) -> Law:
+    move = SLOT_MOVES[slot]
+    middle = float(np.sqrt(covariate.low * covariate.high))
+
+    def take_logarithm(column: NDArray[np.generic]) -> Floats:
+        inside = np.clip(np.asarray(column, dtype=np.float64), covariate.low, covariate.high)
+        return np.log(inside / middle)[:, None]
+
+    return Law(
+        f"trend_{slot}_{covariate.name}~power",
+        f"{move.form}, g = p ln({covariate.name} / {middle:.3g})",
+        (Parameter("exponent", "1", 0.0, -3.0, 3.0, 0.05),),
+        SizedChange(move.change, follow_columns(take_logarithm, ("exponent",))),
+        move.slot,
+        covariate.name,
+        named=False,
+        rank=11,
+        description=f"{move.words} follows a power of the {name_covariate(covariate)}: exponent",
+        shape="power",
+    )

@@ -1,0 +1,62 @@
+"""A pulse: a slot is another over a stretch of trials, and then as before."""
+
+from collections.abc import Mapping
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepblocks.lawsearch.law import Law, Parameter, SizedChange
+from stepblocks.rig.effects.grammar.covariates import RUN, CovariateRange
+from stepblocks.rig.effects.grammar.parts import has_places
+from stepblocks.rig.effects.grammar.shapes.jump import list_step_shapes, make_step_size
+from stepblocks.rig.effects.grammar.slots import JUMPING_SLOTS, MAIN_SLOTS, SLOT_MOVES
+from stepblocks.rig.state import Floats
+
+_FROM, _UNTIL = "from_trial", "until_trial"
+_PLACES = 8  # along the run, between any two of which a search looks for a pulse
+
+
+def list_pulses(slot: str, covariate: CovariateRange) -> list[Law]:
+    """List the pulse of a slot along the run.
+
+    What scatters from trial to trial goes from level to level, of which a pulse is a case.
+    """
+    if covariate.name != RUN or slot not in MAIN_SLOTS or slot in JUMPING_SLOTS:
+        return []
+    if not has_places(covariate):
+        return []
+    return [_make_pulse(slot, covariate)]
+
+
+def _make_pulse(slot: str, covariate: CovariateRange) -> Law:
+    move = SLOT_MOVES[slot]
+    reach = covariate.high - covariate.low
+    rise = make_step_size(covariate, ("step", "back"), (_FROM, _UNTIL))
+
+    def pulse(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
+        return rise(column, {**values, "back": 0.0})
+
+    begin = Parameter(
+        _FROM, "1", covariate.low + 0.4 * reach, covariate.low, covariate.high, 0.02 * reach
+    )
+    end = Parameter(
+        _UNTIL, "1", covariate.low + 0.6 * reach, covariate.low, covariate.high, 0.02 * reach
+    )
+    places = np.arange(0.5, _PLACES) / _PLACES
+    stretches = np.array(list(combinations(places.tolist(), 2)))
+    return Law(
+        f"step_{slot}_{covariate.name}~pulse",
+        f"{move.form}, g over a stretch of the run",
+        (Parameter("step", "1", 0.0, -3.0, 3.0, 0.1), begin, end),
+        SizedChange(move.change, pulse),
+        move.slot,
+        covariate.name,
+        list_step_shapes(covariate, (_FROM, _UNTIL), stretches),
+        named=False,
+        rank=15,
+        description=f"{move.words} changes for a stretch of the run: by {{}}, from trial {{}} to "
+        "{}",
+        steps=(_FROM, _UNTIL),
+        shape="pulse",
+    )

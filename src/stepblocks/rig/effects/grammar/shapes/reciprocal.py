@@ -1,0 +1,45 @@
+"""A sum with the reciprocal of a covariate: g = s (x0 / x - 1)."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepblocks.lawsearch.law import Law, SizedChange
+from stepblocks.rig.effects.grammar.covariates import CovariateRange
+from stepblocks.rig.effects.grammar.parts import follow_columns, make_amplitude, name_covariate
+from stepblocks.rig.effects.grammar.slots import MAIN_SLOTS, SLOT_MOVES
+from stepblocks.rig.state import Floats
+
+_SET = ("height_um", "load_n", "speed_mm_s")
+_LEAST_RATIO = 1.5  # of the ends of a range, below which a reciprocal is a straight line
+
+
+def list_reciprocals(slot: str, covariate: CovariateRange) -> list[Law]:
+    """List the reciprocal of a slot over what is set on the bench."""
+    if slot not in MAIN_SLOTS or covariate.name not in _SET or covariate.distinct < 3:
+        return []
+    if covariate.low <= 0.0 or covariate.high < _LEAST_RATIO * covariate.low:
+        return []
+    return [_make_reciprocal(slot, covariate)]
+
+
+def _make_reciprocal(slot: str, covariate: CovariateRange) -> Law:
+    move = SLOT_MOVES[slot]
+    middle = float(np.sqrt(covariate.low * covariate.high))
+
+    def invert(column: NDArray[np.generic]) -> Floats:
+        inside = np.clip(np.asarray(column, dtype=np.float64), covariate.low, covariate.high)
+        return (middle / inside - 1.0)[:, None]
+
+    return Law(
+        f"trend_{slot}_{covariate.name}~reciprocal",
+        f"{move.form}, g = s ({middle:.3g} / {covariate.name} - 1)",
+        (make_amplitude("share"),),
+        SizedChange(move.change, follow_columns(invert, ("share",))),
+        move.slot,
+        covariate.name,
+        named=False,
+        rank=12,
+        description=f"{move.words} has a part that falls with the {name_covariate(covariate)} as "
+        "its reciprocal: share",
+        shape="reciprocal",
+    )

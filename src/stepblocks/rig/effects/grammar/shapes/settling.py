@@ -1,0 +1,56 @@
+"""An exponential approach: what begins elsewhere and settles along the run."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepblocks.lawsearch.law import Law, Parameter, SizedChange
+from stepblocks.rig.effects.grammar.covariates import RUN, CovariateRange
+from stepblocks.rig.effects.grammar.parts import has_places, make_amplitude
+from stepblocks.rig.effects.grammar.slots import MAIN_SLOTS, SLOT_MOVES
+from stepblocks.rig.state import Floats
+
+_SHARES = (0.04, 0.1, 0.25)  # of the run, over which a search lets a slot settle
+_LEAST_SHARE, _LARGEST_SHARE = 0.01, 0.5  # over which it may settle; later it is a drift
+
+
+def list_settlings(slot: str, covariate: CovariateRange) -> list[Law]:
+    """List the settling of a slot along the run; that of friction has a name of its own."""
+    if covariate.name != RUN or slot not in MAIN_SLOTS or slot == "friction":
+        return []
+    if not has_places(covariate):
+        return []
+    return [_make_settling(slot, covariate)]
+
+
+def _make_settling(slot: str, covariate: CovariateRange) -> Law:
+    move = SLOT_MOVES[slot]
+    reach = covariate.high - covariate.low
+
+    def settle(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
+        passed = np.asarray(column, dtype=np.float64) - covariate.low
+        return np.asarray(values["excess"] * np.exp(-passed / values["settling_trials"]))
+
+    duration = Parameter(
+        "settling_trials",
+        "1",
+        _SHARES[1] * reach,
+        _LEAST_SHARE * reach,
+        _LARGEST_SHARE * reach,
+        0.02 * reach,
+    )
+    return Law(
+        f"trend_{slot}_{covariate.name}~settling",
+        f"{move.form}, g = s exp(-n / n0)",
+        (make_amplitude("excess"), duration),
+        SizedChange(move.change, settle),
+        move.slot,
+        covariate.name,
+        tuple({"settling_trials": share * reach} for share in _SHARES),
+        named=False,
+        rank=13,
+        description=f"{move.words} settles along the run: excess at first {{}}, trials to settle "
+        "{}",
+        shape="settling",
+    )

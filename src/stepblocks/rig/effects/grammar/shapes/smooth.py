@@ -1,0 +1,50 @@
+"""A smooth over numbers, which claims no law, and a level for each label."""
+
+from stepblocks.lawsearch.law import Law, SizedChange
+from stepblocks.rig.effects.grammar.covariates import CovariateRange
+from stepblocks.rig.effects.grammar.parts import follow_columns, make_amplitude
+from stepblocks.rig.effects.grammar.slots import JUMPING_SLOTS, SLOT_MOVES
+
+
+def list_smooths(slot: str, covariate: CovariateRange) -> list[Law]:
+    """List the smooth of a slot over numbers, or its levels over labels."""
+    if covariate.pair:
+        return []
+    if covariate.labels and covariate.name != "block":
+        return [_make_levels(slot, covariate)]
+    return [_make_smooth(slot, covariate)]
+
+
+def _make_levels(slot: str, covariate: CovariateRange) -> Law:
+    """Let a slot take a level for each label."""
+    move = SLOT_MOVES[slot]
+    names = tuple(f"g[{label}]" for label in covariate.labels[1:])
+    return Law(
+        f"smooth_{slot}_{covariate.name}",
+        f"{move.form}, g a level for each {covariate.name}",
+        tuple(make_amplitude(name) for name in names),
+        SizedChange(move.change, follow_columns(covariate.basis, names)),
+        move.slot,
+        covariate.name,
+        named=slot in JUMPING_SLOTS,
+        rank=20,
+        description=f"{move.words} has a level for each {covariate.name}, by ln above that of "
+        f"{covariate.labels[0]}:",
+        shape="levels",
+    )
+
+
+def _make_smooth(slot: str, covariate: CovariateRange) -> Law:
+    """Let a slot follow a covariate along a smooth; of blocks, have any level on each."""
+    move = SLOT_MOVES[slot]
+    names = tuple(f"g{number}" for number in range(1, covariate.freedom + 1))
+    return Law(
+        f"smooth_{slot}_{covariate.name}",
+        f"{move.form}, g smooth over {covariate.name}",
+        tuple(make_amplitude(name) for name in names),
+        SizedChange(move.change, follow_columns(covariate.basis, names)),
+        move.slot,
+        covariate.name,
+        named=False,
+        rank=20,
+    )

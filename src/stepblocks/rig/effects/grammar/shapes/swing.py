@@ -1,0 +1,60 @@
+"""A swing: a slot goes up and down along the run."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepblocks.lawsearch.law import Law, Parameter, SizedChange
+from stepblocks.rig.effects.grammar.covariates import RUN, CovariateRange
+from stepblocks.rig.effects.grammar.parts import has_places
+from stepblocks.rig.effects.grammar.slots import JUMPING_SLOTS, SLOT_MOVES
+from stepblocks.rig.state import Floats
+
+_SHORTEST_PERIOD = 6.0  # trials
+_MOST_TURNS = 500  # half turns of a swing over the run: of thousands of trials more are most work
+_SWINGING = (*JUMPING_SLOTS, "seen_load", "stiffness", "gain", "zero")
+_MOST_TURNS_BESIDE = 40  # of slots that do not scatter from trial to trial
+
+
+def list_swings(slot: str, covariate: CovariateRange) -> list[Law]:
+    """List the swing of a slot along the run."""
+    if covariate.name != RUN or slot not in _SWINGING or not has_places(covariate):
+        return []
+    return [_make_swing(slot, covariate)]
+
+
+def _make_swing(slot: str, covariate: CovariateRange) -> Law:
+    """Let a slot swing along the run.
+
+    Any period from a few trials to three quarters of the run may be found: what went up and down
+    once need not come back.
+    """
+    move = SLOT_MOVES[slot]
+    is_named = slot in JUMPING_SLOTS
+    reach = covariate.high - covariate.low
+    cosine = Parameter("cosine", "1", 0.0, -2.0, 2.0, 0.05)
+    period = Parameter("period_trials", "1", 0.5 * reach, 0.8 * _SHORTEST_PERIOD, 0.75 * reach, 0.5)
+
+    def swing(order: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
+        phase = 2.0 * np.pi * np.asarray(order, dtype=np.float64) / values["period_trials"]
+        return np.asarray(values["cosine"] * np.cos(phase) + values["sine"] * np.sin(phase))
+
+    # half a turn over the whole run apart, so that a fit begins within its own valley
+    most_turns = _MOST_TURNS if is_named else _MOST_TURNS_BESIDE
+    last_turn = min(int(2.0 * reach / _SHORTEST_PERIOD), most_turns)
+    turns = np.arange(3, last_turn + 1)
+    return Law(
+        f"periodic_{slot}_{covariate.name}",
+        f"{move.form}, g = a cos(2 pi n / P) + b sin(2 pi n / P)",
+        (cosine, replace(cosine, name="sine"), period),
+        SizedChange(move.change, swing),
+        move.slot,
+        covariate.name,
+        tuple({"period_trials": float(2.0 * reach / turn)} for turn in turns),
+        named=is_named,
+        rank=12,
+        description=f"{move.words} swings along the run: cosine {{}}, sine {{}}, every {{}} trials",
+        shape="swing",
+    )

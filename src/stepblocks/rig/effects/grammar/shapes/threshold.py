@@ -1,0 +1,102 @@
+"""A threshold: a slot follows a covariate on one side of a place, and is constant on the other."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepblocks.lawsearch.law import Law, Parameter, SizedChange
+from stepblocks.rig.effects.grammar.covariates import RUN, CovariateRange
+from stepblocks.rig.effects.grammar.parts import (
+    has_places,
+    lies_in_heaps,
+    make_amplitude,
+    name_covariate,
+)
+from stepblocks.rig.effects.grammar.slots import MAIN_SLOTS, SLOT_MOVES
+from stepblocks.rig.state import Floats
+
+_SHARES = (0.2, 0.35, 0.5, 0.65, 0.8)  # of the range, at which a search places a threshold
+_EDGE = 0.1  # share of the range at either end where no threshold can be seen
+
+
+def list_thresholds(slot: str, covariate: CovariateRange) -> list[Law]:
+    """List a slot that changes above a place of a covariate, and one that changes up to it."""
+    if slot not in MAIN_SLOTS or not has_places(covariate) or lies_in_heaps(covariate):
+        return []
+    return [_make_threshold(slot, covariate), _make_saturation(slot, covariate)]
+
+
+def _make_place(covariate: CovariateRange) -> Parameter:
+    reach = covariate.high - covariate.low
+    return Parameter(
+        "at",
+        "1",
+        covariate.low + 0.5 * reach,
+        covariate.low + _EDGE * reach,
+        covariate.high - _EDGE * reach,
+        0.05 * reach,
+    )
+
+
+def _list_shapes(covariate: CovariateRange) -> tuple[dict[str, float], ...]:
+    reach = covariate.high - covariate.low
+    return tuple({"at": covariate.low + share * reach} for share in _SHARES)
+
+
+def _make_threshold(slot: str, covariate: CovariateRange) -> Law:
+    """Let a slot change along a line from a place on."""
+    move = SLOT_MOVES[slot]
+    high = covariate.high
+
+    def rise(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
+        place = values["at"]
+        inside = np.clip(np.asarray(column, dtype=np.float64), place, high)
+        return np.asarray(values["rise"] * (inside - place) / (high - place))
+
+    return Law(
+        f"trend_{slot}_{covariate.name}~threshold",
+        f"{move.form}, g = s (x - x0) / ({high:.3g} - x0) above x0, x the {covariate.name}",
+        (make_amplitude("rise"), _make_place(covariate)),
+        SizedChange(move.change, rise),
+        move.slot,
+        covariate.name,
+        _list_shapes(covariate),
+        named=False,
+        rank=14,
+        description=f"{move.words} changes by {{}} up to the end of the range, "
+        f"{_say_from_where(covariate)} {{}} on",
+        shape="threshold",
+    )
+
+
+def _make_saturation(slot: str, covariate: CovariateRange) -> Law:
+    """Let a slot change along a line up to a place, and no more beyond it."""
+    move = SLOT_MOVES[slot]
+    low = covariate.low
+
+    def rise(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
+        place = values["at"]
+        inside = np.clip(np.asarray(column, dtype=np.float64), low, place)
+        return np.asarray(values["rise"] * (inside - low) / (place - low))
+
+    return Law(
+        f"trend_{slot}_{covariate.name}~saturation",
+        f"{move.form}, g = s (x - {low:.3g}) / (x0 - {low:.3g}) up to x0, x the {covariate.name}",
+        (make_amplitude("rise"), _make_place(covariate)),
+        SizedChange(move.change, rise),
+        move.slot,
+        covariate.name,
+        _list_shapes(covariate),
+        named=False,
+        rank=14,
+        description=f"{move.words} changes by {{}} until it stays, "
+        f"{_say_from_where(covariate)} {{}} on",
+        shape="saturation",
+    )
+
+
+def _say_from_where(covariate: CovariateRange) -> str:
+    if covariate.name == RUN:
+        return "from trial"
+    return f"from a {name_covariate(covariate)} of"

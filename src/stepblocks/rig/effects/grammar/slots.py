@@ -1,0 +1,195 @@
+"""The registry of slots: how a size g enters the state of a drag.
+
+A new slot is one entry here; every shape over every covariate is then offered in it.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from stepblocks.rig.forward import SPEED_OVER_LOAD
+from stepblocks.rig.state import DragState, Floats
+
+Change = Callable[[DragState, Floats], DragState]
+
+
+def _make_scaling(between: tuple[float, float] | None = None, **powers: float) -> Change:
+    """Multiply each slot by a power of exp g, where g may be held between two bounds."""
+
+    def scale(state: DragState, g: Floats) -> DragState:
+        held = g if between is None else np.clip(g, *between)
+        slots = {}
+        for slot, power in powers.items():
+            slots[slot] = getattr(state, slot) * np.exp(power * held)
+        return state.changed(**slots)
+
+    return scale
+
+
+def make_shift(*slots: str, by: float = 0.1) -> Change:
+    """Add `by` times g to each slot, in its unit."""
+
+    def shift(state: DragState, g: Floats) -> DragState:
+        shifted = {slot: getattr(state, slot) + by * g for slot in slots}
+        return state.changed(**shifted)
+
+    return shift
+
+
+def _scale_seen_load(state: DragState, g: Floats) -> DragState:
+    """Multiply the load by exp g, as the normal gauge sees it."""
+    weight = state.set_load + state.sensed_offset
+    return state.changed(
+        load=state.load * np.exp(g), sensed_offset=state.sensed_offset + weight * np.expm1(g)
+    )
+
+
+def _scale_climb_load(state: DragState, g: Floats) -> DragState:
+    """Multiply the load by exp g while the tip climbs."""
+    return state.changed(climb_load=state.climb_load + state.set_load * np.expm1(g))
+
+
+class Move(NamedTuple):
+    """How a size g enters a slot.
+
+    Attributes
+    ----------
+    slot : str
+        Part of the model, by which findings are placed.
+    form : str
+        The change as a formula.
+    change : callable
+        Returns a state with the slot changed by sizes of shape (n,).
+    words : str
+        The slot as the subject of a sentence.
+    """
+
+    slot: str
+    form: str
+    change: Change
+    words: str
+
+
+# several ways where the bench may show a slot in several ways
+SLOT_MOVES = {
+    "radius": Move(
+        "contact_geometry",
+        "(R + r) exp g",
+        _make_scaling((-1.0, 1.5), radius=1),
+        "the radius of tip and edge",
+    ),
+    "height": Move(
+        "contact_geometry", "H + 10 um g", make_shift("height", by=1e-5), "the height of the step"
+    ),
+    "friction": Move("friction", "mu exp g", _make_scaling((-4.0, 2.0), friction=1), "friction"),
+    "edge_friction": Move(
+        "friction",
+        "mu exp g on the edge",
+        _make_scaling((-4.0, 2.0), edge_factor=1),
+        "friction on the edge",
+    ),
+    "load": Move(
+        "normal_load",
+        "F_py exp g, unseen by the gauge",
+        _make_scaling(load=1),
+        "the load, unseen by its gauge,",
+    ),
+    "seen_load": Move("normal_load", "F_py exp g, seen by the gauge", _scale_seen_load, "the load"),
+    "load_offset": Move(
+        "normal_load",
+        "F_py + 0.1 N g",
+        make_shift("load", "sensed_offset"),
+        "an offset of the load",
+    ),
+    "climb_load": Move(
+        "normal_load",
+        "F_py exp g while climbing",
+        _scale_climb_load,
+        "the load while the tip climbs",
+    ),
+    "stiffness": Move(
+        "stiffness", "k exp g", _make_scaling(stiffness=1, ring_stiffness=1), "the stiffness"
+    ),
+    "weighed_stiffness": Move(
+        "stiffness",
+        "k exp g, energies weighed with it",
+        _make_scaling(stiffness=1, ring_stiffness=1, conversion=-1),
+        "the stiffness, with which energies are weighed,",
+    ),
+    # the amplitude of a ring that keeps its pitch counts on the declared spring all the same
+    "ramp_stiffness": Move(
+        "stiffness",
+        "k exp g, pitch unchanged",
+        _make_scaling(stiffness=1, conversion=1),
+        "the stiffness of the ramp",
+    ),
+    "conversion": Move("conversion", "C_v exp g", _make_scaling(conversion=1), "conversion"),
+    "drag": Move("drag", "F_x + 0.1 N g", make_shift("drag"), "a drag beside friction"),
+    "climb_drag": Move(
+        "drag", "F_px + 0.1 N g", make_shift("climb_drag"), "a drag while the tip climbs"
+    ),
+    "pitch": Move("ring", "f exp g", _make_scaling(frequency=1), "the frequency of the ring"),
+    "damping": Move(
+        "ring", "rate of decay exp g", _make_scaling(damping=1), "the damping of the ring"
+    ),
+    "gain": Move(
+        "sensor", "gauge gain exp g", _make_scaling(gain=1), "the gain of the tangential gauge"
+    ),
+    "zero": Move(
+        "sensor", "F_x shown + 0.1 N g", make_shift("zero"), "the zero of the tangential gauge"
+    ),
+    "normal_gain": Move(
+        "sensor",
+        "F_y shown exp g",
+        _make_scaling(normal_gain=1),
+        "the gain of the normal gauge",
+    ),
+    "normal_zero": Move(
+        "sensor", "F_y shown + 0.1 N g", make_shift("normal_zero"), "the zero of the normal gauge"
+    ),
+    "cross_talk": Move(
+        "sensor",
+        "F_x shown + 0.1 g F_y",
+        make_shift("cross_talk"),
+        "the cross-talk of the tangential gauge",
+    ),
+}
+
+# slots that shapes with a place of their own are tried in: further ways into the same slot would
+# multiply what is tried, and show the same place
+MAIN_SLOTS = (
+    "radius",
+    "friction",
+    "seen_load",
+    "load_offset",
+    "stiffness",
+    "conversion",
+    "drag",
+    "gain",
+    "zero",
+)
+# slots that scatter from trial to trial, and whose sudden changes have names
+JUMPING_SLOTS = ("friction", "conversion")
+# what a batch of blocks, a pause and the trial before may change; edges are polished by passes
+_MOVED_BY: dict[str, tuple[str, ...]] = {
+    "block": ("radius", "friction", "conversion"),
+    "pause_s": JUMPING_SLOTS,
+    "trials_since_rest": JUMPING_SLOTS,
+    "passes_of_block": ("radius",),
+    "previous_load_n": JUMPING_SLOTS,
+    "previous_height_um": JUMPING_SLOTS,
+    SPEED_OVER_LOAD: JUMPING_SLOTS,
+}
+# gauges, ring and further slots change with surroundings and time, not with what is set
+_MOVED_BY_SURROUNDINGS = ("zero", "normal_gain", "normal_zero", "cross_talk", "damping", "pitch")
+_SET_ON_THE_BENCH = ("height_um", "load_n", "speed_mm_s", "peak_force_n")
+
+
+def list_moved_slots(covariate: str, *, has_labels: bool = False) -> tuple[str, ...]:
+    """List the slots that a covariate may move; what the log implies moves a few alone."""
+    if covariate in _MOVED_BY:
+        return _MOVED_BY[covariate]
+    if covariate in _SET_ON_THE_BENCH and not has_labels:
+        return tuple(slot for slot in SLOT_MOVES if slot not in _MOVED_BY_SURROUNDINGS)
+    return tuple(SLOT_MOVES)

@@ -1,0 +1,1 @@
+"""Programs in which other laboratories run their trials: what they read, what they write."""

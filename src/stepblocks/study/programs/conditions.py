@@ -1,0 +1,90 @@
+"""The trials of a design as the files of conditions that other programs read."""
+
+import html
+import json
+from collections.abc import Mapping, Sequence
+
+from stepblocks.errors import StudyError
+from stepblocks.files.pages import render_page
+from stepblocks.files.tables import format_csv
+from stepblocks.study.columns import Row
+from stepblocks.study.design.plan import Plan
+from stepblocks.study.experiments.kind import Experiment
+from stepblocks.study.programs.program import PREFIX
+
+WRITTEN = ("psychopy", "jspsych", "opensesame")  # programs that trials are written for
+
+_PROMPTS = {
+    "estimate_um": "How high is the block, in micrometres?",
+    "magnitude_ratio": "Which number fits what you felt?",
+}
+
+
+def list_condition_files(
+    program: str, kind: Experiment, sheets: Mapping[str, Sequence[Row]], plan: Plan
+) -> dict[str, str]:
+    """Write the trials of every participant for a program.
+
+    Parameters
+    ----------
+    program : str
+        One of `WRITTEN`.
+    kind : Experiment
+        What is answered.
+    sheets : mapping
+        Blinded trials by participant.
+    plan : Plan
+        In whose words a rating is asked for.
+
+    Returns
+    -------
+    dict of str
+        Texts of files by their names, with a README.
+
+    Raises
+    ------
+    StudyError
+        If the program is unknown.
+    """
+    if program not in WRITTEN:
+        raise StudyError(f"program must be one of {', '.join(WRITTEN)}, got {program!r}")
+    trials = {}
+    for participant, rows in sheets.items():
+        trials[participant] = [_list_variables(row, kind) for row in rows]
+    files = {}
+    if program == "jspsych":
+        files["trials.js"] = _write_script(kind, trials, plan)
+    else:
+        for participant, variables in trials.items():
+            files[f"participant-{participant}.csv"] = format_csv(variables)
+    first = next(iter(trials.values()))[0]
+    readme = render_page(
+        "stepblocks.study",
+        f"{program}.txt",
+        kind=kind,
+        answers=kind.answers,
+        columns=[*first],
+        plan=plan,
+        codes=[name for name in first if name.endswith("code")],
+    )
+    files["README.md"] = html.unescape(readme)
+    return {f"{program}/{name}": text for name, text in files.items()}
+
+
+def _list_variables(row: Row, kind: Experiment) -> dict[str, str]:
+    """Return the variables of a trial: what a run sheet shows, under names that nobody else has."""
+    shown = [name for name in row if name not in kind.answers]
+    return {f"{PREFIX}{name}": row[name] for name in shown}
+
+
+def _write_script(kind: Experiment, trials: Mapping[str, Sequence[Row]], plan: Plan) -> str:
+    """Write the trials of all participants and a timeline that runs them, in JavaScript."""
+    low, high = plan.anchors
+    rating = f"{plan.question} (1: {low}, 7: {high})"
+    prompts = {}
+    for name, text in {**_PROMPTS, "realism_rating": rating}.items():
+        prompts[name] = json.dumps(text).replace("</", "<\\/")
+    script = render_page("stepblocks.study", "jspsych.js", kind=kind, prompts=prompts)
+    # a script within a page must not be able to end it
+    listed = json.dumps(trials).replace("</", "<\\/")
+    return f"const stepblocksTrials = {listed};\n\n{html.unescape(script)}"

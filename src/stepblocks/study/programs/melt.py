@@ -1,0 +1,123 @@
+"""Tables with a column for each trial become tables with a row for each trial."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+
+from stepblocks.errors import StudyError
+from stepblocks.files.text_table import TextTable
+from stepblocks.study.programs.records import Asked
+
+_FIELD = re.compile(r"\{(\w*)\}")
+_NUMBER = r"\d+(?:[.,]\d+)?"
+_WHOLE = ("trial", "repetition")  # fields that count
+_ANSWER = "answer"  # field of the name of an answer, where a trial has several
+
+
+def melt_table(table: TextTable, pattern: str, asked: Asked) -> TextTable:
+    """Give each trial a row of its own.
+
+    Parameters
+    ----------
+    table : TextTable
+        With a row for each participant and a column for each trial.
+    pattern : str
+        How such a column is called, with our names in braces: ``{condition}_{height_um}_{trial}``;
+        ``{answer}`` is the name of an answer.
+    asked : Asked
+        What is asked for.
+
+    Returns
+    -------
+    TextTable
+        The columns in braces, those of answers, and all that the pattern does not fit.
+
+    Raises
+    ------
+    StudyError
+        If no column is called so, or the pattern does not say which answer a column holds.
+    """
+    known = _find_columns(table, pattern)
+    fields = list(next(iter(known.values())))
+    answers = [asked.name(answer) for answer in asked.answers]
+    if _ANSWER in fields:
+        fields.remove(_ANSWER)
+    elif len(answers) > 1:
+        raise StudyError(
+            f"wide must say which of {', '.join(answers)} a column holds, by {{{_ANSWER}}}, got "
+            f"{pattern!r} [{table.file}]"
+        )
+    kept = [column for column in range(len(table.names)) if column not in known]
+    rows, places = [], []
+    for cells, place in zip(table.rows, table.places, strict=True):
+        trials = dict[tuple[str, ...], dict[str, str]]()
+        for column, found in known.items():
+            trial = trials.setdefault(tuple(found[name] for name in fields), {})
+            answer = found.get(_ANSWER, answers[0])
+            trial[answer] = cells[column]
+        for levels, trial in trials.items():
+            given = [trial.get(answer, "") for answer in answers]
+            rows.append([*(cells[column] for column in kept), *levels, *given])
+            places.append(place)
+    names = (*(table.names[column] for column in kept), *fields, *answers)
+    return replace(table, names=names, rows=rows, places=places, units=())
+
+
+def _find_columns(table: TextTable, pattern: str) -> dict[int, Mapping[str, str]]:
+    """Return what the names of columns say, by column: the text of each field of the pattern."""
+    expression = _write_expression(pattern)
+    found = dict[int, Mapping[str, str]]()
+    for column, name in enumerate(table.names):
+        fitted = expression.fullmatch(name)
+        if fitted is not None:
+            texts = fitted.groupdict()
+            for field, text in texts.items():
+                texts[field] = text.replace(",", ".") if _is_length(field) else text
+            found[column] = texts
+    if not found:
+        shown = ", ".join(table.names[:6])
+        raise StudyError(
+            f"wide must fit the names of some columns, got {pattern!r} for {shown}, ... "
+            f"[{table.file}]"
+        )
+    return found
+
+
+def _write_expression(pattern: str) -> re.Pattern[str]:
+    """Return the regular expression of a pattern.
+
+    What separates fields stands in no text, so that a pattern with fewer fields than the columns
+    have parts does not fit them.
+
+    Raises
+    ------
+    StudyError
+        If it has no field, or one that is no name or stands twice.
+    """
+    fields = _FIELD.findall(pattern)
+    is_clear = len(set(fields)) == len(fields) and all(field.isidentifier() for field in fields)
+    if not fields or not is_clear:
+        raise StudyError(
+            "wide must name columns in braces, each once, such as "
+            f"{{condition}}_{{height_um}}_{{repetition}}, got {pattern!r:.80}"
+        )
+    expression = ""
+    parts = _FIELD.split(pattern)
+    ends = "".join(re.escape(between[:1]) for between in parts[::2])
+    letter = f"[^{ends}]" if ends else "."
+    for number, part in enumerate(parts):
+        is_field = number % 2 == 1
+        if not is_field:
+            expression += re.escape(part)
+        elif part in _WHOLE:
+            expression += rf"(?P<{part}>\d+)"
+        elif _is_length(part):
+            expression += f"(?P<{part}>{_NUMBER})"
+        else:
+            expression += f"(?P<{part}>{letter}+)"
+    return re.compile(expression)
+
+
+def _is_length(field: str) -> bool:
+    """Return whether a field of a pattern is a length."""
+    return field.endswith(("_um", "_mm", "_m"))

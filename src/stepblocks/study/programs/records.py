@@ -1,0 +1,345 @@
+"""Records of other programs become judgements in our columns, without anybody naming a column."""
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from stepblocks.errors import StudyError
+from stepblocks.files.decode import decode_text
+from stepblocks.files.layout import TableLayout
+from stepblocks.files.paths import describe_system_error
+from stepblocks.files.text import measure_file_size
+from stepblocks.files.text_table import TableShape, TextTable, read_names, read_text_table
+from stepblocks.study.columns import COMPARED, NO, YES, read_number
+from stepblocks.study.programs.gorilla import GORILLA
+from stepblocks.study.programs.jspsych import JSPSYCH, read_json_records
+from stepblocks.study.programs.opensesame import OPENSESAME
+from stepblocks.study.programs.program import PREFIX, Channel, Program, Records, keep_rows
+from stepblocks.study.programs.psychopy import PSYCHOPY
+from stepblocks.study.programs.qualtrics import QUALTRICS
+
+PROGRAMS = (PSYCHOPY, JSPSYCH, OPENSESAME, QUALTRICS, GORILLA)
+_NOTHING = ("None", "null", "NA", "NaN", "nan", "undefined")  # where nobody answered
+_LISTED = re.compile(r"\[\s*(['\"])(.*)\1\s*\]")  # a list of one text, as Python writes it
+_TRIAL = f"{PREFIX}trial"
+_REACTION = "reaction_s"
+_HEIGHTS = ("height_um", "height_mm", "height_m")
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What a study asks for in the records of another program.
+
+    Attributes
+    ----------
+    answers : tuple of str
+        Columns of answers, as `Experiment.answers` has them.
+    named : mapping of str
+        What the user says of columns: theirs by ours.
+    """
+
+    answers: tuple[str, ...]
+    named: Mapping[str, str]
+
+    def find_named(self, ours: str) -> str:
+        """Return how the user calls one of our columns, in any unit; empty where not said."""
+        stem = ours.removesuffix("_um")
+        for name in (ours, f"{stem}_mm", f"{stem}_m"):
+            if name in self.named:
+                return self.named[name]
+        return ""
+
+    def name(self, ours: str) -> str:
+        """Return how a column of ours is called in the table: as the user says, or as ours."""
+        return self.find_named(ours) or ours
+
+
+def find_program(names: Sequence[str]) -> Program | None:
+    """Return the program whose records have such columns; None for any other table."""
+    for program in PROGRAMS:
+        if program.recognises(names):
+            return program
+    return None
+
+
+def is_json(path: Path) -> bool:
+    """Return whether a file is called a JSON document."""
+    return path.suffix.lower() == ".json"
+
+
+def read_program_table(path: Path, layout: TableLayout, most_bytes: int) -> TextTable:
+    """Read a table, or the JSON of jsPsych.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    layout : TableLayout
+        What is declared of a table.
+    most_bytes : int
+        Largest file that is read.
+
+    Raises
+    ------
+    StudyError
+        If it cannot be read.
+    """
+    if not is_json(path):
+        program = find_program(read_names(path))
+        shape = TableShape(keeps_ragged=program is GORILLA)  # its last row may be short
+        return read_text_table(path, layout, StudyError, most_bytes, shape)
+    try:
+        size = measure_file_size(path)
+        if size > most_bytes:
+            raise StudyError(f"records must be below {most_bytes} bytes, got {size} [{path}]")
+        raw = path.read_bytes()
+    except OSError as error:
+        reason = describe_system_error(error, path)
+        raise StudyError(f"records cannot be read: {reason} [{path}]") from error
+    return read_json_records(decode_text(raw, path, StudyError).text, str(path))
+
+
+def adopt_records(table: TextTable, asked: Asked) -> TextTable:
+    """Write the records of another program in our columns; any other table stays as it is.
+
+    Rows that are no trials are left out, and so is what the program writes for itself.
+
+    Parameters
+    ----------
+    table : TextTable
+        As the program wrote it.
+    asked : Asked
+        What is asked for.
+
+    Raises
+    ------
+    StudyError
+        If it is not clear which column holds an answer.
+    """
+    program = find_program(table.names)
+    if program is None:
+        return table
+    records = _keep_trials(program.unfold(table), asked)
+    chosen = _choose_channels(records, asked)
+    columns = _list_kept_columns(program, records, asked)
+    is_planned = _TRIAL in records.table.names
+    if is_planned:
+        columns = _name_planned_columns(columns)
+    elif "participant" not in asked.named:
+        columns.update(_find_people(program, records.table))
+    if chosen and not asked.find_named(_REACTION):
+        columns.update(_read_reactions(program, records.table, next(iter(chosen.values()))))
+    for answer, channel in chosen.items():
+        columns.pop(channel.column, None)
+        columns[asked.name(answer)] = _clean_answers(records.table, channel.column)
+    answers = [asked.name(answer) for answer in chosen]
+    adopted = _build_table(records.table, columns)
+    if program.has_events:
+        adopted = _leave_out_unanswered(adopted, answers)
+    if is_planned:
+        adopted = _join_events(adopted, answers, ("participant", "trial"))
+    elif len(answers) > 1:
+        adopted = _join_events(adopted, answers, ())
+    notes = [*adopted.notes]
+    for answer, channel in chosen.items():
+        if channel.column != asked.name(answer) and channel.question != answer:
+            notes.append(f"{answer} is read from {channel.column!r} of {program.title}")
+    return replace(adopted, notes=tuple(notes))
+
+
+def _name_planned_columns(columns: Mapping[str, list[str]]) -> dict[str, list[str]]:
+    """Call the columns of planned trials as a run sheet does; `columns` are cells by name."""
+    named = {}
+    for name, cells in columns.items():
+        if not name.startswith(PREFIX):
+            named[name] = cells
+    for name, cells in columns.items():
+        if name.startswith(PREFIX):
+            named[name.removeprefix(PREFIX)] = cells
+    named["trial"] = [_write_whole(text) for text in named["trial"]]
+    return named
+
+
+def _keep_trials(records: Records, asked: Asked) -> Records:
+    """Leave out the rows of instructions and breaks: those that name no trial or no height."""
+    table = records.table
+    known = [_TRIAL, asked.find_named("height_um"), *_HEIGHTS]
+    marks = [name for name in known if name in table.names]
+    if not marks:
+        return records
+    cells = table.get_cells(table.names.index(marks[0]))
+    kept = [row for row, cell in enumerate(cells) if cell and cell not in _NOTHING]
+    return Records(keep_rows(table, kept), records.channels)
+
+
+def _choose_channels(records: Records, asked: Asked) -> dict[str, Channel]:
+    """Return where each answer stands; an answer is left out where nothing holds it.
+
+    Raises
+    ------
+    StudyError
+        If several columns may hold an answer, or one holds positions of buttons.
+    """
+    names = records.table.names
+    by_column = {channel.column: channel for channel in records.channels}
+    by_question = {channel.question: channel for channel in records.channels}
+    chosen = dict[str, Channel]()
+    for answer in asked.answers:
+        named = asked.find_named(answer)
+        if named in by_question:
+            raise StudyError(
+                f"{answer} must be named by a column, such as {by_question[named].column!r}, got "
+                f"{named!r} [{records.table.file}]"
+            )
+        if named:
+            if named in names:
+                chosen[answer] = by_column.get(named, Channel(named, named))
+        elif answer in names:
+            chosen[answer] = Channel(answer, answer)
+        elif answer in by_question:
+            chosen[answer] = by_question[answer]
+    if len(asked.answers) > 1 or chosen:
+        return chosen
+    (answer,) = asked.answers
+    filled = _find_filled_channels(records, answer, asked)
+    if len(filled) > 1:
+        columns = ", ".join(channel.column for channel in filled)
+        raise StudyError(
+            f"which of {columns} holds {answer} must be said, such as "
+            f"--columns {answer}={filled[0].column!r} [{records.table.file}]"
+        )
+    if filled and filled[0].is_position:
+        raise StudyError(
+            f"{answer} must be an answer, got positions of buttons in {filled[0].column!r}; if 0 "
+            f"and 1 mean no and yes, name it by --columns {answer}={filled[0].column!r} "
+            f"[{records.table.file}]"
+        )
+    if filled:
+        chosen[answer] = filled[0]
+    return chosen
+
+
+def _find_filled_channels(records: Records, answer: str, asked: Asked) -> list[Channel]:
+    """Return the channels that may hold an answer; those that hold anything where none may."""
+    taken = set(asked.named.values())
+    filled, fitting = [], []
+    for channel in records.channels:
+        if channel.column in taken:
+            continue
+        texts = list(filter(None, _clean_answers(records.table, channel.column)))
+        if texts:
+            filled.append(channel)
+        if texts and all(_may_answer(answer, text) for text in texts):
+            fitting.append(channel)
+    return fitting or filled
+
+
+def _may_answer(answer: str, text: str) -> bool:
+    """Return whether a text may be an answer: a number, or of comparisons yes or no."""
+    if answer in COMPARED:
+        return text.lower() in (*YES, *NO)
+    return not math.isnan(read_number(text.replace(",", ".")))
+
+
+def _list_kept_columns(program: Program, records: Records, asked: Asked) -> dict[str, list[str]]:
+    """Return the cells of every column that the program does not write for itself."""
+    table = records.table
+    taken = set(asked.named.values())
+    channels = {channel.column for channel in records.channels}
+    columns = {}
+    for number, name in enumerate(table.names):
+        is_own = name in channels or program.is_administrative(name)
+        if name in taken or not is_own:
+            columns[name] = table.get_cells(number)
+    return columns
+
+
+def _find_people(program: Program, table: TextTable) -> dict[str, list[str]]:
+    """Return the column of participants by our name; nothing where there is none."""
+    for name in program.people:
+        if name not in table.names:
+            continue
+        cells = table.get_cells(table.names.index(name))
+        if any(cells):
+            return {"participant": cells}
+    return {}
+
+
+def _read_reactions(program: Program, table: TextTable, channel: Channel) -> dict[str, list[str]]:
+    """Return the reaction times of an answer [s] by our name; nothing where there are none."""
+    if channel.reaction not in table.names:
+        return {}
+    seconds = []
+    for cell in table.get_cells(table.names.index(channel.reaction)):
+        value = read_number(_clean_answer(cell))
+        seconds.append("" if math.isnan(value) else f"{value * program.seconds:.9g}")
+    return {_REACTION: seconds}
+
+
+def _clean_answers(table: TextTable, column: str) -> list[str]:
+    """Return the answers of a column; empty where nobody answered."""
+    return [_clean_answer(cell) for cell in table.get_cells(table.names.index(column))]
+
+
+def _clean_answer(cell: str) -> str:
+    """Return an answer: out of a list of one, and nothing for a word that says so."""
+    listed = _LISTED.fullmatch(cell)
+    text = listed[2] if listed else cell
+    if text in _NOTHING:
+        return ""
+    return text
+
+
+def _write_whole(text: str) -> str:
+    """Write the number of a trial without a decimal point, which some programs add."""
+    value = read_number(text)
+    if math.isnan(value) or value != int(value):
+        return text
+    return str(int(value))
+
+
+def _build_table(table: TextTable, columns: Mapping[str, Sequence[str]]) -> TextTable:
+    """Return a table of other columns in the same rows."""
+    rows = [list(cells) for cells in zip(*columns.values(), strict=True)]
+    return replace(table, names=tuple(columns), rows=rows, units=())
+
+
+def _leave_out_unanswered(table: TextTable, answers: Sequence[str]) -> TextTable:
+    """Leave out events without an answer, such as a fixation: a missed trial has no row then."""
+    if not answers:
+        return table
+    columns = [table.names.index(name) for name in answers]
+    kept = []
+    for number, cells in enumerate(table.rows):
+        if any(cells[column] for column in columns):
+            kept.append(number)
+    return keep_rows(table, kept)
+
+
+def _join_events(table: TextTable, answers: Sequence[str], keys: Sequence[str]) -> TextTable:
+    """Join the answers to one trial that stand in several rows.
+
+    Rows belong together that agree in `keys`, or without keys in everything but the answers. An
+    answer that stands in both begins another trial.
+    """
+    columns = [table.names.index(name) for name in answers]
+    varying = [*columns]
+    if _REACTION in table.names:
+        varying.append(table.names.index(_REACTION))
+    compared = [number for number in range(len(table.names)) if number not in varying]
+    if keys:
+        compared = [table.names.index(key) for key in keys if key in table.names]
+    open_rows = dict[tuple[str, ...], list[str]]()
+    kept = []
+    for number, cells in enumerate(table.rows):
+        key = tuple(cells[column] for column in compared)
+        joined = open_rows.get(key)
+        if joined is None or any(joined[column] and cells[column] for column in columns):
+            open_rows[key] = cells
+            kept.append(number)
+            continue
+        for column in varying:
+            joined[column] = joined[column] or cells[column]
+    return keep_rows(table, kept)

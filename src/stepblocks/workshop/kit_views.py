@@ -1,0 +1,309 @@
+"""Views of the parts of the apparatus, and of the assembly, in first-angle projection."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from stepblocks.parts.apparatus.component import Component
+from stepblocks.parts.apparatus.solids import Box, Cylinder
+from stepblocks.parts.kinds.kit_part import KitPart
+from stepblocks.workshop.paper import (
+    MILLIMETRES_PER_METRE,
+    Alignment,
+    Layer,
+    Paper,
+    Point,
+    choose_scale,
+    format_scale,
+)
+from stepblocks.workshop.sheet import Sheet
+
+_X, _Y, _Z = range(3)
+_LEFT = 44.0  # of the views of a part
+_FOOT = 36.0
+_ROOM: Point = (178.0, 236.0)  # for the views of a part
+_GAP = 26.0  # between views
+_DIMENSION_OFFSET = 11.0  # of a dimension line from its view
+_CAPTION_OFFSET = 4.5
+_LABEL_HEIGHT = 1.8
+_LABEL_OFFSET = 0.6
+_ASSEMBLY_LEFT = 30.0
+_ASSEMBLY_FOOT = 22.0
+_ASSEMBLY_ROOM: Point = (382.0, 240.0)
+_LIST_CORNER: Point = (256.0, 285.0)
+_LIST_WIDTHS = (10.0, 54.0, 88.0)
+_ROW_SPACING = 6.8  # from number to number over and under the assembly
+_ROW_OFFSET = 9.0  # of their rows from what is numbered
+_ROW_TEXT = 1.8  # of the numbers from the ends of their leaders
+_DOT = 0.4  # radius of the end of a leader
+_SAME = 1e-9  # coordinates that differ by less are one [m]
+
+
+@dataclass(frozen=True)
+class _Direction:
+    """How a view looks at the parts.
+
+    Attributes
+    ----------
+    name : str
+        Of the view.
+    across, up : int
+        Axes that lie along the paper.
+    out : int
+        Axis along which it looks.
+    side : float
+        1 where the higher coordinates along it are nearer to the eye, else -1.
+    turned : bool
+        Whether the axis across runs from the right to the left.
+    """
+
+    name: str
+    across: int
+    up: int
+    out: int
+    side: float
+    turned: bool = False
+
+
+_FRONT = _Direction("front", _X, _Z, _Y, -1.0)
+_TOP = _Direction("top", _X, _Y, _Z, 1.0)
+_FROM_LEFT = _Direction("left", _Y, _Z, _X, -1.0, turned=True)
+
+
+@dataclass(frozen=True)
+class _PlacedView:
+    """A view with its lower left corner on the paper, its scale, and what it shows [m]."""
+
+    direction: _Direction
+    corner: Point
+    scale: float
+    extent: Box
+
+    def place(self, x: float, y: float) -> Point:
+        """Return the place on the paper of a point by its coordinates across and up [m]."""
+        direction = self.direction
+        offset = x - self.extent.low[direction.across]
+        if direction.turned:
+            offset = self.extent.high[direction.across] - x
+        corner_x, corner_y = self.corner
+        rise = y - self.extent.low[direction.up]
+        magnification = MILLIMETRES_PER_METRE * self.scale
+        return corner_x + offset * magnification, corner_y + rise * magnification
+
+    def measure(self, length: float) -> float:
+        """Return a length [m] on the paper."""
+        return length * MILLIMETRES_PER_METRE * self.scale
+
+
+def draw_kit_part_views(sheet: Sheet, part: KitPart) -> list[str]:
+    """Draw a part of the apparatus; return the lines of its notes."""
+    component = part.shape
+    views = _lay_out_views(component.extent, _needs_left_view(component), _LEFT, _FOOT, _ROOM)
+    for view in views:
+        _draw_component(sheet, view, component)
+        _label_cylinders(sheet, view, component)
+        _caption(sheet, view)
+    _draw_overall_dimensions(sheet, views)
+    notes = ["Break all edges by 0,3 mm; no burr."]
+    if component.bores:
+        notes.append("B1 stands at bore 1, B2 at bore 2, and so on.")
+    threads = sorted({bore.thread for bore in component.bores if bore.thread})
+    if threads:
+        notes.append(
+            f"Threads {', '.join(threads)}-6H, tapped where a bore is said to be for them."
+        )
+    return notes
+
+
+def draw_assembly_views(paper: Paper, components: Sequence[Component]) -> None:
+    """Draw components where they stand, each by its boxes and rods, with their numbers and a list.
+
+    What another one covers in a view is left out.
+    """
+    views = _lay_out_views(
+        _find_common_extent(components), True, _ASSEMBLY_LEFT, _ASSEMBLY_FOOT, _ASSEMBLY_ROOM
+    )
+    boxes = [box for component in components for box in component.boxes]
+    for view in views:
+        for component in components:
+            _draw_uncovered(paper, view, component, boxes)
+        _caption(paper, view)
+    _number_components(paper, views[0], components)
+    rows = [("item", "name", "material, or what it is ordered by")]
+    for number, component in enumerate(components, start=1):
+        ordered = component.designation or component.material.order_text
+        rows.append((str(number), component.title, ordered))
+    paper.write_table(_LIST_CORNER, rows, _LIST_WIDTHS)
+
+
+def _draw_uncovered(
+    paper: Paper, view: _PlacedView, component: Component, boxes: Sequence[Box]
+) -> None:
+    """Draw the boxes and rods of a component that no box covers in a view."""
+    for box in component.boxes:
+        if _choose_layer(view, box, boxes) is Layer.OUTLINE:
+            _draw_box(paper, view, box, Layer.OUTLINE)
+    for rod in component.rods:
+        if _choose_layer(view, rod.box, boxes) is Layer.OUTLINE:
+            _draw_cylinder(paper, view, rod, Layer.OUTLINE)
+
+
+def _number_components(paper: Paper, view: _PlacedView, components: Sequence[Component]) -> None:
+    """Write the numbers of components in a row over a view and in one under it, with leaders."""
+    places = []
+    for number, component in enumerate(components, start=1):
+        centre = component.extent.centre
+        x, y = view.place(centre[view.direction.across], centre[view.direction.up])
+        places.append((number, (x, y)))
+    by_height = sorted(places, key=lambda place: place[1][1])
+    half = len(by_height) // 2
+    _, (_, lowest) = by_height[0]
+    top = view.place(0.0, view.extent.high[view.direction.up])[1] + _ROW_OFFSET
+    middle = lowest - _ROW_OFFSET
+    for row, y in ((by_height[:half], middle), (by_height[half:], top)):
+        in_order = sorted(row, key=lambda place: place[1][0])
+        for index, (number, place) in enumerate(in_order):
+            balloon = (_ASSEMBLY_LEFT + _ROW_SPACING * index, y)
+            paper.draw_line(balloon, place, Layer.DIMENSION)
+            paper.draw_circle(place, _DOT, Layer.DIMENSION)
+            side = 1.0 if y > place[1] else -1.0
+            text_place = (balloon[0], y + side * _ROW_TEXT)
+            paper.write_text(text_place, str(number), 2.0, Alignment.MIDDLE_CENTER)
+
+
+def _needs_left_view(component: Component) -> bool:
+    """Tell whether the view from the left shows what front and top do not."""
+    along_x = any(cylinder.axis == "x" for cylinder in (*component.rods, *component.bores))
+    return along_x or len(component.boxes) > 1
+
+
+def _lay_out_views(
+    extent: Box, has_left_view: bool, left: float, foot: float, room: Point
+) -> list[_PlacedView]:
+    """Place front view, top view below it and left view to the right of it, in a room [mm]."""
+    length, width, height = (
+        MILLIMETRES_PER_METRE * (b - a) for a, b in zip(extent.low, extent.high, strict=True)
+    )
+    room_x, room_y = room
+    across = length
+    free_x = room_x
+    if has_left_view:
+        across += width
+        free_x -= _GAP
+    scale = choose_scale(min(free_x / across, (room_y - _GAP) / (width + height)))
+    front_corner = (left, foot + width * scale + _GAP)
+    views = [
+        _PlacedView(_FRONT, front_corner, scale, extent),
+        _PlacedView(_TOP, (left, foot), scale, extent),
+    ]
+    if has_left_view:
+        corner = (left + length * scale + _GAP, front_corner[1])
+        views.append(_PlacedView(_FROM_LEFT, corner, scale, extent))
+    return views
+
+
+def _find_common_extent(components: Sequence[Component]) -> Box:
+    """Find the box around several components."""
+    extents = [component.extent for component in components]
+    low_x, low_y, low_z = (min(extent.low[axis] for extent in extents) for axis in range(3))
+    high_x, high_y, high_z = (max(extent.high[axis] for extent in extents) for axis in range(3))
+    return Box((low_x, low_y, low_z), (high_x, high_y, high_z))
+
+
+def _draw_component(paper: Paper, view: _PlacedView, component: Component) -> None:
+    """Draw boxes, rods and bores of a component; what is covered is drawn hidden."""
+    for box in component.boxes:
+        _draw_box(paper, view, box, _choose_layer(view, box, component.boxes))
+    for rod in component.rods:
+        _draw_cylinder(paper, view, rod, _choose_layer(view, rod.box, component.boxes))
+    for bore in component.bores:
+        layer = Layer.HIDDEN
+        if bore.along == view.direction.out:
+            layer = _choose_layer(view, bore.box, component.boxes)
+        _draw_cylinder(paper, view, bore, layer)
+
+
+def _choose_layer(view: _PlacedView, solid: Box, boxes: Sequence[Box]) -> Layer:
+    """Choose how the outline of something is drawn: hidden where one of several boxes covers it."""
+    direction = view.direction
+    nearest = _find_near_side(solid, direction)
+    for box in boxes:
+        is_nearer = _find_near_side(box, direction) > nearest + _SAME
+        if is_nearer and _covers(box, solid, direction):
+            return Layer.HIDDEN
+    return Layer.OUTLINE
+
+
+def _find_near_side(box: Box, direction: _Direction) -> float:
+    """Find how near to the eye a box reaches [m], from the origin."""
+    if direction.side > 0.0:
+        return box.high[direction.out]
+    return -box.low[direction.out]
+
+
+def _covers(box: Box, solid: Box, direction: _Direction) -> bool:
+    """Tell whether a box has all of another within its outline."""
+    for axis in (direction.across, direction.up):
+        if box.low[axis] > solid.low[axis] + _SAME or box.high[axis] < solid.high[axis] - _SAME:
+            return False
+    return True
+
+
+def _draw_box(paper: Paper, view: _PlacedView, box: Box, layer: Layer) -> None:
+    direction = view.direction
+    low = view.place(box.low[direction.across], box.low[direction.up])
+    high = view.place(box.high[direction.across], box.high[direction.up])
+    paper.draw_rectangle(low, high, layer)
+
+
+def _draw_cylinder(paper: Paper, view: _PlacedView, cylinder: Cylinder, layer: Layer) -> None:
+    """Draw a cylinder as a circle where the view looks along it, else as a rectangle."""
+    direction = view.direction
+    if cylinder.along != direction.out:
+        _draw_box(paper, view, cylinder.box, layer)
+        return
+    centre = view.place(cylinder.start[direction.across], cylinder.start[direction.up])
+    paper.draw_circle(centre, view.measure(0.5 * cylinder.diameter), layer)
+
+
+def _label_cylinders(sheet: Sheet, view: _PlacedView, component: Component) -> None:
+    """Write the number of each rod and bore where the view looks along it."""
+    for text, cylinder in _list_labelled(component):
+        if cylinder.along != view.direction.out:
+            continue
+        x, y = view.place(cylinder.start[view.direction.across], cylinder.start[view.direction.up])
+        offset = view.measure(0.5 * cylinder.diameter) + _LABEL_OFFSET
+        sheet.write_text((x, y + offset), text, _LABEL_HEIGHT, Alignment.BOTTOM_CENTER)
+
+
+def _list_labelled(component: Component) -> Iterator[tuple[str, Cylinder]]:
+    """List rods and bores with what stands at them."""
+    for number, rod in enumerate(component.rods, start=1):
+        yield f"R{number}", rod
+    for number, bore in enumerate(component.bores, start=1):
+        yield f"B{number}", bore
+
+
+def _caption(paper: Paper, view: _PlacedView) -> None:
+    """Write name and scale of a view under it."""
+    x, y = view.corner
+    caption = f"{view.direction.name} {format_scale(view.scale)}"
+    paper.write_text((x, y - _CAPTION_OFFSET), caption, 2.0)
+
+
+def _draw_overall_dimensions(sheet: Sheet, views: Sequence[_PlacedView]) -> None:
+    """Draw the sizes over all: length and width at the top view, height at the front view."""
+    front, top = views[0], views[1]
+    low, high = top.extent.low, top.extent.high
+    corner = top.place(low[_X], low[_Y])
+    if "length" in sheet.listed:
+        end = top.place(high[_X], low[_Y])
+        through = (corner[0], corner[1] - _DIMENSION_OFFSET)
+        sheet.draw_dimension("length", corner, end, through, top.scale)
+    through_left = (corner[0] - _DIMENSION_OFFSET, corner[1])
+    if "width" in sheet.listed:
+        end = top.place(low[_X], high[_Y])
+        sheet.draw_dimension("width", corner, end, through_left, top.scale, upright=True)
+    if "height" in sheet.listed:
+        start = front.place(low[_X], low[_Z])
+        end = front.place(low[_X], high[_Z])
+        sheet.draw_dimension("height", start, end, through_left, front.scale, upright=True)
