@@ -164,6 +164,7 @@ def _list_fields(part: Part, order: OrderSpec) -> dict[str, str]:
         "material": part.material.order_text,
         "mass": mass,
         **_list_order_fields(order),
+        "quantity": str(order.count_parts(part.id)),
     }
 
 

@@ -29,6 +29,7 @@ from stepblocks.parts.on_paper import make_sheet_table
 from stepblocks.parts.tolerance import GUARD_FACTOR
 from stepblocks.quantities import parse_quantity
 from stepblocks.records.qif import write_qif
+from stepblocks.workshop.bundle import OrderedPart, write_bundle
 from stepblocks.workshop.drawing import write_drawing, write_series_drawing
 from stepblocks.workshop.kit import find_kits, write_kit
 from stepblocks.workshop.kit_setup import write_kit_setup
@@ -113,7 +114,8 @@ def order_parts(
     -------
     list of PartOrder
         One of each part, one of each series of blocks that differ in height only, one of each kit
-        of the apparatus, and one of the masks of each set.
+        of the apparatus, one of the parts list and the archive for a quotation of each whole set,
+        and one of the masks of each set.
 
     Raises
     ------
@@ -143,6 +145,8 @@ def order_parts(
                 orders.append(_order_series(series, output, stimuli))
             for kit in find_kits(parts):
                 orders.append(_order_kit(kit, output, stimuli))
+            if only is None:  # a part of a set is no order of it
+                orders.append(_order_bundle(parts, output, stimuli))
             etched = _find_etched(parts)
             if masks and etched:
                 orders.append(_order_masks(etched, output, stimuli))
@@ -199,6 +203,15 @@ def _order_series(series: Sequence[StepBlock], output: Path, stimuli: StimulusSe
     return PartOrder(f"{stimuli.name}/series", tuple(drawings), ())
 
 
+def _order_bundle(parts: Sequence[Part], output: Path, stimuli: StimulusSet) -> PartOrder:
+    """Write the parts list of a set, and the archive of its papers."""
+    folder = _make_folder(output, stimuli.name)
+    alike = stimuli.describe_alike()
+    ordered = [OrderedPart(part, folder / part.id, alike.get(part.id, "")) for part in parts]
+    written = write_bundle(folder, stimuli, ordered)
+    return PartOrder(f"{stimuli.name}/quotation", tuple(written), ())
+
+
 def _order_kit(kit: Apparatus, output: Path, stimuli: StimulusSet) -> PartOrder:
     """Write what a kit has beside its parts: assembly, lists, loads and pictures."""
     folder = _make_folder(output, stimuli.name)
@@ -252,6 +265,8 @@ def _describe_missing_papers(part: Part) -> str:
         return ""
     if isinstance(part, Block):
         return "no routes: nobody publishes what a way of making leaves at a gap"
+    if isinstance(part, KitPart):
+        return ""
     for kind, way in _MADE_ELSEWHERE.items():
         if isinstance(part, kind):
             return f"no setup sheet and no routes: {way}"
