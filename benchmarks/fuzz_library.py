@@ -106,7 +106,7 @@ SHEATH = {
 # enumerations, which Python itself looks up
 NOT_CALLED = {
     *("BuildReport", "ContactLaw", "Counterface", "PAPER", "SetDesign", "Status"),
-    "StepblocksError",
+    *("StepblocksError", "TrainingDay"),
 }
 
 

@@ -183,7 +183,8 @@ def test_angles_are_measured_on_cones_and_between_planes(tmp_path):
 
 def test_only_what_no_face_carries_is_a_requirement_without_one():
     # where a sheath sits, how high letters are, what a rounded or missing ledge has no edge for,
-    # and what an edge is as made: material over it has no face, and a section shows its riser
+    # what an edge is as made (material over it has no face, and a section shows its riser), how a
+    # tip turns in its shank, and how rough a crown is under all of its margin
     notes = {
         (one.id, line.key)
         for one in STIMULI.values()
@@ -195,9 +196,13 @@ def test_only_what_no_face_carries_is_a_requirement_without_one():
     letters = {(name, "engraving_height") for name in blocks}
     letters |= {(name, "thread") for name in blocks if not name.startswith("apparatus")}
     steps = {name for name in blocks if STIMULI[name].stanza == "step_block"}
-    edges = {(name, key) for name in steps for key in ("burr", "riser_straightness")}
+    edges = {(name, "burr") for name in blocks}
+    edges |= {(name, "riser_straightness") for name in steps}
     places = {("sheath-hard", "position"), ("sheath-soft", "position")}
-    assert notes == {*places, *ledges, *letters, *edges}
+    turned = {(name, "runout") for name in ("tip-015", "tip-029", "tip-125")}
+    crowns = {name for name in STIMULI if STIMULI[name].stanza == "crown_on_tooth"}
+    rough = {(name, "roughness") for name in crowns}
+    assert notes == {*places, *ledges, *letters, *edges, *turned, *rough}
 
 
 def test_a_tip_reaches_to_the_far_side_of_its_ball_and_a_hook_is_bent_about_a_ring(tmp_path):
