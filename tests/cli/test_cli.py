@@ -237,7 +237,7 @@ def test_a_table_without_a_suffix_is_written_and_written_again(tmp_path, capsys)
     for _ in range(2):
         assert main(["predict", str(table), "-o", str(tmp_path / "out" / "felt")]) == 0
         assert "felt: 1 predictions" in capsys.readouterr().out
-    assert "vibration_energy_j" in (tmp_path / "out" / "felt").read_text()
+    assert "vibration_energy_uj" in (tmp_path / "out" / "felt").read_text()
     (tmp_path / "out" / "felt").write_text("filled in by hand\n")
     assert main(["predict", str(table), "-o", str(tmp_path / "out" / "felt")]) == 2
     assert (tmp_path / "out" / "felt").read_text() == "filled in by hand\n"

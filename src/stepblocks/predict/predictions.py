@@ -306,9 +306,9 @@ def describe_felt(predictions: Iterable[Prediction]) -> list[str]:
         return []
     rows = "row is" if by_drag == 1 else "rows are"
     return [
-        f"{by_drag} of {len(predictions)} {rows} felt by the drag in time (felt_energy_uj is "
-        "drag_vibration_energy_uj); vibration_energy_uj is that of equation (1), with which the "
-        "scenes of export ring"
+        f"{by_drag} of {len(predictions)} {rows} felt by the drag: felt_energy_uj is "
+        "drag_vibration_energy_uj",
+        "vibration_energy_uj is that of equation (1), with which the scenes of export ring",
     ]
 
 
