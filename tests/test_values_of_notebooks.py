@@ -44,7 +44,7 @@ def test_a_truth_value_is_no_length(value):
 
 
 def test_a_force_is_no_length_and_the_message_shows_it(units):
-    with pytest.raises(StepblocksError, match="unit of a length, got millinewton"):
+    with pytest.raises(StepblocksError, match="must be a length, got the unit millinewton"):
         sb.find_step_angle(5 * units.mN, 125e-6)
 
 
@@ -66,7 +66,7 @@ def test_a_profile_may_be_masked_nullable_or_have_units(units):
     assert sb.ScannedProfile(list(X), [f"{1e6 * z} um" for z in Z]).height.max() == pytest.approx(
         50e-6
     )
-    with pytest.raises(StepblocksError, match="height must have a unit of a length"):
+    with pytest.raises(StepblocksError, match="height must be a length, got the unit"):
         sb.ScannedProfile(X, Z * units.mN)
 
 

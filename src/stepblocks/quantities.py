@@ -204,11 +204,11 @@ def read_array(values: object, dimension: str) -> "NDArray[np.float64]":
 def _convert_unit_of_array(unit: Any, dimension: str) -> float:
     """Return the size of a unit of Pint in SI; refuse one of another dimension."""
     article = "an" if dimension[0] in "ae" else "a"
-    wanted = f"must have a unit of {article} {dimension}"
+    wanted = f"must be {article} {dimension}"
     try:
         return _convert_quantity(1.0 * unit, DIMENSIONS[dimension], wanted)
     except QuantityError as error:
-        raise QuantityError(f"{wanted}, got {unit!s:.60}") from error
+        raise QuantityError(f"{wanted}, got the unit {unit!s:.60}") from error
 
 
 def _fill_missing(values: Any, dimension: str) -> "NDArray[np.float64]":

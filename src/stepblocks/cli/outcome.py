@@ -92,7 +92,7 @@ def show(
         record = outcome.record
         if record is None:
             record = _build_record(outcome, written)
-        if outcome.reading is not None and isinstance(record, Mapping):
+        if outcome.reading and isinstance(record, Mapping):
             record = {**record, "reading": [note.as_record() for note in outcome.reading]}
         print(json.dumps(record, indent=1, allow_nan=False, default=str))
         return
