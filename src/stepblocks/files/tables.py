@@ -41,7 +41,7 @@ _LARGEST_WHOLE = 2.0**53  # up to which every whole number is a float
 _SIMILAR_ENOUGH = 0.8  # of two names of columns, as difflib measures it
 _MISSING_OBJECTS = ("NAType", "NaTType", "MaskedConstant")  # of pandas and NumPy
 _FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")  # OWASP, CSV injection
-_NO_NUMBER_KINDS = "bcmM"  # those of truth values, complex numbers, times and dates
+_NO_NUMBER_KINDS = ("b", "c", "m", "M")  # those of truth values, complex numbers, times and dates
 _NUMBER_KINDS = "biufcM"  # NumPy's letters of types that are never a formula
 
 
@@ -409,7 +409,7 @@ def _convert_column(
     cells: "pd.Series", reading: _ColumnReading, mistakes: list[Mistake], lets_missing: bool
 ) -> NDArray[np.float64]:
     """Return a column in SI; cells that are no finite number are added to the mistakes."""
-    if getattr(cells.dtype, "kind", "") in _NO_NUMBER_KINDS:
+    if getattr(cells.dtype, "kind", None) in _NO_NUMBER_KINDS:
         mistakes.append(("", f"{cells.name} must hold numbers, got {cells.dtype}"))
         return np.full(len(cells), np.nan)
     numbers = _read_cells(cells, reading.notation)
