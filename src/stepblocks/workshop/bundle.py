@@ -101,6 +101,8 @@ _ENDINGS = (
     "setup.html",
     "stock.step",
     "gauge.step",
+    "gauge.pdf",
+    "gauge.dxf",
     "routes.csv",
 )
 

@@ -10,6 +10,7 @@ from typing import Any
 from stepblocks.parts.apparatus.declared import Apparatus
 from stepblocks.parts.apparatus.layout import list_components
 from stepblocks.parts.conditions import NO_ORDER, OrderSpec
+from stepblocks.parts.gauge_pair import GaugePair
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
 from stepblocks.parts.kinds.kit_part import KitPart
@@ -20,9 +21,12 @@ from stepblocks.parts.kinds.tips import HookTip, StraightTip
 from stepblocks.parts.on_paper import describe_default_demands, format_limits
 from stepblocks.workshop.blocks import draw_margin_block_views, draw_step_block_views
 from stepblocks.workshop.crown_views import draw_crown_views
+from stepblocks.workshop.gauge_reach import judge_assembly
+from stepblocks.workshop.gauge_views import draw_gauge_assembly_views
 from stepblocks.workshop.kit_views import draw_assembly_views, draw_kit_part_views
 from stepblocks.workshop.paper import Point, use_decimal_comma
 from stepblocks.workshop.rendering import FORMATS, write_sheet
+from stepblocks.workshop.routes import Route
 from stepblocks.workshop.sheet import Note, Sheet
 from stepblocks.workshop.title_block import TITLE_BLOCK_TOP, draw_border
 from stepblocks.workshop.turned import (
@@ -123,6 +127,47 @@ def write_assembly_drawing(folder: Path, kit: Apparatus, order: OrderSpec) -> li
         return sheet
 
     return write_sheet(folder, f"{kit.id}.assembly", FORMATS, draw)
+
+
+def write_gauge_drawing(
+    folder: Path, block: StepBlock, pair: GaugePair, route: Route, order: OrderSpec
+) -> list[Path]:
+    """Draw the step of a block as it is wrung together from two gauge blocks on a base.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the files go.
+    block : StepBlock
+        The block in one piece.
+    pair : GaugePair
+        Gauge blocks whose difference is its height.
+    route : Route
+        The route of this pair.
+    order : OrderSpec
+        What the title block says of the order.
+
+    Returns
+    -------
+    list of Path
+        ``<id>.gauge.dxf``, ``.svg`` and ``.pdf``.
+    """
+    judged = list(judge_assembly(block, pair, route))
+
+    def draw() -> Sheet:
+        sheet = Sheet(block.characteristics())
+        draw_gauge_assembly_views(sheet, block, pair, judged)
+        fields = {
+            "identity": f"{block.id.upper()}, from gauge blocks",
+            "material": block.material.order_text,
+            "mass": "-",
+            **_list_order_fields(order),
+            "quantity": str(order.count_parts(block.id)),
+        }
+        draw_border(sheet, "Step from two gauge blocks, assembly drawing", fields)
+        return sheet
+
+    return write_sheet(folder, f"{block.id}.gauge", FORMATS, draw)
 
 
 def draw_part_sheet(

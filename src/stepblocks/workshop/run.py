@@ -30,7 +30,12 @@ from stepblocks.parts.tolerance import GUARD_FACTOR
 from stepblocks.quantities import parse_quantity
 from stepblocks.records.qif import write_qif
 from stepblocks.workshop.bundle import OrderedPart, write_bundle
-from stepblocks.workshop.drawing import write_drawing, write_series_drawing
+from stepblocks.workshop.drawing import (
+    write_drawing,
+    write_gauge_drawing,
+    write_series_drawing,
+)
+from stepblocks.workshop.gauge_reach import explain_missing_gauge_drawing, find_gauge_route
 from stepblocks.workshop.kit import find_kits, write_kit
 from stepblocks.workshop.kit_setup import write_kit_setup
 from stepblocks.workshop.masks import SILICON, load_gdstk, write_masks
@@ -73,7 +78,8 @@ class PartOrder:
     routes : tuple of Route
         Ways to make a step block; empty for other parts.
     note : str
-        Which block of the set has the same sizes, and why a part has no setup sheet or routes.
+        Which block of the set has the same sizes, and why a part has no setup sheet or routes, or
+        a step block no gauge-block drawing.
     """
 
     name: str
@@ -240,6 +246,7 @@ def _order_part(part: Part, output: Path, capability: float, stimuli: StimulusSe
     written.append(plan)
     routes: list[Route] = []
     pair: GaugePair | None = None
+    missing_drawing = ""
     if isinstance(part, StepBlock):
         routes = find_routes(part, capability, stimuli.prediction.first_point())
         written.append(_write_routes(folder, part, name, routes))
@@ -249,12 +256,20 @@ def _order_part(part: Part, output: Path, capability: float, stimuli: StimulusSe
             assembly = folder / f"{part.id}.gauge.step"
             write_gauge_assembly(assembly, part, pair)
             written.append(assembly)
+        missing_drawing = explain_missing_gauge_drawing(part, pair)
+        if pair is not None and not missing_drawing:
+            route = find_gauge_route(routes, pair)
+            written += write_gauge_drawing(folder, part, pair, route, stimuli.order)
     if isinstance(part, Block):
         written += write_setup(folder, part, routes, pair)
     elif isinstance(part, KitPart):
         written += write_kit_setup(folder, part)
     written += _write_inspection_sheet(folder, part, stimuli.order)
-    notes = [stimuli.describe_alike().get(part.id, ""), _describe_missing_papers(part)]
+    notes = [
+        stimuli.describe_alike().get(part.id, ""),
+        _describe_missing_papers(part),
+        missing_drawing,
+    ]
     note = "; ".join(text for text in notes if text)
     return PartOrder(name, tuple(written), tuple(routes), note)
 
