@@ -147,6 +147,8 @@ def take_scalar(value: Any) -> Any:
 
     Anything else is returned as it is.
     """
+    if isinstance(value, str | bytes):  # those of numpy have a shape, too
+        return value
     if getattr(value, "shape", None) != () or not hasattr(value, "dtype") or is_quantity(value):
         return value
     if getattr(value, "mask", False):

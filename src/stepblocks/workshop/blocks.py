@@ -50,8 +50,10 @@ def draw_step_block_views(sheet: Sheet, block: StepBlock) -> list[str]:
         _draw_feature(sheet, feature, sizes)
         _draw_feature_detail(sheet, block, feature)
         number = sheet.listed[feature.depth_key].number
-        lines.append(f"{feature.kind.capitalize()} ({number}): ISO 5436-1 type A1.")
-    lines[-1] += f" {_describe_sharp_edges(block)}"
+        measured = f"{feature.kind.capitalize()} ({number}): ISO 5436-1 type A1."
+        lines.append(f"{measured} {_describe_sharp_edges(block)}")
+    else:
+        lines.append(_describe_sharp_edges(block))
     lines.append("Root of the riser: fillet or undercut up to the height of the step is allowed.")
     lines.append("Every part is accepted by ISO 14253-1, Ra by its largest value (ISO 21920-3).")
     return lines

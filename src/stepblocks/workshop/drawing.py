@@ -271,7 +271,7 @@ def _describe_contact_roughness(part: Part) -> str:
     """Say which roughness the surface has that a tip touches."""
     governing = part.governing_field.replace("_", " ")
     roughness = use_decimal_comma(f"{part.face_demands['roughness'].upper * 1e6:.2f}")
-    return f"{roughness} µm or better, from the tolerance of the {governing}"
+    return f"Ra {roughness} µm or better, from the tolerance of the {governing}"
 
 
 def _write_notes(sheet: Sheet, notes: Sequence[Note]) -> None:
