@@ -96,7 +96,7 @@ def _polish(state):
             "gauge_hysteresis",
             ("sensor", "none"),
             {"rayleigh_per_n": 0.015},
-            1.2,
+            1.3,
             id="the tangential gauge has hysteresis",
         ),
         pytest.param(
@@ -136,7 +136,7 @@ def _polish(state):
             "hardening_spring",
             ("stiffness", "peak_force_n"),
             {"cubic_per_n2": 0.23},
-            1.9,
+            2.0,
             id="the spring hardens by 0.23 per N^2",
         ),
         pytest.param(
