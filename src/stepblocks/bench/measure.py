@@ -158,13 +158,17 @@ def _open_table(session: Path, output: Path | None, layout: TableLayout) -> Tria
     """Open the table of trials; refuse an output that cannot be, before anything is measured."""
     reserved = frozenset((*LEADING_COLUMNS, *FEATURE_COLUMNS))
     table = open_trials(open_session(session, layout), reserved)
-    if output is None:
-        return table
+    if output is not None:
+        check_output(session, output)
+    return table
+
+
+def check_output(session: Path, output: Path) -> None:
+    """Refuse an output that is a folder, or that would replace a file of the session."""
     if output.is_dir():
         raise PipelineError(f"output must be a file, got the folder {str(output)!r}")
     if output.exists() and session.resolve() in output.resolve().parents:
         raise PipelineError(f"output must not replace a file of the session, got {str(output)!r}")
-    return table
 
 
 def _measure_rows(
@@ -268,7 +272,7 @@ def _iterate_over_processes(
 
 
 @cache
-def _open_traces(folder: Path, layout: TableLayout) -> Traces:
+def open_traces_once(folder: Path, layout: TableLayout) -> Traces:
     """Open the one session of a worker; its folder stands for it, as notes cannot be hashed."""
     return Traces(open_session(folder, layout))
 
@@ -276,5 +280,5 @@ def _open_traces(folder: Path, layout: TableLayout) -> Traces:
 def _measure_chunk(
     folder: Path, layout: TableLayout, tool: Tool | None, trials: list[Trial]
 ) -> list[TrialResult]:
-    traces = _open_traces(folder, layout)
+    traces = open_traces_once(folder, layout)
     return [measure_trial(traces, trial, tool) for trial in trials]

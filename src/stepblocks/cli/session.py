@@ -153,10 +153,16 @@ def measure(
     Reads a bench session and writes one row of features per trial, with standard uncertainties.
     Trials that cannot be measured stay in the table with status `excluded` and the reason.
     """
-    from stepblocks.bench.measure import write_features
+    from stepblocks.bench.measure import check_output, write_features
 
     if trials is not None and plots is None:
         raise PipelineError("--trials says which trials --plots draws: give --plots, too")
+    if whole_record is not None:
+        check_output(session, whole_record)
+        if whole_record.resolve() == output.resolve():
+            raise PipelineError(
+                f"--whole-record must be another file than --output, got {str(whole_record)!r}"
+            )
     summary = write_features(
         session,
         output,
@@ -181,7 +187,7 @@ def measure(
     if whole_record is not None:
         from stepblocks.bench.whole_records import compare_whole_records
 
-        compared = compare_whole_records(session, whole_record, jobs)
+        compared = compare_whole_records(session, whole_record, jobs, layout)
         shapes = ", ".join(f"{shape} {count}" for shape, count in compared.shapes.items())
         notes.append(
             f"whole records: {compared.fitted} of {compared.total} fitted, {compared.differing} "

@@ -80,21 +80,10 @@ def estimate_height(x: Array, z: Array, middle: float, planes: TwoPlanes) -> Est
 
 
 def _fit_waves(x: Array, z: Array, middle: float, fit: Fit) -> Fit:
-    """Fit waves of a period beside the columns of a fit.
+    """Fit waves of a period beside the columns of a fit of two planes; see `estimate_height`.
 
-    Parameters
-    ----------
-    x, z : array, shape (n,)
-        Profile, in equal steps [m].
-    middle : float
-        Of the edge between the two faces [m].
-    fit : Fit
-        Of two planes.
-
-    Returns
-    -------
-    Fit
-        Its first columns are those of `fit`; it is `fit` where no wave holds most of the residuals.
+    The first columns of the result are those of `fit`; it is `fit` itself where no wave holds most
+    of the residuals.
     """
     faces = _Faces(x, np.where(fit.used, z, 0.0), x > middle, fit.used)
     for _ in range(_MOST_WAVES):
