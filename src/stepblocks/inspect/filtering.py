@@ -20,6 +20,7 @@ _POINTS_PER_CUTOFF = 8  # sampling intervals in a cut-off, at least
 # variance of noise that passes a cut-off, over that of what passes a quarter of it and not half of
 # it: of noise that is white along one side and alike along the other [1]
 _PASSED_OF_BAND = 1.06
+_OUTWEIGHS = 4.0  # variance of waviness over that of roughness beside it [1]
 _LEAST_OF_GAP = 4.0  # cut-off over the gap that a face is continued across, at least [1]
 _INSIDE = 0.98  # of the weight of a place that the face surrounds, for which it counts as such [1]
 _SURELY = 2.0  # variance of waviness over that of such noise, from which it is there [1]
@@ -69,7 +70,7 @@ def compute_mean_line(height: Array, known: Mask, spacing: float, cutoff: float)
 
 
 def is_wavy(height: Array, spacing: float) -> bool:
-    """Tell whether waviness outweighs the roughness of a profile.
+    """Tell whether waviness clearly outweighs the roughness of a profile.
 
     Heights, shape (n,), are over its form [m], nan where a point is missing; `spacing` is the
     sampling interval [m].
@@ -77,7 +78,8 @@ def is_wavy(height: Array, spacing: float) -> bool:
     known = np.isfinite(height)
     waves = compute_mean_line(height, known, spacing, EDGE_CUTOFF)[known]
     rough = height[known] - waves
-    return float(np.mean(waves**2)) > max(float(np.mean(rough**2)), _LEAST_WAVINESS**2)
+    least = max(_OUTWEIGHS * float(np.mean(rough**2)), _LEAST_WAVINESS**2)
+    return float(np.mean(waves**2)) > least
 
 
 def continue_face(distance: Array, height: Array) -> FaceLine:
