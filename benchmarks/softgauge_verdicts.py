@@ -208,11 +208,12 @@ def draw_drifting_map(height, radius, random, truth):
     drift = np.cumsum(random.normal(size=len(y)))
     drift = random.uniform(0.0, 0.5) * UM * drift / np.sqrt(len(y))
     bow = random.choice([0.0, random.uniform(0.0, 1.5)]) * UM
-    form = bow * ((x / 8.5e-3) ** 2) * (x > 0.0)
-    # a parabola over one side of a face lies a quarter of its rise off a line through its ends
-    truth |= {"flatness_lower": 0.0, "flatness_upper": 0.25 * bow}
+    t = np.linspace(-1.0, 1.0, len(y))
+    # along the edge and of mean zero, so that the mean height of the step stays
+    form = bow * (t**2 - np.mean(t**2))[:, np.newaxis] * (x > 0.0)
+    truth |= {"flatness_lower": 0.0, "flatness_upper": bow}
     del truth["burr"], truth["edge_radius"]
-    z = (edge_gauge(x, height, radius) + form)[np.newaxis, :] + drift[:, np.newaxis]
+    z = edge_gauge(x, height, radius)[np.newaxis, :] + form + drift[:, np.newaxis]
     return HeightMap(z + random.normal(0.0, 20e-9, z.shape), 38 * UM, 500 * UM, "drift")
 
 
