@@ -160,7 +160,7 @@ def draw_disturbed(kind, random):
     """Return kind, scan, what to ask of it, and the truth, of a gauge that something disturbs."""
     height = 50 * UM + random.uniform(-2.5, 2.5) * UM
     radius = random.uniform(0.0, 4.0) * UM
-    burr = random.choice([0.0, random.uniform(0.0, 6.0)]) * UM
+    burr = float(random.choice([0.0, random.uniform(0.0, 6.0)])) * UM
     relative = 10.0 ** random.uniform(-4.0, -2.3)
     scale, lateral = 1.0 + relative * random.normal(size=2)
     rough, length = random.uniform(5e-9, 50e-9), random.uniform(1.5, 5.0) * UM
@@ -207,7 +207,7 @@ def draw_drifting_map(height, radius, random, truth):
     y = np.arange(40) * 500 * UM
     drift = np.cumsum(random.normal(size=len(y)))
     drift = random.uniform(0.0, 0.5) * UM * drift / np.sqrt(len(y))
-    bow = random.choice([0.0, random.uniform(0.0, 1.5)]) * UM
+    bow = float(random.choice([0.0, random.uniform(0.0, 1.5)])) * UM
     t = np.linspace(-1.0, 1.0, len(y))
     # along the edge and of mean zero, so that the mean height of the step stays
     form = bow * (t**2 - np.mean(t**2))[:, np.newaxis] * (x > 0.0)
