@@ -43,8 +43,7 @@ _NOTES_COLUMN = 92.0  # width of a column
 _NOTES_ROWS = 40  # of a column, at most
 _NOTES_SPACING = 5.0
 _TEXTURE_FOOT: Point = (100.0, 16.0)
-_INCHES = "inch (ASME Y14.5); scales stand at the views"
-_ROUNDED_INWARDS = "Limits rounded inwards from millimetres, which the inspection sheet states."
+_INCHES = "inch (ASME Y14.5), limits inwards from mm; scales stand at the views"
 _HEIGHT_KEYS = ("step_height", "groove_depth", "ridge_height")  # that a series tabulates
 
 # who draws the views of a kind and returns the lines of its notes; without views everything is

@@ -11,6 +11,7 @@ INCH = 25.4e-3  # m
 _LEAST_DECIMALS = 3
 _MOST_DECIMALS = 8
 _LEAST_LEFT = 0.9  # of a tolerance between its rounded limits [1]
+_ALIKE = 1e-12  # difference of two deviations that is none [m]
 _SAME = 1e-6  # of the last decimal: rounding of the computer
 _DIGITS = 3  # of a bound that stands alone
 
@@ -35,16 +36,24 @@ class InchSize:
 
 
 def convert_inward(nominal: float, lower: float, upper: float) -> InchSize:
-    """Convert a nominal size with its signed deviations [m] so that no limit widens."""
+    """Convert a nominal size with its signed deviations [m] so that no limit widens.
+
+    Deviations that are alike stay alike.
+    """
     least = (nominal + lower) / INCH
     largest = (nominal + upper) / INCH
+    is_symmetric = abs(upper + lower) < _ALIKE
     for decimals in range(_LEAST_DECIMALS, _MOST_DECIMALS + 1):
         step = 10.0**-decimals
         low = math.ceil(least / step - _SAME)
         high = math.floor(largest / step + _SAME)
+        value = min(max(round(nominal / INCH / step), low), high)
+        if is_symmetric:
+            deviation = min(high - value, value - low)
+            low = value - deviation
+            high = value + deviation
         if (high - low) * step >= _LEAST_LEFT * (largest - least) - _SAME * step:
             break
-    value = min(max(round(nominal / INCH / step), low), high)
     return InchSize(value * step, (low - value) * step, (high - value) * step, decimals)
 
 

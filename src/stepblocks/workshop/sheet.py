@@ -424,12 +424,13 @@ class Sheet(Paper):
         """Draw the symbol of all surfaces that have none of their own (ISO 21920-1)."""
         x, y = foot
         text = self.format_roughness(ELSEWHERE)
-        self._draw_texture_lines(foot, text)
+        end = self._draw_texture_lines(foot, text)
         self.write_text((x + 5.0, y + 5.3), text, alignment=Alignment.MIDDLE_LEFT)
-        self.write_text((x + 24.0, y + 3.0), "(", 4.0)
-        tick = [(x + 27.0, y + 5.0), (x + 29.0, y + 2.0), (x + 32.0, y + 7.0)]
+        x = max(x + 24.0, end + 3.0)
+        self.write_text((x, y + 3.0), "(", 4.0)
+        tick = [(x + 3.0, y + 5.0), (x + 5.0, y + 2.0), (x + 8.0, y + 7.0)]
         self.draw_polyline(tick, Layer.DIMENSION)
-        self.write_text((x + 33.0, y + 3.0), ")", 4.0)
+        self.write_text((x + 9.0, y + 3.0), ")", 4.0)
 
     def _draw_texture_lines(self, foot: Point, text: str) -> float:
         """Draw the triangle of a texture and the line over its text; return the end of the line."""
