@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, ValidationInfo
 
 from stepblocks import cad
 from stepblocks.parts.characteristics import (
@@ -23,6 +23,7 @@ from stepblocks.parts.characteristics import (
     make_location,
 )
 from stepblocks.parts.declared import (
+    QuantityValidator,
     Table,
     WorkingFaces,
     declare_default,
@@ -35,7 +36,13 @@ from stepblocks.parts.face_characteristics import make_surface_characteristics
 from stepblocks.parts.kind import Part
 from stepblocks.parts.lettering import compute_text_width, outline_text
 from stepblocks.parts.revolution import Point3
-from stepblocks.parts.tolerance import Dimension, Length, PositiveLength
+from stepblocks.parts.tolerance import (
+    Dimension,
+    Length,
+    PositiveLength,
+    find_origin,
+    parse_sensible,
+)
 
 
 @dataclass(frozen=True)
@@ -60,6 +67,20 @@ _HEAD_CLEARANCE = 0.5e-3  # diameter of a counterbore over that of the head [m]
 _DEPTH_OVER_THREAD = 1.25  # of a core hole over the least depth of full thread (ISO 6410-1, 5.2.3)
 _DEEPEST_ENGRAVING = 0.1  # of the width of the block, at most
 _LARGEST_LETTERS = 0.6  # of the height of the front, at most
+
+
+def _read_offset(raw: object, info: ValidationInfo) -> float:
+    """Read a length of either sign [m]."""
+    return parse_sensible(raw, "length", find_origin(info))
+
+
+# characters that the typeface of the letters and every CAM program have
+EngravedText = Annotated[str, Field(max_length=40, pattern=r"^([!-~]([ -~]{0,38}[!-~])?)?$")]
+# along x and z
+Offset = Annotated[
+    tuple[Annotated[float, QuantityValidator(_read_offset, dimension="length")], ...],
+    Field(min_length=2, max_length=2),
+]
 
 
 class Mounting(Table):
@@ -96,10 +117,29 @@ class Mounting(Table):
 
 
 class Engraving(Table):
-    """The identity cut into the front side of the block."""
+    """Letters cut into the front side of the block."""
 
+    text: EngravedText = ""  # the identity in capitals where none is stated
+    # of the middle of the letters from that of the front, along x and z [m]
+    offset: Offset = (0.0, 0.0)
     height: PositiveLength = declare_default("1.3 mm")  # of a capital letter [m]
     depth: PositiveLength = declare_default("0.15 mm", otherwise="0.05 mm")  # of the cut [m]
+
+    def choose_text(self, identity: str) -> str:
+        """Choose what is engraved in a block of this identity."""
+        return self.text or identity.upper()
+
+    def describe_place(self) -> str:
+        """Say where the middle of the letters lies on the front."""
+        along, up = self.offset
+        parts = []
+        if along != 0.0:
+            side = "right" if along > 0.0 else "left"
+            parts.append(f"{abs(along) * 1e3:g} mm to the {side} of")
+        if up != 0.0:
+            side = "over" if up > 0.0 else "under"
+            parts.append(f"{abs(up) * 1e3:g} mm {side}")
+        return " ".join([" and ".join(parts), "the middle of the front"]).strip()
 
 
 class Body(Table):
@@ -237,7 +277,7 @@ class Block(Part):
             return 0.0
         import shapely
 
-        letters = outline_text(self.id.upper(), engraving.height.nominal)
+        letters = outline_text(engraving.choose_text(self.id), engraving.height.nominal)
         area = math.fsum(shapely.Polygon(outer, inner).area for outer, *inner in letters)
         return area * engraving.depth.nominal
 
@@ -339,7 +379,7 @@ class Block(Part):
             "engraving_height",
             "note",
             engraving.height,
-            label="height of the engraved letters, middle of the front",
+            label=f"height of the engraved letters, {engraving.describe_place()}",
             method=MICROSCOPE,
         )
 
@@ -404,12 +444,16 @@ class Block(Part):
         body = self.body
         height = engraving.height.nominal
         edge_breaks = 2.0 * body.edge_break.nominal
-        room = body.length.nominal - edge_breaks
-        width = compute_text_width(self.id.upper(), height)
+        along, up = (abs(offset) for offset in engraving.offset)
+        text = engraving.text or self.id
+        room = body.length.nominal - edge_breaks - 2.0 * along
+        width = compute_text_width(engraving.choose_text(self.id), height)
         if width >= room:
-            rule = f"be small enough for {self.id!r} to fit the front"
-            yield describe_breach("body.engraving.height", rule, height * room / width, height)
-        largest = _LARGEST_LETTERS * (body.thickness.nominal - edge_breaks)
+            rule = f"be small enough for {text!r} to fit the front"
+            largest = height * max(room, 0.0) / width
+            yield describe_breach("body.engraving.height", rule, largest, height)
+        # so that the letters stay clear of the working faces
+        largest = _LARGEST_LETTERS * (body.thickness.nominal - edge_breaks) - 2.0 * up
         if height >= largest:
             rule = "leave room over and under the letters"
             yield describe_breach("body.engraving.height", rule, largest, height)

@@ -22,7 +22,7 @@ def make_body_cuts(body: Body, identity: str, rise: float) -> list[cad.door.Body
     body : Body
         The block without its stimulus.
     identity : str
-        What is engraved.
+        Of the block, which is engraved where no other text is declared.
     rise : float
         Height of the right working face over the left one [m].
 
@@ -46,13 +46,14 @@ def make_body_cuts(body: Body, identity: str, rise: float) -> list[cad.door.Body
 
 def _make_letters(body: Body, engraving: Engraving, identity: str) -> Iterator[cad.door.Body]:
     """Make the letters that are cut into the front."""
-    middle = -0.5 * body.thickness.nominal
+    along, up = engraving.offset
+    middle = -0.5 * body.thickness.nominal + up
     start = -body.half_width - 0.1 * OVER
     inwards = (0.0, engraving.depth.nominal + 0.1 * OVER, 0.0)
-    for letter in outline_text(identity.upper(), engraving.height.nominal):
+    for letter in outline_text(engraving.choose_text(identity), engraving.height.nominal):
         rings = []
         for ring in letter:
-            rings.append([(float(u), start, middle + float(v)) for u, v in ring])
+            rings.append([(along + float(u), start, middle + float(v)) for u, v in ring])
         outer, *holes = rings
         yield cad.kernel.extrude(outer, inwards, holes)
 

@@ -83,7 +83,8 @@ def _draw_front(sheet: Sheet, body: Body, sizes: BodyOnPaper, identity: str) -> 
         upright=True,
     )
     if body.engraving is not None:
-        letters_middle = (x, upper - 0.5 * sizes.thickness)
+        along, up = (sizes.measure(offset) for offset in body.engraving.offset)
+        letters_middle = (x + along, upper - 0.5 * sizes.thickness + up)
         _draw_letters(sheet, body.engraving, identity, letters_middle, (right, upper), sizes)
     sheet.lead_to_characteristic(
         "edge_break",
@@ -106,8 +107,8 @@ def _draw_letters(
     corner: Point,
     sizes: BodyOnPaper,
 ) -> None:
-    """Draw the engraved identity about a point, and lead its sizes past a corner of the front."""
-    text = identity.upper()
+    """Draw the engraved text about a point, and lead its sizes past a corner of the front."""
+    text = engraving.choose_text(identity)
     letter_height = max(sizes.measure(0.8 * engraving.height.nominal), _SMALLEST_LETTERS)
     sheet.write_text(middle, text, letter_height, Alignment.MIDDLE_CENTER)
     x, y = middle
@@ -116,9 +117,27 @@ def _draw_letters(
     elbow_x = corner[0] + 12.0
     elbow_y = min(y + 9.0, corner[1] + 0.5)
     sheet.lead_to_characteristic("engraving_height", end, (elbow_x, elbow_y), "letters {} high")
+    place = _describe_letters_place(sheet, engraving)
+    if place:
+        sheet.write_text((elbow_x + 4.0, elbow_y - 12.8), place)
     sheet.lead_to_characteristic(
         "engraving_depth", end, (elbow_x, elbow_y - 6.0), "engraved {} deep"
     )
+
+
+def _describe_letters_place(sheet: Sheet, engraving: Engraving) -> str:
+    """Say how far the middle of the letters lies from that of the front; empty where there."""
+    along, up = engraving.offset
+    parts = []
+    if along != 0.0:
+        side = "right" if along > 0.0 else "left"
+        parts.append(f"{sheet.format_place(abs(along))} {side}")
+    if up != 0.0:
+        side = "over" if up > 0.0 else "under"
+        parts.append(f"{sheet.format_place(abs(up))} {side}")
+    if not parts:
+        return ""
+    return f"middle {', '.join(parts)} that of the front"
 
 
 def _draw_top(sheet: Sheet, sizes: BodyOnPaper) -> None:

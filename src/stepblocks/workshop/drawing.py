@@ -245,7 +245,11 @@ def _list_series_fields(series: SeriesSheet, order: OrderSpec) -> dict[str, str]
 
 def _tabulate_heights(sheet: Sheet, blocks: Sequence[StepBlock]) -> None:
     """Draw the table of identities and heights."""
-    rows = [("identity, engraved", "H")]
+    engraving = blocks[0].body.engraving
+    heading = "identity, engraved"
+    if engraving is None or engraving.text:
+        heading = "identity"
+    rows = [(heading, "H")]
     for block in blocks:
         height = block.height
         limits = sheet.format_size(height.nominal, height.lower, height.upper)

@@ -109,6 +109,13 @@ def _render_sheet(block: Block, routes: Sequence[Route], pair: GaugePair | None)
     allowances = compute_allowances(block)
     left_dimensions = list_left_dimensions(block)
     letters_middle = allowances.base + 0.5 * block.body.thickness.nominal
+    letters = ""
+    letters_place = ""
+    engraving = block.body.engraving
+    if engraving is not None:
+        letters_middle += engraving.offset[1]
+        letters = engraving.choose_text(block.id)
+        letters_place = _describe_letters_place(engraving.offset[0])
     base = None
     grade: Grade | None = None
     if pair is not None:
@@ -131,6 +138,8 @@ def _render_sheet(block: Block, routes: Sequence[Route], pair: GaugePair | None)
         unproven=[line.label for line in left_dimensions if line.accepted is None],
         countersink=_describe_countersink(block, allowances),
         letters_middle=format_millimetres(letters_middle, 3),
+        letters=letters,
+        letters_place=letters_place,
         lapped=format_millimetres(find_lapped(block).high, 3),
         probe=f"{PROBE * 1e6:g} um",
         guard=GUARD_FACTOR,
@@ -166,6 +175,14 @@ def _find_tight_axes(block: Block, stock_sizes: Sequence[float]) -> list[str]:
         if size - side < 2.0 * GRINDING:
             tight.append(axis)
     return tight
+
+
+def _describe_letters_place(along: float) -> str:
+    """Say where the middle of the letters lies along x, from that of the front [m]."""
+    if along == 0.0:
+        return "in the middle along x"
+    side = "right" if along > 0.0 else "left"
+    return f"{format_millimetres(abs(along), 3)} mm to the {side} of the middle along x"
 
 
 def _describe_countersink(block: Block, allowances: Allowances) -> str:

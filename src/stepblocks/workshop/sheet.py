@@ -17,7 +17,9 @@ from stepblocks.workshop.dimension_layout import (
     lay_out_inside,
 )
 from stepblocks.workshop.inches import (
+    INCH,
     convert_inward,
+    format_inches,
     format_largest,
     format_least,
     format_roughness,
@@ -146,6 +148,12 @@ class Sheet(Paper):
         if self.in_inches:
             return format_least(length)
         return use_decimal_comma(f"{length * 1e3:.3g}")
+
+    def format_place(self, length: float) -> str:
+        """Format a distance without a tolerance of its own [m]."""
+        if self.in_inches:
+            return format_inches(length / INCH, 3)
+        return use_decimal_comma(f"{length * 1e3:g}")
 
     def format_drill(self, diameter: float) -> str:
         """Format the diameter of a tool [m], which is metric on either drawing."""
