@@ -169,7 +169,15 @@ def _drop_consequences(findings: Sequence[ErrorDetails]) -> list[ErrorDetails]:
 
 
 def _suggest_name(model: type[BaseModel], location: Location, remainder: Location) -> str:
-    """Return what to add to a message about an unknown name: what was meant, or what is known."""
+    """Return what to add to a message about an unknown name: why, what was meant, or what is known.
+
+    A table states in `not_declared` why what others ask for is no field of it.
+    """
+    for table in _find_tables(model, location):
+        reasons: Mapping[str, str] = getattr(table, "not_declared", {})
+        reason = reasons.get(str(location[-1]))
+        if reason is not None:
+            return f": {reason}"
     meant = _find_meant_name(model, location)
     if meant:
         path = ".".join(map(str, (*remainder[:-1], meant)))

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from stepblocks import cad
-from stepblocks.errors import UsageError
+from stepblocks.declaration.read import load_sets
+from stepblocks.errors import StimulusError, UsageError
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.lettering import compute_text_width
 from stepblocks.parts.on_paper import make_sheet_table
@@ -65,8 +66,8 @@ def test_papers_say_the_text_and_its_place(tmp_path):
         ({"text": "Lab 7", "offset": ["0 mm", "2.5 mm"]}, "leave room over and under the letters"),
         ({"text": "Lab 7", "offset": ["8.5 mm", "0 mm"]}, "'Lab 7' to fit the front"),
         ({"text": "laboratory of the university, no. 7"}, "fit the front"),
-        ({"text": "a\nb"}, "text"),
-        ({"text": "µ"}, "text"),
+        ({"text": "a\nb"}, "printable ASCII"),
+        ({"text": "µ"}, "printable ASCII"),
         ({"offset": ["1 mm"]}, "offset"),
     ],
 )
@@ -78,3 +79,20 @@ def test_letters_that_do_not_fit_are_refused_by_name(engraving, rule):
 def test_without_a_text_the_identity_is_engraved_as_before():
     assert make_block().body.engraving.choose_text("step-050") == "STEP-050"
     assert make_block().volumes() == StepBlock(id="step-050", height=HEIGHT).volumes()
+
+
+@pytest.mark.parametrize(
+    ("field", "reason"),
+    [
+        ("hand", "turned by half a turn"),
+        ("datum", "referred to the lower working face"),
+        ("relief", "fillet or an undercut at the root"),
+        ("second_step", "order two blocks"),
+    ],
+)
+def test_what_no_block_can_be_is_refused_with_the_reason(field, reason, tmp_path):
+    path = tmp_path / "asked.toml"
+    text = f'[[step_block]]\nid = "a"\nheight = "50 um"\n{field} = "left"\n'
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(StimulusError, match=f"{field} is not a known field.*{reason}"):
+        load_sets(path)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
-from pydantic import BeforeValidator, Field, ValidationInfo
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo
 
 from stepblocks import cad
 from stepblocks.parts.characteristics import (
@@ -74,8 +74,15 @@ def _read_offset(raw: object, info: ValidationInfo) -> float:
     return parse_sensible(raw, "length", find_origin(info))
 
 
-# characters that the typeface of the letters and every CAM program have
-EngravedText = Annotated[str, Field(max_length=40, pattern=r"^([!-~]([ -~]{0,38}[!-~])?)?$")]
+def _require_printable(text: str) -> str:
+    """Refuse what not every typeface and CAM program can engrave."""
+    is_printable = text.isascii() and text.isprintable()
+    if not is_printable or text != text.strip():
+        raise ValueError(f"must be printable ASCII with no blank at either end, got {text!r}")
+    return text
+
+
+EngravedText = Annotated[str, Field(max_length=40), AfterValidator(_require_printable)]
 # along x and z
 Offset = Annotated[
     tuple[Annotated[float, QuantityValidator(_read_offset, dimension="length")], ...],
@@ -214,6 +221,22 @@ Stock = Annotated[
 ]
 
 
+# why a block has no such field
+_LEFT_HAND = "a left-hand block is the same part, turned by half a turn on the bench"
+_OTHER_DATUM = (
+    "heights, parallelism and scans are all referred to the lower working face, datum A; a height "
+    "over another face would be another measurand"
+)
+_RELIEF = (
+    "the drawing allows a fillet or an undercut at the root up to the height of the step, which no "
+    "ball of a probe reaches; more is not modelled"
+)
+_TWO_STEPS = (
+    "a block has one working edge, by which it is predicted, inspected and certified; order two "
+    "blocks for two heights"
+)
+
+
 class Block(Part):
     """A bench block whose working faces meet at x = 0.
 
@@ -221,6 +244,12 @@ class Block(Part):
     """
 
     has_working_faces: ClassVar[bool] = True
+    not_declared: ClassVar[dict[str, str]] = {
+        **dict.fromkeys(("hand", "left_hand"), _LEFT_HAND),
+        **dict.fromkeys(("datum", "datums"), _OTHER_DATUM),
+        **dict.fromkeys(("relief", "undercut"), _RELIEF),
+        **dict.fromkeys(("steps", "heights", "second_step"), _TWO_STEPS),
+    }
 
     if TYPE_CHECKING:  # declared by each kind, in the order of its stanza
         body: Body
