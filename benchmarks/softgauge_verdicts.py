@@ -67,10 +67,20 @@ KINDS = (
 DISTURBED = KINDS[-5:]
 
 
-def draw(number):
-    """Return scan, what to ask of it, and the truth by key of the characteristic."""
+def find_kind(number):
+    """Return the kind of a gauge."""
+    if number % 25 == 24:
+        return "patch"
+    return KINDS[number % len(KINDS)]
+
+
+def draw(number, kind=""):
+    """Return kind, scan, what to ask of it, and the truth by key of the characteristic.
+
+    A `kind` takes the place of that of the number.
+    """
     random = np.random.default_rng(number)
-    kind = "patch" if number % 25 == 24 else KINDS[number % len(KINDS)]
+    kind = kind or find_kind(number)
     if kind in DISTURBED:
         return draw_disturbed(kind, random)
     height = 50 * UM + random.uniform(-2.5, 2.5) * UM

@@ -104,7 +104,7 @@ def test_a_second_step_is_said_and_does_not_bend_the_planes_of_the_first(second,
 def test_a_trace_of_the_edge_itself_is_no_second_step():
     # gauge 261, of a radius of 2.27 um and a second step of its own: a spurious one beside the
     # edge had left no faces, and 0.18 um with "conforms"
-    scan, asked, truth = draw_gauge(261)[1:]
+    scan, asked, truth = draw_gauge(261, "second")[1:]
     found = inspect_scan(scan, "step-050", **asked).evaluation.values
     for key, close in (("edge_radius", 0.1 * UM), ("step_height", 0.4 * UM)):
         assert abs(found[key].value - truth[key]) <= min(found[key].expanded(), close)
