@@ -38,7 +38,7 @@ from oracles.softgauge import (
 )
 from stepblocks.declaration.read import find_declared_part
 from stepblocks.errors import StepblocksError
-from stepblocks.inspect.budget import Instrument
+from stepblocks.inspect.budget import Bound, Instrument
 from stepblocks.inspect.conformity import Outcome
 from stepblocks.inspect.evaluation import EvaluationOptions
 from stepblocks.inspect.run import inspect_scan
@@ -227,6 +227,13 @@ def draw_drifting_map(height, radius, random, truth):
     return HeightMap(z + random.normal(0.0, 20e-9, z.shape), 38 * UM, 500 * UM, "drift")
 
 
+def holds_truth(measured, true):
+    """Tell whether an interval holds the truth; that of an upper bound begins at zero."""
+    if measured.bound is Bound.AT_MOST:
+        return bool(true <= measured.value + measured.expanded())
+    return bool(abs(measured.value - true) <= measured.expanded())
+
+
 def judge_gauge(number, part):
     """Return one record: false verdicts and held intervals of one gauge."""
     kind, scan, asked, truth = draw(number)
@@ -248,7 +255,7 @@ def judge_gauge(number, part):
                 "true": true,
                 "value": found.value,
                 "expanded": measured.expanded(),
-                "holds": bool(abs(found.value - true) <= measured.expanded()),
+                "holds": holds_truth(measured, true),
                 "false_conforms": found.verdict is Outcome.CONFORMS and not good,
                 "false_rejection": found.verdict is Outcome.DOES_NOT_CONFORM and good,
             }
