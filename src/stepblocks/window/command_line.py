@@ -18,11 +18,14 @@ class ShownCommand:
         The command behind ``stepblocks``, run in the folder of the window.
     python : str
         The same as Python; empty where a file is all that it writes.
+    page : str
+        Page within the folder of the window that it writes; empty where it writes none.
     """
 
     title: str
     words: tuple[str, ...]
     python: str = ""
+    page: str = ""
 
     @property
     def line(self) -> str:

@@ -6,6 +6,8 @@ from html import escape
 
 from nicegui import ui
 
+from stepblocks.errors import StepblocksError
+from stepblocks.quantities import format_units
 from stepblocks.window import texts
 from stepblocks.window.command_line import ShownCommand
 
@@ -23,10 +25,12 @@ _STYLE = """
   .body--dark .mistake { color: #ff9b86; }
   .nicegui-link { color: #1b6480; }
   .body--dark .nicegui-link { color: #7cc4de; }
+  .beside { display: grid; gap: 24px; width: 100%; grid-template-columns: 1fr; }
+  @media (min-width: 1000px) { .beside { grid-template-columns: 1fr 1fr; } }
   .q-header .nicegui-link { color: #fff; }
 </style>
 """
-_BAR = "background-color: #1b6480"
+_COLOUR = "#1b6480"
 
 
 @dataclass(frozen=True)
@@ -52,10 +56,11 @@ def build_frame(pages: Sequence[Page]) -> None:
     """Make the bar, and below it the page that the address names."""
     ui.add_head_html(_STYLE)
     ui.page_title(texts.TITLE)
+    ui.colors(primary=_COLOUR)
     colours = ui.dark_mode(None)
     ui.html(f'<a class="skip" href="#content">{texts.SKIP_TO_CONTENT}</a>', sanitize=False)
     with (
-        ui.header().style(_BAR),
+        ui.header().style(f"background-color: {_COLOUR}"),
         ui.row().props(f'role=navigation aria-label="{texts.NAVIGATION}"'),
     ):
         for page in pages:
@@ -75,6 +80,16 @@ def _switch_colours(colours: ui.dark_mode) -> None:
 def show_heading(text: str, level: int = 1) -> None:
     """Show a heading."""
     ui.html(escape(text), tag=f"h{level}", sanitize=False)
+
+
+def show_mistake(error: StepblocksError) -> None:
+    """Show the message that the command line would print; who cannot see it hears it."""
+    show_message(str(error))
+
+
+def show_message(text: str) -> None:
+    """Show what is wrong; who cannot see it hears it."""
+    ui.label(format_units(text)).classes("mistake").props("role=alert")
 
 
 def show_command(command: ShownCommand) -> None:

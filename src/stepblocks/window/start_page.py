@@ -6,9 +6,11 @@ from nicegui import ui
 
 from stepblocks.window import texts
 from stepblocks.window.folder import Entry, Folder, Kind
-from stepblocks.window.frame import show_command, show_heading
+from stepblocks.window.frame import show_heading
 from stepblocks.window.gate import FILES
+from stepblocks.window.jobs import JobList
 from stepblocks.window.suggestions import suggest_beginnings, suggest_commands
+from stepblocks.window.work_page import show_runnable
 
 _TITLES = {
     Kind.STIMULI: texts.STIMULI,
@@ -22,8 +24,9 @@ _TITLES = {
 class StartPage:
     """The start page of a folder."""
 
-    def __init__(self, folder: Folder) -> None:
+    def __init__(self, folder: Folder, jobs: JobList) -> None:
         self._folder = folder
+        self._jobs = jobs
 
     def build(self) -> None:
         """Make the page."""
@@ -41,17 +44,16 @@ class StartPage:
             if not entries:
                 ui.label(texts.EMPTY_FOLDER)
                 for command in suggest_beginnings():
-                    ui.label(command.title)
-                    show_command(command)
+                    show_runnable(command, self._jobs)
             for kind, title in _TITLES.items():
                 found = [entry for entry in entries if entry.kind is kind]
                 if found:
                     show_heading(texts.COUNT.format(title=title, count=len(found)), 2)
                 for entry in found:
-                    _show_entry(entry)
+                    _show_entry(entry, self._jobs)
 
 
-def _show_entry(entry: Entry) -> None:
+def _show_entry(entry: Entry, jobs: JobList) -> None:
     """Show a file or folder; opened, it shows its commands."""
     if entry.kind is Kind.OUTPUT:
         with ui.row().classes("items-center"):
@@ -60,6 +62,7 @@ def _show_entry(entry: Entry) -> None:
             ui.link(texts.OPEN_PAGE, f"{FILES}{page}", new_tab=True)
         return
     with ui.expansion(entry.name).classes("w-full"):
+        if entry.kind is Kind.STIMULI:
+            ui.link(texts.CHANGE, f"/declare?file={quote(entry.name)}")
         for command in suggest_commands(entry):
-            ui.label(command.title)
-            show_command(command)
+            show_runnable(command, jobs)

@@ -27,7 +27,10 @@ def _suggest_for_stimuli(name: str) -> list[ShownCommand]:
     return [
         ShownCommand(texts.PREDICT, ("predict", word), write_call("predict_set", name)),
         ShownCommand(
-            texts.BUILD, ("build", word, "-o", "out"), write_call("build_sets", [name], "out")
+            texts.BUILD,
+            ("build", word, "-o", "out"),
+            write_call("build_sets", [name], "out"),
+            "out/index.html",
         ),
         ShownCommand(
             texts.DRAW, ("workshop", word, "-o", "out"), write_call("order_parts", [name], "out")
@@ -62,7 +65,10 @@ def _suggest_for_session(name: str) -> list[ShownCommand]:
             write_call("measure_session", name, features),
         ),
         ShownCommand(
-            texts.LOOP, ("loop", word, "-o", report), write_call("loop_session", name, report)
+            texts.LOOP,
+            ("loop", word, "-o", report),
+            write_call("loop_session", name, report),
+            f"{report}/report.html",
         ),
     ]
 
@@ -70,7 +76,10 @@ def _suggest_for_session(name: str) -> list[ShownCommand]:
 def _suggest_for_study(name: str) -> list[ShownCommand]:
     return [
         ShownCommand(
-            texts.SHEETS, ("study", "sheet", write_name(name)), write_call("write_sheets", name)
+            texts.SHEETS,
+            ("study", "sheet", write_name(name)),
+            write_call("write_sheets", name),
+            f"{name}/run-sheets.html",
         )
     ]
 

@@ -46,3 +46,48 @@ LIST_CHANNELS = "List the channels of the scan"
 MEASURE = "Measure the features of every trace"
 LOOP = "Find what the model lacks"
 SHEETS = "Write blinded run sheets"
+
+DECLARE = "Declare"
+DECLARE_HELP = (
+    "A field takes what a stimulus file takes: a quantity with its unit (25 um), a name, or a "
+    'table such as { nominal = "25 um", tolerance = "1 um" }. What is left empty has its default.'
+)
+STIMULUS_FILE = "Stimulus file, there or new (such as mine.toml)"
+STIMULUS_FILES_ARE = "Stimulus files in the folder: {names}"
+NONE = "none"
+OPEN = "Open"
+STANZA = "Stimulus"
+KIND = "Kind of a new one"
+ADD_STANZA = "Add"
+NO_NAME = "without a name"
+DEFAULT = "Left out: {value}."
+REQUIRED = "Must be given."
+SAVE = "Save"
+SAVED = "{name} is saved"
+FELT = "What is felt"
+FELT_COLUMNS = {
+    "part": "stimulus",
+    "way": "drag",
+    "angle": "critical angle, °",
+    "force": "force, N (95 %)",
+    "energy": "energy, µJ (95 %)",
+    "distance": "to the next, JND (95 %)",
+}
+FELT_CONDITION = "By the formula, under the first tip, load and friction of the file."
+NOT_FELT = "No part of this file is felt."
+INTERVAL = "{value} ({low} to {high})"
+PROFILE_OF = "Working edge of {part}, as high as it is wide"
+CHANGE = "Change it in a form"
+
+RUN = "Run"
+RUN_THIS = "Run the command beside this button"
+CANCEL = "Cancel"
+WORK = "Work"
+NO_WORK = "Nothing runs, and nothing has run since the window was opened."
+RUNNING = "running"
+DONE = "done"
+OUT_OF_TOLERANCE = "done: something is out of tolerance"
+WRONG_INPUT = "not done: the input is wrong"
+NOT_PROVEN = "done: something is not proven"
+CANCELLED = "cancelled"
+FAILED = "ended with an internal error, which is no verdict"

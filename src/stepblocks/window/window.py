@@ -14,10 +14,13 @@ from starlette.responses import FileResponse, PlainTextResponse, Response
 from stepblocks.errors import PipelineError, StepblocksError
 from stepblocks.files.text import is_file
 from stepblocks.window import texts
+from stepblocks.window.declare_page import DeclarePage
 from stepblocks.window.folder import Folder
 from stepblocks.window.frame import Page, build_frame
 from stepblocks.window.gate import FILES, Gate
+from stepblocks.window.jobs import JobList
 from stepblocks.window.start_page import StartPage
+from stepblocks.window.work_page import ADDRESS, WorkPage
 
 
 class Window:
@@ -36,7 +39,12 @@ class Window:
 
     def __init__(self, path: Path) -> None:
         self.folder = Folder(path)
-        self.pages = (Page("/", texts.START, StartPage(self.folder).build),)
+        self.jobs = JobList(self.folder.path)
+        self.pages = (
+            Page("/", texts.START, StartPage(self.folder, self.jobs).build),
+            Page("/declare", texts.DECLARE, DeclarePage(self.folder).build),
+            Page(ADDRESS, texts.WORK, WorkPage(self.folder, self.jobs).build),
+        )
 
     def build(self) -> None:
         """Make the page that the address names."""
@@ -102,4 +110,7 @@ def serve_window(window: Window, port: int, announce: Callable[[str], None]) -> 
         site = make_app(window, port, token)
         config = uvicorn.Config(site, log_level="error", access_log=False, server_header=False)
         announce(f"http://127.0.0.1:{port}/?token={token}")
-        uvicorn.Server(config).run(sockets=[listener])
+        try:
+            uvicorn.Server(config).run(sockets=[listener])
+        finally:
+            window.jobs.close()
