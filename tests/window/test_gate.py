@@ -26,6 +26,8 @@ def address(tmp_path_factory):
     (folder / "mine.toml").write_text('[[step_block]]\nid = "a"\nheight = "25 um"\n')
     (folder / "page.html").write_text("<script>1</script>")
     (folder / ".hidden").write_text(SECRET)
+    (folder / "out").mkdir()
+    (folder / "out" / "manifest.json").write_text("{}")  # so that its page is linked
     if os.name == "posix":
         (folder / "link.txt").symlink_to(base / "secret.txt")
     words = [sys.executable, "-m", "stepblocks", "app", str(folder), "--no-open"]
@@ -40,6 +42,12 @@ def address(tmp_path_factory):
             process.terminate()
             process.communicate(timeout=60)
     assert sorted(path.name for path in base.iterdir()) == ["lab", "secret.txt"]
+
+
+@pytest.fixture(scope="module")
+def files(address):
+    """Where the start page says that files of the folder are."""
+    return re.search(r"/folder/[^/]{16,}/", ask(address, "/")[2])[0]
 
 
 def ask(address, path, method="GET", body=None, *, own=True, **headers):
@@ -142,16 +150,23 @@ def test_a_websocket_is_refused_without_the_cookie_and_from_another_page(address
         "nowhere.txt",
     ],
 )
-def test_no_name_leads_out_of_the_folder(address, name):
-    status, _, text = ask(address, f"/folder/{name}")
+@pytest.mark.parametrize("own", [True, False])
+def test_no_name_leads_out_of_the_folder(address, files, name, own):
+    status, _, text = ask(address, f"{files}{name}", own=own)
     assert status in (404, 307)
     assert SECRET not in text
     assert "root:" not in text
 
 
-def test_a_file_of_the_folder_is_served_in_a_place_without_the_cookie(address):
-    assert ask(address, "/folder/mine.toml")[2].startswith("[[step_block]]")
-    status, headers, _ = ask(address, "/folder/page.html")
+def test_a_file_of_the_folder_is_served_in_a_place_without_the_cookie(address, files):
+    """Its pictures are asked for without the cookie, too, by an address that is not guessed."""
+    assert ask(address, f"{files}mine.toml")[2].startswith("[[step_block]]")
+    assert ask(address, "/folder/mine.toml", own=False)[0] == 403
+    assert ask(address, "/folder/guess/mine.toml", own=False)[0] == 403
+    assert ask(address, f"{files}mine.toml", own=False, Host="evil.example")[0] == 403
+    assert ask(address, f"{files}mine.toml", own=False, Origin="null")[0] == 403
+    assert ask(address, f"{files}mine.toml", "POST", b"", own=False)[0] == 403
+    status, headers, _ = ask(address, f"{files}page.html", own=False)
     assert status == 200
     policy = headers["Content-Security-Policy"]
     assert policy.startswith("sandbox allow-scripts")

@@ -1,11 +1,13 @@
 """What lies in the folder of the window, by kind; no name leads out of it."""
 
 import os
+import secrets
 import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
+from urllib.parse import quote
 
 from stepblocks.errors import PipelineError
 from stepblocks.files.paths import describe_system_error, resolve_inside
@@ -71,6 +73,8 @@ class Folder:
             reason = describe_system_error(error, path)
             raise PipelineError(f"folder cannot be read: {reason} [{path}]") from error
         self.path = path.resolve()
+        # a report runs without the cookie of the window: what its pictures are found by is secret
+        self.address = f"/folder/{secrets.token_urlsafe(16)}/"
 
     def resolve(self, name: str) -> Path:
         """Return the path of a name that a user gave.
@@ -86,6 +90,10 @@ class Folder:
                 f"a name must lie in the folder of the window, got {shorten_value(name)}"
             )
         return path
+
+    def make_link(self, name: str) -> str:
+        """Return the address at which the window serves a file."""
+        return f"{self.address}{quote(name)}"
 
     def list_entries(self) -> list[Entry]:
         """List what commands take, in the order of names; at most two thousand."""

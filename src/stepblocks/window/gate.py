@@ -24,15 +24,10 @@ _POLICY = (
 )
 # A file of the folder may hold a script: it runs in a place of its own, without the cookie
 _POLICY_OF_FILES = (
-    "sandbox allow-scripts allow-popups; default-src 'self' 'unsafe-inline' data: blob:; "
+    "sandbox allow-scripts; default-src 'self' 'unsafe-inline' data: blob:; "
     "connect-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
-FILES = "/folder/"  # below which the files of the folder are served
-_HEADERS = {
-    "X-Content-Type-Options": "nosniff",
-    "Referrer-Policy": "no-referrer",
-    "Cross-Origin-Resource-Policy": "same-origin",
-}
+_HEADERS = {"X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer"}
 
 
 class Gate:
@@ -49,12 +44,16 @@ class Gate:
         Where the window is served.
     token : str
         What only its user knows.
+    files : str
+        Path, not to be guessed either, below which the files of the folder are read without the
+        cookie: a report runs in a place of its own, from which no cookie is sent for its pictures.
     """
 
-    def __init__(self, app: "ASGIApp", port: int, token: str) -> None:
+    def __init__(self, app: "ASGIApp", port: int, token: str, files: str) -> None:
         self._app = app
         self._port = port
         self._token = token
+        self._files = files
         self._cookie = f"stepblocks-{port}"  # a browser keeps cookies by machine, not by port
 
     async def __call__(self, scope: "Scope", receive: "Receive", send: "Send") -> None:
@@ -71,14 +70,16 @@ class Gate:
         if self._opens_window(scope):
             await self._hand_over_cookie(send)
             return
-        if not self._has_cookie(headers):
+        is_file = self._asks_for_file(scope)
+        if not is_file and not self._has_cookie(headers):
             await _refuse(scope, send, 403, texts.REFUSED_TOKEN)
             return
         fault = _find_fault_of_length(scope, headers)
         if fault is not None:
             await _refuse(scope, send, *fault)
             return
-        await self._app(scope, receive, _add_headers(scope, send))
+        policy = _POLICY_OF_FILES if is_file else _POLICY
+        await self._app(scope, receive, _add_headers(send, policy))
 
     def _opens_window(self, scope: "Scope") -> bool:
         """Tell whether a request is for the address with the token."""
@@ -86,6 +87,13 @@ class Gate:
             return False
         tokens = parse_qs(scope["query_string"].decode("latin-1")).get("token", [])
         return len(tokens) == 1 and self._is_token(tokens[0])
+
+    def _asks_for_file(self, scope: "Scope") -> bool:
+        """Tell whether a request reads a file of the folder."""
+        if scope["type"] != "http" or scope["method"] != "GET":
+            return False
+        begin = scope["path"][: len(self._files)]
+        return secrets.compare_digest(begin.encode(), self._files.encode())
 
     def _is_token(self, text: str) -> bool:
         """Compare in a time that tells nothing."""
@@ -128,11 +136,8 @@ def _find_fault_of_length(scope: "Scope", headers: dict[str, list[str]]) -> tupl
     return None
 
 
-def _add_headers(scope: "Scope", send: "Send") -> "Send":
-    """Return a way to answer that adds the policy of the window to every answer."""
-    policy = _POLICY
-    if scope["path"].startswith(FILES):
-        policy = _POLICY_OF_FILES
+def _add_headers(send: "Send", policy: str) -> "Send":
+    """Return a way to answer that adds a policy to every answer."""
     added = {**_HEADERS, "Content-Security-Policy": policy}
 
     async def send_with_policy(message: "Message") -> None:

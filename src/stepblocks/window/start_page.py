@@ -7,7 +7,6 @@ from nicegui import ui
 from stepblocks.window import texts
 from stepblocks.window.folder import Entry, Folder, Kind
 from stepblocks.window.frame import show_heading
-from stepblocks.window.gate import FILES
 from stepblocks.window.jobs import JobList
 from stepblocks.window.suggestions import suggest_beginnings, suggest_commands
 from stepblocks.window.work_page import show_runnable
@@ -50,19 +49,20 @@ class StartPage:
                 if found:
                     show_heading(texts.COUNT.format(title=title, count=len(found)), 2)
                 for entry in found:
-                    _show_entry(entry, self._jobs)
+                    _show_entry(entry, self._folder, self._jobs)
 
 
-def _show_entry(entry: Entry, jobs: JobList) -> None:
+def _show_entry(entry: Entry, folder: Folder, jobs: JobList) -> None:
     """Show a file or folder; opened, it shows its commands."""
     if entry.kind is Kind.OUTPUT:
         with ui.row().classes("items-center"):
             ui.label(entry.name)
-            page = quote(f"{entry.name}/index.html")
-            ui.link(texts.OPEN_PAGE, f"{FILES}{page}", new_tab=True)
+            ui.link(texts.OPEN_PAGE, folder.make_link(f"{entry.name}/index.html"), new_tab=True)
         return
     with ui.expansion(entry.name).classes("w-full"):
         if entry.kind is Kind.STIMULI:
             ui.link(texts.CHANGE, f"/declare?file={quote(entry.name)}")
+        if entry.kind is Kind.SCAN:
+            ui.link(texts.INSPECT_LINK, f"/inspect?file={quote(entry.name)}")
         for command in suggest_commands(entry):
             show_runnable(command, jobs)

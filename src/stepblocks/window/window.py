@@ -17,7 +17,8 @@ from stepblocks.window import texts
 from stepblocks.window.declare_page import DeclarePage
 from stepblocks.window.folder import Folder
 from stepblocks.window.frame import Page, build_frame
-from stepblocks.window.gate import FILES, Gate
+from stepblocks.window.gate import Gate
+from stepblocks.window.inspect_page import InspectPage
 from stepblocks.window.jobs import JobList
 from stepblocks.window.start_page import StartPage
 from stepblocks.window.work_page import ADDRESS, WorkPage
@@ -43,6 +44,7 @@ class Window:
         self.pages = (
             Page("/", texts.START, StartPage(self.folder, self.jobs).build),
             Page("/declare", texts.DECLARE, DeclarePage(self.folder).build),
+            Page("/inspect", texts.INSPECT, InspectPage(self.folder, self.jobs).build),
             Page(ADDRESS, texts.WORK, WorkPage(self.folder, self.jobs).build),
         )
 
@@ -65,7 +67,9 @@ class Window:
 def make_app(window: Window, port: int, token: str) -> Gate:
     """Make what a server runs: the pages and the files of a window, behind its gate."""
     site = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
-    site.add_api_route(f"{FILES}{{name:path}}", window.serve_file, response_model=None)
+    site.add_api_route(
+        f"{window.folder.address}{{name:path}}", window.serve_file, response_model=None
+    )
     ui.run_with(
         site,
         root=window.build,
@@ -75,7 +79,7 @@ def make_app(window: Window, port: int, token: str) -> Gate:
         show_welcome_message=False,
     )
     framework.on_exception(_say_that_it_failed)
-    return Gate(site, port, token)
+    return Gate(site, port, token, window.folder.address)
 
 
 def _say_that_it_failed() -> None:

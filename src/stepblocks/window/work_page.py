@@ -1,7 +1,5 @@
 """The page of what runs and has run: every command with what it prints, and its verdict."""
 
-from urllib.parse import quote
-
 from nicegui import ui
 
 from stepblocks.errors import StepblocksError
@@ -10,7 +8,6 @@ from stepblocks.window import texts
 from stepblocks.window.command_line import ShownCommand
 from stepblocks.window.folder import Folder
 from stepblocks.window.frame import show_command, show_heading, show_mistake
-from stepblocks.window.gate import FILES
 from stepblocks.window.jobs import Job, JobList, JobState
 
 ADDRESS = "/work"
@@ -58,7 +55,7 @@ class _JobView:
                 self._spinner = ui.spinner(size="sm").props("aria-hidden=true")
                 self._state = ui.label().props("role=status").mark(f"state-{job.number}")
                 self._cancel = ui.button(texts.CANCEL, on_click=job.cancel).props("flat no-caps")
-                self._link = ui.link(texts.OPEN_PAGE, f"{FILES}{quote(job.command.page)}", True)
+                self._link = ui.link(texts.OPEN_PAGE, folder.make_link(job.command.page), True)
             self._output = ui.label().classes("command")
 
     def update(self) -> None:
