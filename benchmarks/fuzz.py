@@ -17,6 +17,7 @@ import sys
 import tempfile
 import time
 import traceback
+import warnings
 import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -27,7 +28,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests"))  # for a model that might be learned
 
 from stepblocks.bench.faults import TraceError  # noqa: E402
-from stepblocks.errors import StepblocksError  # noqa: E402
+from stepblocks.errors import ReadingWarning, StepblocksError  # noqa: E402
 from stepblocks.files.confined import MEMORY  # noqa: E402
 
 SECONDS = 20  # of the processor, for one input
@@ -216,11 +217,16 @@ def _tables(work: Path) -> Iterator[Kind]:
     conditions = {"height_um": [25.5, 50.0, 1200.0], "load_n": [1.0, 0.5, 1.5]}
     conditions["friction"] = [0.15, 0.25, 0.05]
     dialects = []
+    profiles = []
     for number in range(40):
         content = draw_dialect(number).write(conditions)
         if _is_answer(content, work, predict_table):
             dialects.append(("t.csv", content))
+        content = draw_dialect(number).write({"x_um": list(range(40)), "z_um": [0.5, 12.5] * 20})
+        if _is_answer(content, work, read_scan):
+            profiles.append(("s.csv", content))
     yield "dialects", (dialects, lambda path: predict_table(path))
+    yield "profiles", (profiles, read_scan)
     units = [b"25 um", b"9.81 N/mm", b"7850 kg/m^3", b"0.15", b"10 %", b"-3.5e-6 m", b"20 degC"]
 
     def quantities(path: Path) -> object:
@@ -512,6 +518,7 @@ def main(argv: list[str] | None = None) -> int:
         "--keep", type=Path, default=Path("fuzz-faults"), help="folder for what failed"
     )
     arguments = parser.parse_args(argv)
+    warnings.simplefilter("ignore", ReadingWarning)  # of every input another one
     for late in (signal.SIGALRM, signal.SIGPROF):
         signal.signal(late, _late)
     rows: list[list[float]] = []

@@ -106,7 +106,7 @@ SHEATH = {
 # enumerations, which Python itself looks up
 NOT_CALLED = {
     *("BuildReport", "ContactLaw", "Counterface", "PAPER", "SetDesign", "Status"),
-    "StepblocksError",
+    *("StepblocksError", "TrainingDay"),
 }
 
 
@@ -452,6 +452,7 @@ def make_file_calls(work: Path) -> dict[str, Words]:
         "SweepResult": ((work / "sweep", None, 1, 0), {}),
         "Rehearsals": (((work / "seed-000001",), 1, 0), {}),
         "Limits": ((), {"first": 3.0}),
+        "TableLayout": ((), {"decimal": ",", "encoding": "cp1252", "missing": [-9999, "OVER"]}),
         "ReadingWarning": (("cells are separated by tabs [table.csv]",), {}),
     }
 
@@ -499,8 +500,8 @@ def make_method_calls(work: Path) -> dict[str, Call]:
         "StimulusSet.to_toml": (declared.to_toml, ("mine.toml",), {}),
         "StepBlock.counterface": (declared.stimuli[0].counterface, (26e-6,), {}),
         "Profile.from_scan": (sb.Profile.from_scan, (sb.read_scan(work / "scan.csv"),), {}),
-        "SweepResult.read": (sweep.read, (["height_m"],), {}),
-        "SweepResult.plot": (sweep.plot, ("height_m",), {"y": "vibration_energy_j"}),
+        "SweepResult.read": (sweep.read, (["height_um"],), {}),
+        "SweepResult.plot": (sweep.plot, ("height_um",), {"y": "vibration_energy_uj"}),
         "Trials.from_table": (sb.Trials.from_table, (trials,), {}),
     }
 

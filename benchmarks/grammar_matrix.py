@@ -110,7 +110,7 @@ def make_size(form: str, covariate: str, columns: dict[str, Any]) -> Numbers:
     return FORMS[form]((column - column.min()) / np.ptp(column))
 
 
-def plant(form: str, slot: str, covariate: str, columns: dict[str, Any], sign: float) -> Law:
+def plant(form: str, slot: str, covariate: str, columns: dict[str, Any]) -> Law:
     """Make the planted effect as a law of one amplitude."""
     move = SLOT_MOVES[slot]
     size = make_size(form, covariate, columns)
@@ -129,7 +129,7 @@ def run_session(task: tuple[tuple[str, str, str] | None, int, int]) -> dict[str,
     truth = ()
     if combination is not None:
         sign = 1.0 if seed % 2 else -1.0
-        law = plant(*combination, columns, sign)
+        law = plant(*combination, columns)
         truth = ((law, {"size": sign * SIZES[combination[1]]}),)
     table = bench_trials(columns, seed, truth)
     model = SessionModel(Tool(frequency=300.0, decay_time=0.02), scanned=block_scans(columns, seed))
@@ -165,18 +165,23 @@ def judge(
         return {"none": not findings}
     form, slot, covariate = combination
     place = (SLOT_MOVES[slot].slot, covariate)
-    placed = [f for f in findings if (f["slot"], f["covariate"]) == place]
-    in_rivals = any(f"_{slot}_{covariate}" in rival for f in findings for rival in f["rivals"])
+    placed = [finding for finding in findings if (finding["slot"], finding["covariate"]) == place]
+    is_rival = False
+    for finding in findings:
+        for rival in finding["rivals"]:
+            is_rival = is_rival or f"_{slot}_{covariate}" in rival
     names = NAMED_TOO.get((slot, form), ())
-    named = [
-        f
-        for f in placed
-        if f["verdict"] == "effect" and (f["shape"] or f["id"].startswith(names or ("!",)))
-    ]
+    is_named = is_shape = False
+    for finding in placed:
+        if finding["verdict"] != "effect":
+            continue
+        has_own_name = finding["id"].startswith(names) if names else False
+        is_named = is_named or bool(finding["shape"]) or has_own_name
+        is_shape = is_shape or finding["shape"] == form or has_own_name
     return {
-        "place": bool(placed) or in_rivals,
-        "named": bool(named),
-        "shape": any(f["shape"] == form or f["id"].startswith(names or ("!",)) for f in named),
+        "place": bool(placed) or is_rival,
+        "named": is_named,
+        "shape": is_shape,
         "alone": len(findings) == 1,
     }
 

@@ -327,5 +327,5 @@ def test_columns_say_their_unit_and_each_is_described():
     for file in GENERATED["column_files"]():
         for name, meaning in file["columns"].items():
             assert meaning, (file["name"], name)
-    assert GENERATED["column_unit"]("pull_force_n") == "N"
+    assert GENERATED["column_unit"]("peak_force_n") == "N"
     assert GENERATED["column_unit"]("loading_slope_n_per_s") == "N/s"

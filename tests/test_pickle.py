@@ -41,6 +41,7 @@ EXAMPLES = {
     "Release": sb.find_release(0.5, 1.0, 0.15),
     "Status": sb.Status.LOCKED,
     "Limits": sb.Limits(),
+    "TableLayout": sb.TableLayout(decimal=",", missing=[-9999, "OVER"]),
     "Rehearsals": sb.Rehearsals((Path("seed-000001"),), 1, 0),
     "Stribeck": sb.Stribeck(0.2, 0.1, 1e-3),
     "Hertz": sb.Hertz(),
@@ -131,7 +132,11 @@ def test_results_are_shown_in_a_line(tmp_path):
         shown = repr(one)
         assert len(shown) <= 200
         assert "\n" not in shown
-    assert repr(order) == "PartOrder(name='paper-ten/step-050', note='')"
+    note = (
+        'no gauge-block drawing: it is for a material such as "gauge-block steel", got '
+        "X90CrMoV18 (1.4112), hardened"
+    )
+    assert repr(order) == f"PartOrder(name='paper-ten/step-050', note={note!r})"
 
 
 def test_an_operating_point_is_shown_without_its_defaults():

@@ -27,8 +27,8 @@ Everything that a command does is also a function. The public names, in the orde
   `explain` with its `Trials` and each `Law` with its `Parameter`;
 - experiments: `design_study`, `write_sheets`, `open_run`, `simulate_study`, `analyse_study`,
   `share_study`, `study_power`; training: `open_training`, `read_training`, `TrainingDay`;
-- errors: `StepblocksError`; what a reader found out about a file: `ReadingWarning`; units at the
-  border: `parse_quantity`, `format_quantity`.
+- errors: `StepblocksError`; what a reader found out about a file: `ReadingWarning`, what it need
+  not find out: `TableLayout`; units at the border: `parse_quantity`, `format_quantity`.
 
 Importing this package imports nothing heavy; each name is loaded when it is first used
 (``__init__.pyi`` says where it lives).

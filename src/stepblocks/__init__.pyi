@@ -40,6 +40,7 @@ from .declaration.read import load_set as load_set
 from .declaration.set import StimulusSet as StimulusSet, register_kind as register_kind
 from .drag.run import drag_over as drag_over
 from .errors import ReadingWarning as ReadingWarning, StepblocksError as StepblocksError
+from .files.layout import TableLayout as TableLayout
 from .haptics.feel_page import write_feel_page as write_feel_page
 from .haptics.renderer import Renderer as Renderer
 from .inspect.budget import Instrument as Instrument

@@ -142,6 +142,23 @@ def is_quantity(value: object) -> bool:
     return hasattr(value, "magnitude") and hasattr(value, "units") and hasattr(value, "to")
 
 
+def take_scalar(value: Any) -> Any:
+    """Return the number in an array without dimensions, with its unit where xarray states one.
+
+    Anything else is returned as it is.
+    """
+    if isinstance(value, str | bytes):  # those of numpy have a shape, too
+        return value
+    if getattr(value, "shape", None) != () or not hasattr(value, "dtype") or is_quantity(value):
+        return value
+    if getattr(value, "mask", False):
+        return value
+    unit = getattr(value, "attrs", {}).get("units")
+    if unit is not None:
+        return f"{float(value)!r} {unit}"
+    return getattr(value, "values", value)[()]
+
+
 def read_array(values: object, dimension: str) -> "NDArray[np.float64]":
     """Read numbers that Python hands in as an array in SI.
 
@@ -177,7 +194,7 @@ def read_array(values: object, dimension: str) -> "NDArray[np.float64]":
     given: Any = values
     if is_quantity(given):
         plain = read_array(given.magnitude, "ratio")
-        factor = _convert_quantity(1.0 * given.units, DIMENSIONS[dimension], f"must be {dimension}")
+        factor = _convert_unit_of_array(given.units, dimension)
         return np.asarray(multiply_by_unit(plain, factor))
     attributes = getattr(given, "attrs", None)
     if isinstance(attributes, dict) and isinstance(attributes.get("units"), str):
@@ -186,10 +203,24 @@ def read_array(values: object, dimension: str) -> "NDArray[np.float64]":
     return _fill_missing(given, dimension)
 
 
+def _convert_unit_of_array(unit: Any, dimension: str) -> float:
+    """Return the size of a unit of Pint in SI; refuse one of another dimension."""
+    article = "an" if dimension[0] in "ae" else "a"
+    wanted = f"must be {article} {dimension}"
+    try:
+        return _convert_quantity(1.0 * unit, DIMENSIONS[dimension], wanted)
+    except QuantityError as error:
+        raise QuantityError(f"{wanted}, got the unit {unit!s:.60}") from error
+
+
 def _fill_missing(values: Any, dimension: str) -> "NDArray[np.float64]":
     """Return numbers, or texts with units, as an array in SI, NaN where one is missing."""
     import numpy as np
 
+    if getattr(getattr(values, "dtype", None), "kind", "") == "b" or isinstance(values, bool):
+        raise QuantityError(
+            f"must be numbers [{DIMENSIONS[dimension] or '1'}], got truth values (bool)"
+        )
     if isinstance(values, np.ma.MaskedArray):
         return np.ma.filled(values.astype(np.float64), np.nan)
     if hasattr(values, "to_numpy") and hasattr(values, "isna"):
@@ -201,6 +232,8 @@ def _fill_missing(values: Any, dimension: str) -> "NDArray[np.float64]":
             objects[place] = value
         return _read_objects(objects, dimension)
     array = np.asarray(values)
+    if array.dtype.kind == "b" and array.size:
+        return _fill_missing(array, dimension)
     if array.dtype.kind in "biuf":
         return np.asarray(array, dtype=np.float64)
     return _read_objects(np.asarray(values, dtype=object), dimension)

@@ -72,10 +72,10 @@ def test_the_file_conforms_and_holds_every_characteristic_within_1_nm(identity, 
 
 
 def test_a_one_sided_tolerance_keeps_its_signs(tmp_path):
-    # ISO 1797 shank: 2.35 mm +0 / -0.032 mm on the diameter
+    # ISO 1797 shank: 2.35 mm +0 / -0.016 mm on the diameter
     report = check_step(written("tip-125", tmp_path))
     (shank,) = [one for one in report.dimensions if one.kind == "diameter"]
-    assert (shank.lower, shank.upper) == pytest.approx((-0.032e-3, 0.0), abs=1e-12)
+    assert (shank.lower, shank.upper) == pytest.approx((-0.016e-3, 0.0), abs=1e-12)
 
 
 def test_equal_parts_give_equal_bytes_and_the_header_time_is_pinned(block, tmp_path):
@@ -183,7 +183,8 @@ def test_angles_are_measured_on_cones_and_between_planes(tmp_path):
 
 def test_only_what_no_face_carries_is_a_requirement_without_one():
     # where a sheath sits, how high letters are, what a rounded or missing ledge has no edge for,
-    # and what an edge is as made: material over it has no face, and a section shows its riser
+    # what an edge is as made (material over it has no face, and a section shows its riser), how a
+    # tip turns in its shank, and how rough a crown is under all of its margin
     notes = {
         (one.id, line.key)
         for one in STIMULI.values()
@@ -195,9 +196,13 @@ def test_only_what_no_face_carries_is_a_requirement_without_one():
     letters = {(name, "engraving_height") for name in blocks}
     letters |= {(name, "thread") for name in blocks if not name.startswith("apparatus")}
     steps = {name for name in blocks if STIMULI[name].stanza == "step_block"}
-    edges = {(name, key) for name in steps for key in ("burr", "riser_straightness")}
+    edges = {(name, "burr") for name in blocks}
+    edges |= {(name, "riser_straightness") for name in steps}
     places = {("sheath-hard", "position"), ("sheath-soft", "position")}
-    assert notes == {*places, *ledges, *letters, *edges}
+    turned = {(name, "runout") for name in ("tip-015", "tip-029", "tip-125")}
+    crowns = {name for name in STIMULI if STIMULI[name].stanza == "crown_on_tooth"}
+    rough = {(name, "roughness") for name in crowns}
+    assert notes == {*places, *ledges, *letters, *edges, *turned, *rough}
 
 
 def test_a_tip_reaches_to_the_far_side_of_its_ball_and_a_hook_is_bent_about_a_ring(tmp_path):

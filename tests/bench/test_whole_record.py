@@ -110,6 +110,22 @@ repeats = 3
 """
 
 
+def test_the_whole_record_replaces_no_file_of_the_session_and_no_features(tmp_path, capsys):
+    (tmp_path / "plan.toml").write_text(PLAN)
+    session, features = tmp_path / "session", tmp_path / "features.csv"
+    simulate_session(tmp_path / "plan.toml", session)
+    before = (session / "trials.csv").read_bytes()
+    for table, message in (
+        (session / "trials.csv", "must not replace a file of the session"),
+        (features, "--whole-record must be another file than --output"),
+    ):
+        asked = ["measure", session, "-o", features, "--whole-record", table, "--jobs", 1]
+        assert main(list(map(str, asked))) == 2
+        assert message in capsys.readouterr().err
+        assert not features.exists()
+    assert (session / "trials.csv").read_bytes() == before
+
+
 def test_measure_writes_the_whole_record_beside_the_features(tmp_path, capsys):
     (tmp_path / "plan.toml").write_text(PLAN)
     simulate_session(tmp_path / "plan.toml", tmp_path / "session")

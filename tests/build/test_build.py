@@ -279,10 +279,10 @@ def test_predictions_have_units_in_their_columns_and_no_number_where_the_tip_loc
     assert len(rows) == blocks * 4 * 3  # loads and frictions of the set
     locked = [row for row in rows if row["status"] == "locked"]
     assert locked
-    assert all(row["pull_force_n"] == row["vibration_energy_uj"] == "" for row in locked)
-    assert all(float(row["step_height_um"]) >= float(row["locking_height_um"]) for row in locked)
+    assert all(row["peak_force_n"] == row["vibration_energy_uj"] == "" for row in locked)
+    assert all(float(row["height_um"]) >= float(row["locking_height_um"]) for row in locked)
     assert all(
-        float(row["step_height_um"]) < float(row["locking_height_um"])
+        float(row["height_um"]) < float(row["locking_height_um"])
         for row in rows
         if row["status"] == "releases"
     )

@@ -188,7 +188,7 @@ def test_check_looks_at_tables_and_specifications_too(copy):
     folder = copy / "sheaths" / "sheath-soft"
     table, asked = copy / "sheaths" / "predictions.csv", folder / "specification.json"
     rows = [line.split(",") for line in table.read_text().splitlines()]
-    at = rows[0].index("pull_force_n")
+    at = rows[0].index("peak_force_n")
     rows[3][at] = str(1.001 * float(rows[3][at]))
     table.write_text("\n".join(map(",".join, rows)) + "\n")
     asked.write_text(asked.read_text().replace("1410", "1411").replace("0.0005", "0.0006"))

@@ -237,7 +237,7 @@ def test_a_table_without_a_suffix_is_written_and_written_again(tmp_path, capsys)
     for _ in range(2):
         assert main(["predict", str(table), "-o", str(tmp_path / "out" / "felt")]) == 0
         assert "felt: 1 predictions" in capsys.readouterr().out
-    assert "vibration_energy_j" in (tmp_path / "out" / "felt").read_text()
+    assert "vibration_energy_uj" in (tmp_path / "out" / "felt").read_text()
     (tmp_path / "out" / "felt").write_text("filled in by hand\n")
     assert main(["predict", str(table), "-o", str(tmp_path / "out" / "felt")]) == 2
     assert (tmp_path / "out" / "felt").read_text() == "filled in by hand\n"
@@ -280,7 +280,7 @@ def test_predict_prints_a_table_and_writes_the_same_as_csv(tmp_path, capsys, mon
     shown = [line.split() for line in lines if line.startswith("apparatus")]
     assert [line[0] for line in shown] == [row["stimulus"] for row in table]
     # three digits, wherever the column stands
-    assert f"{float(table[0]['pull_force_n']):.3g}" in shown[0]
+    assert f"{float(table[0]['peak_force_n']):.3g}" in shown[0]
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,6 @@
 """Five commands over one surface speak of one event: its place, its pull and its energy."""
 
 import json
-import math
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -146,11 +145,11 @@ def test_predict_drag_sweep_export_and_feel_speak_of_the_same_event(folder, name
     if back and owner == "paper-four":
         # a table and a sweep of steps go up; down nothing catches
         assert found.empty
-        assert "direction" not in rows
+        assert "drag" not in rows
         assert {drag["status"], event["status"], str(page_says.status)} == {"no-catch"}
         return
     predicted = found.iloc[0]
-    row = (rows if owner == "paper-four" else rows[rows.direction == way]).iloc[0]
+    row = (rows if owner == "paper-four" else rows[rows.drag == way]).iloc[0]
     said = predicted.status, row.status, event["status"], str(page_says.status)
     assert said == (drag["status"],) * 4
     if drag["status"] == "no-catch":
@@ -159,9 +158,11 @@ def test_predict_drag_sweep_export_and_feel_speak_of_the_same_event(folder, name
     # equation (1) and (2): tables have six digits; the profile of the page is a polygon
     formula = drag["equation_1"]
     pull, energy = formula["peak_force_n"], formula["vibration_energy_j"]
-    assert predicted.pull_force_n == pytest.approx(pull, rel=1e-5)
+    assert predicted.peak_force_n == pytest.approx(pull, rel=1e-5)
     assert predicted.vibration_energy_uj == pytest.approx(1e6 * energy, rel=1e-5)
-    assert (row.peak_force_n, row.vibration_energy_j) == pytest.approx((pull, energy), rel=1e-9)
+    assert (row.peak_force_n, 1e-6 * row.vibration_energy_uj) == pytest.approx(
+        (pull, energy), rel=1e-9
+    )
     assert (event["critical_force_n"], event["energy_j"]) == pytest.approx((pull, energy), rel=1e-6)
     assert page_says.pull_force == pytest.approx(pull, rel=2e-3)
     assert page_says.vibration_energy == pytest.approx(energy, rel=5e-3)
@@ -169,13 +170,29 @@ def test_predict_drag_sweep_export_and_feel_speak_of_the_same_event(folder, name
     # the drag in time: the scene simulates at 96 kHz about its own path
     pull, energy = drag["peak_force_n"], drag["vibration_energy_j"]
     assert feature["pull_n"] == pytest.approx(pull, rel=1e-9)
-    assert predicted.drag_pull_force_n == pytest.approx(pull, rel=1e-5)
+    assert predicted.drag_peak_force_n == pytest.approx(pull, rel=1e-5)
     assert predicted.drag_vibration_energy_uj == pytest.approx(1e6 * energy, rel=1e-5)
-    in_time = row.drag_peak_force_n, row.drag_vibration_energy_j
+    in_time = row.drag_peak_force_n, 1e-6 * row.drag_vibration_energy_uj
     assert in_time == pytest.approx((pull, energy), rel=1e-6)
     assert event["simulated_peak_force_n"] == pytest.approx(pull, rel=5e-3)
     assert event["simulated_energy_j"] == pytest.approx(energy, rel=0.03)
     # and the place
     assert event["trigger_position_m"] == pytest.approx(feature["x_m"], abs=1e-6)
-    angles = (event["critical_angle_deg"], math.degrees(row.critical_angle_rad))
+    angles = (event["critical_angle_deg"], row.critical_angle_deg)
     assert angles == pytest.approx((feature["critical_angle_deg"],) * 2, rel=1e-6)
+
+
+def test_predict_says_which_energy_is_felt_and_the_drag_which_limit_it_does_not_know(
+    tmp_path, capsys, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.toml").write_text('[[step_block]]\nid = "step-050"\nheight = "50 um"\n')
+    assert main(["predict", "mine.toml", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    (row,) = found["predictions"]
+    assert row["felt_by"] == "drag"
+    assert row["felt_energy_uj"] == row["drag_vibration_energy_uj"] != row["vibration_energy_uj"]
+    assert any("vibration_energy_uj is that of equation (1)" in note for note in found["notes"])
+    # eq. (1) by hand: tan(acos(1 - 100/125) + atan 0.15) N is more than a hand pulls
+    assert main(["drag", "100 um", "-o", "d"]) == 0
+    assert "so that `predict` says beyond-hand" in capsys.readouterr().out

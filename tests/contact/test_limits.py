@@ -100,7 +100,7 @@ def test_beyond_a_limit_a_row_shows_the_limit_and_no_energy():
     assert len(beyond) == 4
     for row in beyond:
         assert row["limit_n"] == 9.87
-        assert row["pull_force_n"] > 9.87
+        assert row["peak_force_n"] > 9.87
         energies = {
             name: value
             for name, value in row.items()

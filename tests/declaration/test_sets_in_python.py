@@ -110,7 +110,7 @@ def test_a_set_is_drawn_and_exported_as_its_file_is(declared, built, tmp_path):
     source = built[0] / "mine.toml"
     for name, given in (("set", declared), ("file", source)):
         orders = stepblocks.order_parts(given, tmp_path / name)
-        assert [one.name for one in orders] == ["mine/low"]
+        assert [one.name for one in orders] == ["mine/low", "mine/quotation"]
         stepblocks.export_scenes(given, "mujoco", tmp_path / name / "scene")
     names = [
         sorted(path.relative_to(tmp_path / one) for path in (tmp_path / one).rglob("*"))

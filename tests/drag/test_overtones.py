@@ -129,7 +129,7 @@ def test_a_set_a_sweep_and_a_prediction_drag_the_same_tool(tmp_path):
         prediction={"tip_radii": ["125 um"], "laws": {"tool": law}},
     )
     table = sb.predict_set(stimuli)
-    assert table.drag_pull_force_n[0] == pytest.approx(by_hand.trace.peak_force, rel=1e-9)
+    assert table.drag_peak_force_n[0] == pytest.approx(by_hand.trace.peak_force, rel=1e-9)
     assert table.drag_vibration_energy_uj[0] == pytest.approx(1e6 * by_hand.ring.energy, rel=1e-6)
     point = sb.OperatingPoint(125e-6, 1.0, 0.15, TOOL)
     assert predict_one(sb.Step(25e-6), point).in_time.energy == pytest.approx(by_hand.ring.energy)
@@ -140,7 +140,7 @@ def test_a_set_a_sweep_and_a_prediction_drag_the_same_tool(tmp_path):
     )
     rows = sb.run_sweep(plan, tmp_path / "rows").read()
     assert rows.drag_peak_force_n[0] == pytest.approx(by_hand.trace.peak_force, rel=1e-9)
-    assert rows.drag_vibration_energy_j[0] == pytest.approx(by_hand.ring.energy, rel=1e-6)
+    assert 1e-6 * rows.drag_vibration_energy_uj[0] == pytest.approx(by_hand.ring.energy, rel=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -13,11 +13,19 @@ from stepblocks.bench.session import open_session
 from stepblocks.bench.traces.reader import TextLayout, TrialPlace
 from stepblocks.bench.traces.text import TextReader
 from stepblocks.bench.trials import open_trials
+from stepblocks.contact.counterface import Step
+from stepblocks.contact.event import list_vibration_events
+from stepblocks.contact.operating_point import PAPER
 from stepblocks.drag.subject import resolve_subject
 from stepblocks.errors import ReadingWarning, StepblocksError
+from stepblocks.files.layout import TableLayout
 from stepblocks.files.tables import load_table, read_si_columns
 from stepblocks.inspect.scan_list import is_table
+from stepblocks.predict.perception import read_discrimination
 from stepblocks.predict.table import predict_table
+from stepblocks.records.sheet_read import read_filled_sheet
+from stepblocks.scans.read import read_scan
+from stepblocks.simulators.compare import _read_record
 from stepblocks.study.design.read import read_rows
 
 QUICK, ALL = 20, 200
@@ -110,6 +118,50 @@ def compare_scan_list(path: Path, write: Callable[[dict[str, list]], None]) -> N
     assert is_table([path])
 
 
+def compare_record(path: Path, write: Callable[[dict[str, list]], None]) -> None:
+    """Read a recorded force."""
+    times = [0.0001 * number for number in range(80)]
+    forces = [0.5 + 0.25 * (number % 7) for number in range(80)]
+    write({"time_s": times, "force_n": forces})
+    event = list_vibration_events(Step(25e-6), PAPER)[0]
+    force, rate, has_pull = _read_record(path, str(path), event, TableLayout())
+    assert has_pull
+    assert rate == pytest.approx(10_000.0, rel=1e-9)
+    np.testing.assert_allclose(force, forces, rtol=1e-14)
+
+
+def compare_weber_fractions(path: Path, write: Callable[[dict[str, list]], None]) -> None:
+    """Read measured Weber fractions."""
+    write({"energy_uj": [10.5, 1000.25], "weber_fraction": [0.25, 0.35]})
+    known = read_discrimination(path).fractions
+    assert [fraction.energy for fraction in known] == pytest.approx([10.5e-6, 1000.25e-6])
+    assert [fraction.fraction for fraction in known] == pytest.approx([0.25, 0.35])
+
+
+def compare_filled_sheet(path: Path, write: Callable[[dict[str, list]], None]) -> None:
+    """Read a filled inspection sheet."""
+    write(
+        {
+            "number": ["1", "2"],
+            "characteristic": ["step height", "length"],
+            "unit": ["mm", "mm"],
+            "measured_mm_or_deg": [0.0505, 1200.25],
+        }
+    )
+    results = read_filled_sheet(path)
+    assert [result.value for result in results] == pytest.approx([50.5e-6, 1.20025])
+
+
+def compare_text_scan(path: Path, write: Callable[[dict[str, list]], None]) -> None:
+    """Read a profile as an instrument writes it."""
+    positions = [10.5 * number for number in range(40)]
+    heights = [0.25] * 20 + [50.5] * 19 + [math.nan]
+    write({"x_um": positions, "z_um": heights})
+    scan = read_scan(path)
+    np.testing.assert_allclose(scan.position, np.array(positions) * 1e-6, atol=1e-13)
+    np.testing.assert_allclose(scan.height, np.array(heights) * 1e-6, rtol=1e-12)
+
+
 READERS = [
     compare_any_columns,
     compare_predictions,
@@ -118,6 +170,10 @@ READERS = [
     compare_trace,
     compare_study,
     compare_scan_list,
+    compare_record,
+    compare_weber_fractions,
+    compare_filled_sheet,
+    compare_text_scan,
 ]
 
 

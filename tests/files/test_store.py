@@ -41,7 +41,7 @@ def test_an_object_store_gets_the_bytes_of_a_folder_and_its_table_is_read(plan, 
     assert {name: content for name, content in expected.items() if name in kept} == kept
     assert len(kept) == 5  # four partitions and the plan
     assert stored.read().equals(alone.read())
-    assert "height_m" in stored._repr_html_()
+    assert "height_um" in stored._repr_html_()
 
 
 def test_what_is_missing_or_damaged_in_an_object_store_is_computed_again(plan, tmp_path):

@@ -7,8 +7,9 @@ import openpyxl
 import pytest
 
 from stepblocks.errors import PipelineError, ReadingWarning
+from stepblocks.files.layout import TableLayout
 from stepblocks.files.tables import FileTable, load_table, read_table
-from stepblocks.files.text_table import TableLayout, read_text_table
+from stepblocks.files.text_table import read_text_table
 
 PLAIN = "height_um,load_n,note\n50.5,1,a\n1000,0.25,b\n"
 
@@ -43,6 +44,7 @@ def load(tmp_path, content: str | bytes, name="t.csv") -> FileTable:
         PLAIN.replace(",", '","').replace("\n", '"\n"').join(['"', ""])[:-1],
         "# measured on Monday, by hand\n" + PLAIN,
         PLAIN.replace("\n", "\n[um],[N],\n", 1),
+        PLAIN.replace("\n", "\n---,---,:--:\n".replace(":--:", ":---:"), 1),
         "\ufeff" + PLAIN,
         PLAIN.encode("utf-16"),
         PLAIN.encode("utf-16-be"),

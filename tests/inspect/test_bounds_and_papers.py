@@ -162,7 +162,7 @@ def test_the_blocks_of_a_report_are_predicted_each_by_its_serial_number(batch):
     )
     table = predict_set(block, dragged=False, as_built=[folder])
     assert next(iter(table.columns)) == "serial"
-    heights = table.groupby("serial")["step_height_um"].first()
+    heights = table.groupby("serial")["height_um"].first()
     assert heights["SN-1"] == pytest.approx(50.3, abs=0.05)
     assert heights["SN-2"] == pytest.approx(49.2, abs=0.05)
     assert set(table["stimulus"]) == {"step-050"}

@@ -3,6 +3,8 @@
 The truth is that of the planted error and of the errors that the simulated bench gives its blocks.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -121,3 +123,23 @@ def test_what_a_micrometre_of_a_block_decides_is_no_error_of_the_model(scanned):
     np.testing.assert_array_equal(left_open[:, 0], own & (not scanned))
     for errors in (nominal, extended):
         np.testing.assert_array_equal(np.isfinite(errors[:, 0]), seen & ~left_open[:, 0])
+
+
+@pytest.mark.long
+def test_two_blocks_whose_labels_are_exchanged_are_named_with_the_trials_that_tell_of_them():
+    columns = design_columns(160, 1)
+    trials = bench_trials(columns, 1)
+    first, second = trials.block == "step-040", trials.block == "step-050"
+    block, height = trials.block.copy(), trials.covariates["height_um"].copy()
+    block[first], block[second] = "step-050", "step-040"
+    height[first], height[second] = 50.0, 40.0
+    exchanged = replace(trials, block=block, covariates={**trials.covariates, "height_um": height})
+    result = analyse_features(features_of(exchanged), 9810.0, 125e-6, rules=Rules(draws=200))
+    assert result.verdict is Verdict.EFFECT
+    (law,) = result.model.extended.laws
+    assert law.specimens == ("step-040", "step-050")
+    # the blocks are 10 um apart, each with an error of about 1 um
+    difference = result.model.extended.values[f"{law.id}.difference_m"]
+    assert difference == pytest.approx(10e-6, abs=3e-6)
+    told = f"rests on {int((first | second).sum())} trials"
+    assert told in result.document["headline"][0]

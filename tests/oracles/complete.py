@@ -70,11 +70,11 @@ def _find_missing_on_drawing(path: Path, part: Part) -> Iterator[str]:
 
 
 def _format_requirement(one: Characteristic) -> str:
-    if one.kind == "roughness":
+    if "roughness" in (one.kind, one.key):
         return f"Ra {one.upper * 1e6:g}"
     return (
         format_zone(one.upper)
-        if one.kind in FORM or one.key == "riser_straightness"  # in a frame, as ISO 1101 has it
+        if one.kind in FORM or one.key in ("riser_straightness", "runout")  # in a frame (ISO 1101)
         else format_limits(one.nominal, one.lower, one.upper, one.quantity)
     )
 

@@ -44,7 +44,7 @@ class Dialect:
             text.write("# measured by hand\n")
         writer.writerow(names)
         if self.units_row:
-            units = {"um": "µm", "n": "N", "s": "s"}
+            units = {"um": "µm", "n": "N", "s": "s", "uj": "µJ", "deg": "mm"}
             writer.writerow([units.get(name.rsplit("_", 1)[-1], "-") for name in names])
         for row in range(len(columns[names[0]])):
             writer.writerow([self.format(columns[name][row]) for name in names])

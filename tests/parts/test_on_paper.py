@@ -72,10 +72,10 @@ def test_the_sheet_lists_limits_as_values_and_angles_in_degrees(tip):
         "0.000100",
         "conforms",
     )
-    shank = table[table.kind == "diameter"].iloc[0]  # ISO 1797: 2.35 mm +0 / -0.032 mm
+    shank = table[table.kind == "diameter"].iloc[0]  # ISO 1797: 2.35 mm +0 / -0.016 mm
     assert (shank.nominal_mm_or_deg, shank.lower_limit_mm_or_deg, shank.upper_limit_mm_or_deg) == (
         "2.350",
-        "2.318",
+        "2.334",
         "2.350",
     )
     cone = table[table.unit == "deg"].iloc[0]

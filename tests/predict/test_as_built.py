@@ -113,7 +113,7 @@ def test_the_figures_of_a_surface_are_none_where_nothing_is_known(stimuli):
     assert known.keys() == none.keys()
     assert set(format_row(none).values()) == {""}
     assert known["surface_status"] == "releases"
-    assert known["surface_pull_force_n"] == release.pull_force
+    assert known["surface_peak_force_n"] == release.pull_force
     assert known["surface_vibration_energy_uj"] == release.vibration_energy * 1e6
 
 
@@ -125,7 +125,7 @@ def test_a_set_is_predicted_as_it_was_built_from_python_as_by_the_command(stimul
     wanted = stepblocks.predict_set(built, dragged=False)
     pd.testing.assert_frame_equal(table, wanted)
     nominal = stepblocks.predict_set(stimuli, dragged=False)
-    changed = table.pull_force_n.notna() & (table.pull_force_n != nominal.pull_force_n)
+    changed = table.peak_force_n.notna() & (table.peak_force_n != nominal.peak_force_n)
     assert set(table.stimulus[changed]) == {"step-050"}
     write_as_built(name, record(surface=chamfered()))
     scanned = stepblocks.predict_set(stimuli, dragged=False, as_built=[tmp_path])

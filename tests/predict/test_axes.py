@@ -60,7 +60,7 @@ def test_a_sweep_goes_over_the_sides_that_a_scan_shows(tmp_path):
     own = part.counterface().release(point)
     table = compute_table(load_sweep(path), range(1)).to_pydict()
     assert math.degrees(own.angle) > 9.0
-    assert table["critical_angle_rad"] == [pytest.approx(own.angle, rel=1e-12)]
+    assert table["critical_angle_deg"] == [pytest.approx(math.degrees(own.angle), rel=1e-12)]
     assert table["peak_force_n"] == [pytest.approx(own.pull_force, rel=1e-12)]
 
 

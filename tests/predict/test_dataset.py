@@ -26,13 +26,13 @@ def test_a_dataset_holds_every_row_under_its_conditions(table):
         one = found.sel(
             stimulus=row.stimulus, friction=row.friction, normal_load_n=row.normal_load_n
         )
-        assert float(one.pull_force_n) == pytest.approx(row.pull_force_n, nan_ok=True, rel=0.0)
+        assert float(one.peak_force_n) == pytest.approx(row.peak_force_n, nan_ok=True, rel=0.0)
         assert str(one.status.values) == row.status
 
 
 def test_variables_bear_their_units(table):
     found = stepblocks.to_dataset(table)
-    assert found.pull_force_n.attrs == {"long_name": "pull force", "units": "N"}
+    assert found.peak_force_n.attrs == {"long_name": "peak force", "units": "N"}
     assert found.felt_energy_uj.attrs["units"] == "µJ"
     assert found.normal_load_n.attrs["units"] == "N"
     assert "units" not in found.status.attrs
@@ -88,7 +88,7 @@ def test_a_plot_has_a_line_for_each_condition_on_the_axes_given(table):
     assert axes.get_ylabel() == "felt energy, µJ"
     heights = axes.lines[0].get_xdata()
     assert list(heights) == pytest.approx(list(range(10, 101, 10)))
-    assert stepblocks.plot_predictions(table.iloc[:1]).get_xlabel() == "step height, µm"
+    assert stepblocks.plot_predictions(table.iloc[:1]).get_xlabel() == "height, µm"
 
 
 def test_what_is_no_table_or_no_column_is_refused(table):
@@ -98,3 +98,46 @@ def test_what_is_no_table_or_no_column_is_refused(table):
         stepblocks.plot_predictions(table, y="energy")
     with pytest.raises(TypeError, match="draged"):
         stepblocks.predict_set(STIMULI / "paper-ten.toml", draged=True)
+
+
+def test_a_table_under_its_old_names_is_read_and_drawn():
+    """As `predict_set` wrote it before the same thing had one name everywhere."""
+    old = pd.DataFrame(
+        {
+            "stimulus": ["a", "b", "a", "b"],
+            "step_height_um": [25.0, 50.0, 25.0, 50.0],
+            "normal_load_n": [0.5, 0.5, 1.0, 1.0],
+            "pull_force_n": [0.5, 0.9, 1.0, 1.9],
+            "vibration_energy_uj": [1.0, 2.0, 3.0, 4.0],
+        }
+    )
+    found = stepblocks.to_dataset(old)
+    assert float(found.peak_force_n.sel(stimulus="b", normal_load_n=1.0)) == 1.9
+    axes = stepblocks.plot_predictions(old, "step_height_um", "pull_force_n")
+    assert axes.get_ylabel() == "peak force, N"
+    with pytest.raises(StepblocksError, match="vibration_energy_uj has taken its place"):
+        stepblocks.plot_predictions(old, y="vibration_energy_j")
+
+
+def test_predictions_of_all_kinds_name_the_same_thing_alike(tmp_path):
+    step = stepblocks.StepBlock(id="a", height="50 um")
+    stimuli = stepblocks.StimulusSet(
+        name="a", title="a", stimuli=(step,), prediction={"normal_loads": ["1 N"]}
+    )
+    of_set = stepblocks.predict_set(stimuli, dragged=False)
+    of_table = stepblocks.predict_table(
+        pd.DataFrame({"height_um": [50.0], "normal_load_n": 1.0, "friction": of_set.friction[0]})
+    )
+    (tmp_path / "sweep.toml").write_text(
+        f'[parameters]\nheight = "50 um"\nfriction = {of_set.friction[0]}\n'
+    )
+    of_sweep = stepblocks.run_sweep(tmp_path / "sweep.toml", tmp_path / "sweep").read()
+    common = ("height_um", "normal_load_n", "friction", "status", "critical_angle_deg")
+    figures = ("peak_force_n", "vibration_energy_uj")
+    for name in (*common, *figures):
+        values = [table[name].tolist()[0] for table in (of_set, of_table, of_sweep)]
+        if isinstance(values[0], str):
+            assert len(set(values)) == 1
+        else:
+            assert values == pytest.approx([values[0]] * 3, rel=1e-12)
+    assert of_sweep.height_um[0] == 50.0

@@ -53,7 +53,7 @@ def test_a_set_predicts_with_a_law_by_its_name():
     by_hand = sb.drag_over(
         sb.Step(25e-6), load=0.7, friction=Stribeck(0.11, 0.21, 2e-3), contact=LinearContact(5e6)
     )
-    assert table.drag_pull_force_n[0] == pytest.approx(by_hand.trace.peak_force, rel=1e-9)
+    assert table.drag_peak_force_n[0] == pytest.approx(by_hand.trace.peak_force, rel=1e-9)
 
 
 def test_a_set_with_laws_is_written_and_read_back(tmp_path):
@@ -158,7 +158,7 @@ def test_constant_friction_and_steel_as_laws_are_the_sweep_without_laws(tmp_path
     text = write_sweep(tmp_path, law, "drag").read_text().split("[laws]")[0]
     (tmp_path / "plain.toml").write_text(text + "friction = 0.15\n", encoding="utf-8")
     plain = sb.run_sweep(tmp_path / "plain.toml", tmp_path / "plain").read()
-    for name in ("peak_force_n", "vibration_energy_j"):
+    for name in ("peak_force_n", "vibration_energy_uj"):
         assert table[name].to_numpy() == pytest.approx(plain[name].to_numpy(), rel=1e-12)
         in_time = (one[f"drag_{name}"].to_numpy() for one in (table, plain))
         assert next(in_time) == pytest.approx(next(in_time), rel=1e-9)

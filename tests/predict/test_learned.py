@@ -91,7 +91,7 @@ def test_columns_say_the_same_as_a_plain_step_of_the_same_critical_angle(name):
             # without effects the extended model is equation (1) with the same constants, whatever
             # the kind of edge
             force, energy = (
-                float(columns["learned_pull_force_n"]),
+                float(columns["learned_peak_force_n"]),
                 float(columns["learned_vibration_energy_uj"]),
             )
             assert force == pytest.approx(prediction.release.pull_force, rel=1e-5)

@@ -35,7 +35,7 @@ def test_the_command_tells_each_pair_and_draws_the_neighbours(four, tmp_path, ca
     found = pd.read_csv(pairs)
     rows = pd.read_csv(table).set_index("stimulus")
     for pair in found.itertuples():
-        force = rows.pull_force_n[[pair.stimulus, pair.compared_with]].to_numpy()
+        force = rows.peak_force_n[[pair.stimulus, pair.compared_with]].to_numpy()
         expected = 2.0 * math.log(force[1] / force[0]) / math.log(1.5)
         assert pair.jnd == pytest.approx(expected, rel=1e-4)
         assert pair.jnd_95_low < pair.jnd < pair.jnd_95_high

@@ -47,7 +47,7 @@ def test_the_simulated_share_stands_beside_the_constant(tmp_path):
         ).share
         assert row.drag_conversion == pytest.approx(share, rel=1e-5)
         assert row.drag_vibration_energy_uj == pytest.approx(
-            share * row.drag_pull_force_n**2 / (2 * 9810) * 1e6, rel=1e-4
+            share * row.drag_peak_force_n**2 / (2 * 9810) * 1e6, rel=1e-4
         )
 
 

@@ -124,9 +124,9 @@ def test_a_terminal_is_shown_the_drawn_interval_of_the_energy_alone(four):
         "vibration_energy_95_low_uj",
         "vibration_energy_95_high_uj",
         "status",
-        "pull_force_n",
+        "peak_force_n",
     } <= set(columns)
-    assert not {"pull_force_low_n", "pull_force_95_high_n", "vibration_energy_low_uj"} & set(
+    assert not {"peak_force_low_n", "peak_force_95_high_n", "vibration_energy_low_uj"} & set(
         columns
     )
 

@@ -7,7 +7,7 @@ from hypothesis import given, settings, strategies as st
 
 from stepblocks.predict.table import predict_table
 
-SAID = ["critical_angle_deg", "peak_force_n", "vibration_energy_j"]
+SAID = ["critical_angle_deg", "peak_force_n", "vibration_energy_uj"]
 # steps that release far from locking, so that a scaled or raised one does as well
 rows = st.lists(
     st.fixed_dictionaries(
@@ -54,8 +54,8 @@ def test_energies_are_as_the_conversion_and_as_one_over_the_spring(table, share,
     given_ones = [row | {"conversion": 0.2, "stiffness_n_m": 9810.0} for row in table]
     once = predict(given_ones)
     scaled = predict(given_ones, conversion=share, stiffness_n_m=stiffness)
-    energy = once["vibration_energy_j"] * share / stiffness
-    assert scaled["vibration_energy_j"].to_numpy() == pytest.approx(energy.to_numpy(), rel=1e-9)
+    energy = once["vibration_energy_uj"] * share / stiffness
+    assert scaled["vibration_energy_uj"].to_numpy() == pytest.approx(energy.to_numpy(), rel=1e-9)
     assert scaled["peak_force_n"].to_numpy() == pytest.approx(once["peak_force_n"], rel=1e-12)
 
 

@@ -71,11 +71,11 @@ def test_every_row_is_equations_one_and_two(tmp_path):
     run_sweep(plan, tmp_path / "out")
     for row in table(tmp_path / "out").itertuples():
         release = find_release(
-            find_step_angle(row.height_m, 125e-6, 3e-6), row.normal_load_n, row.friction
+            find_step_angle(row.height_um * 1e-6, 125e-6, 3e-6), row.normal_load_n, row.friction
         )
         assert row.status == str(release.status)
-        assert row.vibration_energy_j == pytest.approx(
-            release.vibration_energy, rel=1e-12, nan_ok=True
+        assert row.vibration_energy_uj == pytest.approx(
+            1e6 * release.vibration_energy, rel=1e-12, nan_ok=True
         )
 
 
@@ -93,7 +93,7 @@ normal_load = ["0.5 N", "1 N"]
     run_sweep(plan, tmp_path / "out")
     frame = table(tmp_path / "out")
     assert set(frame.status) == {"releases", "locked", "beyond-hand"}
-    assert frame[frame.status == "beyond-hand"].vibration_energy_j.isna().all()
+    assert frame[frame.status == "beyond-hand"].vibration_energy_uj.isna().all()
 
 
 def test_draws_of_one_point_scatter_by_their_uncertainty(tmp_path):
@@ -181,7 +181,7 @@ def test_readers_of_tables_take_the_folder_as_it_is(tmp_path):
     frame = pd.read_parquet(tmp_path / "out")
     assert len(frame) == dataset.dataset(tmp_path / "out").count_rows() == 12
     pd.testing.assert_frame_equal(done.read(), frame)
-    pd.testing.assert_frame_equal(done.read(["height_m"]), frame[["height_m"]])
+    pd.testing.assert_frame_equal(done.read(["height_um"]), frame[["height_um"]])
     with pytest.raises(PipelineError, match="columns must be of row, draw, "):
         done.read(["height"])
 
@@ -206,7 +206,7 @@ def test_a_result_draws_its_table_and_says_what_it_is(tmp_path):
     )
     axes = done.plot()
     assert done.plot(y="peak_force_n", ax=axes) is axes
-    assert axes.get_xlabel() == "height, m"
+    assert axes.get_xlabel() == "height, µm"
     assert "12 rows in 3 partitions, 3 computed, 0 found" in repr(done)
     assert done._repr_html_().count("<tr") == 1 + 5  # names, and the first partition
 
@@ -217,7 +217,7 @@ def test_a_sweep_draws_into_axes_that_stand_first_as_every_result_does(tmp_path)
     )
     axes = done.plot()
     assert done.plot(axes, "peak_force_n") is axes
-    assert (axes.get_xlabel(), axes.get_ylabel()) == ("height, m", "peak force, N")
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("height, µm", "peak force, N")
     assert done.plot("friction", ax=axes) is axes
     assert axes.get_xlabel().startswith("friction")
     with pytest.raises(PipelineError, match="ax must be axes of matplotlib, got 3"):
@@ -230,7 +230,7 @@ def test_polars_reads_the_folder_of_a_sweep(tmp_path):
     done = run_sweep(plan_of(tmp_path, RANDOM.format(rows=12, size=5, mode="static")), out)
     table, wanted = polars.scan_parquet(out, hidden_file_prefix="_").collect(), done.read()
     assert table.columns == list(wanted.columns)
-    assert table["vibration_energy_j"].to_list() == wanted.vibration_energy_j.tolist()
+    assert table["vibration_energy_uj"].to_list() == wanted.vibration_energy_uj.tolist()
 
 
 @pytest.mark.parametrize("jobs", [0, -1, "2", 1.0, True, 10**9, pd.Series([1, 2])])
@@ -326,15 +326,15 @@ def test_a_sweep_over_crown_margins_is_the_margin_map(tmp_path):
     )
     to_tooth, to_crown = compute_margin_map(*axes, OperatingPoint(90e-6, 0.7, 0.12))
     for _, row in frame.iterrows():
-        forces = to_tooth if row.direction == "crown-to-tooth" else to_crown
+        forces = to_tooth if row.drag == "crown-to-tooth" else to_crown
         i, j = (
-            [30e-6, 70e-6].index(row.marginal_gap_m),
-            [-15e-6, 0.0, 15e-6].index(row.horizontal_discrepancy_m),
+            [30.0, 70.0].index(row.marginal_gap_um),
+            [-15.0, 0.0, 15.0].index(row.horizontal_discrepancy_um),
         )
         assert (row.peak_force_n if row.status == "releases" else 0.0) == pytest.approx(
             forces[i, j], rel=1e-12
         )
-    assert frame.vertical_discrepancy_m.isna().all()  # the end of the crown is square
+    assert frame.vertical_discrepancy_um.isna().all()  # the end of the crown is square
 
 
 def test_crown_margins_are_swept_in_time(tmp_path):
@@ -344,7 +344,7 @@ def test_crown_margins_are_swept_in_time(tmp_path):
     )
     frame = table(tmp_path / "out")
     released = frame[frame.drag_status == "releases"]
-    assert set(released.direction) == {"tooth-to-crown", "crown-to-tooth"}
+    assert set(released.drag) == {"tooth-to-crown", "crown-to-tooth"}
     assert (released.drag_peak_force_n / released.peak_force_n - 1).abs().max() < 0.25
     assert released.drag_ledger_error.max() < 1e-3
     assert (frame[frame.status == "no-catch"].drag_status == "no-catch").all()
@@ -362,14 +362,14 @@ def test_a_sweep_over_a_set_draws_its_stimuli_from_their_tolerances(tmp_path):
     assert plan.rows == 2 * 4 * 500  # the set declares four loads
     run_sweep(plan, tmp_path / "out")
     frame = table(tmp_path / "out")
-    for name, height in (("step-030", 30e-6), ("step-060", 60e-6)):
+    for name, height in (("step-030", 30.0), ("step-060", 60.0)):
         drawn = frame[frame.stimulus == name]
         # +-1 um of height and +-1 % of load as rectangular distributions, by their variance
-        assert drawn.height_m.mean() == pytest.approx(height, abs=4 * 0.577e-6 / 2000**0.5)
-        assert drawn.height_m.std() == pytest.approx(1e-6 / 3**0.5, rel=0.1)
+        assert drawn.height_um.mean() == pytest.approx(height, abs=4 * 0.577 / 2000**0.5)
+        assert drawn.height_um.std() == pytest.approx(1 / 3**0.5, rel=0.1)
         light = drawn[drawn.normal_load_n < 0.4]
         assert light.normal_load_n.std() == pytest.approx(0.003 / 3**0.5, rel=0.15)
-    assert (frame.edge_radius_m >= 0.0).all()
+    assert (frame.edge_radius_um >= 0.0).all()
 
 
 def test_a_sweep_over_crowns_takes_their_discrepancies(tmp_path):
@@ -381,13 +381,13 @@ def test_a_sweep_over_crowns_takes_their_discrepancies(tmp_path):
     run_sweep(plan_of(tmp_path, text), tmp_path / "out")
     frame = table(tmp_path / "out")
     predicted = {
-        (p.stimulus, p.point.ball_radius, p.point.normal_load, p.point.friction): p.release
+        (p.stimulus, 1e6 * p.point.ball_radius, p.point.normal_load, p.point.friction): p.release
         for p in predict_by_formula(load_set(STIMULI / "crown-margins.toml"))
         if p.drag == "crown-to-tooth"
     }
     assert len(set(frame.stimulus)) == 12
     for _, row in frame.iterrows():
-        release = predicted[row.stimulus, row.tip_radius_m, row.normal_load_n, row.friction]
+        release = predicted[row.stimulus, row.tip_radius_um, row.normal_load_n, row.friction]
         assert row.status == release.status.value
         assert row.peak_force_n == pytest.approx(release.pull_force, rel=1e-12, nan_ok=True)
 

@@ -4,9 +4,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import stepblocks as sb
 from stepblocks.cli import main
 from stepblocks.contact.critical_angle import find_step_angle
 from stepblocks.contact.energy import find_release
+from stepblocks.contact.operating_point import SHIPPED_LIMITS
 from stepblocks.errors import PipelineError, ReadingWarning
 from stepblocks.predict.table import predict_table
 
@@ -26,9 +28,9 @@ def test_each_row_of_a_table_gets_its_prediction_with_an_interval(tmp_path):
     expected = find_release(find_step_angle(25e-6, 125e-6), 1.0, 0.15)
     assert frame.peak_force_n[0] == pytest.approx(expected.pull_force, rel=1e-12)
     assert (
-        frame.vibration_energy_low_j[0]
-        < expected.vibration_energy
-        < frame.vibration_energy_high_j[0]
+        frame.vibration_energy_95_low_uj[0]
+        < 1e6 * expected.vibration_energy
+        < frame.vibration_energy_95_high_uj[0]
     )
     assert list(frame.status) == ["releases", "locked", "invalid"]
     assert np.isnan(frame.peak_force_n[1])
@@ -49,7 +51,7 @@ def test_the_interval_of_a_row_does_not_depend_on_the_rows_after_it(tmp_path):
     head = "height_um,u_height_um,load_n,friction\n25,0.5,1,0.15\n"
     a = predict_table(write(tmp_path / "1.csv", head), tmp_path / "a.csv")
     b = predict_table(write(tmp_path / "2.csv", head + "30,0.5,1,0.15\n"), tmp_path / "b.csv")
-    assert a.vibration_energy_high_j[0] == b.vibration_energy_high_j[0]
+    assert a.vibration_energy_95_high_uj[0] == b.vibration_energy_95_high_uj[0]
 
 
 @pytest.mark.parametrize(
@@ -78,7 +80,8 @@ def test_a_table_in_memory_is_predicted_like_its_file(tmp_path):
     again = predict_table(written)  # columns that were predicted before are predicted anew
     pd.testing.assert_frame_equal(again, in_memory)
     assert (
-        predict_table(str(source)).vibration_energy_low_j[0] == in_memory.vibration_energy_low_j[0]
+        predict_table(str(source)).vibration_energy_95_low_uj[0]
+        == in_memory.vibration_energy_95_low_uj[0]
     )
 
 
@@ -91,10 +94,86 @@ def test_what_a_table_leaves_out_is_the_papers():
         "edge_radius_um": [0.0],
     }
     short, full = predict_table(pd.DataFrame(told)), predict_table(pd.DataFrame(told | paper))
-    assert short.vibration_energy_j[0] == pytest.approx(full.vibration_energy_j[0], rel=1e-14)
+    assert short.vibration_energy_uj[0] == pytest.approx(full.vibration_energy_uj[0], rel=1e-14)
     # Origin: equation (1) by hand
     force = 0.8 * np.tan(np.arccos(1 - 30 / 125) + np.arctan(0.15))
-    assert short.vibration_energy_j[0] == pytest.approx(0.2 * force**2 / (2 * 9810.0), rel=1e-12)
+    assert short.vibration_energy_uj[0] == pytest.approx(0.2e6 * force**2 / (2 * 9810.0), rel=1e-12)
+
+
+def test_the_intervals_of_many_rows_are_those_of_the_single_edges():
+    """Row by row the same draws and ends as `estimate_interval` gives one step."""
+    rng = np.random.default_rng(3)
+    rows = 40
+    table = pd.DataFrame(
+        {
+            "height_um": rng.uniform(0.0, 124.0, rows),
+            "edge_radius_um": rng.uniform(0.0, 10.0, rows),
+            "load_n": rng.uniform(0.1, 6.0, rows),
+            "friction": rng.uniform(0.0, 0.6, rows),
+            "u_height_um": rng.choice([0.0, 0.5, 20.0], rows),
+            "u_load_n": rng.choice([0.0, 0.05], rows),
+            "u_friction": rng.choice([0.0, 0.01], rows),
+            "u_conversion": rng.choice([0.0, 0.02], rows),
+            "u_tip_radius_um": rng.choice([0.0, 1.0], rows),
+            "u_edge_radius_um": rng.choice([0.0, 1.0], rows),
+            "u_stiffness_n_m": rng.choice([0.0, 100.0], rows),
+        }
+    )
+    found = predict_table(table)
+    tool = sb.Tool(limits=SHIPPED_LIMITS)
+    for row in found.itertuples():
+        point = sb.OperatingPoint(125e-6, row.load_n, row.friction, tool)
+        uncertainties = {
+            "height": row.u_height_um * 1e-6,
+            "edge_radius": row.u_edge_radius_um * 1e-6,
+            "ball_radius": row.u_tip_radius_um * 1e-6,
+            "friction": row.u_friction,
+            "normal_load": row.u_load_n,
+            "stiffness": row.u_stiffness_n_m,
+            "conversion": row.u_conversion,
+        }
+        step = sb.Step(row.height_um * 1e-6, row.edge_radius_um * 1e-6)
+        interval = sb.estimate_interval(step, point, uncertainties, draws=4000)
+        assert row.status == interval.status
+        forces = (row.peak_force_95_low_n, row.peak_force_95_high_n)
+        assert forces == pytest.approx((interval.force_low, interval.force_high), rel=1e-9)
+        assert row.held_probability == pytest.approx(interval.held_probability)
+        if not interval.status.is_beyond_limit:
+            energies = (row.vibration_energy_95_low_uj, row.vibration_energy_95_high_uj)
+            expected = (1e6 * interval.energy_low, 1e6 * interval.energy_high)
+            assert energies == pytest.approx(expected, rel=1e-9)
+    assert len(set(found.status)) >= 3
+
+
+@pytest.mark.parametrize(
+    ("cells", "problem"),
+    [
+        ({"height_um": -3.0}, "height must be finite and not negative, got -3e-06 m"),
+        ({"height_um": 2e6}, "height must lie between 0 and 1 m"),
+        ({"load_n": 0.0}, "normal_load must be positive and finite, got 0 N"),
+        ({"load_n": np.nan}, "normal_load must be positive and finite, got nan N"),
+        ({"friction": -0.1}, "friction must be finite and not negative, got -0.1"),
+        ({"conversion": 5.0}, "conversion must be at most 1, got 5"),
+        ({"tip_radius_um": 1e9}, "ball_radius must be at most 0.05 m"),
+        (
+            {"u_height_um": -1.0},
+            "uncertainty of height must be finite and not negative",
+        ),
+        (
+            {"u_load_n": np.nan},
+            "uncertainty of normal_load must be finite",
+        ),
+    ],
+)
+def test_a_bad_row_says_what_is_wrong_and_leaves_the_others(cells, problem):
+    usual = {"height_um": 50.0, "load_n": 1.0, "friction": 0.15}
+    usual |= {"conversion": 0.2, "tip_radius_um": 125.0, "u_height_um": 0.5, "u_load_n": 0.0}
+    table = predict_table(pd.DataFrame([usual, usual | cells, usual]))
+    assert table.status.tolist() == ["releases", "invalid", "releases"]
+    assert table.problem[1].startswith(problem)
+    assert table.problem[0] == table.problem[2] == ""
+    assert table.peak_force_95_low_n[0] == table.peak_force_95_low_n[2]
+    assert np.isnan(table.peak_force_n[1])
 
 
 def test_a_row_without_a_number_is_invalid_and_leaves_the_others(tmp_path):
@@ -124,7 +203,7 @@ def test_no_rows_have_the_columns_of_some():
 
 def test_a_hundred_thousand_rows_take_no_draw_each(monkeypatch):
     """Without an uncertainty there is no interval to draw."""
-    monkeypatch.setattr("stepblocks.predict.table.estimate_interval", None)
+    monkeypatch.setattr("stepblocks.predict.table.estimate_ends_of_steps", None)
     heights = np.linspace(1.0, 120.0, 100_000)
     table = predict_table(pd.DataFrame({"height_um": heights, "load_n": 1.0, "friction": 0.15}))
     assert len(table) == len(heights)

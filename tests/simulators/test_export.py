@@ -301,14 +301,14 @@ def test_a_build_predicts_with_a_learned_model(learned_model, tmp_path):
         rows = [
             row
             for row in csv.DictReader(stream)
-            if row["stimulus"] == "tip-125" and row["step_height_um"] == "50"
+            if row["stimulus"] == "tip-125" and row["height_um"] == "50"
         ]
     assert {row["friction"] for row in rows} == {"0.2"}
     for row in rows:
         force, energy = learnt(load=float(row["normal_load_n"]))
-        assert float(row["learned_pull_force_n"]) == pytest.approx(force, rel=1e-4)
+        assert float(row["learned_peak_force_n"]) == pytest.approx(force, rel=1e-4)
         assert float(row["learned_vibration_energy_uj"]) == pytest.approx(energy * 1e6, rel=1e-4)
-        assert float(row["pull_force_n"]) > force  # equation (1) alone knows no rounded edge
+        assert float(row["peak_force_n"]) > force  # equation (1) alone knows no rounded edge
         assert row["learned_status"] == "ok"
 
 

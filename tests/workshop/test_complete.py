@@ -164,7 +164,7 @@ def apart(a, b, by=0.05):
 def test_letters_stay_letters_in_svg_and_pdf(tmp_path):
     _, svg, pdf = write_drawing(tmp_path, STIMULI["step-010"])
     text = svg.read_text(encoding="utf-8")
-    for said in ("STEP-010", "working edge, detail A", "0,010", "first angle (ISO 5456-2), A3"):
+    for said in ("STEP-010", "working edge, detail D", "0,010", "first angle (ISO 5456-2), A3"):
         assert f">{said}</text>" in text, said
     # an embedded typeface with a map to characters, not outlines
     assert b"/Type0" in pdf.read_bytes()

@@ -111,6 +111,7 @@ def test_the_workshop_command_writes_everything_and_prints_the_routes(tmp_path, 
     assert main(arguments) == 0
     text = capsys.readouterr().out
     assert "gauge blocks, grade 0" in text
+    assert "no gauge-block drawing" in text  # of gauge-block steel alone
     names = {path.name for path in (tmp_path / "paper-ten" / "step-050").iterdir()}
     assert {
         f"step-050.{end}"

@@ -28,7 +28,8 @@ from stepblocks.workshop.kit import find_kits, write_kit
 from stepblocks.workshop.kit_setup import Side, write_kit_setup
 from stepblocks.workshop.run import order_parts
 
-FILE = Path(__file__).resolve().parents[2] / "stimuli" / "apparatus.toml"
+ROOT = Path(__file__).resolve().parents[2]
+FILE = ROOT / "stimuli" / "apparatus.toml"
 SET = load_set(FILE)
 PARTS = {part.id: part for part in SET.stimuli}
 KIT = SET.stimuli[0].kit
@@ -169,10 +170,29 @@ def test_a_blind_bore_is_drilled_from_the_side_that_it_is_open_to():
     assert [side for side in Side if side.opens(shape, through)] == [Side.LEFT, Side.RIGHT]
 
 
+def test_the_guide_shows_every_stage_and_quotes_the_budget_and_frequencies_of_the_kit():
+    page = (ROOT / "docs" / "how-to" / "build-the-apparatus.md").read_text(encoding="utf-8")
+    assert FILE.relative_to(ROOT).as_posix() in page
+    first = 1
+    for number, stage in enumerate(list_stages(KIT), start=1):
+        name = f"drag-rig.stage-{number}.svg"
+        assert f"](../images/{name})" in page
+        picture = (ROOT / "docs" / "images" / name).read_text(encoding="utf-8")
+        for item in range(first, first + len(stage.components)):
+            assert f"<!-- {item} -->" in picture
+        first += len(stage.components)
+    load = compute_normal_load(KIT, 0.05)
+    for line in load.budget:
+        assert f"{line.std * 1e3:.2f} mN" in page, line.source
+    assert f"{load.std * 1e3:.2f} mN of 490 mN" in page
+    for mass in (0.11, 0.03):
+        assert f"{compute_flexure(KIT, mass).frequency:.0f} Hz" in page
+
+
 @pytest.mark.repeats
 @pytest.mark.parametrize("name", ["balance-rod", "hook"])
 def test_a_part_of_the_kit_is_complete_on_paper_in_step_and_on_its_sheet(name, tmp_path):
-    (order,) = order_parts(SET.with_parts([PARTS[name]]), tmp_path)
+    order, _ = order_parts(SET.with_parts([PARTS[name]]), tmp_path)  # and its quotation
     folder = tmp_path / "apparatus" / name
     endings = {path.name.removeprefix(f"{name}.") for path in folder.iterdir()}
     assert endings == {

@@ -20,6 +20,7 @@ from stepblocks.bench.traces.split import draw_cuts
 from stepblocks.bench.trials import Trial, TrialTable, open_trials
 from stepblocks.errors import PipelineError
 from stepblocks.files.figures import make_figure, save_figure
+from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.files.tables import escape_formula
 
 if TYPE_CHECKING:
@@ -71,6 +72,7 @@ def draw_trials(
     output: str | Path,
     trials: list[str] | None = None,
     tool: Tool | None = None,
+    layout: TableLayout = UNDECLARED,
 ) -> list[Path]:
     """Draw trials of a session, measured or excluded.
 
@@ -84,6 +86,8 @@ def draw_trials(
         Names; the first twelve where omitted.
     tool : Tool, optional
         Its ring; estimated from the session where omitted.
+    layout : TableLayout
+        As `measure_session` takes it.
 
     Returns
     -------
@@ -96,7 +100,7 @@ def draw_trials(
         If a trial is not in the table of trials.
     """
     output = Path(output)
-    declared = open_session(session)
+    declared = open_session(session, layout)
     table = open_trials(declared)
     chosen = _choose_trials(table, trials)
     drawn = []

@@ -5,7 +5,7 @@ import tempfile
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -36,6 +36,8 @@ from stepblocks.compute.cores import count_cores
 from stepblocks.compute.processes import die_with_parent
 from stepblocks.errors import BenchError, PipelineError
 from stepblocks.files.atomic import write_atomically
+from stepblocks.files.layout import UNDECLARED, TableLayout
+from stepblocks.files.tables import warn_of_notes
 
 if TYPE_CHECKING:
     from concurrent.futures import Future
@@ -77,6 +79,7 @@ def measure_session(
     jobs: int | None = None,
     progress: Progress | None = None,
     tool: Tool | None = None,
+    layout: TableLayout = UNDECLARED,
 ) -> pd.DataFrame:
     """Measure every trial of a session.
 
@@ -93,6 +96,9 @@ def measure_session(
         Called after each trial with the number of trials that are done and the number of all.
     tool : tuple of float, optional
         Frequency [Hz] and decay time [s] of its ring; estimated from the session where omitted.
+    layout : TableLayout
+        How the table of trials and traces in text are written; it counts before what
+        ``session.toml`` declares.
 
     Returns
     -------
@@ -113,7 +119,7 @@ def measure_session(
     path = None
     if output is not None:
         path = Path(output)
-    table = _open_table(Path(session), path)
+    table = _open_table(Path(session), path, layout)
     store: list[FeatureRow] = []
     rows = list(_measure_rows(table, store, jobs, progress, tool))
     count_outcomes(rows, table)
@@ -130,13 +136,14 @@ def write_features(
     jobs: int | None = None,
     progress: Progress | None = None,
     tool: Tool | None = None,
+    layout: TableLayout = UNDECLARED,
 ) -> MeasureSummary:
     """Measure every trial of a session into a file, however many there are.
 
     Parameters and errors are those of `measure_session`, which returns the table itself.
     """
     path = Path(output)
-    table = _open_table(Path(session), path)
+    table = _open_table(Path(session), path, layout)
     with tempfile.TemporaryFile("w+", encoding="utf-8", prefix="stepblocks-measure-") as file:
         rows = _measure_rows(table, RowSpool(file), jobs, progress, tool)
         outcomes = count_outcomes(rows, table)
@@ -147,17 +154,21 @@ def write_features(
     return MeasureSummary(table.count, excluded.total(), dict(excluded), tuple(notes))
 
 
-def _open_table(session: Path, output: Path | None) -> TrialTable:
+def _open_table(session: Path, output: Path | None, layout: TableLayout) -> TrialTable:
     """Open the table of trials; refuse an output that cannot be, before anything is measured."""
     reserved = frozenset((*LEADING_COLUMNS, *FEATURE_COLUMNS))
-    table = open_trials(open_session(session), reserved)
-    if output is None:
-        return table
+    table = open_trials(open_session(session, layout), reserved)
+    if output is not None:
+        check_output(session, output)
+    return table
+
+
+def check_output(session: Path, output: Path) -> None:
+    """Refuse an output that is a folder, or that would replace a file of the session."""
     if output.is_dir():
         raise PipelineError(f"output must be a file, got the folder {str(output)!r}")
     if output.exists() and session.resolve() in output.resolve().parents:
         raise PipelineError(f"output must not replace a file of the session, got {str(output)!r}")
-    return table
 
 
 def _measure_rows(
@@ -202,6 +213,7 @@ def estimate_tool(traces: Traces, table: TrialTable) -> Tool | None:
     stride = max(table.count // _PILOTS, 1)
     trials = islice(table, 0, _PILOTS * stride, stride)
     results = [measure_trial(traces, trial) for trial in trials]
+    warn_of_notes(traces.notes, traces.session.acquisition.traces)
     _check_rates(traces, results)
     pilots = []
     for result in results:
@@ -245,24 +257,28 @@ def _iterate_over_processes(
     trials = iter(table)
     waiting: deque[Future[list[TrialResult]]] = deque()
     environment = {name: "1" for name in _THREAD_LIMITS if name not in os.environ}
+    session = table.session
+    measure_chunk = partial(_measure_chunk, session.folder, session.layout)
     with ProcessPoolExecutor(jobs, initializer=die_with_parent, env=environment) as pool:
         while True:
             while len(waiting) < jobs * _AHEAD:
                 chunk = list(islice(trials, _CHUNK))
                 if not chunk:
                     break
-                waiting.append(pool.submit(_measure_chunk, table.session.folder, tool, chunk))
+                waiting.append(pool.submit(measure_chunk, tool, chunk))
             if not waiting:
                 return
             yield from waiting.popleft().result()
 
 
 @cache
-def _open_traces(folder: Path) -> Traces:
+def open_traces_once(folder: Path, layout: TableLayout) -> Traces:
     """Open the one session of a worker; its folder stands for it, as notes cannot be hashed."""
-    return Traces(open_session(folder))
+    return Traces(open_session(folder, layout))
 
 
-def _measure_chunk(folder: Path, tool: Tool | None, trials: list[Trial]) -> list[TrialResult]:
-    traces = _open_traces(folder)
+def _measure_chunk(
+    folder: Path, layout: TableLayout, tool: Tool | None, trials: list[Trial]
+) -> list[TrialResult]:
+    traces = open_traces_once(folder, layout)
     return [measure_trial(traces, trial, tool) for trial in trials]

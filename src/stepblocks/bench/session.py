@@ -9,13 +9,21 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, model_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    PrivateAttr,
+    ValidationError,
+    model_validator,
+)
 
 from stepblocks.bench.calibration import Calibration, Frequency, Probe, Strict
 from stepblocks.bench.channel import Channel, DimensionedChannel, check_channels
 from stepblocks.bench.patterns import check_pattern, resolve_inside
 from stepblocks.errors import BenchError
 from stepblocks.files.decode import check_encoding
+from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.files.text import Document, is_file, read_document
 from stepblocks.mistakes import Mistake, collect_mistakes, format_mistakes, list_mistakes
 from stepblocks.quantities import make_quantity_parser
@@ -99,8 +107,8 @@ class Acquisition(Strict):
         Of CSV traces; what is not declared is found.
     skip_lines : int
         Before the header of CSV traces.
-    missing : tuple of float, optional
-        Numbers in CSV traces that stand for a missing sample; by default those that stand out.
+    missing : tuple of float or str, optional
+        What stands for a missing sample in CSV traces; by default the numbers that stand out.
     range : _Force | None
         At which the sensor saturates [N].
     split : str, optional
@@ -122,7 +130,7 @@ class Acquisition(Strict):
     delimiter: _Delimiter | None = None
     decimal: _Decimal | None = None
     encoding: _Encoding | None = None
-    missing: tuple[float, ...] | None = None
+    missing: tuple[float | str, ...] | None = None
     skip_lines: int = Field(default=0, ge=0, le=10_000)
     range: _Force | None = None
     split: Literal["drags"] | None = None
@@ -202,6 +210,8 @@ class Trials(Strict):
         Name of the file: CSV, or a workbook of Excel or LibreOffice.
     delimiter, decimal, encoding : str, optional
         How it is written; what is not declared is found.
+    missing : tuple of float or str, optional
+        What stands for a missing value; by default words as ``NA``.
     columns : TrialColumns
         Which column plays which part.
     exclude, swap : tuple
@@ -212,6 +222,7 @@ class Trials(Strict):
     delimiter: _Delimiter | None = None
     decimal: _Decimal | None = None
     encoding: _Encoding | None = None
+    missing: tuple[float | str, ...] | None = None
     columns: TrialColumns = TrialColumns()
     exclude: tuple[str | int, ...] = ()
     swap: tuple[tuple[str | int, str | int], ...] = ()
@@ -262,15 +273,41 @@ class Session(Strict):
     stimuli: Stimuli = Stimuli()
     calibration: Calibration = Calibration()
     notes: dict[str, object] = Field(default={})
+    _layout: TableLayout = PrivateAttr(UNDECLARED)
+
+    @property
+    def layout(self) -> TableLayout:
+        """What was declared beside the file; it stands in `acquisition` and `trials`, too."""
+        return self._layout
 
     @property
     def table(self) -> Path:
         """File of the table of trials."""
         return resolve_inside(self.folder, self.trials.file, "trials.file")
 
+    def declare(self, layout: TableLayout) -> "Session":
+        """Return the session with what is declared of its texts in place of what the file says."""
+        fields = {
+            "delimiter": layout.separator,
+            "decimal": layout.decimal,
+            "encoding": layout.encoding,
+            "missing": layout.missing,
+        }
+        declared = {name: value for name, value in fields.items() if value is not None}
+        session = self.model_copy(
+            update={
+                "acquisition": self.acquisition.model_copy(update=declared),
+                "trials": self.trials.model_copy(update=declared),
+            }
+        )
+        session._layout = layout
+        return session
 
-def open_session(folder: str | Path) -> Session:
+
+def open_session(folder: str | Path, layout: TableLayout = UNDECLARED) -> Session:
     """Read ``session.toml`` of a folder and check that all files that it names are there.
+
+    What `layout` declares of the table of trials and of traces in text counts before the file.
 
     Raises
     ------
@@ -296,7 +333,7 @@ def open_session(folder: str | Path) -> Session:
     mistakes += _list_mistakes_of_patterns(declared, folder)
     if mistakes or session is None:
         raise BenchError(format_mistakes(mistakes, path))
-    return session
+    return session.declare(layout)
 
 
 def _list_contradictions(session: Session) -> Iterator[Mistake]:

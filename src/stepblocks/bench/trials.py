@@ -8,9 +8,10 @@ from typing import NamedTuple
 from stepblocks.bench.faults import FaultKind, TrialFault
 from stepblocks.bench.session import Session
 from stepblocks.errors import BenchError
+from stepblocks.files.layout import TableLayout
 from stepblocks.files.missing import is_missing_word
 from stepblocks.files.tables import warn_of_notes
-from stepblocks.files.text_table import TableLayout, TextTable, read_text_table
+from stepblocks.files.text_table import TableShape, TextTable, read_text_table
 from stepblocks.mistakes import Mistake, collect_mistakes, format_mistakes
 
 _MOST_COLUMNS = 1000
@@ -214,8 +215,9 @@ def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> Tri
 def _read_table(session: Session) -> TextTable:
     """Read header and rows of the table of trials, rows of another length as they are."""
     declared = session.trials
-    layout = TableLayout(declared.delimiter, declared.decimal, declared.encoding, keeps_ragged=True)
-    table = read_text_table(session.table, layout, BenchError)
+    layout = TableLayout(declared.delimiter, declared.decimal, declared.encoding, declared.missing)
+    shape = TableShape(keeps_ragged=True)
+    table = read_text_table(session.table, layout, BenchError, shape=shape)
     if not table.names:
         raise BenchError(f"table of trials is empty [{session.table}]")
     if len(table.names) > _MOST_COLUMNS:

@@ -4,13 +4,12 @@ import csv
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from itertools import islice
 from pathlib import Path
 
 from stepblocks.bench.examine import MEASURING_ERRORS, TrialStatus, examine_trial
 from stepblocks.bench.faults import TraceError
-from stepblocks.bench.measure import estimate_tool
+from stepblocks.bench.measure import check_output, estimate_tool, open_traces_once
 from stepblocks.bench.session import open_session
 from stepblocks.bench.signal import Estimate, Tool, Trace
 from stepblocks.bench.signal.features import Features, Measurement
@@ -20,6 +19,7 @@ from stepblocks.bench.trials import Trial, open_trials
 from stepblocks.compute.cores import count_cores
 from stepblocks.compute.processes import run_in_processes
 from stepblocks.files.atomic import write_atomically
+from stepblocks.files.layout import UNDECLARED, TableLayout
 
 _CHUNK = 16  # trials of one call
 _DIFFERS = 3.0  # standard uncertainties of both together, from which they differ
@@ -88,7 +88,10 @@ class RecordSummary:
 
 
 def compare_whole_records(
-    session: str | Path, output: str | Path, jobs: int | None = None
+    session: str | Path,
+    output: str | Path,
+    jobs: int | None = None,
+    layout: TableLayout = UNDECLARED,
 ) -> RecordSummary:
     """Fit the whole record of every trial, and write it beside the features.
 
@@ -100,19 +103,24 @@ def compare_whole_records(
         CSV file.
     jobs : int, optional
         Processes; as many as cores where omitted.
+    layout : TableLayout
+        How the table of trials and traces in text are written.
 
     Raises
     ------
     BenchError
         If the session as a whole cannot be read.
+    PipelineError
+        If the output is a folder or would replace a file of the session.
     """
     folder = Path(session)
-    table = open_trials(open_session(folder), frozenset())
+    check_output(folder, Path(output))
+    table = open_trials(open_session(folder, layout))
     with Traces(table.session) as traces:
         tool = estimate_tool(traces, table)
     trials = iter(table)
     chunks = list(iter(lambda: tuple(islice(trials, _CHUNK)), ()))
-    calls = [(folder, tool, chunk) for chunk in chunks]
+    calls = [(folder, layout, tool, chunk) for chunk in chunks]
     rows: list[RecordRow] = []
     for done in run_in_processes(fit_records, calls, jobs or count_cores()):
         rows += done
@@ -129,15 +137,11 @@ def compare_whole_records(
     )
 
 
-@cache
-def _open_traces(folder: Path) -> Traces:
-    """Open the one session of a worker."""
-    return Traces(open_session(folder))
-
-
-def fit_records(folder: Path, tool: Tool | None, trials: Sequence[Trial]) -> list[RecordRow]:
+def fit_records(
+    folder: Path, layout: TableLayout, tool: Tool | None, trials: Sequence[Trial]
+) -> list[RecordRow]:
     """Fit the whole records of some trials of a session."""
-    traces = _open_traces(folder)
+    traces = open_traces_once(folder, layout)
     return [_fit_record(traces, tool, trial) for trial in trials]
 
 

@@ -42,6 +42,9 @@ _OF_A_PART = (
     _Pattern("stock", "{}/*.stock.step"),
     _Pattern("routes", "{}/*.routes.csv"),
     _Pattern("gauge blocks, STEP", "{}/*.gauge.step"),
+    _Pattern("gauge blocks, drawing", "{}/*.gauge.pdf"),
+    _Pattern("gauge blocks, SVG", "{}/*.gauge.svg"),
+    _Pattern("gauge blocks, DXF", "{}/*.gauge.dxf"),
     _Pattern("inspection", "inspect/*{id}*.inspection.html"),
     _SCENE,
     _ANYTHING_ELSE,
@@ -80,6 +83,9 @@ def _find_beside(output: Path) -> Iterator[Link]:
             yield link
     for path in sorted(output.glob("*/*.series*")):
         yield Link(f"drawing of the series {path.name}", path.relative_to(output).as_posix())
+    for title, pattern in (("parts list", "*/*.parts-list.csv"), ("papers", "*/*.quotation.zip")):
+        for path in sorted(output.glob(pattern)):
+            yield Link(f"{title} {path.name}", path.relative_to(output).as_posix())
 
 
 def _find_files_of_part(output: Path, part: str, known: set[str]) -> Iterator[Link]:

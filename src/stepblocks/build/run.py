@@ -172,6 +172,37 @@ def build_sets(
     )
 
 
+def refresh_links(
+    files: "Source | Sequence[Source] | None" = None, output: str | Path = "out"
+) -> bool:
+    """Write the page of a build again where other commands have left files since.
+
+    Parameters
+    ----------
+    files : str, Path, StimulusSet or sequence of them, optional
+        As `build_sets` takes them.
+    output : str or Path, optional
+        The output folder.
+
+    Returns
+    -------
+    bool
+        Whether the page was written. It is not where nothing was built from these files by this
+        code: `build_sets` does that.
+    """
+    folder = Path(output)
+    manifest = load_manifest(folder)
+    if manifest is None:
+        return False
+    inputs = _Inputs(_hash_inputs(_find_sources(files), None), compute_code_fingerprint())
+    if manifest.inputs != inputs.files or manifest.code != inputs.code:
+        return False
+    if manifest.linked == find_linked_files(folder, manifest.outputs):
+        return False
+    build_sets(files, output)
+    return True
+
+
 def _find_sources(
     files: "Source | Sequence[Source] | None",
 ) -> "dict[str, Path | StimulusSet]":

@@ -231,6 +231,7 @@ def workshop(
     of step blocks, setup sheets with the stock, and a table of the ways to make them with what each
     lets a user feel.
     """
+    from stepblocks.build.run import refresh_links
     from stepblocks.workshop.run import order_parts, tabulate_routes
 
     progress = make_progress("drawn", quiet=quiet, lines=1000)
@@ -242,6 +243,7 @@ def workshop(
         masks=masks,
         announce=lambda one: progress(name=f"{one.name}: {len(one.files)} files"),
     )
+    refresh_links(files or None, output)
     files_written = sum(len(order.files) for order in orders)
     parts = "part" if len(orders) <= 1 else "parts"
     return Outcome(

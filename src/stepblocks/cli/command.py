@@ -8,11 +8,14 @@ from typing import Any
 import typer
 from typer.core import TyperArgument, TyperCommand, TyperGroup, TyperOption
 
-from stepblocks.cli.options import Force, Json, Quiet, Wide
+from stepblocks.cli.options import DecimalSign, Encoding, Force, Json, Missing, Quiet, Wide
 from stepblocks.cli.outcome import Outcome, collect_reading_notes, protect_output, show
 from stepblocks.errors import PipelineError
+from stepblocks.files.layout import TableLayout
 
 Function = Callable[..., Outcome]
+
+_LAYOUT = "layout"  # parameter of a command that reads tables
 
 
 class Group(TyperGroup):
@@ -122,32 +125,42 @@ def command(
 ) -> Callable[[Function], Function]:
     """Return a decorator that adds a function to an app as a command.
 
-    The function takes its options by name and returns an `Outcome`, which is shown afterwards.
-    While it runs, the files below its option ``output`` that are not ours are protected. The first
-    paragraph of its docstring is the command's line in the list; `examples` end the help.
+    The function takes its options by name and returns an `Outcome`, which is shown afterwards. One
+    that takes a `layout` has the options of tables, of which its layout is made. While it runs, the
+    files below its option ``output`` that are not ours are protected. The first paragraph of its
+    docstring is the command's line in the list; `examples` end the help.
     """
 
     def register(function: Function) -> Function:
         signature = inspect.signature(function, eval_str=True)
         common = inspect.signature(_take_common_options, eval_str=True).parameters
+        asked = [option for name, option in signature.parameters.items() if name != _LAYOUT]
         added = [common[name] for name in common if name not in signature.parameters]
+        of_tables = inspect.signature(make_layout, eval_str=True).parameters
+        reads_tables = _LAYOUT in signature.parameters
+        if reads_tables:
+            added = [*of_tables.values(), *added]
 
         @functools.wraps(function)
         def run(**values: object) -> int:
             shown = {name: bool(values[name]) for name in common}
             force = shown.pop("force")
-            taken = {name: values[name] for name in signature.parameters}
+            taken = {option.name: values[option.name] for option in asked}
+            if reads_tables:
+                declared: dict[str, Any] = {name: values[name] for name in of_tables}
+                taken[_LAYOUT] = make_layout(**declared)
             if "quiet" in taken:  # JSON alone is printed, without a display of progress
                 taken["quiet"] = shown["quiet"] or shown["as_json"]
             protected = protect_output(values.get("output"), force=force)
             with collect_reading_notes() as notes, protected as written:
                 outcome = function(**taken)
                 written += outcome.kept
-            outcome.notes = [*notes, *outcome.notes]
+            if notes or reads_tables:
+                outcome.reading = notes
             show(outcome, written, **shown)
             return int(outcome.code)
 
-        parameters = [*signature.parameters.values(), *added]
+        parameters = [*asked, *added]
         run.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
         app.command(
             name,
@@ -170,6 +183,13 @@ def _take_common_options(
     *, quiet: Quiet = False, as_json: Json = False, wide: Wide = False, force: Force = False
 ) -> None:
     """Hold the options that every command takes."""
+
+
+def make_layout(
+    *, missing: Missing = None, decimal: DecimalSign = None, encoding: Encoding = None
+) -> TableLayout:
+    """Make what the options declare of tables one object."""
+    return TableLayout(decimal=decimal, encoding=encoding, missing=missing)
 
 
 def describe_mistake(error: typer.TyperException) -> str:

@@ -15,6 +15,7 @@ from stepblocks.cli.options import (
 )
 from stepblocks.cli.outcome import Outcome
 from stepblocks.errors import PipelineError
+from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.files.text import Document
 
 app = typer.Typer()
@@ -198,6 +199,7 @@ def drag(
             help="drag towards falling x: from the crown to the tooth, or down a step",
         ),
     ] = False,
+    layout: TableLayout = UNDECLARED,
 ) -> Outcome:
     """Drag a tip over a step or a profile in time: force traces, release, ring, energy ledger.
 
@@ -213,6 +215,7 @@ def drag(
         stimuli=stimuli,
         setting=setting,
         x_range=None if x_range is None else _read_range(x_range),
+        layout=layout,
         **keep_given_options(
             static_friction=static_friction,
             handle_mass=handle_mass,
@@ -264,6 +267,8 @@ def _describe_drag(summary: Document) -> list[str]:
             f"({summary['ring_share']:.0%} of what spring and fall give) for "
             f"{summary['ring_duration_s'] * 1e3:.1f} ms"
         )
+    if "limit" in summary:
+        notes.append(summary["limit"])
     if "difference_from_equation_1" in summary:
         notes.append(summary["difference_from_equation_1"])
     return notes

@@ -23,6 +23,7 @@ from stepblocks.cli.options import (
     require_one,
 )
 from stepblocks.cli.outcome import Outcome, make_progress
+from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.files.table_rows import list_rows
 
 app = typer.Typer()
@@ -237,6 +238,7 @@ def compare(
         Path | None,
         typer.Option("--output", "-o", metavar="CSV", help="write the differences as a table"),
     ] = None,
+    layout: TableLayout = UNDECLARED,
 ) -> Outcome:
     """Compare a recorded force or acceleration with its stimulus.
 
@@ -249,6 +251,7 @@ def compare(
         to,
         output,
         backward=backward,
+        layout=layout,
         **keep_given_options(ball_radius=tip_radius, normal_load=load, friction=friction),
     )
     return Outcome(

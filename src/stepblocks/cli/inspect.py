@@ -17,6 +17,7 @@ from stepblocks.cli.options import (
     refuse_both,
 )
 from stepblocks.cli.outcome import Outcome
+from stepblocks.files.layout import UNDECLARED, TableLayout
 
 if TYPE_CHECKING:
     from stepblocks.inspect.budget import Instrument
@@ -241,6 +242,7 @@ def inspect(
             rich_help_panel=_INSTRUMENT,
         ),
     ] = None,
+    layout: TableLayout = UNDECLARED,
 ) -> Outcome:
     """Evaluate a scan of a machined stimulus and judge it.
 
@@ -275,6 +277,7 @@ def inspect(
         unit=unit,
         channel=channel,
         feature=feature,
+        layout=layout,
     )
     declared = keep_given_options(stimuli=stimuli, characteristics=characteristics)
     if len(scans) > 1 or scan.is_dir() or is_table(scans):

@@ -8,12 +8,13 @@ of them. A metavar in brackets says that the value may be left out; ``show_defau
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 from typer.models import OptionInfo
 
 from stepblocks.errors import PipelineError
+from stepblocks.files.layout import read_missing_value
 from stepblocks.quantities import parse_quantity
 
 _MOST_DIGITS = 18  # of a whole number on the command line
@@ -143,6 +144,39 @@ Force = Annotated[
         "--force",
         help="replace files that another program or person wrote",
         rich_help_panel=_EVERYWHERE,
+    ),
+]
+
+# What a command says of the tables and texts that it reads; `command` gathers them in one layout.
+_OF_TABLES = "Tables and texts of numbers"
+Missing = Annotated[
+    list[Any] | None,
+    typer.Option(
+        "--missing",
+        metavar="VALUE",
+        parser=read_missing_value,
+        help="number or word that stands for a missing value, such as -9999; may be repeated",
+        show_default="numbers that stand out",
+        rich_help_panel=_OF_TABLES,
+    ),
+]
+DecimalSign = Annotated[
+    Literal[".", ","] | None,
+    typer.Option(
+        "--decimal",
+        help="sign before the fraction",
+        show_default="found",
+        rich_help_panel=_OF_TABLES,
+    ),
+]
+Encoding = Annotated[
+    str | None,
+    typer.Option(
+        "--encoding",
+        metavar="NAME",
+        help="of the text, such as cp1252",
+        show_default="found",
+        rich_help_panel=_OF_TABLES,
     ),
 ]
 

@@ -30,6 +30,23 @@ _LETTERS_OF_NUMBERS = "-+.e∞0123456789"
 _MEMORY = ".stepblocks.json"  # in a folder: hashes of the files that commands wrote there
 
 
+@dataclass(frozen=True)
+class ReadingNote:
+    """What readers found out about some files, the same of each."""
+
+    note: str
+    files: tuple[str, ...]
+
+    def __str__(self) -> str:
+        """Name the first file, and count the others."""
+        more = f" and {len(self.files) - 1} more" if len(self.files) > 1 else ""
+        return f"note: {self.note} [{self.files[0]}{more}]"
+
+    def as_record(self) -> dict[str, object]:
+        """Return plain data."""
+        return {"note": self.note, "files": list(self.files)}
+
+
 @dataclass
 class Outcome:
     """What a command did and found.
@@ -52,6 +69,8 @@ class Outcome:
         Lines printed to the error stream, whatever was asked.
     kept : sequence of Path
         Files of an earlier run that were found whole.
+    reading : sequence of ReadingNote, optional
+        What readers found out about their files; None of a command that reads no tables.
     """
 
     summary: str
@@ -62,6 +81,7 @@ class Outcome:
     record: object = None
     failures: Sequence[str] = ()
     kept: Sequence[Path] = ()
+    reading: "Sequence[ReadingNote] | None" = None
 
 
 def show(
@@ -72,6 +92,8 @@ def show(
         record = outcome.record
         if record is None:
             record = _build_record(outcome, written)
+        if outcome.reading and isinstance(record, Mapping):
+            record = {**record, "reading": [note.as_record() for note in outcome.reading]}
         print(json.dumps(record, indent=1, allow_nan=False, default=str))
         return
     if not quiet:
@@ -94,6 +116,8 @@ def _print_outcome(outcome: Outcome, written: Sequence[Path], *, wide: bool) -> 
     """Print tables, notes, summary, the files that were written and the page to open."""
     for title, rows in outcome.tables.items():
         print_table(title, rows, wide=wide)
+    for found in outcome.reading or ():
+        _print(str(found))
     for note in outcome.notes:
         _print(note)
     if outcome.summary:
@@ -280,12 +304,12 @@ def _make_progress_bar(label: str) -> Callable[..., None]:
 
 
 @contextmanager
-def collect_reading_notes() -> Iterator[list[str]]:
+def collect_reading_notes() -> Iterator[list[ReadingNote]]:
     """Give a list that takes, when the block ends, what readers found out about their files.
 
     Other warnings go on as they came.
     """
-    notes: list[str] = []
+    notes: list[ReadingNote] = []
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", ReadingWarning)
         yield notes
@@ -297,9 +321,7 @@ def collect_reading_notes() -> Iterator[list[str]]:
         else:
             warnings.warn_explicit(message, warning.category, warning.filename, warning.lineno)
     for note, files in places.items():
-        different = list(dict.fromkeys(files))
-        more = f" and {len(different) - 1} more" if len(different) > 1 else ""
-        notes.append(f"note: {note} [{different[0]}{more}]")
+        notes.append(ReadingNote(note, tuple(dict.fromkeys(files))))
 
 
 @contextmanager

@@ -24,6 +24,7 @@ from stepblocks.cli.options import (
 )
 from stepblocks.cli.outcome import Outcome, make_progress
 from stepblocks.errors import PipelineError
+from stepblocks.files.layout import UNDECLARED, TableLayout, refuse_layout
 
 if TYPE_CHECKING:
     from stepblocks.declaration.set import StimulusSet
@@ -102,6 +103,7 @@ def predict(
             show_default="1.5 dB of power, within a factor of 2",
         ),
     ] = None,
+    layout: TableLayout = UNDECLARED,
     wide: Wide = False,
 ) -> Outcome:
     """Predict critical angle, forces and vibration energy of sets, tables or unseen trials.
@@ -114,14 +116,14 @@ def predict(
 
     if model or any(is_table_name(path) for path in files):
         _refuse_perception(perception, discrimination)
-        return _predict_table(files, output, model)
+        return _predict_table(files, output, model, layout)
     in_time = None
     if conversion is not None:
         in_time = conversion == "simulated"
     asked = _Asked(
         in_time=in_time,
         speed=_choose_speed(speed),
-        discrimination=_read_person(discrimination),
+        discrimination=_read_person(discrimination, layout),
     )
     return _predict_sets(
         files, as_built, asked, output=output, plots=plots, perception=perception, wide=wide
@@ -151,13 +153,14 @@ def _refuse_perception(perception: Path | None, discrimination: Path | None) -> 
             raise PipelineError(f"{name} needs stimulus files, got a table or a session [{value}]")
 
 
-def _read_person(table: Path | None) -> "Discrimination":
+def _read_person(table: Path | None, layout: TableLayout) -> "Discrimination":
     """Read how finely a person tells energies apart; that of the literature without a table."""
     from stepblocks.predict.perception import LITERATURE, read_discrimination
 
     if table is None:
+        refuse_layout(layout, "stimulus files", PipelineError)
         return LITERATURE
-    return read_discrimination(table)
+    return read_discrimination(table, layout=layout)
 
 
 def _predict_sets(
@@ -175,7 +178,7 @@ def _predict_sets(
     from stepblocks.files.atomic import replace_text
     from stepblocks.files.tables import format_csv
     from stepblocks.predict.columns import choose_terminal_columns, format_row
-    from stepblocks.predict.predictions import describe_left_out
+    from stepblocks.predict.predictions import describe_felt, describe_left_out
 
     sets = [declared for declared, _ in load_sets(files)]
     if records:
@@ -187,13 +190,14 @@ def _predict_sets(
         raise PipelineError(
             "a prediction needs a stimulus that is felt, got parts of the apparatus alone"
         )
-    notes = describe_left_out(_list_predictions(predicted))
+    predictions = _list_predictions(predicted)
+    notes = [*describe_left_out(predictions), *describe_felt(predictions)]
     if perception:
         notes += _write_pairs(predicted, asked, perception)
     if plots:
         notes += _write_plots(predicted, asked, plots)
     rings = _tabulate_rings([found.stimuli for found in predicted])
-    record = {"predictions": rows, **rings}
+    record = {"predictions": rows, **rings, "notes": notes}
     if output:
         replace_text(output, format_csv(rows))
         summary = f"{output}: {len(rows)} predictions"
@@ -308,7 +312,9 @@ def _tabulate_rings(sets: "list[StimulusSet]") -> dict[str, Any]:
     return tables
 
 
-def _predict_table(files: list[Path], output: Path | None, model: Path | None) -> Outcome:
+def _predict_table(
+    files: list[Path], output: Path | None, model: Path | None, layout: TableLayout
+) -> Outcome:
     """Predict the rows of a table, or unseen trials by the model of a session."""
     from stepblocks.predict.table import predict_table
 
@@ -316,8 +322,8 @@ def _predict_table(files: list[Path], output: Path | None, model: Path | None) -
     if output is None:
         raise PipelineError(f"-o must name the CSV to write [{file}]")
     if model is not None:
-        return _predict_trials(file, model, output)
-    return Outcome(f"{output}: {len(predict_table(file, output))} predictions")
+        return _predict_trials(file, model, output, layout)
+    return Outcome(f"{output}: {len(predict_table(file, output, layout=layout))} predictions")
 
 
 def _take_table(files: list[Path], model: Path | None) -> Path:
@@ -333,13 +339,16 @@ def _take_table(files: list[Path], model: Path | None) -> Path:
     raise PipelineError(f"expected {wanted}, got {got}")
 
 
-def _predict_trials(file: Path, model: Path, output: Path) -> Outcome:
+def _predict_trials(file: Path, model: Path, output: Path, layout: TableLayout) -> Outcome:
     """Predict unseen trials: those of a CSV, or of the folder of a session."""
     from stepblocks.loop.session_table import read_trial_table
     from stepblocks.predict.learned import predict_trials
 
-    trials = read_trial_table(file) if file.is_dir() else file
-    status = predict_trials(trials, model, output)["status"]
+    if file.is_dir():
+        predicted = predict_trials(read_trial_table(file, layout), model, output)
+    else:
+        predicted = predict_trials(file, model, output, layout=layout)
+    status = predicted["status"]
     failed = int((status != "ok").sum())
     return Outcome(
         f"{output}: {len(status)} trials predicted, {failed} of them not ok, see the column status"

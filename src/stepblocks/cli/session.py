@@ -22,6 +22,7 @@ from stepblocks.cli.options import (
 )
 from stepblocks.cli.outcome import Outcome, make_progress
 from stepblocks.errors import PipelineError
+from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.files.text import Document
 
 app = typer.Typer()
@@ -144,6 +145,7 @@ def measure(
             "beside the features",
         ),
     ] = None,
+    layout: TableLayout = UNDECLARED,
     quiet: Quiet = False,
 ) -> Outcome:
     """Measure the features of every trace of a bench session.
@@ -151,18 +153,28 @@ def measure(
     Reads a bench session and writes one row of features per trial, with standard uncertainties.
     Trials that cannot be measured stay in the table with status `excluded` and the reason.
     """
-    from stepblocks.bench.measure import write_features
+    from stepblocks.bench.measure import check_output, write_features
 
     if trials is not None and plots is None:
         raise PipelineError("--trials says which trials --plots draws: give --plots, too")
+    if whole_record is not None:
+        check_output(session, whole_record)
+        if whole_record.resolve() == output.resolve():
+            raise PipelineError(
+                f"--whole-record must be another file than --output, got {str(whole_record)!r}"
+            )
     summary = write_features(
-        session, output, progress=make_progress("measured trials", quiet=quiet, lines=10), jobs=jobs
+        session,
+        output,
+        progress=make_progress("measured trials", quiet=quiet, lines=10),
+        jobs=jobs,
+        layout=layout,
     )
     if plots is not None:
         from stepblocks.bench.figures import draw_trials
 
         chosen = [name.strip() for name in trials.split(",")] if trials else None
-        draw_trials(session, plots, chosen)
+        draw_trials(session, plots, chosen, layout=layout)
     reasons = dict(sorted(summary.reasons.items(), key=lambda item: -item[1]))
     notes = [f"excluded {count}: {reason}" for reason, count in reasons.items()]
     notes += [f"note: {note}" for note in summary.notes]
@@ -175,7 +187,7 @@ def measure(
     if whole_record is not None:
         from stepblocks.bench.whole_records import compare_whole_records
 
-        compared = compare_whole_records(session, whole_record, jobs)
+        compared = compare_whole_records(session, whole_record, jobs, layout)
         shapes = ", ".join(f"{shape} {count}" for shape, count in compared.shapes.items())
         notes.append(
             f"whole records: {compared.fitted} of {compared.total} fitted, {compared.differing} "
@@ -213,6 +225,7 @@ def loop(
     ] = False,
     as_built: AsBuilt = None,
     laws: Laws = None,
+    layout: TableLayout = UNDECLARED,
     quiet: Quiet = False,
 ) -> Outcome:
     """Find what the model lacks for a measured session.
@@ -229,6 +242,7 @@ def loop(
         jobs=jobs,
         forces_only=forces_only,
         as_built=as_built or [],
+        layout=layout,
         progress=partial(show, name="trials measured"),
         announce=show,
     )

@@ -269,6 +269,20 @@ def power(
     condition_spread: ConditionSpread = None,
     lapse: Lapse = None,
     realism_gain: RealismGain = None,
+    effect: Annotated[
+        float | None,
+        make_quantity_option(
+            "length",
+            "--effect",
+            help="by how much more of the measure the last condition has, such as '2 um'",
+        ),
+    ] = None,
+    effect_size: Annotated[
+        float | None,
+        typer.Option(
+            "--d", metavar="D", help="the same over the deviation of the participants' differences"
+        ),
+    ] = None,
     tip_radius: TipRadius = None,
     load: Load = None,
     friction: Friction = None,
@@ -320,6 +334,8 @@ def power(
                 repetitions=repetitions,
                 damping=damping,
                 noise=noisier,
+                effect=effect,
+                effect_size=effect_size,
                 analysis=analysis,
                 runs=runs,
                 only=only,

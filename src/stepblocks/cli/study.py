@@ -33,6 +33,7 @@ from stepblocks.cli.study_options import (
     read_pairs,
 )
 from stepblocks.errors import PipelineError
+from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.study.conduct.page_run import PageRun
 
 study = typer.Typer(
@@ -487,6 +488,7 @@ def analyse(
     primary: Primary = None,
     reference: Reference = None,
     covariate: Covariate = None,
+    layout: TableLayout = UNDECLARED,
 ) -> Outcome:
     """Analyse answers: results.csv and report.html."""
     from stepblocks.study.analysis.prose import write_headline
@@ -503,6 +505,7 @@ def analyse(
         folder,
         data or answers or [],
         place,
+        layout=layout,
         **keep_given_options(
             columns=columns,
             wide=wide,
@@ -548,12 +551,14 @@ def share(
         str | None,
         typer.Option("--licence", metavar="NAME", help="licence that the dataset names"),
     ] = None,
+    layout: TableLayout = UNDECLARED,
 ) -> Outcome:
     """Write the study as a BIDS dataset, to share it."""
     files = stepblocks.share_study(
         folder,
         answers or [],
         output,
+        layout=layout,
         **keep_given_options(form=form, authors=authors, licence=licence),
     )
     return Outcome(f"{output}: {len(files)} files", record={"files": files})

@@ -8,7 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.errors import ContactError, QuantityError
-from stepblocks.quantities import DIMENSIONS, is_quantity, parse_quantity, read_array
+from stepblocks.quantities import (
+    DIMENSIONS,
+    is_quantity,
+    parse_quantity,
+    read_array,
+    take_scalar,
+)
 
 Real = Any  # a float or an array of them: what is given decides what comes out
 MOST_LENGTH = 1.0  # of anything on a bench [m]; more was read in a wrong unit
@@ -59,8 +65,7 @@ def _require_between(
 
 def read_number(name: str, value: object, dimension: str) -> float:
     """Read a number in SI, or one with its unit: a text such as ``"25 um"``, or one of Pint."""
-    if isinstance(value, np.ndarray) and value.ndim == 0 and value.dtype.kind in "iuf":
-        value = value[()]
+    value = take_scalar(value)
     if isinstance(value, str) or is_quantity(value):
         try:
             return parse_quantity(value, dimension)

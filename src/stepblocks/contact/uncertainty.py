@@ -20,7 +20,7 @@ _LOW_TAIL, _HIGH_TAIL = 0.025, 0.975  # of an interval of 95 %
 _STEP = 1e-3  # of an uncertainty, by which a sensitivity is taken by differences
 _AGREEMENT = 0.1  # of the width of an interval, by which drawn and analytic ends may differ
 _LEAST_DRAWS, _MOST_DRAWS = 100, 10_000_000
-_SMALLEST_BALL = 1e-3  # a drawn ball keeps this share of its nominal radius [1]
+SMALLEST_BALL = 1e-3  # a drawn ball keeps this share of its nominal radius [1]
 # of the inputs that are no lengths
 _DIMENSIONS = {
     "flank": "angle",
@@ -98,7 +98,7 @@ def compute_deviated_releases(
     for name, nominal in list_inputs(face, point).items():
         if name not in dimensions:
             deviated[name] = np.maximum(nominal + deviations.get(name, 0.0), 0.0)
-    ball = np.maximum(deviated["ball_radius"], _SMALLEST_BALL * point.ball_radius)
+    ball = np.maximum(deviated["ball_radius"], SMALLEST_BALL * point.ball_radius)
     force, energy = kernels.compute_release(
         kernels.Angles(*face.angles(ball, **dimensions)).towards(backward),
         deviated["friction"],
@@ -228,8 +228,8 @@ def estimate_interval(
     normal = dict(zip(names, draw_standard_normal(len(names), draws, seed), strict=True))
     deviations = {name: width * normal[name] for name, width in known.items()}
     forces, energies = compute_deviated_releases(face, point, deviations, backward)
-    force_low, force_high = _find_quantiles(forces, draws)
-    energy_low, energy_high = _find_quantiles(energies, draws)
+    force_low, force_high = map(float, find_quantiles(np.broadcast_to(forces, draws), draws))
+    energy_low, energy_high = map(float, find_quantiles(np.broadcast_to(energies, draws), draws))
     low = high = math.nan
     if release.status is Status.RELEASES:
         low, high = _estimate_to_first_order(face, point, known, backward)
@@ -281,15 +281,15 @@ def _estimate_to_first_order(
     return energy * math.exp(-spread), energy * math.exp(spread)
 
 
-def _find_quantiles(values: Array, draws: int) -> tuple[float, float]:
-    """Find both ends by the inverse of the empirical distribution.
+def find_quantiles(values: Array, draws: int) -> tuple[Array, Array]:
+    """Find both ends of the draws along the last axis, shape (..., draws).
 
-    It is numpy's "inverted_cdf", but that a share of the draws which is a whole number but for
-    rounding is that number.
+    They are the inverse of the empirical distribution, numpy's "inverted_cdf", but that a share of
+    the draws which is a whole number but for rounding is that number.
     """
     ends = [max(math.ceil(tail * draws - 1e-6) - 1, 0) for tail in (_LOW_TAIL, _HIGH_TAIL)]
-    low, high = np.partition(np.broadcast_to(values, draws), ends)[ends]
-    return float(low), float(high)
+    ordered = np.partition(values, ends, axis=-1)
+    return ordered[..., ends[0]], ordered[..., ends[1]]
 
 
 @lru_cache(maxsize=4)

@@ -14,6 +14,7 @@ from stepblocks.contact.kernels import (
     compute_step_angle,
 )
 from stepblocks.contact.laws import FrictionLaw
+from stepblocks.contact.operating_point import SHIPPED_LIMITS
 from stepblocks.drag.probe import DragSettings, Probe, Setting
 from stepblocks.drag.result import DragResult
 from stepblocks.drag.ring import Ring
@@ -86,6 +87,7 @@ class DragRecord:
     events: list[dict[str, object]]  # rows of ``events.csv``
     other_releases: int
     reason: str
+    limit: str
     setting: Setting | None
     texture: TextureRecord | None
     ring: RingRecord | None
@@ -110,6 +112,8 @@ class DragRecord:
         }
         if self.reason:
             document["reason"] = self.reason
+        if self.limit:
+            document["limit"] = self.limit
         if self.setting is not None:
             document["setting"] = asdict(self.setting)
         for part in (self.texture, self.ring, self.comparison):
@@ -137,6 +141,7 @@ def build_record(drag: DragResult) -> DragRecord:
         events=json.loads(drag.events.to_json(orient="records", double_precision=15)),
         other_releases=int((elsewhere.status == Status.RELEASES.value).sum()),
         reason=_explain_status(trace, ring),
+        limit=_describe_limit(drag),
         setting=drag.setting,
         texture=_describe_texture(elsewhere, drag.ball_radius),
         ring=_describe_ring(trace, ring),
@@ -172,6 +177,18 @@ def _explain_status(trace: DragTrace, ring: Ring | None) -> str:
             f"the spring had stored {1e6 * trace.stored_energy:.3g} uJ"
         )
     return trace.reason
+
+
+def _describe_limit(drag: DragResult) -> str:
+    """Say which limit equation (1) takes more than, since a drag in time itself has none."""
+    first = SHIPPED_LIMITS.first
+    pull = drag.formula.pull_force
+    if drag.trace.status is not Status.RELEASES or not pull > first.force:
+        return ""
+    return (
+        f"a drag in time knows no limits; equation (1) takes {pull:.4g} N, more than the "
+        f"{first.force:g} N of the {first.name}, so that `predict` says beyond-{first.name}"
+    )
 
 
 def _describe_texture(elsewhere: pd.DataFrame, ball_radius: float) -> TextureRecord | None:

@@ -27,6 +27,7 @@ from stepblocks.drag.subject import resolve_subject
 from stepblocks.errors import ContactError, PipelineError
 from stepblocks.files.atomic import replace_text
 from stepblocks.files.figures import Axes, take_axes
+from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.files.tables import write_table
 from stepblocks.parts.kind import Part
 from stepblocks.quantities import Measure
@@ -172,6 +173,7 @@ def drag_over(
     x_range: tuple[Measure, Measure] | None = None,
     contact: ContactLaw | None = None,
     tool: Tool | None = None,
+    layout: TableLayout = UNDECLARED,
     **values: "Measure | FrictionLaw",
 ) -> Drag:
     """Drag a tip over something in time, until it has passed every edge and rung.
@@ -199,6 +201,8 @@ def drag_over(
     tool : Tool, optional
         Stiffness, frequency (and so its mass) and decay of the explorer, in the place of the set's
         and of `stiffness` and `frequency`.
+    layout : TableLayout
+        What is declared of a CSV or another text of numbers.
     **values : float, str, quantity of Pint or FrictionLaw
         What differs from the paper, or from the stimulus's set, in SI or with its unit:
         `tip_radius`, `edge_radius`, `step_height` [m], `load` [N], `friction` [1] or a law such as
@@ -237,7 +241,7 @@ def drag_over(
     if named is not None:
         keywords = {"load": named.normal_load, "friction": named.friction} | keywords
     settings = _choose_settings(keywords)
-    target = resolve_subject(subject, keywords, backward, stimuli)
+    target = resolve_subject(subject, keywords, backward, stimuli, layout)
     point = replace(
         target.point, contact=contact or target.point.contact, tool=tool or target.point.tool
     )

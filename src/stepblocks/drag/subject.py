@@ -11,6 +11,7 @@ from stepblocks.declaration.read import Sets, load_sets
 from stepblocks.declaration.select import matches_pattern
 from stepblocks.declaration.set import StimulusSet, choose_operating_point
 from stepblocks.errors import ContactError, PipelineError, QuantityError
+from stepblocks.files.layout import UNDECLARED, TableLayout, refuse_layout
 from stepblocks.files.tables import load_table, read_si_columns, warn_of_notes
 from stepblocks.files.text import escape_file_name
 from stepblocks.parts.kind import Part
@@ -38,22 +39,25 @@ def resolve_subject(
     values: Mapping[str, float],
     backward: bool = False,
     stimuli: Sets | None = None,
+    layout: TableLayout = UNDECLARED,
 ) -> Subject:
     """Find out what is to be dragged over; `values` [SI] replace what the paper or the set says."""
     if is_quantity(subject) and not hasattr(getattr(subject, "magnitude", None), "__len__"):
         subject = f"{parse_quantity(subject, 'length')!r} m"
     if not isinstance(subject, (str, Path)):
         if hasattr(subject, "__len__"):  # a table or arrays
-            subject = load_scan(cast("Scan", subject))
+            subject = load_scan(cast("Scan", subject), layout=layout)
         name = getattr(subject, "id", "a counterface")
         return _take_surface(name, take_counterface(subject), values)
     path = Path(subject)
     suffix = path.suffix.lower()
     if suffix == ".csv":
-        return _take_surface(escape_file_name(path.name), _read_profile(path), values, f"[{path}]")
+        profile = _read_profile(path, layout)
+        return _take_surface(escape_file_name(path.name), profile, values, f"[{path}]")
     if suffix not in ("", ".toml") and path.is_file():  # of an instrument
-        face = take_counterface(load_scan(path))
+        face = take_counterface(load_scan(path, layout=layout))
         return _take_surface(escape_file_name(path.name), face, values, f"[{path}]")
+    refuse_layout(layout, "a step or a declared stimulus", PipelineError)
     try:
         height = parse_quantity(str(subject), "length")
     except QuantityError:
@@ -68,10 +72,10 @@ def resolve_subject(
     )
 
 
-def _read_profile(path: Path) -> Profile:
+def _read_profile(path: Path, layout: TableLayout) -> Profile:
     """Read a profile from the columns x and z of a CSV, their units in their names."""
     wanted = {"x": (["x"], "length", None), "z": (["z"], "length", None)}
-    table = load_table(path)
+    table = load_table(path, layout=layout)
     warn_of_notes(table.notes, path)
     columns = read_si_columns(table.frame, wanted, table.source)
     try:

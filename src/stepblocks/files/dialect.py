@@ -19,6 +19,7 @@ __all__ = [
     "Dialect",
     "count_cells",
     "find_dialect",
+    "find_quote",
     "is_number_in_any_notation",
     "list_first_lines",
     "split_records",
@@ -27,7 +28,8 @@ __all__ = [
 BLANKS = " "  # any run of blanks between two cells
 _SEPARATORS = (",", ";", "\t", "|", BLANKS)  # in the order of preference
 _SAMPLED_LINES = 200
-_COMMENT = re.compile(r"\s*(#(?!\d)|//|%(?=\s))")
+# behind a mark; what a spreadsheet writes for an error, as #N/A or #VALUE!, is a cell
+_COMMENT = re.compile(r"\s*(#(?!\d|N/A|NA\b|[A-Z]+[!?]|DIV/0!)|//|%(?=\s))")
 _COMMENT_STARTS = ("#", "/", "%")
 _DECLARED_SEPARATOR = re.compile(r"sep=(.)\s*", re.IGNORECASE)  # the first line of an Excel's CSV
 _NAMES = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars", BLANKS: "blanks"}
@@ -114,7 +116,7 @@ def find_dialect(text: str, separator: str | None = None) -> Dialect:
         The one in which most rows have as many cells as the first, and most cells are numbers.
     """
     lines = list_first_lines(text)
-    quote = _find_quote(lines)
+    quote = find_quote(lines)
     if separator is not None:
         return Dialect(separator, quote)
     declared = _DECLARED_SEPARATOR.fullmatch(text.partition("\n")[0])
@@ -189,8 +191,8 @@ def list_first_lines(text: str) -> list[str]:
     return lines
 
 
-def _find_quote(lines: Sequence[str]) -> str:
-    """Return the quotation mark of a table: single ones only where they begin most lines."""
+def find_quote(lines: Sequence[str]) -> str:
+    """Return the quotation mark of lines: single ones only where they begin most of them."""
     if not lines:
         return '"'
     single = [line for line in lines if line.startswith("'") and line.rstrip(",;\t|").endswith("'")]

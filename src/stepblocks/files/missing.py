@@ -11,7 +11,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["FILL_VALUES", "FillFound", "blank_fill_values", "is_missing_word"]
+from stepblocks.files.layout import MissingValues
+from stepblocks.files.numbers import NumberNotation
+
+__all__ = [
+    "FILL_VALUES",
+    "DeclaredMissing",
+    "FillFound",
+    "blank_fill_values",
+    "describe_missing",
+    "is_missing_word",
+    "list_missing_words",
+]
 
 # as R, BIDS, pandas, spreadsheets, SAS and instruments write it; in small letters
 _WORDS = frozenset(
@@ -45,19 +56,99 @@ class FillFound:
         The fill values that were found.
     count : int
         How many numbers they replaced.
+    words : tuple of str
+        Cells that hold a word for a missing value, as the file writes them.
     """
 
     values: NDArray[np.float64]
     fills: tuple[float, ...] = ()
     count: int = 0
+    words: tuple[str, ...] = ()
 
     def describe(self, column: str) -> str:
-        """Say what was taken as missing; empty where nothing was."""
-        if not self.count:
-            return ""
-        words = " and ".join(f"{fill:.10g}" for fill in self.fills)
-        cells = "cell" if self.count == 1 else "cells"
-        return f"{words} in {column!r} ({self.count} {cells}) stands for a missing value"
+        """Say what was taken as missing; empty where nothing was, or only empty cells."""
+        found = [f"{fill:.10g}" for fill in self.fills]
+        found += dict.fromkeys(self.words)
+        return describe_missing(found, self.count + len(self.words), f" in {column!r}")
+
+
+class DeclaredMissing:
+    """The missing values that a user names, in the cells of one table.
+
+    Parameters
+    ----------
+    declared : MissingValues
+        Numbers and words.
+    notation : NumberNotation
+        Of the numbers in the table.
+    """
+
+    def __init__(self, declared: MissingValues, notation: NumberNotation) -> None:
+        self._numbers = declared.numbers
+        self._words = frozenset(declared.words)
+        self._notation = notation
+        self._decided: dict[str, bool] = {"": False}
+        self._counts: dict[str, int] = {}
+
+    def blank_cells(self, cells: Sequence[str]) -> list[str]:
+        """Return cells, empty ones in place of those that stand for a missing value."""
+        blanked = []
+        for cell in cells:
+            is_missing = self._decided.get(cell)
+            if is_missing is None:
+                is_missing = self._decided[cell] = self._matches(cell)
+            if is_missing:
+                self._counts[cell] = self._counts.get(cell, 0) + 1
+                cell = ""
+            blanked.append(cell)
+        return blanked
+
+    def describe(self) -> list[str]:
+        """Say which declared values were found."""
+        note = describe_missing(list(self._counts), sum(self._counts.values()), "")
+        return [note] if note else []
+
+    def _matches(self, cell: str) -> bool:
+        """Tell whether a cell is a declared word, or a declared number in any form."""
+        if cell in self._words:
+            return True
+        try:
+            value = np.float64(self._notation.parse(cell))
+        except ValueError:
+            return False
+        return any(bool(_match_fill(value, number)) for number in self._numbers)
+
+
+def describe_missing(found: Sequence[str], count: int, place: str) -> str:
+    """Say that what was found stands for a missing value; empty where nothing was found.
+
+    Parameters
+    ----------
+    found : sequence of str
+        As the file writes it.
+    count : int
+        Number of cells.
+    place : str
+        Behind a blank, or empty.
+    """
+    if not found:
+        return ""
+    cells = "cell" if count == 1 else "cells"
+    verb = "stands" if len(found) == 1 else "stand"
+    return f"{' and '.join(found)}{place} ({count} {cells}) {verb} for a missing value"
+
+
+def list_missing_words(cells: Sequence[str]) -> tuple[str, ...]:
+    """List the cells that say by a word that nothing is there.
+
+    An empty cell needs no word, and ``nan`` is what a program writes for no number.
+    """
+    return tuple(cell for cell in cells if is_missing_word(cell) and not _is_plain_gap(cell))
+
+
+def _is_plain_gap(cell: str) -> bool:
+    """Tell whether a cell is empty or not-a-number, and so needs no note."""
+    return cell.strip().lower().lstrip("+-") in ("", "nan")
 
 
 def is_missing_word(text: str) -> bool:
@@ -97,7 +188,7 @@ def blank_fill_values(
     if not present:
         return FillFound(values)
     blanked = np.where(is_fill, np.nan, values)
-    return FillFound(blanked, tuple(present), int(is_fill.sum()))
+    return FillFound(blanked, tuple(present), count=int(is_fill.sum()))
 
 
 def _choose_outstanding(rest: NDArray[np.float64], present: Sequence[float]) -> list[float]:
@@ -117,7 +208,7 @@ def _match_any(values: NDArray[np.float64], fills: Sequence[float]) -> NDArray[n
     return is_fill
 
 
-def _match_fill(values: NDArray[np.float64], fill: float) -> NDArray[np.bool_]:
+def _match_fill(values: NDArray[np.float64] | np.float64, fill: float) -> NDArray[np.bool_]:
     """Tell which numbers of a column are a fill value; one beyond all bounds may be rounded."""
     if abs(fill) < _HUGE:
         return np.asarray(values == fill)

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from stepblocks.errors import PipelineError, ReadingWarning
 from stepblocks.files.atomic import replace_text
+from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.files.missing import is_missing_word
 from stepblocks.files.numbers import NumberNotation
-from stepblocks.files.text_table import TableLayout, TextTable, read_text_table
+from stepblocks.files.text_table import TextTable, read_text_table
 from stepblocks.mistakes import Mistake, format_mistakes, shorten_value
 from stepblocks.quantities import multiply_by_unit, parse_quantity
 
@@ -40,6 +41,7 @@ _LARGEST_WHOLE = 2.0**53  # up to which every whole number is a float
 _SIMILAR_ENOUGH = 0.8  # of two names of columns, as difflib measures it
 _MISSING_OBJECTS = ("NAType", "NaTType", "MaskedConstant")  # of pandas and NumPy
 _FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")  # OWASP, CSV injection
+_NO_NUMBER_KINDS = ("b", "c", "m", "M")  # those of truth values, complex numbers, times and dates
 _NUMBER_KINDS = "biufcM"  # NumPy's letters of types that are never a formula
 
 
@@ -80,15 +82,13 @@ class FileTable:
 
 
 def read_table(
-    path: Path,
-    texts: Collection[str] = (),
-    missing: Sequence[float] | None = None,
+    path: Path, texts: Collection[str] = (), layout: TableLayout = UNDECLARED
 ) -> "pd.DataFrame":
     """Read a table with a header; what had to be found out about it is a `ReadingWarning`.
 
     See `load_table`.
     """
-    table = load_table(path, texts, missing)
+    table = load_table(path, texts, layout)
     warn_of_notes(table.notes, path)
     return table.frame
 
@@ -100,9 +100,7 @@ def warn_of_notes(notes: Iterable[str], place: object) -> None:
 
 
 def load_table(
-    path: Path,
-    texts: Collection[str] = (),
-    missing: Sequence[float] | None = None,
+    path: Path, texts: Collection[str] = (), layout: TableLayout = UNDECLARED
 ) -> FileTable:
     """Read a table with a header.
 
@@ -112,8 +110,8 @@ def load_table(
         CSV, TSV or a workbook of Excel or LibreOffice; see `read_text_table`.
     texts : collection of str
         Columns that are texts, whatever they look like.
-    missing : sequence of float, optional
-        Numbers that stand for a missing value; by default those that stand out.
+    layout : TableLayout
+        What is declared of it.
 
     Raises
     ------
@@ -123,7 +121,6 @@ def load_table(
     """
     import pandas as pd
 
-    layout = TableLayout(missing=None if missing is None else tuple(missing))
     source = read_text_table(path, layout)
     if not source.rows:
         raise PipelineError(f"table has no rows [{path}]")
@@ -177,6 +174,36 @@ def _append_units(frame: "pd.DataFrame", source: TextTable) -> "pd.DataFrame":
             )
         renamed[name] = f"{name} [{unit}]"
     return frame.rename(columns=renamed)
+
+
+def convert_dataset(dataset: Any) -> "pd.DataFrame":
+    """Turn a Dataset of xarray into a table, its coordinates among the columns.
+
+    The unit that a variable states in its attribute ``units`` must agree with that of its name; a
+    name without a unit takes it.
+
+    Raises
+    ------
+    PipelineError
+        If they differ.
+    """
+    frame = dataset.to_dataframe()
+    named = [dimension for dimension in dataset.dims if dimension in dataset.coords]
+    if named:
+        frame = frame.reset_index(named)
+    renamed = {}
+    for name, variable in dataset.variables.items():
+        unit = variable.attrs.get("units")
+        stated = find_unit_of_name(str(name))
+        if unit is None or simplify_unit(str(unit)) == stated:
+            continue
+        if stated:
+            raise PipelineError(
+                f"{name} must have one unit, got {unit!r} in its attribute units [table]"
+            )
+        renamed[name] = f"{name} [{unit}]"
+    renamed_frame: pd.DataFrame = frame.rename(columns=renamed)
+    return renamed_frame
 
 
 def find_misspelt_columns(frame: "pd.DataFrame", known: Collection[str]) -> dict[str, str]:
@@ -368,16 +395,23 @@ def _find_misspelt_defaults(frame: "pd.DataFrame", rules: Sequence[ColumnRule]) 
     """
     if all(rule.default is None for rule in rules):
         return {}
-    known: set[str] = set()
+    known: dict[str, str] = {}
     for rule in rules:
-        known.update(rule.list_columns())
-    return find_misspelt_columns(frame, known)
+        known |= rule.list_columns()
+    misspelt = find_misspelt_columns(frame, known)
+    for column in list(misspelt):
+        if find_column_name(column, known):  # as "height [um]", which is another way to write it
+            del misspelt[column]
+    return misspelt
 
 
 def _convert_column(
     cells: "pd.Series", reading: _ColumnReading, mistakes: list[Mistake], lets_missing: bool
 ) -> NDArray[np.float64]:
     """Return a column in SI; cells that are no finite number are added to the mistakes."""
+    if getattr(cells.dtype, "kind", None) in _NO_NUMBER_KINDS:
+        mistakes.append(("", f"{cells.name} must hold numbers, got {cells.dtype}"))
+        return np.full(len(cells), np.nan)
     numbers = _read_cells(cells, reading.notation)
     is_wrong = ~np.isfinite(numbers)
     if lets_missing:

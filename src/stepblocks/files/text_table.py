@@ -23,7 +23,14 @@ from stepblocks.files.dialect import (
     list_first_lines,
     split_records,
 )
-from stepblocks.files.missing import FillFound, blank_fill_values, is_missing_word
+from stepblocks.files.layout import UNDECLARED, TableLayout
+from stepblocks.files.missing import (
+    DeclaredMissing,
+    FillFound,
+    blank_fill_values,
+    is_missing_word,
+    list_missing_words,
+)
 from stepblocks.files.numbers import NotationError, NumberNotation, find_notation, is_plain_number
 from stepblocks.files.paths import describe_system_error
 from stepblocks.files.raw_table import RawTable, Record, name_sheet_column
@@ -33,7 +40,7 @@ from stepblocks.mistakes import shorten_value
 
 __all__ = [
     "CellError",
-    "TableLayout",
+    "TableShape",
     "TextTable",
     "is_sheet",
     "is_table_name",
@@ -50,6 +57,7 @@ TABLE_ENDINGS = (".csv", ".tsv", *_SHEETS)
 _SHEET_MARKS = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1")  # of a zip, of an old Excel
 # a unit in a row of units: in brackets, or letters with powers, as "um", "N/mm", "m s^-1", "1"
 _UNIT = re.compile(r"[\[(].*[\])]|[A-Za-zµμΩÅ°%‰]+[23]?([ */·^-]*-?[A-Za-zµμΩ°0-9]+)?|1|-")
+_RULE = re.compile(r":?(-{3,}|={3,}):?")  # as Markdown draws it below a header
 _LONGEST_UNIT = 12  # letters
 _HEAD_BYTES = 10_000  # in which the first row of a table lies
 _PLAIN = NumberNotation()
@@ -65,35 +73,26 @@ class CellError(ValueError):
 
 
 @dataclass(frozen=True)
-class TableLayout:
-    """What is declared of a table; what is not is found.
+class TableShape:
+    """What a caller knows of the rows of a table.
 
     Attributes
     ----------
-    separator : str, optional
-        One letter between two cells.
-    decimal : {".", ","}, optional
-        The decimal sign.
-    encoding : str, optional
-        As `check_encoding` returns it.
     skip_lines : int
         Lines above the table that are no part of it.
     has_header : bool
         Whether its first row names the columns.
-    missing : tuple of float, optional
-        Numbers that stand for a missing value; by default those that stand out.
     keeps_ragged : bool
         Whether a row with another number of cells than the header is kept as it is, for a caller
         who says of each row what is wrong with it.
     """
 
-    separator: str | None = None
-    decimal: str | None = None
-    encoding: str | None = None
     skip_lines: int = 0
     has_header: bool = True
-    missing: tuple[float, ...] | None = None
     keeps_ragged: bool = False
+
+
+_USUAL_SHAPE = TableShape()
 
 
 @dataclass(frozen=True)
@@ -116,8 +115,9 @@ class TextTable:
         Of the columns, from a row of units below the header; empty where there is none.
     sheet : str
         Name of the sheet; empty for a text.
-    missing : tuple of float, optional
-        As `TableLayout` has it.
+    finds_fills : bool
+        Whether numbers that stand out count as missing; those that are declared are empty cells
+        already.
     notes : tuple of str
         What had to be found out about the file.
     """
@@ -129,7 +129,7 @@ class TextTable:
     notation: NumberNotation = field(default_factory=NumberNotation)
     units: tuple[str, ...] = ()
     sheet: str = ""
-    missing: tuple[float, ...] | None = None
+    finds_fills: bool = True
     notes: tuple[str, ...] = ()
 
     @property
@@ -164,9 +164,14 @@ class TextTable:
         """
         cells = self.get_cells(column)
         values = self.notation.parse_column(cells)
+        words: tuple[str, ...] = ()
         if values is None:
             values = self._parse_numbers(cells)
-        return blank_fill_values(values, self.missing)
+            words = list_missing_words(cells)
+        found = FillFound(values)
+        if self.finds_fills:
+            found = blank_fill_values(values)
+        return replace(found, words=words)
 
     def read_sound_numbers(self, column: int, raises: type[StepblocksError]) -> FillFound:
         """Read a column of numbers, and raise with name and place where a cell is none."""
@@ -209,9 +214,10 @@ class TextTable:
 
 def read_text_table(
     path: Path,
-    layout: TableLayout | None = None,
+    layout: TableLayout = UNDECLARED,
     raises: type[StepblocksError] = PipelineError,
     most_bytes: int = _MOST_BYTES,
+    shape: TableShape = _USUAL_SHAPE,
 ) -> TextTable:
     """Read a table from a text or from the first sheet of a workbook.
 
@@ -219,25 +225,26 @@ def read_text_table(
     ----------
     path : Path
         CSV, TSV or any text of separated cells; or a workbook of Excel or LibreOffice.
-    layout : TableLayout, optional
-        What is declared of a text.
+    layout : TableLayout
+        What is declared of it; of a workbook, the missing values alone count.
     raises : type of StepblocksError
         Raised for everything that is wrong with the file.
     most_bytes : int
         Largest file that is read.
+    shape : TableShape
+        What the caller knows of its rows.
 
     Returns
     -------
     TextTable
         It may have no rows.
     """
-    layout = layout or TableLayout()
     try:
         size = measure_file_size(path)
         if size > most_bytes:
             raise raises(f"table must be smaller than {most_bytes} bytes, got {size} [{path}]")
         if is_sheet(path):
-            return build_table(read_sheet(path, raises), layout, str(path), raises)
+            return build_table(read_sheet(path, raises), layout, str(path), raises, shape)
         raw = path.read_bytes()
     except OSError as error:
         reason = describe_system_error(error, path)
@@ -245,7 +252,7 @@ def read_text_table(
     decoded = decode_text(raw, path, raises, layout.encoding)
     if "\0" in decoded.text:
         raise raises(f"table must be text or a sheet of Excel or LibreOffice, got binary [{path}]")
-    table = parse_table(decoded.text, str(path), layout, raises)
+    table = parse_table(decoded.text, str(path), layout, raises, shape)
     if decoded.note:
         table = replace(table, notes=(decoded.note, *table.notes))
     return table
@@ -283,26 +290,28 @@ def read_names(path: Path) -> tuple[str, ...]:
 def parse_table(
     text: str,
     file: str,
-    layout: TableLayout | None = None,
+    layout: TableLayout = UNDECLARED,
     raises: type[StepblocksError] = PipelineError,
+    shape: TableShape = _USUAL_SHAPE,
 ) -> TextTable:
     """Read a table from a text; see `read_text_table`."""
-    layout = layout or TableLayout()
-    for _ in range(layout.skip_lines):
+    skipped = shape.skip_lines
+    for _ in range(skipped):
         text = text.partition("\n")[2]
     dialect = find_dialect(text, layout.separator)
     try:
         records, comments = split_records(text, dialect)
     except csv.Error as error:
-        line = _find_broken_line(text, dialect) + layout.skip_lines
+        line = _find_broken_line(text, dialect) + skipped
         raise raises(f"table must be a CSV: {error} [{file}, line {line}]") from error
-    if layout.skip_lines:
-        records = [Record(record.line + layout.skip_lines, record.cells) for record in records]
+    if skipped:
+        records = [Record(record.line + skipped, record.cells) for record in records]
     notes = []
     usual = "\t" if file.lower().endswith(".tsv") else ","
     if layout.separator is None and dialect.separator != usual and records:
         notes.append(f"cells are separated by {dialect.name}")
-    return build_table(RawTable(records, comments, notes=tuple(notes)), layout, file, raises)
+    raw = RawTable(records, comments, notes=tuple(notes))
+    return build_table(raw, layout, file, raises, shape)
 
 
 def _find_broken_line(text: str, dialect: Dialect) -> int:
@@ -317,7 +326,11 @@ def _find_broken_line(text: str, dialect: Dialect) -> int:
 
 
 def build_table(
-    raw: RawTable, layout: TableLayout, file: str, raises: type[StepblocksError]
+    raw: RawTable,
+    layout: TableLayout,
+    file: str,
+    raises: type[StepblocksError],
+    shape: TableShape,
 ) -> TextTable:
     """Make a table of its rows: header, units, equal lengths and one notation of numbers.
 
@@ -330,13 +343,14 @@ def build_table(
     records = list(raw.records)
     notes = list(raw.notes)
     names: list[str] = []
-    if layout.has_header:
+    if shape.has_header:
         names = _take_header(records, raw.comments, notes)
     place = f"{file}, {raw.sheet}" if raw.sheet else file
     width = _find_width(records, names)
     if width > _MOST_COLUMNS:
         raise raises(f"table must have at most {_MOST_COLUMNS} columns, got {width} [{place}]")
-    if not layout.keeps_ragged:
+    _drop_rule(records, notes)
+    if not shape.keeps_ragged:
         _refuse_ragged_rows(records, width, place, raises, bool(raw.sheet))
     has_trailing = _cut_rows(records, width) or len(names) > width
     if has_trailing and not raw.sheet:
@@ -350,12 +364,23 @@ def build_table(
         file=file,
         units=units,
         sheet=raw.sheet,
-        missing=layout.missing,
     )
     notation = _settle_notation(table, layout, raises)
     if notation.decimal == "," and layout.decimal is None:
         notes.append("numbers are written with decimal commas")
-    return replace(table, notation=notation, notes=tuple(notes))
+    table = replace(table, notation=notation, notes=tuple(notes))
+    return _blank_declared_values(table, layout)
+
+
+def _blank_declared_values(table: TextTable, layout: TableLayout) -> TextTable:
+    """Return a table whose cells are empty where a declared missing value stands, and say so."""
+    declared = layout.missing_values
+    if declared is None:
+        return table
+    rule = DeclaredMissing(declared, table.notation)
+    rows = [rule.blank_cells(row) for row in table.rows]
+    notes = [*table.notes, *rule.describe()]
+    return replace(table, rows=rows, notes=tuple(notes), finds_fills=False)
 
 
 def _take_header(records: list[Record], comments: Sequence[Record], notes: list[str]) -> list[str]:
@@ -460,6 +485,16 @@ def _name_columns(
             )
         named.append(f"Unnamed: {number}")
     return named
+
+
+def _drop_rule(records: list[Record], notes: list[str]) -> None:
+    """Leave out a row of dashes that is drawn below the header."""
+    if not records:
+        return
+    filled = [cell for cell in records[0].cells if cell]
+    if all(_RULE.fullmatch(cell) for cell in filled):
+        notes.append(f"line {records[0].line} is a rule and left out")
+        records.pop(0)
 
 
 def _take_units(records: list[Record], names: Sequence[str], notes: list[str]) -> tuple[str, ...]:

@@ -31,6 +31,7 @@ from stepblocks.inspect.noise import (
     estimate_autocovariance,
     factor_covariance,
 )
+from stepblocks.inspect.waviness import estimate_height
 
 # mean square of whitened residuals on the arc beyond which one of its points may be a spike [1]
 _SUSPECT = 4.0
@@ -255,7 +256,7 @@ def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> 
     missing = int((~known).sum())
     sign = 1.0 if edge.rising else -1.0
     return Edge(
-        height=planes.height,
+        height=estimate_height(x, z, edge.middle, planes),
         # a bow leaves few degrees of freedom, yet many of the noise
         radius=Estimate(shape.radius, shape.radius_std),
         radius_limit=shape.radius_limit,
@@ -286,7 +287,8 @@ def fit_step(position: Array, height: Array, exclusion: float) -> Estimate:
     Without its checks.
     """
     edge = _isolate_largest_edge(position, height)
-    return _fit_faces(edge, exclusion).planes.height
+    planes = _fit_faces(edge, exclusion).planes
+    return estimate_height(edge.x, edge.z, edge.middle, planes)
 
 
 def _isolate_largest_edge(x: Array, height: Array) -> _IsolatedEdge:

@@ -18,6 +18,7 @@ from typing import Any
 
 from stepblocks.errors import MetrologyError
 from stepblocks.files.atomic import replace_text
+from stepblocks.files.layout import UNDECLARED
 from stepblocks.files.pages import render_page
 from stepblocks.files.tables import Table, write_table
 from stepblocks.files.text import escape_file_name
@@ -211,7 +212,7 @@ def inspect_many(
     paths = [scans] if isinstance(scans, str | Path) else scans
     if stimulus is None and standard is not None:
         stimulus = "standard"
-    listed = list_scans([Path(path) for path in paths], stimulus)
+    listed = list_scans([Path(path) for path in paths], stimulus, options.get("layout", UNDECLARED))
     inspected = _inspect_each(listed, standard, options)
     readings = inspected.list_readings()
     if not readings:

@@ -12,6 +12,7 @@ import numpy as np
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.levelling import LEAST_FACE, check_profile, fit_two_planes, remove_spikes
 from stepblocks.inspect.noise import Array, Estimate, Mask
+from stepblocks.inspect.waviness import estimate_height
 
 _LEAST_MARGIN = 3  # points beside a gap that belong to no shoulder
 _LEAST_DEPTH_OVER_RISE = 0.2  # of a gap below the lower shoulder, over the rise between them [1]
@@ -77,7 +78,8 @@ def fit_margin(x: Array, z: Array) -> Margin:
     check_profile(x, z, 3 * LEAST_FACE)
     gap = _find_gap(x, z)
     shoulders = _mark_shoulders(z, gap)
-    planes = fit_two_planes(x, z, 0.5 * float(x[gap.begin] + x[gap.end - 1]), shoulders)
+    middle = 0.5 * float(x[gap.begin] + x[gap.end - 1])
+    planes = fit_two_planes(x, z, middle, shoulders)
     level = z - planes.tilt * x - planes.offset
     left, right = _find_walls(x, level, planes.height.value, gap)
     spacing = float(np.diff(x).mean())
@@ -89,7 +91,7 @@ def fit_margin(x: Array, z: Array) -> Margin:
     return Margin(
         opening=Estimate(right.position - left.position, float(noise), planes.height.dof),
         sampling=spacing * float(np.hypot(left.unresolved, right.unresolved)) / np.sqrt(12.0),
-        rise=planes.height,
+        rise=estimate_height(x, z, middle, planes),
     )
 
 

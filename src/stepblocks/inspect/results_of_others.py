@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TypeGuard
 
 from stepblocks.errors import PipelineError
+from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.inspect.budget import UNSTATED, Component, Measured, Source
 from stepblocks.inspect.evaluation import Evaluation
 from stepblocks.inspect.notes import NoteKind
@@ -24,7 +25,9 @@ def has_results_of_others(scan: Scan) -> TypeGuard[str | Path]:
     return _is_qif(path) or is_filled_sheet(path)
 
 
-def read_results_of_others(path: Path, keys: Mapping[str, str]) -> Evaluation:
+def read_results_of_others(
+    path: Path, keys: Mapping[str, str], layout: TableLayout = UNDECLARED
+) -> Evaluation:
     """Read what others measured, with the uncertainty that they state.
 
     Parameters
@@ -33,6 +36,8 @@ def read_results_of_others(path: Path, keys: Mapping[str, str]) -> Evaluation:
         ``*.qif``, or an inspection sheet that is filled in.
     keys : dict of str
         Keys of the characteristics by number on the drawing, label and key.
+    layout : TableLayout
+        What is declared of a sheet.
 
     Returns
     -------
@@ -47,7 +52,7 @@ def read_results_of_others(path: Path, keys: Mapping[str, str]) -> Evaluation:
         results = read_qif_results(path)
         origin = "as another program measured it, QIF 3.0"
     else:
-        results = read_filled_sheet(path)
+        results = read_filled_sheet(path, layout)
         origin = "as the inspection sheet states it"
     matched = match_results(results, keys)
     if not matched:

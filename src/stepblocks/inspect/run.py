@@ -13,6 +13,7 @@ import numpy as np
 from stepblocks.contact.domain import read_number
 from stepblocks.declaration.read import Sets, find_declared_part
 from stepblocks.errors import MetrologyError, PipelineError
+from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.files.text import escape_file_name
 from stepblocks.inspect.budget import Instrument
 from stepblocks.inspect.conformity import Outcome, combine_verdicts, judge
@@ -85,6 +86,7 @@ def inspect_scan(
     options: EvaluationOptions = AS_FOUND,
     unit: str | None = None,
     channel: str | None = None,
+    layout: TableLayout = UNDECLARED,
     characteristics: Sequence[int | str] | None = None,
 ) -> InspectionResult:
     """Evaluate a scan of a machined stimulus and judge it by ISO 14253-1.
@@ -107,7 +109,7 @@ def inspect_scan(
     options : EvaluationOptions
         Exclusion, levelling, part of the scan, edges, direction and stylus; what is not given
         follows the data.
-    unit, channel : str, optional
+    unit, channel, layout
         As `read_scan` takes them.
     characteristics : sequence of int or str, optional
         Numbers on the drawing, or names, of those that the order asks for; all by default.
@@ -132,12 +134,12 @@ def inspect_scan(
     scale = ""
     if has_results_of_others(scan):
         _refuse_unit_and_channel(Path(scan), unit, channel)
-        evaluation = read_results_of_others(Path(scan), asked.keys_by_name)
+        evaluation = read_results_of_others(Path(scan), asked.keys_by_name, layout)
         source, digest = identify_file(Path(scan))
     else:
         main = _find_scanned_characteristic(asked, scanned)
         refuse_unused_options(main.key, options)
-        loaded = load_scan(scan, unit, channel)
+        loaded = load_scan(scan, unit, channel, layout)
         scale = loaded.scale
         source, digest = identify_source(scan, loaded)
         refuse_long_scan(asked.characteristics, _measure_length(loaded), source.name)
@@ -265,6 +267,7 @@ def inspect_standard(
     options: EvaluationOptions = AS_FOUND,
     unit: str | None = None,
     channel: str | None = None,
+    layout: TableLayout = UNDECLARED,
 ) -> InspectionResult:
     """Evaluate a depth standard, a grating or a ball.
 
@@ -272,7 +275,7 @@ def inspect_standard(
 
     Parameters
     ----------
-    scan, instrument, options, unit, channel
+    scan, instrument, options, unit, channel, layout
         As `inspect_scan` takes them.
     depth, tolerance : float
         Certified depth or radius and its tolerance [m]; with a tolerance of 0 nothing can be proven
@@ -297,7 +300,7 @@ def inspect_standard(
         raise MetrologyError("a ball needs its radius as the standard, such as '500 um'")
     refuse_unused_options(scanned.key, options)
     asked = _declare_standard(scanned, depth, tolerance)
-    loaded = load_scan(scan, unit, channel)
+    loaded = load_scan(scan, unit, channel, layout)
     evaluation = evaluate_scan(scanned.key, loaded, instrument, asked, options)
     source, digest = identify_source(scan, loaded)
     result = InspectionResult(

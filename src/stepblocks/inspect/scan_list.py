@@ -1,10 +1,12 @@
 """Name many scans with their parts, blocks and conditions."""
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 from stepblocks.errors import PipelineError
 from stepblocks.files.atomic import resolve_inside
+from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.files.tables import Table, find_misspelt_columns, read_table
 from stepblocks.files.text_table import read_names
 from stepblocks.inspect.attempts import evaluate_each
@@ -25,7 +27,9 @@ def list_conditions(scans: Table) -> list[str]:
     return [name for name in scans.columns if name not in _NO_CONDITIONS]
 
 
-def list_scans(paths: Sequence[Path], stimulus: str | None) -> Table:
+def list_scans(
+    paths: Sequence[Path], stimulus: str | None, layout: TableLayout = UNDECLARED
+) -> Table:
     """Name the scans with their parts, blocks and conditions.
 
     Parameters
@@ -34,6 +38,8 @@ def list_scans(paths: Sequence[Path], stimulus: str | None) -> Table:
         Scans, a folder of them, or a table that names them.
     stimulus : str or None
         Part of each scan, where the table does not say it.
+    layout : TableLayout
+        What is declared of the table and of inspection sheets.
 
     Returns
     -------
@@ -49,7 +55,10 @@ def list_scans(paths: Sequence[Path], stimulus: str | None) -> Table:
 
     if len(paths) == 1 and paths[0].is_dir():
         paths = _list_folder(paths[0])
-    scans = _read_scan_table(paths[0]) if is_table(paths) else pd.DataFrame({SCAN: list(paths)})
+    if is_table(paths):
+        scans = _read_scan_table(paths[0], layout)
+    else:
+        scans = pd.DataFrame({SCAN: list(paths)})
     if PART not in scans:
         if not stimulus:
             raise PipelineError(
@@ -58,7 +67,7 @@ def list_scans(paths: Sequence[Path], stimulus: str | None) -> Table:
         scans = scans.assign(**{PART: stimulus})
     if BLOCK in scans:
         return scans
-    return scans.assign(**{BLOCK: _name_blocks(list(scans[SCAN]), list(scans[PART]))})
+    return scans.assign(**{BLOCK: _name_blocks(list(scans[SCAN]), list(scans[PART]), layout)})
 
 
 def _list_folder(folder: Path) -> list[Path]:
@@ -75,9 +84,9 @@ def _list_folder(folder: Path) -> list[Path]:
     return sorted(files)
 
 
-def _read_scan_table(path: Path) -> Table:
+def _read_scan_table(path: Path, layout: TableLayout) -> Table:
     """Read a table that names scans; they must lie in its folder."""
-    table = read_table(path, (SCAN, PART, BLOCK))
+    table = read_table(path, (SCAN, PART, BLOCK), layout)
     for column, likely in find_misspelt_columns(table, _NO_CONDITIONS).items():
         raise PipelineError(f"column {column!r} is not known, is it {likely!r}? [{path}]")
     scans = []
@@ -93,7 +102,7 @@ def _read_scan_table(path: Path) -> Table:
     return listed
 
 
-def _name_blocks(scans: list[Path], parts: list[str]) -> list[str]:
+def _name_blocks(scans: list[Path], parts: list[str], layout: TableLayout) -> list[str]:
     """Return the block of each scan.
 
     A sheet names its part by serial number; the only one named is that of the scans beside it.
@@ -101,7 +110,7 @@ def _name_blocks(scans: list[Path], parts: list[str]) -> list[str]:
     """
     serials = {}
     sheets = [path for path in scans if is_filled_sheet(path)]
-    for success in evaluate_each(read_filled_sheet, sheets).evaluated:
+    for success in evaluate_each(partial(read_filled_sheet, layout=layout), sheets).evaluated:
         serial = success.result[0].serial
         if serial:
             serials[success.item] = serial

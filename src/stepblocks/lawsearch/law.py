@@ -107,9 +107,6 @@ class Law:
     given : bool
         False where the covariate only says over what the law shows, and the formula holds without
         a value of the covariate.
-    refines : tuple[str, ...]
-        Covariates of whose laws in the same slot this one is a finer case, such as one with a
-        slope for each group.
     steps : tuple[str, ...]
         Parameters that give the places of sudden changes, in the order of the covariate.
     evidence : float
@@ -118,6 +115,11 @@ class Law:
     shape : str
         Name of the shape of a composed law, such as ``line`` or ``threshold``, whose figures with
         their intervals may be claimed; empty for laws with names of their own and for smooths.
+    refines : tuple[str, ...]
+        Covariates of whose laws in the same slot this one is a finer case, such as one with a
+        slope for each group.
+    specimens : tuple[str, ...]
+        Those whose trials alone the law moves; empty where it moves all trials.
     """
 
     id: str
@@ -136,6 +138,7 @@ class Law:
     evidence: float = 0.0
     shape: str = ""
     refines: tuple[str, ...] = ()
+    specimens: tuple[str, ...] = ()
 
     def __getstate__(self) -> bytes:
         # the functions of a law are closures, which the standard pickle cannot store

@@ -44,6 +44,8 @@ _MIDDLE_SHIFTS = {"ln_peak_force": 0.2, "sliding_friction": 0.2, "normal_load_ra
 _SET = ("height_um", "load_n", "speed_mm_s", "run_order", PEAK_FORCE, SPEED_OVER_LOAD)
 _MOST_READINGS = 3  # of the surroundings that are tried pair by pair
 _RAMP = "spring_constant"  # the channel that is no logarithm
+_RAMP_COLUMNS = 5  # powers of the logarithm of the peak force over which it is smoothed
+_LEAST_PER_COLUMN = 2  # trials
 _LEAST_SPREAD = 1e-9  # of a logarithm, below which all its values are equal
 _MOST_LABELS = 8  # of a covariate that is tried
 # blocks of which any two may have exchanged their labels, by how much they must differ [m], and how
@@ -176,7 +178,7 @@ class SessionModel:
         load = _standardise(np.log(design.load))
         speed = _standardise(np.log(design.speed))
         columns = (height, load, speed, height**2, height * load, load * speed, height * speed)
-        ramp = _smooth_ramp(trials, columns)
+        ramp = _smooth_ramp(trials)
         errors = []
         for channel in CHANNELS:
             if channel not in trials.channels:
@@ -249,19 +251,29 @@ class SessionModel:
         return forward.compute_responses(self.state(trials, values, effects))
 
 
-def _smooth_ramp(trials: Trials, columns: Sequence[Floats]) -> Floats:
-    """Smooth the readings of the ramp over what was set, shape (n,); 1 where there is none.
+def _smooth_ramp(trials: Trials) -> Floats:
+    """Smooth the readings of the ramp over the peak force, shape (n,); 1 where there is none.
 
-    By each reading, an error in proportion would hold the noise of that reading, and what is left
-    of a law beside it would be that noise again: an effect that no bench has.
+    A spring that hardens and a gauge that is not linear change the ramp with the force that it
+    reaches. By each reading, an error in proportion would hold the noise of that reading, and what
+    is left of a law beside it would be that noise again: an effect that no bench has.
     """
     smooth = np.ones(len(trials))
     if _RAMP not in trials.channels:
         return smooth
-    measured = trials.values[:, trials.channels.index(_RAMP)]
-    known = np.isfinite(measured)
-    design = np.column_stack([np.ones(len(trials)), *columns])[known]
-    smooth[known] = design @ np.linalg.lstsq(design, measured[known], rcond=None)[0]
+    ramp = trials.values[:, trials.channels.index(_RAMP)]
+    known = np.isfinite(ramp)
+    if not known.any():
+        return smooth
+    smooth[known] = np.median(ramp[known])
+    if "ln_peak_force" not in trials.channels:
+        return smooth
+    force = trials.values[:, trials.channels.index("ln_peak_force")]
+    both = known & np.isfinite(force)
+    if both.sum() < _LEAST_PER_COLUMN * _RAMP_COLUMNS:
+        return smooth
+    powers = np.vander(force[both] - force[both].mean(), _RAMP_COLUMNS)
+    smooth[both] = powers @ np.linalg.lstsq(powers, ramp[both], rcond=None)[0]
     return smooth
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from stepblocks.errors import StepblocksError
+from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.files.text import is_file
 
 # per block: height_m, height_std_m, and where known edge_radius_m, edge_radius_std_m
@@ -29,7 +30,9 @@ class ScannedBlocks:
     unused: dict[str, str] = field(default_factory=dict)
 
 
-def scan_blocks(folder: Path, pattern: str | None, blocks: Sequence[str]) -> ScannedBlocks:
+def scan_blocks(
+    folder: Path, pattern: str | None, blocks: Sequence[str], layout: TableLayout = UNDECLARED
+) -> ScannedBlocks:
     """Evaluate the scan of every block.
 
     Parameters
@@ -40,6 +43,8 @@ def scan_blocks(folder: Path, pattern: str | None, blocks: Sequence[str]) -> Sca
         Path of a scan in the folder, with ``{block}`` for the name of the block; None where the
         session has no scans.
     blocks : sequence of str
+    layout : TableLayout
+        What is declared of scans in text.
     """
     found = ScannedBlocks()
     if not pattern:
@@ -53,19 +58,24 @@ def scan_blocks(folder: Path, pattern: str | None, blocks: Sequence[str]) -> Sca
             found.unused[block] = f"{path.relative_to(folder)} leads out of the session"
             continue
         try:
-            found.scans[block] = _measure_scan(path)
+            found.scans[block] = _measure_scan(path, layout)
         except StepblocksError as error:
             found.unused[block] = str(error)
     return found
 
 
-def _measure_scan(path: Path) -> dict[str, float]:
+def _measure_scan(path: Path, layout: TableLayout) -> dict[str, float]:
     """Measure height and edge radius of a scan, with uncertainties; the mean over lines [m]."""
     from stepblocks.inspect.edge import fit_edge
+    from stepblocks.scans.formats.text import TEXT_ENDINGS
     from stepblocks.scans.read import read_scan
     from stepblocks.scans.scan import list_profiles
 
-    edges = [fit_edge(line.position, line.height) for line in list_profiles(read_scan(path))]
+    declared = UNDECLARED
+    if path.suffix.lower() in TEXT_ENDINGS:
+        declared = layout
+    scan = read_scan(path, layout=declared)
+    edges = [fit_edge(line.position, line.height) for line in list_profiles(scan)]
     heights = np.array([edge.height.value for edge in edges])
     height_stds = np.array([edge.height.std for edge in edges])
     radii = np.array([edge.radius.value for edge in edges])

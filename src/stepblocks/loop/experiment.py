@@ -259,7 +259,7 @@ def _find_feasible(
     feasible = np.asarray(slips & (force <= highest_force))
     if models.effect.covariate == "block":
         # no other block tells of it
-        feasible &= grid.block == models.effect.id.partition("~")[2]
+        feasible &= np.isin(grid.block, models.effect.specimens)
     return feasible
 
 

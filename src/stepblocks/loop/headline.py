@@ -90,13 +90,11 @@ def _write_finding(
 
 
 def _count_trials(finding: Finding, table: SessionTable) -> int:
-    """Count the trials that speak of an effect: those of its block, or all that were measured."""
+    """Count the trials that speak of an effect: those of its blocks, or all that were measured."""
     trials = table.trials
     measured = np.isfinite(trials.values[:, JUDGED]).any(axis=1)
-    if finding.effect.covariate == "block":
-        _, tilde, block = finding.effect.id.partition("~")
-        if tilde:
-            measured &= trials.block == block
+    if finding.effect.specimens:
+        measured &= np.isin(trials.block, finding.effect.specimens)
     return int(measured.sum())
 
 

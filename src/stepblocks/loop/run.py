@@ -17,6 +17,7 @@ from stepblocks.compute.processes import run_in_processes
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.errors import PipelineError
 from stepblocks.files.atomic import lock_folder, replace_text
+from stepblocks.files.layout import UNDECLARED, TableLayout, refuse_layout
 from stepblocks.lawsearch.claims import check_claims, choose_delivered_effects, withdraw_claims
 from stepblocks.lawsearch.explain import explain
 from stepblocks.lawsearch.findings import Explanation, Rules
@@ -66,6 +67,7 @@ def loop_session(
     point: OperatingPoint = PAPER,
     progress: Callable[[int, int], None] | None = None,
     announce: Announce | None = None,
+    layout: TableLayout = UNDECLARED,
 ) -> LoopResult:
     """Measure a session and find what the model of equations (1) and (2) lacks.
 
@@ -94,6 +96,9 @@ def loop_session(
         Receives how many of how many trials are measured.
     announce : callable, optional
         Receives which of how many searches runs, and what it tries, in words.
+    layout : TableLayout
+        How the table of trials, traces and scans in text are written; it counts before what
+        ``session.toml`` declares.
 
     Returns
     -------
@@ -112,6 +117,7 @@ def loop_session(
     cores = jobs or count_cores()
     place = None if output is None else Path(output)
     if isinstance(session, pd.DataFrame):
+        refuse_layout(layout, "a table in memory", PipelineError)
         scans = {} if forces_only else inspected
         stiffness, radius = point.tool.stiffness, point.ball_radius
         result = analyse_features(session, stiffness, radius, scans, jobs=cores, announce=announce)
@@ -119,7 +125,7 @@ def loop_session(
             with lock_folder(place):
                 write_loop(result, place)
         return result
-    folder = _SessionFolder.open(Path(session), inspected, forces_only=forces_only)
+    folder = _SessionFolder.open(Path(session), inspected, layout, forces_only=forces_only)
     return folder.loop(place, cores, features, progress, announce)
 
 
@@ -147,11 +153,13 @@ class _SessionFolder:
     forces_only: bool
 
     @classmethod
-    def open(cls, folder: Path, inspected: Scans, *, forces_only: bool) -> "_SessionFolder":
+    def open(
+        cls, folder: Path, inspected: Scans, layout: TableLayout, *, forces_only: bool
+    ) -> "_SessionFolder":
         """Open a folder, and refuse it without the radius of the tip."""
         from stepblocks.bench.session import open_session
 
-        declared = open_session(folder)
+        declared = open_session(folder, layout)
         radius = declared.probe.tip_radius
         if radius is None:
             raise PipelineError(
@@ -175,6 +183,7 @@ class _SessionFolder:
         from stepblocks.bench.trials import open_trials
 
         tool = None
+        layout = self.declared.layout
         if features is None:
             # a slip of session.toml is reported before anything that the session lacks
             with Traces(self.declared) as traces:
@@ -187,11 +196,17 @@ class _SessionFolder:
             if features is None:
                 features_file = None if output is None else output / "features.csv"
                 features = measure_session(
-                    self.folder, features_file, jobs=jobs, progress=progress, tool=tool
+                    self.folder,
+                    features_file,
+                    jobs=jobs,
+                    progress=progress,
+                    tool=tool,
+                    layout=layout,
                 )
             result = self._explain(insert_conditions(features, conditions), jobs, announce)
             if output is not None:
-                _write_with_traces(result, output, partial(draw_trials, self.folder, tool=tool))
+                draw = partial(draw_trials, self.folder, tool=tool, layout=layout)
+                _write_with_traces(result, output, draw)
         return result
 
     def _explain(self, features: pd.DataFrame, jobs: int, announce: Announce | None) -> LoopResult:
@@ -201,7 +216,7 @@ class _SessionFolder:
             blocks = sorted(set(features["block"].dropna()))
         # what was inspected needs no scan
         unknown = [block for block in blocks if block not in self.inspected]
-        found = scan_blocks(self.folder, self.declared.stimuli.scans, unknown)
+        found = scan_blocks(self.folder, self.declared.stimuli.scans, unknown, self.declared.layout)
         scans = dict(found.scans)
         for block in blocks:
             if block in self.inspected:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from stepblocks.contact.operating_point import PAPER, Tool
 from stepblocks.errors import PipelineError
+from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.lawsearch.forward_model import Floats, Trials
 from stepblocks.lawsearch.scatter import find_outliers
 from stepblocks.lawsearch.structure import Hint
@@ -285,13 +286,13 @@ def find_regime_hints(table: SessionTable) -> tuple[Hint, ...]:
     return (Hint(STICK_SLIP, "friction", 0.0, sentence),)
 
 
-def read_trial_table(session: Path) -> pd.DataFrame:
+def read_trial_table(session: Path, layout: TableLayout = UNDECLARED) -> pd.DataFrame:
     """Read the log of a session as the table of trials from which a learned model predicts."""
     from stepblocks.bench.conditions import insert_conditions, read_conditions
     from stepblocks.bench.session import open_session
     from stepblocks.bench.trials import open_trials
 
-    declared = open_session(session)
+    declared = open_session(session, layout)
     rows = [{"trial": row.name, **row.cells} for row in open_trials(declared)]
     table = pd.DataFrame(rows).assign(**{FIRST_FIGURE: np.nan})
     table = insert_conditions(table, read_conditions(declared))

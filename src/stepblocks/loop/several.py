@@ -20,6 +20,7 @@ from stepblocks.bench.session import open_session
 from stepblocks.compute.cores import count_cores
 from stepblocks.errors import PipelineError
 from stepblocks.files.atomic import lock_folder, replace_text
+from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.lawsearch.findings import Rules
 from stepblocks.lawsearch.forward_model import Floats, Trials
 from stepblocks.lawsearch.problem import Fit
@@ -440,6 +441,7 @@ def loop_sessions(
     as_built: Sequence[str | Path] = (),
     progress: Callable[[int, int], None] | None = None,
     announce: Announce | None = None,
+    layout: TableLayout = UNDECLARED,
 ) -> dict[str, Any]:
     """Explain every session in a folder of its own, and all of them in one likelihood.
 
@@ -450,7 +452,7 @@ def loop_sessions(
     output : str or Path
         Folder for one folder per session; of all together result.json, report.html, sessions.json,
         and model.json that predicts the next session.
-    jobs, forces_only, as_built, progress, announce
+    jobs, forces_only, as_built, progress, announce, layout
         As in `loop_session`.
 
     Returns
@@ -480,6 +482,7 @@ def loop_sessions(
                 as_built=as_built,
                 progress=progress,
                 announce=announce,
+                layout=layout,
             )
         together, shared = explain_together(
             {name: result.table for name, result in results.items()},

@@ -230,7 +230,7 @@ def _choose_method(dimension: Dimension) -> str:
 
 
 def make_edge_break(edge_break: Dimension, *faces: Rule) -> Characteristic:
-    """State the chamfer of all edges, measured at one of them.
+    """State the chamfer of all outer edges, measured at one of them.
 
     Sharp edges have no face that carries it.
     """
@@ -238,7 +238,7 @@ def make_edge_break(edge_break: Dimension, *faces: Rule) -> Characteristic:
     if not edge_break.nominal:
         kind = "note"
         faces = ()
-    label = "edge break, 45 deg, all edges"
+    label = "edge break, 45 deg, outer edges"
     return make_characteristic(
         "edge_break", kind, edge_break, *faces, label=label, method=MICROSCOPE
     )

@@ -17,6 +17,7 @@ from stepblocks.contact.operating_point import (
 )
 from stepblocks.contact.rod import Rod, RodRing, Sleeve, compute_rod_ring, fit_rod
 from stepblocks.parts.declared import (
+    Identity,
     Sourced,
     Table,
     make_rules_validator,
@@ -27,6 +28,7 @@ from stepblocks.parts.declared import (
 PAPER_STEPS = (25e-6, 50e-6, 75e-6, 100e-6)  # H of the four blocks of the apparatus [m]
 Force = Annotated[Sourced, make_sourced_validator("force")]
 Ratio = Annotated[float, read_positive("ratio", or_zero=True)]
+_Count = Annotated[int, Field(ge=1, le=9999)]
 OrderText = Annotated[str, Field(max_length=60)]
 _Newtons = Annotated[float, read_positive("force")]
 _AT_LEAST_ONE = Field(min_length=1, max_length=100)
@@ -184,9 +186,15 @@ class OrderSpec(Table):
     author: OrderText = ""
     date: Annotated[str, Field(pattern=r"^(\d{4}-[01]\d-[0-3]\d)?$")] = ""  # of the drawings
     revision: OrderText = ""
-    quantity: Annotated[int, Field(ge=1, le=9999)] = 1  # of each part
+    quantity: _Count = 1  # of each part
+    # of a part by its id, where it is another: { step-050 = 3 }
+    quantities: dict[Identity, _Count] = Field(default_factory=dict, max_length=1000)
     owner: OrderText = ""  # organisation that owns the drawings (ISO 7200, legal owner)
     approved_by: OrderText = ""
+
+    def count_parts(self, identity: str) -> int:
+        """Return how many of a part are ordered."""
+        return self.quantities.get(identity, self.quantity)
 
 
 NO_ORDER = OrderSpec()

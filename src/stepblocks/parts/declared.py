@@ -26,7 +26,7 @@ from stepblocks.parts.tolerance import (
     parse_declared,
     parse_sensible,
 )
-from stepblocks.quantities import DIMENSIONS, format_quantity
+from stepblocks.quantities import DIMENSIONS, format_quantity, take_scalar
 
 # names of devices, which Windows lets no file or folder have (Microsoft Learn, Naming Files, Paths,
 # and Namespaces)
@@ -155,6 +155,7 @@ class Table(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True)
 
     def __init__(self, **fields: object) -> None:
+        fields = {name: take_scalar(value) for name, value in fields.items()}
         try:
             self.__pydantic_validator__.validate_python(
                 fields, self_instance=self, context=Origin.PYTHON

@@ -21,7 +21,7 @@ _FACE_FORM = "interferometer, form of the face, minimum zone"
 _EDGE_SECTION = "section or replica across the edge"
 
 
-def _make_form(
+def make_form(
     key: str, label: str, kind: Kind, zone: Dimension, faces: tuple[Rule, ...], method: str
 ) -> Characteristic:
     """State the zone of a form or texture; a default zone is none that the file states."""
@@ -58,22 +58,22 @@ def make_form_characteristics(
         Flatness of either face, then parallelism of the upper one to the lower one.
     """
     flatness = demands["flatness"]
-    yield _make_form(
+    yield make_form(
         "flatness_lower", f"flatness, {lower}", "flatness", flatness, (low,), _FACE_FORM
     )
-    yield _make_form(
+    yield make_form(
         "flatness_upper", f"flatness, {upper}", "flatness", flatness, (high,), _FACE_FORM
     )
     parallelism = demands["parallelism"]
     label = f"parallelism, {upper} to A"
-    yield _make_form("parallelism", label, "parallelism", parallelism, (high, low), _FACE_FORM)
+    yield make_form("parallelism", label, "parallelism", parallelism, (high, low), _FACE_FORM)
 
 
 def make_surface_characteristics(
     demands: FaceDemands, lower: FaceRule, upper: FaceRule, base: FaceRule
 ) -> Iterator[Characteristic]:
     """State the roughness of the working faces, and the form of the base under the lower one."""
-    yield _make_form(
+    yield make_form(
         "roughness",
         "roughness Ra, working faces",
         "roughness",
@@ -81,7 +81,7 @@ def make_surface_characteristics(
         (lower, upper),
         "profilometer or interferometer, ISO 21920-2",
     )
-    yield _make_form(
+    yield make_form(
         "flatness_base",
         "flatness, base",
         "flatness",
@@ -89,13 +89,40 @@ def make_surface_characteristics(
         (base,),
         "optical flat or electronic comparator",
     )
-    yield _make_form(
+    yield make_form(
         "parallelism_base",
         "parallelism, lower face to B, the base",
         "parallelism",
         demands["base_parallelism"],
         (lower, base),
         "comparator on a surface plate",
+    )
+
+
+def make_contact_roughness(
+    roughness: Dimension, faces: tuple[Rule, ...] = (), place: str = "where a tip touches"
+) -> Characteristic:
+    """State the roughness of the surface at which tip and part touch; a note without its faces."""
+    kind: Kind = "roughness" if faces else "note"
+    return make_form(
+        "roughness",
+        f"roughness Ra, {place}",
+        kind,
+        roughness,
+        faces,
+        "profilometer or interferometer, ISO 21920-2",
+    )
+
+
+def make_burr(burr: Dimension, faces: str = "the upper face") -> Characteristic:
+    """State the largest height of a burr over the faces at a working edge (ISO 13715)."""
+    return make_form(
+        "burr",
+        f"burr over {faces} within {BURR_ZONE * 1e3:g} mm of the edge",
+        "note",
+        burr,
+        (),
+        "profilometer or interferometer, ISO 13715",
     )
 
 
@@ -118,14 +145,7 @@ def make_edge_characteristics(
     Characteristic
         Burr, and angle and straightness of the wall.
     """
-    yield _make_form(
-        "burr",
-        f"burr over the upper face within {BURR_ZONE * 1e3:g} mm of the edge",
-        "note",
-        burr,
-        (),
-        "profilometer or interferometer, ISO 13715",
-    )
+    yield make_burr(burr)
     if wall is None:
         return
     yield make_characteristic(

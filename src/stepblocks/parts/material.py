@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import dataclass
+from enum import Enum
 from typing import Annotated
 
 from pydantic import AfterValidator, BeforeValidator, Field
@@ -74,6 +75,16 @@ class Material(Table):
         """Whether the heat treatment hardens it, so that it is tapped before."""
         return re.search(r"(?<!un)harden|\bHRC\b|\bHV\b", self.order_text) is not None
 
+    @property
+    def family(self) -> "Family | None":
+        """What ways of making ask of it; None where its designation does not tell."""
+        for family, pattern in _FAMILY_WORDS:
+            if re.search(pattern, self.designation, re.IGNORECASE):
+                if family is Family.STEEL and self.is_hardened:
+                    return Family.HARDENED_STEEL
+                return family
+        return None
+
     def record(self) -> dict[str, object]:
         """Return plain values for JSON, the unit in the name."""
         fields: dict[str, object] = {"name": self.name, "designation": self.designation}
@@ -115,6 +126,35 @@ MATERIALS = {
         "stainless", "X5CrNi18-10 (1.4301)", 7900.0, "EN 10088-1:2014, table E.3"
     ),
 }
+
+
+class Family(Enum):
+    """What a way of making asks of a material."""
+
+    HARDENED_STEEL = "hardened steel"
+    STEEL = "steel"
+    GAUGE_STEEL = "gauge-block steel"
+    ALUMINIUM = "aluminium"
+    COPPER = "copper alloy"
+    NICKEL = "nickel"
+    CERAMIC = "ceramic"
+    SILICON = "silicon"
+    POLYMER = "polymer"
+    PHOTOPOLYMER = "photopolymer"
+
+
+# words and numbers of designations, the narrower families first
+_FAMILY_WORDS = (
+    (Family.GAUGE_STEEL, r"gauge[- ]block"),
+    (Family.SILICON, r"\bsilicon\b(?! carbide| nitride)"),
+    (Family.PHOTOPOLYMER, r"photopolymer|photoresist|\bSLA\b"),
+    (Family.POLYMER, r"PMMA|PEEK|POM\b|polymer|plastic|acryl|epoxy|nylon|resin"),
+    (Family.CERAMIC, r"zirconia|TZP|alumina\b|ceramic|silicon carbide|silicon nitride|Al2O3|ZrO2"),
+    (Family.ALUMINIUM, r"\bAW-?\d|alumin|AlMg|AlSi|\b[67]0\d\d\b"),
+    (Family.COPPER, r"\bCu(?=[A-Z]|\b)|\bCW\d|brass|bronze|copper"),
+    (Family.STEEL, r"steel|\b1\.[234]\d{3}\b|\bX\d+Cr|\b(?:303|304|316|420|430|440)[A-CL]?\b|17-4"),
+    (Family.NICKEL, r"nickel|inconel"),
+)
 
 
 @dataclass(frozen=True)

@@ -212,13 +212,13 @@ def tabulate_surface(release: Release | None) -> dict[str, Cell]:
         return {
             "surface_critical_angle_deg": math.nan,
             "surface_status": "",
-            "surface_pull_force_n": math.nan,
+            "surface_peak_force_n": math.nan,
             "surface_vibration_energy_uj": math.nan,
         }
     return {
         "surface_critical_angle_deg": math.degrees(release.angle),
         "surface_status": release.status.value,
-        "surface_pull_force_n": release.pull_force,
+        "surface_peak_force_n": release.pull_force,
         "surface_vibration_energy_uj": release.vibration_energy * 1e6,
     }
 

@@ -40,7 +40,7 @@ def _tabulate_condition(prediction: Prediction) -> dict[str, Cell]:
         "stimulus": prediction.stimulus,
         "drag": prediction.drag,
         "tip_radius_um": point.ball_radius * 1e6,
-        "step_height_um": prediction.face.far_side * 1e6,
+        "height_um": prediction.face.far_side * 1e6,
         "normal_load_n": point.normal_load,
         "friction": point.friction,
     }
@@ -63,9 +63,9 @@ def _tabulate_release(prediction: Prediction) -> dict[str, Cell]:
         "critical_angle_deg": math.degrees(release.angle),
         "status": release.status.value,
         "status_at_limits": "/".join(dict.fromkeys((low.status.value, high.status.value))),
-        "pull_force_n": release.pull_force,
-        "pull_force_low_n": low.pull_force,
-        "pull_force_high_n": high.pull_force,
+        "peak_force_n": release.pull_force,
+        "peak_force_low_n": low.pull_force,
+        "peak_force_high_n": high.pull_force,
         "vibration_energy_uj": release.vibration_energy * 1e6,
         "vibration_energy_low_uj": read_energy(low),
         "vibration_energy_high_uj": read_energy(high),
@@ -93,8 +93,8 @@ def _tabulate_interval(prediction: Prediction) -> dict[str, Cell]:
     if interval is not None and not is_beyond_limit:
         agreement = "yes" if interval.agrees else "no"
     return {
-        "pull_force_95_low_n": read_force("force_low"),
-        "pull_force_95_high_n": read_force("force_high"),
+        "peak_force_95_low_n": read_force("force_low"),
+        "peak_force_95_high_n": read_force("force_high"),
         "vibration_energy_95_low_uj": read_energy("energy_low"),
         "vibration_energy_95_high_uj": read_energy("energy_high"),
         "vibration_energy_analytic_95_low_uj": read_energy("analytic_energy_low"),
@@ -124,14 +124,14 @@ def _tabulate_drag(prediction: Prediction) -> dict[str, Cell]:
     if dragged is None:
         return {
             "drag_status": "",
-            "drag_pull_force_n": math.nan,
+            "drag_peak_force_n": math.nan,
             "drag_vibration_energy_uj": math.nan,
             "drag_conversion": math.nan,
             "drag_over_formula": prediction.over_formula,
         }
     return {
         "drag_status": dragged.status,
-        "drag_pull_force_n": dragged.peak_force,
+        "drag_peak_force_n": dragged.peak_force,
         "drag_vibration_energy_uj": dragged.energy * 1e6,
         "drag_conversion": dragged.share,
         "drag_over_formula": prediction.over_formula,
@@ -210,7 +210,7 @@ _HIDDEN_COLUMNS = (
     "_low_uj",
     "_high_uj",
     "_hz",
-    "drag_pull_force_n",
+    "drag_peak_force_n",
     "jnd_to_next_95_low",
     "jnd_to_next_95_high",
 )

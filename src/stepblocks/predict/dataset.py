@@ -8,6 +8,7 @@ import pandas as pd
 
 from stepblocks.errors import PipelineError
 from stepblocks.files.figures import take_axes
+from stepblocks.predict.renamed_columns import find_column, rename_old_columns, suggest_column
 from stepblocks.predict.table import list_input_columns
 from stepblocks.quantities import format_column_label, format_units
 
@@ -20,7 +21,7 @@ _CONDITIONS = (
     "set",
     "stimulus",
     "tip_radius_um",
-    "step_height_um",
+    "height_um",
     "drag",
     "friction",
     "normal_load_n",
@@ -28,7 +29,7 @@ _CONDITIONS = (
 )
 _MOST_EMPTY = 2  # cells of a grid for each row of its table
 # what is drawn where no columns are named: the first of each that the table has
-_HEIGHTS = ("step_height_um", "height_um", "height_nm", "height_mm", "height_m")
+_HEIGHTS = ("height_um", "height_nm", "height_mm", "height_m")
 _ENERGIES = ("felt_energy_uj", "vibration_energy_uj", "vibration_energy_j")
 
 
@@ -63,7 +64,7 @@ def to_dataset(table: pd.DataFrame) -> "xarray.Dataset":
     """
     _require_frame(table)
     try:
-        dataset = _index_by_conditions(table).to_xarray()
+        dataset = _index_by_conditions(rename_old_columns(table)).to_xarray()
     except ImportError as error:
         raise PipelineError(
             "a Dataset needs xarray: install the extra with pip install 'stepblocks[xarray]'"
@@ -122,12 +123,14 @@ def plot_predictions(
         If `table` is no DataFrame or lacks a column.
     """
     _require_frame(table)
-    x = x or _choose_column(table, _HEIGHTS)
-    y = y or _choose_column(table, _ENERGIES)
+    table = rename_old_columns(table)
+    x = find_column(x or _choose_column(table, _HEIGHTS), table.columns)
+    y = find_column(y or _choose_column(table, _ENERGIES), table.columns)
     for name in (x, y):
         if name not in table:
             known = ", ".join(map(str, table.columns))
-            raise PipelineError(f"{name!r} must be a column of the table: {known}")
+            hint = suggest_column(name, table.columns)
+            raise PipelineError(f"{name!r} must be a column of the table: {known}{hint}")
     axes = take_axes(ax)
     drawn = {x, y, "stimulus", *_HEIGHTS}
     conditions = [name for name in _find_varying(table) if name not in drawn]

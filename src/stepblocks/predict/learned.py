@@ -15,6 +15,7 @@ from stepblocks.contact.kernels import compute_height_at_angle
 from stepblocks.contact.operating_point import OperatingPoint, Tool
 from stepblocks.declaration.set import StimulusSet
 from stepblocks.errors import PipelineError
+from stepblocks.files.layout import UNDECLARED, TableLayout, refuse_layout
 from stepblocks.files.tables import read_table, write_table
 from stepblocks.predict.columns import format_six_digits
 from stepblocks.predict.predictions import Prediction
@@ -46,6 +47,8 @@ def predict_trials(
     trials: str | Path | pd.DataFrame,
     model: str | Path | LearnedModel,
     output: str | Path | None = None,
+    *,
+    layout: TableLayout = UNDECLARED,
 ) -> pd.DataFrame:
     """Predict trials by the model of a session.
 
@@ -56,6 +59,10 @@ def predict_trials(
         what the effects of the model follow.
     model : str, Path or LearnedModel
         ``model.json`` of `stepblocks loop`.
+    output : str or Path, optional
+        CSV to write.
+    layout : TableLayout
+        What is declared of a table that is a file.
 
     Returns
     -------
@@ -70,8 +77,10 @@ def predict_trials(
         If the table or the model cannot be read, a column is missing, or the output cannot be
         written.
     """
-    if not isinstance(trials, pd.DataFrame):
-        trials = read_table(Path(trials), ("trial", "block", "tip"))
+    if isinstance(trials, pd.DataFrame):
+        refuse_layout(layout, "a table in memory", PipelineError)
+    else:
+        trials = read_table(Path(trials), ("trial", "block", "tip"), layout)
     if not isinstance(model, LearnedModel):
         model = read_model(model)
     result, _ = predict_with_model(trials, model)
@@ -371,7 +380,7 @@ def format_learned_columns(prediction: Prediction, learned: LearnedModel) -> dic
 def _format_learned(status: str, force: Iterable[float], energy: Iterable[float]) -> dict[str, str]:
     """Columns of a learned drag: a force [N] and an energy [uJ], each with its ends."""
     row = {"learned_status": status}
-    for figure, values in (("pull_force{}_n", force), ("vibration_energy{}_uj", energy)):
-        for end, value in zip(("", "_low", "_high"), values, strict=True):
+    for figure, values in (("peak_force{}_n", force), ("vibration_energy{}_uj", energy)):
+        for end, value in zip(("", "_95_low", "_95_high"), values, strict=True):
             row[f"learned_{figure.format(end)}"] = format_six_digits(value)
     return row

@@ -20,6 +20,7 @@ from stepblocks.contact.domain import require_positive
 from stepblocks.contact.operating_point import LEVEL_DIFFERENCE, WEBER_FRACTION
 from stepblocks.contact.uncertainty import draw_standard_normal
 from stepblocks.errors import PipelineError
+from stepblocks.files.layout import UNDECLARED, TableLayout, refuse_layout
 from stepblocks.files.tables import load_table, read_si_columns, warn_of_notes
 from stepblocks.mistakes import Mistake, collect_mistakes, format_mistakes
 from stepblocks.predict.predictions import Model, Prediction
@@ -205,7 +206,9 @@ def compute_jnd_distance(
     return JndDistance(jnd, float(low), float(high))
 
 
-def read_discrimination(table: pd.DataFrame | str | Path) -> Discrimination:
+def read_discrimination(
+    table: pd.DataFrame | str | Path, *, layout: TableLayout = UNDECLARED
+) -> Discrimination:
     """Read measured Weber fractions of the energy of a ring.
 
     Parameters
@@ -214,6 +217,8 @@ def read_discrimination(table: pd.DataFrame | str | Path) -> Discrimination:
         One row with ``weber_fraction`` (or ``weber_fraction_pct``) and, where they are known,
         ``weber_fraction_95_low`` and ``weber_fraction_95_high``; or several rows with
         ``energy_uj`` as well.
+    layout : TableLayout
+        What is declared of a file.
 
     Returns
     -------
@@ -226,11 +231,12 @@ def read_discrimination(table: pd.DataFrame | str | Path) -> Discrimination:
         If a column is missing or a row says something impossible; all mistakes at once.
     """
     if isinstance(table, pd.DataFrame):
+        refuse_layout(layout, "a table in memory", PipelineError)
         places = [f"row {row + 1}" for row in range(len(table))]
         source = "table"
         columns = read_si_columns(table, _COLUMNS, source, lets_missing=True)
     else:
-        loaded = load_table(Path(table))
+        loaded = load_table(Path(table), layout=layout)
         warn_of_notes(loaded.notes, table)
         places = [loaded.source.name_row(row) for row in range(len(loaded.frame))]
         source = str(table)

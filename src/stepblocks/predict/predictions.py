@@ -298,6 +298,20 @@ def _measure_drag(prediction: Prediction, speed: float) -> InTime | None:
     return InTime(str(trace.status), trace.peak_force, ring.energy, ring.share)
 
 
+def describe_felt(predictions: Iterable[Prediction]) -> list[str]:
+    """Say which of the two energies is felt, where any row is felt by the drag."""
+    predictions = list(predictions)
+    by_drag = sum(prediction.felt_by is Model.DRAG for prediction in predictions)
+    if not by_drag:
+        return []
+    rows = "row is" if by_drag == 1 else "rows are"
+    return [
+        f"{by_drag} of {len(predictions)} {rows} felt by the drag: felt_energy_uj is "
+        "drag_vibration_energy_uj",
+        "vibration_energy_uj is that of equation (1), with which the scenes of export ring",
+    ]
+
+
 def describe_left_out(predictions: Iterable[Prediction]) -> list[str]:
     """Say by name what lies beyond a limit, and so in no mean, range or pair of neighbours."""
     stimuli_beyond: dict[tuple[Status, float], list[str]] = {}

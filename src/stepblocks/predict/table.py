@@ -1,7 +1,9 @@
 """Predict the rows of a table by the equations, with intervals where an uncertainty is given."""
 
 import math
+from dataclasses import astuple, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -9,12 +11,19 @@ from numpy.typing import NDArray
 
 from stepblocks.contact import Array, kernels
 from stepblocks.contact.counterface import Step
+from stepblocks.contact.domain import require_not_negative
 from stepblocks.contact.energy import find_release
-from stepblocks.contact.operating_point import PAPER, SHIPPED_LIMITS, OperatingPoint, Tool
-from stepblocks.contact.uncertainty import estimate_interval
-from stepblocks.errors import ContactError
+from stepblocks.contact.many_intervals import (
+    STEP_INPUTS,
+    IntervalEnds,
+    estimate_ends_of_steps,
+)
+from stepblocks.contact.operating_point import PAPER, SHIPPED_LIMITS, Tool
+from stepblocks.errors import ContactError, PipelineError
+from stepblocks.files.layout import UNDECLARED, TableLayout, refuse_layout
 from stepblocks.files.tables import (
     ColumnRule,
+    convert_dataset,
     load_table,
     read_si_columns,
     warn_of_notes,
@@ -31,17 +40,27 @@ _COLUMNS: dict[str, tuple[tuple[str, ...], str, float | None]] = {
     "stiffness": (("stiffness",), "stiffness", PAPER.tool.stiffness),
     "conversion": (("conversion",), "ratio", PAPER.tool.conversion),
 }
-# inputs that the equations take only above zero; the others from zero on
-_POSITIVE = ("height", "ball_radius", "normal_load", "stiffness", "conversion")
+# what an input usually is [SI]: only values beyond are held against the domain of the equations
+_USUAL = {
+    "height": (1e-9, 1e-2),
+    "edge_radius": (0.0, 1e-2),
+    "ball_radius": (1e-6, 1e-2),
+    "friction": (0.0, 10.0),
+    "normal_load": (1e-4, 1e3),
+    "stiffness": (1.0, 1e6),
+    "conversion": (1e-4, 1.0),
+}
+_USUAL_UNCERTAINTY = (0.0, 1e12)
+_ANY_STEP = Step(1e-5)  # whose dimensions are given anew
 _DRAWS = 4000  # of each interval
 _FIGURES = (
     "critical_angle_deg",
     "peak_force_n",
-    "peak_force_low_n",
-    "peak_force_high_n",
-    "vibration_energy_j",
-    "vibration_energy_low_j",
-    "vibration_energy_high_j",
+    "peak_force_95_low_n",
+    "peak_force_95_high_n",
+    "vibration_energy_uj",
+    "vibration_energy_95_low_uj",
+    "vibration_energy_95_high_uj",
     "held_probability",
 )
 # columns of the result, in their order
@@ -49,7 +68,10 @@ _RESULT = (_FIGURES[0], "status", *_FIGURES[1:], "problem")
 
 
 def predict_table(
-    table: pd.DataFrame | str | Path, output: str | Path | None = None
+    table: pd.DataFrame | str | Path,
+    output: str | Path | None = None,
+    *,
+    layout: TableLayout = UNDECLARED,
 ) -> pd.DataFrame:
     """Predict each row of a table, with an interval.
 
@@ -62,28 +84,35 @@ def predict_table(
         uncertainties in columns of the same names with ``u_`` before them.
     output : str or Path, optional
         CSV to write.
+    layout : TableLayout
+        What is declared of a file: encoding, signs, missing values; the rest is found.
 
     Returns
     -------
     pandas.DataFrame
-        The table with ``critical_angle_deg``, ``status``, ``peak_force_n``, ``vibration_energy_j``
-        and their ends ``_low`` and ``_high``, ``held_probability`` and ``problem``, which says why
-        a row is ``invalid``, as one that lacks a number is; beyond one of the limits of
-        docs/explanation/model.md its ``status`` names it, and there is no energy. Without an
-        uncertainty both ends are the value itself.
+        The table with ``critical_angle_deg``, ``status``, ``peak_force_n``, ``vibration_energy_uj``
+        and the ends of their 95 % intervals (``peak_force_95_low_n``), ``held_probability`` and
+        ``problem``, which says why a row is ``invalid``, as one that lacks a number is; beyond one
+        of the limits of docs/explanation/model.md its ``status`` names it, and there is no energy.
+        Without an uncertainty both ends are the value itself; with one, equal rows have equal
+        intervals.
 
     Raises
     ------
     PipelineError
         If the table or one of its columns is wrong.
     """
-    if not isinstance(table, pd.DataFrame) and hasattr(table, "to_pandas"):  # polars or Arrow
-        table = table.to_pandas()
+    given: Any = table
+    if hasattr(given, "data_vars"):
+        table = convert_dataset(given)
+    elif hasattr(given, "to_pandas"):  # of polars or Arrow
+        table = given.to_pandas()
     if isinstance(table, pd.DataFrame):
+        refuse_layout(layout, "a table in memory", PipelineError)
         frame, columns = table, _read_columns(table, "table")
     else:
         path = Path(table)
-        read = load_table(path)
+        read = load_table(path, layout=layout)
         warn_of_notes(read.notes, path)
         frame, columns = read.frame, _read_columns(read.frame, read.source)
     predicted = _predict_rows(columns, len(frame)).set_index(frame.index)
@@ -111,40 +140,53 @@ def _read_columns(frame: pd.DataFrame, place: object) -> dict[str, Array]:
 
 
 def _predict_rows(columns: dict[str, Array], count: int) -> pd.DataFrame:
-    """Predict all rows: those without uncertainties at once, the others one by one."""
-    result = pd.DataFrame(
-        {name: np.full(count, math.nan) for name in _FIGURES},
-    )
+    """Predict all rows at once; one outside the equations says why it is invalid."""
+    result = pd.DataFrame({name: np.full(count, math.nan) for name in _FIGURES})
+    problems = _find_problems(columns, count)
+    is_sound = problems == ""
     result["status"] = pd.Series("invalid", index=result.index, dtype=object)
-    result["problem"] = pd.Series("", index=result.index, dtype=object)
-    is_known = _find_known_rows(columns, count)
-    if is_known.any():
-        known = {name: column[is_known] for name, column in columns.items()}
-        for name, values in _predict_known_rows(known).items():
-            result.loc[is_known, name] = values
-    for row in np.flatnonzero(~is_known):
-        inputs = {name: float(column[row]) for name, column in columns.items()}
-        for name, cell in _predict_row(inputs, int(row)).items():
-            result.loc[row, name] = cell
+    result["problem"] = pd.Series(problems, index=result.index, dtype=object)
+    if is_sound.any():
+        sound = {name: column[is_sound] for name, column in columns.items()}
+        for name, values in _predict_sound_rows(sound).items():
+            result.loc[is_sound, name] = values
     return result[list(_RESULT)]
 
 
-def _find_known_rows(columns: dict[str, Array], count: int) -> NDArray[np.bool_]:
-    """Rows whose inputs are known exactly and lie where the equations hold."""
-    is_known = np.ones(count, dtype=bool)
-    for name in _COLUMNS:
-        values = columns[name]
-        if name in _POSITIVE:
-            is_known &= np.isfinite(values) & (values > 0.0)
+def _find_problems(columns: dict[str, Array], count: int) -> NDArray[np.object_]:
+    """Say what is wrong with each row, shape (rows,); an empty text where nothing is."""
+    problems = np.full(count, "", dtype=object)
+    for name, values in columns.items():
+        low, high = _USUAL.get(name, _USUAL_UNCERTAINTY)
+        is_open = ~((values >= low) & (values <= high)) & (problems == "")
+        if not is_open.any():
+            continue
+        unusual, places = np.unique(values[is_open], return_inverse=True)
+        found = [_describe_problem(name, float(value)) for value in unusual]
+        problems[is_open] = np.array(found, dtype=object)[places]
+    return problems
+
+
+def _describe_problem(name: str, value: float) -> str:
+    """Say why the equations do not take a value [SI] of an input or its uncertainty."""
+    changes: dict[str, Any] = {name: value}
+    try:
+        if name in ("height", "edge_radius"):
+            replace(_ANY_STEP, **changes)
+        elif name in ("stiffness", "conversion"):
+            replace(PAPER.tool, **changes)
+        elif name in _COLUMNS:
+            replace(PAPER, **changes)
         else:
-            is_known &= np.isfinite(values) & (values >= 0.0)
-        is_known &= columns[f"u_{name}"] == 0.0
-    return is_known
+            require_not_negative(f"uncertainty of {name.removeprefix('u_')}", value)
+    except ContactError as error:
+        return str(error)
+    return ""
 
 
-def _predict_known_rows(columns: dict[str, Array]) -> dict[str, Array | NDArray[np.str_]]:
-    """Predict rows without uncertainties: both ends of each interval are the value itself."""
-    forward, _ = Step(PAPER.ball_radius).angles(
+def _predict_sound_rows(columns: dict[str, Array]) -> dict[str, Array | NDArray[np.str_]]:
+    """Predict rows inside the equations, with intervals where a row has an uncertainty."""
+    forward, _ = _ANY_STEP.angles(
         columns["ball_radius"], height=columns["height"], edge_radius=columns["edge_radius"]
     )
     angle = np.asarray(forward, dtype=np.float64)
@@ -153,49 +195,40 @@ def _predict_known_rows(columns: dict[str, Array]) -> dict[str, Array | NDArray[
     release = find_release(angle, load, friction, Tool(limits=SHIPPED_LIMITS))
     is_beyond = np.char.startswith(release.status, "beyond-")
     energy = conversion * kernels.compute_stored_energy(release.pull_force, stiffness)
-    force_end, energy_end = kernels.compute_release(angle, friction, load, stiffness, conversion)
-    is_held = force_end > SHIPPED_LIMITS.first[1]
-    force_end = np.where(is_held, np.inf, force_end)
-    energy_end = np.where(is_beyond, math.nan, np.where(is_held, np.inf, energy_end))
+    ends = _find_ends(columns, angle)
     return {
         "critical_angle_deg": np.degrees(angle),
         "status": release.status,
         "peak_force_n": release.pull_force,
-        "peak_force_low_n": force_end,
-        "peak_force_high_n": force_end,
-        "vibration_energy_j": np.where(is_beyond, math.nan, energy),
-        "vibration_energy_low_j": energy_end,
-        "vibration_energy_high_j": energy_end,
-        "held_probability": is_held.astype(np.float64),
+        "peak_force_95_low_n": ends.force_low,
+        "peak_force_95_high_n": ends.force_high,
+        "vibration_energy_uj": 1e6 * np.where(is_beyond, math.nan, energy),
+        "vibration_energy_95_low_uj": 1e6 * np.where(is_beyond, math.nan, ends.energy_low),
+        "vibration_energy_95_high_uj": 1e6 * np.where(is_beyond, math.nan, ends.energy_high),
+        "held_probability": ends.held_probability,
     }
 
 
-def _predict_row(inputs: dict[str, float], row: int) -> dict[str, float | str]:
-    """Predict one row with its interval; a row outside the equations says why it is invalid."""
-    uncertainties = {name: inputs[f"u_{name}"] for name in _COLUMNS}
-    seed = int(np.random.SeedSequence([0, row]).generate_state(1)[0])  # a stream for each row
-    try:
-        tool = Tool(inputs["stiffness"], inputs["conversion"], limits=SHIPPED_LIMITS)
-        point = OperatingPoint(
-            inputs["ball_radius"], inputs["normal_load"], inputs["friction"], tool
+def _find_ends(columns: dict[str, Array], angle: Array) -> IntervalEnds:
+    """Find the ends of all intervals; both are the value itself where a row is known exactly."""
+    inputs = {name: columns[name] for name in STEP_INPUTS}
+    limit = SHIPPED_LIMITS.first.force
+    force, energy = kernels.compute_release(
+        angle, inputs["friction"], inputs["normal_load"], inputs["stiffness"], inputs["conversion"]
+    )
+    is_held = force > limit
+    force = np.where(is_held, np.inf, force)
+    energy = np.where(is_held, np.inf, energy)
+    ends = np.array([force, force, energy, energy, is_held.astype(np.float64)])
+    is_uncertain = np.zeros(len(angle), dtype=bool)
+    for name in STEP_INPUTS:
+        is_uncertain |= columns[f"u_{name}"] > 0.0
+    if is_uncertain.any():
+        drawn = estimate_ends_of_steps(
+            {name: values[is_uncertain] for name, values in inputs.items()},
+            {name: columns[f"u_{name}"][is_uncertain] for name in STEP_INPUTS},
+            limit,
+            draws=_DRAWS,
         )
-        face = Step(inputs["height"], inputs["edge_radius"])
-        interval = estimate_interval(face, point, uncertainties, draws=_DRAWS, seed=seed)
-        angle = face.angles(point.ball_radius)[0]
-    except ContactError as error:
-        return {"status": "invalid", "problem": str(error)}
-    energy_low, energy_high = interval.energy_low, interval.energy_high
-    if interval.status.is_beyond_limit:
-        energy_low = energy_high = math.nan
-    return {
-        "critical_angle_deg": math.degrees(angle),
-        "status": str(interval.status),
-        "peak_force_n": interval.force,
-        "peak_force_low_n": interval.force_low,
-        "peak_force_high_n": interval.force_high,
-        "vibration_energy_j": interval.energy,
-        "vibration_energy_low_j": energy_low,
-        "vibration_energy_high_j": energy_high,
-        "held_probability": interval.held_probability,
-        "problem": "",
-    }
+        ends[:, is_uncertain] = astuple(drawn)
+    return IntervalEnds(*ends)

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from stepblocks.errors import MetrologyError
+from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.files.numbers import NumberNotation
 from stepblocks.files.text_table import read_names, read_text_table
 from stepblocks.parts.on_paper import COLUMNS
@@ -25,7 +26,7 @@ def is_filled_sheet(path: Path) -> bool:
     return path.suffix.lower() == ".xlsx" or _VALUE in read_names(path)
 
 
-def read_filled_sheet(path: Path) -> list[QifResult]:
+def read_filled_sheet(path: Path, layout: TableLayout = UNDECLARED) -> list[QifResult]:
     """Read what was filled in, line by line.
 
     Raises
@@ -33,7 +34,7 @@ def read_filled_sheet(path: Path) -> list[QifResult]:
     MetrologyError
         With all mistakes of the sheet at once; or if a column is missing or nothing is filled in.
     """
-    table = read_text_table(path, raises=MetrologyError, most_bytes=_MOST_BYTES)
+    table = read_text_table(path, layout, raises=MetrologyError, most_bytes=_MOST_BYTES)
     columns = table.names
     absent = [name for name in _NEEDED if name not in columns]
     if absent:

@@ -156,6 +156,9 @@ def _convert_quantity(values: Any, axis: str) -> Any:
 
 def _take_numbers(values: Any, axis: str) -> Array:
     """Return numbers as float64, nan where one is masked or missing."""
+    # truth values, complex numbers, times
+    if getattr(getattr(values, "dtype", None), "kind", None) in ("b", "c", "m", "M"):
+        raise MetrologyError(f"{axis} must hold numbers, got {values.dtype}")
     try:
         if isinstance(values, np.ma.MaskedArray):
             return np.asarray(np.ma.filled(values.astype(np.float64), np.nan))

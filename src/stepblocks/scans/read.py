@@ -11,6 +11,7 @@ from typing import TypeAlias
 
 from stepblocks.errors import MetrologyError
 from stepblocks.files.confined import read_confined
+from stepblocks.files.layout import UNDECLARED, TableLayout, refuse_layout
 from stepblocks.files.text import is_file
 from stepblocks.scans.formats import READERS
 from stepblocks.scans.formats.reader import ReadScan, ScanReader, ScanRequest, check_archive
@@ -26,7 +27,10 @@ FORMATS = {ending: reader.form for reader in READERS for ending in reader.ending
 
 
 def load_scan(
-    scan: Scan, unit: str | None = None, channel: str | None = None
+    scan: Scan,
+    unit: str | None = None,
+    channel: str | None = None,
+    layout: TableLayout = UNDECLARED,
 ) -> ScannedProfile | HeightMap:
     """Return a scan as an object: read from its file or table, taken as it is, or made of arrays.
 
@@ -36,6 +40,8 @@ def load_scan(
         Arrays are two, one of two rows, or a series over its positions.
     unit, channel : str, optional
         As for `read_scan`; of arrays, the unit of their numbers, metres where none is given.
+    layout : TableLayout
+        As for `read_scan`; what is no file has none.
 
     Returns
     -------
@@ -48,12 +54,16 @@ def load_scan(
         If it is none of these, or cannot be read.
     """
     if isinstance(scan, str | Path):
-        return read_scan(scan, unit, channel)
+        return read_scan(scan, unit, channel, layout)
+    refuse_layout(layout, "a scan in memory", MetrologyError)
     return take_scan(scan, unit, channel)
 
 
 def read_scan(
-    path: str | Path, unit: str | None = None, channel: str | None = None
+    path: str | Path,
+    unit: str | None = None,
+    channel: str | None = None,
+    layout: TableLayout = UNDECLARED,
 ) -> ScannedProfile | HeightMap:
     """Read what an instrument measured.
 
@@ -71,6 +81,8 @@ def read_scan(
     channel : str, optional
         Name of the channel (of text, the column) of heights, or a part that no other has; the first
         so named by default.
+    layout : TableLayout
+        What is declared of a text: encoding, separator, decimal sign, missing values.
 
     Returns
     -------
@@ -87,7 +99,8 @@ def read_scan(
     path = Path(path)
     reader = find_reader(path)
     if not reader.is_confined:
-        return reader.read(path, ScanRequest(unit, channel)).scan
+        return reader.read(path, ScanRequest(unit, channel, layout)).scan
+    refuse_layout(layout, f"a {path.suffix.lower()} file [{path.name}]", MetrologyError)
     if unit is not None and not reader.takes_unit:
         raise MetrologyError(
             f"unit must not be given for a {path.suffix.lower()} file, which says its own "

@@ -6,14 +6,25 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.errors import MetrologyError
+from stepblocks.errors import MetrologyError, QuantityError
 from stepblocks.files.figures import Axes, take_axes
+from stepblocks.quantities import read_array
 
 Array = NDArray[np.float64]
 
 _LEAST_POINTS = 3
 _LEAST_ROWS = 2
 _FARTHEST = 10.0  # a surface that reaches farther was read in a wrong unit, or is damaged [m]
+
+
+def _read_lengths(name: str, values: object, place: str) -> Array:
+    """Read lengths [m] in any form that `read_array` takes, nan where one is masked or missing."""
+    if type(values) is np.ndarray and values.dtype == np.float64:
+        return values
+    try:
+        return read_array(values, "length")
+    except (QuantityError, TypeError, ValueError) as error:
+        raise MetrologyError(f"{name} {error}{place}") from error
 
 
 @dataclass(frozen=True, repr=False)
@@ -45,6 +56,9 @@ class ScannedProfile:
 
     def __post_init__(self) -> None:
         place = _format_place(self.source)
+        for name in ("position", "height"):
+            lengths = _read_lengths(name, getattr(self, name), place)
+            object.__setattr__(self, name, lengths)
         if self.position.ndim != 1 or self.position.shape != self.height.shape:
             raise MetrologyError(
                 f"profile must be two equally long rows, got {self.position.shape} and "
@@ -108,6 +122,12 @@ class HeightMap:
 
     def __post_init__(self) -> None:
         place = _format_place(self.source)
+        object.__setattr__(self, "height", _read_lengths("height", self.height, place))
+        for name in ("dx", "dy"):
+            step = _read_lengths(name, getattr(self, name), place)
+            if step.ndim != 0:
+                raise MetrologyError(f"{name} must be one length, got shape {step.shape}{place}")
+            object.__setattr__(self, name, float(step))
         shape = self.height.shape
         if len(shape) != 2 or min(shape) < _LEAST_ROWS or max(shape) < _LEAST_POINTS:
             raise MetrologyError(

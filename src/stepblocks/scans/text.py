@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from stepblocks.errors import MetrologyError
 from stepblocks.files.decode import decode_text
-from stepblocks.files.missing import blank_fill_values
+from stepblocks.files.layout import UNDECLARED, TableLayout
+from stepblocks.files.missing import FillFound, blank_fill_values
 from stepblocks.files.tables import Table
 from stepblocks.scans.columns import Columns, choose_columns, find_unit
 from stepblocks.scans.points import grid_points
@@ -48,7 +49,10 @@ def holds_matrix(path: Path) -> bool:
 
 
 def read_text_scan(
-    path: Path, unit: str | None = None, channel: str | None = None
+    path: Path,
+    unit: str | None = None,
+    channel: str | None = None,
+    layout: TableLayout = UNDECLARED,
 ) -> ScannedProfile | HeightMap:
     """Read a profile or a map of heights from text.
 
@@ -61,6 +65,8 @@ def read_text_scan(
         Unit of what does not say its own, as `parse_units` reads it.
     channel : str, optional
         Name of the column of heights, or a part of it.
+    layout : TableLayout
+        What is declared of the text.
 
     Returns
     -------
@@ -77,10 +83,10 @@ def read_text_scan(
         raise MetrologyError(
             f"text must not exceed {_MOST_BYTES >> 20} MiB, got {size} bytes [{path.name}]"
         )
-    decoded = decode_text(path.read_bytes(), path.name, MetrologyError)
+    decoded = decode_text(path.read_bytes(), path.name, MetrologyError, layout.encoding)
     if "\0" in decoded.text[:_PROBED_CHARACTERS]:
         raise MetrologyError(f"file must be text, got binary data [{path.name}]")
-    scan = _make_scan(parse_table(decoded.text, path.name), unit, channel)
+    scan = _make_scan(parse_table(decoded.text, path.name, layout), unit, channel)
     if decoded.note:
         scan = replace(scan, scale=f"{scan.scale}; {decoded.note}")
     return scan
@@ -179,18 +185,43 @@ def _make_scan(
     if table.values.shape[1] > 3 and not table.names and channel is None:
         return _make_map_of_matrix(table, units)
     columns = choose_columns(table, channel)
-    found = blank_fill_values(table.values[:, columns.z])
+    found = _find_missing(table, table.values[:, columns.z])
     if found.count:
         values = table.values.copy()
         values[:, columns.z] = found.values
         table = replace(table, values=values)
     axes = _find_axes(table, columns, units)
-    scale = _describe_units(axes, unit)
+    _refuse_infinite(table, columns)
+    notes = [_describe_units(axes, unit), *table.notes]
     if found.count:
-        scale += f"; {found.describe(table.get_name(columns.z) or 'the heights')}"
+        notes.append(found.describe(table.get_name(columns.z) or "the heights"))
+    scale = "; ".join(notes)
     if "y" in axes:
         return _make_map_of_points(axes, scale, table.source)
     return _make_profile(axes, scale, table.source)
+
+
+def _refuse_infinite(table: NumberTable, columns: Columns) -> None:
+    """Refuse a position that is missing or infinite, and a height that is infinite, by its line."""
+    for axis, column in columns.list_axes().items():
+        numbers = table.values[:, column]
+        is_wrong = np.isinf(numbers)
+        if axis != "z":
+            is_wrong |= np.isnan(numbers)
+        is_known = bool(np.isfinite(numbers).any())  # else the whole column is refused
+        if is_wrong.any() and is_known:
+            row = int(np.flatnonzero(is_wrong)[0])
+            raise MetrologyError(
+                f"{table.get_name(column) or axis} must be a finite number, got "
+                f"{numbers[row]:g} [{table.name_row(row)}]"
+            )
+
+
+def _find_missing(table: NumberTable, heights: Array) -> FillFound:
+    """Find the heights that stand for a missing one: as declared, or those that stand out."""
+    if table.missing is None:
+        return blank_fill_values(heights)
+    return blank_fill_values(heights, table.missing.numbers)
 
 
 def _make_map_of_points(axes: Mapping[str, _Axis], scale: str, source: str) -> HeightMap:
@@ -293,16 +324,16 @@ def _make_map_of_matrix(table: NumberTable, units: Mapping[str, StoredLength]) -
             "heights, as x=0.5um,y=0.5um,z=nm (a table has 2 columns, x, z, or 3, x, y, z), got "
             f"{table.values.shape[1]} columns [{table.source}]"
         )
-    found = blank_fill_values(table.values)
+    found = _find_missing(table, table.values)
     heights = _Axis(None, found.values.ravel(), units["z"])
-    scale = "matrix with the spacing and unit given"
+    notes = ["matrix with the spacing and unit given", *table.notes]
     if found.count:
-        scale += f"; {found.describe('the heights')}"
+        notes.append(found.describe("the heights"))
     return HeightMap(
         found.values * units["z"].metres,
         units["x"].metres,
         units["y"].metres,
         source=table.source,
-        scale=scale,
+        scale="; ".join(notes),
         count=heights.measure_last_digit(),
     )

@@ -14,7 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stepblocks.errors import MetrologyError
-from stepblocks.files.missing import is_missing_word
+from stepblocks.files.dialect import find_quote, is_number_in_any_notation
+from stepblocks.files.layout import UNDECLARED, MissingValues, TableLayout
+from stepblocks.files.missing import describe_missing, is_missing_word
 from stepblocks.files.numbers import NotationError, NumberNotation, find_notation
 from stepblocks.scans.scan import Array
 from stepblocks.scans.units import UNIT_PATTERN, UNITS_PER_METRE, StoredLength
@@ -29,7 +31,8 @@ _POINT = NumberNotation(".")
 _COMMA = NumberNotation(",")
 # Between thousands a blank would also separate two fields
 _INNER_BLANK = re.compile(r"\s")
-_COMMENT = re.compile(r"\s*#(?!\s*[-+.\d])")
+# what a spreadsheet writes for an error, as #N/A, is a cell
+_COMMENT = re.compile(r"\s*#(?!\s*[-+.\d]|N/A|NA\b|[A-Z]+[!?]|DIV/0!)")
 _AXIS_NAME = re.compile(r"(?i)[xyz]([\s_\[(/]|$)")  # of a column, as most programs write it
 _STEP_NAME = re.compile(r"(?i)x[- _]?(resolution|spacing|step)")
 _UNIT_ALONE = re.compile(rf"[\[(]?{UNIT_PATTERN}[\])]?")
@@ -49,12 +52,27 @@ class NumberTable:
         Unit that the head states for the whole table.
     source : str
         Name of the file, for messages.
+    missing : MissingValues, optional
+        What is declared as missing; by default numbers that stand out.
+    places : sequence of int
+        Line of each row; empty of a table in memory.
+    notes : tuple of str
+        What had to be found out about the text.
     """
 
     names: tuple[str, ...]
     values: Array
     unit: StoredLength | None
     source: str
+    missing: MissingValues | None = None
+    places: Sequence[int] = ()
+    notes: tuple[str, ...] = ()
+
+    def name_row(self, row: int) -> str:
+        """Say where a row stands, counted from 0."""
+        if not self.places:
+            return f"{self.source}, row {row + 1}"
+        return f"{self.source}, line {self.places[row]}"
 
     def get_name(self, column: int) -> str | None:
         """Return the name of a column, None where columns have no names."""
@@ -73,10 +91,25 @@ class Notation:
         One letter; None for any run of blanks.
     numbers : NumberNotation
         How its numbers are written.
+    words : frozenset of str
+        Words for a missing point, beside the usual ones.
+    quote : str
+        Around a field.
     """
 
     separator: str | None
     numbers: NumberNotation = _POINT
+    words: frozenset[str] = frozenset()
+    quote: str = '"'
+
+    def describe(self) -> list[str]:
+        """Say what had to be found out; nothing of commas, points and blanks."""
+        notes = []
+        if self.separator in _SEPARATOR_NAMES:
+            notes.append(f"cells are separated by {_SEPARATOR_NAMES[self.separator]}")
+        if self.numbers.decimal == ",":
+            notes.append("numbers are written with decimal commas")
+        return notes
 
     def split_line(self, line: str) -> list[str]:
         """Split a line into fields, without the empty ones that some instruments append."""
@@ -87,14 +120,24 @@ class Notation:
 
     def _split_cells(self, line: str) -> list[str]:
         """Split a line into all its fields; a field in quotation marks may hold the separator."""
-        if '"' in line and self.separator is not None:
-            cells = next(csv.reader([line], delimiter=self.separator, skipinitialspace=True))
-            return [cell.strip() for cell in cells]
+        if self.quote in line and self.separator is not None:
+            reader = csv.reader(
+                [line], delimiter=self.separator, quotechar=self.quote, skipinitialspace=True
+            )
+            return [cell.strip() for cell in next(reader)]
         return [field.strip() for field in line.split(self.separator)]
 
     def count_cells(self, line: str) -> int:
         """Count the fields of a line, empty ones included."""
         return len(self._split_cells(line))
+
+    def is_missing(self, field: str) -> bool:
+        """Tell whether a field is empty, or a word for a missing point."""
+        return is_missing_word(field) or field in self.words
+
+    def list_words(self, fields: Iterable[str]) -> list[str]:
+        """List the fields that hold a word for a missing point."""
+        return [field for field in fields if field and self.is_missing(field)]
 
     def parse_number(self, field: str) -> float:
         """Read a field as a number, nan for a word that stands for a missing point.
@@ -104,7 +147,7 @@ class Notation:
         ValueError
             If it is neither.
         """
-        if is_missing_word(field):
+        if self.is_missing(field):
             return math.nan
         if self.separator in (",", None) and _INNER_BLANK.search(field.strip()):
             raise ValueError(f"{field!r} is two numbers")
@@ -141,7 +184,8 @@ class Notation:
 
 _BLANKS = Notation(separator=None)  # numbers with decimal points
 # In the order of preference where several fit equally well
-_SEPARATORS = (";", "\t", ",", None)
+_SEPARATORS = (";", "\t", ",", "|", None)
+_SEPARATOR_NAMES = {";": "semicolons", "\t": "tabs", "|": "bars"}
 
 
 def parse_number(field: str) -> float:
@@ -164,7 +208,7 @@ class _Layout:
     columns: int
 
 
-def parse_table(text: str, source: str) -> NumberTable:
+def parse_table(text: str, source: str, declared: TableLayout = UNDECLARED) -> NumberTable:
     """Find the table of numbers in a text and read it.
 
     Parameters
@@ -173,6 +217,8 @@ def parse_table(text: str, source: str) -> NumberTable:
         The whole text: a head of any kind, the table, a footer that does not begin with numbers.
     source : str
         Name of the file, for messages.
+    declared : TableLayout
+        What is known of the text beforehand.
 
     Returns
     -------
@@ -185,22 +231,28 @@ def parse_table(text: str, source: str) -> NumberTable:
         If there is no table of at least two columns, or one of its lines is broken.
     """
     lines = text.splitlines()
-    layout = _find_layout(lines, source)
+    layout = _find_layout(lines, source, declared)
     _refuse_row_in_head(lines, layout, source)
     head = [_split_head_line(line, layout.notation) for line in lines[: layout.first_line]]
     if layout.columns > MOST_COLUMNS and any(len(fields) == layout.columns for fields in head):
         raise MetrologyError(
             f"table must have at most {MOST_COLUMNS} columns [{source}, {layout.first_line + 1}]"
         )
+    notes = layout.notation.describe()
     values = _read_clean_rows(lines, layout)
+    places: Sequence[int] = range(layout.first_line + 1, len(lines) + 1)
     if values is None:
-        values = _read_rows(lines, layout, source)
-    return _name_columns(head, values, source)
+        rows = _read_rows(lines, layout, source)
+        values, places = rows.values, rows.places
+        if rows.words:
+            notes.append(describe_missing(list(dict.fromkeys(rows.words)), len(rows.words), ""))
+    table = _name_columns(head, values, source)
+    return replace(table, missing=declared.missing_values, places=places, notes=tuple(notes))
 
 
-def _find_layout(lines: Sequence[str], source: str) -> _Layout:
+def _find_layout(lines: Sequence[str], source: str, declared: TableLayout) -> _Layout:
     """Find the notation of a text, and the first line that is a row of numbers in it."""
-    notation = _find_notation(lines, source)
+    notation = _find_notation(lines, source, declared)
     if notation is not None:
         for number, line in enumerate(lines[: _MOST_HEADER_LINES + 1]):
             columns = notation.count_columns(line)
@@ -213,22 +265,48 @@ def _find_layout(lines: Sequence[str], source: str) -> _Layout:
     )
 
 
-def _find_notation(lines: Sequence[str], source: str) -> Notation | None:
+def _find_notation(lines: Sequence[str], source: str, declared: TableLayout) -> Notation | None:
     """Find the notation in which most of the sampled lines are rows of numbers."""
     begin = [line for line in lines[: _MOST_HEADER_LINES + _SAMPLED_LINES] if line.strip()]
     sample = begin[-_SAMPLED_LINES:]
+    words = _list_words(declared)
+    quote = find_quote(sample)
     best: Notation | None = None
     most_rows = 0
-    for separator in _SEPARATORS:
-        for numbers in (_POINT, _COMMA):
-            notation = Notation(separator, numbers)
+    for separator in _list_separators(declared):
+        for numbers in _list_notations(declared):
+            notation = Notation(separator, numbers, words, quote)
             rows = sum(notation.count_columns(line) > 0 for line in sample)
             if rows > most_rows:
                 best = notation
                 most_rows = rows
-    if best is None:
-        return None
+    if best is None or declared.decimal is not None:
+        return best
     return replace(best, numbers=_find_decimal_sign(lines, best, source))
+
+
+def _list_separators(declared: TableLayout) -> Sequence[str | None]:
+    """List what may separate the fields of a text: what is declared, else all."""
+    if declared.separator is None:
+        return _SEPARATORS
+    if declared.separator.isspace() and declared.separator != "\t":
+        return (None,)
+    return (declared.separator,)
+
+
+def _list_notations(declared: TableLayout) -> Sequence[NumberNotation]:
+    """List how the numbers of a text may be written: as declared, else with either sign."""
+    if declared.decimal is None:
+        return (_POINT, _COMMA)
+    return (NumberNotation(declared.decimal),)
+
+
+def _list_words(declared: TableLayout) -> frozenset[str]:
+    """Return the words that are declared to stand for a missing point."""
+    values = declared.missing_values
+    if values is None:
+        return frozenset()
+    return frozenset(values.words)
 
 
 def _find_decimal_sign(lines: Sequence[str], notation: Notation, source: str) -> NumberNotation:
@@ -254,7 +332,7 @@ def _split_head_line(line: str, notation: Notation) -> list[str]:
         fields = notation.split_line(line)
     except csv.Error:
         fields = line.split(notation.separator)
-    return [field.lstrip("# ").strip('"') for field in fields]
+    return [field.lstrip("# ").strip("\"'") for field in fields]
 
 
 def _refuse_row_in_head(lines: Sequence[str], layout: _Layout, source: str) -> None:
@@ -263,7 +341,7 @@ def _refuse_row_in_head(lines: Sequence[str], layout: _Layout, source: str) -> N
     if layout.notation.separator is None or above < 0:
         return
     fields = _split_head_line(lines[above], layout.notation)
-    are_numbers = [layout.notation.holds_number(field) for field in fields]
+    are_numbers = [is_number_in_any_notation(field) for field in fields]
     if len(fields) != layout.columns or not any(are_numbers):
         return
     is_below_names = False
@@ -292,10 +370,21 @@ def _read_clean_rows(lines: Sequence[str], layout: _Layout) -> Array | None:
     return np.asarray(values, dtype=np.float64)
 
 
-def _read_rows(lines: Sequence[str], layout: _Layout, source: str) -> Array:
+@dataclass(frozen=True)
+class _Rows:
+    """Rows of a table, shape (rows, columns), their lines, and the words for what is missing."""
+
+    values: Array
+    places: list[int]
+    words: list[str]
+
+
+def _read_rows(lines: Sequence[str], layout: _Layout, source: str) -> _Rows:
     """Read a table line by line, with its missing points and up to its footer."""
     notation = layout.notation
     rows: list[list[float]] = []
+    places: list[int] = []
+    words: list[str] = []
     end: int | None = None  # the first line that is no row of the table
     for index in range(layout.first_line, len(lines)):
         line = lines[index]
@@ -311,12 +400,14 @@ def _read_rows(lines: Sequence[str], layout: _Layout, source: str) -> Array:
         is_short = row is not None and notation.count_cells(line) < layout.columns
         if row is not None and not is_short and end is None:
             rows.append(row)
+            places.append(index + 1)
+            words += notation.list_words(fields)
             continue
         if end is None:
             end = index
         if is_short or _looks_like_row(fields, layout):
             raise _describe_broken_line(lines[end], end + 1, layout, source)
-    return np.array(rows, dtype=np.float64)
+    return _Rows(np.array(rows, dtype=np.float64), places, words)
 
 
 def _looks_like_row(fields: Sequence[str], layout: _Layout) -> bool:
@@ -348,7 +439,11 @@ def _describe_broken_line(line: str, number: int, layout: _Layout, source: str) 
         fields = [line]
     wrong = [field for field in fields if notation.parse_numbers([field, "0"]) is None]
     shown = ",".join(fields)[:_SHOWN_CHARACTERS]
-    reason = f", since {wrong[0][:_SHOWN_CHARACTERS]!r} is none" if wrong else ""
+    reason = ""
+    if wrong:
+        reason = f", since {wrong[0][:_SHOWN_CHARACTERS]!r} is none"
+        if not is_number_in_any_notation(wrong[0]):
+            reason += "; a word for a missing value may be declared (--missing)"
     return MetrologyError(
         f"line must hold {layout.columns} numbers, got {shown!r}{reason} [{source}, line {number}]"
     )
@@ -369,11 +464,22 @@ def _name_columns(head: Sequence[Sequence[str]], values: Array, source: str) -> 
     if columns > 2 and len(title) == columns - 1 and _is_numbered(title, values):
         return _scale_numbers(lines, values, unit, source)
     if len(title) != columns:
+        _refuse_lacking_names(title, columns, source)
         return NumberTable((), values, unit, source)
     are_units = all(_UNIT_ALONE.fullmatch(field.lower()) for field in title)
     if are_units and len(lines) > 1 and len(lines[-2]) == columns:
         title = [f"{name} {of_name}" for name, of_name in zip(lines[-2], title, strict=True)]
     return NumberTable(tuple(title), values, unit, source)
+
+
+def _refuse_lacking_names(title: Sequence[str], columns: int, source: str) -> None:
+    """Refuse a head that names two columns or more, but not as many as the rows have."""
+    are_names = all(_AXIS_NAME.match(field) for field in title)
+    if len(title) >= 2 and are_names:
+        raise MetrologyError(
+            f"rows must have as many numbers as the head has names, {', '.join(title)}, got "
+            f"{columns}; decimal commas need another separator than commas [{source}]"
+        )
 
 
 def _find_unit_alone(lines: Sequence[Sequence[str]]) -> StoredLength | None:

@@ -20,6 +20,7 @@ from stepblocks.contact.operating_point import WEBER_FRACTION, Tool
 from stepblocks.declaration.read import load_set
 from stepblocks.declaration.set import choose_operating_point
 from stepblocks.errors import HapticsError
+from stepblocks.files.layout import UNDECLARED, TableLayout, refuse_layout
 from stepblocks.files.tables import load_table, read_si_columns, warn_of_notes, write_table
 from stepblocks.simulators.conditions import check_overrides
 
@@ -57,6 +58,7 @@ def compare_record(
     output: str | Path | None = None,
     *,
     backward: bool = False,
+    layout: TableLayout = UNDECLARED,
     **overrides: float,
 ) -> pd.DataFrame:
     """Compare a recorded step with its stimulus.
@@ -74,6 +76,8 @@ def compare_record(
         CSV to write.
     backward : bool
         Whether the record is of the drag towards -x.
+    layout : TableLayout
+        What is declared of a CSV.
     **overrides : float
         ``ball_radius`` [m], ``normal_load`` [N], ``friction`` [1]; by default the first of the
         file's grid.
@@ -96,7 +100,7 @@ def compare_record(
     else:
         event = _predict_event(Path(stimulus), overrides, backward)
     place = "table" if isinstance(record, pd.DataFrame) else str(record)
-    force, rate, has_pull = _read_record(record, place, event)
+    force, rate, has_pull = _read_record(record, place, event, layout)
     start = _find_release(force, rate, event)
     tail = _cut_ring(force[start:], rate, event, place)
     recorded, explained = _measure_ring(tail, rate, event)
@@ -177,17 +181,19 @@ def _predict_event(stimulus: Path, overrides: dict[str, float], backward: bool) 
 
 
 def _read_record(
-    record: str | Path | pd.DataFrame, place: str, event: VibrationEvent
+    record: str | Path | pd.DataFrame, place: str, event: VibrationEvent, layout: TableLayout
 ) -> tuple[Array, float, bool]:
     """Read force along the drag [N], rate of its samples [Hz], and whether it holds the pull."""
     if isinstance(record, str | Path) and Path(record).suffix in (".h5", ".hdf5"):
+        refuse_layout(layout, f"an HDF5 file [{record}]", HapticsError)
         force, rate = _read_motion(record, place)
         return force, rate, True
     source: object = place
     if isinstance(record, pd.DataFrame):
+        refuse_layout(layout, "a table in memory", HapticsError)
         frame = record
     else:
-        table = load_table(Path(record))
+        table = load_table(Path(record), layout=layout)
         warn_of_notes(table.notes, record)
         frame, source = table.frame, table.source
     has_pull = "acceleration_m_s2" not in frame

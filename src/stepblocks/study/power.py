@@ -18,6 +18,7 @@ from stepblocks.quantities import check_seed
 from stepblocks.study.analysis.accuracy import (
     ANSWER,
     MEASURES,
+    SPREAD,
     compute_measure,
     correct_conditions,
 )
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
 
 ANALYSES = ("f-test", "mixed")  # the paper's F-test, and the mixed model
 _LEVEL = 0.05  # of every test
+_PEOPLE_OF_SPREAD = 2000  # of a study that tells how participants differ
 _FEWEST_RUNS, _MOST_RUNS = 10, 100_000  # simulated studies
 
 
@@ -71,6 +73,9 @@ class SimulatedStudy:
         How many times the response noise each condition has [1]; once where left out.
     measure : str
         What is tested, one of `MEASURES` or `REALISM`.
+    effect : float
+        By how much more of the measure the last condition has, beside what its share of the energy
+        does [m]; of the spread in ln(spread) [1].
 
     Raises
     ------
@@ -87,8 +92,11 @@ class SimulatedStudy:
     observer: Observer
     noise: tuple[float, ...] = ()
     measure: str = ANSWER
+    effect: float = 0.0
 
     def __post_init__(self) -> None:
+        if not math.isfinite(self.effect):
+            raise StudyError(f"effect must be finite, got {self.effect}")
         measures = (*MEASURES, REALISM)
         if self.measure not in measures:
             raise StudyError(f"measure must be one of {', '.join(measures)}, got {self.measure!r}")
@@ -147,6 +155,7 @@ def compute_p_value(plan: SimulatedStudy, analysis: str, seed: int) -> float:
     if plan.measure == REALISM:
         return _test_ratings(simulated)
     frame, block = compute_measure(simulated, plan.measure)
+    frame = _add_effect(frame, plan)
     if analysis == "f-test":
         test = run_f_test(frame, "value", "condition", block, intervals=False)
         (condition, *_) = test.terms
@@ -155,6 +164,26 @@ def compute_p_value(plan: SimulatedStudy, analysis: str, seed: int) -> float:
     corrected = correct_conditions(frame, fit.condition).term
     assert corrected is not None  # a plan has two conditions
     return corrected.p
+
+
+def _add_effect(frame: Table, plan: SimulatedStudy) -> Table:
+    """Add the effect to the measure of the last condition, in a column ``value``."""
+    changed, _ = plan.factors[-1]
+    effect = plan.effect * (frame["condition"] == changed)
+    return frame.assign(value=frame["value"] + effect)
+
+
+def find_difference_spread(plan: SimulatedStudy, seed: int) -> float:
+    """Find the standard deviation over participants of the last condition's difference.
+
+    It is that of the participants' means, last minus first condition, of a study with so many
+    participants that it is known to a few per cent; in the unit of the measure.
+    """
+    many = replace(plan, participants=_PEOPLE_OF_SPREAD)
+    frame, _ = compute_measure(simulate_frame(many, seed), plan.measure)
+    means = frame.groupby(["participant", "condition"])["value"].mean().unstack()
+    first, last = plan.factors[0][0], plan.factors[-1][0]
+    return float((means[last] - means[first]).std())
 
 
 def _test_ratings(frame: Table) -> float:
@@ -271,6 +300,9 @@ class _Question:
         What is tested, and how.
     standard : str
         Block of comparisons that all others are compared with.
+    effect, effect_size : float
+        Of the last condition, in the unit of the measure, and over the standard deviation of the
+        participants' differences [1]; one of both is zero.
     runs, seed, jobs : int
         Simulated studies per size, seed of all chance, processes.
     cluster : distributed.Client or None
@@ -286,6 +318,8 @@ class _Question:
     measure: str
     analysis: str
     standard: str
+    effect: float
+    effect_size: float
     runs: int
     seed: int
     jobs: int
@@ -330,7 +364,11 @@ class _Question:
             observer=self.observer,
             noise=tuple(noise),
             measure=self.measure,
+            effect=self.effect,
         )
+        if self.effect_size:
+            spread = find_difference_spread(study, self.seed)
+            study = replace(study, effect=self.effect_size * spread)
         power = estimate_power(
             study, self.analysis, self.runs, self.seed, self.jobs, on=self.cluster
         )
@@ -360,6 +398,8 @@ def study_power(
     participants: Sequence[int] = (10,),
     repetitions: Sequence[int] = (REPETITIONS,),
     observer: Observer = TYPICAL_OBSERVER,
+    effect: float = 0.0,
+    effect_size: float = 0.0,
     analysis: str = "mixed",
     runs: int = 200,
     jobs: int = 1,
@@ -399,6 +439,12 @@ def study_power(
         Sizes; every combination.
     observer, only, **felt
         As in `simulate_study` and `design_study`.
+    effect : float
+        By how much more of the measure the last condition has, beside what `damping` and `noise`
+        do [m].
+    effect_size : float
+        The same over the standard deviation of the participants' differences (Cohen's d of paired
+        differences) [1].
     analysis : str
         ``"mixed"`` or ``"f-test"``.
 
@@ -441,6 +487,7 @@ def study_power(
             "realism must be rated in the experiment virtual, with vibration off and on, got "
             f"{experiment} with {', '.join(conditions) or 'no conditions'}"
         )
+    _check_effect(kind, measure, effect, effect_size)
     question = _Question(
         heights={item.identity: item.height for item in blocks.items},
         energies=energies,
@@ -451,6 +498,8 @@ def study_power(
         measure=measure,
         analysis=analysis,
         standard=standard,
+        effect=effect,
+        effect_size=effect_size,
         runs=runs,
         seed=seed,
         jobs=jobs,
@@ -468,3 +517,15 @@ def study_power(
     if output is not None:
         write_table(table, Path(output), "%.3f")
     return table
+
+
+def _check_effect(experiment: str, measure: str, effect: float, effect_size: float) -> None:
+    """Reject an effect that the measure cannot have."""
+    if not (math.isfinite(effect) and math.isfinite(effect_size)):
+        raise StudyError(f"effect must be finite, got {effect} and {effect_size}")
+    if effect and effect_size:
+        raise StudyError("an effect must be stated as a length or as d, got both")
+    if (effect or effect_size) and (experiment == "constant" or measure == REALISM):
+        raise StudyError(f"an effect must be of {', '.join(MEASURES)}, got {measure}")
+    if effect and measure == SPREAD:
+        raise StudyError("an effect on the spread, which is no length, must be stated as d")

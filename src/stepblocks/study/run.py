@@ -12,6 +12,7 @@ import pandas as pd
 
 from stepblocks.errors import PipelineError, StudyError
 from stepblocks.files.atomic import replace_text
+from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.files.pages import render_page
 from stepblocks.files.tables import format_csv
 from stepblocks.quantities import check_seed
@@ -316,7 +317,8 @@ def write_sheets(folder: str | Path, program: str = "") -> int:
     files = {}
     for participant, rows in sheets.items():
         files[f"sheets/participant-{participant:0>{digits}}.csv"] = format_csv(rows)
-    files["run-sheets.html"] = render_run_sheets(kind, sheets, read_plan(folder))
+    words = read_plan(folder) if "realism_rating" in kind.answers else None
+    files["run-sheets.html"] = render_run_sheets(kind.sheet_title, sheets, words)
     write_new_files(folder, files)
     return len(sheets)
 
@@ -417,6 +419,7 @@ def analyse_study(
     reference: str = "",
     covariate: str = "",
     wide: str = "",
+    layout: TableLayout = UNDECLARED,
 ) -> StudyResult:
     """Analyse filled-in run sheets, or judgements that were not planned here.
 
@@ -456,6 +459,8 @@ def analyse_study(
         Without a design, how columns of trials are called in tables with a row for each
         participant: ``"{condition}_{height_um}_{repetition}"``, ``{answer}`` among them where a
         trial has several.
+    layout : TableLayout
+        What is declared of the tables of answers and groups: encoding, signs, missing values.
 
     Returns
     -------
@@ -482,11 +487,11 @@ def analyse_study(
     """
     plan = Plan()
     if folder is None:
-        judgements = read_foreign_judgements(answers, columns, experiment, ratings, wide)
+        judgements = read_foreign_judgements(answers, columns, experiment, ratings, wide, layout)
     else:
         if wide:
             raise StudyError("wide is an option of tables without a design")
-        judgements = _read_judgements(Path(folder), answers, ratings, columns)
+        judgements = _read_judgements(Path(folder), answers, ratings, columns, layout)
         plan = read_plan(Path(folder))
     refuse_unused_options(
         judgements.experiment,
@@ -503,7 +508,7 @@ def analyse_study(
     )
     if plan.covariate and wide and "{trial}" not in wide:
         raise StudyError("a table with a row for each participant does not say in which order")
-    grouped = judgements.assign_groups(groups)
+    grouped = judgements.assign_groups(groups, layout)
     result = grouped.analyse(equivalent, plan.primary, plan.reference, plan.covariate)
     if output is not None:
         _write_report(result, Path(output))
@@ -515,10 +520,11 @@ def _read_judgements(
     answers: Sequence[str | Path],
     ratings: tuple[int, int],
     columns: Mapping[str, str],
+    layout: TableLayout = UNDECLARED,
 ) -> Judgements:
     """Read the answers to the trials of a design; `columns` are as in `analyse_study`."""
     design = read_design(folder / _DESIGN)
-    rows = read_all_answers(answers, design[0]["experiment"], columns)
+    rows = read_all_answers(answers, design[0]["experiment"], columns, layout)
     return join_answers(design, rows, ratings)
 
 

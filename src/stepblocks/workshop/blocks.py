@@ -17,8 +17,8 @@ from stepblocks.workshop.paper import (
 )
 from stepblocks.workshop.sheet import Sheet
 
-_DETAIL: Point = (235.0, 214.0)  # origin of detail A on the paper
-_GROOVE_DETAIL: Point = (352.0, 214.0)  # of detail B
+_DETAIL: Point = (235.0, 214.0)  # origin of detail D on the paper
+_GROOVE_DETAIL: Point = (352.0, 214.0)  # of detail E
 _MARGIN_DETAIL: Point = (280.0, 214.0)
 _DETAIL_HEIGHT = 44.0  # of a step in its detail, at most
 _EDGE_LENGTH = 10.0  # of the edge radius in the detail, at most
@@ -38,7 +38,7 @@ def draw_step_block_views(sheet: Sheet, block: StepBlock) -> list[str]:
     sheet.draw_leader(
         (x, y - 0.75 * half_width),
         (x + sizes.half_length + 10.0, y - 17.0),
-        "working edge, detail A",
+        "working edge, detail D",
     )
     _draw_step_detail(sheet, block)
     lines = [
@@ -50,7 +50,10 @@ def draw_step_block_views(sheet: Sheet, block: StepBlock) -> list[str]:
         _draw_feature(sheet, feature, sizes)
         _draw_feature_detail(sheet, block, feature)
         number = sheet.listed[feature.depth_key].number
-        lines.append(f"{feature.kind.capitalize()} ({number}): ISO 5436-1 type A1.")
+        measured = f"{feature.kind.capitalize()} ({number}): ISO 5436-1 type A1."
+        lines.append(f"{measured} {_describe_sharp_edges(block)}")
+    else:
+        lines.append(_describe_sharp_edges(block))
     lines.append("Root of the riser: fillet or undercut up to the height of the step is allowed.")
     lines.append("Every part is accepted by ISO 14253-1, Ra by its largest value (ISO 21920-3).")
     return lines
@@ -67,10 +70,20 @@ def draw_margin_block_views(sheet: Sheet, margin: MarginBlock) -> list[str]:
     sheet.draw_leader(
         (x, y + 0.3 * half_width),
         (x + sizes.half_length + 20.0, y + 0.4 * half_width),
-        "margin, detail A",
+        "margin, detail D",
     )
     _draw_margin_detail(sheet, margin)
-    return ["Edges of the margin without burr; do not break them."]
+    return ["Edges of the margin and letters: do not break them."]
+
+
+def _describe_sharp_edges(block: StepBlock) -> str:
+    """Say which edges the edge break leaves alone."""
+    kept = ["working edge"]
+    if block.metrology is not None:
+        kept.append(block.metrology.kind)
+    if block.body.engraving is not None:
+        kept.append("letters")
+    return f"Not broken: {', '.join(kept)}."
 
 
 def _draw_feature(sheet: Sheet, feature: MetrologyFeature, sizes: BodyOnPaper) -> None:
@@ -97,7 +110,7 @@ def _draw_feature(sheet: Sheet, feature: MetrologyFeature, sizes: BodyOnPaper) -
         upright=True,
     )
     tip = (x + far, y + low + 2.0)
-    sheet.draw_leader(tip, (right + 6.0, y + low + 6.0), f"{feature.kind}, detail B")
+    sheet.draw_leader(tip, (right + 6.0, y + low + 6.0), f"{feature.kind}, detail E")
 
 
 def _caption_detail(sheet: Sheet, place: Point, caption: str) -> None:
@@ -140,7 +153,7 @@ class _StepOnPaper:
 
 
 def _draw_step_detail(sheet: Sheet, block: StepBlock) -> None:
-    """Draw detail A: the step, heights exaggerated, with all that is asked of faces and edge."""
+    """Draw detail D: the step, heights exaggerated, with all that is asked of faces and edge."""
     step = _StepOnPaper.of(block)
     x, lower = _DETAIL
     top = step.top
@@ -164,11 +177,18 @@ def _draw_step_detail(sheet: Sheet, block: StepBlock) -> None:
     if "riser_angle" in sheet.listed:
         _draw_riser_demands(sheet, top)
     _draw_face_demands(sheet, top)
-    caption = (
-        f"A   lengths {format_scale(length_scale)}, heights {format_scale(height_scale)} "
-        f"(heights exaggerated {height_scale / length_scale:g} times)"
-    )
+    caption = f"D   {_describe_scales(sheet, length_scale, height_scale)}"
+    if not sheet.letters:
+        caption += f" (heights exaggerated {height_scale / length_scale:g} times)"
     _caption_detail(sheet, (x, lower - 33.0), caption)
+
+
+def _describe_scales(sheet: Sheet, length_scale: float, height_scale: float) -> str:
+    """Write the scales of a detail; the heights of a series are drawn to none."""
+    lengths = f"lengths {format_scale(length_scale)}"
+    if sheet.letters:
+        return f"{lengths}, heights H not to scale"
+    return f"{lengths}, heights {format_scale(height_scale)}"
 
 
 def _draw_edge_states(sheet: Sheet, block: StepBlock, step: _StepOnPaper) -> None:
@@ -215,7 +235,7 @@ def _draw_face_demands(sheet: Sheet, top: float) -> None:
 
 
 def _draw_feature_detail(sheet: Sheet, block: StepBlock, feature: MetrologyFeature) -> None:
-    """Draw detail B: groove or ridge in section, heights exaggerated."""
+    """Draw detail E: groove or ridge in section, heights exaggerated."""
     x, low = _GROOVE_DETAIL
     height = block.height.nominal
     width = feature.width.nominal
@@ -252,7 +272,7 @@ def _draw_feature_detail(sheet: Sheet, block: StepBlock, feature: MetrologyFeatu
     sheet.draw_dimension(
         f"{feature.kind}_width", (x - half, top), (x + half, top), (x, top + 8.0), length_scale
     )
-    caption = f"B   lengths {format_scale(length_scale)}, heights {format_scale(height_scale)}"
+    caption = f"E   {_describe_scales(sheet, length_scale, height_scale)}"
     _caption_detail(sheet, (x, low - 33.0), caption)
 
 
@@ -291,7 +311,7 @@ class _MarginOnPaper:
 
 
 def _draw_margin_detail(sheet: Sheet, margin: MarginBlock) -> None:
-    """Draw detail A: tooth, gap and crown in section, with all that is asked of them."""
+    """Draw detail D: tooth, gap and crown in section, with all that is asked of them."""
     detail = _MarginOnPaper.of(margin)
     x, tooth = detail.view.origin
     scale = detail.view.scale
@@ -321,7 +341,7 @@ def _draw_margin_detail(sheet: Sheet, margin: MarginBlock) -> None:
         (x - 24.0, detail.floor + 8.0),
         "depth {}",
     )
-    _caption_detail(sheet, (x - 50.0, detail.floor - 8.0), f"A   {format_scale(scale)}")
+    _caption_detail(sheet, (x - 50.0, detail.floor - 8.0), f"D   {format_scale(scale)}")
 
 
 def _draw_margin_outline(sheet: Sheet, detail: _MarginOnPaper) -> None:

@@ -89,7 +89,7 @@ def _draw_front(sheet: Sheet, body: Body, sizes: BodyOnPaper, identity: str) -> 
         "edge_break",
         (left + 0.5 * edge_break, upper - 0.5 * edge_break),
         (left + 6.0, upper + 7.0),
-        "{} x 45°, all other edges",
+        "{} x 45°, outer edges",
     )
     sheet.draw_datum((right - 14.0, base), "B")
     frame = sheet.draw_tolerance_frame("flatness_base", (right + 6.0, base - 12.0))

@@ -137,7 +137,7 @@ def _draw_margin(sheet: Sheet, crown: CrownOnTooth, sections: Iterable[list[Poin
     sheet.write_text((x - _WINDOW + 3.0, y + _WINDOW - 7.0), "crown")
     corner = (x - _WINDOW, y - _WINDOW)
     sheet.draw_rectangle(corner, (x + _WINDOW, y + _WINDOW), Layer.DIMENSION)
-    caption = f"A   margin {format_scale(scale)}"
+    caption = f"D   margin {format_scale(scale)}"
     sheet.write_text((x, y - _WINDOW - 7.0), caption, alignment=Alignment.BOTTOM_CENTER)
 
 

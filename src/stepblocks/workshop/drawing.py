@@ -10,6 +10,7 @@ from typing import Any
 from stepblocks.parts.apparatus.declared import Apparatus
 from stepblocks.parts.apparatus.layout import list_components
 from stepblocks.parts.conditions import NO_ORDER, OrderSpec
+from stepblocks.parts.gauge_pair import GaugePair
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
 from stepblocks.parts.kinds.kit_part import KitPart
@@ -20,9 +21,12 @@ from stepblocks.parts.kinds.tips import HookTip, StraightTip
 from stepblocks.parts.on_paper import describe_default_demands, format_limits
 from stepblocks.workshop.blocks import draw_margin_block_views, draw_step_block_views
 from stepblocks.workshop.crown_views import draw_crown_views
+from stepblocks.workshop.gauge_reach import judge_assembly
+from stepblocks.workshop.gauge_views import draw_gauge_assembly_views
 from stepblocks.workshop.kit_views import draw_assembly_views, draw_kit_part_views
 from stepblocks.workshop.paper import Point, use_decimal_comma
 from stepblocks.workshop.rendering import FORMATS, write_sheet
+from stepblocks.workshop.routes import Route
 from stepblocks.workshop.sheet import Note, Sheet
 from stepblocks.workshop.title_block import TITLE_BLOCK_TOP, draw_border
 from stepblocks.workshop.turned import (
@@ -125,6 +129,47 @@ def write_assembly_drawing(folder: Path, kit: Apparatus, order: OrderSpec) -> li
     return write_sheet(folder, f"{kit.id}.assembly", FORMATS, draw)
 
 
+def write_gauge_drawing(
+    folder: Path, block: StepBlock, pair: GaugePair, route: Route, order: OrderSpec
+) -> list[Path]:
+    """Draw the step of a block as it is wrung together from two gauge blocks on a base.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the files go.
+    block : StepBlock
+        The block in one piece.
+    pair : GaugePair
+        Gauge blocks whose difference is its height.
+    route : Route
+        The route of this pair.
+    order : OrderSpec
+        What the title block says of the order.
+
+    Returns
+    -------
+    list of Path
+        ``<id>.gauge.dxf``, ``.svg`` and ``.pdf``.
+    """
+    judged = list(judge_assembly(block, pair, route))
+
+    def draw() -> Sheet:
+        sheet = Sheet(block.characteristics())
+        draw_gauge_assembly_views(sheet, block, pair, judged)
+        fields = {
+            "identity": f"{block.id.upper()}, from gauge blocks",
+            "material": block.material.order_text,
+            "mass": "-",
+            **_list_order_fields(order),
+            "quantity": str(order.count_parts(block.id)),
+        }
+        draw_border(sheet, "Step from two gauge blocks, assembly drawing", fields)
+        return sheet
+
+    return write_sheet(folder, f"{block.id}.gauge", FORMATS, draw)
+
+
 def draw_part_sheet(
     part: Part, order: OrderSpec = NO_ORDER, series: SeriesSheet | None = None
 ) -> Sheet:
@@ -140,14 +185,12 @@ def draw_part_sheet(
         fields |= _list_series_fields(series, order)
         _tabulate_heights(sheet, series.blocks)
     remarks = _draw_views(sheet, part)
-    notes = _state_undrawn(sheet)
+    notes = _state_undrawn(sheet, part)
     if part.has_working_faces:
         sheet.draw_general_texture(_TEXTURE_FOOT)
         defaults = describe_default_demands(part)
         if defaults:
             remarks.append(defaults)
-    elif part.governing_field:
-        remarks.append(_describe_contact_roughness(part))
     notes += [Note(remark) for remark in remarks]
     _write_notes(sheet, notes)
     draw_border(sheet, f"{part.title}, part drawing", fields)
@@ -166,6 +209,7 @@ def _list_fields(part: Part, order: OrderSpec) -> dict[str, str]:
         "material": part.material.order_text,
         "mass": mass,
         **_list_order_fields(order),
+        "quantity": str(order.count_parts(part.id)),
     }
 
 
@@ -210,13 +254,16 @@ def _draw_views(sheet: Sheet, part: Part) -> list[str]:
     return []
 
 
-def _state_undrawn(sheet: Sheet) -> list[Note]:
+def _state_undrawn(sheet: Sheet, part: Part) -> list[Note]:
     """State in words, with its number, each characteristic that no view shows."""
     notes = []
     for key, listed in sheet.listed.items():
         if listed.number not in sheet.numbers:
             label = use_decimal_comma(listed.characteristic.label)
-            notes.append(Note(f"{listed.number}  {label}: {sheet.format_limits(key)}", key))
+            text = f"{label}: {sheet.format_limits(key)}"
+            if key == "roughness":
+                text = f"{label}: {_describe_contact_roughness(part)}"
+            notes.append(Note(f"{listed.number}  {text}", key))
     return notes
 
 
@@ -224,9 +271,7 @@ def _describe_contact_roughness(part: Part) -> str:
     """Say which roughness the surface has that a tip touches."""
     governing = part.governing_field.replace("_", " ")
     roughness = use_decimal_comma(f"{part.face_demands['roughness'].upper * 1e6:.2f}")
-    return (
-        f"Ra {roughness} µm or better where a tip touches, from the tolerance of the {governing}."
-    )
+    return f"Ra {roughness} µm or better, from the tolerance of the {governing}"
 
 
 def _write_notes(sheet: Sheet, notes: Sequence[Note]) -> None:

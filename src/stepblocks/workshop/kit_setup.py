@@ -16,12 +16,12 @@ from stepblocks.parts.kinds.kit_part import KitPart
 from stepblocks.parts.on_paper import format_millimetres
 from stepblocks.parts.tolerance import GUARD_FACTOR
 from stepblocks.workshop.setup import (
-    PROBE,
     ProbedLine,
     format_accepted,
     format_demand,
     is_proved_by_probe,
 )
+from stepblocks.workshop.setup_limits import PROBE
 
 _SAME = 1e-9  # coordinates that differ by less are one [m]
 _MM = 1e3  # millimetres of a metre

@@ -1,11 +1,14 @@
 """Views of the parts of the apparatus, and of the assembly, in first-angle projection."""
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from stepblocks.parts.apparatus.component import Component
 from stepblocks.parts.apparatus.solids import Box, Cylinder
 from stepblocks.parts.kinds.kit_part import KitPart
+from stepblocks.parts.lettering import compute_text_width
+from stepblocks.workshop.free_places import Circle, DrawnLines, Rectangle
 from stepblocks.workshop.paper import (
     MILLIMETRES_PER_METRE,
     Alignment,
@@ -14,6 +17,7 @@ from stepblocks.workshop.paper import (
     Point,
     choose_scale,
     format_scale,
+    use_decimal_comma,
 )
 from stepblocks.workshop.sheet import Sheet
 
@@ -23,9 +27,10 @@ _FOOT = 36.0
 _ROOM: Point = (178.0, 236.0)  # for the views of a part
 _GAP = 26.0  # between views
 _DIMENSION_OFFSET = 11.0  # of a dimension line from its view
-_CAPTION_OFFSET = 4.5
+_CAPTION_OFFSET = 2.5
+_CAPTION_HEIGHT = 2.0
 _LABEL_HEIGHT = 1.8
-_LABEL_OFFSET = 0.6
+_LABEL_MARGIN = 12.0  # by which a label may stand beyond its view
 _ASSEMBLY_LEFT = 30.0
 _ASSEMBLY_FOOT = 22.0
 _ASSEMBLY_ROOM: Point = (382.0, 240.0)
@@ -35,6 +40,7 @@ _ROW_SPACING = 6.8  # from number to number over and under the assembly
 _ROW_OFFSET = 9.0  # of their rows from what is numbered
 _ROW_TEXT = 1.8  # of the numbers from the ends of their leaders
 _DOT = 0.4  # radius of the end of a leader
+_ARC_STEPS = 24  # of a half circle
 _SAME = 1e-9  # coordinates that differ by less are one [m]
 
 
@@ -108,9 +114,8 @@ def draw_kit_part_views(sheet: Sheet, part: KitPart) -> list[str]:
         notes.append("B1 stands at bore 1, B2 at bore 2, and so on.")
     threads = sorted({bore.thread for bore in component.bores if bore.thread})
     if threads:
-        notes.append(
-            f"Threads {', '.join(threads)}-6H, tapped where a bore is said to be for them."
-        )
+        named = use_decimal_comma(", ".join(threads))
+        notes.append(f"Threads {named}, 6H, tapped where a bore is said to be for them.")
     return notes
 
 
@@ -131,7 +136,7 @@ def draw_assembly_views(paper: Paper, components: Sequence[Component]) -> None:
     rows = [("item", "name", "material, or what it is ordered by")]
     for number, component in enumerate(components, start=1):
         ordered = component.designation or component.material.order_text
-        rows.append((str(number), component.title, ordered))
+        rows.append((str(number), component.title, use_decimal_comma(ordered)))
     paper.write_table(_LIST_CORNER, rows, _LIST_WIDTHS)
 
 
@@ -249,30 +254,83 @@ def _covers(box: Box, solid: Box, direction: _Direction) -> bool:
 
 
 def _draw_box(paper: Paper, view: _PlacedView, box: Box, layer: Layer) -> None:
-    direction = view.direction
-    low = view.place(box.low[direction.across], box.low[direction.up])
-    high = view.place(box.high[direction.across], box.high[direction.up])
-    paper.draw_rectangle(low, high, layer)
+    outline = _trace_box(view, box)
+    paper.draw_rectangle(outline.low, outline.high, layer)
 
 
 def _draw_cylinder(paper: Paper, view: _PlacedView, cylinder: Cylinder, layer: Layer) -> None:
     """Draw a cylinder as a circle where the view looks along it, else as a rectangle."""
     direction = view.direction
     if cylinder.along != direction.out:
-        _draw_box(paper, view, cylinder.box, layer)
+        _draw_box(paper, view, cylinder.inner_box, layer)
         return
-    centre = view.place(cylinder.start[direction.across], cylinder.start[direction.up])
-    paper.draw_circle(centre, view.measure(0.5 * cylinder.diameter), layer)
+    if cylinder.inward is not None:
+        paper.draw_polyline(_list_half_circle(view, cylinder), layer)
+        return
+    circle = _trace_circle(view, cylinder)
+    paper.draw_circle(circle.centre, circle.radius, layer)
+
+
+def _list_half_circle(view: _PlacedView, cylinder: Cylinder) -> list[Point]:
+    """List points of the half of a bore that lies in the part, on the paper."""
+    direction = view.direction
+    inward = cylinder.inward or (0.0, 0.0, 0.0)
+    middle = math.atan2(inward[direction.up], inward[direction.across])
+    radius = 0.5 * cylinder.diameter
+    points = []
+    for number in range(_ARC_STEPS + 1):
+        angle = middle + math.pi * (number / _ARC_STEPS - 0.5)
+        x = cylinder.start[direction.across] + radius * math.cos(angle)
+        y = cylinder.start[direction.up] + radius * math.sin(angle)
+        points.append(view.place(x, y))
+    return points
 
 
 def _label_cylinders(sheet: Sheet, view: _PlacedView, component: Component) -> None:
-    """Write the number of each rod and bore where the view looks along it."""
+    """Write the number of each rod and bore where the view looks along it, on no line."""
+    lines = _list_lines(view, component)
     for text, cylinder in _list_labelled(component):
         if cylinder.along != view.direction.out:
             continue
-        x, y = view.place(cylinder.start[view.direction.across], cylinder.start[view.direction.up])
-        offset = view.measure(0.5 * cylinder.diameter) + _LABEL_OFFSET
-        sheet.write_text((x, y + offset), text, _LABEL_HEIGHT, Alignment.BOTTOM_CENTER)
+        width = compute_text_width(text, _LABEL_HEIGHT)
+        place = lines.place_beside(_trace_circle(view, cylinder), width, _LABEL_HEIGHT)
+        sheet.write_text(place, text, _LABEL_HEIGHT, Alignment.MIDDLE_CENTER)
+
+
+def _list_lines(view: _PlacedView, component: Component) -> DrawnLines:
+    """List what a view shows of a component; its texts stand over and right of its lower left."""
+    outline = _trace_box(view, view.extent)
+    low_x, low_y = outline.low
+    high_x, high_y = outline.high
+    margin = _LABEL_MARGIN
+    area = Rectangle((low_x - 1.0, low_y - 1.0), (high_x + margin, high_y + margin))
+    left, lower = _find_caption_place(view)
+    width = compute_text_width(_word_caption(view), _CAPTION_HEIGHT)
+    caption = Rectangle((left, lower), (left + width, lower + _CAPTION_HEIGHT))
+    lines = DrawnLines(area, texts=[caption])
+    lines.outlines = [_trace_box(view, box) for box in component.boxes]
+    for cylinder in (*component.rods, *component.bores):
+        if cylinder.along == view.direction.out:
+            lines.circles.append(_trace_circle(view, cylinder))
+        else:
+            lines.outlines.append(_trace_box(view, cylinder.inner_box))
+    return lines
+
+
+def _trace_box(view: _PlacedView, box: Box) -> Rectangle:
+    """Return the outline of a box on the paper."""
+    direction = view.direction
+    first = view.place(box.low[direction.across], box.low[direction.up])
+    second = view.place(box.high[direction.across], box.high[direction.up])
+    (first_x, lower), (second_x, upper) = first, second
+    return Rectangle((min(first_x, second_x), lower), (max(first_x, second_x), upper))
+
+
+def _trace_circle(view: _PlacedView, cylinder: Cylinder) -> Circle:
+    """Return the circle of a cylinder that a view looks along."""
+    direction = view.direction
+    centre = view.place(cylinder.start[direction.across], cylinder.start[direction.up])
+    return Circle(centre, view.measure(0.5 * cylinder.diameter))
 
 
 def _list_labelled(component: Component) -> Iterator[tuple[str, Cylinder]]:
@@ -284,10 +342,21 @@ def _list_labelled(component: Component) -> Iterator[tuple[str, Cylinder]]:
 
 
 def _caption(paper: Paper, view: _PlacedView) -> None:
-    """Write name and scale of a view under it."""
-    x, y = view.corner
-    caption = f"{view.direction.name} {format_scale(view.scale)}"
-    paper.write_text((x, y - _CAPTION_OFFSET), caption, 2.0)
+    """Write name and scale of a view over it."""
+    paper.write_text(_find_caption_place(view), _word_caption(view), _CAPTION_HEIGHT)
+
+
+def _find_caption_place(view: _PlacedView) -> Point:
+    """Find where the caption of a view begins."""
+    outline = _trace_box(view, view.extent)
+    left, _ = outline.low
+    _, upper = outline.high
+    return left, upper + _CAPTION_OFFSET
+
+
+def _word_caption(view: _PlacedView) -> str:
+    """Word the caption of a view."""
+    return f"{view.direction.name} {format_scale(view.scale)}"
 
 
 def _draw_overall_dimensions(sheet: Sheet, views: Sequence[_PlacedView]) -> None:

@@ -4,6 +4,7 @@ import math
 import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
+from enum import Enum
 from functools import cache
 from importlib.resources import files
 from statistics import NormalDist
@@ -16,6 +17,7 @@ from stepblocks.errors import MachiningError
 from stepblocks.parts.declared import Sourced, Table, make_sourced_validator
 from stepblocks.parts.gauge_pair import GaugePair, find_pair
 from stepblocks.parts.kinds.step_block import StepBlock
+from stepblocks.parts.material import Family
 
 _Length = Annotated[Sourced, make_sourced_validator("length")]
 _Ratio = Annotated[Sourced, make_sourced_validator("ratio")]
@@ -26,13 +28,30 @@ ONE_PIECE = "one piece"  # process whose deviation is the capability of the work
 GAUGE_BLOCKS = "gauge blocks"  # process whose deviation is that of ISO 3650
 _GRADES = ("2", "1", "0", "K")  # from the cheapest
 _RMS_OVER_MEAN = 1.25  # Rq over Ra of normally distributed heights
+_EXACT = 1e-12  # rounding within which a deviation is its limit [m]
+_WITHOUT_FIGURES = (  # characteristics at the step that no process states
+    "flatness_lower",
+    "flatness_upper",
+    "parallelism",
+    "riser_angle",
+    "riser_straightness",
+)
 _TOUCHED_FACES = 2  # whose roughness adds to the height
+
+
+class Reach(Enum):
+    """Whether a way of making leaves every characteristic as drawn, in the part's material."""
+
+    YES = "yes"
+    NO = "no"
+    UNKNOWN = "not known"
 
 
 class Process(Table):
     """What a way of making steps leaves; deviations are half-widths, each with its source."""
 
     name: str
+    materials: tuple[Family, ...]  # in which it leaves its part
     note: str = ""  # what it takes
     height: _Length = _NO_LENGTH  # deviation of the height; of the first two it is worked out
     share: _Ratio = _NO_SHARE  # the same as a share of the height
@@ -55,11 +74,17 @@ class Route:
     note: str  # what it takes
     felt: Interval  # E_v [J] with the edge that it leaves
     conforming: float  # share of the blocks with height, edge radius and burr within limits [1]
+    missed: tuple[str, ...]  # what it does not leave as drawn: ``"material"``, ``"burr"``
+    unknown: tuple[str, ...]  # characteristics of the faces for which it has no figures
 
     @property
-    def reaches(self) -> bool:
-        """Whether the height stays within its tolerance."""
-        return self.deviation <= self.tolerance
+    def reach(self) -> Reach:
+        """Whether it leaves every characteristic as drawn, in the material of the part."""
+        if self.missed:
+            return Reach.NO
+        if self.unknown:
+            return Reach.UNKNOWN
+        return Reach.YES
 
 
 @dataclass(frozen=True)
@@ -171,13 +196,47 @@ def _make_route(block: StepBlock, variant: _Variant, point: OperatingPoint) -> R
         note=variant.note,
         felt=estimate_interval(step, point, felt_std),
         conforming=_compute_conforming_share(block, process, std),
+        missed=tuple(_list_missed(block, variant)),
+        unknown=tuple(_list_unknown(block)),
     )
+
+
+def _list_missed(block: StepBlock, variant: _Variant) -> Iterator[str]:
+    """List what the largest deviations of a route put outside its limits, the material first."""
+    process = variant.process
+    family = block.material.family
+    if family is not None and family not in process.materials:
+        yield "material"
+    if process.name == GAUGE_BLOCKS and block.metrology is not None:
+        yield block.metrology.kind
+    if variant.deviation > min(block.height.upper, -block.height.lower) + _EXACT:
+        yield "height"
+    least, largest = block.edge_radius.limits
+    radius = process.edge_radius.value
+    spread = process.edge_spread.value
+    too_sharp = least > 0.0 and radius - spread < least - _EXACT
+    if too_sharp or radius + spread > largest + _EXACT:
+        yield "edge radius"
+    demands = block.face_demands
+    if process.burr.value + process.burr_spread.value > demands["burr"].upper + _EXACT:
+        yield "burr"
+    if process.roughness.value > demands["roughness"].upper + _EXACT:
+        yield "roughness"
+
+
+def _list_unknown(block: StepBlock) -> Iterator[str]:
+    """List what is asked of the step and its faces, and of which no route has figures."""
+    if block.material.family is None:
+        yield "material"
+    for characteristic in block.characteristics():
+        if characteristic.key in _WITHOUT_FIGURES:
+            yield characteristic.label
 
 
 def _compute_conforming_share(block: StepBlock, process: Process, std: dict[str, float]) -> float:
     """Compute the share of blocks whose height, edge radius and burr are within their limits.
 
-    A burr may stand as high as the upper deviation of the height. `std` are standard deviations
+    `std` are standard deviations
     of height, edge radius and burr [m].
     """
     height = block.height
@@ -188,7 +247,9 @@ def _compute_conforming_share(block: StepBlock, process: Process, std: dict[str,
     share *= _compute_share(
         process.edge_radius.value, std["edge_radius"], least_radius, largest_radius
     )
-    share *= _compute_share(process.burr.value, std["burr"], -math.inf, height.upper)
+    share *= _compute_share(
+        process.burr.value, std["burr"], -math.inf, block.face_demands["burr"].upper
+    )
     return share
 
 
@@ -224,6 +285,9 @@ def make_route_row(name: str, route: Route) -> dict[str, object]:
         "energy_95_high_uj": felt.energy_high * 1e6,
         "held_share": felt.held_probability,
         "conforming_share": route.conforming,
+        "reaches": route.reach.value,
+        "missed": "; ".join(route.missed),
+        "not_known": "; ".join(route.unknown),
         "note": route.note,
         "sources": "; ".join(_list_sources(process)),
     }

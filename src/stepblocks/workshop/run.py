@@ -1,6 +1,6 @@
 """Everything a workshop gets besides the STEP file: drawings, sheets, routes."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -19,14 +19,23 @@ from stepblocks.parts.body import Block
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.gauge_pair import GaugePair, choose_pair
 from stepblocks.parts.kind import Part
+from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
 from stepblocks.parts.kinds.kit_part import KitPart
+from stepblocks.parts.kinds.sheath import Sheath
 from stepblocks.parts.kinds.step_block import StepBlock
+from stepblocks.parts.kinds.tips import Tip
 from stepblocks.parts.material import MATERIALS
 from stepblocks.parts.on_paper import make_sheet_table
 from stepblocks.parts.tolerance import GUARD_FACTOR
 from stepblocks.quantities import parse_quantity
 from stepblocks.records.qif import write_qif
-from stepblocks.workshop.drawing import write_drawing, write_series_drawing
+from stepblocks.workshop.bundle import OrderedPart, write_bundle
+from stepblocks.workshop.drawing import (
+    write_drawing,
+    write_gauge_drawing,
+    write_series_drawing,
+)
+from stepblocks.workshop.gauge_reach import explain_missing_gauge_drawing, find_gauge_route
 from stepblocks.workshop.kit import find_kits, write_kit
 from stepblocks.workshop.kit_setup import write_kit_setup
 from stepblocks.workshop.masks import SILICON, load_gdstk, write_masks
@@ -38,6 +47,7 @@ _SHOWN_COLUMNS = (
     "route",
     "reaches",
     "conforming_share",
+    "missed",
     "energy_uj",
     "energy_95_low_uj",
     "energy_95_high_uj",
@@ -46,6 +56,12 @@ _SHOWN_COLUMNS = (
     "status",
     "note",
 )
+# why a kind has no setup sheet and no routes
+_MADE_ELSEWHERE: Mapping[type, str] = {
+    Tip: "shank, cone and ball are ground in one chucking, as the maker of tips has it set up",
+    Sheath: "it is turned and bored in one chucking",
+    CrownOnTooth: "a dental workshop mills tooth and crown from the STEP file",
+}
 GROUND = "2 um"  # deviation of a height in one piece that is ground, not lapped
 
 
@@ -62,7 +78,8 @@ class PartOrder:
     routes : tuple of Route
         Ways to make a step block; empty for other parts.
     note : str
-        Which block of the set has the same sizes.
+        Which block of the set has the same sizes, and why a part has no setup sheet or routes, or
+        a step block no gauge-block drawing.
     """
 
     name: str
@@ -103,7 +120,8 @@ def order_parts(
     -------
     list of PartOrder
         One of each part, one of each series of blocks that differ in height only, one of each kit
-        of the apparatus, and one of the masks of each set.
+        of the apparatus, one of the parts list and the archive for a quotation of each whole set,
+        and one of the masks of each set.
 
     Raises
     ------
@@ -133,6 +151,8 @@ def order_parts(
                 orders.append(_order_series(series, output, stimuli))
             for kit in find_kits(parts):
                 orders.append(_order_kit(kit, output, stimuli))
+            if only is None:  # a part of a set is no order of it
+                orders.append(_order_bundle(parts, output, stimuli))
             etched = _find_etched(parts)
             if masks and etched:
                 orders.append(_order_masks(etched, output, stimuli))
@@ -189,6 +209,15 @@ def _order_series(series: Sequence[StepBlock], output: Path, stimuli: StimulusSe
     return PartOrder(f"{stimuli.name}/series", tuple(drawings), ())
 
 
+def _order_bundle(parts: Sequence[Part], output: Path, stimuli: StimulusSet) -> PartOrder:
+    """Write the parts list of a set, and the archive of its papers."""
+    folder = _make_folder(output, stimuli.name)
+    alike = stimuli.describe_alike()
+    ordered = [OrderedPart(part, folder / part.id, alike.get(part.id, "")) for part in parts]
+    written = write_bundle(folder, stimuli, ordered)
+    return PartOrder(f"{stimuli.name}/quotation", tuple(written), ())
+
+
 def _order_kit(kit: Apparatus, output: Path, stimuli: StimulusSet) -> PartOrder:
     """Write what a kit has beside its parts: assembly, lists, loads and pictures."""
     folder = _make_folder(output, stimuli.name)
@@ -217,6 +246,7 @@ def _order_part(part: Part, output: Path, capability: float, stimuli: StimulusSe
     written.append(plan)
     routes: list[Route] = []
     pair: GaugePair | None = None
+    missing_drawing = ""
     if isinstance(part, StepBlock):
         routes = find_routes(part, capability, stimuli.prediction.first_point())
         written.append(_write_routes(folder, part, name, routes))
@@ -226,13 +256,36 @@ def _order_part(part: Part, output: Path, capability: float, stimuli: StimulusSe
             assembly = folder / f"{part.id}.gauge.step"
             write_gauge_assembly(assembly, part, pair)
             written.append(assembly)
+        missing_drawing = explain_missing_gauge_drawing(part, pair)
+        if pair is not None and not missing_drawing:
+            route = find_gauge_route(routes, pair)
+            written += write_gauge_drawing(folder, part, pair, route, stimuli.order)
     if isinstance(part, Block):
         written += write_setup(folder, part, routes, pair)
     elif isinstance(part, KitPart):
         written += write_kit_setup(folder, part)
     written += _write_inspection_sheet(folder, part, stimuli.order)
-    note = stimuli.describe_alike().get(part.id, "")
+    notes = [
+        stimuli.describe_alike().get(part.id, ""),
+        _describe_missing_papers(part),
+        missing_drawing,
+    ]
+    note = "; ".join(text for text in notes if text)
     return PartOrder(name, tuple(written), tuple(routes), note)
+
+
+def _describe_missing_papers(part: Part) -> str:
+    """Say why a part has no setup sheet or no routes; empty where it has both."""
+    if isinstance(part, StepBlock):
+        return ""
+    if isinstance(part, Block):
+        return "no routes: nobody publishes what a way of making leaves at a gap"
+    if isinstance(part, KitPart):
+        return ""
+    for kind, way in _MADE_ELSEWHERE.items():
+        if isinstance(part, kind):
+            return f"no setup sheet and no routes: {way}"
+    return "no setup sheet and no routes: they are for blocks alone"
 
 
 def _write_routes(folder: Path, block: StepBlock, name: str, routes: Sequence[Route]) -> Path:
@@ -267,6 +320,5 @@ def tabulate_routes(orders: Iterable[PartOrder]) -> list[dict[str, object]]:
     for order in orders:
         for route in order.routes:
             row = make_route_row(order.name, route)
-            row["reaches"] = "yes" if route.reaches else "no"
             rows.append({column: row[column] for column in _SHOWN_COLUMNS})
     return rows

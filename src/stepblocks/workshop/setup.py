@@ -1,5 +1,6 @@
 """The setup and probing sheet of a bench block: stock, clamping, datums, limits."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,25 +24,34 @@ from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.on_paper import format_limits, format_millimetres, format_zone
 from stepblocks.parts.stock import build_stock, compute_stock
 from stepblocks.parts.tolerance import GUARD_FACTOR
-from stepblocks.workshop.routes import Route
+from stepblocks.workshop.routes import Reach, Route
+from stepblocks.workshop.setup_limits import (
+    GRINDING,
+    GUARD,
+    PROBE,
+    Allowances,
+    LeftDimension,
+    compute_allowances,
+    find_lapped,
+    list_left_dimensions,
+)
 
-# left on base and working faces after milling; it also takes what hardening warps [m]
-GRINDING = 0.3e-3
-# standard uncertainty of a length between two touches on the machine; assumed, state yours [m]
-PROBE = 2.5e-6
 # share of a tolerance that the guard bands may take; beyond it the machine can prove nothing
 _LARGEST_GUARD_SHARE = 0.25
-_SETUPS = {  # in which setup a characteristic can be probed
+# in which setup a characteristic is probed, where no later setup changes it
+_PROBED_IN = {
     "hole_spacing": 1,
-    "hole_depth": 1,
+    "hole_position": 1,
+    "hole_row": 1,
     "length": 2,
     "width": 2,
-    "hole_position": 2,
-    "hole_row": 2,
-    "edge_break": 2,
     "engraving_depth": 3,
-    "thickness": 4,
 }
+# after which setup a characteristic is measured off the machine; what an earlier one may leave
+# stands in the table of limits of the setups
+_DONE_AFTER = {"hole_depth": 6, "edge_break": 6, "thickness": 6}
+_ROUNDED = 1e-6  # limits of setups are whole numbers of it [m]
+_SAME = 1e-3  # share of it by which a limit may miss a whole number
 
 
 @dataclass(frozen=True)
@@ -53,6 +63,15 @@ class ProbedLine:
     limits: str
     place: str  # setup in which it is measured, or the method off the machine
     accepted: str  # what the machine accepts; ``-`` off the machine
+
+
+@dataclass(frozen=True)
+class LeftLine:
+    """A line of the table of what the setups leave, as texts."""
+
+    setup: str
+    label: str
+    accepted: str  # in millimetres; ``-`` where the drawing leaves nothing to work to
 
 
 def write_setup(
@@ -87,7 +106,9 @@ def write_setup(
 def _render_sheet(block: Block, routes: Sequence[Route], pair: GaugePair | None) -> str:
     """Render the setup sheet as HTML."""
     stock_sizes = _measure_stock(block)
-    thickness = block.body.thickness
+    allowances = compute_allowances(block)
+    left_dimensions = list_left_dimensions(block)
+    letters_middle = allowances.base + 0.5 * block.body.thickness.nominal
     base = None
     grade: Grade | None = None
     if pair is not None:
@@ -101,11 +122,16 @@ def _render_sheet(block: Block, routes: Sequence[Route], pair: GaugePair | None)
         stock=" x ".join(format_millimetres(size, 1) for size in stock_sizes),
         reached="; ".join(_list_reaching(routes)),
         tight=_find_tight_axes(block, stock_sizes),
-        finished=format_limits(thickness.nominal, thickness.lower, thickness.upper),
         rise=abs(block.rise) * 1e6,
         probed=_list_probed(block),
         burr=f"{block.face_demands['burr'].upper * 1e6:.3g} um",
-        left=f"{GRINDING * 1e3:g} mm left",
+        cut=f"{GRINDING * 1e3:g} mm",
+        allowances=allowances,
+        left_lines=_list_left(left_dimensions),
+        unproven=[line.label for line in left_dimensions if line.accepted is None],
+        countersink=_describe_countersink(block, allowances),
+        letters_middle=format_millimetres(letters_middle, 3),
+        lapped=format_millimetres(find_lapped(block).high, 3),
         probe=f"{PROBE * 1e6:g} um",
         guard=GUARD_FACTOR,
         has_gap=isinstance(block, MarginBlock),
@@ -125,10 +151,10 @@ def _measure_stock(block: Block) -> list[float]:
 
 
 def _list_reaching(routes: Sequence[Route]) -> list[str]:
-    """List the names of the routes that hold the tolerance of the height, each once."""
+    """List the names of the routes that leave every characteristic as drawn, each once."""
     names: list[str] = []
     for route in routes:
-        if route.reaches and route.name not in names:
+        if route.reach is Reach.YES and route.name not in names:
             names.append(route.name)
     return names
 
@@ -142,23 +168,56 @@ def _find_tight_axes(block: Block, stock_sizes: Sequence[float]) -> list[str]:
     return tight
 
 
+def _describe_countersink(block: Block, allowances: Allowances) -> str:
+    """Say how wide the holes are countersunk in the milled base, so that grinding leaves enough."""
+    mounting = block.body.mounting
+    if mounting is None or mounting.kind != "tapped":
+        return ""
+    diameter = mounting.entry_diameter + 2.0 * allowances.base
+    return f"{format_millimetres(diameter, 2)} mm"
+
+
+def _list_left(dimensions: Sequence[LeftDimension]) -> list[LeftLine]:
+    """List what the setups must leave, rounded into the limits [mm]."""
+    lines = []
+    for dimension in dimensions:
+        band = dimension.accepted
+        accepted = "-"
+        if band is not None:
+            low = format_millimetres(math.ceil(band.low / _ROUNDED - _SAME) * _ROUNDED, 3)
+            accepted = f"{low} or more"
+            if not dimension.is_least:
+                high = format_millimetres(math.floor(band.high / _ROUNDED + _SAME) * _ROUNDED, 3)
+                accepted = f"{low} to {high}"
+        lines.append(LeftLine(str(dimension.setup), dimension.label, accepted))
+    return lines
+
+
 def _list_probed(block: Block) -> list[ProbedLine]:
     """List where each characteristic is measured, and what the machine accepts."""
     lines = []
     for number, characteristic in enumerate(block.characteristics(), start=1):
-        place = f"off the machine: {characteristic.method}"
+        place = _describe_place(characteristic)
         accepted = "-"
         if _can_be_probed(characteristic):
-            place = f"setup {_SETUPS[characteristic.key]}"
+            place = f"setup {_PROBED_IN[characteristic.key]}"
             accepted = format_accepted(characteristic)
         limits = format_demand(characteristic)
         lines.append(ProbedLine(str(number), characteristic.label, limits, place, accepted))
     return lines
 
 
+def _describe_place(characteristic: Characteristic) -> str:
+    """Say where a characteristic is measured that the machine does not prove."""
+    place = f"off the machine: {characteristic.method}"
+    if characteristic.key in _DONE_AFTER:
+        return f"{place}, after setup {_DONE_AFTER[characteristic.key]}"
+    return place
+
+
 def _can_be_probed(characteristic: Characteristic) -> bool:
     """Tell whether the machine reaches a characteristic, and proves that it conforms."""
-    return characteristic.key in _SETUPS and is_proved_by_probe(characteristic)
+    return characteristic.key in _PROBED_IN and is_proved_by_probe(characteristic)
 
 
 def is_proved_by_probe(characteristic: Characteristic) -> bool:
@@ -166,7 +225,7 @@ def is_proved_by_probe(characteristic: Characteristic) -> bool:
     if characteristic.kind in (*FORM, "note"):
         return False
     tolerance = characteristic.upper - characteristic.lower
-    guard_bands = 2.0 * (GUARD_FACTOR * PROBE)
+    guard_bands = 2.0 * GUARD
     return guard_bands <= _LARGEST_GUARD_SHARE * tolerance
 
 
@@ -183,7 +242,6 @@ def format_demand(characteristic: Characteristic) -> str:
 
 def format_accepted(characteristic: Characteristic) -> str:
     """Write the limits within which a measured value conforms (ISO 14253-1) [mm]."""
-    guard = GUARD_FACTOR * PROBE
-    least = characteristic.nominal + characteristic.lower + guard
-    largest = characteristic.nominal + characteristic.upper - guard
+    least = characteristic.nominal + characteristic.lower + GUARD
+    largest = characteristic.nominal + characteristic.upper - GUARD
     return f"{format_millimetres(least, 3)} to {format_millimetres(largest, 3)}"

@@ -24,6 +24,7 @@ _SYMBOLS = {
     "parallelism": [[(1.8, 1.4), (3.4, 4.6)], [(3.6, 1.4), (5.2, 4.6)]],
     "note": [[(1.4, 3.0), (5.6, 3.0)]],
 }
+_RUNOUT_SYMBOL = [[(1.8, 1.2), (5.0, 4.8)], [(3.6, 4.3), (5.0, 4.8), (4.7, 3.3)]]
 _PREFIXES = {"diameter": "⌀", "radius": "R"}  # of a dimension's text, by kind
 _MEASUREMENT = "<>"  # what ezdxf replaces by the measured length
 _KEY_CODE = 1000  # group codes of extended data: a string and a whole number
@@ -285,7 +286,10 @@ class Sheet(Paper):
         self.draw_rectangle(corner, (right, y + height), Layer.FRAME)
         for divider in dividers:
             self.draw_line((divider, y), (divider, y + height), Layer.FRAME)
-        for stroke in _SYMBOLS[characteristic.kind]:
+        strokes = _SYMBOLS[characteristic.kind]
+        if key == "runout":
+            strokes = _RUNOUT_SYMBOL
+        for stroke in strokes:
             points = [(x + along, y + up) for along, up in stroke]
             self.draw_polyline(points, Layer.FRAME)
         zone_place = (x + cell + 0.5 * zone_cell, middle)
@@ -309,6 +313,16 @@ class Sheet(Paper):
         self.draw_line((x, y - 3.0), (x, y - 6.0), Layer.FRAME)
         self.draw_rectangle((x - 3.0, y - 12.0), (x + 3.0, y - 6.0), Layer.FRAME)
         self.write_text((x, y - 9.0), letter, 3.0, Alignment.MIDDLE_CENTER)
+
+    def draw_datum_above(self, tip: Point, letter: str) -> None:
+        """Draw a datum triangle on a face, with its letter in a box above."""
+        x, y = tip
+        left = (x - 1.8, y + 3.0)
+        right = (x + 1.8, y + 3.0)
+        self.space.add_solid([tip, left, right, right], dxfattribs={"layer": Layer.FRAME.value})
+        self.draw_line((x, y + 3.0), (x, y + 6.0), Layer.FRAME)
+        self.draw_rectangle((x - 3.0, y + 6.0), (x + 3.0, y + 12.0), Layer.FRAME)
+        self.write_text((x, y + 9.0), letter, 3.0, Alignment.MIDDLE_CENTER)
 
     def draw_texture(self, foot: Point, key: str, suffix: str = "") -> None:
         """Draw the symbol of a machined surface (ISO 21920-1) with its largest Ra [um]."""

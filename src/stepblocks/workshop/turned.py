@@ -61,8 +61,11 @@ def draw_straight_tip_views(sheet: Sheet, tip: StraightTip) -> list[str]:
         upright=True,
     )
     sheet.draw_dimension("length", view.origin, corner, (origin_x, lower - 12.0), view.scale)
+    datum_x, upper = view.place(0.75 * end, shank)
+    sheet.draw_datum_above((datum_x, upper), "A")
     _caption_side_view(sheet, view, -shank)
     _draw_ball(sheet, tip)
+    _draw_runout(sheet, tip)
     return []
 
 
@@ -185,7 +188,16 @@ def _draw_ball(sheet: Sheet, tip: Tip) -> None:
     flank_x, _ = flank
     sheet.lead_to_characteristic("cone_angle", flank, (flank_x + 6.0, y - 34.0), "{} included")
     caption = f"ball {format_scale(view.scale)}"
-    sheet.write_text((x - 20.0, y - 48.0), caption, alignment=Alignment.BOTTOM_CENTER)
+    sheet.write_text((x - 34.0, y - 50.0), caption, alignment=Alignment.BOTTOM_RIGHT)
+
+
+def _draw_runout(sheet: Sheet, tip: StraightTip) -> None:
+    """Draw the frame of the run-out below the enlarged ball, its arrow on the side of the ball."""
+    x, y = _BALL_VIEW
+    ball = tip.ball_radius.nominal * MILLIMETRES_PER_METRE
+    ball_on_paper = ball * choose_scale(_BALL_RADIUS / ball)
+    frame = sheet.draw_tolerance_frame("runout", (x - 12.0, y - 54.0), "A")
+    sheet.point_to((x - 40.0 + ball_on_paper, y - ball_on_paper), frame)
 
 
 def draw_sheath_views(sheet: Sheet, sheath: Sheath) -> list[str]:
@@ -206,9 +218,11 @@ def draw_sheath_views(sheet: Sheet, sheath: Sheath) -> list[str]:
     mass = use_decimal_comma(format_mass(sheath.mass))
     least = use_decimal_comma(format_mass(lightest))
     largest = use_decimal_comma(format_mass(heaviest))
+    roughness = use_decimal_comma(f"{sheath.face_demands['roughness'].upper * 1e6:.2f}")
     return [
         f"Mass {mass}, {least} to {largest} within the limits.",
         f"Weigh the made parts; a pair must agree within {MASS_MATCH:.0%}.",
+        f"Ra {roughness} µm or better in the bore, from its tolerance.",
     ]
 
 

@@ -98,10 +98,17 @@ class _ShapeFit:
     fitted: SeparableFit
     fall_time: float
 
-    def get_shape(self, place: int) -> Estimate:
-        """Return a nonlinear parameter, counted from the last one."""
-        index = self.fitted.shape.size + place
-        return Estimate(float(self.fitted.shape[index]), self.fitted.std(index))
+    def get_release(self) -> Estimate:
+        """Return the instant of the release, from the one that was stated [s]."""
+        return self._get_parameter(-3)
+
+    def get_frequency(self) -> Estimate:
+        """Return the frequency of the ring [Hz]."""
+        return self._get_parameter(-2)
+
+    def get_decay_time(self) -> Estimate:
+        """Return the decay time of the ring [s]."""
+        return self._get_parameter(-1)
 
     def get_slope(self) -> Estimate:
         """Return the slope of the ramp [N/s]."""
@@ -123,6 +130,11 @@ class _ShapeFit:
         if amplitude == 0.0:
             return Estimate(0.0, math.nan)
         return Estimate(amplitude, self._propagate([_COSINE, _SINE], parts / amplitude))
+
+    def _get_parameter(self, place: int) -> Estimate:
+        """Return a nonlinear parameter, counted from the last one."""
+        index = self.fitted.shape.size + place
+        return Estimate(float(self.fitted.shape[index]), self.fitted.std(index))
 
     def _propagate(self, places: list[int], slopes: Array) -> float:
         """Return the standard uncertainty of a sum of weights, each times its slope."""
@@ -279,17 +291,21 @@ def _average_shapes(fits: list[_ShapeFit], release: float) -> WholeRecord:
     odds = np.exp(-0.5 * (criteria - criteria.min()))
     shares = odds / odds.sum()
     best = fits[int(np.argmin(criteria))]
-    instant = _average([fit.get_shape(-3) for fit in fits], shares)
+
+    def average(estimate: Callable[[_ShapeFit], Estimate]) -> Estimate:
+        return _average([estimate(fit) for fit in fits], shares)
+
+    instant = average(_ShapeFit.get_release)
     return WholeRecord(
         shape=best.shape,
         probability=float(shares.max()),
         fall_time=best.fall_time,
-        peak_force=_average([fit.estimate_peak() for fit in fits], shares),
-        ring_amplitude=_average([fit.estimate_amplitude() for fit in fits], shares),
+        peak_force=average(_ShapeFit.estimate_peak),
+        ring_amplitude=average(_ShapeFit.estimate_amplitude),
         release_time=Estimate(release + instant.value, instant.std),
-        slope=_average([fit.get_slope() for fit in fits], shares),
-        frequency=_average([fit.get_shape(-2) for fit in fits], shares),
-        decay_time=_average([fit.get_shape(-1) for fit in fits], shares),
+        slope=average(_ShapeFit.get_slope),
+        frequency=average(_ShapeFit.get_frequency),
+        decay_time=average(_ShapeFit.get_decay_time),
         noise=float(np.sqrt(np.mean(best.fitted.residuals**2))),
     )
 

@@ -47,9 +47,9 @@ def read_columns(
     Returns
     -------
     dict
-        Each column, shape (n,), by its number in `names`, and the array ``increments`` of times
-        between two samples that the file states; or else ``fault`` and ``details`` of a
-        `TraceError`.
+        Each column, shape (n,), by its number in `names`; the array ``increments`` of times between
+        two samples that the file states; and ``notes``, what had to be found out. Or else ``fault``
+        and ``details`` of a `TraceError`.
     """
     row = None
     if place["row"] is not None:
@@ -96,6 +96,7 @@ def _read_columns(
         for number, name in enumerate(names):
             columns[str(number)] = _convert_samples(reader.read_column(group, name), name)
         columns["increments"] = _read_increments(reader, group, names)
+        columns["notes"] = reader.list_notes(group, names)
         return columns
 
 

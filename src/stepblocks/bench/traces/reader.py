@@ -31,8 +31,8 @@ class TextLayout:
         Lines before the header.
     is_named : bool
         Whether the first line names the columns.
-    missing : tuple of float, optional
-        Numbers that stand for a missing sample; by default those that stand out.
+    missing : tuple of float or str, optional
+        What stands for a missing sample; by default the numbers that stand out.
     """
 
     delimiter: str | None
@@ -40,7 +40,11 @@ class TextLayout:
     skip_lines: int
     is_named: bool
     encoding: str | None = None
-    missing: tuple[float, ...] | None = None
+    missing: tuple[float | str, ...] | None = None
+
+    def __post_init__(self) -> None:
+        if self.missing is not None:  # a list where it comes from JSON
+            object.__setattr__(self, "missing", tuple(self.missing))
 
 
 @dataclass(frozen=True)
@@ -85,6 +89,10 @@ class TraceReader(ABC, Generic[File, Group]):
     @abstractmethod
     def read_column(self, group: Group, name: str | int) -> ArrayLike:
         """Read one column by its name, or by its index from 0, in the units of the file."""
+
+    def list_notes(self, group: Group, names: Sequence[str | int]) -> list[str]:
+        """Say what had to be found out about the file to read these columns."""
+        return []
 
     def read_attributes(self, group: Group, names: Sequence[str | int]) -> Mapping[str, object]:
         """Return what the file says of a trial and its columns beside the samples."""

@@ -94,6 +94,7 @@ class Traces(ExitStack):
         self.session = session
         self._channels = session.acquisition.channels.pair_with_dimensions()
         self._layout = _describe_layout(session.acquisition)
+        self.notes: dict[str, None] = {}  # what had to be found out, in its order
         self._container: Path | None = None
         if not session.acquisition.per_trial:
             self._container = self._open_container()
@@ -196,6 +197,7 @@ class Traces(ExitStack):
             raise TraceError(FaultKind[found["fault"]], found["details"])
         if not names:
             return _RawColumns([], np.array([]))
+        self.notes |= dict.fromkeys(found["notes"])
         samples = [found[str(number)] for number in range(len(names))]
         return _RawColumns(samples, found["increments"])
 

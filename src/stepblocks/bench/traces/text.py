@@ -1,5 +1,6 @@
 """Traces in text: a CSV per trial."""
 
+from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
@@ -9,7 +10,8 @@ from stepblocks.bench.faults import FaultKind, TraceError
 from stepblocks.bench.signal import join_first
 from stepblocks.bench.traces.reader import TextLayout, TraceReader, TrialPlace
 from stepblocks.errors import BenchError
-from stepblocks.files.text_table import CellError, TableLayout, TextTable, read_text_table
+from stepblocks.files.layout import TableLayout
+from stepblocks.files.text_table import CellError, TableShape, TextTable, read_text_table
 
 
 class TextReader(TraceReader[TextTable, TextTable]):
@@ -17,17 +19,10 @@ class TextReader(TraceReader[TextTable, TextTable]):
 
     def open(self, path: Path, layout: TextLayout) -> AbstractContextManager[TextTable]:
         """Read the whole file."""
-        missing = None if layout.missing is None else tuple(layout.missing)
-        declared = TableLayout(
-            layout.delimiter,
-            layout.decimal,
-            layout.encoding,
-            layout.skip_lines,
-            has_header=layout.is_named,
-            missing=missing,
-        )
+        declared = TableLayout(layout.delimiter, layout.decimal, layout.encoding, layout.missing)
+        shape = TableShape(layout.skip_lines, has_header=layout.is_named)
         try:
-            table = read_text_table(path, declared, BenchError)
+            table = read_text_table(path, declared, BenchError, shape=shape)
         except BenchError as error:
             reason = str(error).replace(str(path), path.name)
             raise TraceError(FaultKind.UNREADABLE, reason) from error
@@ -55,6 +50,15 @@ class TextReader(TraceReader[TextTable, TextTable]):
             raise TraceError(
                 FaultKind.WITHOUT_HEADING, f"channel {name!r} {error} [{file}, {place}]"
             ) from error
+
+    def list_notes(self, group: TextTable, names: Sequence[str | int]) -> list[str]:
+        """Say what was found out about the text, and what stands for a missing sample."""
+        notes = list(group.notes)
+        for name in names:
+            index = _find_column(group, name)
+            if index is not None:
+                notes += filter(None, [group.read_numbers(index).describe(str(name))])
+        return notes
 
 
 def _find_column(table: TextTable, name: str | int) -> int | None:

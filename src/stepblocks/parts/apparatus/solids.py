@@ -115,6 +115,20 @@ class Cylinder:
         return Box(low, high)
 
     @property
+    def inner_box(self) -> Box:
+        """The box around what lies in the part."""
+        box = self.box
+        if self.inward is None:
+            return box
+        low, high = list(box.low), list(box.high)
+        for k in self.across:
+            if self.inward[k] > 0.0:
+                low[k] = self.start[k]
+            elif self.inward[k] < 0.0:
+                high[k] = self.start[k]
+        return Box((low[0], low[1], low[2]), (high[0], high[1], high[2]))
+
+    @property
     def volume(self) -> float:
         """Volume of what lies in the part [m^3]."""
         whole = 0.25 * math.pi * self.diameter**2 * self.length

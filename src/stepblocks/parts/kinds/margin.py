@@ -27,7 +27,7 @@ from stepblocks.parts.declared import (
     describe_breach,
     make_rules_validator,
 )
-from stepblocks.parts.face_characteristics import make_form_characteristics
+from stepblocks.parts.face_characteristics import make_burr, make_form_characteristics
 from stepblocks.parts.kind import NANOMETRE, Finding, Manifold, MeasuredMesh, Verdict
 from stepblocks.parts.kinds.crown_margin import CrownMargin
 from stepblocks.parts.material import MaterialField
@@ -207,6 +207,7 @@ class MarginBlock(CrownMargin, Block):
             method="microscope",
         )
         yield from self.list_body_characteristics(tooth, crown, wall)
+        yield make_burr(self.face_demands["burr"], "tooth and crown")
 
     def _list_opening_characteristics(
         self, wall: FaceRule, crown: FaceRule
@@ -272,8 +273,6 @@ class MarginBlock(CrownMargin, Block):
             rule = "be below a quarter of the thickness"
             yield describe_breach("gap_depth", rule, deepest, depth)
         yield from self.check_engraving_and_stock()
-        if self.working_faces is not None and self.working_faces.burr is not None:
-            yield "working_faces.burr is for step blocks"
         yield from self._check_rise()
 
     def _check_rise(self) -> Iterator[str]:

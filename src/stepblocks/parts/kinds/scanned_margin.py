@@ -24,6 +24,7 @@ from stepblocks.parts.declared import (
     describe_breach,
     make_rules_validator,
 )
+from stepblocks.parts.face_characteristics import make_contact_roughness
 from stepblocks.parts.kind import NANOMETRE, Finding, Manifold, MeasuredMesh, Verdict
 from stepblocks.parts.kinds.crown_margin import CrownMargin
 from stepblocks.parts.kinds.margin import ACROSS
@@ -245,6 +246,7 @@ class ScannedMargin(CrownMargin):
             low = describe_plane(axis, -0.5 * side.nominal)
             high = describe_plane(axis, 0.5 * side.nominal)
             yield make_characteristic(name, "distance", side, low, high)
+        yield make_contact_roughness(self.face_demands["roughness"])
 
     def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Verdict]:
         yield self.measure_gap(mesh, self.length)

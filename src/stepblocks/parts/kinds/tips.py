@@ -17,7 +17,13 @@ from stepblocks.parts.characteristics import (
     describe_plane,
     make_characteristic,
 )
-from stepblocks.parts.declared import declare_default, describe_breach, make_rules_validator
+from stepblocks.parts.declared import (
+    Zone,
+    declare_default,
+    describe_breach,
+    make_rules_validator,
+)
+from stepblocks.parts.face_characteristics import make_contact_roughness, make_form
 from stepblocks.parts.kind import (
     COARSE_DEFLECTION,
     CONTACT_DEFLECTION,
@@ -39,11 +45,12 @@ from stepblocks.parts.revolution import (
     make_turned_hull,
 )
 from stepblocks.parts.shapes import make_hull
-from stepblocks.parts.tolerance import Angle, PositiveLength
+from stepblocks.parts.tolerance import Angle, Dimension, PositiveLength
 from stepblocks.quantities import format_quantity
 
 SPHERE_LIMIT = 0.1e-6  # radius, form and chordal error of the contact sphere [m]
 _BEND_PIECES = 24
+_RUNOUT = 20e-6  # of the ball about the shank where none is stated [m]
 _WIDEST_CONE = 0.25 * math.pi  # half angle, below which a cone must lie [rad]
 
 
@@ -116,6 +123,8 @@ class Tip(Turned, HeldPart):
             label="cone angle, included",
             method="microscope",
         ).doubled
+        ball = FaceRule("SPHERE", radius=self.ball_radius.nominal)
+        yield make_contact_roughness(self.face_demands["roughness"], (ball,), "ball")
 
     def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Verdict]:
         ball = self.ball_radius.nominal
@@ -170,6 +179,8 @@ class StraightTip(Tip):
         What it is made of, with its density [kg/m^3].
     length : Dimension
         From the contact point to the end of the shank [m].
+    runout : Dimension or None
+        Circular run-out of the ball about the shank [m]; 0.02 mm where None.
     """
 
     if TYPE_CHECKING:  # a field holds what was read of what is given
@@ -180,9 +191,12 @@ class StraightTip(Tip):
     kind_name: ClassVar[str] = "straight probe tip"
 
     shank_radius: PositiveLength = declare_default(
-        "1.175 mm", "+0 mm / -0.016 mm", source="ISO 1797 type 1 shank, 2.35 mm"
+        "1.175 mm",
+        "+0 mm / -0.008 mm",
+        source="ISO 1797 type 2 shank, for handpieces, diameter 2.35 mm 0/-0.016 mm",
     )
     length: PositiveLength = declare_default("40 mm")
+    runout: Zone | None = None  # of the ball about the shank, datum A; default 0.02 mm
 
     def outline(self) -> Outline:
         shank = self.shank_radius.nominal
@@ -201,6 +215,21 @@ class StraightTip(Tip):
             describe_plane(2, self.length.nominal),
             FaceRule("SPHERE", radius=self.ball_radius.nominal),
             label="length from the contact point",
+        )
+        yield self._state_runout()
+
+    def _state_runout(self) -> Characteristic:
+        """State the circular run-out of the ball about the shank (ISO 1101)."""
+        zone = self.runout
+        if zone is None:
+            zone = Dimension(0.0, _RUNOUT, 0.0, usual=True)
+        return make_form(
+            "runout",
+            "run-out of the ball to A, the shank",
+            "note",
+            zone,
+            (),
+            "dial gauge or microscope, turned in a V-block",
         )
 
     @make_rules_validator

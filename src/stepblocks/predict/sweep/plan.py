@@ -20,6 +20,9 @@ SURFACES: dict[str, dict[str, str]] = {
 DIRECTIONS = ("tooth-to-crown", "crown-to-tooth")
 SQUARE = math.inf  # stands for "as the gap": the end of the crown is square
 
+# of the columns of the result: a folder with those of another edition is another sweep's
+_COLUMNS_EDITION = 2
+
 # each parameter's dimension, and its value where a sweep does not name it (None: it must)
 Parameters = dict[str, tuple[str, float | None]]
 _SETTING: Parameters = {
@@ -104,4 +107,5 @@ class SweepPlan:
         """Hash of all that the rows and their files depend on, the program's version included."""
         from stepblocks import __version__
 
-        return hash_plan({**asdict(self), "stepblocks": __version__})
+        record = {**asdict(self), "stepblocks": __version__, "columns": _COLUMNS_EDITION}
+        return hash_plan(record)

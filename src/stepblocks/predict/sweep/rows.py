@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -25,17 +25,25 @@ Inputs = Mapping[str, Array]  # by name, one value for each row [SI]
 _DESIGN = 0
 _TOLERANCES = 1
 
+
+class _ColumnUnit(NamedTuple):
+    """The unit of a column: the end of its name, and how many of it are one in SI."""
+
+    suffix: str
+    per_si: float
+
+
 _UNITS = {
-    "length": "_m",
-    "force": "_n",
-    "stiffness": "_n_m",
-    "speed": "_m_s",
-    "frequency": "_hz",
-    "ratio": "",
-    "direction": "",
+    "length": _ColumnUnit("_um", 1e6),
+    "force": _ColumnUnit("_n", 1.0),
+    "stiffness": _ColumnUnit("_n_m", 1.0),
+    "speed": _ColumnUnit("_mm_s", 1e3),
+    "frequency": _ColumnUnit("_hz", 1.0),
+    "ratio": _ColumnUnit("", 1.0),
 }
+_DECIMALS = 12  # of a column in other units than SI: 50 um is 50, not 50.000000000000007
 # columns of a drag in time, after ``drag_``
-_DRAG_FIGURES = ("peak_force_n", "vibration_energy_j", "share", "ring_s", "ledger_error")
+_DRAG_FIGURES = ("peak_force_n", "vibration_energy_uj", "conversion", "ring_s", "ledger_error")
 _STATUS_TYPE = "U16"  # as long as the longest status
 _SIGNED = ("horizontal_discrepancy", "vertical_discrepancy")
 
@@ -71,10 +79,19 @@ def _list_input_columns(
         columns["stimulus"] = identities[inputs["stimulus"].astype(int)]
     nothing = np.full(len(rows), math.nan)
     for name, (dimension, _) in PARAMETERS[plan.surface].items():
-        columns[name + _UNITS[dimension]] = inputs.get(name, nothing)
+        if dimension in _UNITS:
+            unit = _UNITS[dimension]
+            columns[name + unit.suffix] = _convert_input(inputs.get(name, nothing), unit)
     if plan.surface == "margin":
-        columns["direction"] = np.array(DIRECTIONS)[is_backward.astype(int)]
+        columns["drag"] = np.array(DIRECTIONS)[is_backward.astype(int)]
     return columns
+
+
+def _convert_input(values: Array, unit: _ColumnUnit) -> Array:
+    """Convert an input [SI] into the unit of its column, its decimals as they were written."""
+    if unit.per_si == 1.0:
+        return values
+    return np.round(values * unit.per_si, _DECIMALS)
 
 
 def _encode_texts(column: Column) -> pa.Array:
@@ -209,9 +226,9 @@ def _predict_rows(
     energy = np.where(status == Status.RELEASES, inputs["conversion"] * stored, math.nan)
     return {
         "status": status,
-        "critical_angle_rad": angle,
+        "critical_angle_deg": np.degrees(angle),
         "peak_force_n": force,
-        "vibration_energy_j": energy,
+        "vibration_energy_uj": energy * 1e6,
         "problem": problem,
     }
 
@@ -328,7 +345,7 @@ def _drag_rows(
         figures["ledger_error"][row] = trace.ledger_error
         if ring is not None:
             figures["peak_force_n"][row] = trace.peak_force
-            figures["vibration_energy_j"][row] = ring.energy
-            figures["share"][row] = ring.share
+            figures["vibration_energy_uj"][row] = ring.energy * 1e6
+            figures["conversion"][row] = ring.share
             figures["ring_s"][row] = ring.duration
     return {"drag_status": status} | {f"drag_{name}": figures[name] for name in _DRAG_FIGURES}

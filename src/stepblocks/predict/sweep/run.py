@@ -19,6 +19,7 @@ from stepblocks.errors import PipelineError
 from stepblocks.files.claim import FolderClaim
 from stepblocks.files.figures import Axes, take_axes
 from stepblocks.files.store import FolderStore, ResultStore, open_store
+from stepblocks.predict.renamed_columns import suggest_column
 from stepblocks.predict.sweep.plan import SweepPlan
 from stepblocks.predict.sweep.read import load_sweep
 from stepblocks.quantities import format_column_label, format_units
@@ -75,7 +76,8 @@ class SweepResult:
         known = _open_partition(store, 0).schema_arrow.names
         for name in columns or ():
             if name not in known:
-                raise PipelineError(f"columns must be of {', '.join(known)}, got {name!r}")
+                hint = suggest_column(name, known)
+                raise PipelineError(f"columns must be of {', '.join(known)}, got {name!r}{hint}")
         partitions = []
         for number in range(self.plan.partitions):
             partitions.append(_open_partition(store, number).read(columns))
@@ -89,7 +91,7 @@ class SweepResult:
     def plot(
         self,
         x: "str | Axes | None" = None,
-        y: str = "vibration_energy_j",
+        y: str = "vibration_energy_uj",
         ax: "Axes | None" = None,
     ) -> "Axes":
         """Draw a column against another, by default the energy against the height or the gap.
@@ -108,7 +110,7 @@ class SweepResult:
         if x is not None and not isinstance(x, str):
             return self.plot(None, y, x)
         if x is None:
-            x = "height_m" if self.plan.surface == "step" else "marginal_gap_m"
+            x = "height_um" if self.plan.surface == "step" else "marginal_gap_um"
         table = self.read([x, y])
         axes = take_axes(ax)
         axes.plot(table[x], table[y], ".", markersize=3.0)

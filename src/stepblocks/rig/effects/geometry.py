@@ -83,6 +83,7 @@ def make_height_error_law(block: str) -> Law:
         covariate="block",
         description=f"the height of block {block} differs from the stated one by",
         how_to_decide=f"scan or gauge the block {block}",
+        specimens=(block,),
     )
 
 
@@ -103,6 +104,7 @@ def make_exchange_law(first: str, second: str) -> Law:
         description=f"the labels of the blocks {first} and {second} are exchanged: their heights "
         "differ by",
         how_to_decide=f"scan or gauge the blocks {first} and {second}",
+        specimens=(first, second),
     )
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from stepblocks.errors import MetrologyError
+from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.scans.height_scale import HeightScale, read_height_scale
 from stepblocks.scans.scan import HeightMap, ScannedProfile
 
@@ -30,10 +31,13 @@ class ScanRequest:
         Units of a file that states none, as `stepblocks.scans.units.parse_units` reads them.
     channel : str or None
         Name of the channel of heights, or a part of it.
+    layout : TableLayout
+        How a text is written; readers of other formats are not asked with one.
     """
 
     unit: str | None = None
     channel: str | None = None
+    layout: TableLayout = UNDECLARED
 
 
 @dataclass(frozen=True)

@@ -19,4 +19,4 @@ class TextReader(ScanReader):
 
     def read(self, path: Path, request: ScanRequest) -> ReadScan:
         """Read a profile, a grid of points or a matrix."""
-        return ReadScan(read_text_scan(path, request.unit, request.channel))
+        return ReadScan(read_text_scan(path, request.unit, request.channel, request.layout))

@@ -8,6 +8,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from stepblocks.errors import StudyError
+from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.study.analysis.foreign import DESCRIPTIONS
 from stepblocks.study.analysis.judgements import STAMPS
 from stepblocks.study.columns import FACTOR, Row, group_by_participant
@@ -137,6 +138,8 @@ def share_study(
     form: str = "bids",
     authors: str = "",
     licence: str = "",
+    *,
+    layout: TableLayout = UNDECLARED,
 ) -> list[str]:
     """Write a study in a form that others read.
 
@@ -153,6 +156,8 @@ def share_study(
         ``"bids"`` (BIDS 1.9, behavioural).
     authors, licence : str
         Of the dataset, for its description.
+    layout : TableLayout
+        What is declared of the tables of answers.
 
     Returns
     -------
@@ -181,7 +186,7 @@ def share_study(
         raise StudyError(f"form must be one of {', '.join(FORMATS)}, got {form!r}")
     design = read_design(Path(folder) / "design.csv")
     experiment = design[0]["experiment"]
-    people = _list_judgements(design, read_all_answers(answers, experiment))
+    people = _list_judgements(design, read_all_answers(answers, experiment, layout=layout))
     if not people:
         raise StudyError("the answers must belong to the design, got none that does")
     credit = _Credit(authors, licence)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from stepblocks.errors import StudyError
+from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.study.analysis.judgements import Judgement, Judgements, join_rows
 from stepblocks.study.columns import FACTOR, RATINGS, Row, read_number
 from stepblocks.study.design.read import SheetRow, find_sheets, read_rows
@@ -75,6 +76,7 @@ def read_foreign_judgements(
     experiment: str,
     ratings: tuple[int, int] = RATINGS,
     wide: str = "",
+    layout: TableLayout = UNDECLARED,
 ) -> Judgements:
     """Read judgements from tables or a dataset of a study that was not designed here.
 
@@ -93,6 +95,8 @@ def read_foreign_judgements(
         Lowest and highest rating.
     wide : str
         How columns of trials are called, of tables with a row for each participant.
+    layout : TableLayout
+        What is declared of the tables.
 
     Raises
     ------
@@ -110,7 +114,9 @@ def read_foreign_judgements(
     asked = Asked(EXPERIMENTS[experiment].answers, columns)
     rows = list[SheetRow]()
     for path in find_sheets(tables):
-        rows += read_rows(path, [participant], names=called, asked=asked, pattern=wide)
+        rows += read_rows(
+            path, [participant], names=called, asked=asked, pattern=wide, layout=layout
+        )
     _refuse_copied_rows(rows, {names.name("trial"), "repetition", "time"})
     _refuse_copied_tables(rows, participant)
     translated = [_translate(row, names) for row in rows]

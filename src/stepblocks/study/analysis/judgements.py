@@ -10,6 +10,7 @@ from typing import NamedTuple
 import pandas as pd
 
 from stepblocks.errors import StepblocksError, StudyError
+from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.files.table_rows import list_names
 from stepblocks.files.tables import Table
 from stepblocks.mistakes import format_mistakes
@@ -105,7 +106,9 @@ class Judgements:
             if lacking:
                 yield f"Participant {name} has no judgement with {', '.join(lacking)}."
 
-    def assign_groups(self, path: str | Path | None) -> "Judgements":
+    def assign_groups(
+        self, path: str | Path | None, layout: TableLayout = UNDECLARED
+    ) -> "Judgements":
         """Assign a group to each participant, by a table of participants and groups.
 
         Raises
@@ -116,7 +119,7 @@ class Judgements:
         if path is None:
             return self
         group = {}
-        for row in read_rows(Path(path), ("participant", "group")):
+        for row in read_rows(Path(path), ("participant", "group"), layout=layout):
             group[row.cells["participant"]] = row.cells["group"]
         lacking = sorted(set(self.frame["participant"]) - set(group))
         if lacking:

@@ -273,6 +273,7 @@ def fit_mixed_model(
     condition: str,
     participant: str,
     block: str = "",
+    *,
     intervals: bool = True,
     covariate: str = "",
 ) -> MixedFit:

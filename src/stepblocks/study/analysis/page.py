@@ -16,7 +16,6 @@ from stepblocks.study.analysis.result_table import FIGURES
 from stepblocks.study.analysis.results import StudyResult
 from stepblocks.study.columns import Row
 from stepblocks.study.design.plan import Plan
-from stepblocks.study.experiments.kind import Experiment
 from stepblocks.study.experiments.registry import EXPERIMENTS
 
 Sheets = Mapping[str, Sequence[Row]]  # rows of a blinded run sheet by participant
@@ -122,13 +121,15 @@ def _save(figure: Figure, form: str) -> bytes:
     return content
 
 
-def render_run_sheets(kind: Experiment, sheets: Sheets, plan: Plan) -> str:
-    """Write the blinded run sheets as one page to print, a table for each participant."""
+def render_run_sheets(title: str, sheets: Sheets, plan: Plan | None = None) -> str:
+    """Write the blinded run sheets as one page to print, a table for each participant.
+
+    A `plan` has the words in which ratings are asked for, where there are ratings.
+    """
     return render_page(
         "stepblocks.study",
         "sheets.html",
-        title=kind.sheet_title,
+        title=title,
         sheets=sheets,
         plan=plan,
-        rated="realism_rating" in kind.answers,
     )

@@ -15,9 +15,10 @@ from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.declaration.read import load_set
 from stepblocks.declaration.select import matches_pattern
 from stepblocks.declaration.set import StimulusSet
-from stepblocks.errors import PipelineError, StudyError
+from stepblocks.errors import PipelineError, QuantityError, StudyError
 from stepblocks.predict.perception import choose_energies
 from stepblocks.predict.predictions import predict_one
+from stepblocks.quantities import read_array
 from stepblocks.study.columns import Row
 
 Declared: TypeAlias = str | Path | StimulusSet  # a stimulus file, or the set of one
@@ -197,7 +198,11 @@ def choose_blocks(
 
 def _make_sharp_blocks(heights: Sequence[float], felt: Mapping[str, float]) -> Blocks:
     """Return sharp steps of some heights [m], felt as in the paper unless told otherwise."""
-    height_of = {f"step-{height * 1e6:03.6g}": height for height in heights}
+    try:
+        lengths = np.atleast_1d(read_array(heights, "length")).tolist()
+    except (QuantityError, TypeError, ValueError) as error:
+        raise PipelineError(f"heights {error}") from error
+    height_of = {f"step-{height * 1e6:03.6g}": height for height in lengths}
     items = [Item(name, name.upper(), height) for name, height in height_of.items()]
     faces = {name: Step(height) for name, height in height_of.items()}
     changes: dict[str, Any] = dict(felt)

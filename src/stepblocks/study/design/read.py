@@ -8,6 +8,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from stepblocks.errors import StudyError
+from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.files.numbers import NumberNotation, is_plain_number
 from stepblocks.files.tables import warn_of_notes
 from stepblocks.files.text_table import TextTable, is_table_name
@@ -103,7 +104,10 @@ def _check_heights(row: SheetRow) -> None:
 
 
 def read_answers(
-    path: Path, experiment: str, columns: Mapping[str, str] = MappingProxyType({})
+    path: Path,
+    experiment: str,
+    columns: Mapping[str, str] = MappingProxyType({}),
+    layout: TableLayout = UNDECLARED,
 ) -> list[SheetRow]:
     """Read filled-in run sheets, or the records of a program that ran the trials of a design.
 
@@ -114,7 +118,7 @@ def read_answers(
     wanted = []
     for name in list_answer_columns(experiment):
         wanted.append(asked.name(name))
-    rows = read_rows(path, wanted, empty=True, asked=asked)
+    rows = read_rows(path, wanted, empty=True, asked=asked, layout=layout)
     return [_rename_answers(row, asked) for row in rows]
 
 
@@ -130,11 +134,12 @@ def read_all_answers(
     paths: Sequence[str | Path],
     experiment: str,
     columns: Mapping[str, str] = MappingProxyType({}),
+    layout: TableLayout = UNDECLARED,
 ) -> list[SheetRow]:
     """Read all filled-in run sheets of files and folders; see `read_answers`."""
     rows = []
     for path in find_sheets(paths):
-        rows += read_answers(path, experiment, columns)
+        rows += read_answers(path, experiment, columns, layout)
     return rows
 
 
@@ -177,8 +182,10 @@ def read_rows(
     columns: Sequence[str],
     empty: bool = False,
     names: Collection[str] = _NAMES,
+    *,
     asked: Asked | None = None,
     pattern: str = "",
+    layout: TableLayout = UNDECLARED,
 ) -> list[SheetRow]:
     """Read a table that people write: CSV in any dialect, or a sheet of a workbook.
 
@@ -196,6 +203,8 @@ def read_rows(
         What to look for in the records of another program; without it they are read as they stand.
     pattern : str
         How a table calls its columns that has a column for each trial, as `melt_table` takes it.
+    layout : TableLayout
+        What is declared of it.
 
     Returns
     -------
@@ -207,7 +216,7 @@ def read_rows(
     StudyError
         If the file cannot be read, or is no such table.
     """
-    table = read_program_table(path, _MAX_BYTES)
+    table = read_program_table(path, layout, _MAX_BYTES)
     if asked is not None:
         table = adopt_records(table, asked)
     if asked is not None and pattern:
@@ -244,6 +253,7 @@ def _clean_cells(table: TextTable, column: int) -> list[str]:
     if not table.holds_numbers(column):
         return ["" if cell in _MISSING else cell for cell in cells]
     found = table.read_sound_numbers(column, StudyError)
+    found = replace(found, words=())  # the notes of a study count the missing answers
     warn_of_notes(filter(None, [found.describe(table.names[column])]), table.file)
     cleaned = []
     for cell, value in zip(cells, found.values.tolist(), strict=True):

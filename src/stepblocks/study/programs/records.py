@@ -8,9 +8,10 @@ from pathlib import Path
 
 from stepblocks.errors import StudyError
 from stepblocks.files.decode import decode_text
+from stepblocks.files.layout import TableLayout
 from stepblocks.files.paths import describe_system_error
 from stepblocks.files.text import measure_file_size
-from stepblocks.files.text_table import TableLayout, TextTable, read_names, read_text_table
+from stepblocks.files.text_table import TableShape, TextTable, read_names, read_text_table
 from stepblocks.study.columns import COMPARED, NO, YES, read_number
 from stepblocks.study.programs.gorilla import GORILLA
 from stepblocks.study.programs.jspsych import JSPSYCH, read_json_records
@@ -68,13 +69,15 @@ def is_json(path: Path) -> bool:
     return path.suffix.lower() == ".json"
 
 
-def read_program_table(path: Path, most_bytes: int) -> TextTable:
+def read_program_table(path: Path, layout: TableLayout, most_bytes: int) -> TextTable:
     """Read a table, or the JSON of jsPsych.
 
     Parameters
     ----------
     path : Path
         The file.
+    layout : TableLayout
+        What is declared of a table.
     most_bytes : int
         Largest file that is read.
 
@@ -85,8 +88,8 @@ def read_program_table(path: Path, most_bytes: int) -> TextTable:
     """
     if not is_json(path):
         program = find_program(read_names(path))
-        layout = TableLayout(keeps_ragged=program is GORILLA)  # its last row may be short
-        return read_text_table(path, layout, raises=StudyError, most_bytes=most_bytes)
+        shape = TableShape(keeps_ragged=program is GORILLA)  # its last row may be short
+        return read_text_table(path, layout, StudyError, most_bytes, shape)
     try:
         size = measure_file_size(path)
         if size > most_bytes:

@@ -21,6 +21,7 @@ def list_lines(slot: str, covariate: CovariateRange) -> list[Law]:
 
 
 def _make_line(slot: str, covariate: CovariateRange) -> Law:
+    """Let a slot follow a covariate along a line, from -1 to 1 times the slope over its range."""
     move = SLOT_MOVES[slot]
     is_drift = covariate.name == RUN and slot in JUMPING_SLOTS
     shape = ""

@@ -26,6 +26,7 @@ def list_powers(slot: str, covariate: CovariateRange) -> list[Law]:
 
 
 def _make_power(slot: str, covariate: CovariateRange) -> Law:
+    """Let a slot follow a power of a covariate, 1 in the middle of its range by logarithms."""
     move = SLOT_MOVES[slot]
     middle = float(np.sqrt(covariate.low * covariate.high))
 

@@ -30,6 +30,7 @@ def list_pulses(slot: str, covariate: CovariateRange) -> list[Law]:
 
 
 def _make_pulse(slot: str, covariate: CovariateRange) -> Law:
+    """Let a slot have another level from one trial to another."""
     move = SLOT_MOVES[slot]
     reach = covariate.high - covariate.low
     rise = make_step_size(covariate, ("step", "back"), (_FROM, _UNTIL))

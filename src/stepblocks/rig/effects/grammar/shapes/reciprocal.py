@@ -23,6 +23,7 @@ def list_reciprocals(slot: str, covariate: CovariateRange) -> list[Law]:
 
 
 def _make_reciprocal(slot: str, covariate: CovariateRange) -> Law:
+    """Let a slot follow the reciprocal of a covariate, zero in the middle by logarithms."""
     move = SLOT_MOVES[slot]
     middle = float(np.sqrt(covariate.low * covariate.high))
 

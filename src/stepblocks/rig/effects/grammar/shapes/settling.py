@@ -25,6 +25,7 @@ def list_settlings(slot: str, covariate: CovariateRange) -> list[Law]:
 
 
 def _make_settling(slot: str, covariate: CovariateRange) -> Law:
+    """Let a slot begin elsewhere and settle, over half the run at most: later it is a drift."""
     move = SLOT_MOVES[slot]
     reach = covariate.high - covariate.low
 

@@ -28,6 +28,7 @@ def list_thresholds(slot: str, covariate: CovariateRange) -> list[Law]:
 
 
 def _make_place(covariate: CovariateRange) -> Parameter:
+    """Make the place from which, or up to which, a slot changes: within the inner range."""
     reach = covariate.high - covariate.low
     return Parameter(
         "at",
@@ -40,6 +41,7 @@ def _make_place(covariate: CovariateRange) -> Parameter:
 
 
 def _list_shapes(covariate: CovariateRange) -> tuple[dict[str, float], ...]:
+    """List the places at which a search begins."""
     reach = covariate.high - covariate.low
     return tuple({"at": covariate.low + share * reach} for share in _SHARES)
 
@@ -97,6 +99,7 @@ def _make_saturation(slot: str, covariate: CovariateRange) -> Law:
 
 
 def _say_from_where(covariate: CovariateRange) -> str:
+    """Say in words what a place is a place of."""
     if covariate.name == RUN:
         return "from trial"
     return f"from a {name_covariate(covariate)} of"
