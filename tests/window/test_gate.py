@@ -8,10 +8,13 @@ import os
 import re
 import subprocess
 import sys
+from contextlib import closing
 
 import pytest
 
 pytest.importorskip("nicegui")
+
+from stepblocks.cli import main
 
 SECRET = "of another folder"
 
@@ -53,14 +56,12 @@ def files(address):
 def ask(address, path, method="GET", body=None, *, own=True, **headers):
     """Status, headers and text of what a window answers; with the cookie of its user, or not."""
     port, token = address
-    line = http.client.HTTPConnection("127.0.0.1", port, timeout=60)
     if own:
         headers.setdefault("Cookie", f"stepblocks-{port}={token}")
-    line.request(method, path, body=body, headers=headers)
-    answer = line.getresponse()
-    found = answer.status, answer.headers, answer.read().decode(errors="replace")
-    line.close()
-    return found
+    with closing(http.client.HTTPConnection("127.0.0.1", port, timeout=60)) as line:
+        line.request(method, path, body=body, headers=headers)
+        with line.getresponse() as answer:
+            return answer.status, answer.headers, answer.read().decode(errors="replace")
 
 
 def test_the_address_with_the_token_is_answered_with_a_cookie_that_no_other_site_sends(address):
@@ -174,6 +175,18 @@ def test_a_file_of_the_folder_is_served_in_a_place_without_the_cookie(address, f
     assert "connect-src 'none'" in policy
 
 
+def ask_for_upload(address, path, header):
+    """Status of what a window answers to the headers of an upload, before anything is sent."""
+    port, token = address
+    with closing(http.client.HTTPConnection("127.0.0.1", port, timeout=60)) as line:
+        line.putrequest("POST", path)
+        line.putheader("Cookie", f"stepblocks-{port}={token}")
+        line.putheader(*header)
+        line.endheaders()
+        with line.getresponse() as answer:
+            return answer.status
+
+
 @pytest.mark.parametrize(
     ("path", "length", "status"),
     [
@@ -184,58 +197,45 @@ def test_a_file_of_the_folder_is_served_in_a_place_without_the_cookie(address, f
     ],
 )
 def test_a_request_is_bounded(address, path, length, status):
-    port, token = address
-    line = http.client.HTTPConnection("127.0.0.1", port, timeout=60)
-    line.putrequest("POST", path)
-    line.putheader("Cookie", f"stepblocks-{port}={token}")
-    line.putheader("Content-Length", length)
-    line.endheaders()
-    found = line.getresponse().status
-    line.close()
-    assert found in (status, 400)  # the server may refuse a length that is none before the gate
+    # the server may refuse a length that is none before the gate
+    assert ask_for_upload(address, path, ("Content-Length", length)) in (status, 400)
 
 
 def test_a_request_that_does_not_say_its_length_is_refused(address):
-    port, token = address
-    line = http.client.HTTPConnection("127.0.0.1", port, timeout=60)
-    cookie = {"Cookie": f"stepblocks-{port}={token}"}
-    line.request("POST", "/", body=iter([b"{}"]), headers=cookie, encode_chunked=True)
-    assert line.getresponse().status == 411
-    line.close()
+    assert ask_for_upload(address, "/", ("Transfer-Encoding", "chunked")) == 411
 
 
-def test_a_port_that_is_taken_and_a_folder_that_is_none_are_one_line(address, tmp_path):
+def test_a_port_that_is_taken_and_a_folder_that_is_none_are_one_line(address, tmp_path, capsys):
     port, _ = address
     for words, message in (
         ([str(tmp_path), "--port", str(port)], f"error: port must be free, got {port}"),
         ([str(tmp_path / "none")], "error: folder must be there, got none"),
     ):
-        done = subprocess.run(
-            [sys.executable, "-m", "stepblocks", "app", *words, "--no-open"],
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        assert done.returncode == 2
-        assert done.stderr.startswith(f"stepblocks: {message}")
-        assert "Traceback" not in done.stderr
+        assert main(["app", *words, "--no-open"]) == 2
+        printed = capsys.readouterr().err
+        assert printed.startswith(f"stepblocks: {message}")
+        assert printed.count("\n") == 1
 
 
-def test_without_the_extra_the_command_names_it(tmp_path):
-    """A folder before the installed packages hides the framework, as where it is not installed."""
-    (tmp_path / "nicegui.py").write_text("raise ModuleNotFoundError('none', name='nicegui')")
-    done = subprocess.run(
-        [sys.executable, "-m", "stepblocks", "app", "--no-open"],
-        env={**os.environ, "PYTHONPATH": str(tmp_path)},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 2
-    assert done.stderr == (
+def test_without_the_extra_the_command_names_it(tmp_path, monkeypatch, capsys):
+    monkeypatch.delitem(sys.modules, "stepblocks.window.window", raising=False)
+    monkeypatch.setitem(sys.modules, "nicegui", None)  # as where it is not installed
+    assert main(["app", str(tmp_path), "--no-open"]) == 2
+    assert capsys.readouterr().err == (
         "stepblocks: error: the window needs nicegui: install the extra with pip install "
         "'stepblocks[app]'\n"
     )
+
+
+def test_without_the_window_the_command_line_does_not_load_the_framework():
+    """The program starts as fast, and runs as it is, where the extra is not installed."""
+    code = (
+        "import sys; sys.modules['nicegui'] = sys.modules['tomlkit'] = None\n"
+        "import stepblocks; from stepblocks.cli import main; sys.exit(main(['--help']))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert b"app" in done.stdout
 
 
 def test_every_script_and_font_comes_with_the_packages(address):

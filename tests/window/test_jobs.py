@@ -14,12 +14,11 @@ pytest.importorskip("nicegui")
 from nicegui.testing.user_interaction import UserInteraction
 from nicegui.testing.user_simulation import user_simulation
 
+from stepblocks.cli import main
 from stepblocks.errors import PipelineError
 from stepblocks.window.command_line import ShownCommand
 from stepblocks.window.jobs import JobList, JobState
 from stepblocks.window.window import Window
-
-DECLARED = '[[step_block]]\nid = "low"\nheight = "25 um"\n'
 
 
 @pytest.fixture
@@ -84,14 +83,15 @@ async def begin_and_find_again(folder):
         return job
 
 
-def test_a_click_gives_the_files_of_the_shown_command_byte_for_byte(tmp_path):
+def test_a_click_gives_the_files_of_the_shown_command_byte_for_byte(tmp_path, monkeypatch):
     clicked, typed = tmp_path / "clicked", tmp_path / "typed"
     clicked.mkdir()
     typed.mkdir()
     job = asyncio.run(begin_and_find_again(clicked))
     words = shlex.split(job.command.line)
     assert words[0] == "stepblocks"
-    subprocess.run([sys.executable, "-m", *words], cwd=typed, check=True, capture_output=True)
+    monkeypatch.chdir(typed)
+    assert main(words[1:]) == 0
     assert list_bytes(clicked) == list_bytes(typed)
     assert list_bytes(clicked)
 
@@ -106,20 +106,19 @@ def list_bytes(folder: Path):
 
 def test_a_command_goes_on_where_the_window_is_killed(tmp_path):
     """Its output goes to no pipe, which would end it with the window."""
-    (tmp_path / "low.toml").write_text(DECLARED)
     code = (
         "import os, sys; from pathlib import Path\n"
         "from stepblocks.window.jobs import JobList\n"
         "from stepblocks.window.command_line import ShownCommand\n"
         "jobs = JobList(Path(sys.argv[1]))\n"
-        "jobs.start(ShownCommand('', ('predict', 'low.toml', '-o', 'felt.csv')))\n"
+        "jobs.start(ShownCommand('', ('new', 'block', 'mine.toml')))\n"
         "os._exit(9)\n"
     )
     done = subprocess.run([sys.executable, "-c", code, str(tmp_path)], check=False)
     assert done.returncode == 9
-    table = tmp_path / "felt.csv"
+    declared = tmp_path / "mine.toml"
     for _ in range(1200):
-        if table.exists():
+        if declared.exists():
             break
         time.sleep(0.1)
-    assert table.read_text().startswith("set,stimulus")
+    assert "[[step_block]]" in declared.read_text()

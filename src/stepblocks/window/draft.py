@@ -18,6 +18,7 @@ from stepblocks.declaration.read import read_set
 from stepblocks.declaration.set import StimulusSet, list_kinds
 from stepblocks.errors import PipelineError, StimulusError
 from stepblocks.files.atomic import replace_text
+from stepblocks.files.locks import LockState, try_lock
 from stepblocks.files.text import is_file
 from stepblocks.mistakes import Mistake
 from stepblocks.parts.material import Material
@@ -250,11 +251,15 @@ class Draft:
             If it was changed since it was opened here, or cannot be written.
         """
         read_set(self._parse(), self.path, [])
-        if _read_text(self.path) != self._before:
-            raise PipelineError(
-                f"the file was changed since it was opened here: open it again [{self.path.name}]"
-            )
-        replace_text(self.path, self.text)
+        with try_lock(self.path.with_name(f".{self.path.name}.lock")) as state:
+            if state is LockState.TAKEN:
+                raise PipelineError(f"another window is saving this file [{self.path.name}]")
+            if _read_text(self.path) != self._before:
+                raise PipelineError(
+                    "the file was changed since it was opened here: open it again "
+                    f"[{self.path.name}]"
+                )
+            replace_text(self.path, self.text)
         self._before = self.text
 
 

@@ -6,6 +6,7 @@ import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
+from itertools import islice
 from pathlib import Path
 from urllib.parse import quote
 
@@ -15,6 +16,7 @@ from stepblocks.mistakes import shorten_value
 
 _DEEPEST = 4  # folders that are looked into
 _MOST = 2000  # files and folders that are shown
+_MOST_SEEN = 50_000  # files and folders that are looked at
 _LARGEST_DECLARATION = 1_000_000  # [bytes]
 
 # what makes a folder one of a kind
@@ -96,23 +98,27 @@ class Folder:
         return f"{self.address}{quote(name)}"
 
     def list_entries(self) -> list[Entry]:
-        """List what commands take, in the order of names; at most two thousand."""
+        """List what commands take, in the order of names; at most two thousand.
+
+        Of a folder with very many files, such as a home, only the first are looked at.
+        """
         entries = []
-        for entry in self._walk(self.path, 0):
-            entries.append(entry)
+        for path in islice(self._walk(self.path, 0), _MOST_SEEN):
+            kind = _find_kind(path)
+            if kind is not None:
+                entries.append(Entry(path.relative_to(self.path).as_posix(), kind))
             if len(entries) == _MOST:
                 break
         return entries
 
-    def _walk(self, folder: Path, depth: int) -> Iterator[Entry]:
-        """Yield the entries of a folder and of those below it; a link is not followed."""
+    def _walk(self, folder: Path, depth: int) -> Iterator[Path]:
+        """Yield what is in a folder and in those below it; no link, and nothing in an entry."""
         for path in _list_sorted(folder):
             if path.name.startswith(".") or path.is_symlink():
                 continue
-            kind = _find_kind(path)
-            if kind is not None:
-                yield Entry(path.relative_to(self.path).as_posix(), kind)
-            elif path.is_dir() and depth < _DEEPEST:
+            yield path
+            is_plain = path.is_dir() and _find_kind_of_folder(path) is None
+            if is_plain and depth < _DEEPEST:
                 yield from self._walk(path, depth + 1)
 
 

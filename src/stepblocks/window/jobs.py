@@ -144,7 +144,9 @@ class JobList:
         except OSError as error:
             reason = describe_system_error(error, output)
             raise PipelineError(f"the command cannot be started: {reason}") from error
-        self._jobs = [*self._jobs, job][-_MOST_KEPT:]
+        ended = [job for job in self._jobs if job not in running]
+        forgotten = ended[:-_MOST_KEPT]
+        self._jobs = [kept for kept in [*self._jobs, job] if kept not in forgotten]
         return job
 
     def close(self) -> None:
