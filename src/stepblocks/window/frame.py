@@ -27,6 +27,7 @@ _STYLE = """
   .body--dark .nicegui-link { color: #7cc4de; }
   .beside { display: grid; gap: 24px; width: 100%; grid-template-columns: 1fr; }
   @media (min-width: 1000px) { .beside { grid-template-columns: 1fr 1fr; } }
+  .report { width: 100%; height: 720px; border: 1px solid #8a8a8a; background: #fff; }
   .q-header .nicegui-link { color: #fff; }
 </style>
 """

@@ -25,7 +25,7 @@ _POLICY = (
 # A file of the folder may hold a script: it runs in a place of its own, without the cookie
 _POLICY_OF_FILES = (
     "sandbox allow-scripts; default-src 'self' 'unsafe-inline' data: blob:; "
-    "connect-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    "connect-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'self'"
 )
 _HEADERS = {"X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer"}
 

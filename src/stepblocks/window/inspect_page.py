@@ -14,9 +14,9 @@ from stepblocks.window.command_line import ShownCommand, write_call, write_name
 from stepblocks.window.folder import Folder, Kind
 from stepblocks.window.frame import show_heading, show_mistake
 from stepblocks.window.gate import LARGEST_UPLOAD
+from stepblocks.window.job_view import Runnable
 from stepblocks.window.jobs import JobList
 from stepblocks.window.scan_picture import draw_scan
-from stepblocks.window.work_page import show_runnable
 
 _SCANS = "scans"  # folder that dropped scans are put into
 _PAGE = "inspection.html"
@@ -171,7 +171,7 @@ class InspectPage:
             if self._part.value is None:
                 ui.label(texts.CHOOSE_PART)
                 return
-            show_runnable(self._read_answers().make_command(), self._jobs)
+            Runnable(self._read_answers().make_command(), self._folder, self._jobs)
 
     def _read_answers(self) -> InspectionAnswers:
         """Return what the fields say."""

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from stepblocks.errors import PipelineError
 from stepblocks.files.paths import describe_system_error
+from stepblocks.files.progress import PROGRESS_FILE, ProgressStep, read_last_step
 from stepblocks.window import texts
 from stepblocks.window.command_line import ShownCommand
 
@@ -58,14 +59,21 @@ class Job:
         self.number = number
         self.command = command
         self._output = output
+        self._steps = output.with_suffix(".steps")
         self._is_cancelled = False
         # -P: a file of the folder that is called like a module of Python is not run
         words = [sys.executable, "-P", "-m", "stepblocks", *command.words]
+        environment = {
+            **os.environ,
+            "COLUMNS": _WIDTH,
+            "PYTHONUNBUFFERED": "1",
+            PROGRESS_FILE: str(self._steps),
+        }
         with output.open("wb") as sink:
             self._process = subprocess.Popen(
                 words,
                 cwd=folder,
-                env={**os.environ, "COLUMNS": _WIDTH, "PYTHONUNBUFFERED": "1"},
+                env=environment,
                 stdin=subprocess.DEVNULL,
                 stdout=sink,
                 stderr=subprocess.STDOUT,
@@ -91,6 +99,11 @@ class Job:
                 return file.read().decode(errors="replace")
         except OSError:
             return ""
+
+    @property
+    def progress(self) -> ProgressStep | None:
+        """The step that it did last; None where it has not said any."""
+        return read_last_step(self._steps)
 
     def cancel(self) -> None:
         """Ask it to end; its workers end with it, and nothing half-written stays."""
@@ -148,6 +161,13 @@ class JobList:
         forgotten = ended[:-_MOST_KEPT]
         self._jobs = [kept for kept in [*self._jobs, job] if kept not in forgotten]
         return job
+
+    def find_last(self, command: ShownCommand) -> Job | None:
+        """Return the last job of a command; None where it was not run yet."""
+        for job in self.latest_first:
+            if job.command.words == command.words:
+                return job
+        return None
 
     def close(self) -> None:
         """End what runs, and forget what was printed."""

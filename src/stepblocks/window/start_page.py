@@ -7,9 +7,9 @@ from nicegui import ui
 from stepblocks.window import texts
 from stepblocks.window.folder import Entry, Folder, Kind
 from stepblocks.window.frame import show_heading
+from stepblocks.window.job_view import Runnable
 from stepblocks.window.jobs import JobList
 from stepblocks.window.suggestions import suggest_beginnings, suggest_commands
-from stepblocks.window.work_page import show_runnable
 
 _TITLES = {
     Kind.STIMULI: texts.STIMULI,
@@ -43,7 +43,7 @@ class StartPage:
             if not entries:
                 ui.label(texts.EMPTY_FOLDER)
                 for command in suggest_beginnings():
-                    show_runnable(command, self._jobs)
+                    Runnable(command, self._folder, self._jobs)
             for kind, title in _TITLES.items():
                 found = [entry for entry in entries if entry.kind is kind]
                 if found:
@@ -65,4 +65,4 @@ def _show_entry(entry: Entry, folder: Folder, jobs: JobList) -> None:
         if entry.kind is Kind.SCAN:
             ui.link(texts.INSPECT_LINK, f"/inspect?file={quote(entry.name)}")
         for command in suggest_commands(entry):
-            show_runnable(command, jobs)
+            Runnable(command, folder, jobs)
