@@ -1,6 +1,7 @@
 """What is shown of a command that runs: how far it is, what it prints, its verdict and its page."""
 
 from collections.abc import Callable
+from functools import partial
 from html import escape
 
 from nicegui import ui
@@ -65,7 +66,8 @@ class JobView:
         self.is_final = True
         if self._at_end is not None:
             with self.card:
-                self._at_end(self._job)
+                # by a timer: what follows may have to read files
+                ui.timer(0.0, partial(self._at_end, self._job), once=True)
 
     def _show_progress(self) -> None:
         """Show the step that the command did last."""

@@ -112,3 +112,24 @@ MAP_READ = "Map of {columns} x {rows} points over {length} x {width}, heights fr
 AXIS_ALONG = "along the scan [mm]"
 AXIS_ACROSS = "across it [mm]"
 AXIS_HEIGHT = "height [µm]"
+
+BUILD_PAGE = "Build"
+BUILD_FILES = "Stimulus files"
+BUILD_OUTPUT = "Folder of the output"
+NO_STIMULI = "No stimulus file lies in the folder yet: declare one first."
+LOOK_WHAT_CHANGED = "Look what changed"
+OUTDATED = "To be made, new or changed: {names}"
+CURRENT = "Up to date: {names}"
+BUNDLE = "Bundle for the workshop: drawings, sheets, setups, and an archive for a quotation"
+SIMULATOR = "Simulator"
+SCENES = "Scenes for the simulator {simulator}"
+VERDICTS = "Verdict of every file"
+VERDICT_COLUMNS = {
+    "part": "stimulus",
+    "file": "file",
+    "within": "measurements within tolerance",
+    "failures": "out of tolerance",
+}
+WITHIN = "{count} of {total}"
+DOWNLOAD = "Take {name}"
+REPORT_OF = "Page of: {title}"

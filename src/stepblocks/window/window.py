@@ -14,6 +14,7 @@ from starlette.responses import FileResponse, PlainTextResponse, Response
 from stepblocks.errors import PipelineError, StepblocksError
 from stepblocks.files.text import is_file
 from stepblocks.window import texts
+from stepblocks.window.build_page import BuildPage
 from stepblocks.window.declare_page import DeclarePage
 from stepblocks.window.folder import Folder
 from stepblocks.window.frame import Page, build_frame
@@ -44,6 +45,7 @@ class Window:
         self.pages = (
             Page("/", texts.START, StartPage(self.folder, self.jobs).build),
             Page("/declare", texts.DECLARE, DeclarePage(self.folder).build),
+            Page("/build", texts.BUILD_PAGE, BuildPage(self.folder, self.jobs).build),
             Page("/inspect", texts.INSPECT, InspectPage(self.folder, self.jobs).build),
             Page(ADDRESS, texts.WORK, WorkPage(self.folder, self.jobs).build),
         )
