@@ -15,7 +15,6 @@ import argparse
 import json
 import sys
 import time
-from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
@@ -23,6 +22,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
@@ -194,7 +194,9 @@ def run_session(task: tuple[tuple[str, str, str] | None, int, int]) -> dict[str,
     model = SessionModel(Tool(frequency=300.0, decay_time=0.02), scanned=block_scans(columns, seed))
     began = time.process_time()
     candidates = list_candidates(table, list_covariate_ranges(table))
-    found = explain(model, table, candidates, Rules(draws=300))
+    # the matrices are small: threads of the linear algebra only wait for each other
+    with threadpool_limits(limits=1, user_api="blas"):
+        found = explain(model, table, candidates, Rules(draws=300))
     findings = [
         {
             "id": f.effect.id,
@@ -291,15 +293,34 @@ def main() -> None:
             if arguments.record:
                 with arguments.record.open("a", encoding="utf-8") as file:
                     file.write(json.dumps(row) + "\n")
-    counted = Counter()
+    print_shares(rows)
+
+
+def print_shares(rows: list[dict[str, Any]]) -> None:
+    """Print by shape, and of all sessions, how often place, law and intervals are right."""
+    by_shape: dict[str, list[dict[str, Any]]] = {}
     for row in rows:
-        for key in ("place", "named", "shape", "alone", "none"):
-            counted[key] += bool(row.get(key))
-    shares = {key: f"{count} of {len(rows)}" for key, count in counted.items() if count}
+        shape = row["combination"][0] if row["combination"] else "nothing"
+        by_shape.setdefault(shape, []).append(row)
+    print("# Sessions by the shape that was planted")
+    print("| planted | place right | law named | shape right | alone | ends in none | intervals |")
+    print("|---|---|---|---|---|---|---|")
+    for shape in sorted(by_shape):
+        print(f"| {shape} | {' | '.join(count_shares(by_shape[shape]))} |")
+    print(f"| all | {' | '.join(count_shares(rows))} |")
+    seconds = np.median([row["seconds"] for row in rows])
+    print(f"median seconds of processor of a session: {seconds:.1f}")
+
+
+def count_shares(rows: list[dict[str, Any]]) -> list[str]:
+    """Count what is right, of how many; what was not asked for is a dash."""
+    cells = []
+    for key in ("place", "named", "shape", "alone", "none"):
+        asked = [row[key] for row in rows if key in row]
+        cells.append(f"{sum(asked)} of {len(asked)}" if asked else "-")
     held = [holds for row in rows for holds in row.get("intervals", {}).values()]
-    if held:
-        shares["intervals"] = f"{sum(held)} of {len(held)}"
-    print(shares, "median seconds", np.median([row["seconds"] for row in rows]))
+    cells.append(f"{sum(held)} of {len(held)}" if held else "-")
+    return cells
 
 
 if __name__ == "__main__":
