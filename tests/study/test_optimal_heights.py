@@ -1,0 +1,209 @@
+"""Heights for a study: the designs that theory names, and the intervals that simulation gives."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+from scipy.special import ndtr, xlog1py, xlogy
+
+import stepblocks
+from stepblocks.errors import StepblocksError
+from stepblocks.study.design.adaptive import Prior
+from stepblocks.study.design.information import (
+    CurveShape,
+    describe_curve,
+    describe_line,
+    find_log_spread,
+)
+from stepblocks.study.design.trial_exchange import Criterion, exchange_trials
+
+STANDARD = 50e-6
+WEBER = 0.2
+CERTAIN = {"weber": WEBER, "weber_factor": 1, "equal_factor": 1}
+FINE = stepblocks.MakingRoute(least="20 um", most="120 um", step="0.1 um")
+COARSE = stepblocks.MakingRoute(least="20 um", most="120 um", step="2 um")
+
+
+def place(target, **options):
+    return stepblocks.place_heights(
+        options.pop("source", COARSE), target, **{"standard": STANDARD, "prior": CERTAIN} | options
+    )
+
+
+@pytest.mark.parametrize(
+    ("curve", "distance", "share"),
+    [
+        # White (1973), Biometrika 60, 345-348; Minkin (1987), JASA 82, 1098-1103
+        ("logistic", 1.5434, 0.176),
+        ("normal", 1.1381, 0.128),
+    ],
+)
+def test_threshold_and_jnd_are_known_best_at_the_two_points_of_white_and_minkin(
+    curve, distance, share
+):
+    design = place("both", source=FINE, curve=curve, lapse=0.0, trials=400)
+    heights = np.array(design.optimal.heights)
+    spread = math.exp(find_log_spread(WEBER, CurveShape(curve)))
+    places = np.log(heights / STANDARD) / spread
+    # the third height, which the analysis needs, lies beside one of the two
+    assert np.abs(places) == pytest.approx(distance, abs=0.03)
+    rise, _ = CurveShape(curve).compute_rise(places)
+    assert np.minimum(rise, 1.0 - rise) == pytest.approx(share, abs=0.004)
+    below = sum(np.array(design.optimal.trials)[places < 0.0])
+    assert below == pytest.approx(200, abs=4)
+
+
+def test_an_exponent_is_known_best_at_the_ends_of_the_range():
+    heights = [20e-6, 30e-6, 50e-6, 80e-6]
+    design = stepblocks.place_heights(heights, "exponent", trials=40, noise=0.2, equal_number=4)
+    shares = dict(zip(design.optimal.heights, design.optimal.trials, strict=True))
+    assert shares[20e-6] + shares[80e-6] == 39
+    # standard error of the slope of a straight line, with Student's t of n - 2
+    logs = np.repeat(np.log(design.optimal.heights), design.optimal.trials)
+    error = 0.2 / math.sqrt(np.sum((logs - logs.mean()) ** 2))
+    interval = design.optimal.find_interval("exponent")
+    assert interval.width == pytest.approx(2.0 * 2.024394 * error, rel=1e-6)
+    assert design.optimal.find_interval("exponent").width < design.equal.intervals[0].width
+    assert 0.3 < design.efficiency < 0.9
+
+
+@pytest.mark.parametrize("places", [(0,), (1,), (0, 1)])
+@pytest.mark.parametrize("lapse", [0.0, 0.03])
+def test_no_other_share_of_trials_tells_more(places, lapse):
+    heights = np.array([30e-6, 38e-6, 45e-6, 55e-6, 66e-6, 90e-6])
+    prior = Prior(weber_factor=1.5, equal_factor=1.1)
+    criterion = Criterion(
+        describe_curve(heights, STANDARD, prior, lapse, CurveShape.NORMAL), places
+    )
+    values = []
+    for counts in itertools.product(range(11), repeat=len(heights)):
+        if sum(counts) == 10 and np.count_nonzero(counts) >= 3:
+            values.append(criterion.assess(4.0 * np.array(counts)))
+    start = np.array([2.0, 2.0, 2.0, 2.0, 1.0, 1.0])
+    found = criterion.assess(4.0 * exchange_trials(criterion, start, 4, 3))
+    assert found == pytest.approx(min(values), abs=1e-6)
+
+
+def test_heights_of_equal_trials_are_the_best_that_can_be_chosen():
+    heights = (np.arange(20, 100, 5) * 1e-6).tolist()
+    design = place("jnd", source=heights, same_trials=True, number=4, trials=80)
+    assert set(design.optimal.trials) == {20}
+    sensitivity = describe_curve(
+        np.array(heights),
+        STANDARD,
+        Prior(weber_factor=1.0, equal_factor=1.0),
+        0.02,
+        CurveShape.NORMAL,
+    )
+    criterion = Criterion(sensitivity, (1,))
+
+    def assess(chosen):
+        return criterion.assess(20.0 * np.isin(heights, chosen))
+
+    best = min(itertools.combinations(heights, 4), key=assess)
+    assert assess(design.optimal.heights) == pytest.approx(assess(best), abs=1e-6)
+
+
+def test_the_determinant_follows_every_added_trial():
+    heights = np.array([20e-6, 40e-6, 60e-6])
+    criterion = Criterion(describe_line(heights, 0.3), (1,))
+    trials = np.array([3.0, 2.0, 5.0])
+    for place_of, value in enumerate(criterion.assess_additions(trials, 4.0)):
+        more = trials.copy()
+        more[place_of] += 4.0
+        assert value == pytest.approx(criterion.assess(more), abs=1e-8)
+
+
+def test_the_trials_for_a_width_follow_the_root_of_their_number():
+    equal = place("threshold", width="4 um").equal
+    ratio = equal.find_interval("threshold").width / 4e-6
+    assert equal.needed == pytest.approx(60 * ratio**2, rel=0.15)
+
+
+def test_a_vague_expectation_spreads_the_heights():
+    sure = place(
+        "threshold",
+    )
+    vague = place("threshold", prior={"equal_factor": 1.5, "weber_factor": 1})
+    assert np.ptp(vague.optimal.heights) > 2.0 * np.ptp(sure.optimal.heights)
+
+
+def simulate_errors(placement, lapse, runs, seed):
+    """Return fitted ln(threshold) and ln(spread) of simulated participants, by own likelihood."""
+    logs = np.log(np.array(placement.heights) / STANDARD)
+    totals = np.array(placement.trials)
+    log_spread = find_log_spread(WEBER, CurveShape.NORMAL)
+    truth = lapse + (1.0 - 2.0 * lapse) * ndtr(logs / math.exp(log_spread))
+    generator = np.random.default_rng(seed)
+    fits = []
+    for hits in generator.binomial(totals, truth, (runs, len(totals))):
+
+        def miss(point, hits=hits):
+            middle, spread, rate = point
+            p = rate + (1.0 - 2.0 * rate) * ndtr((logs - middle) / math.exp(spread))
+            p = np.clip(p, 1e-12, 1.0 - 1e-12)
+            return -np.sum(xlogy(hits, p) + xlog1py(totals - hits, -p))
+
+        bounds = [(-1.0, 1.0), (-5.0, 1.0), (0.0, 0.1)]
+        fits.append(minimize(miss, [0.0, log_spread, 0.02], bounds=bounds).x[:2])
+    return np.array(fits)
+
+
+def check_scatter(placement, fits):
+    """Check that fits scatter as the expected intervals say, within sampling error."""
+    interval = placement.find_interval("threshold").bounds
+    errors = [math.log(interval.high / interval.low) / 3.91993]
+    ratios = placement.find_interval("jnd").bounds.transform(lambda ratio: math.log1p(ratio))
+    errors.append(math.log(ratios.high / ratios.low) / 3.91993)
+    sampling = 1.0 / math.sqrt(2.0 * len(fits))
+    assert fits.std(axis=0, ddof=1) / errors == pytest.approx([1.0, 1.0], abs=4.0 * sampling)
+
+
+def test_simulated_participants_scatter_as_the_interval_says():
+    design = place("jnd", trials=400, number=5, lapse=0.03)
+    check_scatter(design.optimal, simulate_errors(design.optimal, 0.03, 100, 1))
+
+
+@pytest.mark.parametrize(
+    ("target", "wrong", "message"),
+    [
+        ("slope", {}, "target must be one of threshold, jnd, both, exponent, got 'slope'"),
+        ("jnd", {"standard": None}, "standard must be given for comparisons"),
+        ("jnd", {"standard": "50 N"}, "standard "),
+        ("jnd", {"lapse": 0.2}, "lapse must be 0 to 0.1, got 0.2"),
+        ("jnd", {"lapse": math.nan}, "lapse must be 0 to 0.1, got nan"),
+        ("jnd", {"curve": "cubic"}, "curve must be one of normal, logistic, got 'cubic'"),
+        ("jnd", {"prior": {"precision": 1}}, "prior must name equal, equal_factor, weber, "),
+        ("jnd", {"trials": 61}, "trials must be a multiple of 2, got 61"),
+        ("jnd", {"trials": 4}, "trials must be a whole number from 6 to 10000, got 4"),
+        ("jnd", {"same_trials": True, "number": 7}, "trials must be a multiple of 14, got 60"),
+        ("jnd", {"number": 2}, "number must be a whole number from 3 to 51, got 2"),
+        ("both", {"width": 0.1}, "width must be that of a threshold or of a JND"),
+        ("jnd", {"width": -1.0}, "width must be positive and finite, got -1.0"),
+        ("jnd", {"width": 1e-9}, "width must be reached by 10000000 trials"),
+        ("exponent", {}, "standard and prior are of comparisons"),
+        ("jnd", {"source": [1e-5, 2e-5]}, "there must be 3 to 2000 different heights"),
+        ("jnd", {"source": stepblocks.MakingRoute()}, "a route must state the least and the most"),
+        (
+            "jnd",
+            {"source": stepblocks.MakingRoute(least="1 um", most="9 mm", step="1 nm")},
+            "a route must make at most 2000 heights, got 8999001",
+        ),
+    ],
+)
+def test_what_cannot_be_is_refused_by_name_and_rule(target, wrong, message):
+    with pytest.raises(StepblocksError) as caught:
+        place(target, **wrong)
+    assert str(caught.value).startswith(message)
+
+
+def test_a_standard_may_be_named_as_in_the_file():
+    declared = stepblocks.StimulusSet.declare(
+        "mine",
+        step_block=[{"id": f"b{size}", "height": f"{size} um"} for size in (30, 40, 50, 60, 80)],
+    )
+    design = stepblocks.place_heights(declared, "jnd", standard="b50", trials=40)
+    again = stepblocks.place_heights(declared, "jnd", standard="50 um", trials=40)
+    assert design == again
