@@ -5,8 +5,9 @@ import math
 
 import numpy as np
 import pytest
-from scipy.optimize import minimize
+from scipy.optimize import minimize, minimize_scalar
 from scipy.special import ndtr, xlog1py, xlogy
+from scipy.stats import norm
 
 import stepblocks
 from stepblocks.errors import StepblocksError
@@ -17,6 +18,7 @@ from stepblocks.study.design.information import (
     describe_line,
     find_log_spread,
 )
+from stepblocks.study.design.placement import Target
 from stepblocks.study.design.trial_exchange import Criterion, exchange_trials
 
 STANDARD = 50e-6
@@ -53,6 +55,120 @@ def test_threshold_and_jnd_are_known_best_at_the_two_points_of_white_and_minkin(
     assert np.minimum(rise, 1.0 - rise) == pytest.approx(share, abs=0.004)
     below = sum(np.array(design.optimal.trials)[places < 0.0])
     assert below == pytest.approx(200, abs=4)
+
+
+def find_places(design, curve):
+    """Return distances from the threshold in spreads, and shares of trials."""
+    spread = math.exp(find_log_spread(WEBER, CurveShape(curve)))
+    places = np.log(np.array(design.optimal.heights) / STANDARD) / spread
+    return places, np.array(design.optimal.trials) / sum(design.optimal.trials)
+
+
+def inform(places, curve):
+    """Return what a trial tells of middle and ln(spread), by hand: (p'/sqrt(pq)) (1, d)."""
+    if curve == "normal":
+        p, density = norm.cdf(places), norm.pdf(places)
+    else:
+        p = 1.0 / (1.0 + np.exp(-places))
+        density = p * (1.0 - p)
+    root = density / np.sqrt(p * (1.0 - p))
+    return np.column_stack([root, root * places])
+
+
+@pytest.mark.parametrize("curve", ["logistic", "normal"])
+@pytest.mark.parametrize("target", ["both", "jnd"])
+def test_no_height_tells_more_than_those_of_the_design(curve, target):
+    # general equivalence theorem: Kiefer and Wolfowitz (1960), Canad. J. Math. 12, 363-366 for D;
+    # Silvey (1980), Optimal Design, section 3.5 for c
+    places, shares = find_places(
+        place(target, source=FINE, curve=curve, lapse=0.0, trials=10_000), curve
+    )
+    slopes = inform(places, curve)
+    inverse = np.linalg.inv(slopes.T @ (shares[:, np.newaxis] * slopes))
+    everywhere = inform(np.linspace(-3.0, 3.0, 601), curve)
+    if target == "both":
+        variance = np.sum(everywhere @ inverse * everywhere, axis=1)
+        bound = 2.0
+    else:
+        variance = (everywhere @ inverse[1]) ** 2
+        bound = inverse[1, 1]
+    assert variance.max() == pytest.approx(bound, rel=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("curve", "distance", "share"),
+    [
+        # d tanh(d/2) = 2: Ford, Torsney and Wu (1992), J. R. Statist. Soc. B 54, 569-583
+        ("logistic", 2.3994, 0.0832),
+        # the maximum of d**2 phi**2 / (Phi (1 - Phi)), of the same paper
+        ("normal", 1.5750, 0.0576),
+    ],
+)
+def test_a_jnd_alone_is_known_best_farther_out(curve, distance, share):
+    places, shares = find_places(
+        place("jnd", source=FINE, curve=curve, lapse=0.0, trials=400), curve
+    )
+    assert np.abs(places) == pytest.approx(distance, abs=0.03)
+    assert shares[places < 0.0].sum() == pytest.approx(0.5, abs=0.01)
+    rise, _ = CurveShape(curve).compute_rise(places)
+    assert np.minimum(rise, 1.0 - rise) == pytest.approx(share, abs=0.004)
+
+
+def test_without_the_error_of_the_spread_all_trials_would_lie_at_the_threshold():
+    # Elfving's theorem: the c-optimal design of a logistic median is one point, with a variance of
+    # 4 spread**2 / n; its information is singular, its generalised inverse gives that of the median
+    heights = STANDARD * np.exp(np.linspace(-0.6, 0.6, 41))
+    prior = Prior(weber=WEBER, weber_factor=1.0, equal_factor=1.0)
+    sensitivity = describe_curve(heights, STANDARD, prior, 0.0, CurveShape.LOGISTIC)
+    asymptotic = Criterion(sensitivity, (0,))
+    found = exchange_trials(asymptotic, np.full(41, 4.0), 1, 1)
+    assert set(np.flatnonzero(found)) <= {19, 20, 21}
+    spread = math.exp(find_log_spread(WEBER, CurveShape.LOGISTIC))
+    least = 4.0 * spread**2 / 164
+    assert least <= math.exp(asymptotic.assess(found)) < 1.01 * least
+    single = np.zeros(41)
+    single[20] = 164.0
+    assert math.exp(asymptotic.assess(single)) == pytest.approx(least, rel=1e-6)
+    slopes = inform(np.zeros(1), "logistic") / [[spread, 1.0]]
+    inverse = np.linalg.pinv(164 * slopes.T @ slopes)
+    assert inverse[0, 0] == pytest.approx(least, rel=1e-9)
+
+
+@pytest.mark.parametrize("trials", [100, 1000, 10_000])
+def test_the_points_of_a_threshold_close_in_with_the_fourth_root_of_the_trials(trials):
+    # 4 cosh(d/2)**2 / n (1 + 3 * 4 cosh(d/2)**2 / (n d**2)) is least at d; near it d**4 = 48 / n
+    def compute_variance(d):
+        spread_variance = 4.0 * math.cosh(d / 2.0) ** 2 / (trials * d**2)
+        return math.cosh(d / 2.0) ** 2 * (1.0 + 3.0 * spread_variance)
+
+    expected = minimize_scalar(compute_variance, bounds=(0.01, 3.0), method="bounded").x
+    assert expected == pytest.approx((48.0 / trials) ** 0.25, rel=0.06)
+    design = place("threshold", source=FINE, curve="logistic", lapse=0.0, trials=trials)
+    places, shares = find_places(design, "logistic")
+    assert shares @ np.abs(places) == pytest.approx(expected, rel=0.1)
+    bounds = design.optimal.find_interval("threshold").bounds
+    spread = math.exp(find_log_spread(WEBER, CurveShape.LOGISTIC))
+    error = math.log(bounds.high / bounds.low) / 3.919928 / spread
+    assert error**2 == pytest.approx(4.0 * compute_variance(expected) / trials, rel=5e-3)
+
+
+@pytest.mark.parametrize("target", ["threshold", "jnd", "both"])
+def test_no_shift_of_trials_tells_more_with_lapses_and_a_vague_expectation(target):
+    heights = np.arange(20, 121, 2) * 1e-6
+    prior = Prior(weber=WEBER, weber_factor=1.5, equal_factor=1.1)
+    goal = Target(target)
+    sensitivity = describe_curve(heights, STANDARD, prior, 0.02, CurveShape.NORMAL)
+    criterion = Criterion(sensitivity, goal.places, goal.spread)
+    start = np.zeros(len(heights))
+    start[::10] = 1000.0
+    found = exchange_trials(criterion, start, 1, 3)
+    least = criterion.assess(found)
+    total = found.sum()
+    for height in range(len(heights)):
+        shifted = 0.999 * found
+        shifted[height] += 0.001 * total
+        # the slope in the direction of every height is not negative (equivalence theorem)
+        assert (criterion.assess(shifted) - least) / 0.001 > -2e-3
 
 
 def test_an_exponent_is_known_best_at_the_ends_of_the_range():
@@ -116,10 +232,19 @@ def test_the_determinant_follows_every_added_trial():
         assert value == pytest.approx(criterion.assess(more), abs=1e-8)
 
 
-def test_the_trials_for_a_width_follow_the_root_of_their_number():
-    equal = place("threshold", width="4 um").equal
-    ratio = equal.find_interval("threshold").width / 4e-6
-    assert equal.needed == pytest.approx(60 * ratio**2, rel=0.15)
+@pytest.mark.parametrize(
+    ("target", "width", "fewer"),
+    [("threshold", "4 um", 4e-6), ("jnd", 0.05, 0.05), ("threshold", "40 um", 40e-6)],
+)
+def test_a_width_is_reached_by_the_trials_of_the_design_and_by_no_fewer(target, width, fewer):
+    design = place(target, width=width)
+    trials = sum(design.optimal.trials)
+    assert design.optimal.find_interval(target).width <= fewer
+    assert trials <= design.equal.needed
+    if trials > 6:
+        assert place(target, trials=trials - 4).optimal.find_interval(target).width > fewer
+    again = place(target, trials=trials)
+    assert again.optimal.trials == design.optimal.trials
 
 
 def test_a_vague_expectation_spreads_the_heights():
@@ -161,9 +286,19 @@ def check_scatter(placement, fits):
     assert fits.std(axis=0, ddof=1) / errors == pytest.approx([1.0, 1.0], abs=4.0 * sampling)
 
 
-def test_simulated_participants_scatter_as_the_interval_says():
-    design = place("jnd", trials=400, number=5, lapse=0.03)
+@pytest.mark.parametrize("target", ["jnd", "threshold"])
+def test_simulated_participants_scatter_as_the_interval_says(target):
+    design = place(target, trials=400, number=5, lapse=0.03)
     check_scatter(design.optimal, simulate_errors(design.optimal, 0.03, 100, 1))
+
+
+def test_a_certain_threshold_is_known_better_than_from_equal_heights_by_simulation():
+    design = place("threshold", trials=60)
+    (found, _), (equal, _) = [
+        simulate_errors(placement, 0.02, 200, 1).std(axis=0)
+        for placement in (design.optimal, design.equal)
+    ]
+    assert found < 0.8 * equal
 
 
 @pytest.mark.parametrize(
@@ -178,11 +313,17 @@ def test_simulated_participants_scatter_as_the_interval_says():
         ("jnd", {"prior": {"precision": 1}}, "prior must name equal, equal_factor, weber, "),
         ("jnd", {"trials": 61}, "trials must be a multiple of 2, got 61"),
         ("jnd", {"trials": 4}, "trials must be a whole number from 6 to 10000, got 4"),
-        ("jnd", {"same_trials": True, "number": 7}, "trials must be a multiple of 14, got 60"),
+        (
+            "jnd",
+            {"same_trials": True, "number": 7, "trials": 60},
+            "trials must be a multiple of 14, got 60",
+        ),
         ("jnd", {"number": 2}, "number must be a whole number from 3 to 51, got 2"),
         ("both", {"width": 0.1}, "width must be that of a threshold or of a JND"),
         ("jnd", {"width": -1.0}, "width must be positive and finite, got -1.0"),
-        ("jnd", {"width": 1e-9}, "width must be reached by 10000000 trials"),
+        ("jnd", {"width": 1e-9}, "width must be reached by 10000 trials"),
+        ("jnd", {"width": 0.01}, "width must be reached by 10000 trials, got 0.01"),
+        ("jnd", {"width": 0.1, "trials": 60}, "trials or width must be given, got both"),
         ("exponent", {}, "standard and prior are of comparisons"),
         ("jnd", {"source": [1e-5, 2e-5]}, "there must be 3 to 2000 different heights"),
         ("jnd", {"source": stepblocks.MakingRoute()}, "a route must state the least and the most"),

@@ -164,8 +164,8 @@ def heights(
         typer.Option(
             "--width",
             metavar="WIDTH",
-            help="find the trials whose 95 % interval is so wide, such as '5 um' of a threshold or "
-            "0.1 of a JND",
+            help="in place of --trials: as many as make the 95 % interval, from end to end, at "
+            "most so wide, such as '5 um' of a threshold or 0.1 of a JND",
         ),
     ] = None,
 ) -> Outcome:

@@ -39,6 +39,7 @@ _FEWEST_HEIGHTS = 3  # that the analyses of comparisons and of magnitudes need
 _MOST_CANDIDATES = 2000
 _MOST_TRIALS = 10_000
 _MOST_NEEDED = 10_000_000  # trials up to which a width is sought
+_MOST_TURNS = 10  # in which trials and their placement are found for a width
 _UNIT_OF_PAIRS = 2  # a block is compared as often first as second
 _ROUNDING = 1e-6  # of a step, by which a limit may miss a whole number of them
 _EXPECTED = ("equal", "equal_factor", "weber", "weber_factor")  # of comparisons
@@ -74,7 +75,7 @@ class _Expectation:
     @property
     def criterion(self) -> Criterion:
         """What is to be small."""
-        return Criterion(self.sensitivity, self.target.places)
+        return Criterion(self.sensitivity, self.target.places, self.target.spread)
 
     @property
     def unit(self) -> int:
@@ -91,7 +92,8 @@ class _Expectation:
 
     def expect(self, quantity: Target, trials: Array) -> ExpectedInterval:
         """Return the interval of a quantity: Student's of an exponent, else of the logarithm."""
-        log_variance = Criterion(self.sensitivity, quantity.places).assess(trials)
+        criterion = Criterion(self.sensitivity, quantity.places, quantity.spread)
+        log_variance = criterion.assess(trials)
         error = math.exp(0.5 * log_variance)
         if quantity is Target.EXPONENT:
             reach = float(t.ppf(0.975, trials.sum() - 2.0)) * error
@@ -105,24 +107,25 @@ class _Expectation:
         logs = Bounded(log_ratio, log_ratio / factor, log_ratio * factor)
         return ExpectedInterval(quantity, logs.transform(_compute_ratio))
 
-    def find_needed_trials(self, shares: Array, width: float, multiple: int) -> int:
+    def reaches(self, trials: Array, width: float) -> bool:
+        """Tell whether the interval of the target is at most so wide."""
+        return self.expect(self.target, trials).width <= width
+
+    def find_needed_trials(self, shares: Array, width: float, multiple: int) -> int | None:
         """Return the least number of trials, in some shares, whose interval has a width.
 
-        The number is a whole multiple of `multiple`.
+        The number is a whole multiple of `multiple`; None where millions are not enough.
         """
 
         def is_reached(times: int) -> bool:
             """Tell whether so many multiples are enough."""
-            return self.expect(self.target, times * multiple * shares).width <= width
+            return self.reaches(times * multiple * shares, width)
 
         low, high = 0, max(math.ceil(_FEWEST_HEIGHTS / multiple), 1)
         while not is_reached(high):
             low, high = high, 2 * high
-            if high * multiple > _MOST_NEEDED:
-                raise StudyError(
-                    f"width must be reached by {_MOST_NEEDED} trials, got {width:g}; ask for a "
-                    "wider interval"
-                )
+            if low * multiple > _MOST_NEEDED:
+                return None
         while high - low > 1:
             middle = (low + high) // 2
             if is_reached(middle):
@@ -131,19 +134,53 @@ class _Expectation:
                 low = middle
         return high * multiple
 
-    def describe(self, units: Array, unit: int, width: float | None, multiple: int) -> Placement:
-        """Describe units of trials at each candidate."""
-        trials = unit * units
+    def describe(self, trials: Array, width: float | None, multiple: int) -> Placement:
+        """Describe trials at each candidate, and find how many reach a width, if any is given."""
         needed = None
         if width is not None:
             needed = self.find_needed_trials(trials / trials.sum(), width, multiple)
-        used = np.flatnonzero(units)
+        used = np.flatnonzero(trials)
         return Placement(
             heights=tuple(self.candidates[used].tolist()),
             trials=tuple(trials[used].astype(int).tolist()),
             intervals=self.list_intervals(trials),
             needed=needed,
         )
+
+
+@dataclass(frozen=True)
+class _Shape:
+    """What the trials of a design have to keep to.
+
+    Attributes
+    ----------
+    number : int
+        Least number of heights, with `same_trials` the number.
+    same_trials : bool
+        Whether every height gets as many trials.
+    unit : int
+        Trials that stay together.
+    """
+
+    number: int
+    same_trials: bool
+    unit: int
+
+    @property
+    def multiple(self) -> int:
+        """What the number of trials is a whole multiple of."""
+        if self.same_trials:
+            return self.unit * self.number
+        return self.unit
+
+    @property
+    def fewest(self) -> int:
+        """Trials that the least number of heights needs."""
+        return self.unit * self.number
+
+    def round_up(self, trials: int) -> int:
+        """Return the next number of trials that the shape can have."""
+        return self.multiple * math.ceil(max(trials, self.fewest) / self.multiple)
 
 
 def _compute_ratio(log_ratio: float) -> float:
@@ -164,7 +201,7 @@ def place_heights(
     curve: str = CurveShape.NORMAL,
     exponent: float = 1.0,
     noise: float = MAGNITUDE_NOISE,
-    trials: int = TRIALS,
+    trials: int | None = None,
     number: int = _FEWEST_HEIGHTS,
     same_trials: bool = False,
     equal_number: int = EQUAL_HEIGHTS,
@@ -196,9 +233,9 @@ def place_heights(
     exponent, noise : float
         Expected exponent of the height, and standard deviation of the natural logarithm of a
         magnitude around the power law [1].
-    trials : int
-        Of the participant in one setting; even in comparisons, where the standard comes as often
-        first as second.
+    trials : int, optional
+        Of the participant in one setting, 60 where neither these nor a `width` are given; even in
+        comparisons, where the standard comes as often first as second.
     number : int
         Least number of heights, at least 3; with `same_trials` the number of heights.
     same_trials : bool
@@ -206,8 +243,8 @@ def place_heights(
     equal_number : int
         Heights of the equal spacing that is shown beside the design.
     width : float or str, optional
-        Of the 95 % interval of the target, for which the number of trials is sought: [m] of a
-        threshold, else [1].
+        In place of `trials`: there are as many as make the 95 % interval of the target, from end
+        to end, at most so wide, placed for this number: [m] of a threshold, else [1].
     only : str, optional
         Pattern of the blocks of a stimulus file that are candidates.
 
@@ -215,7 +252,8 @@ def place_heights(
     -------
     HeightDesign
         Heights, trials and expected 95 % intervals of the design and of equal spacing. An interval
-        is from the Fisher information, in the middle (of its logarithm) over expected values.
+        is from the Fisher information, in the middle (of its logarithm) over expected values; that
+        of a threshold has the second order of the error of the spread (see `Criterion`).
 
     Raises
     ------
@@ -241,48 +279,75 @@ def place_heights(
     else:
         height = _find_standard(standard, named)
         expectation = _expect_curve(goal, candidates, height, prior, lapse, curve)
-    unit = expectation.unit
     _check_count("number", number, _FEWEST_HEIGHTS, len(candidates))
     _check_count("equal_number", equal_number, _FEWEST_HEIGHTS, _MOST_CANDIDATES)
-    _check_count("trials", trials, unit * number, _MOST_TRIALS)
-    multiple = unit
-    if same_trials:
-        multiple = unit * number
-    if trials % multiple:
-        raise StudyError(f"trials must be a multiple of {multiple}, got {trials}")
+    shape = _Shape(number, same_trials, expectation.unit)
     asked = _read_width(goal, width)
-    equal = spread_evenly(candidates, equal_number, trials // unit)
-    units, unit_of_design = _find_best(expectation, trials, number, same_trials)
+    if asked is not None and trials is not None:
+        raise StudyError("trials or width must be given, got both")
+    if asked is not None:
+        trials = _find_trials_for_width(expectation, shape, asked)
+    elif trials is None:
+        trials = shape.round_up(TRIALS)
+    _check_count("trials", trials, shape.unit * number, _MOST_TRIALS)
+    if trials % shape.multiple:
+        raise StudyError(f"trials must be a multiple of {shape.multiple}, got {trials}")
+    best = _find_best(expectation, trials, shape)
+    equal = shape.unit * spread_evenly(candidates, equal_number, trials // shape.unit)
     criterion = expectation.criterion
-    loss = criterion.assess(unit * equal) - criterion.assess(unit_of_design * units)
+    loss = criterion.assess(equal) - criterion.assess(best)
     return HeightDesign(
         target=goal,
-        optimal=expectation.describe(units, unit_of_design, asked, multiple),
-        equal=expectation.describe(equal, unit, asked, unit),
+        optimal=expectation.describe(best, asked, shape.multiple),
+        equal=expectation.describe(equal, asked, shape.unit),
         efficiency=math.exp(-loss / len(goal.places)),
     )
 
 
-def _find_best(
-    expectation: _Expectation, trials: int, number: int, same_trials: bool
-) -> tuple[Array, int]:
-    """Return the best units of trials at each candidate, and the trials of a unit.
+def _find_trials_for_width(expectation: _Expectation, shape: _Shape, width: float) -> int:
+    """Return the number of trials whose best placement gives an interval of a width.
+
+    The best shares depend a little on the number, so that both are found in turn.
+    """
+    trials = shape.round_up(TRIALS)
+    for _ in range(_MOST_TURNS):
+        best = _find_best(expectation, trials, shape)
+        needed = expectation.find_needed_trials(best / best.sum(), width, shape.multiple)
+        most = shape.multiple * (_MOST_TRIALS // shape.multiple)
+        # shares for few trials may tell too little of the lapses for any number of trials
+        if needed is None or needed > most:
+            needed = most
+        needed = shape.round_up(needed)
+        if needed == trials:
+            break
+        trials = needed
+    while not expectation.reaches(_find_best(expectation, trials, shape), width):
+        trials += shape.multiple
+        if trials > _MOST_TRIALS:
+            raise StudyError(
+                f"width must be reached by {_MOST_TRIALS} trials, got {width:g}; ask for a wider "
+                "interval"
+            )
+    return trials
+
+
+def _find_best(expectation: _Expectation, trials: int, shape: _Shape) -> Array:
+    """Return the best trials at each candidate.
 
     The search starts from equal spacing over all candidates and over three halves of them.
     """
-    unit = expectation.unit
-    units = trials // unit
-    if same_trials:
+    number = shape.number
+    unit = shape.unit
+    if shape.same_trials:
         unit = trials // number
-        units = number
+    units = trials // unit
     candidates = expectation.candidates
     criterion = expectation.criterion
     found = []
     for start in _list_starts(candidates, number, units):
         exchanged = exchange_trials(criterion, start, unit, number)
         found.append(merge_heights(criterion, exchanged, unit, number))
-    best = min(found, key=lambda shares: round(criterion.assess(unit * shares), 9))
-    return best, unit
+    return unit * min(found, key=lambda shares: round(criterion.assess(unit * shares), 9))
 
 
 def _list_starts(candidates: Array, number: int, units: int) -> list[Array]:

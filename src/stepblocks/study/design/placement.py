@@ -25,6 +25,13 @@ class Target(StrEnum):
             return MIDDLE, LOG_SPREAD
         return (_PLACES[self],)
 
+    @property
+    def spread(self) -> int | None:
+        """Place of the logarithm of the spread where its error widens that of the target."""
+        if self is Target.THRESHOLD:
+            return LOG_SPREAD
+        return None
+
 
 _PLACES = {Target.THRESHOLD: MIDDLE, Target.JND: LOG_SPREAD, Target.EXPONENT: SLOPE}
 
@@ -62,7 +69,8 @@ class Placement:
     intervals : tuple of ExpectedInterval
         Of threshold and JND, or of the exponent.
     needed : int or None
-        Trials, in the same shares, that reach the width that is asked for; None without one.
+        Trials, in the same shares, whose interval is as narrow as is asked for; None where that
+        is not asked, or ten million are not enough.
     """
 
     heights: tuple[float, ...]

@@ -12,8 +12,9 @@ import numpy as np
 from stepblocks.contact import Array
 from stepblocks.study.design.information import Sensitivity
 
-_GAIN = 1e-9  # least gain of a move, in logarithms of a variance
+_GAIN = 1e-6  # least gain of a move, in logarithms of a variance
 _MOST_MOVES = 10_000
+_SECOND_ORDER = 3.0  # see `Criterion`
 _SPENT = 0.01  # of the logarithm of a variance, for which fewer heights are taken
 
 
@@ -24,28 +25,46 @@ class Criterion:
     Of several parameters it is the logarithm of the determinant of their covariance (D-optimal
     for these), of one that of its variance (c-optimal). It is a mean over the expected values.
 
+    A threshold needs one term more. Its asymptotic variance is least with all trials at the
+    threshold itself, where nothing is known of the spread and a fit finds no threshold either. For
+    trials at two heights, the threshold between them in the middle, the fitted one is at
+    ``-s d / D`` with the mean s and half the difference D of both fitted distances, which are
+    independent; its variance is that of s times the mean of ``(d / D)**2``, which is
+    ``1 + 3 var(ln spread)`` to the second order. This factor is part of the criterion. It is 1 for
+    many trials, and keeps the criterion convex in the shares of trials.
+
     Attributes
     ----------
     sensitivity : Sensitivity
         How answers depend on the parameters.
     targets : tuple of int
         Places of the parameters that are asked for; the others are estimated beside them.
+    spread : int or None
+        Place of the logarithm of the spread where its error widens that of the target.
     """
 
     sensitivity: Sensitivity
     targets: tuple[int, ...]
+    spread: int | None = None
 
     @property
     def nuisances(self) -> tuple[int, ...]:
         """Places of the parameters that are estimated and not asked for."""
+        return self._list_places_beside(self.targets)
+
+    def _list_places_beside(self, places: tuple[int, ...]) -> tuple[int, ...]:
+        """Return the places of all parameters but some."""
         number = self.sensitivity.known.shape[0]
-        return tuple(place for place in range(number) if place not in self.targets)
+        return tuple(place for place in range(number) if place not in places)
 
     def assess(self, trials: Array) -> float:
         """Return the criterion of trials at each height, shape (heights,)."""
         information = self.sensitivity.add_up(trials)
-        beside = _select(information, self.nuisances)
-        logs = np.linalg.slogdet(beside)[1] - np.linalg.slogdet(information)[1]
+        logs = _compute_log_variance(information, self.nuisances)
+        if self.spread is not None:
+            beside_spread = self._list_places_beside((self.spread,))
+            variance = np.exp(_compute_log_variance(information, beside_spread))
+            logs = logs + np.log1p(_SECOND_ORDER * variance)
         return float(self.sensitivity.weights @ logs)
 
     def assess_additions(self, trials: Array, added: float) -> Array:
@@ -57,10 +76,24 @@ class Criterion:
         information = self.sensitivity.add_up(trials)
         slopes = self.sensitivity.slopes
         beside = _select(information, self.nuisances)
-        gain = np.log1p(added * _compute_forms(information, slopes))
-        gain -= np.log1p(added * _compute_forms(beside, slopes[..., self.nuisances]))
+        growth = np.log1p(added * _compute_forms(information, slopes))
+        gain = growth - np.log1p(added * _compute_forms(beside, slopes[..., self.nuisances]))
+        if self.spread is not None:
+            beside_spread = self._list_places_beside((self.spread,))
+            others = _select(information, beside_spread)
+            log_variance = _compute_log_variance(information, beside_spread)[:, np.newaxis]
+            forms = _compute_forms(others, slopes[..., beside_spread])
+            less = log_variance - growth + np.log1p(added * forms)
+            gain += np.log1p(_SECOND_ORDER * np.exp(log_variance))
+            gain -= np.log1p(_SECOND_ORDER * np.exp(less))
         # rounded, so that the least is the same on every processor
         return np.asarray(np.round(self.assess(trials) - self.sensitivity.weights @ gain, 9))
+
+
+def _compute_log_variance(information: Array, nuisances: tuple[int, ...]) -> Array:
+    """Return ln(determinant of the covariance) of all but some parameters, shape (values,)."""
+    beside = _select(information, nuisances)
+    return np.asarray(np.linalg.slogdet(beside)[1] - np.linalg.slogdet(information)[1])
 
 
 def _select(matrices: Array, places: tuple[int, ...]) -> Array:
