@@ -19,6 +19,7 @@ from stepblocks.study.design.information import (
     find_log_spread,
 )
 from stepblocks.study.design.placement import Target
+from stepblocks.study.design.simulate import Observer
 from stepblocks.study.design.trial_exchange import Criterion, exchange_trials
 
 STANDARD = 50e-6
@@ -55,6 +56,10 @@ def test_threshold_and_jnd_are_known_best_at_the_two_points_of_white_and_minkin(
     assert np.minimum(rise, 1.0 - rise) == pytest.approx(share, abs=0.004)
     below = sum(np.array(design.optimal.trials)[places < 0.0])
     assert below == pytest.approx(200, abs=4)
+
+
+def find_interval(placement, quantity):
+    return next(interval for interval in placement.intervals if interval.quantity == quantity)
 
 
 def find_places(design, curve):
@@ -146,7 +151,7 @@ def test_the_points_of_a_threshold_close_in_with_the_fourth_root_of_the_trials(t
     design = place("threshold", source=FINE, curve="logistic", lapse=0.0, trials=trials)
     places, shares = find_places(design, "logistic")
     assert shares @ np.abs(places) == pytest.approx(expected, rel=0.1)
-    bounds = design.optimal.find_interval("threshold").bounds
+    bounds = find_interval(design.optimal, "threshold").bounds
     spread = math.exp(find_log_spread(WEBER, CurveShape.LOGISTIC))
     error = math.log(bounds.high / bounds.low) / 3.919928 / spread
     assert error**2 == pytest.approx(4.0 * compute_variance(expected) / trials, rel=5e-3)
@@ -179,9 +184,9 @@ def test_an_exponent_is_known_best_at_the_ends_of_the_range():
     # standard error of the slope of a straight line, with Student's t of n - 2
     logs = np.repeat(np.log(design.optimal.heights), design.optimal.trials)
     error = 0.2 / math.sqrt(np.sum((logs - logs.mean()) ** 2))
-    interval = design.optimal.find_interval("exponent")
+    interval = find_interval(design.optimal, "exponent")
     assert interval.width == pytest.approx(2.0 * 2.024394 * error, rel=1e-6)
-    assert design.optimal.find_interval("exponent").width < design.equal.intervals[0].width
+    assert find_interval(design.optimal, "exponent").width < design.equal.intervals[0].width
     assert 0.3 < design.efficiency < 0.9
 
 
@@ -239,10 +244,10 @@ def test_the_determinant_follows_every_added_trial():
 def test_a_width_is_reached_by_the_trials_of_the_design_and_by_no_fewer(target, width, fewer):
     design = place(target, width=width)
     trials = sum(design.optimal.trials)
-    assert design.optimal.find_interval(target).width <= fewer
+    assert find_interval(design.optimal, target).width <= fewer
     assert trials <= design.equal.needed
     if trials > 6:
-        assert place(target, trials=trials - 4).optimal.find_interval(target).width > fewer
+        assert find_interval(place(target, trials=trials - 4).optimal, target).width > fewer
     again = place(target, trials=trials)
     assert again.optimal.trials == design.optimal.trials
 
@@ -278,9 +283,9 @@ def simulate_errors(placement, lapse, runs, seed):
 
 def check_scatter(placement, fits):
     """Check that fits scatter as the expected intervals say, within sampling error."""
-    interval = placement.find_interval("threshold").bounds
+    interval = find_interval(placement, "threshold").bounds
     errors = [math.log(interval.high / interval.low) / 3.91993]
-    ratios = placement.find_interval("jnd").bounds.transform(lambda ratio: math.log1p(ratio))
+    ratios = find_interval(placement, "jnd").bounds.transform(lambda ratio: math.log1p(ratio))
     errors.append(math.log(ratios.high / ratios.low) / 3.91993)
     sampling = 1.0 / math.sqrt(2.0 * len(fits))
     assert fits.std(axis=0, ddof=1) / errors == pytest.approx([1.0, 1.0], abs=4.0 * sampling)
@@ -299,6 +304,51 @@ def test_a_certain_threshold_is_known_better_than_from_equal_heights_by_simulati
         for placement in (design.optimal, design.equal)
     ]
     assert found < 0.8 * equal
+
+
+@pytest.mark.parametrize("target", ["threshold", pytest.param("jnd", marks=pytest.mark.long)])
+def test_power_finds_by_simulation_the_intervals_that_a_design_expects(target):
+    heights = (np.arange(20, 101, 5) * 1e-6).tolist()
+    names = [f"step-{height * 1e6:03.0f}" for height in heights]
+    observer = Observer(weber=1.0, lapse=0.04)
+    options = {"experiment": "constant", "standard": "step-050", "seed": 1, "runs": 80}
+    options |= {"observer": observer, "measure": target}
+    (jnd,) = stepblocks.study_power(heights, **options | {"measure": "jnd"})["jnd_ratio"]
+    expected = {"weber": jnd, "weber_factor": 1, "equal_factor": 1}
+    design = place(target, source=heights, prior=expected, trials=600, lapse=0.02)
+    widths = []
+    for placement in (design.optimal, design.equal):
+        numbers = dict(zip(placement.heights, placement.trials, strict=True))
+        trials = {name: numbers[h] for name, h in zip(names, heights, strict=True) if h in numbers}
+        (row,) = stepblocks.study_power(heights, trials=trials, **options).to_dict("records")
+        unit = "um" if target == "threshold" else "ratio"
+        low, high = row[f"simulated_low_95_{unit}"], row[f"simulated_high_95_{unit}"]
+        interval = find_interval(placement, target)
+        scale = 1e6 if target == "threshold" else 1.0
+        assert row[f"expected_low_95_{unit}"] == pytest.approx(scale * interval.bounds.low)
+        assert high - low == pytest.approx(scale * interval.width, rel=0.25)
+        assert row["fitted_ratio"] > 0.97
+        widths.append(high - low)
+    assert widths[0] < 0.9 * widths[1]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"standard": "step-1"}, "standard must be one of the blocks "),
+        ({"trials": {"a": 3}}, "trials must be of the blocks step-020, "),
+        ({"trials": {"step-020": 3}}, "trials must be of 3 blocks or more, got 1"),
+        ({"trials": {"step-020": 1.5}}, "trials must be whole numbers above 0, got 1.5 [step-020]"),
+        ({"experiment": "estimates"}, "threshold or jnd must be of the experiment constant"),
+        ({"measure": "bias", "trials": {"a": 3}}, "trials must be given with the measure"),
+        ({"runs": 2}, "runs must lie between 10 and 100000, got 2"),
+    ],
+)
+def test_power_refuses_what_gives_no_threshold(wrong, message):
+    options = {"experiment": "constant", "standard": "step-050", "measure": "jnd", "seed": 1}
+    with pytest.raises(StepblocksError) as caught:
+        stepblocks.study_power([20e-6, 40e-6, 50e-6, 70e-6], **options | wrong)
+    assert str(caught.value).startswith(message)
 
 
 @pytest.mark.parametrize(

@@ -4,8 +4,6 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import NamedTuple
 
-from stepblocks.errors import StudyError
-from stepblocks.mistakes import shorten_value
 from stepblocks.study.analysis.bounded import Bounded
 from stepblocks.study.design.information import LOG_SPREAD, MIDDLE, SLOPE
 
@@ -78,14 +76,6 @@ class Placement:
     intervals: tuple[ExpectedInterval, ...]
     needed: int | None
 
-    def find_interval(self, quantity: str) -> ExpectedInterval:
-        """Return the interval of a quantity."""
-        for interval in self.intervals:
-            if interval.quantity == quantity:
-                return interval
-        known = ", ".join(interval.quantity for interval in self.intervals)
-        raise StudyError(f"quantity must be one of {known}, got {shorten_value(quantity)}")
-
     def summarise(self) -> dict[str, object]:
         """Return trials and intervals as a row."""
         row: dict[str, object] = {"trials": sum(self.trials)}
@@ -119,6 +109,14 @@ class HeightDesign:
     optimal: Placement
     equal: Placement
     efficiency: float
+
+    def __repr__(self) -> str:
+        """Show what is known best, from how many heights and trials, and the efficiency."""
+        number = len(self.optimal.heights)
+        return (
+            f"<HeightDesign of {self.target}: {number} heights, {sum(self.optimal.trials)} trials, "
+            f"efficiency of equal spacing {self.efficiency:.2f}>"
+        )
 
     def tabulate(self) -> dict[str, list[dict[str, object]]]:
         """Return the heights and the intervals of both as rows, by the title of their table."""
