@@ -90,8 +90,8 @@ class InspectPage:
                 self._stylus = ui.input(texts.STYLUS)
                 self._calibration = ui.input(texts.CALIBRATION)
                 for box in (self._scan, self._part, self._unit, self._channel, self._stylus):
-                    box.classes("w-[420px]")
-                self._calibration.classes("w-[420px]")
+                    box.classes("w-full")
+                self._calibration.classes("w-full")
                 ui.button(texts.LOOK, on_click=self._look).props("no-caps")
             self._picture = ui.column()
         self._command = ui.column().classes("w-full")
