@@ -109,6 +109,12 @@ CHOOSE_PART = "Choose the part that was scanned, and look again: the command sta
 SCAN_PICTURE = "Heights of the scan"
 PROFILE_READ = "Profile of {points} points over {length}, heights from {low} to {high}"
 MAP_READ = "Map of {columns} x {rows} points over {length} x {width}, heights from {low} to {high}"
+EDGE = "{number}: {rise} µm at {place} µm"
+PICK_EDGE = (
+    "The scan has several edges. Where the program cannot tell which is the working one, click on "
+    "it, or choose it here: only the part that holds it alone is evaluated then."
+)
+WORKING_EDGE = "Working edge"
 AXIS_ALONG = "along the scan [mm]"
 AXIS_ACROSS = "across it [mm]"
 AXIS_HEIGHT = "height [µm]"

@@ -11,7 +11,7 @@ import pytest
 
 from oracles.browser import browser
 
-SECONDS = 600.0  # for anything to appear
+SECONDS = 120.0  # for anything to appear
 
 
 @contextmanager
@@ -61,9 +61,23 @@ class Clicker:
         self.driver = driver
 
     def see(self, text):
-        """Wait for a text."""
-        path = f"//*[contains(normalize-space(text()), {quote(text)})]"
-        return wait_for(lambda: self._find_shown(path), text)
+        """Wait for an element with a text, and return the whole text."""
+        path = f"//*[text()[contains(normalize-space(.), {quote(text)})]]"
+
+        def look():
+            element = self._find_shown(path)
+            return element.text if element else None
+
+        return wait_for(look, text)
+
+    def find(self, selector):
+        """Wait for an element that a selector of CSS finds."""
+
+        def look():
+            found = self.driver.find_elements("css selector", selector)
+            return found[0] if found else None
+
+        return wait_for(look, selector)
 
     def click(self, text, number=0):
         """Click a button or a link, by its text or its name for listeners."""
