@@ -18,7 +18,7 @@ from nicegui.testing.user_simulation import user_simulation
 
 from stepblocks.errors import MetrologyError, PipelineError
 from stepblocks.window.folder import Folder
-from stepblocks.window.inspect_page import InspectionAnswers, InspectPage
+from stepblocks.window.inspect_page import InspectForm, InspectionAnswers
 from stepblocks.window.jobs import JobList
 from stepblocks.window.scan_picture import draw_scan
 from stepblocks.window.window import Window
@@ -53,15 +53,43 @@ def test_a_map_is_shown_with_its_sides(tmp_path):
     assert text.startswith("Map of 40 x 20 points over 400 um x 200 um")
 
 
+def make_two_steps():
+    """A profile with steps of 25 um at 500 um and of 40 um at 1500 um, as text."""
+    x = np.arange(0.0, 2000.0, 2.0)
+    rows = [f"{place:g},{25.0 * (place > 500.0) + 40.0 * (place > 1500.0):g}" for place in x]
+    return "\n".join(["x_um,z_um", *rows]) + "\n"
+
+
+def test_edges_are_named_and_a_click_picks_the_nearest_with_the_part_that_holds_it_alone(tmp_path):
+    path = tmp_path / "scan.csv"
+    path.write_text(make_two_steps())
+    picture = draw_scan(path, None, None)
+    assert [edge.name for edge in picture.edges] == ["1: +25 µm at 501 µm", "2: +40 µm at 1500 µm"]
+    low, high = picture.edges
+    assert (low.begin, high.end) == ("", "")
+    assert 501.0 < float(low.end.removesuffix(" um")) < 1500.0
+    assert 501.0 < float(high.begin.removesuffix(" um")) < 1500.0
+    left, right = picture.columns
+    middle = 0.5 * (left + right)
+    assert picture.find_edge(middle - 5.0) is low
+    assert picture.find_edge(middle + 5.0) is high
+    assert picture.find_edge(0.0) is low
+
+
+def test_the_picked_part_is_what_the_command_evaluates():
+    answers = InspectionAnswers("a.csv", "low", "b.toml", begin="1010 um", end="-3 um")
+    assert answers.make_command().words[-4:-2] == ("--from=1010 um", "--to=-3 um")
+
+
 @pytest.mark.parametrize("name", ["evil.exe", ".csv", ".hidden.csv", "", "..", "a\0.csv"])
 def test_a_dropped_file_that_is_no_scan_is_not_taken(name, tmp_path):
     with pytest.raises(PipelineError):
-        InspectPage(Folder(tmp_path), JobList(tmp_path)).name_upload(name)
+        InspectForm(Folder(tmp_path), JobList(tmp_path)).name_upload(name)
 
 
 @pytest.mark.parametrize("name", ["../../a.csv", "/etc/a.csv", "..\\..\\a.csv", "C:\\x\\a.csv"])
 def test_a_dropped_file_lies_in_the_folder_whatever_it_is_called_and_replaces_none(name, tmp_path):
-    page = InspectPage(Folder(tmp_path), JobList(tmp_path))
+    page = InspectForm(Folder(tmp_path), JobList(tmp_path))
     assert page.name_upload(name) == "scans/a.csv"
     (tmp_path / "scans").mkdir()
     (tmp_path / "scans" / "a.csv").touch()

@@ -20,12 +20,15 @@ class ShownCommand:
         The same as Python; empty where a file is all that it writes.
     page : str
         Page within the folder of the window that it writes; empty where it writes none.
+    address : str
+        Page that it serves while it runs; empty where it serves none.
     """
 
     title: str
     words: tuple[str, ...]
     python: str = ""
     page: str = ""
+    address: str = ""
 
     @property
     def line(self) -> str:

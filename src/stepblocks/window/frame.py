@@ -27,6 +27,8 @@ _STYLE = """
   .body--dark .nicegui-link { color: #7cc4de; }
   .beside { display: grid; gap: 24px; width: 100%; grid-template-columns: 1fr; }
   @media (min-width: 1000px) { .beside { grid-template-columns: 1fr 1fr; } }
+  .fields { display: grid; gap: 4px 24px; width: 100%; grid-template-columns: 1fr; }
+  @media (min-width: 700px) { .fields { grid-template-columns: 1fr 1fr; } }
   .report { width: 100%; height: 720px; border: 1px solid #8a8a8a; background: #fff; }
   .q-header .nicegui-link { color: #fff; }
 </style>
@@ -95,7 +97,7 @@ def show_message(text: str) -> None:
 
 def show_command(command: ShownCommand) -> None:
     """Show a command, with buttons that copy it and the same in Python."""
-    with ui.row().classes("items-center w-full"):
+    with ui.row().classes("items-center"):
         ui.label(command.line).classes("command").props(
             _name_for_listeners(texts.COMMAND_OF.format(title=command.title))
         )

@@ -1,5 +1,6 @@
 """The page to judge a scan: what its file leaves open is asked beside a picture of the data."""
 
+import glob
 from dataclasses import dataclass
 from pathlib import PurePosixPath
 
@@ -8,15 +9,17 @@ from nicegui import events, run, ui
 from stepblocks.declaration.read import load_set
 from stepblocks.errors import PipelineError, StepblocksError
 from stepblocks.files.atomic import replace_bytes
+from stepblocks.files.text import is_file
 from stepblocks.scans.read import FORMATS
 from stepblocks.window import texts
 from stepblocks.window.command_line import ShownCommand, write_call, write_name
 from stepblocks.window.folder import Folder, Kind
 from stepblocks.window.frame import show_heading, show_mistake
 from stepblocks.window.gate import LARGEST_UPLOAD
-from stepblocks.window.job_view import Runnable
-from stepblocks.window.jobs import JobList
-from stepblocks.window.scan_picture import draw_scan
+from stepblocks.window.job_view import Runnable, show_page
+from stepblocks.window.jobs import Job, JobList
+from stepblocks.window.scan_edges import ScanEdge
+from stepblocks.window.scan_picture import ScanPicture, draw_scan
 
 _SCANS = "scans"  # folder that dropped scans are put into
 _PAGE = "inspection.html"
@@ -32,6 +35,8 @@ class InspectionAnswers:
         Name of the file, identity of the part, and the stimulus file that declares it.
     unit, channel, stylus_radius, calibration : str
         As the command takes them.
+    begin, end : str
+        Part of the profiles that holds the working edge alone.
     """
 
     scan: str
@@ -41,6 +46,8 @@ class InspectionAnswers:
     channel: str = ""
     stylus_radius: str = ""
     calibration: str = ""
+    begin: str = ""
+    end: str = ""
 
     def make_command(self) -> ShownCommand:
         """Make the command that judges the scan."""
@@ -52,6 +59,8 @@ class InspectionAnswers:
             ("--channel", self.channel),
             ("--stylus-radius", self.stylus_radius),
             ("--calibration", self.calibration),
+            ("--from", self.begin),
+            ("--to", self.end),
         ):
             if text:
                 words.append(f"{option}={text}")
@@ -59,7 +68,7 @@ class InspectionAnswers:
         options = {"unit": self.unit, "channel": self.channel}
         given = {name: text for name, text in options.items() if text}
         python = ""
-        if not self.stylus_radius and not self.calibration:
+        if not (self.stylus_radius or self.calibration or self.begin or self.end):
             judge = write_call("inspect_scan", self.scan, self.part, stimuli=self.stimuli, **given)
             result = judge.replace("\n\n", "\n\nresult = ", 1)
             python = f"{result}\nstepblocks.write_inspection(result, {output!r})"
@@ -77,6 +86,19 @@ class InspectPage:
 
     def build(self, file: str = "") -> None:
         """Make the page; `file` is the scan that is looked at first."""
+        InspectForm(self._folder, self._jobs).build(file)
+
+
+class InspectForm:
+    """What one opened page shows, with what was answered in it."""
+
+    def __init__(self, folder: Folder, jobs: JobList) -> None:
+        self._folder = folder
+        self._jobs = jobs
+        self._edge: ScanEdge | None = None
+
+    def build(self, file: str) -> None:
+        """Make the page."""
         show_heading(texts.INSPECT)
         upload = ui.upload(
             label=texts.DROP_SCAN, max_file_size=LARGEST_UPLOAD, auto_upload=True
@@ -90,8 +112,8 @@ class InspectPage:
                 self._stylus = ui.input(texts.STYLUS)
                 self._calibration = ui.input(texts.CALIBRATION)
                 for box in (self._scan, self._part, self._unit, self._channel, self._stylus):
-                    box.classes("w-[420px]")
-                self._calibration.classes("w-[420px]")
+                    box.classes("w-full")
+                self._calibration.classes("w-full")
                 ui.button(texts.LOOK, on_click=self._look).props("no-caps")
             self._picture = ui.column()
         self._command = ui.column().classes("w-full")
@@ -166,15 +188,59 @@ class InspectPage:
         with self._picture:
             ui.label(picture.description).mark("description")
             ui.label(picture.scale)
-            ui.image(picture.image).props(f'alt="{texts.SCAN_PICTURE}"').classes("w-full")
+            self._show_picture(picture)
+        self._show_command()
+
+    def _show_picture(self, picture: ScanPicture) -> None:
+        """Show the picture of a scan, on which the working edge can be picked where it has several.
+
+        Whoever does not use a mouse picks it in the list below.
+        """
+        self._edge = None
+        image = ui.interactive_image(picture.image, on_mouse=lambda event: pick(event.image_x))
+        image.props(f'alt="{texts.SCAN_PICTURE}"').classes("w-full").mark("picture")
+        if len(picture.edges) < 2:
+            return
+        ui.label(texts.PICK_EDGE)
+        by_name = {edge.name: edge for edge in picture.edges}
+        choice = ui.select(list(by_name), label=texts.WORKING_EDGE, clearable=True)
+        choice.classes("w-full").mark("edge")
+
+        def pick(column: float) -> None:
+            edge = picture.find_edge(column)
+            if edge is not None:
+                choice.set_value(edge.name)
+
+        def take(event: events.ValueChangeEventArguments[str | None]) -> None:
+            self._edge = by_name.get(event.value or "")
+            self._show_command()
+
+        choice.on_value_change(take)
+
+    def _show_command(self) -> None:
+        """Show the command for what the fields say."""
+        self._command.clear()
         with self._command:
             if self._part.value is None:
                 ui.label(texts.CHOOSE_PART)
                 return
-            Runnable(self._read_answers().make_command(), self._folder, self._jobs)
+            command = self._read_answers().make_command()
+            Runnable(command, self._folder, self._jobs, self._show_result)
+
+    def _show_result(self, job: Job) -> None:
+        """Show the page of an inspection, and every file that it wrote."""
+        page = self._folder.resolve(job.command.page)
+        if not is_file(page):
+            return
+        begin = page.name.removesuffix(_PAGE)
+        with ui.row():
+            for path in sorted(page.parent.glob(f"{glob.escape(begin)}*")):
+                name = path.relative_to(self._folder.path).as_posix()
+                ui.link(path.name, self._folder.make_link(name), new_tab=True)
+        show_page(self._folder, job.command.page, texts.REPORT_OF.format(title=texts.INSPECT_THIS))
 
     def _read_answers(self) -> InspectionAnswers:
-        """Return what the fields say."""
+        """Return what the fields and the picked edge say."""
         file, _, part = str(self._part.value).partition("\n")
         return InspectionAnswers(
             scan=str(self._scan.value).strip(),
@@ -184,4 +250,6 @@ class InspectPage:
             channel=str(self._channel.value).strip(),
             stylus_radius=str(self._stylus.value).strip(),
             calibration=str(self._calibration.value).strip(),
+            begin="" if self._edge is None else self._edge.begin,
+            end="" if self._edge is None else self._edge.end,
         )

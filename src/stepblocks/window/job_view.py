@@ -42,6 +42,7 @@ class JobView:
                 self._state = ui.label().props("role=status").mark(f"state-{job.number}")
                 self._cancel = ui.button(texts.CANCEL, on_click=job.cancel).props("flat no-caps")
                 self._link = ui.link(texts.OPEN_PAGE, folder.make_link(job.command.page), True)
+                self._served = ui.link(texts.OPEN_SERVED, job.command.address, True)
             with ui.row().classes("items-center w-full") as self._progress:
                 self._bar = ui.linear_progress(value=0.0, show_value=False)
                 self._bar.props(f'aria-label="{texts.PROGRESS}"').classes("w-[240px]")
@@ -60,6 +61,7 @@ class JobView:
         self._show_progress()
         self._spinner.set_visibility(is_running)
         self._cancel.set_visibility(is_running)
+        self._served.set_visibility(is_running and bool(self._job.command.address))
         self._link.set_visibility(not is_running and self._has_page())
         if is_running:
             return

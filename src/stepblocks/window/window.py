@@ -21,7 +21,9 @@ from stepblocks.window.frame import Page, build_frame
 from stepblocks.window.gate import Gate
 from stepblocks.window.inspect_page import InspectPage
 from stepblocks.window.jobs import JobList
+from stepblocks.window.set_page import SetPage
 from stepblocks.window.start_page import StartPage
+from stepblocks.window.study_page import StudyPage
 from stepblocks.window.work_page import ADDRESS, WorkPage
 
 
@@ -47,6 +49,8 @@ class Window:
             Page("/declare", texts.DECLARE, DeclarePage(self.folder).build),
             Page("/build", texts.BUILD_PAGE, BuildPage(self.folder, self.jobs).build),
             Page("/inspect", texts.INSPECT, InspectPage(self.folder, self.jobs).build),
+            Page("/study", texts.STUDY_PAGE, StudyPage(self.folder, self.jobs).build),
+            Page("/set", texts.SET_PAGE, SetPage(self.folder, self.jobs).build),
             Page(ADDRESS, texts.WORK, WorkPage(self.folder, self.jobs).build),
         )
 
