@@ -1,20 +1,25 @@
 """``stepblocks new``, ``help`` and ``completion``: how one begins."""
 
 import sysconfig
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
 import typer
 
+from stepblocks.cli.cluster import open_shown_cluster
 from stepblocks.cli.command import command
-from stepblocks.cli.options import Force, Quiet, make_whole_number_reader, require_one
+from stepblocks.cli.options import Force, Jobs, On, Quiet, make_whole_number_reader, require_one
 from stepblocks.cli.outcome import Outcome, make_progress
 from stepblocks.errors import PipelineError
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
+
+    from stepblocks.loop.rehearsal import Rehearsal
+    from stepblocks.rehearse.plan import SessionPlan
 
 app = typer.Typer()
 
@@ -71,6 +76,8 @@ def new(
             help="with --plan: how many sessions to rehearse, each about 10 s",
         ),
     ] = 10,
+    jobs: Jobs = None,
+    on: On = None,
     quiet: Quiet = False,
     force: Force = False,
 ) -> Outcome:
@@ -81,6 +88,8 @@ def new(
     require_one("begin with: stepblocks new block mine.toml", KIND=kind, shipped=shipped)
     if plan is not None and kind != "session":
         raise PipelineError(f"--plan goes with: stepblocks new session, got {kind or 'no kind'}")
+    if plan is None and (jobs is not None or on is not None):
+        raise PipelineError("--jobs and --on divide rehearsals: give the session's plan by --plan")
     if kind is None:
         return _copy_shipped(shipped or Path("stimuli"), force=force)
     file = file or Path(f"my-{kind}" if kind == "session" else f"my-{kind}.toml")
@@ -89,7 +98,8 @@ def new(
         place = folder / "session.toml"
         text, then = write_starter_file(kind, folder)
         if plan is not None:
-            return _plan_session(folder, plan, rehearsals, then, quiet=quiet, force=force)
+            rehearse = partial(_rehearse, count=rehearsals, jobs=jobs, on=on, quiet=quiet)
+            return _plan_session(folder, plan, rehearse, then, force=force)
         texts = {place: text, folder / "trials.csv": _TRIALS}
     else:
         place = file.with_suffix(".toml") if file.name else file
@@ -101,15 +111,30 @@ def new(
     )
 
 
+def _rehearse(
+    plan: "SessionPlan", *, count: int, jobs: int | None, on: str | None, quiet: bool
+) -> "Rehearsal":
+    """Rehearse a planned session so many times, here or on a cluster."""
+    from stepblocks.loop.rehearsal import rehearse_session
+
+    progress = make_progress("rehearsed", quiet=quiet, lines=10)
+    with open_shown_cluster(on, jobs, quiet=quiet) as cluster:
+        return rehearse_session(plan, count, progress, jobs=jobs, on=cluster)
+
+
 def _plan_session(
-    folder: Path, plan: Path, rehearsals: int, then: str, *, quiet: bool, force: bool
+    folder: Path,
+    plan: Path,
+    rehearse: "Callable[[SessionPlan], Rehearsal]",
+    then: str,
+    *,
+    force: bool,
 ) -> Outcome:
     """Write the declaration and the trials of a planned session, once it is rehearsed.
 
     `then` is the command that the user is told to go on with.
     """
     from stepblocks.files.tables import format_csv
-    from stepblocks.loop.rehearsal import rehearse_session
     from stepblocks.rehearse.plan import read_plan
     from stepblocks.rehearse.run import format_session
 
@@ -121,13 +146,12 @@ def _plan_session(
         folder / "trials.csv": format_csv(rows),
     }
     _refuse_present(texts, force=force)
-    progress = make_progress("rehearsed", quiet=quiet, lines=10)
-    found = rehearse_session(planned, rehearsals, progress)
+    found = rehearse(planned)
     _write_new(texts, force=force)
     without_finding = found.verdicts.count("none")
     note = (
-        f"{without_finding} of {rehearsals} rehearsals without an effect end in none, as all "
-        f"should; {found.locked} of {len(rows)} trials lock and give no trace"
+        f"{without_finding} of {len(found.verdicts)} rehearsals without an effect end in none, "
+        f"as all should; {found.locked} of {len(rows)} trials lock and give no trace"
     )
     visible = [asdict(effect) for effect in found.could_show]
     return Outcome(
