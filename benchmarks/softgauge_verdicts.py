@@ -1,7 +1,9 @@
 """Count false verdicts over soft gauges of known truth.
 
 Burr, ramp, rotation, cone, form, groove, a second step, a dome and unlike grooves; every 25th is a
-patch, a map of 0.45 mm of faces of 5 mm that bow, which must not judge their form.
+patch, a map of 0.45 mm of faces of 5 mm that bow, which must not judge their form. Five of sixteen
+are disturbed: the groove of the part beside its edge, an instrument that drifts line by line over a
+map, faces with random waviness or with chatter, and a stylus that nobody states.
 
 Every gauge draws its truth, its instrument (optical, or a stylus whose radius is a quarter off at
 most; calibration off by what is stated; where the samples lie) and its noise from its own number.
@@ -56,13 +58,21 @@ KINDS = (
     "second",
     "dome",
     "unlike",
+    "beside",
+    "drift",
+    "wavy",
+    "chatter",
+    "unstated",
 )
+DISTURBED = KINDS[-5:]
 
 
 def draw(number):
     """Return scan, what to ask of it, and the truth by key of the characteristic."""
     random = np.random.default_rng(number)
     kind = "patch" if number % 25 == 24 else KINDS[number % len(KINDS)]
+    if kind in DISTURBED:
+        return draw_disturbed(kind, random)
     height = 50 * UM + random.uniform(-2.5, 2.5) * UM
     radius = random.uniform(0.0, 4.0) * UM
     relative = 10.0 ** random.uniform(-4.0, -2.3)
@@ -144,6 +154,67 @@ def draw(number):
         asked | {"feature": "groove" if kind in ("groove", "dome", "unlike") else "edge"},
         truth,
     )
+
+
+def draw_disturbed(kind, random):
+    """Return kind, scan, what to ask of it, and the truth, of a gauge that something disturbs."""
+    height = 50 * UM + random.uniform(-2.5, 2.5) * UM
+    radius = random.uniform(0.0, 4.0) * UM
+    burr = float(random.choice([0.0, random.uniform(0.0, 6.0)])) * UM
+    relative = 10.0 ** random.uniform(-4.0, -2.3)
+    scale, lateral = 1.0 + relative * random.normal(size=2)
+    rough, length = random.uniform(5e-9, 50e-9), random.uniform(1.5, 5.0) * UM
+    truth = {"step_height": height, "edge_radius": radius, "burr": burr}
+    instrument = Instrument(relative, 0.0, relative)
+    optical = EvaluationOptions(stylus_radius=0.0, stylus_cone=0.0)
+    asked = {"options": optical, "instrument": instrument, "feature": "edge"}
+    if kind == "drift":
+        return kind, draw_drifting_map(height, radius, random, truth), asked, truth
+    step = 0.5 * UM
+    begin, end = -random.uniform(700, 4000) * UM, random.uniform(700, 1800) * UM
+    if kind == "beside":
+        end = random.uniform(2900, 4000) * UM
+    x = np.arange(begin, end, step)
+    z = edge_gauge(x, height, radius)
+    place = radius + random.uniform(4.0, 100.0) * UM
+    z += burr * np.clip(1.0 - np.abs(x - place) / (5 * UM), 0.0, 1.0)
+    if kind == "beside":  # the groove of the part, whose depth is not asked for
+        z -= random.uniform(35.0, 65.0) * UM * ((x > 2e-3) & (x < 2.6e-3))
+    if kind == "wavy":
+        wave_length = 10.0 ** random.uniform(-4.0, np.log10(2e-3))
+        amplitude = 10.0 ** random.uniform(-0.7, 0.3) * UM
+        z += correlated_noise(len(x), step, 0.0, amplitude, wave_length, random)
+    if kind == "chatter":
+        period = random.uniform(0.1e-3, 0.5e-3)
+        turn = 2.0 * np.pi * x / period + random.uniform(0.0, 6.0) * (x > 0.0)
+        z += random.uniform(0.1, 1.0) * UM * np.sin(turn + random.uniform(0.0, 6.0))
+    if kind == "unstated":
+        finer = np.arange(begin - 50 * UM, end + 50 * UM, 0.1 * UM)
+        edge = edge_gauge(finer, height, radius)
+        edge += burr * np.clip(1.0 - np.abs(finer - place) / (5 * UM), 0.0, 1.0)
+        tip, cone = random.choice([2.0, 5.0]) * UM, math.radians(random.choice([60.0, 90.0]))
+        z = np.interp(x, finer, stylus_trace(finer, edge, tip, cone))
+        asked["options"] = EvaluationOptions()
+    z += correlated_noise(len(x), step, 5e-9, rough, length, random)
+    if random.uniform() < 0.5:
+        x, z = -x[::-1], z[::-1]
+    return kind, ScannedProfile(lateral * x, scale * z, kind), asked, truth
+
+
+def draw_drifting_map(height, radius, random, truth):
+    """Return a map of both faces, shape (40, 450), whose lines drift; `truth` takes their form."""
+    x = (np.arange(450) - 224.5 + random.uniform(-0.5, 0.5)) * 38 * UM
+    y = np.arange(40) * 500 * UM
+    drift = np.cumsum(random.normal(size=len(y)))
+    drift = random.uniform(0.0, 0.5) * UM * drift / np.sqrt(len(y))
+    bow = float(random.choice([0.0, random.uniform(0.0, 1.5)])) * UM
+    t = np.linspace(-1.0, 1.0, len(y))
+    # along the edge and of mean zero, so that the mean height of the step stays
+    form = bow * (t**2 - np.mean(t**2))[:, np.newaxis] * (x > 0.0)
+    truth |= {"flatness_lower": 0.0, "flatness_upper": bow}
+    del truth["burr"], truth["edge_radius"]
+    z = edge_gauge(x, height, radius)[np.newaxis, :] + form + drift[:, np.newaxis]
+    return HeightMap(z + random.normal(0.0, 20e-9, z.shape), 38 * UM, 500 * UM, "drift")
 
 
 def judge_gauge(number, part):

@@ -57,3 +57,10 @@ def test_without_drift_nothing_is_said_of_it():
     result = inspect_map()
     assert result.evaluation.values["flatness_upper"].bound is Bound.NONE
     assert not any("share a form" in note for note in result.evaluation.notes)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_an_instrument_that_wanders_from_line_to_line_fails_no_part(seed):
+    result = inspect_map(seed, walk=3.0 * UM)
+    assert not find_failures(result) & {"flatness_lower", "flatness_upper", "parallelism"}
+    assert result.evaluation.values["flatness_upper"].value < 0.05 * UM

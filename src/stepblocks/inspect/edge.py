@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.edge_arc import Arc, Window, compute_edge_profile, fit_arc
 from stepblocks.inspect.edge_flank import Flank, fit_flank
+from stepblocks.inspect.edge_waviness import WavyFaces, find_wavy_faces
 from stepblocks.inspect.form import FaceForm, estimate_zone
 from stepblocks.inspect.found_edges import FoundEdge, find_edges
 from stepblocks.inspect.levelling import (
@@ -191,18 +192,34 @@ class _Faces:
     """Two planes through the faces beside an edge, and their noise."""
 
     planes: TwoPlanes
-    gamma: Array  # autocovariance of their noise [m^2]
+    noise: Array  # autocovariance of what the planes leave [m^2]
+    gamma: Array  # the same over the levels at the edge [m^2]
     bare: Array  # the same without a bow, of which two planes leave the rest at the edge
     # shape (3, 3); rows whose products add up to the covariance of tilt, offset and height
     errors: Array
     asked: Mask  # shape (n,); points beside the exclusion
     middle: float  # of the edge [m]
     exclusion: float  # half width that was kept out [m]
+    wavy: WavyFaces | None  # where waviness outweighs the noise
 
     @property
     def roughness(self) -> float:
-        """Standard deviation of the noise [m]."""
+        """Standard deviation of the noise at the edge [m]."""
         return float(np.sqrt(self.gamma[0]))
+
+    def level(self, x: Array, z: Array) -> Array:
+        """Return heights over the lower face as it ends at the edge, or the step over it [m]."""
+        level = z - self.planes.offset - self.planes.tilt * x
+        if self.wavy is not None:
+            return level - self.wavy.evaluate(x)
+        return level
+
+    def compute_errors(self, x: Array) -> Array:
+        """Return rows whose products add up to the covariance of the levels, shape (k, n) [m]."""
+        if self.wavy is not None:
+            return self.wavy.compute_errors(x)
+        is_upper = (x > self.middle).astype(float)
+        return np.asarray(self.errors @ np.stack([x - self.middle, np.ones(len(x)), is_upper]))
 
     @property
     def step(self) -> float:
@@ -249,7 +266,7 @@ def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> 
     near = known & (np.abs(x - edge.middle) < faces.exclusion)
     spikes = near & _find_edge_spikes(edge, faces)
     planes = faces.planes
-    levelled = z - planes.offset - planes.tilt * x
+    levelled = faces.level(x, z)
     corner = _fit_corner(x, levelled, edge.spacing, faces, np.flatnonzero(near & ~spikes))
     _check_spikes(faces, spikes, near)
     shape = corner.arc if corner.flank is None else corner.flank
@@ -269,7 +286,7 @@ def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> 
         rising=edge.rising,
         flank=corner.flank,
         dropped=edge.turn_back(faces.asked & ~planes.fit.used | spikes),
-        noise=faces.gamma,
+        noise=faces.noise,
     )
 
 
@@ -351,17 +368,25 @@ def _fit_faces(edge: _IsolatedEdge, exclusion: float) -> _Faces:
     planes = fit_two_planes(x, z, middle, asked)
     used = planes.fit.used
     kept = np.where(used, planes.fit.residuals, np.nan)
-    gamma = estimate_autocovariance([kept[lower], kept[upper]])
+    noise = estimate_autocovariance([kept[lower], kept[upper]])
     bow = np.polynomial.Polynomial.fit(x[used], kept[used], 2)(x)
     without_bow = kept - bow
+    gamma = noise
+    bare = estimate_autocovariance([without_bow[lower], without_bow[upper]])
+    wavy = find_wavy_faces(x, kept, without_bow, middle, exclusion)
+    if wavy is not None:
+        gamma = wavy.noise
+        bare = wavy.noise
     return _Faces(
         planes=planes,
+        noise=noise,
         gamma=gamma,
-        bare=estimate_autocovariance([without_bow[lower], without_bow[upper]]),
-        errors=factor_covariance(compute_estimator_covariance(planes.fit.weights, gamma)),
+        bare=bare,
+        errors=factor_covariance(compute_estimator_covariance(planes.fit.weights, noise)),
         asked=asked,
         middle=middle,
         exclusion=exclusion,
+        wavy=wavy,
     )
 
 
@@ -440,9 +465,8 @@ def _fit_arc_to_points(
 ) -> Arc:
     """Fit an arc to some points of a profile, with what the planes leave open of their levels."""
     u = x[points]
-    is_upper = (u > faces.middle).astype(float)
-    columns = np.stack([u - faces.middle, np.ones(len(u)), is_upper])
-    window = Window(u, levelled[points], faces.step, spacing, faces.bare, faces.errors @ columns)
+    errors = faces.compute_errors(u)
+    window = Window(u, levelled[points], faces.step, spacing, faces.bare, errors)
     return fit_arc(window)
 
 
@@ -478,12 +502,10 @@ def _find_rounding_width(edge: _IsolatedEdge, faces: _Faces) -> float:
     The rounding ends where ten points in a row, on both sides together, lie on their faces again.
     """
     x = edge.x
-    z = edge.z
-    planes = faces.planes
     is_upper = x > faces.middle
-    ideal = planes.offset + planes.tilt * x + np.where(is_upper, faces.step, 0.0)
-    filled = np.where(np.isfinite(z), z, ideal)
-    deviation = np.abs(remove_spikes(filled) - ideal)
+    off_face = faces.level(x, edge.z) - np.where(is_upper, faces.step, 0.0)
+    filled = np.where(np.isfinite(edge.z), off_face, 0.0)
+    deviation = np.abs(remove_spikes(filled))
     off = deviation > max(_OFF_FACE * faces.roughness, _OFF_FACE_HEIGHT * faces.step)
     distance = np.abs(x - faces.middle)
     # points as far on either side are ordered by their place, not by the last bit of their distance

@@ -3,17 +3,20 @@
 Both are found of points, and of the form without the noise.
 
 The zone that holds all measured points grows with noise and with their number, and says little of a
-face. Stated is that of the form, a polynomial of total degree three or less over what was scanned;
-what noise adds to it is drawn and taken off.
+face. Stated is that of the form, a polynomial of total degree three or less over what was scanned,
+with the waviness that a Gaussian filter passes where there is some; what noise adds to the form is
+drawn and taken off.
 """
 
+import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.errors import MetrologyError
+from stepblocks.inspect.filtering import WavySurface, find_waviness
 from stepblocks.inspect.levelling import fit_without_spikes
 from stepblocks.inspect.noise import Array, Estimate, Mask, estimate_linear
 
@@ -28,6 +31,7 @@ _SCALES = (1.0, np.sqrt(3.0))
 # a third
 _SEVERAL = 2.0
 _GRID = 9  # points along either side at which the form is judged
+_CELLS = 60  # of a wavy face along either side, of each of which the highest and lowest point count
 _LEAST_RESIDUAL = 1e-15  # of points from a plane, below which lies rounding [m]
 
 
@@ -144,10 +148,18 @@ class FaceForm:
     root: Array  # shape (k, k); rows whose products add up to their covariance [m]
     dof: float  # degrees of freedom of that covariance
     degree: int  # total degree
+    waviness: Array | float = 0.0  # shape (m,); over the polynomial [m]
+    peaks: float = 0.0  # standard uncertainty of a zone by the noise of the waviness [m]
+
+    @property
+    def is_wavy(self) -> bool:
+        """Whether its waviness is judged beside the polynomial."""
+        return np.ndim(self.waviness) > 0
 
     def shape(self, added: Array | float = 0.0) -> Array:
-        """Return the form as points [m], with `added` [m] on its coefficients."""
-        return np.column_stack([self.grid, (self.solution + added) @ self.columns])
+        """Return form and waviness as points [m], with `added` [m] on the coefficients."""
+        height = (self.solution + added) @ self.columns + self.waviness
+        return np.column_stack([self.grid, height])
 
     def draws(self, random: np.random.Generator) -> list[Array]:
         """Return what noise may have added to the coefficients [m].
@@ -244,9 +256,38 @@ def fit_face(x: Array, y: Array, height: Array, face: Mask) -> FaceForm:
     count = float(kept.sum())
     # for terms that vary little over the correlation length, the covariance is that of white noise
     # times one factor
-    mean = estimate_linear(0.0, kept / count, residuals, kept, design)
+    waves = find_waviness(residuals, kept, (_compute_step(y), _compute_step(x)))
+    noise = residuals
+    if waves is not None:
+        noise = residuals - waves.height  # which is judged beside the polynomial
+    mean = estimate_linear(0.0, kept / count, noise, kept, design)
     # not by eigenvectors, whose signs hang on the last bit: the draws would
     root = np.linalg.cholesky(fit.weights @ fit.weights.T).T * (mean.std * np.sqrt(count))
+    mesh_x, mesh_y = np.meshgrid(x, y)
+    form = FaceForm(
+        points=np.stack([mesh_x[used], mesh_y[used], height[used]], axis=1),
+        grid=np.empty((0, 2)),
+        columns=np.empty((len(powers), 0)),
+        solution=fit.solution,
+        root=root,
+        dof=mean.dof,
+        degree=max(term.total for term in powers),
+    )
+    judged = _judge_on_grid(form, face, along_x, along_y, powers)
+    if waves is None:
+        return judged
+    return _add_extremes(judged, waves, along_x, along_y, design)
+
+
+def _compute_step(positions: Array) -> float:
+    """Return the sampling interval of positions, shape (n,) [m]."""
+    return float((positions[-1] - positions[0]) / (len(positions) - 1))
+
+
+def _judge_on_grid(
+    form: FaceForm, face: Mask, along_x: _Axis, along_y: _Axis, powers: list[_Powers]
+) -> FaceForm:
+    """Return the form of a face, shape (ny, nx), that is judged at the places of a grid."""
     side = np.linspace(-1.0, 1.0, _GRID)
     grid_x, grid_y = np.meshgrid(side, side)
     scaled = np.column_stack([grid_x.ravel(), grid_y.ravel()])
@@ -255,15 +296,38 @@ def fit_face(x: Array, y: Array, height: Array, face: Mask) -> FaceForm:
     # of a face that does not fill its rectangle, as in a turned map, only where it lies
     inside = face[along_y.find_indices(grid[:, 1]), along_x.find_indices(grid[:, 0])]
     scaled = scaled[inside]
-    mesh_x, mesh_y = np.meshgrid(x, y)
-    return FaceForm(
-        points=np.stack([mesh_x[used], mesh_y[used], height[used]], axis=1),
-        grid=grid[inside],
-        columns=_evaluate_terms(scaled[:, 0], scaled[:, 1], powers),
-        solution=fit.solution,
-        root=root,
-        dof=mean.dof,
-        degree=max(term.total for term in powers),
+    columns = _evaluate_terms(scaled[:, 0], scaled[:, 1], powers)
+    return replace(form, grid=grid[inside], columns=columns)
+
+
+def _add_extremes(
+    form: FaceForm, waves: WavySurface, along_x: _Axis, along_y: _Axis, design: Array
+) -> FaceForm:
+    """Return the form of a wavy face that is judged where its waves are highest and lowest, too.
+
+    `design`, shape (k, ny, nx), are the terms of the form. At the ends of the face the polynomial
+    alone counts.
+    """
+    rows, columns = np.nonzero(waves.inside)
+    height = waves.height[rows, columns]
+    in_row = rows * _CELLS // len(along_y.positions)
+    in_column = columns * _CELLS // len(along_x.positions)
+    cell = in_row * _CELLS + in_column
+    by_height = np.lexsort((height, cell))
+    is_first = np.diff(cell[by_height], prepend=-1) > 0
+    is_last = np.roll(is_first, -1)
+    extremes = by_height[is_first | is_last]
+    rows = rows[extremes]
+    columns = columns[extremes]
+    places = np.column_stack([along_x.positions[columns], along_y.positions[rows]])
+    # of so many independent heights of a normal law the highest
+    highest = np.sqrt(2.0 * np.log(waves.cells))
+    return replace(
+        form,
+        grid=np.concatenate([form.grid, places]),
+        columns=np.concatenate([form.columns, design[:, rows, columns]], axis=1),
+        waviness=np.concatenate([np.zeros(len(form.grid)), height[extremes]]),
+        peaks=float(highest * waves.noise),
     )
 
 
@@ -311,18 +375,16 @@ def estimate_zone(width: Callable[..., float], *faces: FaceForm) -> Estimate:
         np.array([_compute_drawn_zone(width, faces, draw, scale) for draw in draws])
         for scale in _SCALES
     )
-    zone = width(*(face.shape() for face in faces))
+    zone = float(width(*(face.shape() for face in faces)))
     first_growth = float(once.mean()) - zone
     second_growth = float(twice.mean() - once.mean())
     ratio = np.sqrt(2.0)
     if second_growth > _SEVERAL * first_growth > 0.0:
         ratio = second_growth / first_growth
     growth = min(max(first_growth / (ratio - 1.0), 0.0), zone)
-    return Estimate(
-        zone - growth,
-        float(np.hypot(once.std(ddof=1), growth / np.sqrt(3.0))),
-        min(face.dof for face in faces),
-    )
+    peaks = [face.peaks for face in faces]
+    std = math.hypot(float(once.std(ddof=1)), growth / math.sqrt(3.0), *peaks)
+    return Estimate(zone - growth, std, min(face.dof for face in faces))
 
 
 def _compute_drawn_zone(

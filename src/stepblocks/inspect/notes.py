@@ -98,6 +98,10 @@ class NoteKind(Enum):
         "flatness and parallelism are those of the form, polynomials of degree {degree}, over what "
         "was scanned; zones of all points, noise included: {zones}"
     )
+    WAVINESS_OF_FACES = (
+        "flatness and parallelism hold the waviness of the faces: what a Gaussian filter "
+        "(ISO 16610-61) with a cut-off of {cutoff:.3g} mm passes"
+    )
 
     def describe(self, **values: object) -> "Note":
         """Return the note of this kind with these values in its message."""

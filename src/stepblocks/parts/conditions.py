@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
@@ -191,6 +191,8 @@ class OrderSpec(Table):
     quantities: dict[Identity, _Count] = Field(default_factory=dict, max_length=1000)
     owner: OrderText = ""  # organisation that owns the drawings (ISO 7200, legal owner)
     approved_by: OrderText = ""
+    # of part and series drawings; limits in inches are rounded inwards from the millimetres
+    drawing_units: Literal["mm", "inch"] = "mm"
 
     def count_parts(self, identity: str) -> int:
         """Return how many of a part are ordered."""

@@ -198,11 +198,12 @@ def _draw_edge_states(sheet: Sheet, block: StepBlock, step: _StepOnPaper) -> Non
     """
     x, lower = _DETAIL
     least_radius, largest_radius = block.edge_radius.limits
-    state = f"-{largest_radius * 1e3:.3g}"
+    state = f"-{sheet.format_largest(largest_radius)}"
     if least_radius > 0.0:
-        state = f"-{least_radius * 1e3:.3g}/-{largest_radius * 1e3:.3g}"
+        least = sheet.format_least(least_radius)
+        state = f"-{least}/-{sheet.format_largest(largest_radius)}"
     sheet.draw_edge_state(step.edge_middle, (x + 10.0, step.top - 16.0), state)
-    root_state = f"±{block.height.nominal * 1e3:.3g}"
+    root_state = f"±{sheet.format_largest(block.height.nominal)}"
     if "step_height" in sheet.letters:
         root_state = "±H"
     sheet.draw_edge_state((x, lower), (x + 10.0, lower - 7.0), root_state)

@@ -18,7 +18,7 @@ from stepblocks.parts.kinds.margin import MarginBlock
 from stepblocks.parts.kinds.sheath import Sheath
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.kinds.tips import HookTip, StraightTip
-from stepblocks.parts.on_paper import describe_default_demands, format_limits
+from stepblocks.parts.on_paper import describe_default_demands
 from stepblocks.workshop.blocks import draw_margin_block_views, draw_step_block_views
 from stepblocks.workshop.crown_views import draw_crown_views
 from stepblocks.workshop.gauge_reach import judge_assembly
@@ -28,7 +28,7 @@ from stepblocks.workshop.paper import Point, use_decimal_comma
 from stepblocks.workshop.rendering import FORMATS, write_sheet
 from stepblocks.workshop.routes import Route
 from stepblocks.workshop.sheet import Note, Sheet
-from stepblocks.workshop.title_block import TITLE_BLOCK_TOP, draw_border
+from stepblocks.workshop.title_block import MILLIMETRES, TITLE_BLOCK_TOP, draw_border
 from stepblocks.workshop.turned import (
     draw_hook_tip_views,
     draw_sheath_views,
@@ -43,6 +43,7 @@ _NOTES_COLUMN = 92.0  # width of a column
 _NOTES_ROWS = 40  # of a column, at most
 _NOTES_SPACING = 5.0
 _TEXTURE_FOOT: Point = (100.0, 16.0)
+_INCHES = "inch (ASME Y14.5), limits inwards from mm; scales stand at the views"
 _HEIGHT_KEYS = ("step_height", "groove_depth", "ridge_height")  # that a series tabulates
 
 # who draws the views of a kind and returns the lines of its notes; without views everything is
@@ -178,7 +179,8 @@ def draw_part_sheet(
     Of a series the part is the first block; the letter H stands for its height, and the heights
     of all blocks stand in a table.
     """
-    sheet = Sheet(part.characteristics())
+    in_inches = order.drawing_units == "inch"
+    sheet = Sheet(part.characteristics(), in_inches=in_inches)
     fields = _list_fields(part, order)
     if series is not None:
         sheet.letters = dict.fromkeys(_HEIGHT_KEYS, "H")
@@ -191,9 +193,14 @@ def draw_part_sheet(
         defaults = describe_default_demands(part)
         if defaults:
             remarks.append(defaults)
+    if in_inches:
+        remarks.append(
+            "Limits rounded inwards from millimetres, which the inspection sheet states."
+        )
     notes += [Note(remark) for remark in remarks]
     _write_notes(sheet, notes)
-    draw_border(sheet, f"{part.title}, part drawing", fields)
+    unit = _INCHES if in_inches else MILLIMETRES
+    draw_border(sheet, f"{part.title}, part drawing", fields, unit)
     return sheet
 
 
@@ -241,7 +248,7 @@ def _tabulate_heights(sheet: Sheet, blocks: Sequence[StepBlock]) -> None:
     rows = [("identity, engraved", "H")]
     for block in blocks:
         height = block.height
-        limits = use_decimal_comma(format_limits(height.nominal, height.lower, height.upper))
+        limits = sheet.format_size(height.nominal, height.lower, height.upper)
         rows.append((block.id.upper(), limits))
     sheet.write_table(_TABLE_CORNER, rows, _TABLE_WIDTHS)
 
@@ -259,19 +266,22 @@ def _state_undrawn(sheet: Sheet, part: Part) -> list[Note]:
     notes = []
     for key, listed in sheet.listed.items():
         if listed.number not in sheet.numbers:
-            label = use_decimal_comma(listed.characteristic.label)
+            label = sheet.write_decimals(listed.characteristic.label)
             text = f"{label}: {sheet.format_limits(key)}"
             if key == "roughness":
-                text = f"{label}: {_describe_contact_roughness(part)}"
+                text = f"{label}: {_describe_contact_roughness(sheet, part)}"
             notes.append(Note(f"{listed.number}  {text}", key))
     return notes
 
 
-def _describe_contact_roughness(part: Part) -> str:
+def _describe_contact_roughness(sheet: Sheet, part: Part) -> str:
     """Say which roughness the surface has that a tip touches."""
     governing = part.governing_field.replace("_", " ")
-    roughness = use_decimal_comma(f"{part.face_demands['roughness'].upper * 1e6:.2f}")
-    return f"Ra {roughness} µm or better, from the tolerance of the {governing}"
+    largest = part.face_demands["roughness"].upper
+    roughness = use_decimal_comma(f"Ra {largest * 1e6:.2f} µm")
+    if sheet.in_inches:
+        roughness = sheet.format_roughness(largest)
+    return f"{roughness} or better, from the tolerance of the {governing}"
 
 
 def _write_notes(sheet: Sheet, notes: Sequence[Note]) -> None:

@@ -246,7 +246,7 @@ def _label_thread(sheet: Sheet, section: _HoleSection, mounting: Mounting) -> No
         section.middle,
         use_decimal_comma(f"{mounting.thread}-6H, thread {{}} deep"),
     )
-    core = use_decimal_comma(f"core ⌀{mounting.hole_diameter * 1e3:g}")
+    core = f"core {sheet.format_drill(mounting.hole_diameter)}"
     sheet.write_text(
         (elbow_x - 5.0, elbow_y - 6.0), f"{core}, 6H of ISO 965-1", alignment=Alignment.RIGHT
     )
@@ -254,10 +254,10 @@ def _label_thread(sheet: Sheet, section: _HoleSection, mounting: Mounting) -> No
 
 def _label_counterbore(sheet: Sheet, section: _HoleSection) -> None:
     """Write the diameters of through hole and counterbore beside the section."""
-    hole_diameter = 2e3 * section.drill / section.magnification
-    entry_diameter = 2e3 * section.entry / section.magnification
+    hole = sheet.format_drill(2.0 * section.drill / section.magnification)
+    entry = sheet.format_drill(2.0 * section.entry / section.magnification)
     sheet.draw_leader(
         (section.x - section.drill, section.base + 3.0),
         section.middle,
-        use_decimal_comma(f"⌀{hole_diameter:g} through, counterbored ⌀{entry_diameter:g}"),
+        f"{hole} through, counterbored {entry}",
     )

@@ -1,10 +1,11 @@
 """A drawing sheet [mm]: dimensions, tolerance frames and symbols of numbered characteristics."""
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ezdxf.entities import DXFEntity
+from ezdxf.entities import DXFEntity, Text
 from ezdxf.math import Vec2
 
 from stepblocks.parts.characteristics import Characteristic
@@ -14,6 +15,12 @@ from stepblocks.workshop.dimension_layout import (
     DimensionLine,
     lay_out_beside,
     lay_out_inside,
+)
+from stepblocks.workshop.inches import (
+    convert_inward,
+    format_largest,
+    format_least,
+    format_roughness,
 )
 from stepblocks.workshop.paper import TEXT_HEIGHT, Alignment, Layer, Paper, Point, use_decimal_comma
 
@@ -29,8 +36,21 @@ _PREFIXES = {"diameter": "⌀", "radius": "R"}  # of a dimension's text, by kind
 _MEASUREMENT = "<>"  # what ezdxf replaces by the measured length
 _KEY_CODE = 1000  # group codes of extended data: a string and a whole number
 _NUMBER_CODE = 1070
+# decimal point, and no zero before it (ASME Y14.5)
+_INCH_STYLE = {"dimdsep": ord("."), "dimzin": 4, "dimtzin": 4}
+_MILLIMETRES_PER_INCH = 25.4
+_DECIMAL_COMMA = re.compile(r"(?<=\d),(?=\d)")
 _NOTE_SPACING = 5.0  # from line to line
 ELSEWHERE = 1.6e-6  # largest Ra of surfaces that no tip touches [m]
+
+
+@dataclass(frozen=True)
+class _PrintedSize:
+    """How a dimension is printed, in the unit of the drawing."""
+
+    per_millimetre: float  # of the paper
+    lower: float  # signed deviation
+    upper: float
 
 
 @dataclass(frozen=True)
@@ -77,6 +97,8 @@ class Sheet(Paper):
     ----------
     characteristics : iterable of Characteristic
         All characteristics of the part, in the order of its inspection sheet.
+    in_inches : bool
+        Whether its sizes are written in inches (ASME Y14.5), not in millimetres (ISO 129-1).
 
     Attributes
     ----------
@@ -88,8 +110,11 @@ class Sheet(Paper):
         Letters by key, in place of values that a table of the sheet states.
     """
 
-    def __init__(self, characteristics: Iterable[Characteristic]) -> None:
+    def __init__(
+        self, characteristics: Iterable[Characteristic], *, in_inches: bool = False
+    ) -> None:
         super().__init__()
+        self.in_inches = in_inches
         self.listed: dict[str, ListedCharacteristic] = {}
         for number, characteristic in enumerate(characteristics, start=1):
             self.listed[characteristic.key] = ListedCharacteristic(number, characteristic)
@@ -99,13 +124,59 @@ class Sheet(Paper):
     def format_limits(self, key: str) -> str:
         """Format nominal value and deviations of a characteristic as on a drawing."""
         characteristic = self.listed[key].characteristic
-        limits = format_limits(
-            characteristic.nominal,
-            characteristic.lower,
-            characteristic.upper,
-            characteristic.quantity,
-        )
-        return use_decimal_comma(limits)
+        sizes = (characteristic.nominal, characteristic.lower, characteristic.upper)
+        if characteristic.quantity == "angle":
+            return self.write_decimals(format_limits(*sizes, characteristic.quantity))
+        return self.format_size(*sizes)
+
+    def format_size(self, nominal: float, lower: float, upper: float) -> str:
+        """Format a length and its deviations [m] as on a drawing."""
+        if self.in_inches:
+            return convert_inward(nominal, lower, upper).format_limits()
+        return use_decimal_comma(format_limits(nominal, lower, upper))
+
+    def format_largest(self, length: float) -> str:
+        """Format the largest length [m] that is permitted."""
+        if self.in_inches:
+            return format_largest(length)
+        return use_decimal_comma(f"{length * 1e3:.3g}")
+
+    def format_least(self, length: float) -> str:
+        """Format the least length [m] that is permitted."""
+        if self.in_inches:
+            return format_least(length)
+        return use_decimal_comma(f"{length * 1e3:.3g}")
+
+    def format_drill(self, diameter: float) -> str:
+        """Format the diameter of a tool [m], which is metric on either drawing."""
+        size = f"⌀{diameter * 1e3:g}"
+        if self.in_inches:
+            return f"{size} mm"
+        return use_decimal_comma(size)
+
+    def format_roughness(self, largest: float) -> str:
+        """Format the largest roughness Ra [m]."""
+        if self.in_inches:
+            return f"Ra {format_roughness(largest)} µin"
+        return use_decimal_comma(f"Ra {largest * 1e6:g}")
+
+    def write_decimals(self, text: str) -> str:
+        """Write the decimal signs of a text as the standard of the drawing does."""
+        if self.in_inches:
+            return text
+        return use_decimal_comma(text)
+
+    def write_text(
+        self,
+        place: Point,
+        text: str,
+        height: float = TEXT_HEIGHT,
+        alignment: Alignment = Alignment.LEFT,
+    ) -> Text:
+        """Write one line of text; return its entity."""
+        if self.in_inches:
+            text = _DECIMAL_COMMA.sub(".", text)
+        return super().write_text(place, text, height, alignment)
 
     def state_characteristic(
         self,
@@ -192,14 +263,25 @@ class Sheet(Paper):
     ) -> Any:
         """Add the entity of a linear dimension, not rendered yet; return ezdxf's handle of it."""
         characteristic = self.listed[key].characteristic
-        decimals = choose_decimals(
-            characteristic.nominal, characteristic.lower, characteristic.upper
-        )
+        if self.in_inches:
+            size = convert_inward(
+                characteristic.nominal, characteristic.lower, characteristic.upper
+            )
+            printed = _PrintedSize(1.0 / (_MILLIMETRES_PER_INCH * scale), size.lower, size.upper)
+            decimals = size.decimals
+        else:
+            sizes = (characteristic.nominal, characteristic.lower, characteristic.upper)
+            printed = _PrintedSize(
+                1.0 / scale, characteristic.lower * 1e3, characteristic.upper * 1e3
+            )
+            decimals = choose_decimals(*sizes)
         override: dict[str, object] = {
-            "dimlfac": 1.0 / scale,
+            "dimlfac": printed.per_millimetre,
             "dimdec": decimals,
             "dimtdec": decimals,
         }
+        if self.in_inches:
+            override |= _INCH_STYLE
         if characteristic.kind in _PREFIXES:
             override["dimpost"] = _PREFIXES[characteristic.kind] + _MEASUREMENT
         dimension = self.space.add_linear_dim(
@@ -214,11 +296,11 @@ class Sheet(Paper):
         )
         if key not in self.letters:
             dimension.set_tolerance(
-                characteristic.upper * 1e3,
-                -characteristic.lower * 1e3,
+                printed.upper,
+                -printed.lower,
                 hfactor=1.0,  # as high as the size itself (ISO 129-1)
                 dec=decimals,
-                leading_zeros=True,
+                leading_zeros=not self.in_inches,
                 trailing_zeros=True,
             )
         return dimension
@@ -242,13 +324,12 @@ class Sheet(Paper):
             self.write_text(beside, letter, 3.0, Alignment.MIDDLE_CENTER)
 
     def draw_edge_state(self, tip: Point, corner: Point, limits: str) -> None:
-        """Draw the symbol of the state of an edge (ISO 13715) with its limits in millimetres."""
+        """Draw the symbol of the state of an edge (ISO 13715) with its limits."""
         x, y = corner
         width = 3.0 + compute_text_width(limits, TEXT_HEIGHT)
         self.draw_pointer(corner, tip)
         self.draw_polyline([(x, y + 4.5), corner, (x + width, y)], Layer.FRAME)
-        text = use_decimal_comma(limits)
-        self.write_text((x + 1.5, y + 2.4), text, alignment=Alignment.MIDDLE_LEFT)
+        self.write_text((x + 1.5, y + 2.4), limits, alignment=Alignment.MIDDLE_LEFT)
 
     def draw_leader(self, tip: Point, elbow: Point, text: str) -> None:
         """Draw an arrow to `tip` from a text at `elbow`."""
@@ -276,7 +357,7 @@ class Sheet(Paper):
         height = 6.0
         cell = 7.0
         middle = y + 0.5 * height
-        zone = use_decimal_comma(format_zone(characteristic.upper))
+        zone = self._format_zone(characteristic.upper)
         zone_cell = 4.0 + compute_text_width(zone, TEXT_HEIGHT)
         dividers = [x + cell]
         right = x + cell + zone_cell
@@ -299,6 +380,12 @@ class Sheet(Paper):
             self.write_text(datum_place, datum, alignment=Alignment.MIDDLE_CENTER)
         self.draw_balloon(key, (right + 4.0, middle))
         return x, middle
+
+    def _format_zone(self, zone: float) -> str:
+        """Format the zone of a geometric tolerance [m]."""
+        if self.in_inches:
+            return format_largest(zone)
+        return use_decimal_comma(format_zone(zone))
 
     def point_to(self, face: Point, start: Point) -> None:
         """Lead from the left side of a frame straight to a face."""
@@ -327,7 +414,7 @@ class Sheet(Paper):
     def draw_texture(self, foot: Point, key: str, suffix: str = "") -> None:
         """Draw the symbol of a machined surface (ISO 21920-1) with its largest Ra [um]."""
         largest = self.listed[key].characteristic.upper
-        text = use_decimal_comma(f"Ra {largest * 1e6:g}{suffix}")
+        text = f"{self.format_roughness(largest)}{suffix}"
         end = self._draw_texture_lines(foot, text)
         x, y = foot
         self.state_characteristic(key, (x + 5.0, y + 5.3), text, Alignment.MIDDLE_LEFT)
@@ -336,13 +423,14 @@ class Sheet(Paper):
     def draw_general_texture(self, foot: Point) -> None:
         """Draw the symbol of all surfaces that have none of their own (ISO 21920-1)."""
         x, y = foot
-        text = use_decimal_comma(f"Ra {ELSEWHERE * 1e6:g}")
-        self._draw_texture_lines(foot, text)
+        text = self.format_roughness(ELSEWHERE)
+        end = self._draw_texture_lines(foot, text)
         self.write_text((x + 5.0, y + 5.3), text, alignment=Alignment.MIDDLE_LEFT)
-        self.write_text((x + 24.0, y + 3.0), "(", 4.0)
-        tick = [(x + 27.0, y + 5.0), (x + 29.0, y + 2.0), (x + 32.0, y + 7.0)]
+        x = max(x + 24.0, end + 3.0)
+        self.write_text((x, y + 3.0), "(", 4.0)
+        tick = [(x + 3.0, y + 5.0), (x + 5.0, y + 2.0), (x + 8.0, y + 7.0)]
         self.draw_polyline(tick, Layer.DIMENSION)
-        self.write_text((x + 33.0, y + 3.0), ")", 4.0)
+        self.write_text((x + 9.0, y + 3.0), ")", 4.0)
 
     def _draw_texture_lines(self, foot: Point, text: str) -> float:
         """Draw the triangle of a texture and the line over its text; return the end of the line."""

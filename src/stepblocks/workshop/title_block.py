@@ -10,8 +10,8 @@ MARGIN = 10.0
 _FILING_MARGIN = 20.0  # on the left (ISO 5457)
 _COLUMN_WIDTH = 90.0
 _TEXT_ROOM = 84.0  # for the value of a field
+MILLIMETRES = "mm; scales stand at the views"
 _STANDARD_FIELDS = {
-    "unit": "mm; scales stand at the views",
     "general tolerances": "ISO 2768-m",
     "tolerancing": "ISO 8015, ISO 1101",
     "edges, surfaces": "ISO 13715, ISO 21920-1",
@@ -20,7 +20,9 @@ _STANDARD_FIELDS = {
 }
 
 
-def draw_border(paper: Paper, title: str, fields: Mapping[str, str]) -> None:
+def draw_border(
+    paper: Paper, title: str, fields: Mapping[str, str], unit: str = MILLIMETRES
+) -> None:
     """Draw frame, title block and the symbol of first-angle projection.
 
     Parameters
@@ -31,6 +33,8 @@ def draw_border(paper: Paper, title: str, fields: Mapping[str, str]) -> None:
         Heading of the title block.
     fields : mapping of str to str
         Values of its fields, by their names; those that every sheet has follow.
+    unit : str
+        Of its sizes.
     """
     inside = (WIDTH - MARGIN, HEIGHT - MARGIN)
     paper.draw_rectangle((_FILING_MARGIN, MARGIN), inside, Layer.FRAME)
@@ -38,7 +42,7 @@ def draw_border(paper: Paper, title: str, fields: Mapping[str, str]) -> None:
     paper.draw_rectangle((left, MARGIN), (WIDTH - MARGIN, TITLE_BLOCK_TOP), Layer.FRAME)
     heading = (left + 3.0, TITLE_BLOCK_TOP - 4.0)
     paper.write_text(heading, title, 4.5, Alignment.MIDDLE_LEFT)
-    cells = {**fields, **_STANDARD_FIELDS}
+    cells = {**fields, "unit": unit, **_STANDARD_FIELDS}
     rows = (len(cells) + 1) // 2
     cell_height = (TITLE_BLOCK_TOP - 18.0) / rows
     for index, (name, value) in enumerate(cells.items()):

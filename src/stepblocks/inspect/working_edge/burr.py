@@ -83,8 +83,9 @@ def find_burr(across: Array, height: Array, step: float, exclusion: float) -> Bu
     # a face that bows lies off its median there
     near = upper[quiet_upper & known]
     bow = np.median(near) if near.size else 0.0
-    # between two points the sides of a peak may go on rising as they do beside it
-    rise = _GOES_ON * max(peak.height - peak.beside, 0.0)
+    # between two points the sides of a peak may go on rising as they do beside it; what lies below
+    # the face is no side of a burr but the riser
+    rise = _GOES_ON * max(peak.height - max(peak.beside, 0.0), 0.0)
     spikes = zone & (leaning > max(peak.height + _STANDS_OUT * noise, 0.0))
     return Burr(
         height=Estimate(max(peak.height + rise - noise, 0.0), float(np.hypot(std, bow))),

@@ -14,6 +14,7 @@ _DEGREE = 3  # of a form along the slow axis, as of that of a face
 _SURE = 3.0  # standard uncertainties from which a term is there [1]
 _LEAST_ZONE = 20e-9  # of what is shared, below which it is left in [m]
 _LEAST_ROWS = 8
+_ALIKE = 0.8  # correlation of what a cubic leaves on either face, from which it is shared [1]
 _MOST_CORRELATED = 0.95  # of one row with the next, as it is allowed for [1]
 
 
@@ -38,11 +39,22 @@ class Drift:
 
 
 @dataclass(frozen=True)
-class _Terms:
-    """Terms of degree two and three along the slow axis, with their uncertainties [m]."""
+class _Rows:
+    """Means of the rows of a face: a cubic, and what it leaves; lengths in m."""
 
-    values: Array
-    stds: Array
+    values: Array  # shape (2,); terms of degree two and three
+    residuals: Array  # shape (ny,); 0 where a row does not show the face
+    root: Array  # shape (2,); uncertainties of the terms over those of a row [1]
+
+    def estimate_stds(self, residuals: Array) -> Array:
+        """Return the standard uncertainties of the terms under such residuals, shape (2,) [m]."""
+        squares = float(residuals @ residuals)
+        variance = squares / (len(residuals) - _DEGREE - 1)
+        # neighbouring rows wander together, and say less than as many that do not
+        products = float(residuals[1:] @ residuals[:-1])
+        correlated = np.clip(products / max(squares, 1e-300), 0, _MOST_CORRELATED)
+        variance *= float((1.0 + correlated) / (1.0 - correlated))
+        return np.asarray(self.root * np.sqrt(variance))
 
 
 def find_drift(x: Array, y: Array, height: Array, lower: Mask, upper: Mask) -> Drift | None:
@@ -65,15 +77,16 @@ def find_drift(x: Array, y: Array, height: Array, lower: Mask, upper: Mask) -> D
     if len(y) < _LEAST_ROWS:
         return None
     t = 2.0 * (y - y[0]) / (y[-1] - y[0]) - 1.0
-    terms = []
+    faces = []
     for face in (lower, upper):
         found = _fit_rows(t, _average_rows(x, y, height, face))
         if found is None:
             return None
-        terms.append(found)
-    first, second = terms
-    shared = _find_shared(first, second)
-    offsets = np.polynomial.legendre.legval(t, [0.0, 0.0, *shared])
+        faces.append(found)
+    first, second = faces
+    wander = _find_shared_wander(first, second)
+    terms = _find_shared_terms(first, second, wander)
+    offsets = np.polynomial.legendre.legval(t, [0.0, 0.0, *terms]) + wander
     drift = Drift(np.asarray(offsets))
     if drift.zone < _LEAST_ZONE:
         return None
@@ -94,28 +107,38 @@ def _average_rows(x: Array, y: Array, height: Array, face: Mask) -> Array:
     return np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)
 
 
-def _fit_rows(t: Array, means: Array) -> _Terms | None:
+def _fit_rows(t: Array, means: Array) -> _Rows | None:
     """Fit a cubic to the means of rows; None where too few rows show the face."""
     known = np.isfinite(means)
     if known.sum() < _LEAST_ROWS:
         return None
     design = np.polynomial.legendre.legvander(t[known], _DEGREE)
     values = np.linalg.lstsq(design, means[known], rcond=None)[0]
-    residuals = means[known] - design @ values
-    variance = float(residuals @ residuals) / (known.sum() - design.shape[1])
-    # neighbouring rows wander together, and say less than as many that do not
-    products = float(residuals[1:] @ residuals[:-1])
-    correlated = np.clip(products / max(float(residuals @ residuals), 1e-300), 0, _MOST_CORRELATED)
-    variance *= float((1.0 + correlated) / (1.0 - correlated))
-    covariance = variance * np.linalg.inv(design.T @ design)
-    stds = np.sqrt(np.diag(covariance))
-    return _Terms(np.asarray(values[2:], dtype=np.float64), stds[2:])
+    residuals = np.zeros(len(means))
+    residuals[known] = means[known] - design @ values
+    root = np.sqrt(np.diag(np.linalg.inv(design.T @ design)))
+    return _Rows(np.asarray(values[2:], dtype=np.float64), residuals, root[2:])
 
 
-def _find_shared(first: _Terms, second: _Terms) -> Array:
-    """Return the terms that both faces have, with the lesser of their sizes [m]."""
-    is_sure = np.abs(first.values) > _SURE * first.stds
-    is_sure &= np.abs(second.values) > _SURE * second.stds
-    is_sure &= first.values * second.values > 0.0
+def _find_shared_wander(first: _Rows, second: _Rows) -> Array:
+    """Return how the rows of both faces wander alike about their cubics, shape (ny,) [m].
+
+    It is 0 where they do not.
+    """
+    products = float(first.residuals @ second.residuals)
+    sizes = np.linalg.norm(first.residuals) * np.linalg.norm(second.residuals)
+    if products < _ALIKE * float(sizes):
+        return np.zeros(len(first.residuals))
+    return np.asarray(0.5 * (first.residuals + second.residuals))
+
+
+def _find_shared_terms(first: _Rows, second: _Rows, wander: Array) -> Array:
+    """Return the terms that both faces have, with the lesser of their sizes [m].
+
+    `wander`, shape (ny,), is what both share about their cubics [m]; it is no noise of a term.
+    """
+    is_sure = first.values * second.values > 0.0
+    for rows in (first, second):
+        is_sure &= np.abs(rows.values) > _SURE * rows.estimate_stds(rows.residuals - wander)
     size = np.minimum(np.abs(first.values), np.abs(second.values))
     return np.where(is_sure, np.sign(first.values) * size, 0.0)

@@ -14,6 +14,7 @@ from stepblocks.inspect.budget import (
     add_instrument_components,
 )
 from stepblocks.inspect.evaluation import Extent
+from stepblocks.inspect.filtering import choose_face_cutoff
 from stepblocks.inspect.form import (
     FaceForm,
     compute_flatness,
@@ -93,6 +94,9 @@ def measure_faces(
         _PARALLELISM: _Zone("parallelism, upper face to A", compute_parallelism, (upper, lower)),
     }
     notes.append(_describe_zones(list(zones.values()), max(lower.degree, upper.degree)))
+    if lower.is_wavy or upper.is_wavy:
+        cutoff = choose_face_cutoff((scan.dy * thin_y, scan.dx * thin_x))
+        notes.append(NoteKind.WAVINESS_OF_FACES.describe(cutoff=cutoff * 1e3))
     known = np.isfinite(height)
     covered = {
         _LOWER: Extent(float(np.ptp(side[on_lower & known])), float(y[-1])),

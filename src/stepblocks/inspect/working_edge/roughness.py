@@ -12,7 +12,8 @@ from stepblocks.errors import MetrologyError
 from stepblocks.inspect.attempts import evaluate_each
 from stepblocks.inspect.budget import Component, Instrument, Source, add_instrument_components
 from stepblocks.inspect.evaluation import Evaluation
-from stepblocks.inspect.noise import Array, Estimate, Mask, find_outliers
+from stepblocks.inspect.filtering import compute_mean_line
+from stepblocks.inspect.noise import Estimate, find_outliers
 from stepblocks.scans.scan import ScannedProfile
 
 
@@ -36,8 +37,6 @@ _SETTINGS = (
 _LIMIT_ROUNDING = 1.0001  # of a limit, that is no other limit [1]
 _STEP_ROUNDING = 1.001  # of a sampling interval, that is no other interval [1]
 _SECTIONS = 5
-# of the Gaussian filter of ISO 16610-21 [1]
-_ALPHA = 0.4697186393498257
 
 
 def measure_ra(face: ScannedProfile, limit: float) -> Estimate:
@@ -68,8 +67,8 @@ def measure_ra(face: ScannedProfile, limit: float) -> Estimate:
     line = np.polynomial.Polynomial.fit(face.position[known], face.height[known], 1)
     levelled = face.height - line(face.position)
     known &= ~find_outliers(np.where(known, levelled, 0.0), known)
-    smooth = _compute_mean_line(levelled, known, spacing, settings.fine)
-    waviness = _compute_mean_line(smooth, np.ones_like(known), spacing, settings.cutoff)
+    smooth = compute_mean_line(levelled, known, spacing, settings.fine)
+    waviness = compute_mean_line(smooth, np.ones_like(known), spacing, settings.cutoff)
     rough = smooth - waviness
     cut = round(0.5 * settings.cutoff / spacing)
     sections = np.array_split(np.abs(rough[cut:-cut]), _SECTIONS)
@@ -84,21 +83,6 @@ def _choose_settings(limit: float) -> _Settings:
         if limit <= _LIMIT_ROUNDING * settings.most:
             return settings
     raise MetrologyError(f"limit of Ra must be a number, got {limit}")
-
-
-def _compute_mean_line(height: Array, known: Mask, spacing: float, cutoff: float) -> Array:
-    """Return the mean line of the Gaussian filter of ISO 16610-21, shape (n,) [m].
-
-    Missing points have no weight; `spacing` and `cutoff` are in metres.
-    """
-    from scipy.ndimage import convolve1d
-
-    reach = max(int(np.ceil(cutoff / spacing)), 1)
-    distances = np.arange(-reach, reach + 1) * spacing
-    kernel = np.exp(-np.pi * (distances / (_ALPHA * cutoff)) ** 2)
-    total = convolve1d(np.where(known, height, 0.0), kernel, mode="constant")
-    weight = convolve1d(known.astype(np.float64), kernel, mode="constant")
-    return np.asarray(total / np.maximum(weight, 1e-12))
 
 
 def add_roughness(evaluation: Evaluation, limit: float, instrument: Instrument) -> Evaluation:
