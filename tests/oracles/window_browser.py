@@ -113,6 +113,15 @@ class Clicker:
 
         wait_for(look, f"field {label}")
 
+    def see_field(self, label, text):
+        """Wait until a field says a text."""
+
+        def look():
+            field = self._find_shown(f"//input[@aria-label={quote(label)}]")
+            return field is not None and field.get_property("value") == text
+
+        wait_for(look, f"{text!r} in field {label}")
+
     def choose(self, label, option):
         """Choose an option of a list."""
 

@@ -38,8 +38,9 @@ def page(driver, tmp_path):
 
 
 def is_fault(entry):
-    """Tell whether the console speaks of a fault of the page; reports are looked at elsewhere."""
-    return entry["level"] == "SEVERE" and "/folder/" not in entry["message"]
+    """Tell whether the console speaks of a fault of the page itself."""
+    is_of_page = "/folder/" not in entry["message"] and "REFUSED" not in entry["message"]
+    return entry["level"] == "SEVERE" and is_of_page
 
 
 def list_bytes(folder: Path):
@@ -106,9 +107,10 @@ def test_an_order_of_three_blocks_to_its_bundle(page, tmp_path, monkeypatch):
     for number, (name, height) in enumerate((("low", "25"), ("mid", "50"), ("high", "100"))):
         if number:
             user.click("Add")
-            user.see("step_block: without a name")
+            user.see_field("id", "")
         user.type("id", name)
         user.type("height", f"{height} um")
+        user.see(f"step_block: {name}")
     user.click("Save")
     user.see("three.toml is saved")
     user.click("Build")
