@@ -26,6 +26,7 @@ _EXCEPTED = {_GCC}
 # whose own licence is permissive, and whose wheels carry a library that is not: as that library
 # says, not the package
 _WITHIN = {
+    "axe-core-python": "axe-core: MPL-2.0",
     "cadquery-ocp": "OpenCASCADE: LGPL-2.1 with an exception",
     "numpy": f"libgfortran: {_GCC}",
     "scikit-learn": f"libgomp: {_GCC}",

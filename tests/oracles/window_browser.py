@@ -104,18 +104,31 @@ class Clicker:
         from selenium.webdriver.common.keys import Keys
 
         def look():
-            (field,) = self._find_all(f"//input[@aria-label={quote(label)}]")
+            field = self._find_shown(f"//input[@aria-label={quote(label)}]")
+            if field is None:
+                return False
             field.send_keys(Keys.CONTROL, "a")
             field.send_keys(Keys.DELETE, text, Keys.TAB)
             return True
 
         wait_for(look, f"field {label}")
 
+    def see_field(self, label, text):
+        """Wait until a field says a text."""
+
+        def look():
+            field = self._find_shown(f"//input[@aria-label={quote(label)}]")
+            return field is not None and field.get_property("value") == text
+
+        wait_for(look, f"{text!r} in field {label}")
+
     def choose(self, label, option):
         """Choose an option of a list."""
 
         def open_list():
-            (field,) = self._find_all(f"//*[@aria-label={quote(label)} and @role='combobox']")
+            field = self._find_shown(f"//*[@aria-label={quote(label)} and @role='combobox']")
+            if field is None:
+                return False
             field.click()
             return True
 
@@ -123,7 +136,10 @@ class Clicker:
         path = f"//*[@role='option'][contains(normalize-space(.), {quote(option)})]"
 
         def click_option():
-            self._find_shown(path).click()
+            found = self._find_shown(path)
+            if found is None:
+                return False
+            found.click()
             return True
 
         wait_for(click_option, f"option {option}")
@@ -132,7 +148,10 @@ class Clicker:
         """Hand a file to the first field for files."""
 
         def look():
-            self._find_all("//input[@type='file']")[0].send_keys(str(path))
+            fields = self._find_all("//input[@type='file']")
+            if not fields:
+                return False
+            fields[0].send_keys(str(path))
             return True
 
         wait_for(look, "field for files")

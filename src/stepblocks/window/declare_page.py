@@ -95,11 +95,15 @@ class DeclarationForm:
 
     def _refresh_choice(self, place: StanzaPlace) -> None:
         """List the stanzas, and show one of them."""
+        key = f"{place.kind} {place.number}"
+        self._choice.set_options(self._name_stanzas(), value=key)
+
+    def _name_stanzas(self) -> dict[str, str]:
+        """Return what the choice says of each stanza."""
         options = {}
         for found, identity in self._draft.list_stanzas().items():
             options[f"{found.kind} {found.number}"] = f"{found.kind}: {identity or texts.NO_NAME}"
-        key = f"{place.kind} {place.number}"
-        self._choice.set_options(options, value=key)
+        return options
 
     def _add_stanza(self, kind: str) -> None:
         self._refresh_choice(self._draft.add_stanza(kind))
@@ -164,6 +168,9 @@ class DeclarationForm:
     async def _update(self) -> None:
         """Show mistakes at their fields; without any, what is felt and the working edge."""
         number = self._changes
+        options = self._name_stanzas()
+        if options != self._choice.options:
+            self._choice.set_options(options)
         checked = self._draft.check()
         self._show_mistakes(checked)
         felt: list[Felt] = []

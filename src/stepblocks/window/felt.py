@@ -6,7 +6,6 @@ from html import escape
 
 from stepblocks.declaration.set import StimulusSet
 from stepblocks.parts.kind import Part
-from stepblocks.predict.run import predict_set
 from stepblocks.quantities import format_number
 from stepblocks.window import texts
 
@@ -46,6 +45,8 @@ class Felt:
 
 def predict_felt(stimuli: StimulusSet) -> list[Felt]:
     """Predict every part that is felt in the first condition of a set, by the formula."""
+    from stepblocks.predict.run import predict_set  # loaded late: the first page needs no tables
+
     felt = stimuli.keep_felt()
     if not felt.stimuli:
         return []

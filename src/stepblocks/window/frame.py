@@ -25,6 +25,8 @@ _STYLE = """
   .body--dark .mistake { color: #ff9b86; }
   .nicegui-link { color: #1b6480; }
   .body--dark .nicegui-link { color: #7cc4de; }
+  .quiet { color: #1b6480; }
+  .body--dark .quiet { color: #7cc4de; }
   .beside { display: grid; gap: 24px; width: 100%; grid-template-columns: 1fr; }
   @media (min-width: 1000px) { .beside { grid-template-columns: 1fr 1fr; } }
   .fields { display: grid; gap: 4px 24px; width: 100%; grid-template-columns: 1fr; }
@@ -32,6 +34,21 @@ _STYLE = """
   .report { width: 100%; height: 720px; border: 1px solid #8a8a8a; background: #fff; }
   .q-header .nicegui-link { color: #fff; }
 </style>
+"""
+# The framework hides the field for files within a button without a name. Here the field itself has
+# the name, and is reached by the keyboard.
+_NAME_FILE_FIELDS = """
+<script>
+  new MutationObserver(() => {
+    for (const field of document.querySelectorAll('.q-uploader__input[tabindex="-1"]')) {
+      const title = field.closest('.q-uploader').querySelector('.q-uploader__title');
+      field.tabIndex = 0;
+      field.setAttribute('aria-label', title.textContent);
+      field.parentElement.closest('.q-btn').removeAttribute('role');
+      field.parentElement.closest('.q-btn').removeAttribute('tabindex');
+    }
+  }).observe(document, { childList: true, subtree: true });
+</script>
 """
 _COLOUR = "#1b6480"
 
@@ -57,7 +74,7 @@ class Page:
 
 def build_frame(pages: Sequence[Page]) -> None:
     """Make the bar, and below it the page that the address names."""
-    ui.add_head_html(_STYLE)
+    ui.add_head_html(_STYLE + _NAME_FILE_FIELDS)
     ui.page_title(texts.TITLE)
     ui.colors(primary=_COLOUR)
     colours = ui.dark_mode(None)
@@ -70,7 +87,7 @@ def build_frame(pages: Sequence[Page]) -> None:
             ui.link(page.title, page.path)
         switch = ui.button(icon="contrast", on_click=lambda: _switch_colours(colours))
         switch.props(f'flat dense color=white aria-label="{texts.COLOURS}"').tooltip(texts.COLOURS)
-    with ui.element("main").classes("window-content").props("id=content tabindex=-1"):
+    with ui.element("div").classes("window-content").props("id=content tabindex=-1"):
         ui.sub_pages({page.path: page.build for page in pages})
 
 
@@ -116,4 +133,10 @@ def _add_copy_button(label: str, text: str) -> None:
         ui.clipboard.write(text)
         ui.notify(texts.COPIED)
 
-    ui.button(label, on_click=copy).props("flat dense no-caps")
+    add_quiet_button(label, copy).props("dense")
+
+
+def add_quiet_button(label: str, on_click: Callable[[], object]) -> ui.button:
+    """Add a button without a ground of its own."""
+    button = ui.button(label, on_click=on_click, color=None)
+    return button.props("flat no-caps").classes("quiet")

@@ -79,7 +79,12 @@ class Gate:
             await _refuse(scope, send, *fault)
             return
         policy = _POLICY_OF_FILES if is_file else _POLICY
-        await self._app(scope, receive, _add_headers(send, policy))
+        client = _Client(receive)
+        try:
+            await self._app(scope, client.receive, _add_headers(send, policy))
+        except RuntimeError:
+            if not client.is_gone:  # else nobody waits for the answer any more
+                raise
 
     def _opens_window(self, scope: "Scope") -> bool:
         """Tell whether a request is for the address with the token."""
@@ -110,6 +115,21 @@ class Gate:
         cookie = f"{self._cookie}={self._token}; Path=/; HttpOnly; SameSite=Strict"
         headers = {"Location": "/", "Set-Cookie": cookie, "Cache-Control": "no-store"}
         await _answer(send, 303, "", headers)
+
+
+class _Client:
+    """Who asks, who may go before the answer is there."""
+
+    def __init__(self, receive: "Receive") -> None:
+        self._receive = receive
+        self.is_gone = False
+
+    async def receive(self) -> "Message":
+        """Return the next message of a request."""
+        message = await self._receive()
+        if message["type"] == "http.disconnect":
+            self.is_gone = True
+        return message
 
 
 def _read_headers(scope: "Scope") -> dict[str, list[str]]:

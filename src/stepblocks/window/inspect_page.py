@@ -3,6 +3,7 @@
 import glob
 from dataclasses import dataclass
 from pathlib import PurePosixPath
+from typing import TYPE_CHECKING
 
 from nicegui import events, run, ui
 
@@ -18,8 +19,10 @@ from stepblocks.window.frame import show_heading, show_mistake
 from stepblocks.window.gate import LARGEST_UPLOAD
 from stepblocks.window.job_view import Runnable, show_page
 from stepblocks.window.jobs import Job, JobList
-from stepblocks.window.scan_edges import ScanEdge
 from stepblocks.window.scan_picture import ScanPicture, draw_scan
+
+if TYPE_CHECKING:
+    from stepblocks.window.scan_edges import ScanEdge
 
 _SCANS = "scans"  # folder that dropped scans are put into
 _PAGE = "inspection.html"

@@ -11,7 +11,7 @@ from stepblocks.files.text import is_file
 from stepblocks.window import texts
 from stepblocks.window.command_line import ShownCommand
 from stepblocks.window.folder import Folder
-from stepblocks.window.frame import show_command, show_heading, show_mistake
+from stepblocks.window.frame import add_quiet_button, show_command, show_heading, show_mistake
 from stepblocks.window.jobs import Job, JobList, JobState
 
 PERIOD = 0.5  # between two looks at a job [s]
@@ -40,7 +40,7 @@ class JobView:
             with ui.row().classes("items-center"):
                 self._spinner = ui.spinner(size="sm").props("aria-hidden=true")
                 self._state = ui.label().props("role=status").mark(f"state-{job.number}")
-                self._cancel = ui.button(texts.CANCEL, on_click=job.cancel).props("flat no-caps")
+                self._cancel = add_quiet_button(texts.CANCEL, job.cancel)
                 self._link = ui.link(texts.OPEN_PAGE, folder.make_link(job.command.page), True)
                 self._served = ui.link(texts.OPEN_SERVED, job.command.address, True)
             with ui.row().classes("items-center w-full") as self._progress:

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stepblocks.quantities import format_quantity
-from stepblocks.scans.read import read_scan
-from stepblocks.scans.scan import HeightMap, ScannedProfile
 from stepblocks.window import texts
-from stepblocks.window.scan_edges import ScanEdge, list_edges
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from stepblocks.scans.scan import HeightMap, ScannedProfile
+    from stepblocks.window.scan_edges import ScanEdge
 
 _MOST_POINTS = 4000  # of a profile that are drawn
 _MOST_CELLS = 600  # of a map along a side that are drawn
@@ -47,10 +47,10 @@ class ScanPicture:
     description: str
     scale: str
     image: str
-    edges: tuple[ScanEdge, ...] = ()
+    edges: "tuple[ScanEdge, ...]" = ()
     columns: tuple[float, ...] = ()
 
-    def find_edge(self, column: float) -> ScanEdge | None:
+    def find_edge(self, column: float) -> "ScanEdge | None":
         """Return the edge nearest to a column of the picture [pixels]; None without edges."""
         if not self.edges:
             return None
@@ -67,6 +67,10 @@ def draw_scan(path: Path, unit: str | None, channel: str | None) -> ScanPicture:
         If it cannot be read: the message asks for what the file leaves open.
     """
     from matplotlib.figure import Figure
+
+    from stepblocks.scans.read import read_scan
+    from stepblocks.scans.scan import ScannedProfile
+    from stepblocks.window.scan_edges import list_edges
 
     scan = read_scan(path, unit, channel)
     edges = list_edges(scan)
@@ -85,8 +89,10 @@ def draw_scan(path: Path, unit: str | None, channel: str | None) -> ScanPicture:
     return ScanPicture(_describe(scan), scan.scale, image, tuple(edges), tuple(columns))
 
 
-def _describe(scan: ScannedProfile | HeightMap) -> str:
+def _describe(scan: "ScannedProfile | HeightMap") -> str:
     """Say how many points a scan has, and how far it reaches."""
+    from stepblocks.scans.scan import ScannedProfile
+
     height = scan.height[np.isfinite(scan.height)]
     low = format_quantity(float(height.min()), "length")
     high = format_quantity(float(height.max()), "length")
@@ -106,7 +112,7 @@ def _describe(scan: ScannedProfile | HeightMap) -> str:
     )
 
 
-def _draw_profile(axes: "Axes", scan: ScannedProfile) -> None:
+def _draw_profile(axes: "Axes", scan: "ScannedProfile") -> None:
     """Draw heights along the line."""
     step = -(-scan.position.size // _MOST_POINTS)
     axes.plot(1e3 * scan.position[::step], 1e6 * scan.height[::step], linewidth=1.0)
@@ -114,7 +120,7 @@ def _draw_profile(axes: "Axes", scan: ScannedProfile) -> None:
     axes.set_ylabel(texts.AXIS_HEIGHT)
 
 
-def _draw_map(figure: "Figure", axes: "Axes", scan: HeightMap) -> None:
+def _draw_map(figure: "Figure", axes: "Axes", scan: "HeightMap") -> None:
     """Draw heights as colours, true in plan."""
     rows, columns = scan.height.shape
     step = -(-max(rows, columns) // _MOST_CELLS)
@@ -128,7 +134,7 @@ def _draw_map(figure: "Figure", axes: "Axes", scan: HeightMap) -> None:
     figure.colorbar(image, label=texts.AXIS_HEIGHT)
 
 
-def _mark_edges(axes: "Axes", edges: Sequence[ScanEdge]) -> None:
+def _mark_edges(axes: "Axes", edges: "Sequence[ScanEdge]") -> None:
     """Draw a line at every edge, with its number above."""
     if len(edges) > _MOST_NAMED:
         return

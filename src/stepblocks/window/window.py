@@ -14,12 +14,9 @@ from starlette.responses import FileResponse, PlainTextResponse, Response
 from stepblocks.errors import PipelineError, StepblocksError
 from stepblocks.files.text import is_file
 from stepblocks.window import texts
-from stepblocks.window.build_page import BuildPage
-from stepblocks.window.declare_page import DeclarePage
 from stepblocks.window.folder import Folder
 from stepblocks.window.frame import Page, build_frame
 from stepblocks.window.gate import Gate
-from stepblocks.window.inspect_page import InspectPage
 from stepblocks.window.jobs import JobList
 from stepblocks.window.set_page import SetPage
 from stepblocks.window.start_page import StartPage
@@ -46,9 +43,9 @@ class Window:
         self.jobs = JobList(self.folder.path)
         self.pages = (
             Page("/", texts.START, StartPage(self.folder, self.jobs).build),
-            Page("/declare", texts.DECLARE, DeclarePage(self.folder).build),
-            Page("/build", texts.BUILD_PAGE, BuildPage(self.folder, self.jobs).build),
-            Page("/inspect", texts.INSPECT, InspectPage(self.folder, self.jobs).build),
+            Page("/declare", texts.DECLARE, self._build_declare_page),
+            Page("/build", texts.BUILD_PAGE, self._build_build_page),
+            Page("/inspect", texts.INSPECT, self._build_inspect_page),
             Page("/study", texts.STUDY_PAGE, StudyPage(self.folder, self.jobs).build),
             Page("/set", texts.SET_PAGE, SetPage(self.folder, self.jobs).build),
             Page(ADDRESS, texts.WORK, WorkPage(self.folder, self.jobs).build),
@@ -57,6 +54,26 @@ class Window:
     def build(self) -> None:
         """Make the page that the address names."""
         build_frame(self.pages)
+
+    # what these need is loaded when they are opened: the first page is there at once
+
+    def _build_declare_page(self, file: str = "") -> None:
+        """Make the page to declare stimuli; `file` is opened."""
+        from stepblocks.window.declare_page import DeclarePage
+
+        DeclarePage(self.folder).build(file)
+
+    def _build_build_page(self, file: str = "") -> None:
+        """Make the page to build; `file` is chosen."""
+        from stepblocks.window.build_page import BuildPage
+
+        BuildPage(self.folder, self.jobs).build(file)
+
+    def _build_inspect_page(self, file: str = "") -> None:
+        """Make the page to judge a scan; `file` is looked at first."""
+        from stepblocks.window.inspect_page import InspectPage
+
+        InspectPage(self.folder, self.jobs).build(file)
 
     def serve_file(self, name: str) -> Response:
         """Answer with a file of the folder; of what lies outside it there is none."""
