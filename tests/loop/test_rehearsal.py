@@ -132,10 +132,12 @@ def test_workers_of_a_cluster_rehearse_as_this_process_does(plan):
     """Each rehearsal has a seed of its own: where it runs cannot show."""
     from distributed import Client, LocalCluster
 
-    declared = read_plan(plan)
-    here = rehearsal.rehearse_session(declared, 2, lambda *_: None, jobs=1)
+    design = read_plan(plan).design
+    short = design.model_copy(update={"speeds": design.speeds[:1], "repeats": 2, "days": 1})
+    declared = read_plan(plan).model_copy(update={"design": short})
+    here = rehearsal.rehearse_session(declared, 1, lambda *_: None, jobs=1)
     with (
-        LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+        LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster,
         Client(cluster, set_as_default=False) as client,
     ):
-        assert rehearsal.rehearse_session(declared, 2, lambda *_: None, on=client) == here
+        assert rehearsal.rehearse_session(declared, 1, lambda *_: None, on=client) == here
