@@ -32,7 +32,7 @@ from stepblocks.loop.bench_model import list_covariate_ranges
 from stepblocks.loop.block_scans import Scans, scan_blocks
 from stepblocks.loop.calibration_check import check_calibration, weigh_calibration
 from stepblocks.loop.compose import compose_record
-from stepblocks.loop.experiment import write_block_stimulus
+from stepblocks.loop.experiment import format_block_stimulus
 from stepblocks.loop.heights import add_height_errors
 from stepblocks.loop.record import SCHEMA, format_document
 from stepblocks.loop.result import LoopResult, build_learned_model
@@ -126,7 +126,7 @@ def loop_session(
                 write_loop(result, place)
         return result
     folder = _SessionFolder.open(Path(session), inspected, layout, forces_only=forces_only)
-    return folder.loop(place, cores, features, progress, announce)
+    return folder.measure_and_explain(place, cores, features, progress, announce)
 
 
 @dataclass(frozen=True)
@@ -167,7 +167,7 @@ class _SessionFolder:
             )
         return cls(folder, declared, radius, inspected, forces_only)
 
-    def loop(
+    def measure_and_explain(
         self,
         output: Path | None,
         jobs: int,
@@ -423,7 +423,7 @@ def write_loop(result: LoopResult, output: Path, traces: Sequence[Path] = ()) ->
     replace_text(output / "model.json", format_document(build_model_document(result.model)))
     # a block that an earlier run asked for is not asked for any more
     (output / "next-block.toml").unlink(missing_ok=True)
-    stimulus = write_block_stimulus(result.record.next_experiment)
+    stimulus = format_block_stimulus(result.record.next_experiment)
     if stimulus is not None:
         replace_text(output / "next-block.toml", stimulus)
     replace_text(output / "report.html", render_loop_page(result, traces))

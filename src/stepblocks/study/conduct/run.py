@@ -278,7 +278,7 @@ class Run:
     def move(self, x: float, held: bool) -> None:
         """Take where the page says that the mouse is [m], and whether it is held."""
         if isinstance(self.hand, Mouse):
-            self.hand.post(x, held)
+            self.hand.update_position(x, held)
 
     def report_probe_state(self) -> dict[str, object]:
         """Return where the probe is [m], what rings, and what is in doubt."""
