@@ -23,6 +23,7 @@ from typer.main import get_command
 
 from stepblocks import __version__
 from stepblocks.cli import (
+    app,
     begin,
     build,
     design_set,
@@ -45,7 +46,7 @@ _ENDING_SIGNALS = ("SIGTERM", "SIGINT", "SIGHUP")  # where the system has them
 _GRACE = 5.0  # for what is open to be closed, when asked to end [s]
 _COMPLETE = "_STEPBLOCKS_COMPLETE"  # set by the shell when it asks for completions
 # One file per command or group of commands, in the order of the help
-_MODULES = (begin, build, inspect, predict, design_set, drag, export, session, study)
+_MODULES = (begin, app, build, inspect, predict, design_set, drag, export, session, study)
 
 
 def _print_version(requested: bool) -> None:
@@ -70,7 +71,7 @@ def _take_options(
 
 def make_command() -> TyperGroup:
     """Return the whole command line."""
-    app = typer.Typer(
+    root_app = typer.Typer(
         name="stepblocks",
         cls=Group,
         add_completion=False,
@@ -81,8 +82,8 @@ def make_command() -> TyperGroup:
         subcommand_metavar="COMMAND ...",
     )
     for module in _MODULES:
-        app.add_typer(module.app)
-    root = get_command(app)
+        root_app.add_typer(module.app)
+    root = get_command(root_app)
     assert isinstance(root, TyperGroup)
     return root
 

@@ -144,7 +144,7 @@ def choose_delivered_effects(
     errors : list of HeldOutErrors
         One for each way.
     """
-    predictor = HeldOutPredictor(explanation, ways, candidates)
+    predictor = HeldOutPredictor(explanation.problem, explanation.nominal, ways, candidates)
     all_errors = predictor.compute_errors(())
     left_open = predictor.find_open_values(all_errors)
     nominal = []

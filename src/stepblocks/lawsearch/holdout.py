@@ -8,11 +8,11 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from stepblocks.lawsearch.findings import Explanation, Rules
+from stepblocks.lawsearch.findings import Rules
 from stepblocks.lawsearch.fit import build_problem, fit
 from stepblocks.lawsearch.forward_model import Floats, ForwardModel, Trials
 from stepblocks.lawsearch.law import Law
-from stepblocks.lawsearch.problem import Problem
+from stepblocks.lawsearch.problem import Fit, Problem
 from stepblocks.lawsearch.search import search_effects_and_structure
 
 # median errors by which the unknown of a new specimen may move a prediction; from there on one
@@ -174,8 +174,10 @@ class HeldOutPredictor:
 
     Parameters
     ----------
-    explanation : Explanation
-        What all trials say.
+    problem : Problem
+        Of all trials.
+    nominal : Fit
+        Of all trials, without effects.
     ways : sequence of sequences of rows
         For each way of holding out, the rows of each fold.
     candidates : callable
@@ -184,13 +186,15 @@ class HeldOutPredictor:
 
     def __init__(
         self,
-        explanation: Explanation,
+        problem: Problem,
+        nominal: Fit,
         ways: Sequence[Sequence[Rows]],
         candidates: ListCandidates,
     ) -> None:
-        self._explanation = explanation
-        self._model = explanation.problem.model
-        self._trials = explanation.problem.trials
+        self._problem = problem
+        self._nominal = nominal
+        self._model = problem.model
+        self._trials = problem.trials
         self._candidates = candidates
         self._ways: list[list[_Fold]] = []
         for folds in ways:
@@ -229,9 +233,9 @@ class HeldOutPredictor:
                 predicted = self._predict_fold(fold, effects, start, prior_shift)
                 error[fold.rows] = self._trials.values[fold.rows] - predicted
             errors.append(error)
-        whole = self._explanation.nominal
+        whole = self._nominal
         if effects:
-            whole = fit(self._explanation.problem, effects, start)
+            whole = fit(self._problem, effects, start)
         return [*errors, self._trials.values - whole.predicted]
 
     def _predict_fold(

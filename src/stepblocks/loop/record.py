@@ -247,6 +247,36 @@ class ScansRecord:
 
 
 @dataclass(frozen=True)
+class HeldOutPair:
+    """Errors of one channel on the same held-out trials, of features and of whole records.
+
+    Attributes
+    ----------
+    trials : int
+        That both have.
+    features_rms, whole_records_rms : float
+        Of the logarithm.
+    p_better, p_worse : float
+        Chance that whole records seem better or worse by so much where they are as good.
+    """
+
+    trials: int
+    features_rms: float
+    whole_records_rms: float
+    p_better: float
+    p_worse: float
+
+
+@dataclass(frozen=True)
+class RecordChoice:
+    """Whether the values of the features or of the whole records stand in the analysis."""
+
+    ln_energy: HeldOutPair
+    ln_peak_force: HeldOutPair
+    whole_records_stand: bool
+
+
+@dataclass(frozen=True)
 class LoopRecord:
     """Contents of result.json; units stand in keys or beside the values."""
 
@@ -276,6 +306,7 @@ class LoopRecord:
     notes: Sequence[str] = ()
     headline: Sequence[str] = ()
     error_by_block: Sequence[BlockError] = ()
+    record_choice: RecordChoice | None = None  # None where whole records were not asked for
 
     def as_document(self) -> dict[str, Any]:
         """Return the record in its form in JSON, without the number of the schema."""

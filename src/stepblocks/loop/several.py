@@ -445,6 +445,7 @@ def loop_sessions(
     jobs: int | None = None,
     forces_only: bool = False,
     as_built: Sequence[str | Path] = (),
+    whole_record: bool = False,
     progress: Callable[[int, int], None] | None = None,
     announce: Announce | None = None,
     layout: TableLayout = UNDECLARED,
@@ -458,7 +459,7 @@ def loop_sessions(
     output : str or Path
         Folder for one folder per session; of all together result.json, report.html, sessions.json,
         and model.json that predicts the next session.
-    jobs, forces_only, as_built, progress, announce, layout
+    jobs, forces_only, as_built, whole_record, progress, announce, layout
         As in `loop_session`.
 
     Returns
@@ -486,6 +487,7 @@ def loop_sessions(
                 jobs=jobs,
                 forces_only=forces_only,
                 as_built=as_built,
+                whole_record=whole_record,
                 progress=progress,
                 announce=announce,
                 layout=layout,
