@@ -179,7 +179,7 @@ class _IsolatedEdge:
         """Sampling interval [m]."""
         return float((self.x[-1] - self.x[0]) / (len(self.x) - 1))
 
-    def turn_back(self, points: Mask) -> Mask:
+    def map_to_profile(self, points: Mask) -> Mask:
         """Return points of the edge, shape (m,), as points of the profile as given, shape (n,)."""
         turned = np.zeros(len(self.points), dtype=bool)
         turned[np.flatnonzero(self.points)] = points if self.rising else points[::-1]
@@ -205,7 +205,7 @@ class _Faces:
         return float(np.sqrt(self.gamma[0]))
 
     @property
-    def step(self) -> float:
+    def step_height(self) -> float:
         """Height of the step [m]."""
         return self.planes.height.value
 
@@ -268,7 +268,7 @@ def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> 
         rejected=planes.fit.rejected + int(spikes.sum()) + corner.spikes + missing,
         rising=edge.rising,
         flank=corner.flank,
-        dropped=edge.turn_back(faces.asked & ~planes.fit.used | spikes),
+        dropped=edge.map_to_profile(faces.asked & ~planes.fit.used | spikes),
         noise=faces.gamma,
     )
 
@@ -442,7 +442,9 @@ def _fit_arc_to_points(
     u = x[points]
     is_upper = (u > faces.middle).astype(float)
     columns = np.stack([u - faces.middle, np.ones(len(u)), is_upper])
-    window = Window(u, levelled[points], faces.step, spacing, faces.bare, faces.errors @ columns)
+    window = Window(
+        u, levelled[points], faces.step_height, spacing, faces.bare, faces.errors @ columns
+    )
     return fit_arc(window)
 
 
@@ -481,10 +483,10 @@ def _find_rounding_width(edge: _IsolatedEdge, faces: _Faces) -> float:
     z = edge.z
     planes = faces.planes
     is_upper = x > faces.middle
-    ideal = planes.offset + planes.tilt * x + np.where(is_upper, faces.step, 0.0)
+    ideal = planes.offset + planes.tilt * x + np.where(is_upper, faces.step_height, 0.0)
     filled = np.where(np.isfinite(z), z, ideal)
     deviation = np.abs(remove_spikes(filled) - ideal)
-    off = deviation > max(_OFF_FACE * faces.roughness, _OFF_FACE_HEIGHT * faces.step)
+    off = deviation > max(_OFF_FACE * faces.roughness, _OFF_FACE_HEIGHT * faces.step_height)
     distance = np.abs(x - faces.middle)
     # points as far on either side are ordered by their place, not by the last bit of their distance
     by_distance = np.argsort(np.rint(4.0 * distance / edge.spacing), kind="stable")
