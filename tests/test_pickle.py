@@ -156,7 +156,7 @@ def test_a_learned_model_keeps_its_effects_in_a_pickle():
     model = EXAMPLES["LearnedModel with a law"]
     again = pickle.loads(pickle.dumps(model))
     assert build_model_document(again) == build_model_document(model)
-    ((law, own),) = again.extended.active()
+    ((law, own),) = again.extended.list_active_effects()
     assert (law.id, own) == ("edge_rounding", {"edge_radius_m": 13.8e-6})
 
 

@@ -236,7 +236,7 @@ def _fit_record(traces: Traces, tool: Tool | None, trial: Trial) -> RecordRow:
 
 def _subtract_hum(trace: Trace, measurement: Measurement) -> Trace:
     """Take the hum that the approach shows out of the tangential force."""
-    hum = measurement.approach.hum(trace.time - measurement.start)
+    hum = measurement.approach.compute_hum(trace.time - measurement.start)
     return replace(trace, tangential=trace.tangential - hum)
 
 

@@ -184,7 +184,7 @@ def build_sets(
         built,
         current=len(selected) - len(outdated),
         failures=summary.failures,
-        notes=_list_alike(sets),
+        notes=_describe_alike_blocks(sets),
     )
 
 
@@ -325,7 +325,7 @@ def _load_sets(sources: "Mapping[str, Path | StimulusSet]") -> "list[StimulusSet
     return sets
 
 
-def _list_alike(sets: "Sequence[StimulusSet]") -> list[str]:
+def _describe_alike_blocks(sets: "Sequence[StimulusSet]") -> list[str]:
     """List blocks of a set with the same sizes, a line each."""
     notes = []
     for stimuli in sets:

@@ -88,7 +88,8 @@ def make_command() -> TyperGroup:
     return root
 
 
-def _run(words: Sequence[str]) -> int:
+def _run_command(words: Sequence[str]) -> int:
+    """Run one command and return its exit code; errors are raised."""
     # Run one command, and let what goes wrong rise
     root = make_command()
     if _COMPLETE in os.environ:
@@ -104,7 +105,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
     _set_up_streams_and_signals()
     try:
-        code = _run(sys.argv[1:] if argv is None else argv)
+        code = _run_command(sys.argv[1:] if argv is None else argv)
         sys.stdout.flush()
         return code
     except typer.Exit as done:  # --help, --version
@@ -126,6 +127,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _set_up_streams_and_signals() -> None:
+    """Set streams, threads of linear algebra, and what a signal to end does."""
     # Set streams, threads of the linear algebra, and what a signal to end does
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a file's name need not be text
@@ -147,6 +149,7 @@ def _set_up_streams_and_signals() -> None:
 
 
 def _describe_error(error: Exception) -> tuple[str, int]:
+    """Return the line that ends a failed command, and its exit code."""
     # Return the line that ends a command, and its exit code
     if isinstance(error, typer.TyperException):
         return f"error: {describe_mistake(error)}", 2
@@ -163,6 +166,7 @@ def _describe_error(error: Exception) -> tuple[str, int]:
 
 
 def _keep_details(error: Exception) -> str:
+    """Write the traceback to a file; return a line that says what happened and where it is."""
     # Keep the traceback in a file; say in one line what happened and where the file is
     message = " ".join(f"{type(error).__name__}: {error}".split())[:200]
     try:
@@ -179,6 +183,7 @@ def _keep_details(error: Exception) -> str:
 
 
 def _exit_on_signal(number: int, _: object) -> NoReturn:
+    """Kill the workers and end the command with the exit code of the signal."""
     kill_workers()
     # where a library waits for a worker that is no more
     late = threading.Timer(_GRACE, os._exit, (128 + number,))

@@ -96,14 +96,14 @@ def new(
     if kind == "session":
         folder = file.parent if file.name == "session.toml" else file
         place = folder / "session.toml"
-        text, then = write_starter_file(kind, folder)
+        text, then = compose_starter_file(kind, folder)
         if plan is not None:
             rehearse = partial(_rehearse, count=rehearsals, jobs=jobs, on=on, quiet=quiet)
             return _plan_session(folder, plan, rehearse, then, force=force)
         texts = {place: text, folder / "trials.csv": _TRIALS}
     else:
         place = file.with_suffix(".toml") if file.name else file
-        text, then = write_starter_file(kind, place)
+        text, then = compose_starter_file(kind, place)
         texts = {place: text}
     _write_new(texts, force=force)
     return Outcome(
@@ -140,7 +140,7 @@ def _plan_session(
 
     planned = read_plan(plan)
     # what a bench shows and nobody sets is no part of a plan
-    rows = [row | {"temperature_c": "", "humidity_pct": ""} for row in planned.rows()]
+    rows = [row | {"temperature_c": "", "humidity_pct": ""} for row in planned.list_trial_rows()]
     texts = {
         folder / "session.toml": format_session(planned),
         folder / "trials.csv": format_csv(rows),
@@ -155,7 +155,7 @@ def _plan_session(
     )
     visible = [asdict(effect) for effect in found.could_show]
     return Outcome(
-        f"{folder}: {len(rows)} trials on {len(planned.blocks())} blocks; drag them, then "
+        f"{folder}: {len(rows)} trials on {len(planned.list_blocks())} blocks; drag them, then "
         f"run: {then}",
         {"nine sessions in ten would show": visible},
         notes=[note],
@@ -201,7 +201,7 @@ def _copy_shipped(folder: Path, *, force: bool) -> Outcome:
     )
 
 
-def write_starter_file(kind: str, place: Path) -> tuple[str, str]:
+def compose_starter_file(kind: str, place: Path) -> tuple[str, str]:
     """Return the text of a file to begin with, and the command that takes it.
 
     Below it stands, commented out, what its kinds leave to their defaults.
@@ -218,12 +218,12 @@ def write_starter_file(kind: str, place: Path) -> tuple[str, str]:
             f"# What a {name} leaves out; to change it for all of them, take the leading '# ' "
             "away.\n"
         )
-        defaults = _list_defaults(list_kinds()[name], f"defaults.{name}")
+        defaults = _format_defaults(list_kinds()[name], f"defaults.{name}")
         text += "".join(f"# {line}\n" for line in defaults) + "\n"
     return text.rstrip() + "\n", head.partition(": ")[2]
 
 
-def _list_defaults(model: "type[BaseModel]", table: str) -> Iterator[str]:
+def _format_defaults(model: "type[BaseModel]", table: str) -> Iterator[str]:
     """Write the defaults of a kind as TOML, those of tables below it in tables of their own."""
     yield f"[{table}]"
     tables_below = []
@@ -241,7 +241,7 @@ def _list_defaults(model: "type[BaseModel]", table: str) -> Iterator[str]:
         below = model.model_fields[name].annotation
         kind = next(iter(get_args(below)), below)
         assert isinstance(kind, type)
-        yield from _list_defaults(kind, f"{table}.{name}")
+        yield from _format_defaults(kind, f"{table}.{name}")
 
 
 @command(app, "help", "help", "help export", panel=_PANEL)

@@ -370,6 +370,7 @@ def protect_output(place: object, *, force: bool) -> Iterator[list[Path]]:
     known = _read_hashes(folder / _MEMORY, "written")
 
     def is_protected(path: Path) -> bool:
+        """Tell whether a file was there before and is not as a command wrote it."""
         if force or path not in before:
             return False
         name = path.relative_to(folder).as_posix()

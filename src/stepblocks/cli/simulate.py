@@ -50,10 +50,11 @@ def _read_trials(text: str) -> dict[str, int]:
 
 
 def _read_shares(text: str) -> dict[str, float]:
+    """Read energy shares by condition, as ``name=share`` or from a set with sheaths."""
     if text.endswith(".toml"):
-        from stepblocks.predict.sheaths import find_damping
+        from stepblocks.predict.sheaths import find_energy_shares
 
-        return find_damping(text)
+        return find_energy_shares(text)
     return {
         name: make_quantity_reader("ratio")(value)
         for name, value in read_pairs(text, "name=share").items()

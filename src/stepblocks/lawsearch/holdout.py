@@ -114,7 +114,7 @@ def split_by_block(trials: Trials, most_folds: int) -> list[Rows]:
     return [np.flatnonzero(number % most_folds == i) for i in range(folds)]
 
 
-def take_others(trials: Trials, rows: Rows) -> Trials:
+def select_other_trials(trials: Trials, rows: Rows) -> Trials:
     """Return the trials that a fold leaves: all but those in `rows`."""
     return trials.take(np.setdiff1d(np.arange(len(trials)), rows))
 
@@ -145,7 +145,7 @@ def select_effects_without(
     values : Mapping[str, float]
         Values of the fit of all trials.
     """
-    train = take_others(trials, rows)
+    train = select_other_trials(trials, rows)
     laws = candidates(train)
     found = search_effects_and_structure(model, train, laws, rules)
     chosen = tuple(law.id for law in found.extended.effects)
@@ -198,11 +198,11 @@ class HeldOutPredictor:
         self._candidates = candidates
         self._ways: list[list[_Fold]] = []
         for folds in ways:
-            self._ways.append([self._hold_out(rows) for rows in folds])
+            self._ways.append([self._build_fold(rows) for rows in folds])
 
-    def _hold_out(self, rows: Rows) -> _Fold:
+    def _build_fold(self, rows: Rows) -> _Fold:
         """Build the problem of the trials that a fold leaves."""
-        return _Fold(rows, build_problem(self._model, take_others(self._trials, rows)))
+        return _Fold(rows, build_problem(self._model, select_other_trials(self._trials, rows)))
 
     def compute_errors(
         self,

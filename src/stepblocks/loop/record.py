@@ -310,7 +310,7 @@ class LoopRecord:
 
     def as_document(self) -> dict[str, Any]:
         """Return the record in its form in JSON, without the number of the schema."""
-        return {field.name: to_json(getattr(self, field.name)) for field in fields(self)}
+        return {field.name: convert_to_plain(getattr(self, field.name)) for field in fields(self)}
 
 
 @runtime_checkable
@@ -320,21 +320,21 @@ class _HasJsonForm(Protocol):
     def as_json(self) -> Mapping[str, object]: ...
 
 
-def to_json(value: object) -> Any:
+def convert_to_plain(value: object) -> Any:
     """Turn records into objects, lists and plain values, as `json.dumps` takes them.
 
     Not-a-number stays what it is.
     """
     if isinstance(value, _HasJsonForm):
-        return to_json(value.as_json())
+        return convert_to_plain(value.as_json())
     if is_dataclass(value):
-        return {field.name: to_json(getattr(value, field.name)) for field in fields(value)}
+        return {field.name: convert_to_plain(getattr(value, field.name)) for field in fields(value)}
     if isinstance(value, ExcludedTrial):
         return value._asdict()
     if isinstance(value, Mapping):
-        return {key: to_json(item) for key, item in value.items()}
+        return {key: convert_to_plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [to_json(item) for item in value]
+        return [convert_to_plain(item) for item in value]
     if isinstance(value, Enum):
         return value.value
     return value

@@ -32,7 +32,7 @@ from stepblocks.loop.bench_model import list_covariate_ranges
 from stepblocks.loop.block_scans import ScannedBlocks, Scans, scan_blocks
 from stepblocks.loop.calibration_check import check_calibration, weigh_calibration
 from stepblocks.loop.compose import compose_record
-from stepblocks.loop.experiment import write_block_stimulus
+from stepblocks.loop.experiment import format_block_stimulus
 from stepblocks.loop.heights import add_height_errors
 from stepblocks.loop.record import SCHEMA, format_document
 from stepblocks.loop.record_choice import choose_records, describe_choice
@@ -141,7 +141,7 @@ def loop_session(
         forces_only=forces_only,
         whole_record=whole_record,
     )
-    return folder.loop(place, cores, features, progress, announce)
+    return folder.measure_and_explain(place, cores, features, progress, announce)
 
 
 @dataclass(frozen=True)
@@ -191,7 +191,7 @@ class _SessionFolder:
             )
         return cls(folder, declared, radius, inspected, forces_only, whole_record)
 
-    def loop(
+    def measure_and_explain(
         self,
         output: Path | None,
         jobs: int,
@@ -486,7 +486,7 @@ def write_loop(result: LoopResult, output: Path, traces: Sequence[Path] = ()) ->
     replace_text(output / "model.json", format_document(build_model_document(result.model)))
     # a block that an earlier run asked for is not asked for any more
     (output / "next-block.toml").unlink(missing_ok=True)
-    stimulus = write_block_stimulus(result.record.next_experiment)
+    stimulus = format_block_stimulus(result.record.next_experiment)
     if stimulus is not None:
         replace_text(output / "next-block.toml", stimulus)
     replace_text(output / "report.html", render_loop_page(result, traces))
