@@ -227,7 +227,7 @@ def removed(found: Explanation, seed: int, truth: tuple[Planted, ...]) -> float 
     oracle = fit(found.problem, [e for e, _ in truth], found.nominal.values | start)
     errors = []
     for fitted in (found.nominal, found.extended, oracle):
-        shown = found.problem.model.predict(ahead, fitted.values, fitted.active)
+        shown = found.problem.model.predict(ahead, fitted.values, fitted.active_effects)
         errors.append(float(np.sqrt(np.mean((exact - shown[:, 0]) ** 2))))
     removable = errors[0] - errors[2]
     return (errors[0] - errors[1]) / removable if removable > 2e-3 else None

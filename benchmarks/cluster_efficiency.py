@@ -42,7 +42,7 @@ def measure_sweep(plan: SweepPlan, folder: Path, client: Client | None = None) -
         begin = time.perf_counter()
         run_sweep(plan, folder / attempt, on=client)
         seconds = time.perf_counter() - begin
-    return plan.rows / seconds
+    return plan.row_count / seconds
 
 
 def measure_calls(client: Client) -> float:

@@ -105,8 +105,8 @@ SHEATH = {
 # names that are not called: what only types a value, what the others are derived from, and
 # enumerations, which Python itself looks up
 NOT_CALLED = {
-    *("BuildReport", "ContactLaw", "Counterface", "PAPER", "SetDesign", "Status"),
-    *("StepblocksError", "TrainingDay"),
+    *("BuildReport", "ContactLaw", "Counterface", "HeightDesign", "PAPER"),
+    *("SetDesign", "Status", "StepblocksError", "TrainingDay"),
 }
 
 
@@ -391,6 +391,10 @@ def make_value_calls() -> dict[str, Words]:
         "study_power": (
             ([2e-5, 4e-5],),
             {"seed": 1, "probes": ("bare", "soft"), "participants": (3,), "runs": 10},
+        ),
+        "place_heights": (
+            ([3e-5, 4e-5, 5e-5, 7e-5], "jnd"),
+            {"standard": 5e-5, "prior": {"weber": 0.3}, "lapse": 0.03, "trials": 12, "number": 3},
         ),
         "Renderer": ((step.centre_path(125e-6), point), {"scale": 1.0, "rate": 1e4}),
     }

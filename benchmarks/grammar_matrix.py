@@ -15,7 +15,6 @@ import argparse
 import json
 import sys
 import time
-from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
@@ -23,15 +22,22 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from oracles.feature_bench import bench_trials, block_scans, design_columns
 from stepblocks.contact.operating_point import Tool
 from stepblocks.lawsearch.explain import explain
-from stepblocks.lawsearch.findings import Rules
+from stepblocks.lawsearch.findings import Explanation, Rules, Verdict
 from stepblocks.lawsearch.law import Law, Parameter
-from stepblocks.loop.bench_model import SessionModel, list_candidates, list_covariate_ranges
+from stepblocks.lawsearch.run_order import bound_jump_place
+from stepblocks.loop.bench_model import (
+    SessionModel,
+    find_column,
+    list_candidates,
+    list_covariate_ranges,
+)
 from stepblocks.rig.effects.grammar.slots import SLOT_MOVES
 
 Numbers = NDArray[np.float64]
@@ -122,20 +128,75 @@ def plant(form: str, slot: str, covariate: str, columns: dict[str, Any]) -> Law:
     return Law(f"planted {form} {slot} {covariate}", form, (parameter,), apply, move.slot)
 
 
+def list_true_numbers(
+    form: str, slot: str, covariate: str, size: float, columns: dict[str, Any]
+) -> dict[str, float]:
+    """List the numbers that the law of the same shape must show, by the names that it has."""
+    if form == "levels":
+        return {"g[B]": size}
+    if form == "group_lines":
+        return {}
+    column = np.asarray(columns[covariate], dtype=float)
+    low, reach = float(column.min()), float(np.ptp(column))
+    if form == "power":
+        return {"exponent": size / float(np.log(column.max() / column.min()))}
+    shapes = {
+        "reciprocal": {"share": 0.5 * size},
+        "line": {"slope": size},
+        "jump": {"step": size, "at": low + 0.42 * reach, "at_trial": low + 0.42 * reach},
+        "threshold": {"rise": size, "at": low + 0.55 * reach},
+        "saturation": {"rise": size, "at": low + 0.4 * reach},
+        "settling": {"excess": size, "settling_trials": 0.12 * reach},
+        "pulse": {
+            "step": size,
+            "from_trial": low + 0.3 * reach,
+            "until_trial": low + 0.55 * reach,
+        },
+        "swing": {"period_trials": 0.31 * reach},
+    }
+    return shapes[form]
+
+
+def check_intervals(found: Explanation, form: str, truth: dict[str, float]) -> dict[str, bool]:
+    """Tell for each number of a law of the planted shape whether its 95 % interval holds."""
+    holds = {}
+    fitted = found.extended
+    problem = found.problem
+    for finding in found.findings:
+        law = finding.effect
+        if law.shape != form or finding.verdict is not Verdict.EFFECT:
+            continue
+        values, stds = law.pick_own_values(fitted.values), law.pick_own_values(fitted.std)
+        for name, true in truth.items():
+            if name not in values:
+                continue
+            low = values[name] - 1.96 * stds[name]
+            high = values[name] + 1.96 * stds[name]
+            if name in law.steps:
+                column = find_column(problem.trials, fitted.predicted, law.covariate)
+                low, high = bound_jump_place(problem, fitted, law, name, column)
+            holds[f"{law.id}.{name}"] = bool(low <= true <= high)
+    return holds
+
+
 def run_session(task: tuple[tuple[str, str, str] | None, int, int]) -> dict[str, Any]:
     """Simulate and explain one session."""
     combination, trials, seed = task
     columns = design_columns(trials, seed + 70_000)
     truth = ()
+    size = 0.0
     if combination is not None:
-        sign = 1.0 if seed % 2 else -1.0
-        law = plant(*combination, columns)
-        truth = ((law, {"size": sign * SIZES[combination[1]]}),)
+        size = SIZES[combination[1]]
+        if seed % 2 == 0:
+            size = -size
+        truth = ((plant(*combination, columns), {"size": size}),)
     table = bench_trials(columns, seed, truth)
     model = SessionModel(Tool(frequency=300.0, decay_time=0.02), scanned=block_scans(columns, seed))
     began = time.process_time()
     candidates = list_candidates(table, list_covariate_ranges(table))
-    found = explain(model, table, candidates, Rules(draws=300))
+    # the matrices are small: threads of the linear algebra only wait for each other
+    with threadpool_limits(limits=1, user_api="blas"):
+        found = explain(model, table, candidates, Rules(draws=300))
     findings = [
         {
             "id": f.effect.id,
@@ -147,8 +208,13 @@ def run_session(task: tuple[tuple[str, str, str] | None, int, int]) -> dict[str,
         }
         for f in found.findings
     ]
+    intervals: dict[str, bool] = {}
+    if combination is not None:
+        numbers = list_true_numbers(*combination, size, columns)
+        intervals = check_intervals(found, combination[0], numbers)
     return {
         "combination": combination,
+        "intervals": intervals,
         "seed": seed,
         "trials": trials,
         "verdict": str(found.verdict),
@@ -227,12 +293,34 @@ def main() -> None:
             if arguments.record:
                 with arguments.record.open("a", encoding="utf-8") as file:
                     file.write(json.dumps(row) + "\n")
-    counted = Counter()
+    print_shares(rows)
+
+
+def print_shares(rows: list[dict[str, Any]]) -> None:
+    """Print by shape, and of all sessions, how often place, law and intervals are right."""
+    by_shape: dict[str, list[dict[str, Any]]] = {}
     for row in rows:
-        for key in ("place", "named", "shape", "alone", "none"):
-            counted[key] += bool(row.get(key))
-    shares = {key: f"{count} of {len(rows)}" for key, count in counted.items() if count}
-    print(shares, "median seconds", np.median([row["seconds"] for row in rows]))
+        shape = row["combination"][0] if row["combination"] else "nothing"
+        by_shape.setdefault(shape, []).append(row)
+    print("# Sessions by the shape that was planted")
+    print("| planted | place right | law named | shape right | alone | ends in none | intervals |")
+    print("|---|---|---|---|---|---|---|")
+    for shape in sorted(by_shape):
+        print(f"| {shape} | {' | '.join(count_shares(by_shape[shape]))} |")
+    print(f"| all | {' | '.join(count_shares(rows))} |")
+    seconds = np.median([row["seconds"] for row in rows])
+    print(f"median seconds of processor of a session: {seconds:.1f}")
+
+
+def count_shares(rows: list[dict[str, Any]]) -> list[str]:
+    """Count what is right, of how many; what was not asked for is a dash."""
+    cells = []
+    for key in ("place", "named", "shape", "alone", "none"):
+        asked = [row[key] for row in rows if key in row]
+        cells.append(f"{sum(asked)} of {len(asked)}" if asked else "-")
+    held = [holds for row in rows for holds in row.get("intervals", {}).values()]
+    cells.append(f"{sum(held)} of {len(held)}" if held else "-")
+    return cells
 
 
 if __name__ == "__main__":

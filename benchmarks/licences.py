@@ -16,6 +16,8 @@ from typing import Any
 _TROVE = "License :: "
 # whose metadata say too little, as the file of the licence in the package has it
 _FOUND = {
+    # of its exceptions, one file of Emacs is under the GPL, which no wheel carries
+    "docutils": "public domain, BSD-2-Clause",
     "usd-core": "TOST-1.0: Apache-2.0 with a changed section 6 on trademarks",
 }
 # for these the exception lets any program carry the library
@@ -24,6 +26,7 @@ _EXCEPTED = {_GCC}
 # whose own licence is permissive, and whose wheels carry a library that is not: as that library
 # says, not the package
 _WITHIN = {
+    "axe-core-python": "axe-core: MPL-2.0",
     "cadquery-ocp": "OpenCASCADE: LGPL-2.1 with an exception",
     "numpy": f"libgfortran: {_GCC}",
     "scikit-learn": f"libgomp: {_GCC}",

@@ -109,7 +109,7 @@ def _say(
     model, value = found.problem.model, held.values[:, 0]
     starts = {p.name: p.start for p in model.parameters(held)}
     before, after = (
-        _rms(value - model.predict(held, starts | fitted.values, fitted.active)[:, 0])
+        _rms(value - model.predict(held, starts | fitted.values, fitted.active_effects)[:, 0])
         for fitted in (found.nominal, found.extended)
     )
     print(f"{name}: {found.verdict}; {len(found.problem.trials)} rows, {len(held)} held out")

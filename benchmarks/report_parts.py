@@ -414,6 +414,17 @@ PARTS = [
         120,
     ),
     Part(
+        "grammar-matrix",
+        "python benchmarks/grammar_matrix.py planted --combinations 60 "
+        "--sessions 5 --seed 3 --record out/grammar.jsonl",
+        {
+            "grammar-place": (r"\| all \| (\d+ of \d+)", "{}"),
+            "grammar-named": (r"\| all \| [^|]+\| (\d+ of \d+)", "{}"),
+            "grammar-intervals": (r"\| all (?:\| [^|]+){5}\| (\d+ of \d+)", "{}"),
+        },
+        60,
+    ),
+    Part(
         "loop-matrix",
         "python benchmarks/bench_matrix.py week --first 39001 --sessions 20 --folds "
         "--record out/matrix.jsonl && python benchmarks/bench_matrix.py nothing --first 41001 "

@@ -134,7 +134,7 @@ def by_hand(server: RunServer, seconds: float) -> None:
     def move() -> None:
         raise_priority(10)
         for x in places(seconds):
-            hand.post(x, True)
+            hand.update_position(x, True)
             time.sleep(1.0 / 60.0)
 
     mover = threading.Thread(target=move)
@@ -148,7 +148,7 @@ def checked(run: Run) -> tuple[np.ndarray, float, float]:
     assert servo is not None
     assert run.blocks is not None
     servo.stop()
-    record, renderer = servo.record(), servo.renderer
+    record, renderer = servo.get_columns(), servo.renderer
     force, worst, before = np.zeros((servo.ticks, 3)), 0.0, 0.0
     for index in range(servo.ticks):
         position = np.array([record[f"{axis}_m"][index] for axis in "xyz"])

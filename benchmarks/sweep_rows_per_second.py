@@ -48,7 +48,7 @@ def main() -> None:
                 path.read_bytes() == (folder / f"{mode}-0" / path.name).read_bytes()
                 for path in (folder / f"{mode}-2").glob("part-*.parquet")
             )
-            rate = f"{plan.rows / seconds:8.0f} rows/s"
+            rate = f"{plan.row_count / seconds:8.0f} rows/s"
             print(
                 f"{mode:6s} in two processes: {rate}, same bytes: {same}, "
                 f"{alone[mode] / seconds:.1f} times as fast"

@@ -51,6 +51,7 @@ EXAMPLES = {
     "LearnedModel": make_learned_model(),
     "LearnedModel with a law": make_learned_model({"edge_rounding": {"edge_radius_m": 13.8e-6}}),
     "Parameter": sb.Parameter("gravity", "m/s^2", 9.8, 8.0, 11.0, 0.05),
+    "HeightDesign": sb.place_heights([20e-6, 40e-6, 80e-6], "exponent", trials=6),
     "MakingRoute": sb.MakingRoute(step="0.5 um"),
     "SetDesign": sb.design_set("even", ["5 uJ", "1 nJ"], model="formula"),
     "Prediction": next(iter(predict_by_formula(SETS["paper-ten"]))),
@@ -155,7 +156,7 @@ def test_a_learned_model_keeps_its_effects_in_a_pickle():
     model = EXAMPLES["LearnedModel with a law"]
     again = pickle.loads(pickle.dumps(model))
     assert build_model_document(again) == build_model_document(model)
-    ((law, own),) = again.extended.active()
+    ((law, own),) = again.extended.list_active_effects()
     assert (law.id, own) == ("edge_rounding", {"edge_radius_m": 13.8e-6})
 
 

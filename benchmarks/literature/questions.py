@@ -63,10 +63,14 @@ def drag_in_time(
     # A rod is as stiff along the normal as along the drag and carries 10 g of holder beside its
     # weight; `pull` [N] pulls the handle with a constant force instead of moving it.
     light = {"damping_ratio": 0.01}
-    changes = SETTINGS["figures-3-to-5"].changes(point.tool, point.normal_load) if rod else light
+    changes = (
+        SETTINGS["figures-3-to-5"].list_probe_changes(point.tool, point.normal_load)
+        if rod
+        else light
+    )
     probe = build_probe(point.tool, point.ball_radius, **changes)
     how = {"speed": 0.0, "pulling_force": pull, "handle_mass": 0.1} if pull else {}
-    track, settings = build_track(face, point.ball_radius), DragSettings.under(point, **how)
+    track, settings = build_track(face, point.ball_radius), DragSettings.from_point(point, **how)
     none = Ring(*[math.nan] * 7)
     try:
         trace = simulate_drag(track, probe, settings)

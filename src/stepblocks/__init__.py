@@ -26,7 +26,8 @@ Everything that a command does is also a function. The public names, in the orde
 - explain: `loop_session`, `loop_sessions`, `read_model`, `offer_laws`; a model of your own:
   `explain` with its `Trials` and each `Law` with its `Parameter`;
 - experiments: `design_study`, `write_sheets`, `open_run`, `simulate_study`, `analyse_study`,
-  `share_study`, `study_power`; training: `open_training`, `read_training`, `TrainingDay`;
+  `share_study`, `study_power`, `place_heights` (`HeightDesign`); training:
+  `open_training`, `read_training`, `TrainingDay`;
 - errors: `StepblocksError`; what a reader found out about a file: `ReadingWarning`, what it need
   not find out: `TableLayout`; units at the border: `parse_quantity`, `format_quantity`.
 

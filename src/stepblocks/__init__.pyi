@@ -102,6 +102,8 @@ from .study.conduct.training import (
     open_training as open_training,
     read_training as read_training,
 )
+from .study.design.optimal import place_heights as place_heights
+from .study.design.placement import HeightDesign as HeightDesign
 from .study.power import study_power as study_power
 from .study.run import (
     analyse_study as analyse_study,

@@ -130,6 +130,7 @@ def list_mistakes(
 
 
 def _is_unknown_name(finding: ErrorDetails) -> bool:
+    """Tell whether pydantic found a name that a table does not have."""
     return finding["type"] == "extra_forbidden"
 
 

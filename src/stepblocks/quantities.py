@@ -199,8 +199,8 @@ def read_array(values: object, dimension: str) -> "NDArray[np.float64]":
     attributes = getattr(given, "attrs", None)
     if isinstance(attributes, dict) and isinstance(attributes.get("units"), str):
         factor = parse_quantity(f"1 {attributes['units']}", dimension)
-        return np.asarray(multiply_by_unit(_fill_missing(given.values, dimension), factor))
-    return _fill_missing(given, dimension)
+        return np.asarray(multiply_by_unit(_convert_with_missing(given.values, dimension), factor))
+    return _convert_with_missing(given, dimension)
 
 
 def _convert_unit_of_array(unit: Any, dimension: str) -> float:
@@ -213,7 +213,7 @@ def _convert_unit_of_array(unit: Any, dimension: str) -> float:
         raise QuantityError(f"{wanted}, got the unit {unit!s:.60}") from error
 
 
-def _fill_missing(values: Any, dimension: str) -> "NDArray[np.float64]":
+def _convert_with_missing(values: Any, dimension: str) -> "NDArray[np.float64]":
     """Return numbers, or texts with units, as an array in SI, NaN where one is missing."""
     import numpy as np
 
@@ -233,7 +233,7 @@ def _fill_missing(values: Any, dimension: str) -> "NDArray[np.float64]":
         return _read_objects(objects, dimension)
     array = np.asarray(values)
     if array.dtype.kind == "b" and array.size:
-        return _fill_missing(array, dimension)
+        return _convert_with_missing(array, dimension)
     if array.dtype.kind in "biuf":
         return np.asarray(array, dtype=np.float64)
     return _read_objects(np.asarray(values, dtype=object), dimension)

@@ -27,7 +27,7 @@ def test_strings_comments_and_types_are_distinguished(tmp_path):
         "'b',LENGTH_MEASURE(1.5E-1),.T.,$,(1,#10));",
         tmp_path,
     )
-    name, other, length, _, _, listed = file.parameters("#10", "PRODUCT")
+    name, other, length, _, _, listed = file.get_parameters("#10", "PRODUCT")
     assert name == "it's; (#11) /"
     assert other == "b"
     assert length == Typed("LENGTH_MEASURE", 0.15)
@@ -38,12 +38,12 @@ def test_an_instance_is_found_by_any_of_its_entities_and_by_its_users(tmp_path):
     file = exchange_of(
         f"{MILLIMETRE}#7=LENGTH_MEASURE_WITH_UNIT(LENGTH_MEASURE(2.),#1);#8=SET((#7,#7));", tmp_path
     )
-    assert [ref for ref, _ in file.named("SI_UNIT", "NAMED_UNIT")] == ["#1", "#1"]
-    assert file.users("#1") == ["#7"]
-    assert file.users("#7") == ["#8"]
-    assert file.users("#8") == []
-    assert file.parts("#9") == file.parts(None) == {}
-    assert file.parameters("#7", "SI_UNIT") == ()
+    assert [ref for ref, _ in file.find_instances("SI_UNIT", "NAMED_UNIT")] == ["#1", "#1"]
+    assert file.list_referrers("#1") == ["#7"]
+    assert file.list_referrers("#7") == ["#8"]
+    assert file.list_referrers("#8") == []
+    assert file.get_entities("#9") == file.get_entities(None) == {}
+    assert file.get_parameters("#7", "SI_UNIT") == ()
 
 
 def test_only_numbers_are_numbers_and_only_references_references():
@@ -96,7 +96,7 @@ def test_size_and_place_of_a_file_are_limited(tmp_path, monkeypatch):
 def test_a_comment_in_latin_1_is_passed_over(tmp_path):
     path = tmp_path / "old.step"
     path.write_bytes(text_of("#1=PRODUCT('Stahl') /* gehärtet */ ;").encode("latin-1"))
-    assert exchange.read_exchange(path).parameters("#1", "PRODUCT") == ("Stahl",)
+    assert exchange.read_exchange(path).get_parameters("#1", "PRODUCT") == ("Stahl",)
 
 
 UNITS = f"""{MILLIMETRE}

@@ -152,7 +152,7 @@ def test_the_gaps_of_a_crown_are_measured_between_the_faces_of_two_bodies(tmp_pa
             len(
                 {
                     face.representation
-                    for side in file.parameters(one.ref, "DIMENSIONAL_LOCATION")[2:4]
+                    for side in file.get_parameters(one.ref, "DIMENSIONAL_LOCATION")[2:4]
                     for face in find_faces(file, side)
                 }
             )
@@ -295,7 +295,7 @@ def test_a_sharp_edge_is_a_radius_of_zero_on_the_edge_itself(block):
     (edge,) = [one for one in report.dimensions if one.kind == "radius"]
     assert (edge.value, edge.lower, edge.upper) == pytest.approx((0.0, 0.0, 2e-6), abs=1e-15)
     assert edge.geometry == 0.0
-    assert "EDGE_CURVE" in read_exchange(block).parts(edge.faces[0])
+    assert "EDGE_CURVE" in read_exchange(block).get_entities(edge.faces[0])
 
 
 def joined(path):

@@ -46,7 +46,7 @@ def measure(time, force, tool=None):
 
 def test_a_bell_is_taken_for_a_bell_with_its_figures():
     after, _, _ = measure(TIME, COURSE.force(TIME) + noise(TIME.size))
-    assert after.damped
+    assert after.is_bell
     for (value, std), truth in (
         (after.frequency, 287.0),
         (after.decay_time, 17e-3),
@@ -58,7 +58,7 @@ def test_a_bell_is_taken_for_a_bell_with_its_figures():
 def test_counted_from_the_release_the_amplitude_is_that_of_the_release():
     force = COURSE.force(TIME) + noise(TIME.size)
     _, marks, approach = measure(TIME, force)
-    again = fit_bell(TIME, force, COURSE.release, approach.mains, marks.noise)
+    again = fit_bell(TIME, force, COURSE.release, approach.mains_frequency, marks.noise)
     amplitude, std = again.amplitude
     assert again.start == COURSE.release
     assert amplitude == pytest.approx(COURSE.amplitude, abs=4.0 * std)
@@ -73,7 +73,7 @@ def test_counted_from_the_release_the_amplitude_is_that_of_the_release():
 def test_a_tip_that_rubs_is_taken_for_one_and_tells_its_friction(tool):
     time = RUBBING.clock(tail=0.14)
     after, _, _ = measure(time, rubbed(time) + noise(time.size), tool)
-    assert not after.damped
+    assert not after.is_bell
     assert isinstance(after.ring, RubbingRing)
     assert after.frequency[0] == pytest.approx(270.0, abs=1.0)
     # origin: every half cycle costs the gap
@@ -103,11 +103,11 @@ def test_last_bits_of_a_record_move_no_figure_of_a_rubbing_ring_by_a_hundredth_o
 
 def test_a_swing_is_carried_back_by_the_decay_of_the_tool():
     swing = Swing((0.4, 0.01), 0.105, (20e-3, 1e-3))
-    amplitude, std = swing.amplitude(0.101)
+    amplitude, std = swing.compute_amplitude(0.101)
     # origin: A exp(dt / tau); relative variance (s / A)^2 + (dt s_tau / tau^2)^2
     assert amplitude == pytest.approx(0.4 * np.exp(0.2), rel=1e-9)
     assert std / amplitude == pytest.approx(np.hypot(0.025, 4e-3 * 1e-3 / 20e-3**2), rel=1e-9)
-    assert swing.amplitude(0.105) == (0.4, 0.01)
+    assert swing.compute_amplitude(0.105) == (0.4, 0.01)
 
 
 def test_the_load_is_the_normal_force_while_sliding_whatever_hums_or_drifts():
@@ -194,7 +194,7 @@ def test_of_two_fits_that_miss_the_noise_the_one_that_leaves_less_is_taken_at_an
     force = scale * (rubbed(time) + tone + noise(time.size))
     after, _, _ = measure(time, force, (270.0, 28e-3))
     assert after.ring.misfit > 5.0
-    assert not after.damped
+    assert not after.is_bell
     assert after.frequency[0] == pytest.approx(270.0, abs=1.0)
 
 

@@ -75,10 +75,10 @@ def test_a_record_that_ends_with_the_slip_or_begins_under_load_is_refused():
 def test_without_noise_the_corner_and_the_slope_come_back():
     found = approached(COURSE.force(TIME))
     assert found.onset == pytest.approx(COURSE.onset, abs=1e-9)
-    assert found.slope == pytest.approx(COURSE.slope, rel=1e-7)
-    assert found.level == pytest.approx(COURSE.level, rel=1e-7)
-    assert found.ramp(COURSE.release)[0] == pytest.approx(COURSE.peak, rel=1e-6)
-    assert found.start_up is None
+    assert found.initial_slope == pytest.approx(COURSE.slope, rel=1e-7)
+    assert found.sliding_force == pytest.approx(COURSE.level, rel=1e-7)
+    assert found.compute_ramp_force(COURSE.release)[0] == pytest.approx(COURSE.peak, rel=1e-6)
+    assert found.start_up_ring is None
 
 
 @pytest.mark.parametrize("mains", [50.0, 60.0])
@@ -87,17 +87,19 @@ def test_the_mains_is_found_from_the_record_and_its_hum_taken_apart(mains):
     force = COURSE.force(TIME) + disturbance + noise(1e-3)
     assert find_mains(TIME[:600], force[:600]) == mains
     found = approached(force)
-    assert found.mains == mains
-    np.testing.assert_allclose(found.hum(TIME), disturbance, atol=1e-3)
-    assert found.slope == pytest.approx(COURSE.slope, abs=4.0 * found.mean_slope(COURSE.release)[1])
+    assert found.mains_frequency == mains
+    np.testing.assert_allclose(found.compute_hum(TIME), disturbance, atol=1e-3)
+    assert found.initial_slope == pytest.approx(
+        COURSE.slope, abs=4.0 * found.compute_mean_slope(COURSE.release)[1]
+    )
 
 
 def test_a_drift_tilts_the_line_and_leaves_the_slope_of_the_ramp():
     drift = 0.3  # [N/s]
     found = approached(COURSE.force(TIME) + drift * TIME)
-    assert found.slope == pytest.approx(COURSE.slope, rel=1e-6)
+    assert found.initial_slope == pytest.approx(COURSE.slope, rel=1e-6)
     # the level is that in the middle of sliding
-    assert found.level == pytest.approx(COURSE.level + drift * found.clock.center, rel=1e-6)
+    assert found.sliding_force == pytest.approx(COURSE.level + drift * found.clock.center, rel=1e-6)
     assert found.clock.center == pytest.approx(0.5 * COURSE.onset, abs=2e-4)
 
 
@@ -105,12 +107,12 @@ def test_a_ring_of_the_starting_handle_is_fitted_along_and_one_that_is_not_there
     start_up = 60e-3 * np.exp(-TIME / 17e-3) * np.cos(2.0 * np.pi * 287.0 * TIME + 1.1)
     disturbed = COURSE.force(TIME) + np.where(COURSE.onset > TIME, start_up, 0.0) + noise(1e-3)
     found = approached(disturbed, (290.0, 15e-3))
-    frequency, decay = found.start_up
+    frequency, decay = found.start_up_ring
     assert frequency == pytest.approx(287.0, abs=0.5)
     assert decay == pytest.approx(17e-3, rel=0.05)
-    assert found.level == pytest.approx(COURSE.level, abs=4.0 * found.level_std)
-    np.testing.assert_allclose(found.sliding(TIME)[:500], disturbed[:500], atol=5e-3)
-    assert approached(COURSE.force(TIME) + noise(1e-3), (290.0, 15e-3)).start_up is None
+    assert found.sliding_force == pytest.approx(COURSE.level, abs=4.0 * found.sliding_force_std)
+    np.testing.assert_allclose(found.compute_sliding_curve(TIME)[:500], disturbed[:500], atol=5e-3)
+    assert approached(COURSE.force(TIME) + noise(1e-3), (290.0, 15e-3)).start_up_ring is None
 
 
 def test_stated_uncertainties_cover_the_scatter_of_many_records():
@@ -118,13 +120,14 @@ def test_stated_uncertainties_cover_the_scatter_of_many_records():
     for seed in range(40):
         found = approached(COURSE.force(TIME) + noise(5e-3, seed))
         predicted = (
-            found.line(np.array([COURSE.release]))[0] - found.hum(np.array([COURSE.release]))[0]
+            found.compute_ramp_line(np.array([COURSE.release]))[0]
+            - found.compute_hum(np.array([COURSE.release]))[0]
         )
         pulls.append(
             [
-                (found.level - COURSE.level) / found.level_std,
-                (found.slope - COURSE.slope) / found.mean_slope(COURSE.release)[1],
-                (predicted - COURSE.peak) / found.ramp(COURSE.release)[1],
+                (found.sliding_force - COURSE.level) / found.sliding_force_std,
+                (found.initial_slope - COURSE.slope) / found.compute_mean_slope(COURSE.release)[1],
+                (predicted - COURSE.peak) / found.compute_ramp_force(COURSE.release)[1],
             ]
         )
     # origin: a standard normal number; the mean of 40 scatters by 0.16, its spread by 0.11; four
@@ -140,4 +143,4 @@ def test_a_rounded_top_is_left_out_of_the_line():
     force[top] -= 0.35 * ((TIME[top] - COURSE.release + 3e-3) / 3e-3) ** 2
     found = approached(force + noise(1e-3))
     assert TIME[found.end] < COURSE.release - 1e-3
-    assert found.slope == pytest.approx(COURSE.slope, rel=0.01)
+    assert found.initial_slope == pytest.approx(COURSE.slope, rel=0.01)

@@ -85,9 +85,9 @@ def test_the_pitch_of_a_duffing_ring_is_that_of_small_swings():
     force = u + G * u**3 + 2e-3 * np.random.default_rng(1).standard_normal(since.size)
     ring = fit_ring(since[3:], force[3:], 0.0, 50.0, 2e-3)
     assert ring.misfit < 5.0
-    amplitude, std = ring.amplitude(0.0)
+    amplitude, std = ring.compute_amplitude(0.0)
     assert amplitude == pytest.approx(size, abs=4.0 * std)
-    assert ring.fit.shape[3] == pytest.approx(G * size**2, abs=4.0 * ring.fit.std(3))
+    assert ring.fit.shape[3] == pytest.approx(G * size**2, abs=4.0 * ring.fit.get_std(3))
     expected = 290.0 * math.sqrt(1.0 + 3.0 * G * stretched(level) ** 2)
     assert ring.frequency[0] == pytest.approx(expected, abs=4.0 * ring.frequency[1])
 
@@ -98,8 +98,8 @@ def test_a_straight_ramp_and_a_cosine_stay_what_they_are(seed):
     time = course.clock()
     force = course.force(time) + 2e-3 * np.random.default_rng(seed).standard_normal(time.size)
     approach = fit_approach(time, force, find_landmarks(time, force), None)
-    assert approach.hardening == 0.0
-    assert approach.mean_slope(course.release)[0] == approach.slope
+    assert approach.hardening_coefficient == 0.0
+    assert approach.compute_mean_slope(course.release)[0] == approach.initial_slope
     after = np.searchsorted(time, course.release + 0.25e-3)
     ring = fit_ring(time[after:], force[after:], course.release, 50.0, 2e-3)
     assert ring.fit.shape.size == 3

@@ -38,8 +38,8 @@ def test_without_noise_every_figure_comes_back():
     assert ring.frequency[0] == pytest.approx(287.0, rel=1e-7)
     assert ring.decay_time[0] == pytest.approx(17e-3, rel=1e-6)
     assert ring.level[0] == pytest.approx(0.12, rel=1e-6)
-    assert ring.amplitude(COURSE.release)[0] == pytest.approx(0.53, rel=1e-6)
-    np.testing.assert_allclose(ring.curve(SINCE), after(0.0), atol=1e-7)
+    assert ring.compute_amplitude(COURSE.release)[0] == pytest.approx(0.53, rel=1e-6)
+    np.testing.assert_allclose(ring.compute_curve(SINCE), after(0.0), atol=1e-7)
 
 
 def test_fit_and_uncertainties_are_those_of_scipy():
@@ -67,9 +67,9 @@ def test_fit_and_uncertainties_are_those_of_scipy():
 
 def test_the_amplitude_is_carried_back_by_its_own_decay_and_the_less_certain_the_farther():
     ring = ring_of(after())
-    here, here_std = ring.amplitude(COURSE.release)
+    here, here_std = ring.compute_amplitude(COURSE.release)
     assert here == pytest.approx(0.53, abs=4.0 * here_std)
-    early, early_std = ring.amplitude(COURSE.release - 10e-3)
+    early, early_std = ring.compute_amplitude(COURSE.release - 10e-3)
     # origin: exp(10 ms / tau)
     assert early / here == pytest.approx(np.exp(10e-3 / ring.decay_time[0]), rel=1e-9)
     assert early_std / early > here_std / here
@@ -79,8 +79,8 @@ def test_hum_and_drift_beside_a_ring_do_not_move_it():
     plain = ring_of(after())
     disturbed = ring_of(after() + hum(SINCE, 30e-3) + 0.2 * (SINCE - COURSE.release))
     assert disturbed.frequency[0] == pytest.approx(plain.frequency[0], abs=1e-3)
-    assert disturbed.amplitude(COURSE.release)[0] == pytest.approx(
-        plain.amplitude(COURSE.release)[0], rel=1e-4
+    assert disturbed.compute_amplitude(COURSE.release)[0] == pytest.approx(
+        plain.compute_amplitude(COURSE.release)[0], rel=1e-4
     )
     assert disturbed.level[0] == pytest.approx(plain.level[0], abs=2e-4)
 
@@ -104,7 +104,8 @@ def test_the_band_of_the_curve_covers_its_scatter():
     for seed in range(30):
         ring = ring_of(after(seed=seed))
         pulls.append(
-            (ring.curve(np.array([at]))[0] - COURSE.force(np.array([at]))[0]) / ring.curve_std(at)
+            (ring.compute_curve(np.array([at]))[0] - COURSE.force(np.array([at]))[0])
+            / ring.compute_curve_std(at)
         )
     # origin: a standard normal number; four sigma of the mean and of the spread of 30
     assert abs(np.mean(pulls)) < 0.73
@@ -118,7 +119,7 @@ def test_a_gap_is_sought_until_one_is_seen_though_a_tip_that_sticks_fits_within_
     force = compute_rubbing_force(time, 0.4, 0.04, tool, (0.3, 0.0), COURSE.slope)
     force += noise * np.random.default_rng(1).standard_normal(time.size)
     found = fit_rubbing_ring(time, force, 0.4, tool, COURSE.slope, noise, spread=KNOWN_SPREAD)
-    assert found.values[1] == pytest.approx(0.04, abs=4.0 * found.std(1))
+    assert found.values[1] == pytest.approx(0.04, abs=4.0 * found.get_std(1))
 
 
 def test_a_fit_misses_its_noise_by_what_its_ten_figures_leave_of_few_samples():

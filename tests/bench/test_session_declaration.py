@@ -91,7 +91,10 @@ def test_a_folder_may_be_given_as_text_and_a_session_travels_to_another_process(
 
 def test_the_scale_of_a_channel_is_unit_times_factor(tmp_path):
     parts = declared(tmp_path).acquisition.channels.pair_with_dimensions()
-    scales = {part: channel.scale(dimension, part) for part, (channel, dimension) in parts.items()}
+    scales = {
+        part: channel.find_factor_to_si(dimension, part)
+        for part, (channel, dimension) in parts.items()
+    }
     assert scales == pytest.approx({"tangential": -2e-3, "normal": 1.0, "time": 1e-3})
 
 
@@ -116,7 +119,9 @@ def test_the_end_of_a_name_says_its_unit(name, dimension, unit):
 
 def test_a_gram_force_is_its_weight():
     # origin: standard gravity, 9.80665 m/s^2
-    assert Channel(column="weight_gf").scale("force", "x") == pytest.approx(9.80665e-3, rel=1e-9)
+    assert Channel(column="weight_gf").find_factor_to_si("force", "x") == pytest.approx(
+        9.80665e-3, rel=1e-9
+    )
 
 
 @pytest.mark.parametrize("name", FORMATS)
@@ -126,13 +131,13 @@ def test_every_format_is_known_by_its_suffixes_and_by_its_name(name, tmp_path):
     for suffix in FORMATS[name]:
         traces = ("{trial:04d}.csv", f"{{trial}}{suffix.upper()}")
         session = declared(tmp_path, traces, ("range", f"{extra}range"))
-        assert session.acquisition.kind == name
+        assert session.acquisition.trace_format == name
     other = declared(
         tmp_path,
         ("{trial:04d}.csv", "{trial}.dat"),
         ("range", f'{extra}format = "{name}"\nrange'),
     )
-    assert other.acquisition.kind == name
+    assert other.acquisition.trace_format == name
 
 
 @pytest.mark.parametrize(

@@ -28,7 +28,9 @@ def box(x, y, z, at=(0.0, 0.0, 0.0)):
 
 
 def ball(radius):
-    return kernel.turn([(0.0, -radius), ((radius, 0.0), (0.0, radius))], (0.0, 0.0, 0.0))
+    return kernel.revolve_about_vertical(
+        [(0.0, -radius), ((radius, 0.0), (0.0, radius))], (0.0, 0.0, 0.0)
+    )
 
 
 def test_an_extruded_outline_with_a_hole_is_a_box_with_a_shaft():
@@ -84,7 +86,7 @@ def test_only_the_face_that_asks_for_it_is_fine():
         (2e-3, 4e-3),
         ((2e-3 * math.sqrt(0.5), 4e-3 + 2e-3 * math.sqrt(0.5)), (0.0, 6e-3)),
     ]
-    body = kernel.turn(outline, (0.0, 0.0, 0.0))
+    body = kernel.revolve_about_vertical(outline, (0.0, 0.0, 0.0))
     coarse = kernel.tessellate(body, lambda face: 20e-6)
     fine = kernel.tessellate(body, lambda face: 1e-6 if face.kind == "SPHERE" else 20e-6)
     owner = [face.kind for face in fine.faces]

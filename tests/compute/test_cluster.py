@@ -143,7 +143,7 @@ def test_a_folder_of_this_machine_is_shared_with_workers_of_this_machine_alone(s
     with open_cluster(site) as client:
         assert clusters.is_shared(client, tmp_path)
         assert not any(tmp_path.iterdir())
-        assert clusters._find_token(str(tmp_path / "absent"), "token") is False
+        assert clusters._can_read_and_write(str(tmp_path / "absent"), "token") is False
 
 
 @pytest.mark.long

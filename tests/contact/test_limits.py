@@ -19,7 +19,7 @@ from stepblocks.contact.rod import fit_rod
 from stepblocks.declaration.read import load_set
 from stepblocks.errors import ContactError
 from stepblocks.predict.columns import tabulate_prediction
-from stepblocks.predict.predictions import describe_left_out, predict_all
+from stepblocks.predict.predictions import describe_left_out, predict_and_drag_set
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 FOUR = load_set(STIMULI / "paper-four.toml")
@@ -95,7 +95,7 @@ def test_a_limit_of_nothing_is_refused():
 
 
 def test_beyond_a_limit_a_row_shows_the_limit_and_no_energy():
-    made = predict_all(FOUR)
+    made = predict_and_drag_set(FOUR)
     beyond = [tabulate_prediction(p) for p in made if p.release.status.is_beyond_limit]
     assert len(beyond) == 4
     for row in beyond:
@@ -124,7 +124,7 @@ def test_a_file_may_declare_its_own_limits_with_a_source(tmp_path):
     path.write_text(
         text.replace(place, f"limits = {{ hand = {hand}, gauge = {gauge} }}\n{place}", 1)
     )
-    statuses = {str(p.release.status) for p in predict_all(load_set(path), dragged=False)}
+    statuses = {str(p.release.status) for p in predict_and_drag_set(load_set(path), dragged=False)}
     assert statuses == {"releases", "beyond-gauge"}
     path.write_text(text.replace(place, f'limits = {{ hand = {{ value = "1 kN" }} }}\n{place}', 1))
     assert main(["predict", str(path), "-o", str(tmp_path / "p.csv")]) == 2
@@ -174,7 +174,7 @@ def test_the_ring_of_a_file_has_its_frequency_and_tolerance_in_predictions_and_d
             "tolerances = {", 'tolerances = { frequency = "20 Hz",'
         )
     )
-    row = tabulate_prediction(next(iter(predict_all(load_set(path), dragged=False))))
+    row = tabulate_prediction(next(iter(predict_and_drag_set(load_set(path), dragged=False))))
     assert (row["frequency_hz"], row["frequency_low_hz"], row["frequency_high_hz"]) == (
         250.0,
         230.0,

@@ -86,7 +86,7 @@ def test_a_declared_block_is_dragged_over_under_the_conditions_of_its_set(tmp_pa
 )
 def test_a_crown_margin_is_dragged_over_in_either_direction(name):
     angles = {
-        p.drag: p.release
+        p.drag_direction: p.release
         for p in predict_by_formula(load_set(STIMULI / "crown-margins.toml"))
         if (p.stimulus, p.point.ball_radius, p.point.normal_load, p.point.friction)
         == (name, 60e-6, 1.0, 0.15)

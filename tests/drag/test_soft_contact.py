@@ -68,9 +68,9 @@ def test_the_pull_of_a_model_whose_contact_is_declared_is_that_of_the_drag(conta
         laws={"contact": contact},
     )
     values = _VALUES | {"friction": 0.15, "stiffness_ratio": 1.0}
-    pull = float(build_nominal_state(design, values).peak_force()[0])
+    pull = float(build_nominal_state(design, values).compute_peak_force()[0])
     done = drag_over(Step(height), load=load, friction=0.15, speed=1e-4, contact=contact)
-    rigid = float(build_nominal_state(replace(design, laws={}), values).peak_force()[0])
+    rigid = float(build_nominal_state(replace(design, laws={}), values).compute_peak_force()[0])
     assert rigid - pull == pytest.approx(rigid - done.trace.peak_force, rel=0.12)
     assert rigid / pull > 1.02
 

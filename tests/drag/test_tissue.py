@@ -17,7 +17,7 @@ from stepblocks.declaration.read import load_set
 from stepblocks.drag.run import drag_over
 from stepblocks.errors import ContactError, PipelineError
 from stepblocks.parts.conditions import Gum
-from stepblocks.predict.predictions import drag_in_time, predict_all
+from stepblocks.predict.predictions import drag_in_time, predict_and_drag_set
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 GAP = Margin(50e-6, 50e-6, 0.0)
@@ -69,7 +69,7 @@ def test_a_crown_may_have_gum_in_predictions_drags_and_scenes(tmp_path):
 
     def crowns(stimuli):
         parts = [part for part in stimuli.stimuli if part.id == "crown-shoulder"]
-        return predict_all(stimuli.with_parts(parts))
+        return predict_and_drag_set(stimuli.with_parts(parts))
 
     rubbed = 0
     for a, b in zip(crowns(with_gum), crowns(without), strict=True):

@@ -69,10 +69,10 @@ def test_a_margin_dragged_backward_is_its_mirror_image_dragged_forward():
 
 
 def test_features_lie_between_the_first_and_the_last_bend():
-    first, last = build_step_track(37e-6, R).features
+    first, last = build_step_track(37e-6, R).feature_range
     assert -R <= first < last <= 0.0
     flat = build_track(Profile(np.array([-1e-3, 1e-3]), np.zeros(2)), R)
-    assert flat.features[0] == flat.features[1]
+    assert flat.feature_range[0] == flat.feature_range[1]
     assert flat.kinks.size == 0
 
 
@@ -111,8 +111,8 @@ def test_where_a_contact_presses_a_rough_track_flat_its_energy_has_no_jump():
     track = build_track(Profile(x, np.cumsum(rng.normal(0.0, 0.15e-6, x.size))), R)
     depth, window = 0.7e-6, 37e-6
     kept = track.list_separate_kinks(depth, window)
-    pressed = track.press_flat(kept, 9e-6)
-    branches = track.part_branches(kept, 2.5e-6, window)
+    pressed = track.flatten_kinks(kept, 9e-6)
+    branches = track.compute_branch_cubics(kept, 2.5e-6, window)
     assert 0 < kept.size < track.kinks.size
     left, right = pressed.slopes
     smooth = np.setdiff1d(np.arange(pressed.x.size), pressed.kinks)
@@ -189,7 +189,7 @@ def test_both_branches_at_the_notch_of_a_groove_bend_as_the_arcs_about_its_rims(
     )
     assert track.x[track.kinks] == pytest.approx([0.0], abs=1e-12)
     slope = 100.0 / math.sqrt(125.0**2 - 100.0**2)
-    (left, right), bend = track.branches[0], -0.5 * (1.0 + slope**2) ** 1.5 / R
+    (left, right), bend = track.branch_coefficients[0], -0.5 * (1.0 + slope**2) ** 1.5 / R
     assert [left[1], right[1]] == pytest.approx([-slope, slope], rel=1e-5)
     assert [left[2], right[2]] == pytest.approx([bend, bend], rel=0.02)
 
@@ -204,7 +204,7 @@ def test_over_a_face_that_is_its_own_mirror_image_a_tip_is_pulled_left_as_it_is_
     track = build_track(Profile(x, z * 50e-6), R)
     assert track.x[track.kinks] == pytest.approx(np.array([-300, -100, 100, 300]) * 1e-6, abs=1e-12)
     window, depth = 0.3 * R, PAPER_DRAG.find_indentation(1.0)
-    branches = track.part_branches(np.arange(4), 1e-6, window)
+    branches = track.compute_branch_cubics(np.arange(4), 1e-6, window)
     path = kernels.Path(track.x, track.cubics, track.kinks, branches)
     settings = DragSettings(1.0, 0.15, speed=0.0, pulling_force=1.0, handle_mass=0.05)
     model = build_model(PAPER_DRAG, settings, window, 1e6)

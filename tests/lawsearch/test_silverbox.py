@@ -127,7 +127,7 @@ def _rows(u: Floats, y: Floats, take: slice) -> Trials:
 def _free_run(u: Floats, y: Floats, fitted: Fit) -> float:
     """Root mean square error of the model left to itself, only the input given."""
     out = np.zeros(len(u))
-    out[:3], active = y[:3], fitted.active
+    out[:3], active = y[:3], fitted.active_effects
     for t in range(3, len(u)):
         samples = dict(zip(_COLUMNS, (*out[t - 3 : t][::-1], *u[t - 2 : t + 1][::-1]), strict=True))
         out[t] = _next_output(samples, fitted.values, active)

@@ -194,7 +194,8 @@ def test_a_sharp_edge_counts_with_the_radius_that_its_scans_leave_open(
 def test_what_the_damper_takes_of_the_pull_is_open_between_nothing_and_all_of_it(trials):
     values = {p.name: p.start for p in _MODEL.parameters(trials)}
     none, all_of_it = (
-        _MODEL.state(trials, values | {"damper_share": share}).peak_force() for share in (0.0, 1.0)
+        _MODEL.compute_state(trials, values | {"damper_share": share}).compute_peak_force()
+        for share in (0.0, 1.0)
     )
     # origin: c v of a damper with the decay time T = 1 / (zeta omega) of the ring: c = 2 zeta
     # sqrt(k m) = 2 k / (omega^2 T)

@@ -106,11 +106,13 @@ def test_a_load_that_is_known_only_so_well_is_held_to_that(tmp_path, shifted):
     }
     assert held == {"load_bias": 0.003, "load_bias~unseen": 0.003}
     values = {p.name: p.start for p in model.parameters(trials)}
-    plain, heavier = (model.state(trials, values | {"load_error": error}) for error in (0.0, 0.01))
+    plain, heavier = (
+        model.compute_state(trials, values | {"load_error": error}) for error in (0.0, 0.01)
+    )
     # origin: the gauge sees what presses, and equation (1) is proportional to it beside what the
     # damper takes
     assert heavier.load - plain.load == pytest.approx(np.full(len(trials), 0.01))
-    assert heavier.sliding_force() / plain.sliding_force() == pytest.approx(
+    assert heavier.compute_sliding_force() / plain.compute_sliding_force() == pytest.approx(
         heavier.load / plain.load
     )
     seen = trials.channels.index("normal_load_ratio")

@@ -151,7 +151,7 @@ def test_levels_are_those_of_the_least_sum_of_squares():
 def test_a_label_the_data_had_not_is_taken_for_the_mean_of_all():
     place = next(r for r in _ranges(day=np.array(["a", "b", "c"] * 10)) if r.name == "day")
     np.testing.assert_allclose(
-        place.basis(np.array(["a", "b", "c", "d"])),
+        place.build_basis(np.array(["a", "b", "c", "d"])),
         [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0 / 3.0, 1.0 / 3.0]],
     )
 

@@ -26,7 +26,7 @@ from stepblocks.lawsearch.explain import explain
 from stepblocks.lawsearch.findings import Rules, Verdict
 from stepblocks.lawsearch.identifiability import compare_directions
 from stepblocks.loop.bench_model import SessionModel, list_candidates, list_covariate_ranges
-from stepblocks.loop.experiment import NextBlock, NextExperiment, write_block_stimulus
+from stepblocks.loop.experiment import NextBlock, NextExperiment, format_block_stimulus
 from stepblocks.loop.run import loop_session, write_loop
 from stepblocks.loop.session_table import build_session_table
 from stepblocks.predict.learned import predict_trials
@@ -117,7 +117,7 @@ def test_the_block_that_is_asked_for_can_be_built(worn, tmp_path: Path) -> None:
     # only heights within those seen are asked for; where one of them is best no block is needed
     asked = NextBlock(name="step-015", height="15 um", tip="125 um", friction="0.160")
     trials = result.record.next_experiment.trials
-    text = write_block_stimulus(NextExperiment(("one", "other"), trials=trials, block=asked))
+    text = format_block_stimulus(NextExperiment(("one", "other"), trials=trials, block=asked))
     (tmp_path / "next-block.toml").write_text(text)
     (block,) = load_set(tmp_path / "next-block.toml").stimuli
     assert block.height.nominal == pytest.approx(float(asked.height.removesuffix(" um")) * 1e-6)

@@ -14,8 +14,8 @@ from stepblocks.loop.bench_model import list_candidates, list_covariate_ranges
 from stepblocks.loop.experiment import (
     NextBlock,
     NextExperiment,
+    format_block_stimulus,
     propose_experiment,
-    write_block_stimulus,
 )
 from stepblocks.loop.settings import build_grid
 from stepblocks.rig.effects.named import list_named_laws
@@ -136,7 +136,7 @@ def test_a_model_cannot_be_distinguished_from_itself(found):
     asked = propose_experiment(replace(found, findings=(same,), verdict=Verdict.AMBIGUOUS))
     assert asked.trials == ()
     assert "no setting within reach" in asked.note
-    assert write_block_stimulus(asked) is None
+    assert format_block_stimulus(asked) is None
 
 
 def test_a_height_that_is_there_needs_no_new_block(found):
@@ -153,7 +153,7 @@ def test_the_block_that_is_asked_for_is_a_stimulus(tmp_path, height):
         block=NextBlock(name="step-new", height=height, tip="125 um", friction="0.170"),
     )
     path = tmp_path / "next-block.toml"
-    path.write_text(write_block_stimulus(asked))
+    path.write_text(format_block_stimulus(asked))
     stimuli = load_set(path)
     (block,) = stimuli.stimuli
     assert (block.id, block.height.nominal) == (
@@ -166,4 +166,4 @@ def test_the_block_that_is_asked_for_is_a_stimulus(tmp_path, height):
 
 @pytest.mark.parametrize("experiment", [None, NextExperiment(())])
 def test_no_block_is_written_where_none_is_asked_for(experiment):
-    assert write_block_stimulus(experiment) is None
+    assert format_block_stimulus(experiment) is None

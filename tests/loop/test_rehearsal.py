@@ -10,6 +10,7 @@ import pytest
 from stepblocks.cli import main
 from stepblocks.loop import rehearsal
 from stepblocks.loop.run import loop_session
+from stepblocks.rehearse.plan import read_plan
 from stepblocks.rehearse.run import simulate_session
 
 PLAN = """schema = 1
@@ -51,6 +52,7 @@ def rehearsed(plan):
         return simulated(one, place)
 
     words = ["new", "session", str(folder), "--plan", str(plan), "--rehearsals", "2", "--json"]
+    words += ["--jobs", "1"]  # in this process, where it is watched
     with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(printed):
         patch.setattr(rehearsal, "write_session", watch)
         assert main(words) == 0
@@ -117,3 +119,25 @@ def test_a_plan_overwrites_nothing_and_belongs_to_a_session(tmp_path, plan, caps
     assert main(["new", "session", str(place), "--plan", str(locked), "--rehearsals", "1"]) == 2
     assert "every trial of the plan locks" in capsys.readouterr().err
     assert not place.exists()
+
+
+def test_what_rehearsals_are_divided_among_needs_a_plan(tmp_path, capsys):
+    assert main(["new", "session", str(tmp_path / "mine"), "--jobs", "2"]) == 2
+    assert "--jobs and --on divide rehearsals" in capsys.readouterr().err
+    assert not (tmp_path / "mine").exists()
+
+
+@pytest.mark.long
+def test_workers_of_a_cluster_rehearse_as_this_process_does(plan):
+    """Each rehearsal has a seed of its own: where it runs cannot show."""
+    from distributed import Client, LocalCluster
+
+    design = read_plan(plan).design
+    short = design.model_copy(update={"speeds": design.speeds[:1], "repeats": 2, "days": 1})
+    declared = read_plan(plan).model_copy(update={"design": short})
+    here = rehearsal.rehearse_session(declared, 1, lambda *_: None, jobs=1)
+    with (
+        LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster,
+        Client(cluster, set_as_default=False) as client,
+    ):
+        assert rehearsal.rehearse_session(declared, 1, lambda *_: None, on=client) == here

@@ -141,7 +141,7 @@ def test_what_a_session_came_to_is_the_same_after_a_pickle(worn):
     assert repr(again.document) == repr(result.document)  # NaN is among it
     assert build_model_document(again.model) == build_model_document(result.model)
     table, fitted = again.table, again.found.extended
-    predicted = table.model.predict(table.trials, fitted.values, fitted.active)
+    predicted = table.model.predict(table.trials, fitted.values, fitted.active_effects)
     np.testing.assert_array_equal(predicted, result.found.extended.predicted)
 
 

@@ -19,8 +19,8 @@ from stepblocks.lawsearch.fit import build_problem, fit
 from stepblocks.loop.run import write_loop
 from stepblocks.loop.session_table import build_session_table
 from stepblocks.loop.several import (
-    _pool,
-    describe_days,
+    _pool_by_nature,
+    describe_day_differences,
     explain_together,
     join_tables,
     list_shared,
@@ -138,7 +138,7 @@ def test_a_zero_that_one_day_knows_is_taken_off_that_day_alone():
         }
     )
     start = {p.name: p.start for p in joined.model.parameters(joined.trials)}
-    zero = joined.model.state(joined.trials, start).zero
+    zero = joined.model.compute_state(joined.trials, start).zero
     first = joined.trials.covariates["session"] == "day-1"
     assert zero[first] == pytest.approx(0.02)
     assert zero[~first] == pytest.approx(0.0)
@@ -194,13 +194,15 @@ def test_sessions_of_unlike_springs_are_refused_before_anything_is_measured(tmp_
 
 def test_a_change_between_two_days_is_said_and_the_next_friction_stays_positive():
     values = {"monday": 0.150, "tuesday": 0.170}
-    pooled = _pool("friction", "1", values, 0.001**2 * np.eye(2))
+    pooled = _pool_by_nature("friction", "1", values, 0.001**2 * np.eye(2))
     # origin: ln(0.170 / 0.150) is 0.125, 13 standard uncertainties of such a difference
     assert pooled.equal_p_value < 1e-6
     assert 0.0 < pooled.next.low < 0.150 < 0.170 < pooled.next.high
-    (sentence,) = describe_days({"friction": pooled})
+    (sentence,) = describe_day_differences({"friction": pooled})
     assert sentence.startswith(
         "friction differs between the sessions: 0.15 in monday and 0.17 in tuesday"
     )
-    alike = _pool("friction", "1", {"monday": 0.150, "tuesday": 0.151}, 0.001**2 * np.eye(2))
-    assert describe_days({"friction": alike}) == []
+    alike = _pool_by_nature(
+        "friction", "1", {"monday": 0.150, "tuesday": 0.151}, 0.001**2 * np.eye(2)
+    )
+    assert describe_day_differences({"friction": alike}) == []

@@ -97,7 +97,8 @@ def _entity_says(entity: "DXFEntity", one: Characteristic) -> bool:
 def _find_missing_in_step(path: Path, part: Part) -> Iterator[str]:
     yield from check_part_step(path, part)[1]
     noted = {
-        str(values[0]) for _, values in read_exchange(path).named("DESCRIPTIVE_REPRESENTATION_ITEM")
+        str(values[0])
+        for _, values in read_exchange(path).find_instances("DESCRIPTIVE_REPRESENTATION_ITEM")
     }
     for number, one in enumerate(part.characteristics(), start=1):
         if one.kind == "note" and one.label not in noted:

@@ -153,7 +153,7 @@ def bench_trials(
     generator = np.random.default_rng([seed, 1])
     n = len(columns["block"])
     empty, model, values = _bench(columns, seed, scatter.height, truth)
-    state = model.state(empty, values, effects)
+    state = model.compute_state(empty, values, effects)
     stray = np.exp(generator.normal(0.0, scatter.load, n))
     # friction and conversion scatter from trial to trial: the first moves three channels at once
     state = state.changed(
@@ -179,7 +179,7 @@ def bench_trials(
         axis=1,
     )
     values_seen = exact + std * generator.standard_normal((n, 7))
-    values_seen[(force > 5.0) | state.locked()] = np.nan
+    values_seen[(force > 5.0) | state.find_locked()] = np.nan
     rows = np.asarray(np.isfinite(values_seen).any(axis=1))
     return Trials(empty.covariates, CHANNELS, values_seen, std, columns["block"]).take(rows)
 

@@ -178,7 +178,7 @@ def _drill(body, block, sheet: SetupSheet, value: dict[str, float], base: float)
                 (radius, depth),
                 (0.0, depth + point),
             ]
-            tools.append(kernel.turn(outline, (x, 0.0, base)))
+            tools.append(kernel.revolve_about_vertical(outline, (x, 0.0, base)))
         else:
             floor = value[FLOOR]
             entry = 0.5 * mounting.entry_diameter
@@ -190,7 +190,7 @@ def _drill(body, block, sheet: SetupSheet, value: dict[str, float], base: float)
                 (entry, 0.1),
                 (0.0, 0.1),
             ]
-            tools.append(kernel.turn(outline, (x, 0.0, base)))
+            tools.append(kernel.revolve_about_vertical(outline, (x, 0.0, base)))
     return kernel.cut(body, tools)
 
 

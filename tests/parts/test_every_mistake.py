@@ -346,7 +346,7 @@ def test_new_sessions_and_sweeps_are_read_by_their_commands(tmp_path, capsys):
     assert main(["new", "session", str(tmp_path / "t" / "session.toml")]) == 0
     assert open_session(tmp_path / "t").probe.tip_radius == pytest.approx(125e-6)
     assert main(["new", "sweep", str(tmp_path / "w.toml")]) == 0
-    assert load_sweep(tmp_path / "w.toml").rows == 100
+    assert load_sweep(tmp_path / "w.toml").row_count == 100
 
 
 @pytest.mark.parametrize(

@@ -171,7 +171,7 @@ def test_it_is_felt_as_steep_as_its_flanks(pins):
     # a ball on a straight flank that is longer than R tan(22.5 deg) climbs at the flank's own 45
     # degrees, both ways alike
     rows = list(predict_by_formula(load_set(pins[0])))
-    assert [row.drag for row in rows] == ["forward", "backward"]
+    assert [row.drag_direction for row in rows] == ["forward", "backward"]
     for row in rows:
         assert row.release.angle == pytest.approx(math.radians(45.0), rel=1e-9)
         assert row.release.pull_force == pytest.approx(

@@ -45,9 +45,9 @@ def test_the_contour_integral_gives_the_volume_of_the_textbook_and_of_the_kernel
     larger = [tuple(map(tuple, item)) if item.ndim == 2 else tuple(item) for item in points]
     assert compute_revolution_volume(larger) == pytest.approx(8.0 * expected, rel=1e-12)
     if outline[0][0] == 0.0:
-        assert kernel.compute_volume(kernel.turn(outline, (0.3, -0.2, 0.1))) == pytest.approx(
-            expected, rel=1e-9
-        )
+        assert kernel.compute_volume(
+            kernel.revolve_about_vertical(outline, (0.3, -0.2, 0.1))
+        ) == pytest.approx(expected, rel=1e-9)
 
 
 def test_an_outline_may_run_either_way_round():

@@ -10,10 +10,10 @@ from oracles.learned import make_learned_model
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.declaration.read import load_set
 from stepblocks.predict.learned import (
-    apply_model,
     format_learned_columns,
     make_learned_drag,
     predict_trials,
+    put_learned_constants,
 )
 from stepblocks.predict.predictions import predict_by_formula
 
@@ -72,7 +72,7 @@ def test_a_step_beyond_the_data_is_flagged():
 
 
 def test_a_set_is_predicted_with_the_constants_of_the_session():
-    stimuli = apply_model(load_set(_STIMULI / "paper-four.toml"), make_learned_model())
+    stimuli = put_learned_constants(load_set(_STIMULI / "paper-four.toml"), make_learned_model())
     assert stimuli.prediction.frictions == (0.17,)
     assert stimuli.prediction.tool.stiffness == pytest.approx(1.05 * 9500.0)
     assert stimuli.prediction.tool.conversion == pytest.approx(0.23)
@@ -82,7 +82,9 @@ def test_a_set_is_predicted_with_the_constants_of_the_session():
 def test_columns_say_the_same_as_a_plain_step_of_the_same_critical_angle(name):
     learned = make_learned_model()
     seen = set()
-    for prediction in predict_by_formula(apply_model(load_set(_STIMULI / f"{name}.toml"), learned)):
+    for prediction in predict_by_formula(
+        put_learned_constants(load_set(_STIMULI / f"{name}.toml"), learned)
+    ):
         columns = format_learned_columns(prediction, learned)
         seen.add(prediction.release.status.value)
         if prediction.release.status.value != "releases":

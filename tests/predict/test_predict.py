@@ -26,7 +26,7 @@ def test_every_margin_block_catches_as_the_dilation_of_its_profile_says(stimulus
     x = np.arange(-1500, 1501) * 0.2e-6 + 0.1e-6
     z = stimulus.counterface().heights(x)
     found = {
-        (p.drag, p.point.ball_radius): p.release.angle
+        (p.drag_direction, p.point.ball_radius): p.release.angle
         for p in predict_by_formula(SET)
         if p.stimulus == stimulus.id
     }
@@ -94,7 +94,7 @@ def test_every_margin_has_an_interval_in_both_directions():
 
 def test_over_and_underextension_are_mirror_images():
     angles = {
-        (p.stimulus, p.drag): p.release.angle
+        (p.stimulus, p.drag_direction): p.release.angle
         for p in predict_by_formula(SET)
         if p.point.ball_radius == 125e-6
     }

@@ -19,7 +19,7 @@ from stepblocks.predict.columns import (
     format_row,
     tabulate_prediction,
 )
-from stepblocks.predict.predictions import predict_all
+from stepblocks.predict.predictions import predict_and_drag_set
 from stepblocks.predict.run import predict_set
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
@@ -31,7 +31,7 @@ FOUR, MARGINS, TIPS, SHEATHS = (
 
 @pytest.fixture(scope="module")
 def four():
-    return predict_all(FOUR)
+    return predict_and_drag_set(FOUR)
 
 
 def test_file_rows_and_table_of_a_set_hold_the_same_figures(four):
@@ -75,19 +75,19 @@ def test_every_condition_of_the_grid_is_predicted_once_and_in_order(four):
 
 
 def test_each_prediction_is_its_counterface_under_its_operating_point(four):
-    for p in (*four, *predict_all(MARGINS)):
+    for p in (*four, *predict_and_drag_set(MARGINS)):
         release = p.face.release(p.point, p.backward)
         assert release.status is p.release.status
         assert release.angle == p.release.angle
         assert p.release.vibration_energy == pytest.approx(
             release.vibration_energy, rel=1e-15, nan_ok=True
         )
-        assert p.drag == p.face.ways[p.backward]
-        assert isinstance(p.face, Step if p.drag == "up" else Margin)
+        assert p.drag_direction == p.face.ways[p.backward]
+        assert isinstance(p.face, Step if p.drag_direction == "up" else Margin)
 
 
 def test_the_nominal_lies_between_its_limits(four):
-    for p in (*four, *predict_all(MARGINS), *predict_all(TIPS)):
+    for p in (*four, *predict_and_drag_set(MARGINS), *predict_and_drag_set(TIPS)):
         assert p.limits[0].angle <= p.release.angle <= p.limits[1].angle
         if all(one.status is Status.RELEASES for one in (p.release, *p.limits)):
             assert p.limits[0].pull_force <= p.release.pull_force <= p.limits[1].pull_force
@@ -95,7 +95,7 @@ def test_the_nominal_lies_between_its_limits(four):
 
 def test_a_tip_brings_its_own_ball_to_the_steps_of_its_set():
     balls = {part.id: part.ball for part in TIPS.stimuli}
-    for p in predict_all(TIPS):
+    for p in predict_and_drag_set(TIPS):
         assert p.point.ball_radius == balls[p.stimulus].nominal
         assert p.face.far_side in TIPS.prediction.step_heights
         # Origin: equation (2); a step as high as the ball is met at its riser
@@ -104,7 +104,7 @@ def test_a_tip_brings_its_own_ball_to_the_steps_of_its_set():
 
 
 def test_under_a_sheath_the_probe_has_the_spring_and_the_ring_of_that_sheath():
-    for p in predict_all(SHEATHS):
+    for p in predict_and_drag_set(SHEATHS):
         part = next(part for part in SHEATHS.stimuli if part.id == p.stimulus)
         ring = SHEATHS.predict_ring(part)
         assert (p.point.tool.stiffness, p.point.tool.frequency) == (ring.stiffness, ring.frequency)

@@ -18,11 +18,11 @@ from stepblocks.errors import PipelineError
 from stepblocks.predict import predictions
 from stepblocks.predict.columns import tabulate_prediction
 from stepblocks.predict.perception import choose_energies
-from stepblocks.predict.predictions import DIFFERS, predict_all, predict_one
+from stepblocks.predict.predictions import DIFFERS, predict_and_drag_set, predict_drag
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 SHEATHS, FOUR = load_set(STIMULI / "sheaths.toml"), load_set(STIMULI / "paper-four.toml")
-ALONE, BESIDE = predict_all(SHEATHS, dragged=False), predict_all(SHEATHS)
+ALONE, BESIDE = predict_and_drag_set(SHEATHS, dragged=False), predict_and_drag_set(SHEATHS)
 
 
 def test_the_drag_stands_beside_the_formula_and_changes_none_of_its_columns():
@@ -52,7 +52,7 @@ def test_a_small_step_keeps_an_energy_by_the_formula_that_the_drag_does_not_rele
     # Origin: project facts, "Ends of the model": 0.5 N, mu 0.15, 10 um; the drag's figure there at
     # a damping ratio of 0.02
     point = replace(PAPER, normal_load=0.5)
-    found = predict_one(Step(10e-6), point)
+    found = predict_drag(Step(10e-6), point)
     assert found.release.vibration_energy == pytest.approx(0.965e-6, rel=2e-3)
     assert predictions.drag_in_time(Step(10e-6), point, False, 5e-3, damping_ratio=0.02)[
         1
@@ -63,42 +63,46 @@ def test_a_small_step_keeps_an_energy_by_the_formula_that_the_drag_does_not_rele
 
 def test_at_25_um_and_a_quarter_newton_the_formula_gives_an_energy_and_the_drag_none():
     # Origin: project facts: 0.66 uJ against none
-    found = predict_one(Step(25e-6), replace(PAPER, normal_load=0.25))
+    found = predict_drag(Step(25e-6), replace(PAPER, normal_load=0.25))
     assert found.release.vibration_energy == pytest.approx(0.66e-6, rel=0.01)
     assert found.in_time.energy == 0.0
     assert found.differs
-    assert choose_energies([found, predict_one(Step(25e-6), PAPER)])[1] == "drag"
+    assert choose_energies([found, predict_drag(Step(25e-6), PAPER)])[1] == "drag"
 
 
 def test_as_the_step_vanishes_the_formula_keeps_fifty_thresholds_of_which_the_drag_leaves_a_third():
     # Origin: project facts: 0.01 um at 0.5 N keeps 0.068 uJ, 53 times the threshold of 0.08 uW over
     # 16 ms
-    found = predict_one(Step(0.01e-6), replace(PAPER, normal_load=0.5))
+    found = predict_drag(Step(0.01e-6), replace(PAPER, normal_load=0.5))
     assert found.release.vibration_energy == pytest.approx(0.068e-6, rel=0.01)
     assert found.release.threshold_ratio == pytest.approx(53.0, rel=0.01)
     # a third: 21.9 nJ by `oracles.elastic_drag`, where floor and edge press each by itself as in
     # ours, so that neither vanishes with the step; held to 2 % of the 0.40 uJ stored
     assert found.in_time.energy == pytest.approx(21.9e-9, abs=0.02 * 0.40e-6)
     # what is left is the blow of the edge, which a slower hand does not give
-    slow = predict_one(Step(0.01e-6), replace(PAPER, normal_load=0.5, speed=0.5e-3))
+    slow = predict_drag(Step(0.01e-6), replace(PAPER, normal_load=0.5, speed=0.5e-3))
     assert slow.felt_energy / PAPER.tool.ring_duration < PAPER.tool.detection_threshold
 
 
 def test_where_both_agree_the_formula_is_felt_and_the_flag_is_the_factor():
-    made = [p for p in predict_all(FOUR) if p.release.status is Status.RELEASES]
+    made = [p for p in predict_and_drag_set(FOUR) if p.release.status is Status.RELEASES]
     assert {tabulate_prediction(p)["felt_by"] for p in made} == {"formula", "drag"}
     for p in made:
-        apart = max(p.over_formula, 1.0 / p.over_formula) if p.over_formula > 0.0 else math.inf
+        apart = (
+            max(p.energy_over_formula, 1.0 / p.energy_over_formula)
+            if p.energy_over_formula > 0.0
+            else math.inf
+        )
         assert p.differs == (apart > DIFFERS)
         assert p.felt_energy == (p.in_time.energy if p.differs else p.release.vibration_energy)
 
 
 def test_a_set_of_too_many_rows_is_dragged_only_when_asked(monkeypatch):
     monkeypatch.setattr(predictions, "MOST_DRAGGED", len(ALONE) - 1)
-    assert all(p.in_time is None for p in predict_all(SHEATHS))
-    assert any(p.in_time is not None for p in predict_all(SHEATHS, dragged=True))
+    assert all(p.in_time is None for p in predict_and_drag_set(SHEATHS))
+    assert any(p.in_time is not None for p in predict_and_drag_set(SHEATHS, dragged=True))
 
 
 def test_a_handle_at_rest_drags_nothing():
     with pytest.raises(PipelineError, match="speed must be positive"):
-        predict_all(SHEATHS, speed=0.0)
+        predict_and_drag_set(SHEATHS, speed=0.0)

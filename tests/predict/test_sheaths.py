@@ -12,7 +12,7 @@ from stepblocks.errors import ContactError
 from stepblocks.parts.tolerance import Dimension
 from stepblocks.predict.predictions import _compute_stiffness_tolerance, predict_by_formula
 from stepblocks.predict.sheaths import (
-    _count_releases,
+    _format_release_count,
     predict_conditions,
     tabulate_decay_test,
     tabulate_rings,
@@ -160,6 +160,6 @@ def test_a_difference_of_decrements_is_told_from_three_of_its_standard_uncertain
     # n = (0.015 / 0.0024)^2 = 39.06.
     bare = {"log_decrement": 0.0500, "log_decrement_std": 0.003}
     worn = {"log_decrement": 0.0524, "log_decrement_std": 0.004}
-    assert _count_releases(bare, worn) == "40"
-    assert _count_releases(bare, worn | {"log_decrement": 0.05 - 0.015 * 1.001}) == "1"
-    assert _count_releases(bare, bare) == ""
+    assert _format_release_count(bare, worn) == "40"
+    assert _format_release_count(bare, worn | {"log_decrement": 0.05 - 0.015 * 1.001}) == "1"
+    assert _format_release_count(bare, bare) == ""

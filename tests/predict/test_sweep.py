@@ -87,9 +87,9 @@ friction = [0.1, 0.15, 0.3]
 normal_load = ["0.5 N", "1 N"]
 """
     plan = plan_of(tmp_path, text)
-    drawn = draw_inputs(plan, range(plan.rows))
+    drawn = draw_inputs(plan, range(plan.row_count))
     rows = set(zip(drawn["height"], drawn["friction"], drawn["normal_load"], strict=True))
-    assert len(rows) == plan.rows == 60
+    assert len(rows) == plan.row_count == 60
     run_sweep(plan, tmp_path / "out")
     frame = table(tmp_path / "out")
     assert set(frame.status) == {"releases", "locked", "beyond-hand"}
@@ -101,7 +101,7 @@ def test_draws_of_one_point_scatter_by_their_uncertainty(tmp_path):
         '[parameters]\nheight = "30 um"\nfriction = 0.2\n[draws]\ncount = 4000\nheight = "0.5 um"\n'
     )
     plan = plan_of(tmp_path, text)
-    heights = draw_inputs(plan, range(plan.rows))["height"]
+    heights = draw_inputs(plan, range(plan.row_count))["height"]
     assert heights.mean() == pytest.approx(30e-6, abs=4 * 0.5e-6 / 4000**0.5)
     assert heights.std() == pytest.approx(0.5e-6, rel=0.05)
 
@@ -150,7 +150,7 @@ def test_a_process_killed_in_mid_run_loses_nothing_and_changes_no_byte(tmp_path)
         run_sweep(plan, tmp_path / "by-two", jobs=2, on_partition=kill_workers)
     computed, found = run_sweep(plan, tmp_path / "by-two", jobs=2)
     assert found >= 1
-    assert computed + found == plan.partitions == 9
+    assert computed + found == plan.partition_count == 9
     whole, again = (
         {path.name: path.read_bytes() for path in (tmp_path / name).glob("part-*")}
         for name in ("alone", "by-two")
@@ -245,7 +245,7 @@ def test_a_number_of_processes_that_cannot_be_is_refused(jobs, tmp_path):
 
 def test_random_inputs_fill_their_ranges_evenly_and_do_not_hang_together(tmp_path):
     plan = plan_of(tmp_path, RANDOM.format(rows=20_000, size=100, mode="static"))
-    drawn = draw_inputs(plan, range(0, plan.rows, 1))
+    drawn = draw_inputs(plan, range(0, plan.row_count, 1))
     height, friction = drawn["height"][::3], drawn["friction"][::3]
     assert friction.mean() == pytest.approx(0.15, abs=4 * 0.1 / 12**0.5 / 20_000**0.5)
     assert (drawn["normal_load"] == 0.3).mean() == pytest.approx(0.5, abs=0.02)
@@ -359,7 +359,7 @@ def test_a_sweep_over_a_set_draws_its_stimuli_from_their_tolerances(tmp_path):
         "[draws]\ncount = 500\ntolerances = true\n"
     )
     plan = plan_of(tmp_path, text)
-    assert plan.rows == 2 * 4 * 500  # the set declares four loads
+    assert plan.row_count == 2 * 4 * 500  # the set declares four loads
     run_sweep(plan, tmp_path / "out")
     frame = table(tmp_path / "out")
     for name, height in (("step-030", 30.0), ("step-060", 60.0)):
@@ -383,7 +383,7 @@ def test_a_sweep_over_crowns_takes_their_discrepancies(tmp_path):
     predicted = {
         (p.stimulus, 1e6 * p.point.ball_radius, p.point.normal_load, p.point.friction): p.release
         for p in predict_by_formula(load_set(STIMULI / "crown-margins.toml"))
-        if p.drag == "crown-to-tooth"
+        if p.drag_direction == "crown-to-tooth"
     }
     assert len(set(frame.stimulus)) == 12
     for _, row in frame.iterrows():

@@ -40,7 +40,7 @@ def test_a_read_model_has_laws_that_act(tmp_path, document):
     )
     assert [law.id for law in back.extended.laws] == ["edge_rounding", "running_in"]
     assert back.nominal.laws == ()
-    assert [dict(own) for _, own in back.extended.active()] == list(_EFFECTS.values())
+    assert [dict(own) for _, own in back.extended.list_active_effects()] == list(_EFFECTS.values())
     assert np.array_equal(back.extended.covariance, asked.extended.covariance)
     assert (back.tool, back.ranges, back.scanned) == (asked.tool, asked.ranges, asked.scanned)
 
@@ -48,7 +48,7 @@ def test_a_read_model_has_laws_that_act(tmp_path, document):
 def test_other_values_can_be_put_into_the_same_effects():
     fitted = make_learned_model(_EFFECTS).extended
     moved = {**fitted.values, "edge_rounding.edge_radius_m": 20e-6}
-    assert dict(fitted.active(moved)[0][1]) == {"edge_radius_m": 20e-6}
+    assert dict(fitted.list_active_effects(moved)[0][1]) == {"edge_radius_m": 20e-6}
 
 
 def _give(document, **effects):

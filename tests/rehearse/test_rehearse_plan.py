@@ -43,7 +43,7 @@ def test_what_a_plan_leaves_out_is_the_papers_tool_and_rubs_at_no_turn(tmp_path)
 
 
 def test_every_combination_is_crossed_once_before_any_comes_again(tmp_path):
-    rows = plan(tmp_path, "repeats = 3\n").rows()
+    rows = plan(tmp_path, "repeats = 3\n").list_trial_rows()
     combinations = [(row["height_um"], row["load_n"], row["speed_mm_s"]) for row in rows]
     assert len(rows) == 3 * 12
     assert {combinations.count(one) for one in combinations} == {3}
@@ -55,24 +55,24 @@ def test_every_combination_is_crossed_once_before_any_comes_again(tmp_path):
 
 
 def test_some_trials_of_a_design_are_as_even_as_their_number_allows(tmp_path):
-    rows = plan(tmp_path, "trials = 20\n").rows()
+    rows = plan(tmp_path, "trials = 20\n").list_trial_rows()
     combinations = [(row["height_um"], row["load_n"], row["speed_mm_s"]) for row in rows]
     assert sorted({combinations.count(one) for one in combinations}) == [1, 2]
     assert len(set(combinations)) == 12
 
 
 def test_the_seed_alone_decides_the_order(tmp_path):
-    one = plan(tmp_path).rows()
-    assert plan(tmp_path).rows() == one
+    one = plan(tmp_path).list_trial_rows()
+    assert plan(tmp_path).list_trial_rows() == one
     other = plan(tmp_path).model_copy(update={"seed": 5})
-    assert other.rows() != one
-    assert sorted(row["height_um"] for row in other.rows()) == sorted(
+    assert other.list_trial_rows() != one
+    assert sorted(row["height_um"] for row in other.list_trial_rows()) == sorted(
         row["height_um"] for row in one
     )
 
 
 def test_the_order_is_free_of_trends_in_the_conditions(tmp_path):
-    rows = plan(tmp_path, "repeats = 20\n").rows()
+    rows = plan(tmp_path, "repeats = 20\n").list_trial_rows()
     order = np.arange(len(rows))
     for name in ("height_um", "load_n", "speed_mm_s"):
         values = np.array([float(row[name]) for row in rows])

@@ -56,7 +56,7 @@ def _covariate(law: Law, state: DragState) -> object:
         "trials_since_rest": np.arange(n) % 5 + 0.0,
         "previous_load_n": np.roll(state.set_load, 1),
         "speed_mm_s / load_n": state.speed * 1e3 / state.set_load,
-        "peak_force_n": state.peak_force(),
+        "peak_force_n": state.compute_peak_force(),
     }
     return columns.get(law.covariate)
 
@@ -204,8 +204,8 @@ def test_a_contact_that_gives_way_takes_what_the_edge_bears_and_not_the_weight(
     )
     exact = [math.log(pull(*case, depth) / pull(*case, 0.0)) for case in cases]
     shown = np.log(
-        _law(law).apply(state, state.set_load, {"depth_at_1n_m": depth}).peak_force()
-        / state.peak_force()
+        _law(law).apply(state, state.set_load, {"depth_at_1n_m": depth}).compute_peak_force()
+        / state.compute_peak_force()
     )
     assert shown == pytest.approx(exact, rel=0.04)
 
@@ -244,7 +244,7 @@ def test_hardening_stores_the_integral_of_its_own_force() -> None:
     state = _law("hardening_spring").apply(
         _state(), None, {"cubic_per_n2": 0.2, "pitch_share": 0.0}
     )
-    force = state.peak_force()
+    force = state.compute_peak_force()
     # origin: the real root of u + g u^3 = F, by numpy's companion matrix
     roots = [np.roots([0.2, 0.0, 1.0, -f]) for f in force]
     linear = np.array([float(r[np.abs(r.imag) < 1e-9].real[0]) for r in roots])
@@ -316,7 +316,7 @@ def test_a_hardening_ramp_is_as_steep_as_the_line_through_it() -> None:
     state = _law("hardening_spring").apply(
         _state(), None, {"cubic_per_n2": 0.2, "pitch_share": 0.0}
     )
-    force, sliding = state.peak_force(), state.sliding_force()
+    force, sliding = state.compute_peak_force(), state.compute_sliding_force()
     # origin: numpy's least-squares line through nine tenths of the ramp from sliding
     for i in (0, 7, 20):
         low, top = (

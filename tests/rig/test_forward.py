@@ -137,7 +137,9 @@ def test_what_follows_the_peak_acts_when_all_else_has_acted(design):
     state = build_extended_state(design, _VALUES, [(law, {"share": 0.1}) for law in laws])
     assert [name for name, _ in seen] == ["plain", "late"]
     nominal = build_nominal_state(design, _VALUES)
-    assert seen[1][1] == pytest.approx(nominal.changed(load=nominal.load * 1.1).peak_force())
+    assert seen[1][1] == pytest.approx(
+        nominal.changed(load=nominal.load * 1.1).compute_peak_force()
+    )
     assert state.load == pytest.approx(nominal.load * 1.21)
 
 
@@ -173,14 +175,14 @@ def test_a_locked_tip_is_reported_and_still_has_finite_channels(design):
     state = build_nominal_state(design, _VALUES | {"friction": 0.6})
     # origin: a + atan mu >= 90 deg at H = 70 um, R = 120 um, mu = 0.6 (65.4 + 31.0 deg) and at no
     # lower step
-    assert state.locked().tolist() == [False, False, True, False]
+    assert state.find_locked().tolist() == [False, False, True, False]
     assert np.all(np.isfinite(compute_channels(state)))
     assert compute_channels(state).shape == (4, len(CHANNELS))
 
 
 def test_a_step_as_high_as_the_ball_never_lets_go(design):
     state = build_nominal_state(design, _VALUES)
-    assert state.changed(height=state.radius.copy()).locked().all()
+    assert state.changed(height=state.radius.copy()).find_locked().all()
 
 
 def test_lost_energy_fades_out_and_never_turns_negative(design):
@@ -288,8 +290,8 @@ def test_a_bent_gauge_shows_the_ramp_as_steep_as_the_chord_of_its_curve(design):
     state = build_nominal_state(design, _VALUES)
     straight = compute_channels(state)[:, _SPRING]
     bent = compute_channels(state.changed(gauge_square=np.full(4, 0.05)))[:, _SPRING]
-    s = state.sliding_force()
-    e = s + 0.9 * (state.peak_force() - s)  # where the line through a ramp ends
+    s = state.compute_sliding_force()
+    e = s + 0.9 * (state.compute_peak_force() - s)  # where the line through a ramp ends
     chord = (e + 0.05 * e**2 - s - 0.05 * s**2) / (e - s)
     assert bent / straight == pytest.approx(chord, rel=1e-12)
 

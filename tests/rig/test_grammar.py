@@ -36,7 +36,7 @@ def state():
 
 
 def test_a_range_is_laid_out_from_0_to_1_and_flat_beyond_it():
-    assert _PLAIN.unit(np.array([10.0, 18.0, 22.0, 26.0, 40.0])).tolist() == [
+    assert _PLAIN.scale_to_unit(np.array([10.0, 18.0, 22.0, 26.0, 40.0])).tolist() == [
         0.0,
         0.0,
         0.5,
@@ -44,18 +44,20 @@ def test_a_range_is_laid_out_from_0_to_1_and_flat_beyond_it():
         1.0,
     ]
     # a decade is laid out by its logarithm: the middle of 0.1 to 1.6 is 0.4
-    assert _WIDE.unit(np.array([0.1, 0.4, 1.6, 0.0])) == pytest.approx([0.0, 0.5, 1.0, 0.0])
+    assert _WIDE.scale_to_unit(np.array([0.1, 0.4, 1.6, 0.0])) == pytest.approx(
+        [0.0, 0.5, 1.0, 0.0]
+    )
 
 
 def test_a_line_goes_from_minus_one_to_one():
-    assert _PLAIN.line(np.array([18.0, 22.0, 26.0])).ravel().tolist() == [-1.0, 0.0, 1.0]
+    assert _PLAIN.build_line(np.array([18.0, 22.0, 26.0])).ravel().tolist() == [-1.0, 0.0, 1.0]
 
 
 def test_a_smooth_follows_every_cubic_of_its_covariate():
     # cubic B-splines of two pieces hold all cubics; with the constant of the nominal model they fit
     # any of them exactly
     x = np.linspace(18.0, 26.0, 60)
-    basis = np.column_stack([np.ones(60), _PLAIN.basis(x)])
+    basis = np.column_stack([np.ones(60), _PLAIN.build_basis(x)])
     assert np.linalg.matrix_rank(basis) == 5
     for power in range(4):
         target = (x - 22.0) ** power
@@ -65,21 +67,25 @@ def test_a_smooth_follows_every_cubic_of_its_covariate():
 
 def test_a_smooth_has_two_continuous_derivatives_where_its_pieces_meet():
     x = 22.0 + np.linspace(-0.02, 0.02, 401)
-    second = np.diff(_PLAIN.basis(x), n=2, axis=0) / (x[1] - x[0]) ** 2
+    second = np.diff(_PLAIN.build_basis(x), n=2, axis=0) / (x[1] - x[0]) ** 2
     assert np.abs(np.diff(second, axis=0)).max() < 1e-2 * np.abs(second).max() + 1e-5
 
 
 def test_few_settings_take_powers_and_labels_take_one_column_each():
-    assert _FEW.basis(np.array([2.0, 11.0, 20.0])).tolist() == [[-1.0, 1.0], [0.0, 0.0], [1.0, 1.0]]
+    assert _FEW.build_basis(np.array([2.0, 11.0, 20.0])).tolist() == [
+        [-1.0, 1.0],
+        [0.0, 0.0],
+        [1.0, 1.0],
+    ]
     # a label that the data had not is taken for the mean of all
     third = 1.0 / 3.0
-    assert _LABELS.basis(np.array(["A", "B", "C", "D"])).tolist() == [
+    assert _LABELS.build_basis(np.array(["A", "B", "C", "D"])).tolist() == [
         [0, 0],
         [1, 0],
         [0, 1],
         [third, third],
     ]
-    assert [place.freedom for place in (_PLAIN, _FEW, _TWO, _LABELS)] == [4, 2, 1, 2]
+    assert [place.smooth_column_count for place in (_PLAIN, _FEW, _TWO, _LABELS)] == [4, 2, 1, 2]
 
 
 def test_every_slot_is_offered_over_every_covariate_as_a_line_where_that_differs_from_a_smooth():
@@ -160,8 +166,8 @@ def test_a_release_is_continuous_in_its_friction(height, stiffness):
 
 def test_smooths_are_zero_in_the_middle_and_flat_beyond_the_range():
     place = CovariateRange("temperature_c", 18.0, 26.0)
-    assert np.allclose(place.basis(np.array([22.0])), 0.0)
-    assert np.array_equal(place.basis(np.array([26.0])), place.basis(np.array([40.0])))
+    assert np.allclose(place.build_basis(np.array([22.0])), 0.0)
+    assert np.array_equal(place.build_basis(np.array([26.0])), place.build_basis(np.array([40.0])))
 
 
 def test_levels_are_named_by_every_label_but_the_first():

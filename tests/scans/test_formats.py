@@ -9,7 +9,7 @@ import pytest
 from stepblocks.errors import MetrologyError
 from stepblocks.scans import read
 from stepblocks.scans.formats import READERS
-from stepblocks.scans.formats.reader import ReadScan, ScanReader
+from stepblocks.scans.formats.reader import LoadedScan, ScanReader
 from stepblocks.scans.read import load_scan, read_scan
 from stepblocks.scans.scan import ScannedProfile
 from stepblocks.scans.text import read_table_scan
@@ -31,9 +31,9 @@ class CountReader(ScanReader):
     endings = (".counts",)
     is_confined = False
 
-    def read(self, path: Path, request) -> ReadScan:
+    def read(self, path: Path, request) -> LoadedScan:
         counts = np.loadtxt(path)
-        return ReadScan(ScannedProfile(np.arange(counts.size) * 1e-6, counts * 2e-9, path.name))
+        return LoadedScan(ScannedProfile(np.arange(counts.size) * 1e-6, counts * 2e-9, path.name))
 
 
 def test_a_reader_of_ones_own_needs_no_more_than_its_place_in_the_list(tmp_path, monkeypatch):

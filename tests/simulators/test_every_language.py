@@ -265,9 +265,9 @@ def in_servo(folder, place):
 
         def tick_once(row):
             before = renderer.faults
-            doubt = servo._feel(row, 0.0)
+            doubt = servo._tick_unless_late(row, 0.0)
             if doubt:
-                servo._let_go()
+                servo._set_zero_force()
                 servo.trusted = False
             state = int(renderer.faults > before) if servo.trusted else 2
             force = hand.given[-1]

@@ -5,6 +5,7 @@ import itertools
 import math
 import re
 
+import docx
 import numpy as np
 import pandas as pd
 import pytest
@@ -245,6 +246,8 @@ def test_a_paper_gets_means_deviations_tests_and_effect_sizes(tmp_path):
     assert (tmp_path / "report" / "tables.md").read_text() == write_markdown(
         list_paper_tables(result)
     )
+    word = docx.Document(tmp_path / "report" / "tables.docx")
+    assert [row.cells[0].text for row in word.tables[2].rows][1:] == [row[0] for row in pairs.rows]
     latex = write_latex(list_paper_tables(result))
     assert latex.count(r"\begin{tabular}") == latex.count(r"\end{tabular}") == 10
 

@@ -80,6 +80,7 @@ def _judge_mesh(path: Path, part: Part) -> Iterator[Verdict]:
 
 
 def _judge_edges(bad_edges: int) -> Verdict:
+    """Judge how many edges of a mesh do not have exactly one neighbour."""
     return Finding("edges without exactly one neighbour", 0.0, bad_edges, 0.0, "count")
 
 
@@ -100,6 +101,7 @@ def _judge_pieces(path: Path, part: Part) -> Iterator[Verdict]:
 
 
 def _judge_picture(path: Path, part: Part) -> Iterator[Verdict]:
+    """Judge whether enough pixels of a picture differ from its background."""
     content = read_confined(f"{__name__}:read_picture", path, raises=MetrologyError)
     brightness = content["pixels"].astype(np.float64)
     background = np.median(brightness)

@@ -147,14 +147,15 @@ def match_characteristics(report: StepReport, stimulus: Part) -> list[Match]:
 def _find_stated(
     required: RequiredCharacteristic, candidates: Sequence[Characteristic]
 ) -> Characteristic | None:
+    """Find the first line of the file that states a characteristic, by name and limits."""
     name = required.label if required.kind in ("distance", "angle") else ""
     for candidate in candidates:
-        if candidate.name == name and _states(candidate, required):
+        if candidate.name == name and _agrees_with_required(candidate, required):
             return candidate
     return None
 
 
-def _states(stated: Characteristic, required: RequiredCharacteristic) -> bool:
+def _agrees_with_required(stated: Characteristic, required: RequiredCharacteristic) -> bool:
     """Tell whether kind, value and limits of a line of the file are those of a characteristic."""
     if stated.kind not in _KINDS_IN_FILE.get(required.kind, (required.kind,)):
         return False
@@ -182,6 +183,7 @@ def _check_match(match: Match, report: StepReport) -> Iterator[str]:
 
 
 def _format_values(required: RequiredCharacteristic) -> str:
+    """Write nominal value and limits of a characteristic with their unit; of a form its zone."""
     values = [required.nominal, required.lower, required.upper]
     if required.kind in FORM:
         values = [required.upper]
@@ -226,6 +228,7 @@ def _check_density(report: StepReport, part: Part) -> Iterator[str]:
 
 
 def _check_material(report: StepReport, part: Part) -> Iterator[str]:
+    """Check that the file names the material of the part, and no other."""
     name = part.material.order_text
     if set(report.materials) != {name}:
         found = ", ".join(report.materials) or "none"

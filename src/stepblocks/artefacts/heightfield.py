@@ -62,6 +62,7 @@ def sample_height_field(part: Part) -> NDArray[np.float64]:
 
 
 def _sample(part: Part) -> _HeightField:
+    """Sample the heights of the working surface on a grid around the edge [m]."""
     face = part.counterface()
     x = _choose_positions(np.array(face.breakpoints), part.id)
     y = _list_positions(_HALF_Y)

@@ -100,7 +100,7 @@ class Channel(Strict):
 
     @model_validator(mode="before")
     @classmethod
-    def _short_form(cls, value: object) -> object:
+    def _expand_short_form(cls, value: object) -> object:
         """Accept the column alone in place of a table."""
         is_column = isinstance(value, str | int) and not isinstance(value, bool)
         if is_column:
@@ -110,7 +110,7 @@ class Channel(Strict):
     def _find_unit(self, dimension: str) -> str | None:
         return self.unit or find_unit_in_name(str(self.column), dimension)
 
-    def scale(self, dimension: str, place: str) -> float:
+    def find_factor_to_si(self, dimension: str, place: str) -> float:
         """Return the factor from the numbers in the file to SI.
 
         Parameters
@@ -127,7 +127,7 @@ class Channel(Strict):
         """
         unit = self._find_unit(dimension)
         if isinstance(self.factor, str):
-            return self._scale_volts(self.factor, unit or "V", dimension, place)
+            return self._find_factor_of_volts(self.factor, unit or "V", dimension, place)
         if unit in _VOLTS:
             raise BenchError(
                 f"`{place}.factor` must say what a volt is, such as '2.35 N/V', for a column in "
@@ -142,7 +142,7 @@ class Channel(Strict):
         except QuantityError as error:
             raise BenchError(f"`{place}` must have a unit of {dimension}, got {unit!r}") from error
 
-    def _scale_volts(self, factor: str, unit: str, dimension: str, place: str) -> float:
+    def _find_factor_of_volts(self, factor: str, unit: str, dimension: str, place: str) -> float:
         """Return the factor to SI of numbers in a unit of voltage, from a quantity per volt."""
         per_volt = _PER_VOLT.fullmatch(factor)
         if per_volt is None or unit not in _VOLTS:
@@ -153,16 +153,21 @@ class Channel(Strict):
         quantity = _parse(per_volt["quantity"], dimension, f"{place}.factor")
         return quantity / _VOLTS[per_volt["unit"]] * _VOLTS[unit]
 
-    def offset_in_si(self, dimension: str, place: str) -> float:
-        """Return the reading at zero in SI; parameters and errors are those of `scale`."""
+    def find_offset_in_si(self, dimension: str, place: str) -> float:
+        """Return the reading at zero in SI, as `find_factor_to_si` does."""
         if not isinstance(self.offset, str):
-            return self.offset * self.scale(dimension, place)
+            return self.offset * self.find_factor_to_si(dimension, place)
         voltage = _VOLTAGE.fullmatch(self.offset)
         if voltage is None or not isinstance(self.factor, str):
             return _parse(self.offset, dimension, f"{place}.offset")
         unit = self._find_unit(dimension) or "V"
         number = float(voltage["number"])
-        return number * _VOLTS[voltage["unit"]] / _VOLTS[unit] * self.scale(dimension, place)
+        return (
+            number
+            * _VOLTS[voltage["unit"]]
+            / _VOLTS[unit]
+            * self.find_factor_to_si(dimension, place)
+        )
 
     def read_tare_duration(self, place: str) -> float:
         """Return how long the record shows zero at its begin [s]; 0 without a tare."""
@@ -201,8 +206,8 @@ def check_channels(channels: Mapping[str, DimensionedChannel], *, have_time: boo
     mistakes: list[Mistake] = []
     for place, (channel, dimension) in channels.items():
         with collect_mistakes(mistakes):
-            channel.scale(dimension, place)
-            channel.offset_in_si(dimension, place)
+            channel.find_factor_to_si(dimension, place)
+            channel.find_offset_in_si(dimension, place)
             if channel.read_tare_duration(place) and not have_time:
                 raise BenchError(f"`{place}` has no time to take a tare from")
     if mistakes:

@@ -146,8 +146,8 @@ def find_heights(
         return "", [declared.get(trial.block, math.nan) for trial in trials]
     column = find_column(channel.column, table.names, "height")
     place = "trials.columns.height"
-    scale = 1e6 * channel.scale("length", place)
-    offset = 1e6 * channel.offset_in_si("length", place)
+    scale = 1e6 * channel.find_factor_to_si("length", place)
+    offset = 1e6 * channel.find_offset_in_si("length", place)
     heights = []
     for trial in trials:
         number = _parse_height(trial.cells.get(column, ""), table.notation)

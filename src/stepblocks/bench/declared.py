@@ -163,6 +163,7 @@ def _measure_corrected(
 
 
 def _compare_with_declared(session: Session, measured: Sequence[Pilot]) -> Agreement:
+    """Compute the medians of measured over declared spring and load, and of the friction."""
     ratios = []
     for trial, features in measured:
         spring = features["spring_constant_n_per_m"] / session.probe.spring_constant

@@ -133,6 +133,7 @@ def _put_in_one_line(fault: TrialFault) -> TrialFault:
 
 
 def _compute_digest(trace: Trace) -> int:
+    """Hash the samples of both forces to an integer."""
     samples = trace.tangential.tobytes() + trace.normal.tobytes()
     digest = blake2b(samples, digest_size=_DIGEST_BYTES)
     return int.from_bytes(digest.digest())

@@ -166,6 +166,7 @@ class LabelledRows:
             yield self._label(row)
 
     def _label(self, row: FeatureRow) -> FeatureRow:
+        """Mark a sound row by the fault of its label, unless the fault is shared."""
         fault = self._faults.get(row.row)
         if fault is None or row.status is not TrialStatus.OK or row.row in self.shared:
             return row

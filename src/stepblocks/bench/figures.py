@@ -182,12 +182,12 @@ def _list_curves(trace: Trace, measurement: Measurement) -> Iterator[_Curve]:
     release = measurement.peak.time
     time = trace.time - measurement.start
     sliding = time[time < approach.onset]
-    yield _Curve("sliding", sliding + measurement.start, approach.sliding(sliding))
+    yield _Curve("sliding", sliding + measurement.start, approach.compute_sliding_curve(sliding))
     ramp = time[(time >= approach.onset) & (time <= release)]
-    yield _Curve("ramp", ramp + measurement.start, approach.line(ramp))
+    yield _Curve("ramp", ramp + measurement.start, approach.compute_ramp_line(ramp))
     ringing = time[time >= after.ring.origin]
-    force = after.ring.curve(ringing)
+    force = after.ring.compute_curve(ringing)
     hum = np.zeros_like(ringing)  # a damped ring was fitted with its hum
-    if not after.damped:
-        hum = approach.hum(ringing)
+    if not after.is_bell:
+        hum = approach.compute_hum(ringing)
     yield _Curve("ring", ringing + measurement.start, force + hum)

@@ -80,6 +80,7 @@ class LabelCheck:
         return faults
 
     def _list_trials(self) -> "_LabelledTrials":
+        """Collect the noted trials as arrays, one of each label and feature."""
         rows, blocks, digests = np.array(self.labels, dtype=np.uint64).reshape(-1, 3).T
         numbers = np.array(self.numbers, dtype=float).reshape(-1, 2 + len(_FEATURES)).T
         return _LabelledTrials(self.trials, rows, blocks, digests, list(self.names), *numbers)
@@ -196,6 +197,7 @@ def _add_duplicates(trials: _LabelledTrials, faults: dict[int, LabelFault]) -> N
 
 
 def _describe_duplicate(row: int) -> LabelFault:
+    """Make the fault of a trial whose samples stand for another row, too."""
     details = f"the same samples stand for row {row}"
     return LabelFault(FaultKind.DUPLICATE, details, evidence=Evidence.SAMPLES)
 
@@ -374,6 +376,7 @@ class _TrialGroups:
         """Find the flagged rows whose group is mostly flagged; the most flagged names them."""
 
         def rank(labels: Labels) -> tuple[float, int]:
+            """Return a key that is least for the largest flagged share and the fewest labels."""
             return -self._flagged_counts[labels] / self._counts[labels], len(labels)
 
         shared = dict(self._shared)
@@ -387,6 +390,7 @@ class _TrialGroups:
         return shared
 
     def _is_mostly_flagged(self, labels: Labels) -> bool:
+        """Tell whether most trials of a group are flagged, and its labels take several levels."""
         for name, _ in labels:
             if not 1 < len(self._levels[name]) <= _MOST_LEVELS:
                 return False

@@ -191,6 +191,7 @@ def _measure_rows(
 
 
 def _count_processes(jobs: int | None) -> int:
+    """Return the number of processes asked for, else of the cores; refuse one out of range."""
     if jobs is None:
         return count_cores()
     if not 1 <= jobs <= _MOST_JOBS:
@@ -280,5 +281,6 @@ def open_traces_once(folder: Path, layout: TableLayout) -> Traces:
 def _measure_chunk(
     folder: Path, layout: TableLayout, tool: Tool | None, trials: list[Trial]
 ) -> list[TrialResult]:
+    """Measure some trials in a worker, which keeps its session open."""
     traces = open_traces_once(folder, layout)
     return [measure_trial(traces, trial, tool) for trial in trials]

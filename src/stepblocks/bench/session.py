@@ -71,7 +71,8 @@ class Channels(Strict):
     time: Channel | None = None
 
     @model_validator(mode="after")
-    def _units_fit(self) -> Self:
+    def _check_units(self) -> Self:
+        """Refuse units, factors and tares of the channels that cannot be read."""
         places = {}
         for name, channel in self.pair_with_dimensions().items():
             places[f"acquisition.channels.{name}"] = channel
@@ -139,35 +140,35 @@ class Acquisition(Strict):
     full_scale: _FullScale | None = None
 
     @model_validator(mode="after")
-    def _can_be_read(self) -> Self:
+    def _check_fields(self) -> Self:
         """Refuse fields that contradict each other."""
-        if self.kind is None:
+        if self.trace_format is None:
             raise ValueError(
                 f"`acquisition.format` must be given, {self.traces!r} has no suffix that is known"
             )
-        if self.kind == "wav" and self.full_scale is None:
+        if self.trace_format == "wav" and self.full_scale is None:
             raise ValueError(
                 "`acquisition.full_scale` must say what full scale of a WAV file is, such as "
                 '"10 V" beside a factor of "5 N/V"'
             )
-        if self.full_scale is not None and self.kind != "wav":
+        if self.full_scale is not None and self.trace_format != "wav":
             raise ValueError("`acquisition.full_scale` is for WAV files alone")
-        if self.rows and (self.per_trial or self.group or self.split):
+        if self.rows and (self.has_file_per_trial or self.group or self.split):
             raise ValueError(
                 "`acquisition.rows` is for one file of all trials, without {trial}, group and split"
             )
-        if self.rows and self.kind not in ("hdf5", "mat"):
+        if self.rows and self.trace_format not in ("hdf5", "mat"):
             raise ValueError("`acquisition.rows` is for HDF5 and MATLAB files")
         if self.trim and not self.trim[0] < self.trim[1]:
             raise ValueError("`acquisition.trim` must be two times, the first before the second")
-        if self.split and (self.per_trial or self.group):
+        if self.split and (self.has_file_per_trial or self.group):
             raise ValueError(
                 "`acquisition.split` is for one record of all trials, without {trial} and group"
             )
         return self
 
     @property
-    def kind(self) -> TraceFormat | None:
+    def trace_format(self) -> TraceFormat | None:
         """Format of the traces."""
         if self.format:
             return self.format
@@ -177,7 +178,7 @@ class Acquisition(Strict):
         return None
 
     @property
-    def per_trial(self) -> bool:
+    def has_file_per_trial(self) -> bool:
         """Whether each trial has a file of its own."""
         return "{" in self.traces
 
@@ -192,7 +193,8 @@ class TrialColumns(Strict):
     height: Channel = Channel(column="height_um")
 
     @model_validator(mode="after")
-    def _units_fit(self) -> Self:
+    def _check_units(self) -> Self:
+        """Refuse units and factors of the columns of conditions that cannot be read."""
         places = {}
         for name, dimension in _DIMENSIONS.items():
             channel = getattr(self, name)

@@ -105,13 +105,13 @@ class TrialTable:
         place = "trials.columns"
         speed_column = _NumberColumn(
             str(columns.speed.column),
-            columns.speed.scale("speed", place),
-            columns.speed.offset_in_si("speed", place),
+            columns.speed.find_factor_to_si("speed", place),
+            columns.speed.find_offset_in_si("speed", place),
         )
         load_column = _NumberColumn(
             str(columns.load.column),
-            columns.load.scale("force", place),
-            columns.load.offset_in_si("force", place),
+            columns.load.find_factor_to_si("force", place),
+            columns.load.find_offset_in_si("force", place),
         )
         for row, cells in enumerate(self.table.rows, start=1):
             trial = self._build_trial(row, cells)

@@ -7,6 +7,9 @@ from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
+
 from stepblocks.bench.examine import MEASURING_ERRORS, TrialStatus, examine_trial
 from stepblocks.bench.faults import TraceError
 from stepblocks.bench.measure import check_output, estimate_tool, open_traces_once
@@ -23,10 +26,11 @@ from stepblocks.files.layout import UNDECLARED, TableLayout
 
 _CHUNK = 16  # trials of one call
 _DIFFERS = 3.0  # standard uncertainties of both together, from which they differ
+_RAMP = "loading_slope_n_per_s"
 # of a quantity: the feature, its uncertainty, and the attribute of a whole record
 _QUANTITIES = (
     ("peak_force_n", "peak_force_std_n", "peak_force"),
-    ("loading_slope_n_per_s", "loading_slope_std_n_per_s", "slope"),
+    (_RAMP, "loading_slope_std_n_per_s", "slope"),
     ("ring_frequency_hz", "ring_frequency_std_hz", "frequency"),
     ("decay_time_s", "decay_time_std_s", "decay_time"),
     ("ring_amplitude_n", "ring_amplitude_std_n", "ring_amplitude"),
@@ -115,16 +119,8 @@ def compare_whole_records(
     """
     folder = Path(session)
     check_output(folder, Path(output))
-    table = open_trials(open_session(folder, layout))
-    with Traces(table.session) as traces:
-        tool = estimate_tool(traces, table)
-    trials = iter(table)
-    chunks = list(iter(lambda: tuple(islice(trials, _CHUNK)), ()))
-    calls = [(folder, layout, tool, chunk) for chunk in chunks]
-    rows: list[RecordRow] = []
-    for done in run_in_processes(fit_records, calls, jobs or count_cores()):
-        rows += done
-    _write_rows(rows, Path(output))
+    rows = fit_session_records(folder, jobs, layout)
+    write_record_rows(rows, Path(output))
     shapes: dict[str, int] = {}
     for row in rows:
         if row.record is not None:
@@ -135,6 +131,71 @@ def compare_whole_records(
         differing=sum(bool(row.list_differing()) for row in rows),
         shapes={str(shape): count for shape, count in sorted(shapes.items())},
     )
+
+
+def fit_session_records(
+    folder: Path, jobs: int | None = None, layout: TableLayout = UNDECLARED
+) -> list[RecordRow]:
+    """Fit the whole record of every trial of a session, in the order of its table."""
+    table = open_trials(open_session(folder, layout))
+    with Traces(table.session) as traces:
+        tool = estimate_tool(traces, table)
+    trials = iter(table)
+    chunks = list(iter(lambda: tuple(islice(trials, _CHUNK)), ()))
+    calls = [(folder, layout, tool, chunk) for chunk in chunks]
+    rows: list[RecordRow] = []
+    for done in run_in_processes(fit_records, calls, jobs or count_cores()):
+        rows += done
+    return rows
+
+
+def put_whole_records(
+    features: pd.DataFrame, rows: Sequence[RecordRow], spring_constant: float
+) -> pd.DataFrame:
+    """Return a table of features in which peak, ring and energy are those of the whole records.
+
+    A trial whose record was not fitted keeps its features, and so does one whose peak force is
+    only a bound. The ramp before the stretch that was fitted, and what it tells of the spring,
+    stay as they are.
+
+    Parameters
+    ----------
+    features : DataFrame
+        As `measure_session` returns it.
+    rows : sequence of RecordRow
+        Of the same session.
+    spring_constant : float
+        Of the probe [N/m], which turns an amplitude into an energy.
+    """
+    replaced = features.copy()
+    bounded = ~np.isfinite(features["peak_force_std_n"].to_numpy(dtype=np.float64))
+    bounded_trials = set(features["trial"].astype(str)[bounded])
+    places = dict(zip(features["trial"].astype(str), features.index, strict=True))
+    for row in rows:
+        if row.record is None or row.trial in bounded_trials or row.trial not in places:
+            continue
+        for name, value in _describe_as_features(row.record, spring_constant).items():
+            replaced.loc[places[row.trial], name] = value
+    return replaced
+
+
+def _describe_as_features(record: WholeRecord, spring_constant: float) -> dict[str, float]:
+    """Describe a whole record in columns of a table of features, its energy among them [SI]."""
+    cells: dict[str, float] = {}
+    for name, std_name, attribute in _QUANTITIES:
+        if name == _RAMP:
+            continue
+        estimate: Estimate = getattr(record, attribute)
+        cells |= {name: estimate.value, std_name: estimate.std}
+    amplitude, std = record.ring_amplitude
+    energy = amplitude**2 / (2.0 * spring_constant)
+    relative_std = math.nan
+    if amplitude > 0.0:
+        relative_std = 2.0 * std / amplitude
+    cells["vibration_energy_j"] = energy
+    cells["vibration_energy_std_j"] = energy * relative_std
+    cells["ln_vibration_energy_std"] = relative_std
+    return cells
 
 
 def fit_records(
@@ -175,11 +236,11 @@ def _fit_record(traces: Traces, tool: Tool | None, trial: Trial) -> RecordRow:
 
 def _subtract_hum(trace: Trace, measurement: Measurement) -> Trace:
     """Take the hum that the approach shows out of the tangential force."""
-    hum = measurement.approach.hum(trace.time - measurement.start)
+    hum = measurement.approach.compute_hum(trace.time - measurement.start)
     return replace(trace, tangential=trace.tangential - hum)
 
 
-def _write_rows(rows: Sequence[RecordRow], path: Path) -> None:
+def write_record_rows(rows: Sequence[RecordRow], path: Path) -> None:
     """Write the table: each quantity from the whole record, then from the features."""
     columns = ["trial", "status", "reason", "release_shape", "release_shape_probability"]
     columns += ["fall_time_s", "release_time_s", "release_time_std_s", "noise_n"]

@@ -116,7 +116,7 @@ def _check_table(stimuli: "StimulusSet", output: Path, name: str) -> "Verdict":
     """
     from stepblocks.parts.verdict import Verdict
     from stepblocks.predict.columns import format_predictions_csv
-    from stepblocks.predict.predictions import predict_all
+    from stepblocks.predict.predictions import predict_and_drag_set
 
     path = output / name
     manifest = load_manifest(output)
@@ -124,7 +124,7 @@ def _check_table(stimuli: "StimulusSet", output: Path, name: str) -> "Verdict":
         wrong = int(hash_file(path) != manifest.outputs.get(name))
         return Verdict(path.name, "bytes as the manifest says", 0.0, wrong, 0.0, "count")
     found = path.read_text(encoding="utf-8", errors="replace") if is_file(path) else ""
-    wanted = format_predictions_csv(predict_all(stimuli))
+    wanted = format_predictions_csv(predict_and_drag_set(stimuli))
     wrong = _count_different_lines(wanted, found)
     return Verdict(path.name, "lines that differ from the prediction", 0.0, wrong, 0.0, "count")
 

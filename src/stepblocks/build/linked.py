@@ -78,6 +78,7 @@ def find_linked_files(output: Path, outputs: Iterable[str]) -> dict[str, list[Li
 
 
 def _find_beside(output: Path) -> Iterator[Link]:
+    """Yield links to the files of the whole output and of its sets that exist."""
     for link in _BESIDE:
         if (output / link.name).is_file():
             yield link
@@ -99,6 +100,7 @@ def _find_files_of_part(output: Path, part: str, known: set[str]) -> Iterator[Li
 
 
 def _format_title(kind: _Pattern, path: Path) -> str:
+    """Write the title of a link, by the kind of its file."""
     if kind is _SCENE:
         return f"{kind.title}: {path.parent.name}"
     if kind is _ANYTHING_ELSE:

@@ -89,7 +89,8 @@ def build_stimuli(
         yield from _build_on_cluster(outdated, output, cluster)
         return
     processes = min(jobs or count_cores(), max(len(outdated), 1))
-    calls = [(output, stimulus) for stimulus in outdated]
+    # workers of an earlier build have the working folder of that time
+    calls = [(output.absolute(), stimulus) for stimulus in outdated]
     yield from run_calls(build_stimulus, calls, jobs=processes, in_order=False)
 
 

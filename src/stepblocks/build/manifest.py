@@ -207,6 +207,7 @@ def write_sealed(path: Path, content: Mapping[str, object]) -> None:
 
 
 def _compute_seal(content: Mapping[str, object]) -> str:
+    """Hash a JSON object, whatever the order of its keys."""
     return hash_bytes(json.dumps(content, sort_keys=True).encode())
 
 

@@ -96,7 +96,7 @@ class _Row:
     verdicts: Sequence[RecordedVerdict]
 
     @property
-    def failed(self) -> list[RecordedVerdict]:
+    def failed_checks(self) -> list[RecordedVerdict]:
         """The checks that failed."""
         return [verdict for verdict in self.verdicts if not verdict.passed]
 
@@ -131,7 +131,7 @@ def write_page(sections: Sequence[Section], output: Path) -> list[Path]:
     script = _write_plot_script(output)
     links = find_linked_files(output, _list_built_files(sections))
     ordered = sorted(sections, key=lambda section: section.stimuli.name != _FIRST_SET)
-    shown = [_show_section(section, links) for section in ordered]
+    shown = [_collect_section(section, links) for section in ordered]
     rows = [row for section in shown for row in section.rows]
     text = render_page(
         "stepblocks.build",
@@ -139,7 +139,7 @@ def write_page(sections: Sequence[Section], output: Path) -> list[Path]:
         sections=shown,
         rows=rows,
         total=len(rows),
-        failed=sum(bool(row.failed) for row in rows),
+        failed=sum(bool(row.failed_checks) for row in rows),
         checks=sum(len(row.verdicts) for row in rows),
         kinds=sorted({row.kind for row in rows}),
         links=links[WHOLE_FOLDER],
@@ -172,7 +172,7 @@ def _list_built_files(sections: Sequence[Section]) -> Iterator[str]:
                 yield f"{folder}/{name}"
 
 
-def _show_section(section: Section, links: Mapping[str, Sequence[Link]]) -> _ShownSection:
+def _collect_section(section: Section, links: Mapping[str, Sequence[Link]]) -> _ShownSection:
     """Collect what the page shows of a set; `links` stand by ``set/id``."""
     stimuli = section.stimuli
     parts = {part.id: part for part in stimuli.stimuli}
@@ -182,7 +182,7 @@ def _show_section(section: Section, links: Mapping[str, Sequence[Link]]) -> _Sho
             prediction for prediction in section.predictions if prediction.stimulus == identity
         ]
         linked = links.get(f"{stimuli.name}/{identity}", [])
-        rows.append(_show_row(stimuli.name, parts[identity], record, predictions, linked))
+        rows.append(_collect_row(stimuli.name, parts[identity], record, predictions, linked))
     curves = compute_curves(stimuli)
     return _ShownSection(
         name=stimuli.name,
@@ -194,7 +194,7 @@ def _show_section(section: Section, links: Mapping[str, Sequence[Link]]) -> _Sho
     )
 
 
-def _show_row(
+def _collect_row(
     set_name: str,
     part: Part,
     record: StimulusRecord,
@@ -225,8 +225,10 @@ def summarise(predictions: Sequence[Prediction]) -> Iterator[str]:
 
     A line reads ``up: 0.5 to 2 N, 1 to 30 µJ; locked in 2 of 4``.
     """
-    for drag in dict.fromkeys(prediction.drag for prediction in predictions):
-        releases = [prediction.release for prediction in predictions if prediction.drag == drag]
+    for drag in dict.fromkeys(prediction.drag_direction for prediction in predictions):
+        releases = [
+            prediction.release for prediction in predictions if prediction.drag_direction == drag
+        ]
         released = [release for release in releases if release.status is Status.RELEASES]
         clauses = []
         if released:
@@ -248,6 +250,7 @@ def _count_unfelt(statuses: Sequence[Status]) -> Iterator[str]:
 
 
 def _name_status(status: Status) -> str:
+    """Say in words why a prediction gives no vibration."""
     if status in _STATUS_WORDS:
         return _STATUS_WORDS[status]
     return f"beyond the {status.removeprefix('beyond-')}, no energy,"

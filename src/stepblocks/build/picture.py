@@ -111,6 +111,7 @@ def _cut_open(meshes: Sequence[Arrays]) -> list[Polydata]:
 
 
 def _cut_in_half(solid: Manifold) -> Manifold:
+    """Keep the half of a solid at y > 0."""
     return solid.trim_by_plane((0.0, 1.0, 0.0), 0.0)
 
 
@@ -194,6 +195,7 @@ def write_view_script(
 
 
 def _pack_body(vertices: Vertices, triangles: NDArray[np.int64]) -> _ViewedBody:
+    """Pack vertices [mm] and triangles for the viewer, in the shortest integers that fit."""
     corner_bytes = 2 if len(vertices) <= _MOST_SHORT_CORNERS else 4
     x, y, z = (_pack_values(column * 1e3, "<f4") for column in vertices.T)
     i, j, k = (_pack_values(column, f"<u{corner_bytes}") for column in triangles.T)

@@ -79,6 +79,22 @@ class BuildReport:
 
 
 @dataclass(frozen=True)
+class BuildChanges:
+    """What a build would do, each stimulus as ``"set/id"``.
+
+    Attributes
+    ----------
+    outdated : tuple of str
+        Stimuli that it would make: new ones, and those of which input, code or file changed.
+    current : tuple of str
+        Stimuli that it would leave as they are.
+    """
+
+    outdated: tuple[str, ...]
+    current: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class _Inputs:
     """Hashes of what a build depends on: inputs by their names, and the code."""
 
@@ -168,8 +184,43 @@ def build_sets(
         built,
         current=len(selected) - len(outdated),
         failures=summary.failures,
-        notes=_list_alike(sets),
+        notes=_describe_alike_blocks(sets),
     )
+
+
+def find_changes(
+    files: "Source | Sequence[Source] | None" = None, output: str | Path = "out"
+) -> BuildChanges:
+    """Find what `build_sets` would make of stimulus files, without making it.
+
+    Parameters
+    ----------
+    files : str, Path, StimulusSet or sequence of them, optional
+        As `build_sets` takes them.
+    output : str or Path, optional
+        The output folder, which need not be there.
+
+    Returns
+    -------
+    BuildChanges
+
+    Raises
+    ------
+    StepblocksError
+        If a file is malformed.
+    """
+    code = compute_code_fingerprint()
+    outdated = []
+    current = []
+    for stimuli in _load_sets(_find_sources(files)):
+        for stimulus in stimuli.stimuli:
+            name = f"{stimuli.name}/{stimulus.id}"
+            key = _hash_stimulus(stimulus, stimuli.order, code)
+            if _is_made(Path(output) / name, key):
+                current.append(name)
+            else:
+                outdated.append(name)
+    return BuildChanges(tuple(outdated), tuple(current))
 
 
 def refresh_links(
@@ -274,7 +325,7 @@ def _load_sets(sources: "Mapping[str, Path | StimulusSet]") -> "list[StimulusSet
     return sets
 
 
-def _list_alike(sets: "Sequence[StimulusSet]") -> list[str]:
+def _describe_alike_blocks(sets: "Sequence[StimulusSet]") -> list[str]:
     """List blocks of a set with the same sizes, a line each."""
     notes = []
     for stimuli in sets:
@@ -308,11 +359,17 @@ def _find_outdated(
     for stimuli, stimulus in selected:
         folder = output / stimuli.name / stimulus.id
         key = _hash_stimulus(stimulus, stimuli.order, code)
-        record = load_record(folder)
-        is_current = record is not None and record.key == key
-        if record is None or not is_current or not are_intact(folder, record.outputs):
+        if not _is_made(folder, key):
             outdated.append(OutdatedStimulus(stimuli.name, stimulus, key, stimuli.order))
     return outdated
+
+
+def _is_made(folder: Path, key: str) -> bool:
+    """Tell whether a folder holds the files of a stimulus with this hash, as they were written."""
+    record = load_record(folder)
+    if record is None or record.key != key:
+        return False
+    return are_intact(folder, record.outputs)
 
 
 def _hash_stimulus(stimulus: "Part", order: "OrderSpec", code: str) -> str:

@@ -10,8 +10,8 @@ from stepblocks.build.manifest import RECORD, StimulusRecord, hash_bytes, load_r
 from stepblocks.declaration.set import StimulusSet
 from stepblocks.files.atomic import replace_text
 from stepblocks.predict.columns import format_predictions_csv
-from stepblocks.predict.learned import apply_model, format_learned_columns
-from stepblocks.predict.predictions import predict_all
+from stepblocks.predict.learned import format_learned_columns, put_learned_constants
+from stepblocks.predict.predictions import predict_and_drag_set
 from stepblocks.predict.sheaths import write_sheath_files
 from stepblocks.records.model import LearnedModel
 
@@ -55,7 +55,7 @@ def write_tables_and_page(
     failures: list[str] = []
     sections = []
     for declared in sets:
-        stimuli = apply_model(declared, learned) if learned else declared
+        stimuli = put_learned_constants(declared, learned) if learned else declared
         section = _write_tables(stimuli, output / stimuli.name, learned)
         sections.append(section)
         folder = output / stimuli.name
@@ -72,7 +72,7 @@ def write_tables_and_page(
 def _write_tables(stimuli: StimulusSet, folder: Path, learned: LearnedModel | None) -> page.Section:
     """Write the tables of a set; return what the page shows of it."""
     folder.mkdir(exist_ok=True)
-    predictions = predict_all(stimuli)
+    predictions = predict_and_drag_set(stimuli)
     add_columns = partial(format_learned_columns, learned=learned) if learned else None
     replace_text(folder / PREDICTIONS, format_predictions_csv(predictions, add_columns))
     records = {}

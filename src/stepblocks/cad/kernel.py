@@ -137,7 +137,7 @@ def _lift_outline(outline: Outline, lift: Callable[[float, float], Point]) -> Ou
     return lifted
 
 
-def turn(outline: Outline, origin: Point) -> Body:
+def revolve_about_vertical(outline: Outline, origin: Point) -> Body:
     """Turn an outline given in radius and height about a vertical axis."""
     x, y, z = origin
 
@@ -168,6 +168,7 @@ def fuse(bodies: Sequence[Body]) -> Body:
 
 
 def _get_only_solid(shape: Body, operation: str) -> Body:
+    """Return the one valid solid that an operation gave; raise `SolidError` otherwise."""
     solids = shape.Solids()
     if len(solids) != 1 or not solids[0].isValid():
         raise SolidError(f"{operation} must give one valid solid, got {len(solids)}")

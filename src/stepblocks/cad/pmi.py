@@ -334,6 +334,7 @@ class _Document:
             self._add_datum(tolerance.datum, label)
 
     def _add_datum(self, datum: PmiDatum, tolerance: TDF_Label) -> None:
+        """Add a datum with its letter and face, and tie a tolerance to it."""
         label = self._tolerances.AddDatum()
         content = XCAFDimTolObjects.XCAFDimTolObjects_DatumObject()
         content.SetName(TCollection_HAsciiString(datum.letter))

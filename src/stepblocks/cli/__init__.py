@@ -23,6 +23,7 @@ from typer.main import get_command
 
 from stepblocks import __version__
 from stepblocks.cli import (
+    app,
     begin,
     build,
     design_set,
@@ -45,7 +46,7 @@ _ENDING_SIGNALS = ("SIGTERM", "SIGINT", "SIGHUP")  # where the system has them
 _GRACE = 5.0  # for what is open to be closed, when asked to end [s]
 _COMPLETE = "_STEPBLOCKS_COMPLETE"  # set by the shell when it asks for completions
 # One file per command or group of commands, in the order of the help
-_MODULES = (begin, build, inspect, predict, design_set, drag, export, session, study)
+_MODULES = (begin, app, build, inspect, predict, design_set, drag, export, session, study)
 
 
 def _print_version(requested: bool) -> None:
@@ -70,7 +71,7 @@ def _take_options(
 
 def make_command() -> TyperGroup:
     """Return the whole command line."""
-    app = typer.Typer(
+    root_app = typer.Typer(
         name="stepblocks",
         cls=Group,
         add_completion=False,
@@ -81,13 +82,14 @@ def make_command() -> TyperGroup:
         subcommand_metavar="COMMAND ...",
     )
     for module in _MODULES:
-        app.add_typer(module.app)
-    root = get_command(app)
+        root_app.add_typer(module.app)
+    root = get_command(root_app)
     assert isinstance(root, TyperGroup)
     return root
 
 
-def _run(words: Sequence[str]) -> int:
+def _run_command(words: Sequence[str]) -> int:
+    """Run one command and return its exit code; errors are raised."""
     # Run one command, and let what goes wrong rise
     root = make_command()
     if _COMPLETE in os.environ:
@@ -103,7 +105,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
     _set_up_streams_and_signals()
     try:
-        code = _run(sys.argv[1:] if argv is None else argv)
+        code = _run_command(sys.argv[1:] if argv is None else argv)
         sys.stdout.flush()
         return code
     except typer.Exit as done:  # --help, --version
@@ -125,6 +127,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _set_up_streams_and_signals() -> None:
+    """Set streams, threads of linear algebra, and what a signal to end does."""
     # Set streams, threads of the linear algebra, and what a signal to end does
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a file's name need not be text
@@ -146,6 +149,7 @@ def _set_up_streams_and_signals() -> None:
 
 
 def _describe_error(error: Exception) -> tuple[str, int]:
+    """Return the line that ends a failed command, and its exit code."""
     # Return the line that ends a command, and its exit code
     if isinstance(error, typer.TyperException):
         return f"error: {describe_mistake(error)}", 2
@@ -162,6 +166,7 @@ def _describe_error(error: Exception) -> tuple[str, int]:
 
 
 def _keep_details(error: Exception) -> str:
+    """Write the traceback to a file; return a line that says what happened and where it is."""
     # Keep the traceback in a file; say in one line what happened and where the file is
     message = " ".join(f"{type(error).__name__}: {error}".split())[:200]
     try:
@@ -178,6 +183,7 @@ def _keep_details(error: Exception) -> str:
 
 
 def _exit_on_signal(number: int, _: object) -> NoReturn:
+    """Kill the workers and end the command with the exit code of the signal."""
     kill_workers()
     # where a library waits for a worker that is no more
     late = threading.Timer(_GRACE, os._exit, (128 + number,))

@@ -1,20 +1,25 @@
 """``stepblocks new``, ``help`` and ``completion``: how one begins."""
 
 import sysconfig
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
 import typer
 
+from stepblocks.cli.cluster import open_shown_cluster
 from stepblocks.cli.command import command
-from stepblocks.cli.options import Force, Quiet, make_whole_number_reader, require_one
+from stepblocks.cli.options import Force, Jobs, On, Quiet, make_whole_number_reader, require_one
 from stepblocks.cli.outcome import Outcome, make_progress
 from stepblocks.errors import PipelineError
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
+
+    from stepblocks.loop.rehearsal import Rehearsal
+    from stepblocks.rehearse.plan import SessionPlan
 
 app = typer.Typer()
 
@@ -71,6 +76,8 @@ def new(
             help="with --plan: how many sessions to rehearse, each about 10 s",
         ),
     ] = 10,
+    jobs: Jobs = None,
+    on: On = None,
     quiet: Quiet = False,
     force: Force = False,
 ) -> Outcome:
@@ -81,19 +88,22 @@ def new(
     require_one("begin with: stepblocks new block mine.toml", KIND=kind, shipped=shipped)
     if plan is not None and kind != "session":
         raise PipelineError(f"--plan goes with: stepblocks new session, got {kind or 'no kind'}")
+    if plan is None and (jobs is not None or on is not None):
+        raise PipelineError("--jobs and --on divide rehearsals: give the session's plan by --plan")
     if kind is None:
         return _copy_shipped(shipped or Path("stimuli"), force=force)
     file = file or Path(f"my-{kind}" if kind == "session" else f"my-{kind}.toml")
     if kind == "session":
         folder = file.parent if file.name == "session.toml" else file
         place = folder / "session.toml"
-        text, then = write_starter_file(kind, folder)
+        text, then = compose_starter_file(kind, folder)
         if plan is not None:
-            return _plan_session(folder, plan, rehearsals, then, quiet=quiet, force=force)
+            rehearse = partial(_rehearse, count=rehearsals, jobs=jobs, on=on, quiet=quiet)
+            return _plan_session(folder, plan, rehearse, then, force=force)
         texts = {place: text, folder / "trials.csv": _TRIALS}
     else:
         place = file.with_suffix(".toml") if file.name else file
-        text, then = write_starter_file(kind, place)
+        text, then = compose_starter_file(kind, place)
         texts = {place: text}
     _write_new(texts, force=force)
     return Outcome(
@@ -101,37 +111,51 @@ def new(
     )
 
 
+def _rehearse(
+    plan: "SessionPlan", *, count: int, jobs: int | None, on: str | None, quiet: bool
+) -> "Rehearsal":
+    """Rehearse a planned session so many times, here or on a cluster."""
+    from stepblocks.loop.rehearsal import rehearse_session
+
+    progress = make_progress("rehearsed", quiet=quiet, lines=10)
+    with open_shown_cluster(on, jobs, quiet=quiet) as cluster:
+        return rehearse_session(plan, count, progress, jobs=jobs, on=cluster)
+
+
 def _plan_session(
-    folder: Path, plan: Path, rehearsals: int, then: str, *, quiet: bool, force: bool
+    folder: Path,
+    plan: Path,
+    rehearse: "Callable[[SessionPlan], Rehearsal]",
+    then: str,
+    *,
+    force: bool,
 ) -> Outcome:
     """Write the declaration and the trials of a planned session, once it is rehearsed.
 
     `then` is the command that the user is told to go on with.
     """
     from stepblocks.files.tables import format_csv
-    from stepblocks.loop.rehearsal import rehearse_session
     from stepblocks.rehearse.plan import read_plan
     from stepblocks.rehearse.run import format_session
 
     planned = read_plan(plan)
     # what a bench shows and nobody sets is no part of a plan
-    rows = [row | {"temperature_c": "", "humidity_pct": ""} for row in planned.rows()]
+    rows = [row | {"temperature_c": "", "humidity_pct": ""} for row in planned.list_trial_rows()]
     texts = {
         folder / "session.toml": format_session(planned),
         folder / "trials.csv": format_csv(rows),
     }
     _refuse_present(texts, force=force)
-    progress = make_progress("rehearsed", quiet=quiet, lines=10)
-    found = rehearse_session(planned, rehearsals, progress)
+    found = rehearse(planned)
     _write_new(texts, force=force)
     without_finding = found.verdicts.count("none")
     note = (
-        f"{without_finding} of {rehearsals} rehearsals without an effect end in none, as all "
-        f"should; {found.locked} of {len(rows)} trials lock and give no trace"
+        f"{without_finding} of {len(found.verdicts)} rehearsals without an effect end in none, "
+        f"as all should; {found.locked} of {len(rows)} trials lock and give no trace"
     )
     visible = [asdict(effect) for effect in found.could_show]
     return Outcome(
-        f"{folder}: {len(rows)} trials on {len(planned.blocks())} blocks; drag them, then "
+        f"{folder}: {len(rows)} trials on {len(planned.list_blocks())} blocks; drag them, then "
         f"run: {then}",
         {"nine sessions in ten would show": visible},
         notes=[note],
@@ -177,7 +201,7 @@ def _copy_shipped(folder: Path, *, force: bool) -> Outcome:
     )
 
 
-def write_starter_file(kind: str, place: Path) -> tuple[str, str]:
+def compose_starter_file(kind: str, place: Path) -> tuple[str, str]:
     """Return the text of a file to begin with, and the command that takes it.
 
     Below it stands, commented out, what its kinds leave to their defaults.
@@ -194,12 +218,12 @@ def write_starter_file(kind: str, place: Path) -> tuple[str, str]:
             f"# What a {name} leaves out; to change it for all of them, take the leading '# ' "
             "away.\n"
         )
-        defaults = _list_defaults(list_kinds()[name], f"defaults.{name}")
+        defaults = _format_defaults(list_kinds()[name], f"defaults.{name}")
         text += "".join(f"# {line}\n" for line in defaults) + "\n"
     return text.rstrip() + "\n", head.partition(": ")[2]
 
 
-def _list_defaults(model: "type[BaseModel]", table: str) -> Iterator[str]:
+def _format_defaults(model: "type[BaseModel]", table: str) -> Iterator[str]:
     """Write the defaults of a kind as TOML, those of tables below it in tables of their own."""
     yield f"[{table}]"
     tables_below = []
@@ -217,7 +241,7 @@ def _list_defaults(model: "type[BaseModel]", table: str) -> Iterator[str]:
         below = model.model_fields[name].annotation
         kind = next(iter(get_args(below)), below)
         assert isinstance(kind, type)
-        yield from _list_defaults(kind, f"{table}.{name}")
+        yield from _format_defaults(kind, f"{table}.{name}")
 
 
 @command(app, "help", "help", "help export", panel=_PANEL)

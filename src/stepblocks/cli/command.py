@@ -133,7 +133,7 @@ def command(
 
     def register(function: Function) -> Function:
         signature = inspect.signature(function, eval_str=True)
-        common = inspect.signature(_take_common_options, eval_str=True).parameters
+        common = inspect.signature(_declare_common_options, eval_str=True).parameters
         asked = [option for name, option in signature.parameters.items() if name != _LAYOUT]
         added = [common[name] for name in common if name not in signature.parameters]
         of_tables = inspect.signature(make_layout, eval_str=True).parameters
@@ -179,7 +179,7 @@ def _join_lines(text: str) -> str:
     return "\n\n".join(" ".join(paragraph.split()) for paragraph in text.split("\n\n"))
 
 
-def _take_common_options(
+def _declare_common_options(
     *, quiet: Quiet = False, as_json: Json = False, wide: Wide = False, force: Force = False
 ) -> None:
     """Hold the options that every command takes."""

@@ -271,7 +271,7 @@ def design_set(
     found.stimuli.to_toml(output)
     if plot is not None:
         found.draw(plot)
-    return _show(found, output, plot)
+    return _build_outcome(found, output, plot)
 
 
 def _require_picture(plot: Path | None) -> None:
@@ -320,7 +320,7 @@ def _declare_tool(stiffness: float | None, conversion: float | None) -> dict[str
     return tool
 
 
-def _show(found: "SetDesign", output: Path, plot: Path | None) -> Outcome:
+def _build_outcome(found: "SetDesign", output: Path, plot: Path | None) -> Outcome:
     """Show a designed set: its tables, what to know of it, and the picture."""
     from stepblocks.predict.set_design.result import MISSED
 

@@ -2,8 +2,10 @@
 
 import atexit
 import json
+import math
 import os
 import sys
+import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -15,6 +17,7 @@ from typing import TYPE_CHECKING
 from stepblocks.build.manifest import hash_file
 from stepblocks.errors import ReadingWarning
 from stepblocks.files.atomic import protect_files, replace_text
+from stepblocks.files.progress import PROGRESS_FILE, ProgressStep, append_step
 from stepblocks.files.store import names_object_store
 from stepblocks.quantities import format_column, format_column_label, format_units
 
@@ -24,6 +27,7 @@ if TYPE_CHECKING:
 _WIDTH = 100  # letters of a line where the environment names no width
 _UNLIMITED = 10_000  # letters of a line that is never broken
 _GAP = 2  # letters between two columns
+_LEAST_PERIOD = 0.1  # between two steps of progress that are written [s]
 _FEW_FILES = 4  # that are named one by one
 _EMPTY_CELLS = ("", "-")
 _LETTERS_OF_NUMBERS = "-+.e∞0123456789"
@@ -243,11 +247,32 @@ def make_progress(label: str, *, quiet: bool, lines: int = 0) -> Callable[..., N
     """Return a function that shows how far a command is.
 
     It is called with done, total and a name, and draws a bar on a terminal; elsewhere it prints at
-    most so many lines. What is done is counted where the caller does not.
+    most so many lines. What is done is counted where the caller does not. A program that started
+    the command, such as the window, can name a file for the steps in its environment.
     """
+    file = os.environ.get(PROGRESS_FILE)
+    if file:
+        return _make_progress_file(label, Path(file))
     if quiet or not sys.stderr.isatty():
         return _make_progress_lines(label, 0 if quiet else lines)
     return _make_progress_bar(label)
+
+
+def _make_progress_file(label: str, path: Path) -> Callable[..., None]:
+    """Return a function that writes each step to a file, at most ten in a second."""
+    number = count(1)
+    last_time = -math.inf
+
+    def write_step(done: int | None = None, total: int | None = None, name: str = "") -> None:
+        nonlocal last_time
+        done = done or next(number)
+        now = time.monotonic()
+        if now - last_time < _LEAST_PERIOD and done != total:
+            return
+        last_time = now
+        append_step(path, ProgressStep(done, total, f"{label} {name}".rstrip()))
+
+    return write_step
 
 
 def _make_progress_lines(label: str, lines: int) -> Callable[..., None]:
@@ -345,6 +370,7 @@ def protect_output(place: object, *, force: bool) -> Iterator[list[Path]]:
     known = _read_hashes(folder / _MEMORY, "written")
 
     def is_protected(path: Path) -> bool:
+        """Tell whether a file was there before and is not as a command wrote it."""
         if force or path not in before:
             return False
         name = path.relative_to(folder).as_posix()

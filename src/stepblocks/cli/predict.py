@@ -123,7 +123,7 @@ def predict(
     asked = _Asked(
         in_time=in_time,
         speed=_choose_speed(speed),
-        discrimination=_read_person(discrimination, layout),
+        discrimination=_read_discrimination(discrimination, layout),
     )
     return _predict_sets(
         files, as_built, asked, output=output, plots=plots, perception=perception, wide=wide
@@ -153,7 +153,7 @@ def _refuse_perception(perception: Path | None, discrimination: Path | None) -> 
             raise PipelineError(f"{name} needs stimulus files, got a table or a session [{value}]")
 
 
-def _read_person(table: Path | None, layout: TableLayout) -> "Discrimination":
+def _read_discrimination(table: Path | None, layout: TableLayout) -> "Discrimination":
     """Read how finely a person tells energies apart; that of the literature without a table."""
     from stepblocks.predict.perception import LITERATURE, read_discrimination
 
@@ -318,7 +318,7 @@ def _predict_table(
     """Predict the rows of a table, or unseen trials by the model of a session."""
     from stepblocks.predict.table import predict_table
 
-    file = _take_table(files, model)
+    file = _require_one_table(files, model)
     if output is None:
         raise PipelineError(f"-o must name the CSV to write [{file}]")
     if model is not None:
@@ -326,7 +326,7 @@ def _predict_table(
     return Outcome(f"{output}: {len(predict_table(file, output, layout=layout))} predictions")
 
 
-def _take_table(files: list[Path], model: Path | None) -> Path:
+def _require_one_table(files: list[Path], model: Path | None) -> Path:
     """Return the one table or session that was named."""
     from stepblocks.files.text_table import is_table_name
 
@@ -403,7 +403,7 @@ def sweep(
 
     plan = load_sweep(design)
     chosen = None
-    total = plan.partitions
+    total = plan.partition_count
     share = ""
     if partitions is not None:
         chosen = range(partitions.first, partitions.end)
@@ -424,9 +424,9 @@ def sweep(
         kept = [done.folder / PLAN_FILE, *done.folder.glob("part-*.parquet")]
     return Outcome(
         (
-            f"{plan.rows} rows in {plan.partitions} partitions{share}: {done.computed} computed, "
-            f"{done.found} found [{output}]"
+            f"{plan.row_count} rows in {plan.partition_count} partitions{share}: "
+            f"{done.computed} computed, {done.found} found [{output}]"
         ),
-        record={"rows": plan.rows, "computed": done.computed, "found": done.found},
+        record={"rows": plan.row_count, "computed": done.computed, "found": done.found},
         kept=kept,
     )

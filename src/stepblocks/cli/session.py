@@ -224,6 +224,14 @@ def loop(
         bool, typer.Option("--forces-only", help="leave the scans of the blocks out")
     ] = False,
     as_built: AsBuilt = None,
+    whole_record: Annotated[
+        bool,
+        typer.Option(
+            "--whole-record",
+            help="also fit ramp, release and ring of each trace in one likelihood, and use these "
+            "values where they are predicted better on trials held out",
+        ),
+    ] = False,
     laws: Laws = None,
     layout: TableLayout = UNDECLARED,
     quiet: Quiet = False,
@@ -242,6 +250,7 @@ def loop(
         jobs=jobs,
         forces_only=forces_only,
         as_built=as_built or [],
+        whole_record=whole_record,
         layout=layout,
         progress=partial(show, name="trials measured"),
         announce=show,

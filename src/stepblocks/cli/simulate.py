@@ -44,11 +44,17 @@ app = typer.Typer()
 _OBSERVER = "Simulated participants"
 
 
-def _read_shares(text: str) -> dict[str, float]:
-    if text.endswith(".toml"):
-        from stepblocks.predict.sheaths import find_damping
+def _read_trials(text: str) -> dict[str, int]:
+    read = make_whole_number_reader(1, 10_000)
+    return {name: read(value) for name, value in read_pairs(text, "block=trials").items()}
 
-        return find_damping(text)
+
+def _read_shares(text: str) -> dict[str, float]:
+    """Read energy shares by condition, as ``name=share`` or from a set with sheaths."""
+    if text.endswith(".toml"):
+        from stepblocks.predict.sheaths import find_energy_shares
+
+        return find_energy_shares(text)
     return {
         name: make_quantity_reader("ratio")(value)
         for name, value in read_pairs(text, "name=share").items()
@@ -222,6 +228,16 @@ def power(
         ),
     ] = None,
     standard: StandardOption = None,
+    trials: Annotated[
+        dict[str, int] | None,
+        typer.Option(
+            "--trials",
+            metavar="ID=N,...",
+            parser=_read_trials,
+            help="of one participant with each block (threshold, jnd)",
+            show_default="twice the repetitions with each",
+        ),
+    ] = None,
     probes: Annotated[
         Names | None,
         typer.Option(
@@ -233,11 +249,12 @@ def power(
         ),
     ] = None,
     measure: Annotated[
-        Literal["absolute error", "bias", "spread", "realism"] | None,
+        Literal["absolute error", "bias", "spread", "realism", "threshold", "jnd"] | None,
         typer.Option(
             "--measure",
             metavar="OUTCOME",
-            help="what is tested: absolute error, bias, spread or realism",
+            help="what is tested: absolute error, bias, spread or realism; or of which the 95 % "
+            "range is found: threshold or jnd (constant)",
             show_default="absolute error",
         ),
     ] = None,
@@ -328,6 +345,7 @@ def power(
             **keep_given_options(
                 experiment=experiment,
                 standard=standard,
+                trials=trials,
                 probes=probes,
                 measure=measure,
                 participants=participants,

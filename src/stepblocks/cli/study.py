@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 import stepblocks
-from stepblocks.cli import simulate
+from stepblocks.cli import simulate, study_heights
 from stepblocks.cli.command import Group, command
 from stepblocks.cli.options import (
     Blocks,
@@ -44,6 +44,7 @@ study = typer.Typer(
     subcommand_metavar="COMMAND ...",
 )
 study.add_typer(simulate.app)
+study.add_typer(study_heights.app)
 app = typer.Typer()
 app.add_typer(study, rich_help_panel="People")
 

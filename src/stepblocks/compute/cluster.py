@@ -449,13 +449,13 @@ def is_shared(client: "Client", folder: Path) -> bool:
     path = folder.absolute() / f".shared-{token}"
     path.write_text(token, encoding="utf-8", newline="\n")
     try:
-        seen = client.run(_find_token, str(path), token)
+        seen = client.run(_can_read_and_write, str(path), token)
     finally:
         path.unlink(missing_ok=True)
     return all(seen.values())
 
 
-def _find_token(path: str, token: str) -> bool:
+def _can_read_and_write(path: str, token: str) -> bool:
     """Tell whether a worker can read what the client wrote, and write beside it."""
     try:
         found = Path(path).read_text(encoding="utf-8")

@@ -76,6 +76,7 @@ def collect_settings() -> dict[str, str]:
 
 
 def _begin_worker(settings: Mapping[str, str]) -> None:
+    """Give a worker the settings of its parent, and let it end with the parent."""
     os.environ.update(settings)
     die_with_parent()
 
@@ -108,6 +109,7 @@ def _ask_kernel_to_kill() -> bool:
 
 
 def _start_watch(watch: Callable[[int], None], watched: int) -> None:
+    """Watch in a thread for the end of another process."""
     threading.Thread(target=watch, args=(watched,), daemon=True).start()
 
 

@@ -97,7 +97,9 @@ class Counterface(ABC):
             raise ContactError(f"backward must be True or False, got {backward!r}")
         # a counterface of somebody else may return a plain pair
         angles = Angles(*self.angles(point.ball_radius))
-        return find_release(angles.towards(backward), point.normal_load, point.friction, point.tool)
+        return find_release(
+            angles.select_direction(backward), point.normal_load, point.friction, point.tool
+        )
 
     def heights(self, x: Array) -> Array:
         """Heights over the near side [m] at positions across the edge [m].

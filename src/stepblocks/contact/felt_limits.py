@@ -154,6 +154,7 @@ def _share_budget(wish: _Wish, budget: float, direction: float) -> dict[str, flo
     signs = {name: math.copysign(1.0, direction * wish.slopes[name]) for name in wish.free}
 
     def deviate(scale: float) -> dict[str, float]:
+        """Return the signed deviation of each free input for equal effects of a size."""
         deviations = {}
         for name in wish.free:
             width = max(scale / abs(wish.slopes[name]), FINEST.get(name, 0.0))
@@ -163,6 +164,7 @@ def _share_budget(wish: _Wish, budget: float, direction: float) -> dict[str, flo
         return deviations
 
     def find_excess(scale: float) -> float:
+        """Return by how much the change of ln E at a scale exceeds the budget."""
         change = _compute_change(wish.face, wish.point, spent | deviate(scale))
         return min(abs(change), 1e6) - budget
 

@@ -24,7 +24,7 @@ class Angles(NamedTuple):
     forward: Real
     backward: Real
 
-    def towards(self, backward: bool) -> Real:
+    def select_direction(self, backward: bool) -> Real:
         """Return the angle of one of the drags."""
         return self.backward if backward else self.forward
 

@@ -100,7 +100,7 @@ def compute_deviated_releases(
             deviated[name] = np.maximum(nominal + deviations.get(name, 0.0), 0.0)
     ball = np.maximum(deviated["ball_radius"], SMALLEST_BALL * point.ball_radius)
     force, energy = kernels.compute_release(
-        kernels.Angles(*face.angles(ball, **dimensions)).towards(backward),
+        kernels.Angles(*face.angles(ball, **dimensions)).select_direction(backward),
         deviated["friction"],
         deviated["normal_load"],
         deviated["stiffness"],

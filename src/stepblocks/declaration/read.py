@@ -9,7 +9,7 @@ from stepblocks.declaration.select import find_stimulus_files
 from stepblocks.declaration.set import StimulusSet, make_set
 from stepblocks.declaration.write import SCHEMA
 from stepblocks.errors import PipelineError, StimulusError
-from stepblocks.files.text import escape_file_name, read_document
+from stepblocks.files.text import Document, escape_file_name, read_document
 from stepblocks.mistakes import Mistake, shorten_value
 from stepblocks.parts.declared import is_identity
 from stepblocks.parts.kind import Part
@@ -46,7 +46,26 @@ def load_set(path: str | Path) -> StimulusSet:
             f"heights 'stepblocks predict' [{path}]"
         )
     raw = read_document(path, "a stimulus file", StimulusError, MAX_FILE_BYTES)
-    mistakes: list[Mistake] = []
+    return read_set(raw, path, [])
+
+
+def read_set(raw: Document, path: Path, mistakes: list[Mistake]) -> StimulusSet:
+    """Validate the tables of a stimulus file, which is at a place or will be written there.
+
+    Parameters
+    ----------
+    raw : dict
+        Tables of the file; they are changed.
+    path : Path
+        The file; names of other files in it are relative to its folder.
+    mistakes : list of Mistake
+        What is wrong is added, each with its place.
+
+    Raises
+    ------
+    StimulusError
+        With all mistakes.
+    """
     schema = raw.pop("schema", SCHEMA)
     if schema != SCHEMA:
         mistakes.append(("", f"schema must be {SCHEMA}, got {shorten_value(schema)}"))

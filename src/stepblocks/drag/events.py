@@ -60,7 +60,7 @@ def _add_ring(event: DragEvent, trace: DragTrace, number: int) -> DragEvent:
     return replace(
         event,
         sliding_force_n=ring.level,
-        stored_energy_j=trace.probe.energy(event.pull_n),
+        stored_energy_j=trace.probe.compute_energy(event.pull_n),
         vibration_energy_j=ring.energy,
         ring_share=ring.share,
         ring_decay_s=ring.decay_time,
@@ -88,6 +88,6 @@ def drag_face(
     return simulate_drag(
         track,
         build_probe(point.tool, point.ball_radius, point.contact, **(probe or {})),
-        DragSettings.under(point, **(settings or {})),
+        DragSettings.from_point(point, **(settings or {})),
         within,
     )

@@ -93,7 +93,7 @@ def plan_steps(
     step [s].
     """
     if settings.speed > 0.0:
-        way = track.features[1] - start_x + limit / probe.stiffness
+        way = track.feature_range[1] - start_x + limit / probe.stiffness
         duration = way / settings.speed + settings.ring_time
     else:
         duration = _PULLED * settings.ring_time
@@ -123,8 +123,8 @@ def build_path(
     kink, and the depth by which the branches part at its end.
     """
     shared = track.list_separate_kinks(depth, window)
-    pressed = track.press_flat(shared, patch)
-    branches = track.part_branches(shared, parting, window)
+    pressed = track.flatten_kinks(shared, patch)
+    branches = track.compute_branch_cubics(shared, parting, window)
     return kernels.Path(pressed.x, pressed.cubics, pressed.kinks, branches)
 
 

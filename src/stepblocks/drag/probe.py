@@ -103,24 +103,24 @@ class Probe:
         """Find the indentation at which the contact bears a force [m]."""
         return float((force / self.contact_stiffness) ** (1.0 / self.contact_power))
 
-    def stretch(self, force: float) -> float:
+    def compute_stretch(self, force: float) -> float:
         """Stretch of the spring under a force [m]."""
         if self.hardening > 0.0:
             force = float(compute_softened_force(force, self.hardening / self.stiffness**3))
         return force / self.stiffness
 
-    def energy(self, force: float, steady_force: float = 0.0) -> float:
+    def compute_energy(self, force: float, steady_force: float = 0.0) -> float:
         """Energy of the spring at a force, above that at its rest [J].
 
         At rest a `steady_force` [N] pulls.
         """
         if self.hardening == 0.0:
             return 0.5 * (force - steady_force) * (force - steady_force) / self.stiffness
-        stretch, rest_stretch = self.stretch(force), self.stretch(steady_force)
-        stored = self._store(stretch) - self._store(rest_stretch)
+        stretch, rest_stretch = self.compute_stretch(force), self.compute_stretch(steady_force)
+        stored = self._compute_stored_energy(stretch) - self._compute_stored_energy(rest_stretch)
         return stored - steady_force * (stretch - rest_stretch)
 
-    def _store(self, stretch: float) -> float:
+    def _compute_stored_energy(self, stretch: float) -> float:
         """Energy of the hardening spring at a stretch [m], in J."""
         return 0.5 * self.stiffness * stretch**2 + 0.25 * self.hardening * stretch**4
 
@@ -205,7 +205,7 @@ class DragSettings:
             )
 
     @classmethod
-    def under(cls, point: OperatingPoint, **changes: object) -> "DragSettings":
+    def from_point(cls, point: OperatingPoint, **changes: object) -> "DragSettings":
         """Take load, friction, speed and tissue from an operating point."""
         of_point: dict[str, object] = {
             "normal_load": point.normal_load,
@@ -295,7 +295,7 @@ class Setting:
     damping_ratio: float
     holder_mass: float
 
-    def changes(self, tool: Tool, normal_load: float) -> dict[str, float]:
+    def list_probe_changes(self, tool: Tool, normal_load: float) -> dict[str, float]:
         """Return what the probe changes by this way: a round rod is as stiff along the normal."""
         return {
             "damping_ratio": self.damping_ratio,

@@ -137,9 +137,9 @@ def measure_ring(trace: DragTrace, *, spectra: bool = True, event: int | None = 
     if mode_energies:
         energy = sum(mode_energies)
     elif trace.probe.hardening > 0.0:
-        energy = trace.probe.energy(level - amplitude, level)
+        energy = trace.probe.compute_energy(level - amplitude, level)
     else:
-        energy = trace.probe.energy(amplitude)
+        energy = trace.probe.compute_energy(amplitude)
     # the spring and the fall of the load feed the first swing, which ends where the tip turns
     heights = cut.column("y_m")[: int(np.argmin(force)) + 1]
     fall = trace.settings.normal_load * float(heights[0] - heights.min())

@@ -250,7 +250,7 @@ def drag_over(
         if not isinstance(face, Profile):
             raise PipelineError(f"x_range is for a profile; {target.name} has one edge")
         face = Profile(face.x, face.z, x_range)
-    changes = {} if named is None else named.changes(point.tool, point.normal_load)
+    changes = {} if named is None else named.list_probe_changes(point.tool, point.normal_load)
     for name in _OF_PROBE:
         if name in keywords:
             changes[name] = keywords[name]

@@ -149,7 +149,7 @@ class DragTrace:
     @property
     def stored_energy(self) -> float:
         """Energy of the spring at the release [J]."""
-        return self.probe.energy(self.peak_force)
+        return self.probe.compute_energy(self.peak_force)
 
     @property
     def ledger_error(self) -> float:
@@ -251,7 +251,7 @@ def _integrate(
     places = track.catch_places
     limit = find_force_limit(needed, settings)
     grain = find_time_step(probe, settings, limit)
-    start_x = max(track.features[0] - settings.lead, float(track.x[0]))
+    start_x = max(track.feature_range[0] - settings.lead, float(track.x[0]))
     pace = plan_steps(track, probe, settings, start_x, limit, grain.time_step)
     depth = probe.find_indentation(settings.normal_load)
     patch = math.sqrt(track.ball_radius * depth)
@@ -260,7 +260,7 @@ def _integrate(
     start = kernels.Start(
         start_x,
         float(np.interp(start_x, track.x, track.z)) - depth,
-        probe.stretch(settings.find_sliding_force()),
+        probe.compute_stretch(settings.find_sliding_force()),
     )
     law = settings.friction_law
     outcome = kernels.integrate(

@@ -68,7 +68,7 @@ class Track(CentrePath):
         return np.column_stack([self.z[:-1], first, square, cube])
 
     @cached_property
-    def branches(self) -> Array:
+    def branch_coefficients(self) -> Array:
         """Height, slope, half the curvature of both branches at each kink; shape (m, 2, 3)."""
         before = self.kinks - 1  # the pieces that end at a kink
         width = np.diff(self.x)[before]
@@ -145,12 +145,12 @@ class Track(CentrePath):
 
     def _measure_parting(self, number: int, reach: Array) -> Array:
         """Depth of both branches at a kink below the path at a distance [m], shape (2, n)."""
-        height, slope, square = self.branches[number].T[:, :, None]
+        height, slope, square = self.branch_coefficients[number].T[:, :, None]
         branch = height + reach * (slope + reach * square)
         height_of_path, _ = self.evaluate(self.x[self.kinks][number] + reach)
         return np.asarray(height_of_path - branch)
 
-    def part_branches(self, kept: NDArray[np.int64], depth: float, window: float) -> Array:
+    def compute_branch_cubics(self, kept: NDArray[np.int64], depth: float, window: float) -> Array:
         """Coefficients of both branches at the kinks that are `kept`, shape (k, 2, 4).
 
         A cubic term lets each part from the path by a `depth` [m] half way to the next kink, or at
@@ -159,7 +159,7 @@ class Track(CentrePath):
         places = self.x[self.kinks[kept]]
         room = 0.5 * _measure_gaps(places).clip(max=2.0 * window)
         reach = np.column_stack([room[1:], -room[:-1]])
-        height, slope, square = self.branches[kept].transpose(2, 0, 1)
+        height, slope, square = self.branch_coefficients[kept].transpose(2, 0, 1)
         branch = height + reach * (slope + reach * square)
         apart = self.evaluate(places[:, None] + reach)[0] - branch
         # a face ends where the other one is touched: from there on the ball rolls off its corner,
@@ -171,7 +171,7 @@ class Track(CentrePath):
         missing = np.maximum(needed, 0.0)
         return np.stack([height, slope, square, -missing / reach**3], axis=-1)
 
-    def press_flat(self, kept: NDArray[np.int64], patch: float) -> "Track":
+    def flatten_kinks(self, kept: NDArray[np.int64], patch: float) -> "Track":
         """Return the track with a bend in the place of each kink that is not `kept`.
 
         A bend reaches half way to the next kinks, at most as far as the `patch` of contact [m]: at
@@ -205,7 +205,7 @@ class Track(CentrePath):
         return find_catch_places(self, self.ball_radius)
 
     @cached_property
-    def features(self) -> tuple[float, float]:
+    def feature_range(self) -> tuple[float, float]:
         """Where the path first and last bends or slopes by more than a degree [m].
 
         The middle if it is flat.
@@ -283,7 +283,7 @@ def build_profile_track(
     xs, zs = np.asarray(x, dtype=np.float64), np.asarray(z, dtype=np.float64)
     if backward:
         xs, zs = -xs[::-1], zs[::-1]
-    grid = _lay_grid(xs, ball_radius)
+    grid = _choose_grid(xs, ball_radius)
     notches = _find_notches(xs, zs, build_profile_path(xs, zs, ball_radius, positions=grid))
     if not (notches.behind <= _RISER).all():
         raise ContactError(
@@ -310,7 +310,7 @@ def build_profile_track(
     )
 
 
-def _lay_grid(x: Array, ball_radius: float) -> Array:
+def _choose_grid(x: Array, ball_radius: float) -> Array:
     """Positions at which a path is looked at first [m].
 
     The ball meets the first point a radius before it, and leaves the last one as far behind.

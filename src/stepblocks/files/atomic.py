@@ -141,12 +141,12 @@ def make_draft_folder(path: Path) -> Iterator[Path]:
 def _find_refused_place(error: OSError, path: Path) -> Path:
     """Return the place that an error is about, which is never one within a draft."""
     named = Path(str(error.filename2 or error.filename or path))
-    if _leave_draft(named) != named:
+    if _find_draft_place(named) != named:
         named = path
-    return _leave_draft(named)
+    return _find_draft_place(named)
 
 
-def _leave_draft(path: Path) -> Path:
+def _find_draft_place(path: Path) -> Path:
     """Return the folder in which the draft stands that holds a path; else the path itself."""
     for number, part in enumerate(path.parts):
         if part.startswith(_DRAFT_PREFIX):

@@ -34,7 +34,7 @@ class FolderClaim:
     digest: str
     record: Mapping[str, object]
 
-    def take(self, store: ResultStore) -> None:
+    def claim_folder(self, store: ResultStore) -> None:
         """Write the plan into a folder, or make sure that the same one lies there.
 
         Raises

@@ -102,7 +102,7 @@ class Watch:
             import psutil  # here, since who imports it in the thread fails unseen
 
             seen = psutil.Process(process.pid)
-            watch = partial(self._look_repeatedly, seen, _sum_processor_time(seen))
+            watch = partial(self._watch_usage, seen, _sum_processor_time(seen))
         self._thread = threading.Thread(target=watch, daemon=True)
 
     def __enter__(self) -> "Watch":
@@ -118,7 +118,7 @@ class Watch:
         if not self._stopped.wait(max(self._deadline - time.monotonic(), 0.0)):
             self._end(Breach.TIME)
 
-    def _look_repeatedly(self, seen: "psutil.Process", computed_before: float) -> None:
+    def _watch_usage(self, seen: "psutil.Process", computed_before: float) -> None:
         """End the process when it has used too much time or memory, or hides what it uses."""
         try:
             while not self._stopped.wait(_LOOK_EVERY):
@@ -134,6 +134,7 @@ class Watch:
             self._process.kill()
 
     def _end(self, breach: Breach) -> None:
+        """Note what limit was breached, and kill the process."""
         self.breach = breach
         self._process.kill()
 

@@ -110,7 +110,7 @@ class ObjectStore:
     def read(self, name: str) -> bytes | None:
         """Return what an object holds; None where there is no such object."""
         system, path = self._locate(name)
-        with _said_as_ours(self.address):
+        with _translate_store_errors(self.address):
             try:
                 content: bytes = system.cat_file(path)
             except FileNotFoundError:
@@ -120,7 +120,7 @@ class ObjectStore:
     def write(self, name: str, content: bytes) -> None:
         """Put an object in place in one piece."""
         system, path = self._locate(name)
-        with _said_as_ours(self.address):
+        with _translate_store_errors(self.address):
             # where names have no root the first one is a bucket, which nobody asked to make
             if system.root_marker:
                 system.makedirs(path.rpartition("/")[0], exist_ok=True)
@@ -129,14 +129,14 @@ class ObjectStore:
     def remove(self, name: str) -> None:
         """Remove an object, where it is there."""
         system, path = self._locate(name)
-        with _said_as_ours(self.address):
+        with _translate_store_errors(self.address):
             if system.exists(path):
                 system.rm_file(path)
 
     def has_any(self, pattern: str) -> bool:
         """Tell whether there is an object of such a name."""
         system, folder = self._locate("")
-        with _said_as_ours(self.address):
+        with _translate_store_errors(self.address):
             try:
                 found = system.ls(folder.rstrip("/"), detail=False)
             except FileNotFoundError:
@@ -158,7 +158,7 @@ class ObjectStore:
                 "an address needs fsspec: install the extra with pip install "
                 f"'stepblocks[cluster]' [{self.address}]"
             ) from error
-        with _said_as_ours(self.address):
+        with _translate_store_errors(self.address):
             try:
                 system, path = url_to_fs(f"{self.address}/{name}")
             except ValueError as error:
@@ -173,7 +173,7 @@ ResultStore = FolderStore | ObjectStore
 
 
 @contextmanager
-def _said_as_ours(address: str) -> Iterator[None]:
+def _translate_store_errors(address: str) -> Iterator[None]:
     """Turn what a store or its package says into an error that names the address."""
     try:
         yield

@@ -133,7 +133,7 @@ class TextTable:
     notes: tuple[str, ...] = ()
 
     @property
-    def width(self) -> int:
+    def column_count(self) -> int:
         """The number of columns."""
         if self.names or not self.rows:
             return len(self.names)
@@ -344,19 +344,19 @@ def build_table(
     notes = list(raw.notes)
     names: list[str] = []
     if shape.has_header:
-        names = _take_header(records, raw.comments, notes)
+        names = _pop_header(records, raw.comments, notes)
     place = f"{file}, {raw.sheet}" if raw.sheet else file
     width = _find_width(records, names)
     if width > _MOST_COLUMNS:
         raise raises(f"table must have at most {_MOST_COLUMNS} columns, got {width} [{place}]")
-    _drop_rule(records, notes)
+    _drop_dash_row(records, notes)
     if not shape.keeps_ragged:
         _refuse_ragged_rows(records, width, place, raises, bool(raw.sheet))
     has_trailing = _cut_rows(records, width) or len(names) > width
     if has_trailing and not raw.sheet:
         notes.append("empty cells behind the last column are left out")
     names = _name_columns(names[:width], records, bool(raw.sheet), place, raises)
-    units = _take_units(records, names, notes)
+    units = _pop_units(records, names, notes)
     table = TextTable(
         names=tuple(names),
         rows=[record.cells for record in records],
@@ -383,7 +383,7 @@ def _blank_declared_values(table: TextTable, layout: TableLayout) -> TextTable:
     return replace(table, rows=rows, notes=tuple(notes), finds_fills=False)
 
 
-def _take_header(records: list[Record], comments: Sequence[Record], notes: list[str]) -> list[str]:
+def _pop_header(records: list[Record], comments: Sequence[Record], notes: list[str]) -> list[str]:
     """Take the names of the columns off the rows; behind a comment's mark where no others are."""
     if not records:
         return []
@@ -487,7 +487,7 @@ def _name_columns(
     return named
 
 
-def _drop_rule(records: list[Record], notes: list[str]) -> None:
+def _drop_dash_row(records: list[Record], notes: list[str]) -> None:
     """Leave out a row of dashes that is drawn below the header."""
     if not records:
         return
@@ -497,7 +497,7 @@ def _drop_rule(records: list[Record], notes: list[str]) -> None:
         records.pop(0)
 
 
-def _take_units(records: list[Record], names: Sequence[str], notes: list[str]) -> tuple[str, ...]:
+def _pop_units(records: list[Record], names: Sequence[str], notes: list[str]) -> tuple[str, ...]:
     """Take a row of units off the rows: below the header, above columns of numbers."""
     if len(records) < 2 or not names:
         return ()
@@ -550,7 +550,7 @@ def _list_doubtful_cells(table: TextTable) -> Iterator[str]:
 
     Where none has a comma, the plain numbers need no look.
     """
-    columns: Iterable[int] = range(table.width)
+    columns: Iterable[int] = range(table.column_count)
     with_comma = [column for column in columns if _has_comma(table, column)]
     if not any(_is_mostly_numbers(table.get_cells(column)) for column in with_comma):
         return

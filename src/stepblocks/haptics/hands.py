@@ -57,7 +57,7 @@ class Mouse(Hand):
         self._position, self._velocity = np.array([0.0, 0.0, top]), np.zeros(3)
         self._target, self._held, self._heard, self._down = 0.0, False, -1.0, False
 
-    def post(self, x: float, held: bool) -> None:
+    def update_position(self, x: float, held: bool) -> None:
         """Take where the page says that the mouse is [m]."""
         self._target, self._held, self._heard = x, held, time.monotonic()
 
@@ -108,6 +108,7 @@ def _load_device_library(library: str, *names: str) -> ctypes.CDLL:
 def _declare_functions(
     library: ctypes.CDLL, signatures: Mapping[str, tuple[object, object]]
 ) -> None:
+    """Declare result and argument types of the functions of a maker's library."""
     # Say what functions of a maker's library return and take, by name
     for name, (restype, argtypes) in signatures.items():
         function = getattr(library, name)
@@ -141,6 +142,7 @@ class ForceDimension(Hand):
         self._require(lib.dhdEnableForce(1, self._one) >= 0, "switch its forces on")
 
     def _require(self, done: bool, wanted: str) -> None:
+        """Raise with the library's last error unless a call has succeeded."""
         if not done:
             raise PipelineError(
                 f"the device must {wanted}: {self._lib.dhdErrorGetLastStr().decode()}"
@@ -188,7 +190,7 @@ class OpenHaptics(Hand):
 
     def __init__(self, library: str = "") -> None:
         self._lib = lib = _load_device_library(library, "HD")
-        self._callback = ctypes.CFUNCTYPE(ctypes.c_uint, ctypes.c_void_p)(self._frame)
+        self._callback = ctypes.CFUNCTYPE(ctypes.c_uint, ctypes.c_void_p)(self._serve_frame)
         number, doubles = ctypes.c_uint, ctypes.POINTER(ctypes.c_double)
         _declare_functions(
             lib,
@@ -216,13 +218,15 @@ class OpenHaptics(Hand):
         self._check("start its scheduler")
 
     def _check(self, wanted: str) -> None:
+        """Raise where the library has noted an error."""
         error = self._lib.hdGetError()
         if error.code:
             raise PipelineError(
                 f"the device must {wanted}: {self._lib.hdGetErrorString(error.code).decode()}"
             )
 
-    def _frame(self, _: object) -> int:
+    def _serve_frame(self, _: object) -> int:
+        """Read the state of the device and give it the force, once in a servo frame."""
         values, buttons = (ctypes.c_double * 6)(), ctypes.c_int()
         pointer = ctypes.POINTER(ctypes.c_double)
         self._lib.hdBeginFrame(self._device)

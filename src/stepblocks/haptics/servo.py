@@ -117,14 +117,14 @@ class Servo(threading.Thread):
         if self._waits:
             raise_priority(20)
         try:
-            self.ended = self._loop()
+            self.ended = self._tick_until_stopped()
         finally:
             sys.setswitchinterval(interval)
             if collects:
                 gc.enable()
-            self._let_go()
+            self._set_zero_force()
 
-    def _loop(self) -> str:
+    def _tick_until_stopped(self) -> str:
         """Tick until stopped or until the log is full; say why the loop ended."""
         start = time.perf_counter()
         for tick, row in enumerate(self._log):
@@ -133,9 +133,9 @@ class Servo(threading.Thread):
                 start += late  # no burst of ticks to catch up with
             row[0] = tick * self._period
             row[-1] = late
-            doubt = self._feel(row, late)
+            doubt = self._tick_unless_late(row, late)
             if doubt:
-                self._let_go()
+                self._set_zero_force()
                 if self.trusted:
                     self.doubts.append(doubt)
                 self.trusted = False
@@ -144,7 +144,7 @@ class Servo(threading.Thread):
                 return "stopped"
         return "time is up"
 
-    def _feel(self, row: Array, late: float) -> str:
+    def _tick_unless_late(self, row: Array, late: float) -> str:
         """Tick unless the loop was late; return what is in doubt, or nothing."""
         if late > self.limits.dead:
             return f"watchdog: a tick came {late * 1e3:.0f} ms late"
@@ -203,7 +203,7 @@ class Servo(threading.Thread):
             return f"jump: the hand moved by {way * 1e3:.3g} mm between two ticks"
         return ""
 
-    def _let_go(self) -> None:
+    def _set_zero_force(self) -> None:
         """Take the force off the hand."""
         self._applied = np.zeros(3)
         self._held = False
@@ -237,7 +237,7 @@ class Servo(threading.Thread):
         if self.is_alive():
             self.join()
 
-    def record(self) -> dict[str, Array]:
+    def get_columns(self) -> dict[str, Array]:
         """Return the columns of all ticks so far."""
         return dict(zip(COLUMNS, self._log[: self.ticks].T.copy(), strict=True))
 
@@ -262,7 +262,7 @@ def write_motion(path: Path, servo: Servo, attributes: dict[str, object]) -> Non
     import h5py
 
     with write_atomically(path) as draft, h5py.File(draft, "w", track_order=True) as file:
-        for name, values in servo.record().items():
+        for name, values in servo.get_columns().items():
             file.create_dataset(name, data=values, compression="gzip", shuffle=True)
         file.attrs.update(
             {

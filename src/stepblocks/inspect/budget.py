@@ -203,7 +203,7 @@ class Measured:
 
     def expanded(self, level: float = 0.95) -> float:
         """Half width of the two-sided interval at `level`, in the unit of the value."""
-        return self._expand(0.5 + 0.5 * level)
+        return self._compute_quantile(0.5 + 0.5 * level)
 
     @property
     def coverage_factor(self) -> float:
@@ -215,9 +215,9 @@ class Measured:
     @property
     def guard(self) -> float:
         """Guard band at 95 % conformance probability (ISO 14253-1), in the unit of the value."""
-        return max(GUARD_FACTOR * self.std, self._expand(0.95))
+        return max(GUARD_FACTOR * self.std, self._compute_quantile(0.95))
 
-    def _expand(self, share: float) -> float:
+    def _compute_quantile(self, share: float) -> float:
         """Return the quantile `share` [1] of the error, in the unit of the value.
 
         It is never less than that of what was estimated from few values alone: degrees of freedom
@@ -228,9 +228,9 @@ class Measured:
         # `scipy.stats` says the same, and takes as long to load as all the rest
         from_scan_alone = float(stdtrit(_find_effective_dof(from_scan, scatter), share)) * scatter
         by_student = float(stdtrit(self.dof, share)) * self.std
-        return max(from_scan_alone, min(by_student, self._expand_rectangle(share)))
+        return max(from_scan_alone, min(by_student, self._compute_rectangle_quantile(share)))
 
-    def _expand_rectangle(self, share: float) -> float:
+    def _compute_rectangle_quantile(self, share: float) -> float:
         """Return the quantile `share` [1] of the largest rectangle and Student's law of all else.
 
         The probability is the mean over the rectangle (JCGM 101, 7.6; EA-4/02, S9.14, of a

@@ -176,7 +176,7 @@ def _find_dots_and_reference(
         within = ndimage.distance_transform_edt(labels > 0, sampling=pitch)
         outside = ndimage.distance_transform_edt(labels == 0, sampling=pitch)
         exclusion = options.exclusion or 0.5 * min(float(within.max()), float(outside.max()))
-        reference = known & ~calm.stands_out & (outside > exclusion)
+        reference = known & ~calm.outstanding_points & (outside > exclusion)
     return _Dots(labels, reference, within, outside, exclusion)
 
 
@@ -188,7 +188,7 @@ class _CalmSurface:
     least: float  # height from which a point stands out [m]
 
     @property
-    def stands_out(self) -> Mask:
+    def outstanding_points(self) -> Mask:
         """Points that stand out to either side."""
         return np.asarray(np.abs(self.heights) > self.least)
 
@@ -206,7 +206,7 @@ def _label_dots(calm: _CalmSurface, source: str) -> Labels:
 
     Each reaches as far down as half of its own height.
     """
-    side = np.sign(calm.heights[calm.stands_out].sum())
+    side = np.sign(calm.heights[calm.outstanding_points].sum())
     tall = calm.heights * side
     islands, count = ndimage.label(tall > calm.least)
     if not count:

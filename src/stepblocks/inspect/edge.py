@@ -180,7 +180,7 @@ class _IsolatedEdge:
         """Sampling interval [m]."""
         return float((self.x[-1] - self.x[0]) / (len(self.x) - 1))
 
-    def turn_back(self, points: Mask) -> Mask:
+    def map_to_profile(self, points: Mask) -> Mask:
         """Return points of the edge, shape (m,), as points of the profile as given, shape (n,)."""
         turned = np.zeros(len(self.points), dtype=bool)
         turned[np.flatnonzero(self.points)] = points if self.rising else points[::-1]
@@ -222,7 +222,7 @@ class _Faces:
         return np.asarray(self.errors @ np.stack([x - self.middle, np.ones(len(x)), is_upper]))
 
     @property
-    def step(self) -> float:
+    def step_height(self) -> float:
         """Height of the step [m]."""
         return self.planes.height.value
 
@@ -285,7 +285,7 @@ def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> 
         rejected=planes.fit.rejected + int(spikes.sum()) + corner.spikes + missing,
         rising=edge.rising,
         flank=corner.flank,
-        dropped=edge.turn_back(faces.asked & ~planes.fit.used | spikes),
+        dropped=edge.map_to_profile(faces.asked & ~planes.fit.used | spikes),
         noise=faces.noise,
     )
 
@@ -466,7 +466,7 @@ def _fit_arc_to_points(
     """Fit an arc to some points of a profile, with what the planes leave open of their levels."""
     u = x[points]
     errors = faces.compute_errors(u)
-    window = Window(u, levelled[points], faces.step, spacing, faces.bare, errors)
+    window = Window(u, levelled[points], faces.step_height, spacing, faces.bare, errors)
     return fit_arc(window)
 
 
@@ -503,10 +503,10 @@ def _find_rounding_width(edge: _IsolatedEdge, faces: _Faces) -> float:
     """
     x = edge.x
     is_upper = x > faces.middle
-    off_face = faces.level(x, edge.z) - np.where(is_upper, faces.step, 0.0)
+    off_face = faces.level(x, edge.z) - np.where(is_upper, faces.step_height, 0.0)
     filled = np.where(np.isfinite(edge.z), off_face, 0.0)
     deviation = np.abs(remove_spikes(filled))
-    off = deviation > max(_OFF_FACE * faces.roughness, _OFF_FACE_HEIGHT * faces.step)
+    off = deviation > max(_OFF_FACE * faces.roughness, _OFF_FACE_HEIGHT * faces.step_height)
     distance = np.abs(x - faces.middle)
     # points as far on either side are ordered by their place, not by the last bit of their distance
     by_distance = np.argsort(np.rint(4.0 * distance / edge.spacing), kind="stable")

@@ -156,7 +156,7 @@ class FaceForm:
         """Whether its waviness is judged beside the polynomial."""
         return np.ndim(self.waviness) > 0
 
-    def shape(self, added: Array | float = 0.0) -> Array:
+    def compute_points(self, added: Array | float = 0.0) -> Array:
         """Return form and waviness as points [m], with `added` [m] on the coefficients."""
         height = (self.solution + added) @ self.columns + self.waviness
         return np.column_stack([self.grid, height])
@@ -195,7 +195,7 @@ class _Axis:
         """Degree of a polynomial that its points carry."""
         return min(_MOST_DEGREE, max(self.count // _POINTS_PER_DEGREE, 1))
 
-    def scale(self) -> Array:
+    def compute_scaled_positions(self) -> Array:
         """Return all positions, -1 to 1 over the face [1]."""
         return (self.positions - self.middle) / self.half
 
@@ -249,7 +249,11 @@ def fit_face(x: Array, y: Array, height: Array, face: Mask) -> FaceForm:
     along_x = _Axis(x, x[columns[0]], x[columns[-1]], len(columns))
     along_y = _Axis(y, y[rows[0]], y[rows[-1]], len(rows))
     powers = _list_powers(along_x.degree, along_y.degree)
-    design = _evaluate_terms(along_x.scale()[np.newaxis, :], along_y.scale()[:, np.newaxis], powers)
+    design = _evaluate_terms(
+        along_x.compute_scaled_positions()[np.newaxis, :],
+        along_y.compute_scaled_positions()[:, np.newaxis],
+        powers,
+    )
     fit = fit_without_spikes(design.reshape(len(design), -1), height.ravel(), used.ravel())
     kept = fit.used.reshape(height.shape)
     residuals = fit.residuals.reshape(height.shape)
@@ -375,7 +379,7 @@ def estimate_zone(width: Callable[..., float], *faces: FaceForm) -> Estimate:
         np.array([_compute_drawn_zone(width, faces, draw, scale) for draw in draws])
         for scale in _SCALES
     )
-    zone = float(width(*(face.shape() for face in faces)))
+    zone = float(width(*(face.compute_points() for face in faces)))
     first_growth = float(once.mean()) - zone
     second_growth = float(twice.mean() - once.mean())
     ratio = np.sqrt(2.0)
@@ -394,5 +398,5 @@ def _compute_drawn_zone(
     scale: float,
 ) -> float:
     """Return the zone of faces with a draw of noise, times `scale`, on their coefficients [m]."""
-    shapes = [face.shape(scale * noise) for face, noise in zip(faces, draw, strict=True)]
+    shapes = [face.compute_points(scale * noise) for face, noise in zip(faces, draw, strict=True)]
     return width(*shapes)

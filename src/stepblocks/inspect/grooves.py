@@ -119,7 +119,7 @@ def measure_groove(
     """
     asked = _Asked(instrument, options, key, sign)
     refusals = []
-    for evaluate in _list_ways(scan, asked):
+    for evaluate in _list_evaluations(scan, asked):
         try:
             return evaluate()
         except UnlikeError:
@@ -129,7 +129,9 @@ def measure_groove(
     raise MetrologyError(refusals[0])
 
 
-def _list_ways(scan: ScannedProfile | HeightMap, asked: _Asked) -> list[Callable[[], Evaluation]]:
+def _list_evaluations(
+    scan: ScannedProfile | HeightMap, asked: _Asked
+) -> list[Callable[[], Evaluation]]:
     """Return the ways in which a scan can be evaluated, in the order in which they are tried."""
     ways: list[Callable[[], Evaluation]] = []
     for directed in list_directions(scan, asked.options.along):

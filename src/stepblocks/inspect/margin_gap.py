@@ -49,7 +49,7 @@ class _Gap:
     end: int
 
     @property
-    def length(self) -> int:
+    def point_count(self) -> int:
         """Number of points."""
         return self.end - self.begin
 
@@ -97,7 +97,7 @@ def fit_margin(x: Array, z: Array) -> Margin:
 
 def _mark_shoulders(z: Array, gap: _Gap) -> Mask:
     """Return the points of both shoulders, without those close to the gap."""
-    margin = max(gap.length // 2, _LEAST_MARGIN)
+    margin = max(gap.point_count // 2, _LEAST_MARGIN)
     shoulders = np.isfinite(z)
     shoulders[max(gap.begin - margin, 0) : gap.end + margin] = False
     if min(shoulders[: gap.begin].sum(), shoulders[gap.end :].sum()) < LEAST_FACE:
@@ -137,7 +137,7 @@ def _find_longest_run(inside: Mask) -> _Gap:
     runs = []
     for begin, end in zip(changes[::2], changes[1::2], strict=True):
         runs.append(_Gap(begin, end))
-    return max(runs, key=lambda run: run.length)
+    return max(runs, key=lambda run: run.point_count)
 
 
 def _find_walls(x: Array, level: Array, rise: float, gap: _Gap) -> tuple[_Wall, _Wall]:

@@ -34,7 +34,7 @@ class _Folder:
 
     base: Path
 
-    def name(self, ending: str) -> Path:
+    def build_path(self, ending: str) -> Path:
         """Return the path of a file, such as that of ``inspection.json``."""
         return self.base.with_name(f"{self.base.name}.{ending}")
 
@@ -62,11 +62,11 @@ def write_inspection(
     place = _Folder(Path(folder) / result.identity)
     record = result.describe()
     paths = _write_as_built(place, result)
-    data = place.name("inspection.json")
+    data = place.build_path("inspection.json")
     replace_text(data, record.to_json())
-    plot = place.name("inspection.svg")
+    plot = place.build_path("inspection.svg")
     _write_plot(plot, result)
-    page = place.name("inspection.html")
+    page = place.build_path("inspection.html")
     paths += [data, plot, page]
     if result.stimulus is not None:
         paths += _write_forms(place, result, result.stimulus, record, laboratory)
@@ -95,7 +95,7 @@ def _write_as_built(place: _Folder, result: InspectionResult) -> list[Path]:
         surface=evaluation.surface,
         arc=evaluation.arc,
     )
-    return write_as_built(place.name("as-built.toml"), built)
+    return write_as_built(place.build_path("as-built.toml"), built)
 
 
 def _write_forms(
@@ -107,12 +107,12 @@ def _write_forms(
 ) -> list[Path]:
     """Write the filled sheet, the results in QIF and both forms of the certificate."""
     filled = _collect_filled(result)
-    sheet = place.name("inspection-sheet.csv")
+    sheet = place.build_path("inspection-sheet.csv")
     write_table(make_sheet_table(part, filled), sheet)
-    qif = place.name("qif")
+    qif = place.build_path("qif")
     write_qif(qif, part, result.order, filled, result.is_complete)
     certificates = write_certificate(
-        place.name("dcc.xml"), part, record, result.order, result.digest, laboratory
+        place.build_path("dcc.xml"), part, record, result.order, result.digest, laboratory
     )
     return [sheet, qif, *certificates]
 

@@ -34,10 +34,10 @@ def state_units(table: Table) -> Table:
 
 def show_rows(table: Table) -> list[Mapping[str, object]]:
     """Return the rows of a table of `state_units` as text, each with the sizes of its unit."""
-    return [_show_row(row) for row in list_rows(table)]
+    return [_format_row(row) for row in list_rows(table)]
 
 
-def _show_row(row: Mapping[str, object]) -> dict[str, object]:
+def _format_row(row: Mapping[str, object]) -> dict[str, object]:
     """Return a row with its sizes under their names alone."""
     shown: dict[str, object] = {}
     ending = f"_{row['unit']}"

@@ -144,7 +144,7 @@ def choose_delivered_effects(
     errors : list of HeldOutErrors
         One for each way.
     """
-    predictor = HeldOutPredictor(explanation, ways, candidates)
+    predictor = HeldOutPredictor(explanation.problem, explanation.nominal, ways, candidates)
     all_errors = predictor.compute_errors(())
     left_open = predictor.find_open_values(all_errors)
     nominal = []
@@ -271,12 +271,12 @@ def _is_worse(noise: Noise, before: Sequence[Floats], after: Sequence[Floats]) -
     """Tell whether an error of one way of holding out rises in one of the judged channels."""
     for old, new in zip(before, after, strict=True):
         for channel in _JUDGED_CHANNELS:
-            if _rises(noise, old, new, channel):
+            if _does_error_rise(noise, old, new, channel):
                 return True
     return False
 
 
-def _rises(noise: Noise, nominal: Floats, extended: Floats, channel: int) -> bool:
+def _does_error_rise(noise: Noise, nominal: Floats, extended: Floats, channel: int) -> bool:
     """Tell whether an error rises visibly and not by chance.
 
     Beside a true law that hardly moves it, an error rises by chance half the time, or in every

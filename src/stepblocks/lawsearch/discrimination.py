@@ -84,8 +84,8 @@ def rank_settings(
     """
     model = problem.model
     starts = {p.name: p.start for p in model.parameters(grid)}
-    ahead = model.predict(grid, starts | first.values, first.active)
-    difference = ahead - model.predict(grid, starts | second.values, second.active)
+    ahead = model.predict(grid, starts | first.values, first.active_effects)
+    difference = ahead - model.predict(grid, starts | second.values, second.active_effects)
     scatter = _compute_scatter(problem, first, grid)
     unknown = _compute_unknown_shift(problem, first, grid, ahead)
     # what is unknown of a specimen is common to all its trials
@@ -121,7 +121,7 @@ def _compute_scatter(problem: Problem, fitted: Fit, grid: Trials) -> Floats:
     """Compute the covariance of one trial at each setting of a grid, shape (m, c, c)."""
     scatter = problem.noise.scatter
     starts = {p.name: p.start for p in problem.model.parameters(grid)}
-    responses = problem.model.responses(grid, starts | fitted.values, fitted.active)
+    responses = problem.model.responses(grid, starts | fitted.values, fitted.active_effects)
     std = np.where(problem.trials.seen, problem.trials.std, np.nan)
     typical = np.nan_to_num(np.nanmedian(std, axis=0), nan=1.0)
     covariance = np.einsum("nik,k,njk->nij", responses, scatter.quantities, responses)
@@ -137,7 +137,7 @@ def _compute_unknown_shift(problem: Problem, fitted: Fit, grid: Trials, ahead: F
     """
     new = _list_new_parameters(problem, fitted, grid)
     shifted = {p.name: p.start + p.prior_std for p in new}
-    moved = problem.model.predict(grid, fitted.values | shifted, fitted.active)
+    moved = problem.model.predict(grid, fitted.values | shifted, fitted.active_effects)
     return np.asarray(moved - ahead)
 
 

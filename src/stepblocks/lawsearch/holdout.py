@@ -8,11 +8,11 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from stepblocks.lawsearch.findings import Explanation, Rules
+from stepblocks.lawsearch.findings import Rules
 from stepblocks.lawsearch.fit import build_problem, fit
 from stepblocks.lawsearch.forward_model import Floats, ForwardModel, Trials
 from stepblocks.lawsearch.law import Law
-from stepblocks.lawsearch.problem import Problem
+from stepblocks.lawsearch.problem import Fit, Problem
 from stepblocks.lawsearch.search import search_effects_and_structure
 
 # median errors by which the unknown of a new specimen may move a prediction; from there on one
@@ -114,7 +114,7 @@ def split_by_block(trials: Trials, most_folds: int) -> list[Rows]:
     return [np.flatnonzero(number % most_folds == i) for i in range(folds)]
 
 
-def take_others(trials: Trials, rows: Rows) -> Trials:
+def select_other_trials(trials: Trials, rows: Rows) -> Trials:
     """Return the trials that a fold leaves: all but those in `rows`."""
     return trials.take(np.setdiff1d(np.arange(len(trials)), rows))
 
@@ -145,7 +145,7 @@ def select_effects_without(
     values : Mapping[str, float]
         Values of the fit of all trials.
     """
-    train = take_others(trials, rows)
+    train = select_other_trials(trials, rows)
     laws = candidates(train)
     found = search_effects_and_structure(model, train, laws, rules)
     chosen = tuple(law.id for law in found.extended.effects)
@@ -174,8 +174,10 @@ class HeldOutPredictor:
 
     Parameters
     ----------
-    explanation : Explanation
-        What all trials say.
+    problem : Problem
+        Of all trials.
+    nominal : Fit
+        Of all trials, without effects.
     ways : sequence of sequences of rows
         For each way of holding out, the rows of each fold.
     candidates : callable
@@ -184,21 +186,23 @@ class HeldOutPredictor:
 
     def __init__(
         self,
-        explanation: Explanation,
+        problem: Problem,
+        nominal: Fit,
         ways: Sequence[Sequence[Rows]],
         candidates: ListCandidates,
     ) -> None:
-        self._explanation = explanation
-        self._model = explanation.problem.model
-        self._trials = explanation.problem.trials
+        self._problem = problem
+        self._nominal = nominal
+        self._model = problem.model
+        self._trials = problem.trials
         self._candidates = candidates
         self._ways: list[list[_Fold]] = []
         for folds in ways:
-            self._ways.append([self._hold_out(rows) for rows in folds])
+            self._ways.append([self._build_fold(rows) for rows in folds])
 
-    def _hold_out(self, rows: Rows) -> _Fold:
+    def _build_fold(self, rows: Rows) -> _Fold:
         """Build the problem of the trials that a fold leaves."""
-        return _Fold(rows, build_problem(self._model, take_others(self._trials, rows)))
+        return _Fold(rows, build_problem(self._model, select_other_trials(self._trials, rows)))
 
     def compute_errors(
         self,
@@ -229,9 +233,9 @@ class HeldOutPredictor:
                 predicted = self._predict_fold(fold, effects, start, prior_shift)
                 error[fold.rows] = self._trials.values[fold.rows] - predicted
             errors.append(error)
-        whole = self._explanation.nominal
+        whole = self._nominal
         if effects:
-            whole = fit(self._explanation.problem, effects, start)
+            whole = fit(self._problem, effects, start)
         return [*errors, self._trials.values - whole.predicted]
 
     def _predict_fold(

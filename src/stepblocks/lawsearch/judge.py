@@ -184,14 +184,14 @@ def _is_special_case(problem: Problem, current: Fit, effect: Law, rival: Fit) ->
     if len(sizes) != 1 or len(wider.parameters) < 2 or not only_amplitudes:
         return False
     alike = (wider, {p.name: sizes[0] for p in wider.parameters})
-    other_effects = [(law, values) for law, values in current.active if law is not effect]
+    other_effects = [(law, values) for law, values in current.active_effects if law is not effect]
     predicted = problem.model.predict(problem.trials, current.values, [*other_effects, alike])
     return np.allclose(predicted, current.predicted, rtol=1e-9, atol=1e-12, equal_nan=True)
 
 
 def _find_moved_share(problem: Problem, fitted: Fit) -> float:
     """Find the share of the trials whose prediction the last effect of a fit moves."""
-    without = problem.model.predict(problem.trials, fitted.values, fitted.active[:-1])
+    without = problem.model.predict(problem.trials, fitted.values, fitted.active_effects[:-1])
     moved = np.abs(fitted.predicted - without) > _MOVED
     return float(np.mean(moved.any(axis=1)))
 

@@ -61,7 +61,7 @@ class Fit:
     covariance: Floats
 
     @property
-    def active(self) -> Active:
+    def active_effects(self) -> Active:
         """Effects with their fitted values."""
         return pair_with_values(self.effects, self.values)
 
@@ -122,7 +122,7 @@ class Problem:
 
     def reduce_noise(self, fitted: Fit) -> "Problem":
         """Take the scatter about a fitted model where trials show less than without a model."""
-        responses = self.model.responses(self.trials, fitted.values, fitted.active)
+        responses = self.model.responses(self.trials, fitted.values, fitted.active_effects)
         systematics = [*self.model.systematics(self.trials), *self.common]
 
         def build_from(residual: Residual) -> Noise:
@@ -151,7 +151,7 @@ class Problem:
         They take the place of those that were added before.
         """
         systematics = [*self.model.systematics(self.trials), *common]
-        responses = self.model.responses(self.trials, fitted.values, fitted.active)
+        responses = self.model.responses(self.trials, fitted.values, fitted.active_effects)
         noise = build_noise(self.trials, systematics, responses, self.noise.scatter)
         return replace(self, noise=noise, common=tuple(common))
 

@@ -86,7 +86,7 @@ def build_wandering_errors(
     """
     trials = problem.trials
     n = len(trials)
-    responses = problem.model.responses(trials, fitted.values, fitted.active)
+    responses = problem.model.responses(trials, fitted.values, fitted.active_effects)
     order = np.argsort(problem.model.order(trials), kind="stable")
     place = np.argsort(order, kind="stable")
     quantities = list(problem.model.quantities)

@@ -21,9 +21,9 @@ from stepblocks.lawsearch.structure import (
     Hint,
     HintKind,
     check_neighbours,
-    describe_wandering,
     estimate_errors_in_order,
     find_hints,
+    make_wandering_hint,
 )
 
 _LEAST_EXCHANGE_GAIN = 4.0  # of the criterion, below which an exchange is not made
@@ -108,7 +108,7 @@ def find_residual_structure(found: SearchResult) -> ResidualStructure:
     hinted = {hint.quantity for hint in hints}
     for quantity in sorted(explained_by_walk - hinted):
         if _errs_with_neighbours(found, quantity):
-            hints = (*hints, describe_wandering(quantity))
+            hints = (*hints, make_wandering_hint(quantity))
     neighbours = {hint.quantity for hint in hints if hint.kind == HintKind.NEIGHBOURS}
     return ResidualStructure(hints, explained_by_walk, explained_by_walk | neighbours)
 

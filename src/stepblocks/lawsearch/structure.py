@@ -92,7 +92,7 @@ def estimate_quantity_errors(problem: Problem, fitted: Fit) -> tuple[Floats, Flo
         Standard uncertainties.
     """
     trials, scatter = problem.trials, problem.noise.scatter
-    responses = problem.model.responses(trials, fitted.values, fitted.active)
+    responses = problem.model.responses(trials, fitted.values, fitted.active_effects)
     seen = trials.seen
     variance = np.where(seen, trials.std, 1.0) ** 2 + scatter.channels
     weight = np.where(seen, 1.0 / variance, 0.0)
@@ -212,10 +212,10 @@ def check_neighbours(name: str, values: Floats) -> Hint:
     lags = min(_LAGS, len(values) // 8)
     portmanteau_p = float(acorr_ljungbox(values, lags=[lags])["lb_pvalue"].iloc[0])
     walk_p = 0.5 * float(stats.chi2.sf(walk.gain, 1))
-    return describe_wandering(name, min(1.0, 2.0 * min(portmanteau_p, walk_p)))
+    return make_wandering_hint(name, min(1.0, 2.0 * min(portmanteau_p, walk_p)))
 
 
-def describe_wandering(name: str, p_value: float = 0.0) -> Hint:
+def make_wandering_hint(name: str, p_value: float = 0.0) -> Hint:
     """Make the hint that a quantity wanders along the run."""
     sentence = f"{name} wanders: trials that follow one another err together"
     return Hint(HintKind.NEIGHBOURS, name, p_value, sentence)

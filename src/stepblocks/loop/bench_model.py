@@ -192,7 +192,7 @@ class SessionModel:
                     errors.append(Systematic(channel, shown, COMMON_ERRORS[channel]))
         return errors
 
-    def state(
+    def compute_state(
         self, trials: Trials, values: Mapping[str, float | Floats], effects: Active = ()
     ) -> DragState:
         """Fill all slots, effects applied; of several sessions with the constants of each."""
@@ -242,13 +242,13 @@ class SessionModel:
 
     def predict(self, trials: Trials, values: Mapping[str, float], effects: Active = ()) -> Floats:
         """Predict all channels, shape (n, 7)."""
-        return compute_channels(self.state(trials, values, effects))
+        return compute_channels(self.compute_state(trials, values, effects))
 
     def responses(
         self, trials: Trials, values: Mapping[str, float], effects: Active = ()
     ) -> Floats:
         """Change of the channels with what scatters from trial to trial, shape (n, 7, 3)."""
-        return forward.compute_responses(self.state(trials, values, effects))
+        return forward.compute_responses(self.compute_state(trials, values, effects))
 
 
 def _smooth_ramp(trials: Trials) -> Floats:

@@ -262,7 +262,7 @@ def _add_unknown_gain(problem: Problem, fitted: Fit, gain_std: float) -> Fit:
     law = _find_gain_law()
     name = law.parameters[0].name
     step = STEP * law.parameters[0].scale
-    active = [*fitted.active, (law, {name: step})]
+    active = [*fitted.active_effects, (law, {name: step})]
     shifted = problem.model.predict(problem.trials, fitted.values, active)
     white = problem.noise.whiten((shifted - fitted.predicted) / step)
     change = np.zeros(fitted.jacobian.shape[0])

@@ -396,7 +396,7 @@ def _list_censored(table: SessionTable, explanation: Explanation) -> CensoredTri
         bound = trials.floor[:, PEAK_FORCE]
     bounded = np.isfinite(bound)
     scatter = explanation.problem.noise.scatter
-    responses = table.model.responses(trials, fitted.values, fitted.active)[:, PEAK_FORCE]
+    responses = table.model.responses(trials, fitted.values, fitted.active_effects)[:, PEAK_FORCE]
     spread = np.sqrt(scatter.channels[PEAK_FORCE] + responses**2 @ scatter.quantities)
     below = bounded & (fitted.predicted[:, PEAK_FORCE] < bound - _BELOW_BOUND * spread)
     return CensoredTrials(table.names[bounded].tolist(), table.names[below].tolist())

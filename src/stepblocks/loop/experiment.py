@@ -246,7 +246,7 @@ def _compute_state(explanation: Explanation, grid: Trials, fitted: Fit) -> DragS
     """Compute the state of a fitted model at all settings of a grid."""
     model = explanation.problem.model
     assert isinstance(model, SessionModel)
-    return model.state(grid, explanation.extended.values, fitted.active)
+    return model.compute_state(grid, explanation.extended.values, fitted.active_effects)
 
 
 def _find_feasible(
@@ -254,8 +254,8 @@ def _find_feasible(
 ) -> NDArray[np.bool_]:
     """Find the settings at which the tip slips, at a force that the bench has shown."""
     highest_force = np.exp(explanation.extended.predicted[:, PEAK_FORCE]).max()
-    force = state.peak_force()
-    slips = ~state.locked() & (force > _SLIPS * state.sliding_force())
+    force = state.compute_peak_force()
+    slips = ~state.find_locked() & (force > _SLIPS * state.compute_sliding_force())
     feasible = np.asarray(slips & (force <= highest_force))
     if models.effect.covariate == "block":
         # no other block tells of it
@@ -278,7 +278,7 @@ def _design_block(trials: Trials, state: DragState, setting: RankedSetting) -> N
     )
 
 
-def write_block_stimulus(experiment: NextExperiment | None) -> str | None:
+def format_block_stimulus(experiment: NextExperiment | None) -> str | None:
     """Write the stimulus file of the block that an experiment asks for.
 
     Returns

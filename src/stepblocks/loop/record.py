@@ -247,6 +247,36 @@ class ScansRecord:
 
 
 @dataclass(frozen=True)
+class HeldOutPair:
+    """Errors of one channel on the same held-out trials, of features and of whole records.
+
+    Attributes
+    ----------
+    trials : int
+        That both have.
+    features_rms, whole_records_rms : float
+        Of the logarithm.
+    p_better, p_worse : float
+        Chance that whole records seem better or worse by so much where they are as good.
+    """
+
+    trials: int
+    features_rms: float
+    whole_records_rms: float
+    p_better: float
+    p_worse: float
+
+
+@dataclass(frozen=True)
+class RecordChoice:
+    """Whether the values of the features or of the whole records stand in the analysis."""
+
+    ln_energy: HeldOutPair
+    ln_peak_force: HeldOutPair
+    whole_records_stand: bool
+
+
+@dataclass(frozen=True)
 class LoopRecord:
     """Contents of result.json; units stand in keys or beside the values."""
 
@@ -276,10 +306,11 @@ class LoopRecord:
     notes: Sequence[str] = ()
     headline: Sequence[str] = ()
     error_by_block: Sequence[BlockError] = ()
+    record_choice: RecordChoice | None = None  # None where whole records were not asked for
 
     def as_document(self) -> dict[str, Any]:
         """Return the record in its form in JSON, without the number of the schema."""
-        return {field.name: to_json(getattr(self, field.name)) for field in fields(self)}
+        return {field.name: convert_to_plain(getattr(self, field.name)) for field in fields(self)}
 
 
 @runtime_checkable
@@ -289,21 +320,21 @@ class _HasJsonForm(Protocol):
     def as_json(self) -> Mapping[str, object]: ...
 
 
-def to_json(value: object) -> Any:
+def convert_to_plain(value: object) -> Any:
     """Turn records into objects, lists and plain values, as `json.dumps` takes them.
 
     Not-a-number stays what it is.
     """
     if isinstance(value, _HasJsonForm):
-        return to_json(value.as_json())
+        return convert_to_plain(value.as_json())
     if is_dataclass(value):
-        return {field.name: to_json(getattr(value, field.name)) for field in fields(value)}
+        return {field.name: convert_to_plain(getattr(value, field.name)) for field in fields(value)}
     if isinstance(value, ExcludedTrial):
         return value._asdict()
     if isinstance(value, Mapping):
-        return {key: to_json(item) for key, item in value.items()}
+        return {key: convert_to_plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [to_json(item) for item in value]
+        return [convert_to_plain(item) for item in value]
     if isinstance(value, Enum):
         return value.value
     return value

@@ -5,13 +5,18 @@ import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
+from stepblocks.compute.cores import count_cores
+from stepblocks.compute.seam import run_calls
 from stepblocks.loop.record import DetectableEffect
 from stepblocks.loop.run import loop_session
 from stepblocks.loop.words import describe_covariate, format_value
 from stepblocks.rehearse.plan import SessionPlan
 from stepblocks.rehearse.run import write_session
+
+if TYPE_CHECKING:
+    from distributed import Client
 
 
 @dataclass(frozen=True)
@@ -51,8 +56,30 @@ class _EffectKey(NamedTuple):
     unit: str
 
 
+@dataclass(frozen=True)
+class RehearsedSession:
+    """What the loop says of one rehearsal.
+
+    Attributes
+    ----------
+    verdict : str
+    locked : int
+        Trials that lock.
+    could_have_shown : tuple of DetectableEffect
+    """
+
+    verdict: str
+    locked: int
+    could_have_shown: tuple[DetectableEffect, ...]
+
+
 def rehearse_session(
-    plan: SessionPlan, count: int, progress: Callable[[int, int], None]
+    plan: SessionPlan,
+    count: int,
+    progress: Callable[[int, int], None],
+    *,
+    jobs: int | None = None,
+    on: "Client | None" = None,
 ) -> Rehearsal:
     """Simulate a planned session without its effects, each time anew, and explain each of them.
 
@@ -63,23 +90,36 @@ def rehearse_session(
         Of rehearsals.
     progress : callable
         Receives how many of how many rehearsals are done.
+    jobs : int, optional
+        Processes of this machine, one for each core where omitted.
+    on : distributed.Client, optional
+        A Dask cluster; its workers return what they find, and need no shared folder.
     """
+    calls = []
+    for number in range(count):
+        calls.append((plan.model_copy(update={"seed": plan.seed + number, "effects": ()}),))
+    processes = min(jobs or count_cores(), count)
     verdicts: list[str] = []
     locked: list[int] = []
     sizes: dict[_EffectKey, list[float]] = {}
-    for number in range(count):
-        without_effects = plan.model_copy(update={"seed": plan.seed + number, "effects": ()})
-        with tempfile.TemporaryDirectory() as folder:
-            locked.append(write_session(without_effects, Path(folder)).locked)
-            record = loop_session(folder).record
-        verdicts.append(str(record.verdict))
-        _collect_sizes(sizes, record.could_have_shown)
-        progress(number + 1, count)
+    for session in run_calls(rehearse_once, calls, jobs=processes, on=on):
+        verdicts.append(session.verdict)
+        locked.append(session.locked)
+        _collect_sizes(sizes, session.could_have_shown)
+        progress(len(verdicts), count)
     could_show = []
     for key, of_rehearsals in sizes.items():
         size = format_value(statistics.median(of_rehearsals), key.unit)
         could_show.append(VisibleEffect(key.text, describe_covariate(key.covariate), size))
     return Rehearsal(verdicts, max(locked), could_show)
+
+
+def rehearse_once(plan: SessionPlan) -> RehearsedSession:
+    """Simulate one session in a temporary folder of this machine, and explain it."""
+    with tempfile.TemporaryDirectory(prefix="stepblocks-") as folder:
+        locked = write_session(plan, Path(folder)).locked
+        record = loop_session(folder, jobs=1).record
+    return RehearsedSession(str(record.verdict), locked, tuple(record.could_have_shown))
 
 
 def _collect_sizes(

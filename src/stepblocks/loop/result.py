@@ -13,8 +13,9 @@ from stepblocks.lawsearch.holdout import Holdout
 from stepblocks.lawsearch.problem import Fit
 from stepblocks.loop.figures import plot_agreement
 from stepblocks.loop.finding import write_summary
-from stepblocks.loop.record import LoopRecord, UnusedScan
+from stepblocks.loop.record import LoopRecord, RecordChoice, UnusedScan
 from stepblocks.loop.session_table import SessionTable
+from stepblocks.loop.words import begin_sentence
 from stepblocks.records.model import LearnedFit, LearnedModel
 from stepblocks.rig.effects.grammar.covariates import CovariateRange
 
@@ -63,6 +64,12 @@ class LoopResult:
         unused = [UnusedScan(block, reason) for block, reason in reasons.items()]
         scans = replace(self.record.scans, left_out=unused)
         return replace(self, record=replace(self.record, scans=scans))
+
+    def add_record_choice(self, choice: RecordChoice, sentence: str) -> "LoopResult":
+        """Return the result with what was chosen between features and whole records."""
+        headline = (*self.record.headline, begin_sentence(sentence))
+        record = replace(self.record, record_choice=choice, headline=headline)
+        return replace(self, record=record)
 
     def __repr__(self) -> str:
         return f"LoopResult({write_summary(self.record)})"

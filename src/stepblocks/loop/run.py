@@ -29,12 +29,13 @@ from stepblocks.lawsearch.holdout import (
     split_within_blocks,
 )
 from stepblocks.loop.bench_model import list_covariate_ranges
-from stepblocks.loop.block_scans import Scans, scan_blocks
+from stepblocks.loop.block_scans import ScannedBlocks, Scans, scan_blocks
 from stepblocks.loop.calibration_check import check_calibration, weigh_calibration
 from stepblocks.loop.compose import compose_record
-from stepblocks.loop.experiment import write_block_stimulus
+from stepblocks.loop.experiment import format_block_stimulus
 from stepblocks.loop.heights import add_height_errors
 from stepblocks.loop.record import SCHEMA, format_document
+from stepblocks.loop.record_choice import choose_records, describe_choice
 from stepblocks.loop.result import LoopResult, build_learned_model
 from stepblocks.loop.session_table import (
     Known,
@@ -65,6 +66,7 @@ def loop_session(
     as_built: Sequence[str | Path] = (),
     features: pd.DataFrame | None = None,
     point: OperatingPoint = PAPER,
+    whole_record: bool = False,
     progress: Callable[[int, int], None] | None = None,
     announce: Announce | None = None,
     layout: TableLayout = UNDECLARED,
@@ -92,6 +94,11 @@ def loop_session(
     point : OperatingPoint
         For a table: the radius of its tip and the spring of its tool, which else stand in
         ``session.toml``.
+    whole_record : bool
+        Also fit ramp, release and ring of each trace in one likelihood, as `measure
+        --whole-record` does. Its values stand where the model predicts them better than the
+        features on trials held out; ``record.record_choice`` has both errors. Files in `output`:
+        whole-record.csv.
     progress : callable, optional
         Receives how many of how many trials are measured.
     announce : callable, optional
@@ -118,6 +125,8 @@ def loop_session(
     place = None if output is None else Path(output)
     if isinstance(session, pd.DataFrame):
         refuse_layout(layout, "a table in memory", PipelineError)
+        if whole_record:
+            raise PipelineError("whole records need traces: give the folder of the session")
         scans = {} if forces_only else inspected
         stiffness, radius = point.tool.stiffness, point.ball_radius
         result = analyse_features(session, stiffness, radius, scans, jobs=cores, announce=announce)
@@ -125,8 +134,14 @@ def loop_session(
             with lock_folder(place):
                 write_loop(result, place)
         return result
-    folder = _SessionFolder.open(Path(session), inspected, layout, forces_only=forces_only)
-    return folder.loop(place, cores, features, progress, announce)
+    folder = _SessionFolder.open(
+        Path(session),
+        inspected,
+        layout,
+        forces_only=forces_only,
+        whole_record=whole_record,
+    )
+    return folder.measure_and_explain(place, cores, features, progress, announce)
 
 
 @dataclass(frozen=True)
@@ -144,6 +159,8 @@ class _SessionFolder:
         Heights and edge radii of inspected blocks, with their uncertainties [m].
     forces_only : bool
         Whether scans and inspected sizes are left out.
+    whole_record : bool
+        Whether the whole records are fitted, too.
     """
 
     folder: Path
@@ -151,10 +168,17 @@ class _SessionFolder:
     tip_radius: float
     inspected: Scans
     forces_only: bool
+    whole_record: bool
 
     @classmethod
     def open(
-        cls, folder: Path, inspected: Scans, layout: TableLayout, *, forces_only: bool
+        cls,
+        folder: Path,
+        inspected: Scans,
+        layout: TableLayout,
+        *,
+        forces_only: bool,
+        whole_record: bool,
     ) -> "_SessionFolder":
         """Open a folder, and refuse it without the radius of the tip."""
         from stepblocks.bench.session import open_session
@@ -165,9 +189,9 @@ class _SessionFolder:
             raise PipelineError(
                 f"`probe.tip_radius` must be given to explain a session [{folder / 'session.toml'}]"
             )
-        return cls(folder, declared, radius, inspected, forces_only)
+        return cls(folder, declared, radius, inspected, forces_only, whole_record)
 
-    def loop(
+    def measure_and_explain(
         self,
         output: Path | None,
         jobs: int,
@@ -181,6 +205,11 @@ class _SessionFolder:
         from stepblocks.bench.measure import estimate_tool, measure_session
         from stepblocks.bench.traces import Traces
         from stepblocks.bench.trials import open_trials
+        from stepblocks.bench.whole_records import (
+            fit_session_records,
+            put_whole_records,
+            write_record_rows,
+        )
 
         tool = None
         layout = self.declared.layout
@@ -203,14 +232,45 @@ class _SessionFolder:
                     tool=tool,
                     layout=layout,
                 )
-            result = self._explain(insert_conditions(features, conditions), jobs, announce)
+            sizes = self._find_block_sizes(features)
+            explain_table = partial(self._explain, sizes=sizes, jobs=jobs, announce=announce)
+            result = explain_table(insert_conditions(features, conditions))
+            if self.whole_record:
+                rows = fit_session_records(self.folder, jobs, layout)
+                if output is not None:
+                    write_record_rows(rows, output / "whole-record.csv")
+                replaced = put_whole_records(features, rows, self.declared.probe.spring_constant)
+                with_records = insert_conditions(replaced, conditions)
+                choice = choose_records(
+                    result, self._build_table(with_records, sizes.scans), Rules().seed
+                )
+                if choice.whole_records_stand:
+                    result = explain_table(with_records)
+                result = result.add_record_choice(choice, describe_choice(choice))
             if output is not None:
                 draw = partial(draw_trials, self.folder, tool=tool, layout=layout)
                 _write_with_traces(result, output, draw)
         return result
 
-    def _explain(self, features: pd.DataFrame, jobs: int, announce: Announce | None) -> LoopResult:
+    def _explain(
+        self, features: pd.DataFrame, sizes: ScannedBlocks, jobs: int, announce: Announce | None
+    ) -> LoopResult:
         """Explain measured features with the sizes of the blocks that are known."""
+        result = analyse_features(
+            features,
+            self.declared.probe.spring_constant,
+            self.tip_radius,
+            sizes.scans,
+            jobs=jobs,
+            known=self.declared.calibration.list_known(),
+            laws=self._list_known_laws(),
+            announce=announce,
+        )
+        title = self.declared.title or self.folder.name
+        return replace(result.add_unused_scans(sizes.unused), title=title)
+
+    def _find_block_sizes(self, features: pd.DataFrame) -> ScannedBlocks:
+        """Find the sizes of the blocks: those that were inspected, else those of the scans."""
         blocks: list[str] = []
         if not self.forces_only:
             blocks = sorted(set(features["block"].dropna()))
@@ -221,19 +281,22 @@ class _SessionFolder:
         for block in blocks:
             if block in self.inspected:
                 scans[block] = dict(self.inspected[block])
-        probe = self.declared.probe
-        result = analyse_features(
+        return replace(found, scans=scans)
+
+    def _build_table(self, features: pd.DataFrame, scans: Scans) -> SessionTable:
+        """Turn features into trials, with what the session declares of gauges and probe."""
+        return build_session_table(
             features,
-            probe.spring_constant,
+            self.declared.probe.spring_constant,
             self.tip_radius,
             scans,
-            jobs=jobs,
-            known=self.declared.calibration.list_known(),
-            laws=probe.model_dump(include={"friction", "contact"}, exclude_none=True),
-            announce=announce,
+            self.declared.calibration.list_known(),
+            self._list_known_laws(),
         )
-        title = self.declared.title or self.folder.name
-        return replace(result.add_unused_scans(found.unused), title=title)
+
+    def _list_known_laws(self) -> dict[str, Any]:
+        """List the laws of friction and contact that are declared, each by its name and numbers."""
+        return self.declared.probe.model_dump(include={"friction", "contact"}, exclude_none=True)
 
 
 def _write_with_traces(
@@ -423,7 +486,7 @@ def write_loop(result: LoopResult, output: Path, traces: Sequence[Path] = ()) ->
     replace_text(output / "model.json", format_document(build_model_document(result.model)))
     # a block that an earlier run asked for is not asked for any more
     (output / "next-block.toml").unlink(missing_ok=True)
-    stimulus = write_block_stimulus(result.record.next_experiment)
+    stimulus = format_block_stimulus(result.record.next_experiment)
     if stimulus is not None:
         replace_text(output / "next-block.toml", stimulus)
     replace_text(output / "report.html", render_loop_page(result, traces))

@@ -26,7 +26,7 @@ from stepblocks.lawsearch.forward_model import Floats, Trials
 from stepblocks.lawsearch.problem import Fit
 from stepblocks.loop.bench_model import OF_A_DAY, SessionModel
 from stepblocks.loop.block_scans import Scans
-from stepblocks.loop.record import SCHEMA, format_document, to_json
+from stepblocks.loop.record import SCHEMA, convert_to_plain, format_document
 from stepblocks.loop.result import LoopResult
 from stepblocks.loop.run import Announce, analyse_table, loop_session, write_loop
 from stepblocks.loop.session_table import SessionTable
@@ -223,7 +223,7 @@ def _join_trials(tables: Mapping[str, SessionTable], model: SessionModel) -> Tri
         values=np.concatenate([trials.values for trials in parts]),
         std=np.concatenate([trials.std for trials in parts]),
         block=np.concatenate([trials.block for trials in parts]),
-        floor=np.concatenate([_find_floor(trials) for trials in parts]),
+        floor=np.concatenate([_get_censoring_floors(trials) for trials in parts]),
     )
 
 
@@ -234,7 +234,7 @@ def _join_run_orders(orders: Sequence[Floats]) -> Floats:
     return np.concatenate(shifted)
 
 
-def _find_floor(trials: Trials) -> Floats:
+def _get_censoring_floors(trials: Trials) -> Floats:
     """Return the floors of the censored values, shape (n, c); not-a-number where there are none."""
     if trials.floor is None:
         return trials.values * np.nan
@@ -319,7 +319,9 @@ def list_shared(fitted: Fit, sessions: Sequence[str]) -> dict[str, PooledParamet
             names = {"": parameter.name}
         rows = [row_of[name] for name in names.values()]
         values = {session: fitted.values[name] for session, name in names.items()}
-        pooled = _pool(plain_name, parameter.unit, values, fitted.covariance[np.ix_(rows, rows)])
+        pooled = _pool_by_nature(
+            plain_name, parameter.unit, values, fitted.covariance[np.ix_(rows, rows)]
+        )
         if plain_name in OF_A_DAY:
             shared[plain_name] = pooled
         else:
@@ -328,7 +330,9 @@ def list_shared(fitted: Fit, sessions: Sequence[str]) -> dict[str, PooledParamet
     return shared
 
 
-def _pool(name: str, unit: str, values: Mapping[str, float], covariance: Floats) -> PooledParameter:
+def _pool_by_nature(
+    name: str, unit: str, values: Mapping[str, float], covariance: Floats
+) -> PooledParameter:
     """Pool a parameter; one that is positive by nature as a logarithm, so that it stays so."""
     if name not in _POSITIVE or min(values.values()) <= 0.0:
         return pool_parameter(unit, values, covariance)
@@ -338,7 +342,7 @@ def _pool(name: str, unit: str, values: Mapping[str, float], covariance: Floats)
     return pool_parameter(unit, logarithms, relative).take_exponential()
 
 
-def describe_days(shared: Mapping[str, PooledParameter]) -> list[str]:
+def describe_day_differences(shared: Mapping[str, PooledParameter]) -> list[str]:
     """Say which constants of a day differ between sessions by more than chance.
 
     Parameters
@@ -370,9 +374,11 @@ def describe_days(shared: Mapping[str, PooledParameter]) -> list[str]:
     return sentences
 
 
-def _put_days_first(result: LoopResult, shared: Mapping[str, PooledParameter]) -> LoopResult:
+def _put_day_differences_first(
+    result: LoopResult, shared: Mapping[str, PooledParameter]
+) -> LoopResult:
     """Put what differs between the sessions before the finding of all of them together."""
-    sentences = describe_days(shared)
+    sentences = describe_day_differences(shared)
     if not sentences:
         return result
     record = result.record
@@ -412,7 +418,7 @@ def explain_together(
     sessions = list(tables)
     nominal, extended = result.found.nominal, result.found.extended
     shared = list_shared(extended, sessions)
-    result = _put_days_first(result, shared)
+    result = _put_day_differences_first(result, shared)
     model = replace(
         result.model,
         verdict="several sessions",
@@ -439,6 +445,7 @@ def loop_sessions(
     jobs: int | None = None,
     forces_only: bool = False,
     as_built: Sequence[str | Path] = (),
+    whole_record: bool = False,
     progress: Callable[[int, int], None] | None = None,
     announce: Announce | None = None,
     layout: TableLayout = UNDECLARED,
@@ -452,7 +459,7 @@ def loop_sessions(
     output : str or Path
         Folder for one folder per session; of all together result.json, report.html, sessions.json,
         and model.json that predicts the next session.
-    jobs, forces_only, as_built, progress, announce, layout
+    jobs, forces_only, as_built, whole_record, progress, announce, layout
         As in `loop_session`.
 
     Returns
@@ -480,6 +487,7 @@ def loop_sessions(
                 jobs=jobs,
                 forces_only=forces_only,
                 as_built=as_built,
+                whole_record=whole_record,
                 progress=progress,
                 announce=announce,
                 layout=layout,
@@ -496,7 +504,7 @@ def loop_sessions(
             sessions={name: _summarise(result) for name, result in results.items()},
             parameters=shared,
         )
-        document: dict[str, Any] = to_json(record)
+        document: dict[str, Any] = convert_to_plain(record)
         replace_text(output / "sessions.json", format_document({"schema": SCHEMA, **document}))
     return document
 

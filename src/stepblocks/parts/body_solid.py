@@ -102,8 +102,10 @@ def _make_hole(body: Body, mounting: Mounting, half_side: float) -> cad.door.Bod
     """Make a fixing hole; `half_side` is -0.5 of the left one, 0.5 of the right one."""
     x = half_side * mounting.spacing.nominal
     if mounting.kind == "tapped":
-        return cad.kernel.turn(_outline_core_hole(mounting), (x, 0.0, body.base))
-    return cad.kernel.turn(_outline_clearance_hole(mounting, body.base), (x, 0.0, 0.0))
+        return cad.kernel.revolve_about_vertical(_outline_core_hole(mounting), (x, 0.0, body.base))
+    return cad.kernel.revolve_about_vertical(
+        _outline_clearance_hole(mounting, body.base), (x, 0.0, 0.0)
+    )
 
 
 def _outline_core_hole(mounting: Mounting) -> list[Point]:

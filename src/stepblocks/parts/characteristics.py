@@ -120,10 +120,10 @@ def find_face(faces: Sequence[cad.door.Face], rule: FaceRule, place: str) -> int
     candidates = [index for index, face in enumerate(faces) if _fits_rule(face, rule)]
     if not candidates:
         raise MachiningError(f"a face must exist for {rule}, got none [{place}]")
-    return max(candidates, key=lambda index: _measure_extent(faces[index]))
+    return max(candidates, key=lambda index: _compute_box_area(faces[index]))
 
 
-def _measure_extent(face: cad.door.Face) -> float:
+def _compute_box_area(face: cad.door.Face) -> float:
     """Return the product of the two longest sides of a face's bounding box [m^2]."""
     sides = sorted(high - low for low, high in zip(face.low, face.high, strict=True))
     _, middle, longest = sides

@@ -97,7 +97,8 @@ class PredictionGrid(Table):
     limits: LimitsSpec = LimitsSpec()
 
     @make_rules_validator
-    def _check_laws_are_known(self) -> Iterator[str]:
+    def _check_laws(self) -> Iterator[str]:
+        """Yield an overtone below the tool's frequency, and frictions beside a law of friction."""
         overtone = self.built_laws.get("tool")
         if overtone and overtone.frequency <= self.tool.frequency:
             yield (

@@ -71,7 +71,7 @@ def find_pair(height: float, grade: str = "0") -> GaugePair | None:
             continue
         for upper in STANDARD_SET:
             if abs(upper - lower - height) < _SAME_LENGTH:
-                return _stack_up(lower, upper, grade)
+                return _make_pair(lower, upper, grade)
     return None
 
 
@@ -91,7 +91,7 @@ def choose_pair(height: float, grade: str = "0") -> GaugePair:
     return pair
 
 
-def _stack_up(lower: float, upper: float, grade: str) -> GaugePair:
+def _make_pair(lower: float, upper: float, grade: str) -> GaugePair:
     """Add up what the lengths, their variations and the wringing may contribute to the step."""
     limits = GRADES[grade]
     # half of the variation: the length is stated at the middle, the edge lies beside it

@@ -87,7 +87,7 @@ def find_stations_confined(
     """
     tooth = _load_tooth(path, scale, margin)
     middle = tooth.around.mean(axis=0)
-    draw = _find_draw(tooth.around - middle, towards, path)
+    draw = _find_path_of_draw(tooth.around - middle, towards, path)
     mesh = tooth.mesh
     radii = _keep_near_line(mesh, tooth.around)
     rows = []
@@ -109,7 +109,7 @@ def find_stations_confined(
     return {"stations": rounded + 0.0}  # no zero keeps a sign
 
 
-def _find_draw(offsets: Array, towards: Sequence[float], path: Path) -> Array:
+def _find_path_of_draw(offsets: Array, towards: Sequence[float], path: Path) -> Array:
     """Find the unit vector square to the plane of a margin, towards the crown, shape (3,).
 
     `offsets` are its points from their middle, shape (n, 3).

@@ -33,7 +33,10 @@ class Turned(Part):
 
     def solids(self) -> list[cad.door.Body]:
         """Turn them."""
-        return [cad.kernel.turn(outline, (0.0, 0.0, 0.0)) for outline in self.outlines()]
+        return [
+            cad.kernel.revolve_about_vertical(outline, (0.0, 0.0, 0.0))
+            for outline in self.outlines()
+        ]
 
     def volumes(self) -> tuple[float, ...]:
         """By Pappus and Guldin."""

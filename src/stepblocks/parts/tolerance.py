@@ -312,7 +312,7 @@ def _is_positive(value: float) -> bool:
     return value > 0.0
 
 
-def _is_angle(value: float) -> bool:
+def _is_angle_below_pi(value: float) -> bool:
     return 0.0 <= value < math.pi
 
 
@@ -325,5 +325,7 @@ PositiveLength = Annotated[
 SignedLength = Annotated[Dimension, _make_validator("length")]
 Angle = Annotated[
     Dimension,
-    _make_validator("angle", accepts=_is_angle, rule="be at least 0 and less than 180 deg"),
+    _make_validator(
+        "angle", accepts=_is_angle_below_pi, rule="be at least 0 and less than 180 deg"
+    ),
 ]

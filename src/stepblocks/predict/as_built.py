@@ -14,7 +14,7 @@ from stepblocks.parts.kind import Part
 from stepblocks.predict.columns import Cell
 from stepblocks.predict.neighbours import tabulate_predictions
 from stepblocks.predict.perception import LITERATURE, Discrimination
-from stepblocks.predict.predictions import Prediction, predict_all, predict_by_formula
+from stepblocks.predict.predictions import Prediction, predict_and_drag_set, predict_by_formula
 from stepblocks.records.as_built import AsBuilt
 
 Records = Mapping[str, AsBuilt]  # by the identity of the stimulus
@@ -35,8 +35,8 @@ def predict_as_declared(
     speed: float,
     discrimination: Discrimination = LITERATURE,
 ) -> PredictedSet:
-    """Predict a set at its nominal sizes; `dragged` and `speed` as `predict_all` takes them."""
-    predictions = predict_all(stimuli, dragged, speed)
+    """Predict a set at its nominal sizes; `dragged`, `speed`: see `predict_and_drag_set`."""
+    predictions = predict_and_drag_set(stimuli, dragged, speed)
     rows = tabulate_predictions(stimuli, predictions, discrimination)
     return PredictedSet(stimuli, predictions, rows)
 
@@ -53,7 +53,7 @@ def predict_as_built(
     Where any surface was scanned, the rows have the columns of `tabulate_surface`, too.
     """
     built = replace_nominals(stimuli, records)
-    nominal = predict_all(built, dragged, speed)
+    nominal = predict_and_drag_set(built, dragged, speed)
     predictions = tuple(predict_from_surfaces(nominal, built, records))
     rows = tabulate_predictions(built, predictions, discrimination)
     if any(record.surface is not None for record in records.values()):
@@ -79,7 +79,7 @@ def predict_blocks(
     groups : mapping
         Records by stimulus, by serial number; those without a number stand for the set.
     dragged, speed
-        As `predict_all` takes them.
+        As `predict_and_drag_set` takes them.
     discrimination : Discrimination
         Of the person who compares the blocks of a serial number.
 
@@ -146,6 +146,7 @@ def prepare_surface_releases(
 
     @cache  # a path is long to compute and serves every load and friction
     def find_angle(stimulus: str, ball_radius: float) -> float | None:
+        """Find the critical angle of a recorded surface [rad]; None without one."""
         record = records.get(stimulus)
         if record is None or record.surface is None:
             return None

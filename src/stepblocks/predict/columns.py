@@ -38,7 +38,7 @@ def _tabulate_condition(prediction: Prediction) -> dict[str, Cell]:
     return {
         "set": prediction.set_name,
         "stimulus": prediction.stimulus,
-        "drag": prediction.drag,
+        "drag": prediction.drag_direction,
         "tip_radius_um": point.ball_radius * 1e6,
         "height_um": prediction.face.far_side * 1e6,
         "normal_load_n": point.normal_load,
@@ -57,6 +57,7 @@ def _tabulate_release(prediction: Prediction) -> dict[str, Cell]:
         locking_height = float(compute_locking_height(point.ball_radius, point.friction))
 
     def read_energy(at_limit: Release) -> float:
+        """Return the vibration energy at a limit [uJ]; NaN where the nominal is beyond a limit."""
         return math.nan if is_beyond_limit else at_limit.vibration_energy * 1e6
 
     return {
@@ -127,14 +128,14 @@ def _tabulate_drag(prediction: Prediction) -> dict[str, Cell]:
             "drag_peak_force_n": math.nan,
             "drag_vibration_energy_uj": math.nan,
             "drag_conversion": math.nan,
-            "drag_over_formula": prediction.over_formula,
+            "drag_over_formula": prediction.energy_over_formula,
         }
     return {
         "drag_status": dragged.status,
         "drag_peak_force_n": dragged.peak_force,
         "drag_vibration_energy_uj": dragged.energy * 1e6,
         "drag_conversion": dragged.share,
-        "drag_over_formula": prediction.over_formula,
+        "drag_over_formula": prediction.energy_over_formula,
     }
 
 
@@ -142,7 +143,7 @@ def _tabulate_felt(prediction: Prediction) -> dict[str, Cell]:
     """Say what is felt, and by which model."""
     power = prediction.felt_energy / prediction.point.tool.ring_duration
     return {
-        "felt_by": "" if math.isnan(power) else prediction.felt_by.value,
+        "felt_by": "" if math.isnan(power) else prediction.felt_model.value,
         "felt_energy_uj": prediction.felt_energy * 1e6,
         "felt_power_uw": power * 1e6,
     }

@@ -104,15 +104,15 @@ def predict_with_model(
     extended = _predict_channels(design, learned.extended, learned)
     nominal = _predict_channels(design, learned.nominal, learned)
     trials = table["trial"].to_numpy()
-    result = {"trial": trials, "status": conditions.describe(extended.state.locked())}
+    result = {"trial": trials, "status": conditions.describe(extended.state.find_locked())}
     # first the values, then their intervals
     for ends in ({"": 0.0}, {"_low": -WIDE, "_high": WIDE}):
         for prefix, channels in (("", extended), ("nominal_", nominal)):
-            is_missing = channels.state.locked() | conditions.is_invalid
+            is_missing = channels.state.find_locked() | conditions.is_invalid
             for figure, channel in _FIGURES.items():
                 for end, shift in ends.items():
                     name = prefix + figure.format(end)
-                    result[name] = _carry_back(channels, channel, shift, is_missing)
+                    result[name] = _compute_channel_values(channels, channel, shift, is_missing)
                     _refuse_infinite(result[name], name, trials, is_missing)
     return pd.DataFrame(result), extended.state
 
@@ -126,7 +126,7 @@ class _ChannelPrediction:
     state: DragState  # the slots that they were computed from
 
 
-def _carry_back(
+def _compute_channel_values(
     channels: _ChannelPrediction, channel: int, shift: float, is_missing: NDArray[np.bool_]
 ) -> Floats:
     """Values of a channel, so many standard deviations off; NaN where there is none."""
@@ -186,7 +186,7 @@ def _read_conditions(table: pd.DataFrame, learned: LearnedModel) -> _Conditions:
         place = ranges.get(name)
         if place is not None and place.labels:
             labels = table[name].astype(str).to_numpy()
-            _note(outside, ~np.isin(labels, place.labels), name)
+            _append_column_name(outside, ~np.isin(labels, place.labels), name)
             columns[name] = labels
             continue
         numbers = np.asarray(pd.to_numeric(table[name], errors="coerce"), dtype=np.float64)
@@ -194,17 +194,17 @@ def _read_conditions(table: pd.DataFrame, learned: LearnedModel) -> _Conditions:
         if name in _POSITIVE:
             is_good &= numbers > 0.0
         if name in must_be_known:
-            _note(invalid, ~is_good, name)
+            _append_column_name(invalid, ~is_good, name)
         if place is not None:
             slack = _ROUNDED * max(abs(place.low), abs(place.high))
             is_beyond = (numbers < place.low - slack) | (numbers > place.high + slack)
-            _note(outside, is_good & is_beyond, name)
+            _append_column_name(outside, is_good & is_beyond, name)
         columns[name] = np.where(is_good, numbers, 1.0)
     columns["tip_radius_um"] = _read_tip_radii(table, learned)
     return _Conditions(columns, invalid, outside)
 
 
-def _note(texts: NDArray[np.object_], rows: NDArray[np.bool_], name: str) -> None:
+def _append_column_name(texts: NDArray[np.object_], rows: NDArray[np.bool_], name: str) -> None:
     """Add a column's name to the texts of some rows."""
     texts[rows] = np.where(texts[rows] == "", name, texts[rows] + f"; {name}")
 
@@ -219,7 +219,7 @@ def _predict_channels(
     design: BenchDesign, fitted: LearnedFit, learned: LearnedModel
 ) -> _ChannelPrediction:
     """Predict channels of single trials, with all that is uncertain about them."""
-    state = build_extended_state(design, fitted.values, fitted.active())
+    state = build_extended_state(design, fitted.values, fitted.list_active_effects())
     mean = compute_channels(state)
     jacobian = _compute_jacobian(design, fitted, mean)
     variance = (
@@ -248,7 +248,9 @@ def _compute_at(
     """Channels at other values of the parameters, or other covariates, than those fitted."""
     if columns:
         design = replace(design, covariates=columns)
-    return compute_channels(build_extended_state(design, values, fitted.active(values)))
+    return compute_channels(
+        build_extended_state(design, values, fitted.list_active_effects(values))
+    )
 
 
 def _compute_jacobian(design: BenchDesign, fitted: LearnedFit, mean: Floats) -> Floats:
@@ -349,7 +351,7 @@ def _read_with_ends(row: pd.Series, figure: str) -> tuple[float, float, float]:
     )
 
 
-def apply_model(stimuli: StimulusSet, learned: LearnedModel) -> StimulusSet:
+def put_learned_constants(stimuli: StimulusSet, learned: LearnedModel) -> StimulusSet:
     """Put the constants of a session into a set: friction, spring and conversion."""
     values = learned.extended.values
     grid = stimuli.prediction
@@ -369,7 +371,7 @@ def format_learned_columns(prediction: Prediction, learned: LearnedModel) -> dic
         nothing = (math.nan, math.nan, math.nan)
         return _format_learned("", nothing, nothing)
     height = prediction.face.far_side
-    if prediction.drag != "up":
+    if prediction.drag_direction != "up":
         # an edge that is no plain step counts as the step of the same critical angle
         angle, radius = prediction.release.angle, prediction.point.ball_radius
         height = float(compute_height_at_angle(angle, radius))

@@ -34,7 +34,7 @@ from stepblocks.predict.predictions import (
     collect_uncertainties,
     find_tip,
     make_middle_face,
-    predict_all,
+    predict_and_drag_set,
 )
 
 # kind of counterface, direction, radius of the tip [m], friction [1], load [N]
@@ -94,7 +94,7 @@ class Pair:
         point = self.first.point
         return {
             "set": self.first.set_name,
-            "drag": self.first.drag,
+            "drag": self.first.drag_direction,
             "tip_radius_um": point.ball_radius * 1e6,
             "normal_load_n": point.normal_load,
             "friction": point.friction,
@@ -154,7 +154,9 @@ def compare_stimuli(
         raise PipelineError(f"stimuli must be a set or its file, got {shorten_value(stimuli)}")
     if not isinstance(stimuli, StimulusSet):
         stimuli = load_set(Path(stimuli))
-    return tabulate_pairs(list_pairs(stimuli, predict_all(stimuli, dragged, speed), discrimination))
+    return tabulate_pairs(
+        list_pairs(stimuli, predict_and_drag_set(stimuli, dragged, speed), discrimination)
+    )
 
 
 def tabulate_pairs(pairs: Iterable[Pair]) -> pd.DataFrame:
@@ -227,7 +229,7 @@ def _group_by_condition(
         point = prediction.point
         condition = (
             type(prediction.face).__name__,
-            prediction.drag,
+            prediction.drag_direction,
             point.ball_radius,
             point.friction,
             point.normal_load,

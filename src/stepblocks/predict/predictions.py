@@ -68,12 +68,12 @@ class Prediction:
     in_time: InTime | None = None  # None where it was not dragged
 
     @property
-    def drag(self) -> str:
+    def drag_direction(self) -> str:
         """Direction: ``"up"`` a step, ``"tooth-to-crown"`` or ``"crown-to-tooth"``."""
         return self.face.ways[self.backward]
 
     @property
-    def over_formula(self) -> float:
+    def energy_over_formula(self) -> float:
         """Energy of the drag over that of the formula [1]; NaN where one of them is not known."""
         if self.in_time is None or self.release.status is not Status.RELEASES:
             return math.nan
@@ -82,10 +82,10 @@ class Prediction:
     @property
     def differs(self) -> bool:
         """Whether drag and formula are further apart than a factor of `DIFFERS`."""
-        return is_far_apart(self.over_formula)
+        return is_far_apart(self.energy_over_formula)
 
     @property
-    def felt_by(self) -> Model:
+    def felt_model(self) -> Model:
         """The model whose energy is felt: the formula, or the drag where the two differ."""
         if self.differs:
             return Model.DRAG
@@ -99,7 +99,7 @@ class Prediction:
         return self.release.vibration_energy
 
 
-def predict_all(
+def predict_and_drag_set(
     stimuli: StimulusSet, dragged: bool | None = None, speed: float = PAPER.speed
 ) -> tuple[Prediction, ...]:
     """Predict a set and drag its conditions in time at a speed [m/s].
@@ -118,7 +118,7 @@ def predict_all(
     )
 
 
-def predict_one(face: Counterface, point: OperatingPoint, backward: bool = False) -> Prediction:
+def predict_drag(face: Counterface, point: OperatingPoint, backward: bool = False) -> Prediction:
     """Predict one drag by the formula and in time, without tolerances."""
     release = face.release(point, backward)
     prediction = Prediction(
@@ -301,7 +301,7 @@ def _measure_drag(prediction: Prediction, speed: float) -> InTime | None:
 def describe_felt(predictions: Iterable[Prediction]) -> list[str]:
     """Say which of the two energies is felt, where any row is felt by the drag."""
     predictions = list(predictions)
-    by_drag = sum(prediction.felt_by is Model.DRAG for prediction in predictions)
+    by_drag = sum(prediction.felt_model is Model.DRAG for prediction in predictions)
     if not by_drag:
         return []
     rows = "row is" if by_drag == 1 else "rows are"

@@ -113,7 +113,7 @@ def _wear_sheath(sheath: Sheath, use: Use) -> Sleeve | Hold | None:
     return Hold(sheath.length.nominal, stiffness, material.loss_factor.value)
 
 
-def find_damping(source: str | Path) -> dict[str, float]:
+def find_energy_shares(source: str | Path) -> dict[str, float]:
     """Find the share of the bare probe's energy that each sheath lets through to the clamp.
 
     The shares stand by the names of experiment 1.
@@ -184,13 +184,15 @@ def tabulate_decay_test(stimuli: StimulusSet) -> list[dict[str, str]]:
         row = {"sheath": condition.sheath or "none", "use": condition.use.value}
         for name, digits in _TEST_DIGITS.items():
             row[name] = f"{test[name]:{digits}}"
-        row["releases_to_tell_from_bare"] = "" if bare is None else _count_releases(bare, test)
+        row["releases_to_tell_from_bare"] = (
+            "" if bare is None else _format_release_count(bare, test)
+        )
         bare = bare or test
         rows.append(row)
     return rows
 
 
-def _count_releases(bare: dict[str, float], test: dict[str, float]) -> str:
+def _format_release_count(bare: dict[str, float], test: dict[str, float]) -> str:
     """Releases that tell a decrement from the bare probe's; nothing where both are equal."""
     difference = abs(test["log_decrement"] - bare["log_decrement"])
     if difference == 0.0:

@@ -51,7 +51,7 @@ class LearnedFit:
     covariance: Floats
     laws: tuple[Law, ...] = ()
 
-    def active(self, values: Mapping[str, float] | None = None) -> Active:
+    def list_active_effects(self, values: Mapping[str, float] | None = None) -> Active:
         """Return the effects with their fitted values, or with other `values`."""
         if values is None:
             values = self.values

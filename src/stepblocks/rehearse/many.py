@@ -92,7 +92,7 @@ def simulate_sessions(
     places = []
     missing = []
     with lock_folder(folder):
-        _make_claim(declared).take(FolderStore(folder))
+        _make_claim(declared).claim_folder(FolderStore(folder))
         for seed in seeds:
             place = folder / f"seed-{seed:06d}"
             places.append(place)

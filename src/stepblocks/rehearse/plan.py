@@ -131,11 +131,11 @@ class SessionPlan(Strict):
     effects: tuple[PlantedEffect, ...] = ()
     apparatus: Apparatus | None = None
 
-    def blocks(self) -> list[str]:
+    def list_blocks(self) -> list[str]:
         """Names of the blocks."""
         return [name_block(height) for height in sorted(set(self.design.heights))]
 
-    def rows(self) -> list[dict[str, str]]:
+    def list_trial_rows(self) -> list[dict[str, str]]:
         """Return the conditions of every trial in the order of the run, as texts of the table."""
         random = np.random.default_rng([self.seed, 1])
         conditions = self._draw_conditions(random)
@@ -215,7 +215,7 @@ def read_plan(path: Path) -> SessionPlan:
     plan = validate_data(SessionPlan, document, path, PipelineError)
     faults: list[Mistake] = []
     for number, effect in enumerate(plan.effects, start=1):
-        fault = effect.find_fault(number, plan.source, plan.blocks())
+        fault = effect.find_fault(number, plan.source, plan.list_blocks())
         if fault is not None:
             faults.append(("", fault))
     if plan.apparatus is not None:

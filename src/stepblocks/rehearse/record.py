@@ -156,7 +156,9 @@ class Rig:
             return 1
         return _OVERSAMPLING
 
-    def disturb(self, tangential: Array, normal: Array, random: np.random.Generator) -> Trace:
+    def add_disturbances(
+        self, tangential: Array, normal: Array, random: np.random.Generator
+    ) -> Trace:
         """Add to true forces what the rig adds.
 
         These are the lag of the sensor, hum, drift, noise and the steps of the converter.
@@ -181,7 +183,7 @@ class Rig:
     def _record_channel(self, time: Array, force: Array, random: np.random.Generator) -> Array:
         """Return what one gauge shows of a true force [N] at the instants of its samples [s]."""
         if self.oversampling > 1:
-            force = self._filter(force)[:: self.oversampling]
+            force = self._filter_as_sensor(force)[:: self.oversampling]
         phase = random.uniform(0.0, 2.0 * math.pi)
         hum = self.hum * np.sin(2.0 * np.pi * self.mains * time + phase)
         noise = self.noise * random.standard_normal(time.size)
@@ -190,7 +192,7 @@ class Rig:
             shown = np.round(shown / self.quantum) * self.quantum
         return shown
 
-    def _filter(self, force: Array) -> Array:
+    def _filter_as_sensor(self, force: Array) -> Array:
         """Return a force as a sensor of first order follows it, on the fine clock."""
         from scipy.signal import lfilter
 
@@ -247,7 +249,7 @@ def record_trial(
     force[after] = truth.compute_release(since)
     normal = np.full(count, truth.load)
     normal[after] = truth.compute_normal_ring(since)
-    return TimedTrace(rig.disturb(gain * force, normal, random), onset, release)
+    return TimedTrace(rig.add_disturbances(gain * force, normal, random), onset, release)
 
 
 def record_drag(
@@ -287,7 +289,7 @@ def record_drag(
 
     tool = point.tool
     slide = float(random.uniform(_LEAST_SLIDE, _MOST_SLIDE))
-    settings = DragSettings.under(
+    settings = DragSettings.from_point(
         point,
         lead=point.speed * slide,
         ring_time=rig.tail * tool.decay_time,
@@ -303,7 +305,7 @@ def record_drag(
     ring_of_tool = Tool(tool.frequency, tool.decay_time)
     start_up = rig.build_start_up_ring(time, ring_of_tool, slide, random)
     force = drag.column("fx_n")[:count] + pull + start_up
-    trace = rig.disturb(gain * force, drag.column("fy_n")[:count], random)
+    trace = rig.add_disturbances(gain * force, drag.column("fy_n")[:count], random)
     # the first swing below sliding comes half a period after the release
     damping = math.exp(math.pi / (math.tau * tool.frequency * tool.decay_time))
     amplitude = measure_ring(drag, spectra=False).amplitude * damping

@@ -185,7 +185,7 @@ def _write_trials(
     plan: SessionPlan, heights: Mapping[float, float], folder: Path
 ) -> SimulationSummary:
     """Write the table of trials, their traces, and what is true of them."""
-    rows = plan.rows()
+    rows = plan.list_trial_rows()
     locked = 0
     with (
         open_writer(folder, plan.format) as write_trace,

@@ -63,9 +63,12 @@ def compute_planted_state(
         load = float(design.load[0])
         values["load_error"] = draw_load_error(plan.apparatus, load, plan.seed, chance)
     bare = build_nominal_state(design, values)
-    if bool(bare.locked()[0]):
+    if bool(bare.find_locked()[0]):
         return None
-    covariates: dict[str, float | str] = {**row, "peak_force_n": float(bare.peak_force()[0])}
+    covariates: dict[str, float | str] = {
+        **row,
+        "peak_force_n": float(bare.compute_peak_force()[0]),
+    }
     values[format_height_name(row["block"])] = heights[nominal] - nominal
     state = build_nominal_state(design, values)
     for effect in plan.effects:
@@ -73,8 +76,8 @@ def compute_planted_state(
             state = _apply_law(plan, effect, design, state)
         else:
             state = _apply_form(effect, covariates, state)
-    state = _scatter(plan, state, chance)
-    if bool(state.locked()[0]) or not _is_physical(state):
+    state = _add_scatter(plan, state, chance)
+    if bool(state.find_locked()[0]) or not _is_physical(state):
         return None
     return state
 
@@ -114,7 +117,7 @@ def _apply_law(
     plan: SessionPlan, effect: PlantedEffect, design: BenchDesign, state: DragState
 ) -> DragState:
     """Return the state after an effect that is a law of the catalogue."""
-    laws = {law.id: law for law in list_named_laws(plan.blocks())}
+    laws = {law.id: law for law in list_named_laws(plan.list_blocks())}
     law = laws[effect.law]
     values = {parameter.name: parameter.start for parameter in law.parameters}
     values |= effect.parameters
@@ -138,7 +141,7 @@ def _apply_form(
     return state.changed(**changed)
 
 
-def _scatter(plan: SessionPlan, state: DragState, chance: np.random.Generator) -> DragState:
+def _add_scatter(plan: SessionPlan, state: DragState, chance: np.random.Generator) -> DragState:
     """Return the state with what differs from trial to trial."""
     friction = plan.scatter.friction * chance.standard_normal()
     load = plan.scatter.load * chance.standard_normal()

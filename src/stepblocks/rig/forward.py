@@ -59,7 +59,7 @@ class BenchDesign:
             )
 
     @cached_property
-    def members(self) -> tuple[tuple[str, ...], NDArray[np.intp]]:
+    def block_membership(self) -> tuple[tuple[str, ...], NDArray[np.intp]]:
         """Names of the blocks' height errors, and which of them each trial has."""
         blocks, inverse = np.unique(self.block, return_inverse=True)
         return tuple(format_height_name(block) for block in blocks.tolist()), inverse
@@ -203,7 +203,7 @@ def _build_empty_state(count: int) -> DragState:
 
 def build_nominal_state(design: BenchDesign, values: Mapping[str, float | Floats]) -> DragState:
     """Fill the slots from the design and the constants, each one number or one of each trial."""
-    names, inverse = design.members
+    names, inverse = design.block_membership
     errors = np.array([values.get(name, 0.0) for name in names])
     unity = np.ones(len(design.block))
     sliding, at_release = design.friction_shape
@@ -275,7 +275,7 @@ def select_covariate(
     if covariate == "block":
         return design.block
     if covariate == PEAK_FORCE:
-        return state.peak_force()
+        return state.compute_peak_force()
     if covariate == SPEED_OVER_LOAD:
         return 1e3 * design.speed / design.load
     if TOGETHER in covariate:

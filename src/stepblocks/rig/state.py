@@ -83,29 +83,29 @@ class DragState:
     decay_time: Floats  # of the ring's amplitude without further damping [s]
     nominal_stiffness: float  # to which frequency and channel refer [N/m]
 
-    def _slope(self) -> Floats:
+    def _compute_open_angle(self) -> Floats:
         """Slope of the path at release plus angle of friction [rad], whether locked or not."""
         step = np.minimum(np.maximum(self.height / self.radius, _LOWEST_STEP), _HIGHEST_STEP)
         friction_angle = np.arctan(self.friction * self.edge_factor)
         return np.asarray(kernels.compute_angle_on_step(step, 1.0) + (self.tilt + friction_angle))
 
-    def angle(self) -> Floats:
+    def compute_angle(self) -> Floats:
         """Slope of the path at release plus angle of friction [rad], held below locking."""
-        return np.minimum(np.maximum(self._slope(), -1.0), _STEEPEST)
+        return np.minimum(np.maximum(self._compute_open_angle(), -1.0), _STEEPEST)
 
-    def locked(self) -> NDArray[np.bool_]:
+    def find_locked(self) -> NDArray[np.bool_]:
         """Where the tip never climbs."""
-        is_steep = self._slope() >= 0.5 * np.pi
+        is_steep = self._compute_open_angle() >= 0.5 * np.pi
         return np.asarray(is_steep | (self.height >= self.radius))
 
-    def peak_force(self) -> Floats:
+    def compute_peak_force(self) -> Floats:
         """Tangential force on the tool at release [N]; equation (1)."""
         lifted = np.maximum(self.load + self.climb_load, _LEAST_LOAD)
         # the friction is in the angle, and held below locking with it
-        climb = kernels.compute_pull_force(lifted, self.angle(), 0.0)
+        climb = kernels.compute_pull_force(lifted, self.compute_angle(), 0.0)
         return np.asarray(np.maximum(climb + self.drag + self.climb_drag, _LEAST_FORCE))
 
-    def sliding_force(self) -> Floats:
+    def compute_sliding_force(self) -> Floats:
         """Tangential force on the tool before the edge [N]."""
         load = np.maximum(self.load, _LEAST_LOAD)
         return np.asarray(kernels.compute_pull_force(load, self.tilt, self.friction) + self.drag)
@@ -128,7 +128,7 @@ def press_edge(state: DragState, depth: float | Floats, power: float | Floats) -
     """
     friction_angle = np.arctan(state.friction * state.edge_factor)
     load = np.maximum(state.load, _LEAST_LOAD)
-    across = load * np.cos(friction_angle) / np.cos(state.angle())
+    across = load * np.cos(friction_angle) / np.cos(state.compute_angle())
     deep = depth * across**power
     # the ball comes nearer to the edge by the depth: cos a = (R - H) / (R - deep)
     height = state.radius * (state.height - deep) / (state.radius - deep)
@@ -142,7 +142,7 @@ def press_edge(state: DragState, depth: float | Floats, power: float | Floats) -
 
 def compute_channels(state: DragState) -> Floats:
     """Show the `CHANNELS` of n trials, shape (n, 7)."""
-    force, sliding = state.peak_force(), state.sliding_force()
+    force, sliding = state.compute_peak_force(), state.compute_sliding_force()
     spring = _compute_spring(state, force, sliding)
     energy = _lose_energy(state, state.conversion * spring.stored)
     # an amplitude of force counts as A^2 / 2k with the nominal k, whatever k it rings with: a

@@ -179,6 +179,7 @@ def _choose_by_extent(table: NumberTable, candidates: list[int]) -> Columns:
 
 
 def _holds_positions(table: NumberTable, column: int) -> bool:
+    """Tell whether the values of a column repeat as little as positions do."""
     values = table.values[:, column]
     return len(np.unique(values)) > _MOST_REPEATED * len(values)
 

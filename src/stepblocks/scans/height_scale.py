@@ -105,6 +105,7 @@ def read_height_scale(path: Path, form: str, channel: str) -> HeightScale | None
 def _read_archive_scale(
     path: Path, read: Callable[[zipfile.ZipFile], HeightScale]
 ) -> HeightScale | None:
+    """Read the height scale from an archive by a reader; damage is an error of ours."""
     try:
         with zipfile.ZipFile(path) as archive:
             return read(archive)
@@ -352,6 +353,7 @@ def _read_plux_scale(archive: zipfile.ZipFile) -> HeightScale:
 
 
 def _read_index(archive: zipfile.ZipFile, name: str) -> ElementTree.Element:
+    """Parse an XML file of an archive; refuse a large one and one with a document type."""
     if archive.getinfo(name).file_size > _MOST_INDEX_BYTES:
         raise ValueError(f"{name} of more than {_MOST_INDEX_BYTES >> 20} MiB")
     text = archive.read(name)

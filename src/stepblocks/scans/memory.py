@@ -31,7 +31,7 @@ _EVEN = 0.02  # scatter of the steps of a grid, as a part of the step [1]
 _SOURCE = "arrays"
 
 
-def take_scan(
+def convert_scan(
     scan: ScanInMemory, unit: str | None = None, channel: str | None = None
 ) -> ScannedProfile | HeightMap:
     """Return a scan in memory as an object.

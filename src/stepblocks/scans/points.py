@@ -96,6 +96,7 @@ def _check_grid(points: int, columns: int, rows: int, source: str) -> None:
 
 
 def _compute_step(axis: Array) -> float:
+    """Return the mean step of ascending positions [m]."""
     return float((axis[-1] - axis[0]) / (len(axis) - 1))
 
 

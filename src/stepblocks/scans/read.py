@@ -14,9 +14,9 @@ from stepblocks.files.confined import read_confined
 from stepblocks.files.layout import UNDECLARED, TableLayout, refuse_layout
 from stepblocks.files.text import is_file
 from stepblocks.scans.formats import READERS
-from stepblocks.scans.formats.reader import ReadScan, ScanReader, ScanRequest, check_archive
+from stepblocks.scans.formats.reader import LoadedScan, ReadOptions, ScanReader, check_archive
 from stepblocks.scans.height_scale import check_against_stated_scale
-from stepblocks.scans.memory import ScanInMemory, take_scan
+from stepblocks.scans.memory import ScanInMemory, convert_scan
 from stepblocks.scans.scan import HeightMap, ScannedProfile
 
 Scan: TypeAlias = "str | Path | ScanInMemory"  # what is scanned
@@ -56,7 +56,7 @@ def load_scan(
     if isinstance(scan, str | Path):
         return read_scan(scan, unit, channel, layout)
     refuse_layout(layout, "a scan in memory", MetrologyError)
-    return take_scan(scan, unit, channel)
+    return convert_scan(scan, unit, channel)
 
 
 def read_scan(
@@ -99,7 +99,7 @@ def read_scan(
     path = Path(path)
     reader = find_reader(path)
     if not reader.is_confined:
-        return reader.read(path, ScanRequest(unit, channel, layout)).scan
+        return reader.read(path, ReadOptions(unit, channel, layout)).scan
     refuse_layout(layout, f"a {path.suffix.lower()} file [{path.name}]", MetrologyError)
     if unit is not None and not reader.takes_unit:
         raise MetrologyError(
@@ -110,25 +110,25 @@ def read_scan(
     return _check_scale(found, reader, path)
 
 
-def _read_in_confinement(path: Path, unit: str | None, channel: str | None) -> ReadScan:
+def _read_in_confinement(path: Path, unit: str | None, channel: str | None) -> LoadedScan:
     content = read_confined(
         f"{__name__}:read_scan_confined", path, unit or "", channel or "", raises=MetrologyError
     )
     name = content.pop("channel")
     if "position" in content:
-        return ReadScan(ScannedProfile(**content), name)
-    return ReadScan(HeightMap(**content), name)
+        return LoadedScan(ScannedProfile(**content), name)
+    return LoadedScan(HeightMap(**content), name)
 
 
 def read_scan_confined(path: Path, unit: str = "", channel: str = "") -> dict[str, object]:
     """Read a scan in the confined process; the result has the fields of the scan by name."""
     if zipfile.is_zipfile(path):
         check_archive(path)
-    found = find_reader(path).read(path, ScanRequest(unit or None, channel or None))
+    found = find_reader(path).read(path, ReadOptions(unit or None, channel or None))
     return {**vars(found.scan), "channel": found.channel}
 
 
-def _check_scale(found: ReadScan, reader: ScanReader, path: Path) -> ScannedProfile | HeightMap:
+def _check_scale(found: LoadedScan, reader: ScanReader, path: Path) -> ScannedProfile | HeightMap:
     """Compare heights with the scale that the file states, and note what was checked."""
     scan = found.scan
     stated = reader.read_height_scale(path, found.channel)

@@ -328,6 +328,7 @@ def _find_decimal_sign(lines: Sequence[str], notation: Notation, source: str) ->
 
 
 def _split_head_line(line: str, notation: Notation) -> list[str]:
+    """Split a line of the head into fields without comment marks and quotes."""
     try:
         fields = notation.split_line(line)
     except csv.Error:
@@ -462,7 +463,7 @@ def _name_columns(head: Sequence[Sequence[str]], values: Array, source: str) -> 
         return NumberTable((), values, unit, source)
     title = lines[-1]
     if columns > 2 and len(title) == columns - 1 and _is_numbered(title, values):
-        return _scale_numbers(lines, values, unit, source)
+        return _convert_to_positions(lines, values, unit, source)
     if len(title) != columns:
         _refuse_lacking_names(title, columns, source)
         return NumberTable((), values, unit, source)
@@ -500,7 +501,7 @@ def _is_numbered(title: Sequence[str], values: Array) -> bool:
     return bool((np.diff(values[:, 0]) == 1.0).all())
 
 
-def _scale_numbers(
+def _convert_to_positions(
     lines: Sequence[Sequence[str]], values: Array, unit: StoredLength | None, source: str
 ) -> NumberTable:
     """Turn numbers of points into positions by the step that the head states.

@@ -109,7 +109,7 @@ def build_scene(
     frame = _choose_frame(surface)
     solids = []
     for solid in build_solids(surface):
-        solids.append(frame.place(mesh_solid(surface, *solid), magnification))
+        solids.append(frame.transform_mesh(mesh_solid(surface, *solid), magnification))
     pieces = build_convex_pieces(surface)
     path = surface.counterface().centre_path(point.ball_radius)
     return Scene(
@@ -119,7 +119,7 @@ def build_scene(
         scale=magnification,
         frame=frame,
         whole=_join_meshes(surface.id, solids),
-        pieces=tuple(frame.place(piece, magnification) for piece in pieces),
+        pieces=tuple(frame.transform_mesh(piece, magnification) for piece in pieces),
         path=path.scaled(magnification),
         events=contact.events,
         plan=plan,
@@ -164,7 +164,7 @@ def _place_section(scene: Scene, margin: ScannedMargin, width: float) -> Scene:
     pieces = []
     for piece in scene.pieces[1:-1]:
         cut = replace(piece, vertices=np.maximum(piece.vertices * size, deepest))
-        pieces.append(frame.place(cut, scene.scale))
+        pieces.append(frame.transform_mesh(cut, scene.scale))
     return replace(scene, frame=frame, pieces=tuple(pieces))
 
 

@@ -153,12 +153,12 @@ def export_scenes(
             for form in order.forms:
                 _write_whole_set(draft, batch, list(scenes.values()), form, order)
         if not exported:
-            _refuse_nothing(batches, only)
+            _refuse_empty_export(batches, only)
         _move_into_place(draft, Path(output))
     return exported
 
 
-def _refuse_nothing(batches: "Sequence[_Batch]", only: str | None) -> None:
+def _refuse_empty_export(batches: "Sequence[_Batch]", only: str | None) -> None:
     """Say why nothing is exported."""
     if only is None:
         names = ", ".join(batch.stimuli.name for batch in batches)

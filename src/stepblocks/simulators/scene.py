@@ -28,7 +28,7 @@ from stepblocks.contact.path.centre import CentrePath
 from stepblocks.haptics.devices import SAFE_FORCE, RenderingPlan
 from stepblocks.parts.kind import Part
 from stepblocks.parts.shapes import Mesh
-from stepblocks.predict.predictions import Prediction, predict_one
+from stepblocks.predict.predictions import Prediction, predict_drag
 from stepblocks.quantities import format_units
 
 _APPROACH = 30e-6  # from where the tip starts to the notch, unmagnified [m]
@@ -52,7 +52,7 @@ class Frame:
     shift: NDArray[np.float64]
     words: str
 
-    def place(self, mesh: Mesh, scale: float) -> Mesh:
+    def transform_mesh(self, mesh: Mesh, scale: float) -> Mesh:
         """Turn, shift and magnify a mesh."""
         vertices = mesh.vertices @ self.turn.T + self.shift + 0.0  # 0.0 turns -0.0 into 0.0
         return Mesh(mesh.name, vertices * scale, mesh.triangles)
@@ -140,7 +140,7 @@ class Scene:
         return 0.4 * self.tip_mass * self.ball_radius * self.ball_radius
 
     @property
-    def start(self) -> tuple[float, float]:
+    def start_position(self) -> tuple[float, float]:
         """Where the ball's centre rests before the drag towards +x: x and z [m], magnified.
 
         In the notch itself where the ball would slide down into it, as in a gap.
@@ -240,7 +240,7 @@ def _predict_in_time(scene: Scene) -> Prediction | None:
     event = scene.events[0]
     if event.learned is not None or event.waveform is not None:
         return None
-    predicted = predict_one(scene.surface.counterface(), scene.point)
+    predicted = predict_drag(scene.surface.counterface(), scene.point)
     if not predicted.differs:
         return None
     return predicted

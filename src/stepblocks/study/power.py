@@ -5,6 +5,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -33,6 +34,7 @@ from stepblocks.study.design.simulate import (
     rate_realism,
     simulate_estimates,
 )
+from stepblocks.study.design.simulated_intervals import CURVE_MEASURES, plan_comparing
 from stepblocks.study.design.trials import REPETITIONS
 from stepblocks.study.design.virtual import VIBRATION_OFF, VIBRATION_ON
 from stepblocks.study.experiments.registry import ALIASES
@@ -300,6 +302,8 @@ class _Question:
         What is tested, and how.
     standard : str
         Block of comparisons that all others are compared with.
+    trials : mapping of int
+        Of the blocks that are compared with the standard, where the repetitions do not say them.
     effect, effect_size : float
         Of the last condition, in the unit of the measure, and over the standard deviation of the
         participants' differences [1]; one of both is zero.
@@ -318,6 +322,7 @@ class _Question:
     measure: str
     analysis: str
     standard: str
+    trials: Mapping[str, int]
     effect: float
     effect_size: float
     runs: int
@@ -325,13 +330,27 @@ class _Question:
     jobs: int
     cluster: "Client | None"
 
-    def list_pairs(self, participants: int, repetitions: int) -> Iterator[dict[str, object]]:
-        """Yield the power of one size for each block against the standard, as a row."""
+    def check_standard(self) -> None:
+        """Refuse a standard that is no block."""
         if self.standard not in self.energies:
             raise StudyError(
                 f"standard must be one of the blocks {', '.join(self.energies)}, got "
                 f"{self.standard!r}"
             )
+
+    def compare_intervals(self, repetitions: int) -> dict[str, object]:
+        """Return the range of a threshold or JND of one participant, as a row."""
+        self.check_standard()
+        trials = dict(self.trials)
+        if not trials:
+            others = [name for name in self.heights if name != self.standard]
+            trials = dict.fromkeys(others, 2 * repetitions)  # in either order
+        plan = plan_comparing(self.heights, self.energies, self.standard, trials, self.observer)
+        return plan.compare_intervals(self.measure, self.runs, self.seed)
+
+    def list_pairs(self, participants: int, repetitions: int) -> Iterator[dict[str, object]]:
+        """Yield the power of one size for each block against the standard, as a row."""
+        self.check_standard()
         trials = 2 * repetitions  # in either order
         for name, energy in self.energies.items():
             if name == self.standard:
@@ -395,6 +414,7 @@ def study_power(
     noise: Mapping[str, float] | None = None,
     measure: str = ANSWER,
     standard: str = "",
+    trials: Mapping[str, int] = MappingProxyType({}),
     participants: Sequence[int] = (10,),
     repetitions: Sequence[int] = (REPETITIONS,),
     observer: Observer = TYPICAL_OBSERVER,
@@ -432,9 +452,14 @@ def study_power(
     measure : str
         ``"absolute error"``, which the report reads for accuracy, ``"bias"`` or ``"spread"``; of
         ``"virtual"`` also ``"realism"``, by the ordinal model, whatever `analysis` is: vibration
-        moves ratings by the observer's `realism_gain`.
+        moves ratings by the observer's `realism_gain`. Of ``"constant"``, ``"threshold"`` or
+        ``"jnd"`` ask for the 95 % range of what is fitted to one participant, as simulated and as
+        `place_heights` expects it for the same curve.
     standard : str
         Block of ``"constant"`` that all others are compared with.
+    trials : mapping of int
+        Of one participant with each block that is compared with the standard, for ``"threshold"``
+        and ``"jnd"``; twice the repetitions with each if left out.
     participants, repetitions : sequence of int
         Sizes; every combination.
     observer, only, **felt
@@ -488,6 +513,7 @@ def study_power(
             f"{experiment} with {', '.join(conditions) or 'no conditions'}"
         )
     _check_effect(kind, measure, effect, effect_size)
+    _check_curve_measure(kind, measure, trials, runs)
     question = _Question(
         heights={item.identity: item.height for item in blocks.items},
         energies=energies,
@@ -498,6 +524,7 @@ def study_power(
         measure=measure,
         analysis=analysis,
         standard=standard,
+        trials=trials,
         effect=effect,
         effect_size=effect_size,
         runs=runs,
@@ -508,6 +535,9 @@ def study_power(
     rows = list[dict[str, object]]()
     with open_cluster(on, jobs) as cluster:
         question = replace(question, cluster=cluster)
+        if measure in CURVE_MEASURES:
+            rows += [question.compare_intervals(times) for times in repetitions]
+            participants = ()
         for people, times in itertools.product(participants, repetitions):
             if kind == "constant":
                 rows += question.list_pairs(people, times)
@@ -529,3 +559,18 @@ def _check_effect(experiment: str, measure: str, effect: float, effect_size: flo
         raise StudyError(f"an effect must be of {', '.join(MEASURES)}, got {measure}")
     if effect and measure == SPREAD:
         raise StudyError("an effect on the spread, which is no length, must be stated as d")
+
+
+def _check_curve_measure(
+    experiment: str, measure: str, trials: Mapping[str, int], runs: int
+) -> None:
+    """Reject a measure of comparisons in another experiment, and trials of another measure."""
+    measures = " or ".join(CURVE_MEASURES)
+    if measure not in CURVE_MEASURES:
+        if trials:
+            raise StudyError(f"trials must be given with the measure {measures}, got {measure}")
+        return
+    if experiment != "constant":
+        raise StudyError(f"{measures} must be of the experiment constant, got {experiment}")
+    if not _FEWEST_RUNS <= runs <= _MOST_RUNS:
+        raise StudyError(f"runs must lie between {_FEWEST_RUNS} and {_MOST_RUNS}, got {runs}")

@@ -11,7 +11,7 @@ from types import MappingProxyType
 import pandas as pd
 
 from stepblocks.errors import PipelineError, StudyError
-from stepblocks.files.atomic import replace_text
+from stepblocks.files.atomic import replace_bytes, replace_text
 from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.files.pages import render_page
 from stepblocks.files.tables import format_csv
@@ -25,6 +25,7 @@ from stepblocks.study.analysis.judgements import (
 from stepblocks.study.analysis.page import render_run_sheets, render_study, write_figures
 from stepblocks.study.analysis.paper import list_paper_tables, write_latex, write_markdown
 from stepblocks.study.analysis.results import StudyResult
+from stepblocks.study.analysis.word import write_word
 from stepblocks.study.columns import RATINGS, Row, group_by_participant, list_levels
 from stepblocks.study.design.adaptive import Prior, complete_prior
 from stepblocks.study.design.blocks import Declared, choose_blocks, find_designed_blocks
@@ -434,7 +435,7 @@ def analyse_study(
         and a dataset as `share_study` writes it.
     output : str or Path, optional
         Folder for report.html, results.csv and judgements.csv; of estimates also the tables of a
-        paper, tables.md and tables.tex.
+        paper, tables.md, tables.tex and tables.docx.
     columns : mapping of str
         Without a design, their names for ours:
         ``{"participant": "subject", "condition": "probe", "height_um": "h", "estimate_um":
@@ -538,4 +539,5 @@ def _write_report(result: StudyResult, folder: Path) -> None:
     if tables:
         replace_text(folder / "tables.md", write_markdown(tables))
         replace_text(folder / "tables.tex", write_latex(tables))
+        replace_bytes(folder / "tables.docx", write_word(tables))
     replace_text(folder / "report.html", page)

@@ -131,7 +131,7 @@ class _StepOnPaper:
         return self.edge[len(self.edge) // 2]
 
     @classmethod
-    def of(cls, block: StepBlock) -> "_StepOnPaper":
+    def from_block(cls, block: StepBlock) -> "_StepOnPaper":
         """Choose the scales of lengths and heights, and place step and rounding."""
         height = block.height.nominal
         radius = block.edge_radius.nominal
@@ -154,7 +154,7 @@ class _StepOnPaper:
 
 def _draw_step_detail(sheet: Sheet, block: StepBlock) -> None:
     """Draw detail D: the step, heights exaggerated, with all that is asked of faces and edge."""
-    step = _StepOnPaper.of(block)
+    step = _StepOnPaper.from_block(block)
     x, lower = _DETAIL
     top = step.top
     left = x - 42.0
@@ -295,7 +295,7 @@ class _MarginOnPaper:
         return max(tooth, self.level)
 
     @classmethod
-    def of(cls, margin: MarginBlock) -> "_MarginOnPaper":
+    def from_margin(cls, margin: MarginBlock) -> "_MarginOnPaper":
         """Choose the scale, and place crown, gap and floor."""
         gap = margin.marginal_gap.nominal
         rise = margin.horizontal_discrepancy.nominal
@@ -313,7 +313,7 @@ class _MarginOnPaper:
 
 def _draw_margin_detail(sheet: Sheet, margin: MarginBlock) -> None:
     """Draw detail D: tooth, gap and crown in section, with all that is asked of them."""
-    detail = _MarginOnPaper.of(margin)
+    detail = _MarginOnPaper.from_margin(margin)
     x, tooth = detail.view.origin
     scale = detail.view.scale
     _draw_margin_outline(sheet, detail)

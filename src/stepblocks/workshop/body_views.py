@@ -33,7 +33,7 @@ class BodyOnPaper:
     edge_break: float
 
     @classmethod
-    def of(cls, body: Body, scale: float) -> "BodyOnPaper":
+    def from_body(cls, body: Body, scale: float) -> "BodyOnPaper":
         """Measure a body at a scale."""
         magnification = MILLIMETRES_PER_METRE * scale
         return cls(
@@ -54,7 +54,7 @@ def draw_body(sheet: Sheet, body: Body, identity: str) -> BodyOnPaper:
     thickness_as_length = _VIEW_LENGTH / _VIEW_HEIGHT * body.thickness.nominal
     longest = max(body.length.nominal, body.width.nominal, thickness_as_length)
     scale = choose_scale(_VIEW_LENGTH / (MILLIMETRES_PER_METRE * longest))
-    sizes = BodyOnPaper.of(body, scale)
+    sizes = BodyOnPaper.from_body(body, scale)
     _draw_front(sheet, body, sizes, identity)
     _draw_top(sheet, sizes)
     if body.mounting is not None:

@@ -62,7 +62,7 @@ def draw_gauge_assembly_views(
     base = choose_base(block, pair)
     _draw_section(sheet, base, pair)
     _draw_from_above(sheet, base)
-    _draw_edge(sheet, block)
+    _draw_step_detail(sheet, block)
     _tabulate_parts(sheet, base, pair)
     _tabulate_grades(sheet, block, pair)
     _tabulate_reach(sheet, judged)
@@ -138,7 +138,7 @@ def _fit_scale(size: tuple[float, float], room: tuple[float, float]) -> float:
     return choose_scale(largest)
 
 
-def _draw_edge(sheet: Sheet, block: StepBlock) -> None:
+def _draw_step_detail(sheet: Sheet, block: StepBlock) -> None:
     """Draw detail D: the step between both gauge blocks, heights enlarged."""
     x, lower = _EDGE
     height = block.height.nominal * MILLIMETRES_PER_METRE

@@ -122,7 +122,7 @@ class _HoleSection:
     is_whole: bool  # whether the section reaches the upper side
 
     @classmethod
-    def of(cls, body: Body, mounting: Mounting) -> "_HoleSection":
+    def from_body(cls, body: Body, mounting: Mounting) -> "_HoleSection":
         """Choose what a section shows, and its scale."""
         thickness = body.thickness.nominal
         shown = thickness
@@ -162,7 +162,7 @@ class _HoleSection:
 
 def _draw_section(sheet: Sheet, body: Body, mounting: Mounting) -> None:
     """Draw a hole in section; a thread as in ISO 6410-1, crests thick and roots thin."""
-    section = _HoleSection.of(body, mounting)
+    section = _HoleSection.from_body(body, mounting)
     x, base, top, half = section.x, section.base, section.top, section.half
     sheet.draw_line((x - half, base), (x + half, base))
     upper_layer = Layer.OUTLINE if section.is_whole else Layer.DIMENSION

@@ -64,7 +64,7 @@ def tabulate_parts(kit: Apparatus) -> list[dict[str, object]]:
         rows.append(_make_row(BOUGHT, [items[part.name] for part in group], group))
     rows += _list_weights(kit, items[WEIGHT_NAME])
     for fastener in _FASTENERS:
-        rows.append(_list_small(fastener.count, fastener.what, fastener.purpose))
+        rows.append(_make_unnumbered_row(fastener.count, fastener.what, fastener.purpose))
     return rows
 
 
@@ -96,13 +96,13 @@ def _list_weights(kit: Apparatus, item: int) -> Iterator[dict[str, object]]:
     """Yield a row for each weight; those on the explorer share an item."""
     for mass in kit.normal_weights:
         what = describe_bored_weight(mass)
-        yield {**_list_small(1, what, "on the shank of the explorer"), "items": str(item)}
+        yield {**_make_unnumbered_row(1, what, "on the shank of the explorer"), "items": str(item)}
     for mass in kit.pulling_weights:
         what = f"{describe_weight(mass)}, slotted 3.2"
-        yield _list_small(1, what, "on the hanger of the cord")
+        yield _make_unnumbered_row(1, what, "on the hanger of the cord")
 
 
-def _list_small(count: int, what: str, purpose: str) -> dict[str, object]:
+def _make_unnumbered_row(count: int, what: str, purpose: str) -> dict[str, object]:
     """Make a row of something bought that no item shows."""
     return {
         "items": "",

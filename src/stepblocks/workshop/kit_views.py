@@ -95,7 +95,7 @@ class _PlacedView:
         magnification = MILLIMETRES_PER_METRE * self.scale
         return corner_x + offset * magnification, corner_y + rise * magnification
 
-    def measure(self, length: float) -> float:
+    def scale_length(self, length: float) -> float:
         """Return a length [m] on the paper."""
         return length * MILLIMETRES_PER_METRE * self.scale
 
@@ -330,7 +330,7 @@ def _trace_circle(view: _PlacedView, cylinder: Cylinder) -> Circle:
     """Return the circle of a cylinder that a view looks along."""
     direction = view.direction
     centre = view.place(cylinder.start[direction.across], cylinder.start[direction.up])
-    return Circle(centre, view.measure(0.5 * cylinder.diameter))
+    return Circle(centre, view.scale_length(0.5 * cylinder.diameter))
 
 
 def _list_labelled(component: Component) -> Iterator[tuple[str, Cylinder]]:

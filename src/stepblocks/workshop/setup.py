@@ -134,7 +134,7 @@ def _render_sheet(block: Block, routes: Sequence[Route], pair: GaugePair | None)
         burr=f"{block.face_demands['burr'].upper * 1e6:.3g} um",
         cut=f"{GRINDING * 1e3:g} mm",
         allowances=allowances,
-        left_lines=_list_left(left_dimensions),
+        left_lines=_list_left_lines(left_dimensions),
         unproven=[line.label for line in left_dimensions if line.accepted is None],
         countersink=_describe_countersink(block, allowances),
         letters_middle=format_millimetres(letters_middle, 3),
@@ -194,7 +194,7 @@ def _describe_countersink(block: Block, allowances: Allowances) -> str:
     return f"{format_millimetres(diameter, 2)} mm"
 
 
-def _list_left(dimensions: Sequence[LeftDimension]) -> list[LeftLine]:
+def _list_left_lines(dimensions: Sequence[LeftDimension]) -> list[LeftLine]:
     """List what the setups must leave, rounded into the limits [mm]."""
     lines = []
     for dimension in dimensions:

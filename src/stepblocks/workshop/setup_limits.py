@@ -45,7 +45,7 @@ class Band:
         return cls(middle - half_width, middle + half_width)
 
     @classmethod
-    def of(cls, dimension: Dimension) -> "Band":
+    def from_dimension(cls, dimension: Dimension) -> "Band":
         """Return what the limits of a dimension permit."""
         return cls(*dimension.limits)
 
@@ -175,11 +175,11 @@ def _find_drop_of_right(block: Block) -> Band:
 
 def _find_thickness(block: Block) -> Band:
     """Find the thickness to work to [m]; the depth of counterbores is measured from its far end."""
-    limits = Band.of(block.body.thickness)
+    limits = Band.from_dimension(block.body.thickness)
     mounting = block.body.mounting
     if mounting is None or mounting.kind != "clearance":
         return limits
-    return limits.narrowed(_THICKNESS_SHARE * Band.of(mounting.depth).half_width)
+    return limits.narrowed(_THICKNESS_SHARE * Band.from_dimension(mounting.depth).half_width)
 
 
 def find_lapped(block: Block) -> Band:
@@ -190,7 +190,7 @@ def find_lapped(block: Block) -> Band:
     """
     most = min(_MOST_LAPPED, 0.5 * _find_thickness(block).half_width)
     if block.body.edge_break.nominal > 0.0:
-        most = min(most, Band.of(block.body.edge_break).half_width)
+        most = min(most, Band.from_dimension(block.body.edge_break).half_width)
     return Band(0.0, max(most, _LEAST_LAPPED))
 
 
@@ -199,14 +199,14 @@ def _find_ground_off_base(block: Block, allowances: Allowances) -> Band:
     spread = _MOST_GROUND_SPREAD
     mounting = block.body.mounting
     if mounting is not None:
-        share = _GROUND_SHARE * Band.of(mounting.depth).half_width
+        share = _GROUND_SHARE * Band.from_dimension(mounting.depth).half_width
         spread = min(spread, max(share, _LEAST_GROUND_SPREAD))
     return Band.around(allowances.base, min(spread, allowances.base))
 
 
 def _list_core_holes(mounting: Mounting, ground: Band) -> Iterator[LeftDimension]:
     """List depth of core holes and threads from the base as it is drilled, before it is ground."""
-    depth = Band.of(mounting.depth)
+    depth = Band.from_dimension(mounting.depth)
     drilled = Band(depth.low + ground.high, depth.high + ground.low)
     yield LeftDimension(1, "drilled_depth", "depth of the core holes", drilled)
     least = Band(mounting.thread_depth + ground.high, math.inf)
@@ -224,7 +224,7 @@ def _find_counterbore_floor(mounting: Mounting, thickness: Band, ground: Band) -
 
     Their depth is the thickness less what is left of this.
     """
-    depth = Band.of(mounting.depth)
+    depth = Band.from_dimension(mounting.depth)
     least = thickness.high + ground.high - depth.high
     most = thickness.low + ground.low - depth.low
     return Band(least, most)
@@ -232,7 +232,7 @@ def _find_counterbore_floor(mounting: Mounting, thickness: Band, ground: Band) -
 
 def _list_edge_breaks(block: Block, lapped: Band) -> Iterator[LeftDimension]:
     """List the legs of edge breaks on faces that are ground, and still to be lapped or cut."""
-    leg = Band.of(block.body.edge_break)
+    leg = Band.from_dimension(block.body.edge_break)
     yield LeftDimension(5, "edge_break_base", "leg at the base and of upright edges", leg)
     sides = (
         ("left", _find_drop_of_left(block)),

@@ -63,6 +63,7 @@ class MeshMeasures:
 
     @cached_property
     def _planes(self) -> _Planes:
+        """Unit normals and areas [m^2] of the triangles."""
         corners = self.vertices[self.triangles]
         doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         lengths = np.linalg.norm(doubled, axis=1)
@@ -135,7 +136,7 @@ class MeshMeasures:
         heights = z[chosen].mean(axis=1)
         return float(np.average(heights, weights=self._planes.areas[chosen]))
 
-    def start_of_level(self, level: float, within: float = _ON_LEVEL) -> float:
+    def find_level_start(self, level: float, within: float = _ON_LEVEL) -> float:
         """Find where the level face that reaches the right end of a block begins [m].
 
         Parameters

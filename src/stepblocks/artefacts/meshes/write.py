@@ -3,9 +3,7 @@
 Every byte depends on the mesh alone: no dates, no random identifiers.
 """
 
-import io
 import re
-import zipfile
 from collections.abc import Callable, Sequence
 from importlib.util import find_spec
 from pathlib import Path
@@ -13,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from stepblocks.files.archives import pin_archive
 from stepblocks.parts.shapes import Mesh
 
 _MM = 1e3
-_PINNED_DATE = (1980, 1, 1, 0, 0, 0)  # the earliest that a zip archive can hold
 _IDENTIFIER = re.compile(rb"[0-9a-f]{8}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{12}")
 # Rotation from the part's axes (z up) to glTF's (y up): x stays, y becomes -z, z becomes y
 GLB_FROM_PART = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
@@ -49,17 +47,8 @@ def write_ply(path: Path, mesh: Mesh) -> None:
 
 def write_3mf(path: Path, mesh: Mesh) -> None:
     """Write 3MF in millimetres, decimal text, its random identifiers replaced by counted ones."""
-    exported = io.BytesIO(_build_trimesh(mesh, _MM).export(file_type="3mf"))
-    buffer = io.BytesIO()
-    with (
-        zipfile.ZipFile(exported) as source,
-        zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED, compresslevel=6) as target,
-    ):
-        for name in source.namelist():
-            entry = zipfile.ZipInfo(name, _PINNED_DATE)
-            content = _number_identifiers(source.read(name))
-            target.writestr(entry, content, zipfile.ZIP_DEFLATED)
-    path.write_bytes(buffer.getvalue())
+    exported = _build_trimesh(mesh, _MM).export(file_type="3mf")
+    path.write_bytes(pin_archive(exported, _number_identifiers))
 
 
 def _number_identifiers(text: bytes) -> bytes:

@@ -108,12 +108,12 @@ def check_step(path: str | Path, *, require_ap242: bool = False) -> StepReport:
         If the file is not whole ISO 10303-21 text, or is larger than 128 MiB.
     """
     found = read_confined(
-        f"{__name__}:report_confined", Path(path), require_ap242, raises=MetrologyError
+        f"{__name__}:check_step_confined", Path(path), require_ap242, raises=MetrologyError
     )
     return TypeAdapter(StepReport).validate_python(found)
 
 
-def report_confined(path: Path, require_ap242: bool) -> dict[str, object]:
+def check_step_confined(path: Path, require_ap242: bool) -> dict[str, object]:
     """Check a file, in the confined process; the result has the fields of a `StepReport`."""
     file = read_exchange(path)
     densities, wrong_densities = read_densities(file)
@@ -182,9 +182,9 @@ def _check_tolerance(tolerance: Characteristic, require_face: bool) -> Iterator[
 
 def _list_textures(file: Exchange) -> Iterator[Texture]:
     """List the surface textures that are stated, one for each face."""
-    for _, parameters in file.named("PROPERTY_DEFINITION_REPRESENTATION"):
+    for _, parameters in file.find_instances("PROPERTY_DEFINITION_REPRESENTATION"):
         definition, representation = parameters[:2]
-        defined = file.parameters(definition, "PROPERTY_DEFINITION")
+        defined = file.get_parameters(definition, "PROPERTY_DEFINITION")
         if not defined or defined[0] != "surface texture":
             continue
         _, _, owner = defined
@@ -197,17 +197,19 @@ def _list_textures(file: Exchange) -> Iterator[Texture]:
 
 
 def _list_items(file: Exchange, representation: object) -> Iterator[object]:
-    parameters = file.parameters(representation, "REPRESENTATION")
+    """List the items of a representation; none of what is no representation."""
+    parameters = file.get_parameters(representation, "REPRESENTATION")
     if len(parameters) > 1:
         yield from parameters[1]
 
 
 def _list_material_names(file: Exchange) -> Iterator[str]:
-    for ref, parameters in file.named("REPRESENTATION"):
+    """List the names of materials that a file states."""
+    for ref, parameters in file.find_instances("REPRESENTATION"):
         if len(parameters) != 3 or "material name" not in str(parameters[0]).lower():
             continue
         for item in _list_items(file, ref):
-            yield from map(str, file.parameters(item, "DESCRIPTIVE_REPRESENTATION_ITEM")[:1])
+            yield from map(str, file.get_parameters(item, "DESCRIPTIVE_REPRESENTATION_ITEM")[:1])
 
 
 def format_step_table(report: StepReport) -> str:

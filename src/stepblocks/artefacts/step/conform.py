@@ -162,6 +162,7 @@ class _Data:
 
 
 def _read_instances(section: str) -> _Data:
+    """Read the instances of a data section, by reference and by entity."""
     data = _Data()
     for ref, body, entity in _INSTANCE.findall(section):
         data.bodies[ref] = body
@@ -298,6 +299,7 @@ def quote(text: str) -> str:
 
 
 def _encode_character(character: str) -> str:
+    """Write a character as Part 21 does: printable ASCII as it is, others by their number."""
     if " " <= character <= "~":
         return character
     return f"\\X4\\{ord(character):08X}\\X0\\"

@@ -31,9 +31,9 @@ _LOCATIONS = (
 def list_dimensions(file: Exchange) -> list[Characteristic]:
     """List the dimensions of a file, in the order of their instances."""
     dimensions = []
-    for ref, parameters in file.named(*_SIZES):
+    for ref, parameters in file.find_instances(*_SIZES):
         dimensions.append(_read_dimension(file, _read_size(file, ref, parameters)))
-    for ref, parameters in file.named(*_LOCATIONS):
+    for ref, parameters in file.find_instances(*_LOCATIONS):
         if len(parameters) >= 4:
             dimensions.append(_read_dimension(file, _read_location(file, ref, parameters)))
     return sorted(dimensions, key=lambda dimension: dimension.number)
@@ -70,18 +70,20 @@ class _Statement:
 
 
 def _read_size(file: Exchange, ref: str, parameters: Parameters) -> _Statement:
+    """Read the faces and the kind of a DIMENSIONAL_SIZE."""
     sides = (find_faces(file, parameters[0]),)
-    if file.parameters(ref, "ANGULAR_SIZE"):
+    if file.get_parameters(ref, "ANGULAR_SIZE"):
         return _Statement(ref, "angular size", read_optional_text(parameters[1]), sides)
     kind = str(parameters[1]) if len(parameters) > 1 else "size"
     return _Statement(ref, kind, "", sides)
 
 
 def _read_location(file: Exchange, ref: str, parameters: Parameters) -> _Statement:
+    """Read both sides, kind and description of a DIMENSIONAL_LOCATION."""
     name, description, first, second = parameters[:4]
     kind = read_optional_text(name)
     if not kind:
-        is_angle = file.parameters(ref, "ANGULAR_LOCATION")
+        is_angle = file.get_parameters(ref, "ANGULAR_LOCATION")
         kind = "angular location" if is_angle else "location"
     sides = (find_faces(file, first), find_faces(file, second))
     return _Statement(ref, kind, read_optional_text(description), sides)
@@ -162,7 +164,7 @@ def _read_values(file: Exchange, ref: str) -> _Limits:
     """Read the values of a dimension: the first is the nominal, limits are labelled."""
     nominal = upper = lower = None
     for representation in _list_related(file, ref, "DIMENSIONAL_CHARACTERISTIC_REPRESENTATION", 0):
-        parameters = file.parameters(representation, "SHAPE_DIMENSION_REPRESENTATION")
+        parameters = file.get_parameters(representation, "SHAPE_DIMENSION_REPRESENTATION")
         if len(parameters) < 2:
             continue
         for item in parameters[1]:
@@ -186,7 +188,8 @@ def _read_values(file: Exchange, ref: str) -> _Limits:
 
 
 def _read_label(file: Exchange, item: object) -> str:
-    parameters = file.parameters(item, "REPRESENTATION_ITEM")
+    """Read the name of a representation item in lower case; empty where it has none."""
+    parameters = file.get_parameters(item, "REPRESENTATION_ITEM")
     if not parameters:
         return ""
     return str(parameters[0]).lower()
@@ -195,7 +198,7 @@ def _read_label(file: Exchange, item: object) -> str:
 def _read_deviations(file: Exchange, ref: str, nominal: Measure) -> _Limits:
     """Read the lower and the upper deviation of a PLUS_MINUS_TOLERANCE."""
     for tolerance in _list_related(file, ref, "PLUS_MINUS_TOLERANCE", 1):
-        bounds = file.parameters(tolerance, "TOLERANCE_VALUE")
+        bounds = file.get_parameters(tolerance, "TOLERANCE_VALUE")
         if not bounds:
             continue
         measures = [read_measure(file, bound) for bound in bounds]
@@ -223,7 +226,7 @@ def _list_related(file: Exchange, ref: str, entity: str, place: int) -> Iterator
     place : {0, 1}
         Which of its parameters is the instance; the other one is yielded.
     """
-    for user in file.users(ref):
-        pair = file.parameters(user, entity)
+    for user in file.list_referrers(ref):
+        pair = file.get_parameters(user, entity)
         if len(pair) == 2 and pair[place] == ref:
             yield pair[1 - place]

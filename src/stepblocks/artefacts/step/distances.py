@@ -78,6 +78,7 @@ def _measure_round(surfaces: Sequence[Surface], name: str) -> float | None:
 
 
 def _choose_diameter_or_radius(radius: float, name: str) -> float | None:
+    """Return what the name of a size asks for [m]; None where it names neither."""
     if "diameter" in name:
         return 2.0 * radius
     if "radius" in name:
@@ -190,7 +191,7 @@ class _Relation:
         return self.is_parallel and self.beside_axis <= _ONE_AXIS
 
 
-def _relate(first: Surface, second: Surface) -> _Relation:
+def _find_relation(first: Surface, second: Surface) -> _Relation:
     """Find how two surfaces lie to each other."""
     is_curve_first = first.kind in _CURVES and second.kind not in _CURVES
     if second.kind == PLANE or is_curve_first:
@@ -213,7 +214,7 @@ def _relate(first: Surface, second: Surface) -> _Relation:
 
 def _measure_between(one_face: Surface, another_face: Surface) -> float | None:
     """Measure the distance between two surfaces, round ones from their centres or axes [m]."""
-    relation = _relate(one_face, another_face)
+    relation = _find_relation(one_face, another_face)
     if relation.first.kind == PLANE:
         return abs(relation.along_axis) if _is_level(relation) else None
     if relation.first.kind == SPHERE and relation.second.kind == SPHERE:

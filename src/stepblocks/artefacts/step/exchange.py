@@ -111,7 +111,7 @@ class Exchange:
         self._holders = data.holders
         self._parsed: dict[str, dict[str, Parameters]] = {}
 
-    def parts(self, ref: object) -> dict[str, Parameters]:
+    def get_entities(self, ref: object) -> dict[str, Parameters]:
         """Return entity names and parameters of an instance; empty for what is no instance."""
         if not isinstance(ref, str) or ref not in self._texts:
             return {}
@@ -122,24 +122,24 @@ class Exchange:
                 raise _describe_fault(error, self.name) from error
         return self._parsed[ref]
 
-    def parameters(self, ref: object, entity: str) -> Parameters:
+    def get_parameters(self, ref: object, entity: str) -> Parameters:
         """Return the parameters of one entity of an instance; empty where it has none."""
-        return self.parts(ref).get(entity, ())
+        return self.get_entities(ref).get(entity, ())
 
-    def named(self, *entities: str) -> Iterator[tuple[str, Parameters]]:
+    def find_instances(self, *entities: str) -> Iterator[tuple[str, Parameters]]:
         """Yield reference and parameters of every instance of the given entities, in order."""
         for entity in entities:
             for ref in self._holders.get(entity, ()):
-                parts = self.parts(ref)
+                parts = self.get_entities(ref)
                 if entity in parts:
                     yield ref, parts[entity]
 
-    def users(self, ref: str) -> list[str]:
+    def list_referrers(self, ref: str) -> list[str]:
         """Return the instances that refer to an instance directly, but for those of pure shape."""
-        return self._users.get(ref, [])
+        return self._referrers.get(ref, [])
 
     @cached_property
-    def _users(self) -> dict[str, list[str]]:
+    def _referrers(self) -> dict[str, list[str]]:
         """The instances that refer to each instance, in the order of the file."""
         of_shape: set[str] = set()
         for entity in _SHAPE_ENTITIES:
@@ -203,6 +203,7 @@ def read_exchange(path: Path) -> Exchange:
 
 
 def _describe_fault(error: Exception, name: str) -> MetrologyError:
+    """Make the error of a STEP file that cannot be parsed."""
     reason = " ".join(str(error).split())[:_MOST_SHOWN]
     return MetrologyError(f"STEP file must be sound Part 21 text, got: {reason} [{name}]")
 
@@ -239,6 +240,7 @@ _ENCODING_BY_BYTES = {"2": "utf-16-be", "4": "utf-32-be"}
 
 
 def _keep_string(comment_or_string: re.Match[str]) -> str:
+    """Replace a comment by nothing, and a string by itself."""
     return comment_or_string[1] or ""
 
 
@@ -364,6 +366,7 @@ class _JsonTranslator:
         return f'{comma}{{"{name.upper()}":['
 
     def _translate_mark(self, mark: str) -> str:
+        """Translate a parenthesis or comma; a parenthesis closes what was opened last."""
         if mark == "(":
             self._closing.append("]")
             return "["
@@ -379,6 +382,7 @@ def _decode(token: str) -> str:
 
 
 def _decode_extended(found: re.Match[str]) -> str:
+    """Decode the hexadecimal digits of an ``X2`` or ``X4`` sequence of Part 21."""
     return bytes.fromhex(found["digits"]).decode(_ENCODING_BY_BYTES[found["bytes"]])
 
 

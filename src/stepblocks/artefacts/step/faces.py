@@ -86,8 +86,8 @@ def find_faces(file: Exchange, aspect: object, depth: int = 0) -> list[Surface]:
     if depth > _MOST_COMPOSITES or not is_reference(aspect):
         return []
     surfaces: dict[str, Surface] = {}
-    for user in file.users(str(aspect)):
-        parts = file.parts(user)
+    for user in file.list_referrers(str(aspect)):
+        parts = file.get_entities(user)
         for surface in _read_used_faces(file, parts, aspect):
             surfaces[surface.ref] = surface
         below = _find_part_of_composite(file, parts, aspect)
@@ -119,7 +119,7 @@ def _find_part_of_composite(file: Exchange, parts: dict[str, Parameters], aspect
     if len(parameters) != 4:
         return None
     _, _, composite, part = parameters
-    if composite != aspect or "DATUM" in file.parts(part):
+    if composite != aspect or "DATUM" in file.get_entities(part):
         return None
     return part
 
@@ -134,9 +134,9 @@ class _Units:
 
 def _read_units(file: Exchange, representation: str) -> _Units:
     """Read the units of the context of a representation; unknown where it has none."""
-    for parameters in file.parts(representation).values():
+    for parameters in file.get_entities(representation).values():
         for parameter in parameters:
-            context = file.parameters(parameter, "GLOBAL_UNIT_ASSIGNED_CONTEXT")
+            context = file.get_parameters(parameter, "GLOBAL_UNIT_ASSIGNED_CONTEXT")
             if not context:
                 continue
             by_dimension = {}
@@ -160,7 +160,7 @@ def _read_surface(file: Exchange, item: str, representation: str) -> Surface:
         return Surface(
             item,
             kind,
-            units.length.si(_read_coordinates(file, parameters[1])),
+            units.length.convert_to_si(_read_coordinates(file, parameters[1])),
             _read_direction_of_line(file, parameters[-1]),
             representation=representation,
         )
@@ -168,7 +168,7 @@ def _read_surface(file: Exchange, item: str, representation: str) -> Surface:
     return Surface(
         item,
         kind,
-        units.length.si(placement.point),
+        units.length.convert_to_si(placement.point),
         placement.axis,
         _read_sizes(kind, parameters[2:], units),
         representation,
@@ -182,26 +182,26 @@ def read_curve(file: Exchange, edge: str, representation: str) -> Surface:
 
 def read_vertex(file: Exchange, vertex: object, representation: str) -> Array:
     """Read the point of a vertex [m], shape (3,), nan where it has none."""
-    parameters = file.parameters(vertex, "VERTEX_POINT")
+    parameters = file.get_parameters(vertex, "VERTEX_POINT")
     if len(parameters) != 2:
         return _NOWHERE
     units = _read_units(file, representation)
-    return units.length.si(_read_coordinates(file, parameters[1]))
+    return units.length.convert_to_si(_read_coordinates(file, parameters[1]))
 
 
 def _find_geometry(file: Exchange, item: str) -> tuple[str, Parameters]:
     """Find kind and parameters of the surface or curve that carries a face or edge."""
     carrier: object = item
     for entity, place in _CARRIERS.items():
-        parameters = file.parameters(item, entity)
+        parameters = file.get_parameters(item, entity)
         if parameters:
             carrier = parameters[place]
             break
     for entity in _TRACED_CURVES:
-        traced = file.parameters(carrier, entity)
+        traced = file.get_parameters(carrier, entity)
         if len(traced) > 1:
             carrier = traced[1]
-    return next(iter(file.parts(carrier).items()), ("", ()))
+    return next(iter(file.get_entities(carrier).items()), ("", ()))
 
 
 def _read_sizes(kind: str, parameters: Parameters, units: _Units) -> tuple[float, ...]:
@@ -210,15 +210,15 @@ def _read_sizes(kind: str, parameters: Parameters, units: _Units) -> tuple[float
     for parameter in parameters:
         number = read_number(parameter)
         numbers.append(math.nan if number is None else number)
-    sizes = [units.length.si(number) for number in numbers]
+    sizes = [units.length.convert_to_si(number) for number in numbers]
     if kind == CONE and len(numbers) == 2:
-        sizes[1] = units.angle.si(numbers[1])
+        sizes[1] = units.angle.convert_to_si(numbers[1])
     return tuple(sizes)
 
 
 def _read_coordinates(file: Exchange, ref: object) -> Array:
     """Read a point in the units of the file, shape (3,), nan where it is none."""
-    parameters = file.parameters(ref, "CARTESIAN_POINT")
+    parameters = file.get_parameters(ref, "CARTESIAN_POINT")
     if len(parameters) != 2:
         return _NOWHERE
     return np.array(parameters[1], dtype=np.float64)
@@ -226,7 +226,7 @@ def _read_coordinates(file: Exchange, ref: object) -> Array:
 
 def _read_direction(file: Exchange, ref: object, default: Array = _NOWHERE) -> Array:
     """Read a direction of length one, shape (3,)."""
-    parameters = file.parameters(ref, "DIRECTION")
+    parameters = file.get_parameters(ref, "DIRECTION")
     direction = default
     if len(parameters) == 2:
         direction = np.array(parameters[1], dtype=np.float64)
@@ -234,7 +234,7 @@ def _read_direction(file: Exchange, ref: object, default: Array = _NOWHERE) -> A
 
 
 def _read_direction_of_line(file: Exchange, ref: object) -> Array:
-    vector = file.parameters(ref, "VECTOR")
+    vector = file.get_parameters(ref, "VECTOR")
     return _read_direction(file, vector[1] if len(vector) > 1 else None)
 
 
@@ -249,7 +249,7 @@ class _Placement:
 
 def _read_placement(file: Exchange, ref: object) -> _Placement:
     """Read a placement; nan where it is none."""
-    parameters = file.parameters(ref, "AXIS2_PLACEMENT_3D")
+    parameters = file.get_parameters(ref, "AXIS2_PLACEMENT_3D")
     if len(parameters) != 4:
         return _Placement(_NOWHERE, _NOWHERE, _NOWHERE)
     _, point, axis, second_axis = parameters
@@ -265,7 +265,7 @@ def is_placed_where_drawn(file: Exchange) -> bool:
 
     Only then can two bodies be compared.
     """
-    for _, parameters in file.named("ITEM_DEFINED_TRANSFORMATION"):
+    for _, parameters in file.find_instances("ITEM_DEFINED_TRANSFORMATION"):
         first, second = (_read_placement(file, item) for item in parameters[2:4])
         if not _are_same(first, second):
             return False
@@ -273,6 +273,7 @@ def is_placed_where_drawn(file: Exchange) -> bool:
 
 
 def _are_same(first: _Placement, second: _Placement) -> bool:
+    """Tell whether two placements agree in point and both axes."""
     pairs = (
         (first.point, second.point),
         (first.axis, second.axis),

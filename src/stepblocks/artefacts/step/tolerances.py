@@ -39,7 +39,7 @@ def list_tolerances(file: Exchange) -> list[Characteristic]:
     tolerances: dict[str, Characteristic] = {}
     for kind in _KINDS:
         entity = f"{kind}_TOLERANCE"
-        for ref, _ in file.named(entity):
+        for ref, _ in file.find_instances(entity):
             tolerance = _read_tolerance(file, ref, entity, kind.lower().replace("_", " "))
             if tolerance is not None:
                 tolerances[ref] = tolerance
@@ -48,12 +48,12 @@ def list_tolerances(file: Exchange) -> list[Characteristic]:
 
 def _read_tolerance(file: Exchange, ref: str, entity: str, kind: str) -> Characteristic | None:
     """Read a tolerance, an instance of one entity or of several; None for what is no whole one."""
-    simple = file.parameters(ref, entity)
-    parameters = file.parameters(ref, "GEOMETRIC_TOLERANCE") or simple
+    simple = file.get_parameters(ref, entity)
+    parameters = file.get_parameters(ref, "GEOMETRIC_TOLERANCE") or simple
     if len(parameters) < _PARAMETERS:
         return None
     name, _, stated_zone, aspect = parameters[:_PARAMETERS]
-    with_datum = file.parameters(ref, "GEOMETRIC_TOLERANCE_WITH_DATUM_REFERENCE")
+    with_datum = file.get_parameters(ref, "GEOMETRIC_TOLERANCE_WITH_DATUM_REFERENCE")
     datum_references = with_datum or simple[_PARAMETERS : _PARAMETERS + 1]
     zone = read_measure(file, stated_zone)
     value = math.nan
@@ -82,9 +82,9 @@ def _read_datums(file: Exchange, references: object) -> tuple[str, ...]:
     letters: list[str] = []
     pending = list(find_references(references))
     for ref in pending:  # which grows on the way
-        letters += map(str, file.parameters(ref, "DATUM")[-1:])
+        letters += map(str, file.get_parameters(ref, "DATUM")[-1:])
         for entity in _TO_DATUM:
-            for below in find_references(file.parameters(ref, entity)[1:]):
+            for below in find_references(file.get_parameters(ref, entity)[1:]):
                 if below not in pending:
                     pending.append(below)
     return tuple(dict.fromkeys(letters))

@@ -81,7 +81,7 @@ class Unit:
     dimension: str = _UNKNOWN
     factor: float = math.nan
 
-    def si(self, value: Number) -> Number:
+    def convert_to_si(self, value: Number) -> Number:
         """Convert a value or an array; millimetres are divided by 1000 (nearest double)."""
         return multiply_by_unit(value, self.factor)
 
@@ -96,7 +96,7 @@ class Measure:
 
 def read_unit(file: Exchange, ref: object) -> Unit:
     """Resolve a unit, SI or converted."""
-    parts = file.parts(ref)
+    parts = file.get_entities(ref)
     stated = parts.get("SI_UNIT")
     if stated:
         return _read_si_unit(stated)
@@ -120,7 +120,7 @@ def _read_si_unit(parameters: Parameters) -> Unit:
 def read_measure(file: Exchange, ref: object) -> Measure | None:
     """Read a measure with unit, whether simple, complex or a representation item."""
     for entity, place in _MEASURES.items():
-        parameters = file.parameters(ref, entity)[place:]
+        parameters = file.get_parameters(ref, entity)[place:]
         if len(parameters) < 2:
             continue
         stated_value, stated_unit, *_ = parameters
@@ -128,7 +128,7 @@ def read_measure(file: Exchange, ref: object) -> Measure | None:
         if value is None:
             return None
         unit = read_unit(file, stated_unit)
-        return Measure(unit.si(value), unit)
+        return Measure(unit.convert_to_si(value), unit)
     return None
 
 
@@ -136,7 +136,7 @@ def find_untyped_measures(file: Exchange) -> list[str]:
     """List every measure whose value is no typed SELECT, or whose type does not fit its unit."""
     findings: list[str] = []
     for entity, place in _MEASURES.items():
-        for ref, parameters in file.named(entity):
+        for ref, parameters in file.find_instances(entity):
             if len(parameters) < place + 2:
                 continue
             value, unit = parameters[place : place + 2]
@@ -170,10 +170,10 @@ def read_densities(file: Exchange) -> tuple[list[float], list[str]]:
     """
     densities: list[float] = []
     findings: list[str] = []
-    for ref, parameters in file.named("MEASURE_REPRESENTATION_ITEM"):
+    for ref, parameters in file.find_instances("MEASURE_REPRESENTATION_ITEM"):
         stated = parameters or (
-            *file.parameters(ref, "REPRESENTATION_ITEM"),
-            *file.parameters(ref, "MEASURE_WITH_UNIT"),
+            *file.get_parameters(ref, "REPRESENTATION_ITEM"),
+            *file.get_parameters(ref, "MEASURE_WITH_UNIT"),
         )
         if len(stated) != 3:
             continue
@@ -215,11 +215,11 @@ def _read_derived_unit(file: Exchange, ref: object) -> _DerivedUnit:
     """Read a derived unit; without elements it is 1 and has no powers."""
     factor = 1.0
     powers: dict[str, float] = {}
-    elements = file.parameters(ref, "DERIVED_UNIT")
+    elements = file.get_parameters(ref, "DERIVED_UNIT")
     if not elements:
         return _DerivedUnit(factor, powers)
     for element in elements[0]:
-        parameters = file.parameters(element, "DERIVED_UNIT_ELEMENT")
+        parameters = file.get_parameters(element, "DERIVED_UNIT_ELEMENT")
         if len(parameters) != 2:
             continue
         stated_unit, stated_power = parameters

@@ -32,7 +32,7 @@ def find_moved_vertices(file: Exchange) -> list[str]:
     allowed = max(_LEAST_ALLOWED, _read_uncertainty(file))
     representation = _find_representation(file)
     moved: dict[str, str] = {}
-    for ref, parameters in file.named("EDGE_CURVE"):
+    for ref, parameters in file.find_instances("EDGE_CURVE"):
         if len(parameters) != 5:
             continue
         curve = read_curve(file, ref, representation)
@@ -53,7 +53,7 @@ def find_moved_vertices(file: Exchange) -> list[str]:
 
 def _find_representation(file: Exchange) -> str:
     """Find the representation that holds the bodies, and with them the units of their points."""
-    for ref, _ in file.named(
+    for ref, _ in file.find_instances(
         "ADVANCED_BREP_SHAPE_REPRESENTATION", "MANIFOLD_SURFACE_SHAPE_REPRESENTATION"
     ):
         return ref
@@ -63,7 +63,7 @@ def _find_representation(file: Exchange) -> str:
 def _read_uncertainty(file: Exchange) -> float:
     """Read the largest uncertainty of lengths that a file states [m], 0 where it states none."""
     largest = 0.0
-    for ref, parameters in file.named("UNCERTAINTY_MEASURE_WITH_UNIT"):
+    for ref, parameters in file.find_instances("UNCERTAINTY_MEASURE_WITH_UNIT"):
         measure = read_measure(file, ref)
         if measure is not None:
             largest = max(largest, measure.si)
@@ -71,7 +71,7 @@ def _read_uncertainty(file: Exchange) -> float:
             value = getattr(parameters[0], "value", None)
             unit = read_unit(file, parameters[1])
             if isinstance(value, int | float):
-                largest = max(largest, unit.si(float(value)))
+                largest = max(largest, unit.convert_to_si(float(value)))
     return largest if math.isfinite(largest) else 0.0
 
 

@@ -50,7 +50,7 @@ class _Content:
     notes: list[tuple[str, str]] = field(default_factory=list)
 
     @property
-    def callouts(self) -> int:
+    def callout_count(self) -> int:
         """How many callouts are drawn."""
         return len(self.dimensions) + len(self.tolerances)
 
@@ -178,7 +178,7 @@ def _list_content(part: Part, described: Sequence[tuple[door.Face, ...]]) -> _Co
         )
         last = items[-1]
         target = described[last.body][last.face]
-        callout = make_callout(characteristic, number, content.callouts, everything, target)
+        callout = make_callout(characteristic, number, content.callout_count, everything, target)
         if characteristic.kind == "flatness":
             (face,) = items
             content.tolerances.append(

@@ -72,7 +72,7 @@ class Swing:
     decay_time: Estimate
     half: float = 0.0
 
-    def amplitude(self, instant: float) -> Estimate:
+    def compute_amplitude(self, instant: float) -> Estimate:
         """Return the amplitude carried back to `instant` [N].
 
         Viscous decay alone is taken into account.
@@ -126,19 +126,19 @@ class Aftermath:
     is_late: bool = False
 
     @property
-    def damped(self) -> bool:
+    def is_bell(self) -> bool:
         """Whether it rings like a bell; else its tip rubs."""
         return self.swing is None
 
     def carry_to(self, instant: float) -> "Aftermath":
         """Return the same with the amplitude at another instant [s]."""
         if isinstance(self.ring, Ring):
-            return replace(self, start=instant, amplitude=self.ring.amplitude(instant))
+            return replace(self, start=instant, amplitude=self.ring.compute_amplitude(instant))
         assert self.swing is not None
         # a tip that took its time to fall has rung for half a period all the same when it has swung
         # through
         instant = max(instant, self.swing.instant - self.swing.half)
-        return replace(self, start=instant, amplitude=self.swing.amplitude(instant))
+        return replace(self, start=instant, amplitude=self.swing.compute_amplitude(instant))
 
 
 def fit_aftermath(
@@ -168,7 +168,7 @@ def fit_aftermath(
     cosine = None
     if saw is None:
         first = int(np.searchsorted(time, top + _RELEASE_TIME))
-        cosine = fit_cosine(time[first:], force[first:], top, approach.mains, marks.noise)
+        cosine = fit_cosine(time[first:], force[first:], top, approach.mains_frequency, marks.noise)
         late = fit_ring_after_rest(time, force, cosine, marks.noise)
         if late is not None:
             return late
@@ -181,7 +181,7 @@ def fit_aftermath(
         rubbing = _fit_best_rubbing(time, force, marks, approach, tool)
     # a tip that clearly slips back is no bell that hardens, or that its gauge bends
     if rubbing is None or (saw is None and not _clearly_slips_back(rubbing)):
-        bell = fit_bell(time, force, top, approach.mains, marks.noise, cosine)
+        bell = fit_bell(time, force, top, approach.mains_frequency, marks.noise, cosine)
         if rubbing is None or _is_bell(time, bell, rubbing, marks):
             return bell
     swing = _measure_swing(time, force, marks, approach, rubbing, tool=tool, saw=saw)
@@ -193,7 +193,7 @@ def _clearly_slips_back(rubbing: RubbingRing) -> bool:
     """Tell whether a tip clearly rubs, by the misfit and the gap of its fit."""
     if not rubbing.misfit < _GOOD or not rubbing.knows_gap:
         return False
-    return rubbing.gap.value > _GAP * rubbing.level.value
+    return rubbing.backward_force_drop.value > _GAP * rubbing.forward_sliding_force.value
 
 
 def _is_bell(time: Array, bell: Aftermath, rubbing: RubbingRing, marks: Landmarks) -> bool:
@@ -209,7 +209,7 @@ def _is_bell(time: Array, bell: Aftermath, rubbing: RubbingRing, marks: Landmark
     of_rubbing = float(np.sum(rubbing.residuals**2))
     if rubbing.misfit > _GOOD and of_rubbing > _BETTER * of_bell:
         return True
-    has_no_gap = rubbing.gap.value < _SLIGHT * rubbing.level.value
+    has_no_gap = rubbing.backward_force_drop.value < _SLIGHT * rubbing.forward_sliding_force.value
     slight_miss = _SLIGHT * min(bell.amplitude.value, marks.rise)
     return has_no_gap and float(np.std(residuals)) < slight_miss
 
@@ -234,9 +234,9 @@ def _measure_swing(
             known_spread = KNOWN_SPREAD.decay_time
         spread = min(known_spread * known_decay_time, rubbing.decay_time.std)
         decay_time = Estimate(known_decay_time, spread)
-    clean = force - approach.hum(time)
-    drift = approach.drift(float(time[marks.peak]))
-    level = approach.level + drift.value
+    clean = force - approach.compute_hum(time)
+    drift = approach.compute_drift(float(time[marks.peak]))
+    level = approach.sliding_force + drift.value
     motion = Motion(
         time,
         clean,
@@ -244,16 +244,22 @@ def _measure_swing(
         peak=marks.peak,
         level=level,
         load=0.0,
-        slope=approach.slope,
+        slope=approach.initial_slope,
         noise=marks.noise,
         frequency=frequency,
     )
     bottom = find_first_swing(motion)
     # a tool that hardens swings less far below its level than above it, where it was let go
-    swung = compute_softened_force(max(bottom.depth, 0.0), approach.hardening)
+    swung = compute_softened_force(max(bottom.depth, 0.0), approach.hardening_coefficient)
     depth = bottom.depth
-    depth += 3.0 * approach.hardening * approach.level * swung * (swung - approach.level)
-    level_std = approach.level_std
+    depth += (
+        3.0
+        * approach.hardening_coefficient
+        * approach.sliding_force
+        * swung
+        * (swung - approach.sliding_force)
+    )
+    level_std = approach.sliding_force_std
     if saw is not None:
         level_std = saw.kinetic.std
     depth_std = math.hypot(bottom.std, level_std, drift.std)
@@ -282,7 +288,7 @@ def fit_ring_after_rest(time: Array, force: Array, early: Ring, noise: float) ->
     since = time[time.size - early.fit.residuals.size :] - release
     pulses = np.exp(-since[:, None] / _REST_TIMES)
     begun = early.fit.residuals[since < _LATE_BEGINS[-1]]
-    is_visible = float(np.std(begun)) > _VISIBLE * early.amplitude(release).value
+    is_visible = float(np.std(begun)) > _VISIBLE * early.compute_amplitude(release).value
     if not is_visible or not early.fit.would_gain_from(pulses):
         return None
     for begin in _LATE_BEGINS:
@@ -293,13 +299,13 @@ def fit_ring_after_rest(time: Array, force: Array, early: Ring, noise: float) ->
     else:
         return None
     left_out = slice(int(np.searchsorted(time, release + _RELEASE_TIME)), first)
-    rest = force[left_out] - late.curve_without_rest(time[left_out])
+    rest = force[left_out] - late.compute_curve_without_rest(time[left_out])
     if not _is_dying_rest(rest, noise):
         return None
     return Aftermath(
         late,
         release,
-        late.amplitude(release),
+        late.compute_amplitude(release),
         late.frequency,
         late.decay_time,
         late.level,
@@ -343,7 +349,7 @@ def fit_bell(
     first = int(np.searchsorted(time, release + _RELEASE_TIME))
     bell = fit_ring(time[first:], force[first:], release, mains, noise, cosine)
     return Aftermath(
-        bell, release, bell.amplitude(release), bell.frequency, bell.decay_time, bell.level
+        bell, release, bell.compute_amplitude(release), bell.frequency, bell.decay_time, bell.level
     )
 
 
@@ -359,7 +365,7 @@ def _measure_aftermath_of_rubbing(
     """Return the figures of a tip that rubs; `sample` is the time between two samples [s]."""
     frequency, decay_time = rubbing.frequency, rubbing.decay_time
     knows_gap = rubbing.knows_gap
-    if tool is not None and _is_far(rubbing, tool):
+    if tool is not None and _is_far_from_tool(rubbing, tool):
         # a fit of few swings may find another tool: then it knows no better than that
         known_frequency, known_decay_time = tool
         frequency = _widen(frequency, known_frequency)
@@ -367,15 +373,17 @@ def _measure_aftermath_of_rubbing(
         knows_gap = False
     friction_decay = _NOT_KNOWN
     if knows_gap:
-        loss = 2.0 * rubbing.gap.value * rubbing.frequency.value
-        friction_decay = Estimate(loss, 2.0 * rubbing.frequency.value * rubbing.gap.std)
+        loss = 2.0 * rubbing.backward_force_drop.value * rubbing.frequency.value
+        friction_decay = Estimate(
+            loss, 2.0 * rubbing.frequency.value * rubbing.backward_force_drop.std
+        )
     aftermath = Aftermath(
         rubbing,
         -math.inf,
         _NOT_KNOWN,
         frequency,
         decay_time,
-        rubbing.level,
+        rubbing.forward_sliding_force,
         friction_decay,
         swing,
         sample,
@@ -383,7 +391,7 @@ def _measure_aftermath_of_rubbing(
     return aftermath.carry_to(-math.inf)
 
 
-def _is_far(rubbing: RubbingRing, tool: Tool) -> bool:
+def _is_far_from_tool(rubbing: RubbingRing, tool: Tool) -> bool:
     """Tell whether a fit found another tool than the known one."""
     frequency, decay_time = tool
     far_frequency = _FAR * KNOWN_SPREAD.frequency * frequency
@@ -406,7 +414,7 @@ def _fit_best_rubbing(
 
     The result is None where the force has no trough after the slip.
     """
-    clean = force - approach.hum(time)
+    clean = force - approach.compute_hum(time)
     after = clean[marks.peak :]
     level = float(np.median(after[int(after.size * (1.0 - _TAIL_SHARE)) :]))
     spread = GUESSED_SPREAD
@@ -421,7 +429,7 @@ def _fit_best_rubbing(
                 clean[trough:],
                 level,
                 guess,
-                approach.slope,
+                approach.initial_slope,
                 marks.noise,
                 spread=spread,
             )
@@ -439,7 +447,7 @@ def _guess_tools(
 
     `clean` is the tangential force without hum, shape (n,) [N].
     """
-    known = tool or approach.start_up
+    known = tool or approach.start_up_ring
     if known is not None:
         return [known]
     late = marks.peak + int((time.size - marks.peak) * _LATE_SHARE)

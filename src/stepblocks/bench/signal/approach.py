@@ -15,7 +15,7 @@ from stepblocks.bench.signal.separable import (
     SeparableFit,
     build_damped_wave_columns,
     build_wave_columns,
-    compute_rest,
+    compute_residual_squares,
     fit_separable,
     propagate_std,
 )
@@ -77,70 +77,71 @@ class Approach:
         return float(self.fit.shape[0])
 
     @property
-    def level(self) -> float:
+    def sliding_force(self) -> float:
         """Tangential force while sliding [N]."""
         return float(self.fit.weights[_LEVEL])
 
     @property
-    def level_std(self) -> float:
-        """Standard uncertainty of `level` [N]."""
+    def sliding_force_std(self) -> float:
+        """Standard uncertainty of `sliding_force` [N]."""
         return self._compute_std_of_weight(_LEVEL)
 
     @property
-    def slope(self) -> float:
+    def initial_slope(self) -> float:
         """Slope of the ramp where it begins [N/s]."""
         return float(self.fit.weights[_SLOPE])
 
     @property
-    def mains(self) -> float:
+    def mains_frequency(self) -> float:
         """Mains frequency [Hz]."""
         return self.clock.mains
 
     @cached_property
-    def climb(self) -> Array:
+    def ramp_coefficients(self) -> Array:
         """What the ramp climbs by the powers of time: slope, square and cube."""
         bend = np.zeros(2)
         if self.clock.bent:
             bend = self.fit.weights[_BEND]
-        return np.append(self.slope, bend)
+        return np.append(self.initial_slope, bend)
 
     @cached_property
-    def hardening(self) -> float:
+    def hardening_coefficient(self) -> float:
         """Coefficient g of ``F = u + g u^3`` [1/N^2]; a ramp that flattens shows none."""
-        return max(float(self.climb[2] / self.slope**3), 0.0)
+        return max(float(self.ramp_coefficients[2] / self.initial_slope**3), 0.0)
 
     @property
-    def start_up(self) -> Tool | None:
+    def start_up_ring(self) -> Tool | None:
         """Ring when the handle started; None where there is no such ring."""
         if self.fit.shape.size != 3:
             return None
         return Tool(float(self.fit.shape[1]), float(self.fit.shape[2]))
 
     def _compute_std_of_weight(self, index: int) -> float:
-        return self.fit.std(self.fit.shape.size + index)
+        """Return the standard uncertainty of a linear weight of the fit."""
+        return self.fit.get_std(self.fit.shape.size + index)
 
-    def drift(self, instant: float) -> Estimate:
+    def compute_drift(self, instant: float) -> Estimate:
         """Return how far the level has drifted since `clock.center` [N]."""
         since = instant - self.clock.center
         drift = float(self.fit.weights[_DRIFT]) * since
         return Estimate(drift, self._compute_std_of_weight(_DRIFT) * since)
 
-    def mean_slope(self, release: float) -> Estimate:
+    def compute_mean_slope(self, release: float) -> Estimate:
         """Return the slope of the straight line through the ramp up to a share of its time [N/s].
 
         `release` is the instant of the release [s].
         """
         # the least-squares line through t^2 and t^3 over 0 to T climbs by T and by 0.9 T^2
         end = _LINE_SHARE * (release - self.onset)
-        return self._combine(0.0, np.array([1.0, end, 0.9 * end**2]), 0.0)
+        return self._sum_level_and_ramp(0.0, np.array([1.0, end, 0.9 * end**2]), 0.0)
 
-    def ramp(self, instant: float) -> Estimate:
+    def compute_ramp_force(self, instant: float) -> Estimate:
         """Return the force on the line of the ramp without hum and drift [N]."""
         since = instant - self.onset
-        steepness = float(self.climb @ (1.0, 2.0 * since, 3.0 * since**2))
-        return self._combine(1.0, np.array([since, since**2, since**3]), -steepness)
+        steepness = float(self.ramp_coefficients @ (1.0, 2.0 * since, 3.0 * since**2))
+        return self._sum_level_and_ramp(1.0, np.array([since, since**2, since**3]), -steepness)
 
-    def _combine(self, level: float, climb: Array, onset: float) -> Estimate:
+    def _sum_level_and_ramp(self, level: float, climb: Array, onset: float) -> Estimate:
         """Return the sum of level and climb in these shares.
 
         Parameters
@@ -159,28 +160,28 @@ class Approach:
         gradient[first_weight + _SLOPE] = climb[0]
         if self.clock.bent:
             gradient[first_weight + _BEND.start : first_weight + _BEND.stop] = climb[1:]
-        value = level * self.level + float(climb @ self.climb)
+        value = level * self.sliding_force + float(climb @ self.ramp_coefficients)
         return Estimate(value, propagate_std(gradient, self.fit.covariance))
 
-    def line(self, time: Array) -> Array:
+    def compute_ramp_line(self, time: Array) -> Array:
         """Return the line of the ramp with drift and hum [N], continued past its end."""
         columns = _build_approach_columns(time, time - self.onset, self.clock)
         return np.asarray(columns @ self.fit.weights[: columns.shape[1]], dtype=float)
 
-    def hum(self, time: Array) -> Array:
+    def compute_hum(self, time: Array) -> Array:
         """Return the hum alone [N], continued over the whole record."""
-        columns = build_wave_columns(time, self.mains)
+        columns = build_wave_columns(time, self.mains_frequency)
         return np.asarray(columns @ self.fit.weights[_HUM], dtype=float)
 
-    def sliding(self, time: Array) -> Array:
+    def compute_sliding_curve(self, time: Array) -> Array:
         """Return the level with hum and the ring of the start, if any [N].
 
         Times are on the clock of the fit.
         """
-        force = self.level + self.hum(time)
-        if self.start_up is None:
+        force = self.sliding_force + self.compute_hum(time)
+        if self.start_up_ring is None:
             return force
-        frequency, decay_time = self.start_up
+        frequency, decay_time = self.start_up_ring
         ring = build_damped_wave_columns(time, frequency, decay_time)
         return np.asarray(force + ring @ self.fit.weights[_START_UP], dtype=float)
 
@@ -190,7 +191,7 @@ def find_mains(time: Array, values: Array) -> float:
 
     def compute_rest_of_hum(mains: float) -> float:
         hum = build_wave_columns(time, mains)
-        return compute_rest(np.column_stack([np.ones_like(time), hum]), values)
+        return compute_residual_squares(np.column_stack([np.ones_like(time), hum]), values)
 
     return min(_MAINS, key=compute_rest_of_hum)
 
@@ -249,23 +250,23 @@ def _fit_ramp(
     """Fit sliding and ramp up to where the force leaves the line of the ramp."""
     climb = force[: marks.peak + 1] - marks.level
     end = int(np.flatnonzero(climb < _RAMP_SHARE * marks.rise)[-1]) + 1
-    fit = _fit_until(time[:end], force[:end], marks.onset, clock, start_up)
+    fit = _fit_sliding_and_ramp(time[:end], force[:end], marks.onset, clock, start_up)
     approach = Approach(fit, end, clock)
     # the filter of a converter rings a sample or two ahead of a corner
     remainder = slice(end, max(marks.peak - 2, end))
-    misses = force[remainder] - approach.line(time[remainder])
-    line_std = approach.ramp(float(time[marks.peak])).std
+    misses = force[remainder] - approach.compute_ramp_line(time[remainder])
+    line_std = approach.compute_ramp_force(float(time[marks.peak])).std
     left = _find_end_of_line(misses, marks.noise, line_std)
     extended = marks.peak
     if left is not None:
         extended = end + left
     if extended <= end:
         return approach
-    fit = _fit_until(time[:extended], force[:extended], approach.onset, clock, start_up)
+    fit = _fit_sliding_and_ramp(time[:extended], force[:extended], approach.onset, clock, start_up)
     return Approach(fit, extended, clock)
 
 
-def _fit_until(
+def _fit_sliding_and_ramp(
     time: Array, force: Array, onset: float, clock: Clock, start_up: Tool | None
 ) -> SeparableFit:
     """Fit sliding, ramp and, where it shows, a start-up ring to all of some samples."""
@@ -311,7 +312,7 @@ def _shows_start_up(time: Array, fit: SeparableFit, start_up: Tool) -> bool:
     residuals = fit.residuals[before]
     without_ring = float(residuals @ residuals)
     ring = build_damped_wave_columns(since, frequency, decay_time)
-    with_ring = compute_rest(ring, residuals)
+    with_ring = compute_residual_squares(ring, residuals)
     # two parameters more explain 2/n of white noise by chance
     least_share = max(_START_UP_GAIN, 20.0 / max(since.size, 1))
     return bool(without_ring - with_ring > least_share * without_ring)

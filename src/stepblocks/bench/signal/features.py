@@ -135,22 +135,22 @@ class Loading:
     speed: float
     saw: Sawtooth | None = None
 
-    def slope(self) -> Estimate:
+    def compute_ramp_slope(self) -> Estimate:
         """Return the slope of the ramp [N/s]."""
-        return self.approach.mean_slope(self.peak.time)
+        return self.approach.compute_mean_slope(self.peak.time)
 
-    def spring_constant_of_ramp(self) -> Estimate:
+    def compute_ramp_spring_constant(self) -> Estimate:
         """Return the spring constant that the ramp shows [N/m]."""
-        slope = self.slope()
+        slope = self.compute_ramp_slope()
         return Estimate(slope.value / self.speed, slope.std / self.speed)
 
-    def friction(self) -> Estimate:
+    def compute_friction(self) -> Estimate:
         """Return sliding over normal force [1]."""
         load, load_std = self.load
         friction = math.nan
         if load > 0.0:
-            friction = self.approach.level / load
-        level_std = self.approach.level_std
+            friction = self.approach.sliding_force / load
+        level_std = self.approach.sliding_force_std
         if self.saw is not None:
             level_std = self.saw.kinetic.std
         return Estimate(friction, float(np.hypot(level_std, friction * load_std) / load))
@@ -159,12 +159,14 @@ class Loading:
         """Return the features that no saturation after the peak spoils."""
         peak = self.peak
         features: Features = {}
-        features |= _name(self.friction(), "sliding_friction", "sliding_friction_std")
+        features |= _name(self.compute_friction(), "sliding_friction", "sliding_friction_std")
         features |= _name(self.load, "normal_load_n", "normal_load_std_n")
         features["loading_onset_s"] = self.approach.onset + self.start
-        features |= _name(self.slope(), "loading_slope_n_per_s", "loading_slope_std_n_per_s")
         features |= _name(
-            self.spring_constant_of_ramp(),
+            self.compute_ramp_slope(), "loading_slope_n_per_s", "loading_slope_std_n_per_s"
+        )
+        features |= _name(
+            self.compute_ramp_spring_constant(),
             "spring_constant_n_per_m",
             "spring_constant_std_n_per_m",
         )
@@ -285,12 +287,12 @@ def measure_trace(
     frequency, decay_time = tool or (after.frequency.value, after.decay_time.value)
     motion = Motion(
         time,
-        force - approach.hum(time),
+        force - approach.compute_hum(time),
         normal,
         peak=int(np.searchsorted(time, peak.time)),
-        level=approach.level,
+        level=approach.sliding_force,
         load=load.value,
-        slope=approach.slope,
+        slope=approach.initial_slope,
         noise=marks.noise,
         frequency=frequency,
         damping=1.0 / (2.0 * math.pi * frequency * decay_time),
@@ -308,7 +310,7 @@ def measure_trace(
         aftermath=after,
         sympathetic=measure_sympathetic_force(time, normal, approach, after),
         shares=compute_band_shares(time, force, approach, after, peak),
-        regime=classify_regime(motion, saw, is_bell=after.damped),
+        regime=classify_regime(motion, saw, is_bell=after.is_bell),
         spring_constant=spring_constant,
     )
 
@@ -343,10 +345,10 @@ def _fit_release(
     after = fit_aftermath(time, force, marks, approach, tool)
     peak = find_peak(time, force, marks, approach, after)
     if (
-        peak.corner and after.damped and not after.is_late
+        peak.corner and after.is_bell and not after.is_late
     ):  # which sample is the highest is a matter of noise
         noise = estimate_sliding_noise(time, approach, marks)
-        after = fit_bell(time, force, peak.time, approach.mains, noise)
+        after = fit_bell(time, force, peak.time, approach.mains_frequency, noise)
         peak = find_peak(time, force, marks, approach, after)
     if peak.corner:
         after = after.carry_to(peak.time)

@@ -105,7 +105,7 @@ class Window:
         top = float(time[marks.peak])
         first = max(marks.peak - _BEFORE, 0)
         last = min(marks.peak + _AFTER, time.size - 1)
-        excess = force - approach.line(time)
+        excess = force - approach.compute_ramp_line(time)
         below = force[marks.peak : last + 1] < force[marks.peak] - _FALL_SHARE * marks.rise
         fallen = last
         if below.any():
@@ -119,7 +119,8 @@ class Window:
         return cls(
             since=(time[part] - top) / step,
             excess=excess[part],
-            climb=approach.ramp(top).value - approach.ramp(top - step).value,
+            climb=approach.compute_ramp_force(top).value
+            - approach.compute_ramp_force(top - step).value,
             rise=marks.rise,
             noise=max(noise, _LEAST_NOISE * marks.rise),
             sample=step,

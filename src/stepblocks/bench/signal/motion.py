@@ -53,31 +53,31 @@ class Motion:
     damping: float = 0.0
 
     @cached_property
-    def smooth(self) -> Array:
+    def smoothed_force(self) -> Array:
         """Tangential force, five samples averaged [N]."""
         return np.convolve(self.force, np.full(5, 0.2), mode="same")
 
     @cached_property
-    def fallen(self) -> int:
+    def fall_end_sample(self) -> int:
         """First sample after the release at which the force is down at that of sliding.
 
         The noise is the tolerance.
         """
         highest = self.level + 2.0 * self.noise / math.sqrt(5.0)
-        below = np.flatnonzero(self.smooth[self.peak : -2] <= highest)
+        below = np.flatnonzero(self.smoothed_force[self.peak : -2] <= highest)
         if not below.size:
             return self.force.size - 3
         return self.peak + int(below[0])
 
     @property
-    def omega(self) -> float:
+    def angular_frequency(self) -> float:
         """Pulsation of the tool [rad/s]."""
         return 2.0 * math.pi * self.frequency
 
     @property
     def fall_time(self) -> float:
         """Time from the release until the force is down at that of sliding [s]."""
-        return float(self.time[self.fallen] - self.time[self.peak])
+        return float(self.time[self.fall_end_sample] - self.time[self.peak])
 
 
 class FirstSwing(NamedTuple):
@@ -130,15 +130,15 @@ def _find_swing_samples(motion: Motion, period: float) -> slice:
     reach = period
     if motion.fall_time >= period:
         reach = 1.5 * period
-    stop = int(np.searchsorted(motion.time, motion.time[motion.fallen] + reach))
-    return slice(motion.fallen, max(stop, motion.fallen + 1))
+    stop = int(np.searchsorted(motion.time, motion.time[motion.fall_end_sample] + reach))
+    return slice(motion.fall_end_sample, max(stop, motion.fall_end_sample + 1))
 
 
 def _smooth_swing(motion: Motion, swing: slice, period: float) -> Array:
     """Return the force [N] averaged over few samples, or over more where the swing is faint."""
-    depth = motion.level - float(motion.smooth[swing].min())
+    depth = motion.level - float(motion.smoothed_force[swing].min())
     if depth >= FAINT * motion.noise:
-        return motion.smooth
+        return motion.smoothed_force
     sample = float(np.median(np.diff(motion.time)))
     width = max(int(0.2 * period / sample), 1)
     return np.convolve(motion.force, np.full(width, 1.0 / width), mode="same")

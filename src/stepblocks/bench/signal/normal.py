@@ -22,12 +22,12 @@ def measure_normal_level(time: Array, normal: Array, approach: Approach) -> Esti
     `time` [s] and `normal` [N] have shape (n,).
     """
     end = int(np.searchsorted(time, approach.onset - _ONSET_GUARD))
-    columns = _build_still_columns(time[:end], approach.mains)
+    columns = _build_drift_and_hum_columns(time[:end], approach.mains_frequency)
     weights, covariance = fit_with_covariance(columns, normal[:end])
     return Estimate(float(weights[0]), float(np.sqrt(covariance[0, 0])))
 
 
-def _build_still_columns(time: Array, mains: float) -> Array:
+def _build_drift_and_hum_columns(time: Array, mains: float) -> Array:
     """Return the columns of level, drift and hum, shape (n, 4)."""
     hum = build_wave_columns(time, mains)
     return np.column_stack([np.ones_like(time), time - time.mean(), hum])
@@ -42,7 +42,7 @@ def measure_sympathetic_force(
     have shape (n,).
     """
     begin = int(np.searchsorted(time, max(after.start + _SETTLE, after.ring.origin)))
-    still = _build_still_columns(time[begin:], approach.mains)
+    still = _build_drift_and_hum_columns(time[begin:], approach.mains_frequency)
     since = time[begin:] - after.start
 
     def measure_ring(frequency: float, decay_time: float) -> Estimate:

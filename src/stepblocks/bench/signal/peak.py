@@ -84,7 +84,7 @@ def _find_corner(time: Array, marks: Landmarks, approach: Approach, ring: Ring) 
 
     def compute_excess(instant: float) -> float:
         instants = np.array([instant])
-        return float(ring.curve(instants)[0] - approach.line(instants)[0])
+        return float(ring.compute_curve(instants)[0] - approach.compute_ramp_line(instants)[0])
 
     low = top - _CORNER_REACH * step
     high = top + _CORNER_REACH * step
@@ -98,9 +98,9 @@ def _find_corner(time: Array, marks: Landmarks, approach: Approach, ring: Ring) 
         return None
     # the force at the corner moves along the ramp by slope * dt, dt = (errors of both) /
     # (difference of slopes)
-    share = approach.slope / -fall
-    ramp = approach.ramp(instant)
-    std = math.hypot((1.0 - share) * ramp.std, share * ring.curve_std(instant))
+    share = approach.initial_slope / -fall
+    ramp = approach.compute_ramp_force(instant)
+    std = math.hypot((1.0 - share) * ramp.std, share * ring.compute_curve_std(instant))
     return Peak(instant, ramp.value, std, corner=True)
 
 
@@ -116,7 +116,7 @@ def _find_corner_beside_ring(
     window = Window.cut(time, force, marks, approach, noise)
     local = average_shapes(window)
     top = float(time[marks.peak])
-    ramp = approach.ramp(top)
+    ramp = approach.compute_ramp_force(top)
     shown = Peak(
         top + window.sample * local.since,
         ramp.value + local.height,
@@ -126,10 +126,16 @@ def _find_corner_beside_ring(
     corner = _find_corner(time, marks, approach, ring)
     if corner is None:
         # where ramp and ring do not meet, the line has bent hum and drift to what is neither
-        clean = approach.line(time[[marks.peak]]) - approach.hum(time[[marks.peak]])
+        clean = approach.compute_ramp_line(time[[marks.peak]]) - approach.compute_hum(
+            time[[marks.peak]]
+        )
         return replace(shown, force=float(clean[0]) + local.height)
     instants = top + window.sample * window.since
-    expected = np.where(instants > corner.time, ring.curve(instants) - approach.line(instants), 0.0)
+    expected = np.where(
+        instants > corner.time,
+        ring.compute_curve(instants) - approach.compute_ramp_line(instants),
+        0.0,
+    )
     log_odds = window.compute_log_likelihood(expected) - local.log_likelihood - _LOG_PRICE_OF_RING
     return _average_peaks(corner, shown, float(expit(log_odds)))
 
@@ -153,7 +159,7 @@ def _find_corner_of_fall(
         return None
     fall = slice(first, first + _FALL_SAMPLES)
     step = float(np.median(np.diff(time)))
-    excess = force[fall] - approach.line(time[fall])
+    excess = force[fall] - approach.compute_ramp_line(time[fall])
     steps = (time[fall] - time[first]) / step
     columns = np.vander(steps, 3, increasing=True)
     weights, covariance = fit_with_covariance(columns, excess)
@@ -169,9 +175,9 @@ def _find_corner_of_fall(
     of_noise = propagate_std(gradient, unit_covariance) * marks.noise
     instant = float(time[first]) + place * step
     # how a fall begins between two samples is not seen
-    unseen = approach.slope * step / math.sqrt(12.0)
-    ramp = approach.ramp(instant)
-    std_of_fall = approach.slope / -rate * max(of_residuals, of_noise)
+    unseen = approach.initial_slope * step / math.sqrt(12.0)
+    ramp = approach.compute_ramp_force(instant)
+    std_of_fall = approach.initial_slope / -rate * max(of_residuals, of_noise)
     return Peak(instant, ramp.value, math.hypot(ramp.std, std_of_fall, unseen), corner=True)
 
 
@@ -181,7 +187,7 @@ def _find_begin_of_fall(
     """Find the first sample after a corner; None where the force leaves the ramp gently."""
     # noise decides which of the samples about a corner is the highest; the fall begins where the
     # line is left
-    below = approach.line(time) - force
+    below = approach.compute_ramp_line(time) - force
     deep = max(_CLEAR_FALL * marks.rise, _CLEAR_NOISE * marks.noise)
     candidates = range(marks.peak - 1, marks.peak - 1 + _FIRST_SAMPLES)
     for first in candidates:
@@ -206,7 +212,7 @@ def _find_crossing(weights: Array) -> float | None:
 
 def _find_rounded_peak(time: Array, force: Array, marks: Landmarks, approach: Approach) -> Peak:
     """Return the top of a cubic about the highest sample."""
-    clean = force - approach.hum(time)
+    clean = force - approach.compute_hum(time)
     top = _find_top(time, clean, marks)
     since = time[top] - time[marks.peak]
     reach = float(np.abs(since).max())

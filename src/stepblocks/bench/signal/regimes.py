@@ -54,7 +54,7 @@ def classify_regime(motion: Motion, saw: Sawtooth | None, *, is_bell: bool) -> R
 
 def _flies(motion: Motion) -> bool:
     """Tell whether the tip presses on nothing for some samples after the release."""
-    end = motion.time[motion.fallen] + 5.0 / motion.frequency
+    end = motion.time[motion.fall_end_sample] + 5.0 / motion.frequency
     after = motion.normal[motion.peak : int(np.searchsorted(motion.time, end))]
     lowest = float(after.min())
     no_load = lowest + _NO_LOAD * estimate_white_noise(motion.normal)
@@ -64,10 +64,10 @@ def _flies(motion: Motion) -> bool:
 
 def _slips_back(motion: Motion) -> bool:
     """Tell whether the tip goes back by more than the noise in its first swing."""
-    end = motion.time[motion.fallen] + 1.5 / motion.frequency
-    swing = slice(motion.fallen, int(np.searchsorted(motion.time, end)))
+    end = motion.time[motion.fall_end_sample] + 1.5 / motion.frequency
+    swing = slice(motion.fall_end_sample, int(np.searchsorted(motion.time, end)))
     # where the tip stands, but for the stiffness: it slips back where that falls
-    place = motion.slope * motion.time[swing] - motion.smooth[swing]
+    place = motion.slope * motion.time[swing] - motion.smoothed_force[swing]
     if not place.size:
         return False
     back = float(np.max(np.maximum.accumulate(place) - place))
@@ -78,6 +78,6 @@ def _turns(motion: Motion) -> bool:
     """Tell whether the tip turns at the end of its first swing, past friction's other side."""
     # it stops where the force is as far from sliding as its swing, but for the ramp
     swing = find_first_swing(motion)
-    stopped = math.sqrt(max(swing.depth**2 - (motion.slope / motion.omega) ** 2, 0.0))
-    shift = 2.0 * motion.damping * motion.slope / motion.omega
+    stopped = math.sqrt(max(swing.depth**2 - (motion.slope / motion.angular_frequency) ** 2, 0.0))
+    shift = 2.0 * motion.damping * motion.slope / motion.angular_frequency
     return stopped - swing.std > 2.0 * motion.level + shift

@@ -124,19 +124,19 @@ class Ring:
         """Instant that the fit counts from [s]."""
         return self.basis.origin
 
-    def curve(self, time: Array) -> Array:
+    def compute_curve(self, time: Array) -> Array:
         """Return the whole fit [N] at the instants `time`."""
         return self._model(time - self.origin, self.fit.shape)
 
-    def curve_without_rest(self, time: Array) -> Array:
+    def compute_curve_without_rest(self, time: Array) -> Array:
         """Return the fit [N] at the instants `time` without what is left of the release."""
         columns = self.basis.build_columns(time - self.origin, self.fit.shape)
         weights = self.fit.weights.copy()
         weights[_REST_WEIGHT] = 0.0
         return np.asarray(columns @ weights, dtype=float)
 
-    def curve_std(self, instant: float) -> float:
-        """Return the standard uncertainty of `curve` at one instant [N]."""
+    def compute_curve_std(self, instant: float) -> float:
+        """Return the standard uncertainty of `compute_curve` at one instant [N]."""
         since = np.array([instant - self.origin])
         steps = np.array([1e-3, 1e-6, 1e-6, 1e-4])
         (slopes,) = compute_numeric_jacobian(
@@ -147,7 +147,7 @@ class Ring:
         (columns,) = self.basis.build_columns(since, self.fit.shape)
         return propagate_std(np.concatenate([slopes, columns]), self.fit.covariance)
 
-    def amplitude(self, instant: float) -> Estimate:
+    def compute_amplitude(self, instant: float) -> Estimate:
         """Return the amplitude of the ring, carried to an instant by its decay [N]."""
         cosine, sine = self.fit.weights[_RING_WEIGHTS]
         since = instant - self.origin
@@ -162,6 +162,7 @@ class Ring:
         return Estimate(carried, propagate_std(gradient, self.fit.covariance))
 
     def _model(self, since: Array, shape: Array) -> Array:
+        """Compute the fit at times since the origin for a shape, with the fitted weights [N]."""
         columns = self.basis.build_columns(since, shape)
         return np.asarray(columns @ self.fit.weights, dtype=float)
 
@@ -215,7 +216,7 @@ def fit_ring(
 
 def _find_level_in_amplitudes(ring: Ring) -> float:
     """Return the level of a ring in units of its amplitude at the origin."""
-    return ring.level.value / ring.amplitude(ring.origin).value
+    return ring.level.value / ring.compute_amplitude(ring.origin).value
 
 
 def _fit_damped(time: Array, force: Array, basis: RingBasis, noise: float, start: Array) -> Ring:
@@ -239,9 +240,9 @@ def _fit_damped(time: Array, force: Array, basis: RingBasis, noise: float, start
     )
     begin = int(np.searchsorted(time, basis.origin + BEGIN))
     return Ring(
-        frequency=Estimate(float(fit.shape[_FREQUENCY]), fit.std(_FREQUENCY)),
-        decay_time=Estimate(float(fit.shape[_DECAY_TIME]), fit.std(_DECAY_TIME)),
-        level=Estimate(float(fit.weights[0]), fit.std(count)),
+        frequency=Estimate(float(fit.shape[_FREQUENCY]), fit.get_std(_FREQUENCY)),
+        decay_time=Estimate(float(fit.shape[_DECAY_TIME]), fit.get_std(_DECAY_TIME)),
+        level=Estimate(float(fit.weights[0]), fit.get_std(count)),
         basis=basis,
         fit=fit,
         misfit=compute_misfit(fit.residuals, count + fit.weights.size, begin, noise),

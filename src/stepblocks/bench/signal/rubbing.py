@@ -78,12 +78,12 @@ class RubbingRing:
     knows_gap: bool
 
     @property
-    def level(self) -> Estimate:
+    def forward_sliding_force(self) -> Estimate:
         """Level while the tip slips forward [N]."""
         return self._estimate(_LEVEL)
 
     @property
-    def gap(self) -> Estimate:
+    def backward_force_drop(self) -> Estimate:
         """By how much the level is lower while the tip slips back [N]."""
         return self._estimate(_GAP)
 
@@ -98,13 +98,13 @@ class RubbingRing:
         return self._estimate(_DECAY_TIME)
 
     def _estimate(self, index: int) -> Estimate:
-        return Estimate(float(self.values[index]), self.std(index))
+        return Estimate(float(self.values[index]), self.get_std(index))
 
-    def std(self, index: int) -> float:
+    def get_std(self, index: int) -> float:
         """Return the standard uncertainty of one of `values`."""
         return float(np.sqrt(max(self.covariance[index, index], 0.0)))
 
-    def curve(self, time: Array) -> Array:
+    def compute_curve(self, time: Array) -> Array:
         """Return the fit without hum [N] at the instants `time`, all after `origin`."""
         return _compute_rubbing_with_drift(self.values, time - self.origin, self.slope)
 
@@ -176,13 +176,13 @@ def fit_rubbing_ring(
     problem = _RubbingProblem.set_up(time, force, level, tool, slope, noise, spread=spread)
     best = None
     for gap in problem.list_gaps():
-        search = problem.search(gap)
+        search = problem.search_from_gap(gap)
         if best is None or search.cost < (1.0 - _ALIKE) * best.cost:
             best = search
         if problem.is_settled(best):
             break
     assert best is not None
-    return problem.measure(best)
+    return problem.build_ring(best)
 
 
 @dataclass(frozen=True)
@@ -271,7 +271,7 @@ class _RubbingProblem:
         # the level
         return 2.0 * abs(self.level), 0.3 * abs(self.offset), 0.0
 
-    def search(self, gap: float) -> Any:
+    def search_from_gap(self, gap: float) -> Any:
         """Search for the values from a gap [N]; return what `scipy.optimize` found."""
         from scipy.optimize import least_squares
 
@@ -287,6 +287,7 @@ class _RubbingProblem:
         )
 
     def _compute_force(self, values: Array) -> Array:
+        """Compute the force of the model for some values [N]."""
         return _compute_rubbing_with_drift(values, self.since, self.slope)
 
     def _compute_residuals(self, values: Array) -> Array:
@@ -310,6 +311,7 @@ class _RubbingProblem:
         return rows
 
     def _measure_misfit(self, residuals: Array) -> float:
+        """Return by how many standard errors the residuals of a fit miss the noise."""
         return compute_misfit(residuals, _SCALE.size, self.beginning, self.noise)
 
     def is_settled(self, search: Any) -> bool:
@@ -320,7 +322,7 @@ class _RubbingProblem:
         change = self._compute_force(search.x) - self._compute_force(search.x * _SMALLER_GAP)
         return bool(np.any(np.abs(change) > _ROUNDING))
 
-    def measure(self, search: Any) -> RubbingRing:
+    def build_ring(self, search: Any) -> RubbingRing:
         """Return the ring of a search with its uncertainties."""
         values = np.asarray(search.x, dtype=float)
         residuals = -np.asarray(search.fun[:-2], dtype=float)

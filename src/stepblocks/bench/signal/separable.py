@@ -51,7 +51,7 @@ class SeparableFit:
     residuals: Array
     jacobian: Array
 
-    def std(self, index: int) -> float:
+    def get_std(self, index: int) -> float:
         """Return the standard uncertainty of one of `shape` and `weights`, counted on."""
         return float(np.sqrt(max(self.covariance[index, index], 0.0)))
 
@@ -90,6 +90,7 @@ def fit_separable(
 
     @lru_cache(maxsize=1)
     def solve(shape: bytes) -> _LinearFit:
+        """Solve for the weights of a shape, given as bytes; the last solution is kept."""
         columns = basis(np.frombuffer(shape))
         weights, residuals = fit_linear(columns, values, rcond=_RANK_OF_SEARCH)
         return _LinearFit(columns, weights, residuals)
@@ -149,7 +150,7 @@ def fit_linear(columns: Array, values: Array, rcond: float | None = None) -> tup
     return np.asarray(weights, dtype=float), np.asarray(residuals, dtype=float)
 
 
-def compute_rest(columns: Array, values: Array) -> float:
+def compute_residual_squares(columns: Array, values: Array) -> float:
     """Return the sum of squares that columns leave of values."""
     _, residuals = fit_linear(columns, values)
     return float(residuals @ residuals)
@@ -180,7 +181,7 @@ def guess_ring(time: Array, values: Array) -> Tool:
 
     def compute_rest_of_ring(decay_time: float) -> float:
         ring = build_damped_wave_columns(since, frequency, decay_time)
-        return compute_rest(np.column_stack([np.ones_like(since), ring]), values)
+        return compute_residual_squares(np.column_stack([np.ones_like(since), ring]), values)
 
     return Tool(frequency, min(_DECAYS, key=compute_rest_of_ring))
 
@@ -306,6 +307,7 @@ def compute_misfit(residuals: Array, parameters: int, begin: int, noise: float) 
 
 
 def _compute_misfit_of_part(residuals: Array, parameters: int, noise: float) -> float:
+    """Return by how many of its standard errors the reduced chi squared exceeds one."""
     freedom = max(residuals.size - parameters, 1)
     reduced_chi_squared = float(residuals @ residuals) / freedom / noise**2
     return (reduced_chi_squared - 1.0) / math.sqrt(2.0 / freedom)

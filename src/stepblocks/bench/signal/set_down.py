@@ -54,6 +54,7 @@ def find_set_down(trace: Trace) -> SetDown:
 
 
 def _smooth(force: Array) -> Array:
+    """Return a running mean of the force; its ends fall towards zero."""
     return np.convolve(force, np.full(_SMOOTH, 1.0 / _SMOOTH), mode="same")
 
 

@@ -27,11 +27,11 @@ def compute_band_shares(
 ) -> BandShares:
     """Compute the shares of loading and vibration; `time` [s] and `force` [N] have shape (n,)."""
     rate = (time.size - 1) / (time[-1] - time[0])
-    clean = force - approach.hum(time)
+    clean = force - approach.compute_hum(time)
     end_of_ring = after.start + _RING_TIMES * after.decay_time.value
     onset, release = np.searchsorted(time, (approach.onset, peak.time))
     begin, end = np.searchsorted(time, (max(after.start, peak.time), end_of_ring))
-    loading = clean[onset:release] - approach.level
+    loading = clean[onset:release] - approach.sliding_force
     vibration = clean[begin:end] - after.level.value
     return BandShares(
         compute_band_share(loading, rate, LOADING_BAND),

@@ -113,7 +113,7 @@ class _ShapeFit:
     def get_slope(self) -> Estimate:
         """Return the slope of the ramp [N/s]."""
         index = self.fitted.shape.size + _SLOPE
-        return Estimate(float(self.fitted.weights[_SLOPE]), self.fitted.std(index))
+        return Estimate(float(self.fitted.weights[_SLOPE]), self.fitted.get_std(index))
 
     def estimate_peak(self) -> Estimate:
         """Estimate the force at the release [N], the sum of level, ring and rest."""
@@ -134,7 +134,7 @@ class _ShapeFit:
     def _get_parameter(self, place: int) -> Estimate:
         """Return a nonlinear parameter, counted from the last one."""
         index = self.fitted.shape.size + place
-        return Estimate(float(self.fitted.shape[index]), self.fitted.std(index))
+        return Estimate(float(self.fitted.shape[index]), self.fitted.get_std(index))
 
     def _propagate(self, places: list[int], slopes: Array) -> float:
         """Return the standard uncertainty of a sum of weights, each times its slope."""
@@ -205,7 +205,7 @@ _FALLS: dict[ReleaseShape, Callable[[Array], Array]] = {
 }
 
 
-def _build_corner(time: Array, parameters: Array) -> Array:
+def _build_corner_columns(time: Array, parameters: Array) -> Array:
     """Build the columns of level, ramp, drift, cosine and sine of a record, shape (n, 5).
 
     `parameters` are release [s], frequency [Hz] and decay time [s]. Before the release all but the
@@ -218,19 +218,19 @@ def _build_corner(time: Array, parameters: Array) -> Array:
     return np.column_stack([np.ones_like(time), np.minimum(since, 0.0), after, ring])
 
 
-def _build_fall(shape: ReleaseShape, time: Array, parameters: Array) -> Array:
+def _build_fall_columns(shape: ReleaseShape, time: Array, parameters: Array) -> Array:
     """Build the columns of a corner, and that of the rest of the peak; shape (n, 6).
 
     `parameters` are the length of the fall [s], then those of a corner.
     """
     fall, release = parameters[:2]
     rest = _FALLS[shape](np.maximum(time - release, 0.0) / fall)
-    return np.column_stack([_build_corner(time, parameters[1:]), rest])
+    return np.column_stack([_build_corner_columns(time, parameters[1:]), rest])
 
 
 def _fit_corner(time: Array, force: Array, tool: Tool) -> _ShapeFit:
     """Fit a ring that begins at the peak itself."""
-    fitted = _fit_record(partial(_build_corner, time), time, force, tool)
+    fitted = _fit_record(partial(_build_corner_columns, time), time, force, tool)
     return _ShapeFit(ReleaseShape.CORNER, fitted, 0.0)
 
 
@@ -241,7 +241,7 @@ def _fit_fall(shape: ReleaseShape, time: Array, force: Array, tool: Tool) -> _Sh
     for fall in _FIRST_FALLS:
         longest = min(3.0 * fall, _LONGEST_FALL)
         length = (fall, min(0.3 * fall, 0.5 * step), longest, 0.2 * fall)
-        fitted = _fit_record(partial(_build_fall, shape, time), time, force, tool, length)
+        fitted = _fit_record(partial(_build_fall_columns, shape, time), time, force, tool, length)
         if best is None or _compute_cost(fitted) < _compute_cost(best):
             best = fitted
     assert best is not None

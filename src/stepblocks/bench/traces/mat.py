@@ -142,7 +142,7 @@ class MatReader(TraceReader[Any, Any]):
         """Read one channel."""
         if isinstance(group, RowOfVariables):
             array = np.asarray(group.variables.load((str(name),)))
-            return group.row.take(array, name)
+            return group.row.select_samples(array, name)
         if isinstance(group, Variables):
             return np.asarray(group.load((str(name),)))
         if isinstance(group, dict):

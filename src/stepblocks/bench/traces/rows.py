@@ -45,7 +45,7 @@ class TrialRow:
             f"{self.count} rows, as many as the table of trials",
         )
 
-    def take(self, array: NDArray[np.generic], name: str | int) -> NDArray[np.generic]:
+    def select_samples(self, array: NDArray[np.generic], name: str | int) -> NDArray[np.generic]:
         """Return the samples of the trial; what is common to all trials has one row alone.
 
         Rows that are shorter than the longest are filled up with not-a-number, which is cut off.

@@ -96,7 +96,7 @@ class Traces(ExitStack):
         self._layout = _describe_layout(session.acquisition)
         self.notes: dict[str, None] = {}  # what had to be found out, in its order
         self._container: Path | None = None
-        if not session.acquisition.per_trial:
+        if not session.acquisition.has_file_per_trial:
             self._container = self._open_container()
 
     def _open_container(self) -> Path:
@@ -153,7 +153,7 @@ class Traces(ExitStack):
         """Read the record of a trial in SI; of all trials where one record holds them."""
         acquisition = self.session.acquisition
         path = self._container or _find_trial_file(self.session, trial)
-        has_own_file = acquisition.per_trial or bool(acquisition.split)
+        has_own_file = acquisition.has_file_per_trial or bool(acquisition.split)
         place = TrialPlace(
             trial,
             _list_group_names(acquisition.group, trial),
@@ -187,7 +187,7 @@ class Traces(ExitStack):
         found = read_confined(
             f"{columns.__name__}:{columns.read_columns.__name__}",
             path,
-            self.session.acquisition.kind,
+            self.session.acquisition.trace_format,
             asdict(self._layout),
             asdict(place),
             names,
@@ -209,8 +209,8 @@ class Traces(ExitStack):
         for samples, (name, channel) in zip(raw.samples, self._channels.items(), strict=True):
             if name != "time":
                 samples = full_scale * samples
-            values = samples * channel.channel.scale(channel.dimension, name)
-            offset = channel.channel.offset_in_si(channel.dimension, name)
+            values = samples * channel.channel.find_factor_to_si(channel.dimension, name)
+            offset = channel.channel.find_offset_in_si(channel.dimension, name)
             if offset:
                 values = values - offset
             quantities[name] = _subtract_tare(values, channel.channel, name, rate)

@@ -37,7 +37,7 @@ def cut_drags(trace: Trace, count: int) -> list[slice]:
     """
     rate = (trace.time.size - 1) / float(trace.time[-1] - trace.time[0])
     releases = _find_releases(trace.tangential, rate, count)
-    loaded = _find_loaded(trace.normal, rate)
+    loaded = _find_loaded_samples(trace.normal, rate)
     smooth = _smooth(trace.tangential)
     cuts = [0]
     for release, following in itertools.pairwise(releases):
@@ -55,10 +55,11 @@ def cut_drags(trace: Trace, count: int) -> list[slice]:
 
 
 def _smooth(force: Array) -> Array:
+    """Return a running mean of the force; its ends fall towards zero."""
     return np.convolve(force, np.full(_SMOOTH, 1.0 / _SMOOTH), mode="same")
 
 
-def _find_loaded(normal: Array, rate: float) -> NDArray[np.bool_]:
+def _find_loaded_samples(normal: Array, rate: float) -> NDArray[np.bool_]:
     """Tell the samples at which the tip is on the block.
 
     All of them are where the normal force never rests near none.

@@ -39,7 +39,7 @@ class TextReader(TraceReader[TextTable, TextTable]):
         file = Path(group.file).name
         index = _find_column(group, name)
         if index is None:
-            names = group.names or tuple(map(str, range(group.width)))
+            names = group.names or tuple(map(str, range(group.column_count)))
             raise TraceError(
                 FaultKind.UNKNOWN_CHANNEL, f"{file} has no {name!r}, it has {join_first(names)}"
             )
@@ -64,7 +64,7 @@ class TextReader(TraceReader[TextTable, TextTable]):
 def _find_column(table: TextTable, name: str | int) -> int | None:
     """Return the number of a column, from 0; None where the table has no such column."""
     if isinstance(name, int):
-        return name if 0 <= name < table.width else None
+        return name if 0 <= name < table.column_count else None
     if name not in table.names:
         return None
     return table.names.index(name)

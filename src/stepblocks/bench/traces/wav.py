@@ -71,14 +71,14 @@ class WavReader(TraceReader[Sound, Sound]):
                 f"no channel {name!r} in the WAV file, it has {count} of {group.samples.dtype}, "
                 "counted from 0",
             )
-        return _find_share_of_full_scale(group.samples[:, int(number)])
+        return _convert_to_full_scale_shares(group.samples[:, int(number)])
 
     def read_attributes(self, group: Sound, names: Sequence[str | int]) -> Mapping[str, object]:
         """Return the sample rate that the file states."""
         return {"sample_rate": float(group.rate)}
 
 
-def _find_share_of_full_scale(samples: NDArray[np.generic]) -> NDArray[np.float64]:
+def _convert_to_full_scale_shares(samples: NDArray[np.generic]) -> NDArray[np.float64]:
     """Turn samples of shape (n,) into shares of full scale; bytes have their zero at 128."""
     kind = samples.dtype
     if kind.kind == "f":

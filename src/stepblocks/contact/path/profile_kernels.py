@@ -123,7 +123,7 @@ def compute_path_slopes(positions: Array, contact: Array, touched: Array, radius
 
 
 @njit(cache=True)
-def _allow_rounding(slope: float) -> float:
+def _compute_rounding_allowance(slope: float) -> float:
     """By how much a slope may differ from another along one line [1]."""
     return _SAME * min(abs(slope), _GREATEST)
 
@@ -162,7 +162,7 @@ def _find_steepest_between(
         if element >= 0:
             slope = _compute_slope(middle, u, radius)
             # right brackets come first, so that among equals the leftmost stays: the break itself
-            if slope >= best - _allow_rounding(best):
+            if slope >= best - _compute_rounding_allowance(best):
                 best, where, contact = max(slope, best), middle, u
         stack[depth], marks[depth] = (x0, h0, middle, h), (left, element)
         stack[depth + 1], marks[depth + 1] = (middle, h, x1, h1), (element, right)
@@ -204,9 +204,9 @@ def find_steepest_in_each(
                 radius,
                 tolerance,
             )
-            if best > slope + _allow_rounding(slope):
+            if best > slope + _compute_rounding_allowance(slope):
                 slope, where, u = best, best_where, best_u
-            if slopes[right] > slope + _allow_rounding(slope):
+            if slopes[right] > slope + _compute_rounding_allowance(slope):
                 slope, where, u = slopes[right], positions[right], contact[right]
         steepest[left, 0], steepest[left, 1], steepest[left, 2] = slope, where, u
     return steepest

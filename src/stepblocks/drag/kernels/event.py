@@ -83,7 +83,7 @@ def follow_peak(peak: Peak, pull: float, time: float) -> Peak:
 
 
 @njit(forceinline=True)
-def forget_pull(watch: Watch) -> Watch:
+def reset_pull(watch: Watch) -> Watch:
     """Watch the pull as if nothing had been seen; the moments stay until others are noted."""
     return Watch(
         False,

@@ -103,7 +103,7 @@ def update_bristles_at_kink(bristles: Bristles, was_right: bool, is_right: bool)
 
 
 @njit(forceinline=True)
-def grip_surface(
+def move_bristle(
     friction: Friction,
     law: FrictionLaw | None,
     touch: Touch,
@@ -131,7 +131,7 @@ def grip_surface(
 
 
 @njit(forceinline=True)
-def rub_wall(wall: Wall, stretch: float, speed: float, time_step: float) -> Grip:
+def move_wall_spring(wall: Wall, stretch: float, speed: float, time_step: float) -> Grip:
     """Move the spring of the wall over a step; without a wall nothing rubs."""
     if not wall.is_there:
         return Grip(0.0, stretch)

@@ -18,21 +18,21 @@ from stepblocks.drag.kernels.event import (
     find_release_time,
     follow_peak,
     follow_pull,
-    forget_pull,
     has_ended,
     has_fallen_back,
     is_passed,
     make_passages,
     note_passage,
     read_place,
+    reset_pull,
 )
 from stepblocks.drag.kernels.friction import (
     Bristles,
     FrictionLaw,
     compute_bristle_energy,
     compute_wall_change,
-    grip_surface,
-    rub_wall,
+    move_bristle,
+    move_wall_spring,
     start_bristles,
     update_bristles_at_kink,
 )
@@ -54,15 +54,15 @@ from stepblocks.drag.kernels.model import (
     Start,
     Stop,
 )
-from stepblocks.drag.kernels.motion import Motion, average, drift
+from stepblocks.drag.kernels.motion import Motion, average_velocities, move_by_velocity
 from stepblocks.drag.kernels.spring import (
     DEFLECTION,
     FORCE,
     Forces,
     accelerate,
-    compute_hold,
+    compute_carrier_force,
+    compute_damper_force,
     compute_spring_force,
-    compute_tug,
     move_overtones,
     prepare_kick,
     start_overtones,
@@ -140,23 +140,23 @@ def integrate(
         beyond = touch_beyond_kink(kink, model.window, contact, position, velocity)
         # ---- friction of both contacts, and of the wall
         bristles = update_bristles_at_kink(bristles, was_right, is_right)
-        grip = grip_surface(
+        grip = move_bristle(
             friction, friction_law, under, bristles.under, position, velocity, time, travel_time
         )
-        grip_beyond = grip_surface(
+        grip_beyond = move_bristle(
             friction, friction_law, beyond, bristles.beyond, position, velocity, time, travel_time
         )
-        rub = rub_wall(wall, bristles.wall, velocity.x, travel_time)
+        rub = move_wall_spring(wall, bristles.wall, velocity.x, travel_time)
         surface = combine_contacts(under, beyond, grip, grip_beyond)
         # ---- spring: the kick that all forces give
         stretch = position.handle - position.x - lag
         spring = compute_spring_force(model.spring, stretch)
-        hold = compute_hold(model.carrier, position)
+        hold = compute_carrier_force(model.carrier, position)
         forces = Forces(surface.x + spring - rub.force, surface.y + hold, spring, hold)
         before = Motion(velocity.x + lag_rate, velocity.y, velocity.handle, velocity.carrier)
         after = accelerate(model, kick, before, forces)
-        mean = average(before, after)
-        tug = compute_tug(model, before, mean)
+        mean = average_velocities(before, after)
+        tug = compute_damper_force(model, before, mean)
         ring = move_overtones(modes, spring - forces.x, kick.time, dt)
         velocity = Motion(after.x - ring.rate, after.y, after.handle, after.carrier)
         tip_speed = mean.x - 0.5 * (ring.rate + lag_rate)
@@ -166,7 +166,7 @@ def integrate(
         peak = follow_peak(peak, gauge, time)
         if has_fallen_back(place, watch, position.x, stop.fall_back):
             place = find_place_ahead(places, place.number, position.x, stop.fall_back)
-            watch = forget_pull(watch)
+            watch = reset_pull(watch)
         watch = follow_pull(place, watch, position.x, gauge, time)
         passes = is_passed(place, watch, position.x, gauge, model.sliding_pull)
         is_over = False
@@ -176,7 +176,7 @@ def integrate(
             is_over = place.locks or passed == passages.shape[0]
             released_time = find_release_time(watch)
             place = read_place(places, place.number + 1)
-            watch = forget_pull(watch)
+            watch = reset_pull(watch)
         following_x = position.x + dt * velocity.x
         is_over = is_over or step == pace.steps - 1
         ends = has_ended(stop, place, following_x, gauge, time - released_time, is_over)
@@ -207,7 +207,7 @@ def integrate(
         countdown -= 1
         # ---- second half of the kick, and the drift
         ledger = add_powers(ledger, powers, 0.5 * kick.time)
-        position = drift(position, velocity, dt)
+        position = move_by_velocity(position, velocity, dt)
         lag += dt * lag_rate
         kick, travel_time = full_kick, dt
     return Outcome(rows[:written], peak.force, peak.time, ledger, passages[:passed])

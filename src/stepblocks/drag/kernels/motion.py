@@ -15,7 +15,7 @@ class Motion(NamedTuple):
 
 
 @njit(forceinline=True)
-def drift(position: Motion, velocity: Motion, time_step: float) -> Motion:
+def move_by_velocity(position: Motion, velocity: Motion, time_step: float) -> Motion:
     """Move everything by its velocity over a step."""
     return Motion(
         position.x + time_step * velocity.x,
@@ -26,7 +26,7 @@ def drift(position: Motion, velocity: Motion, time_step: float) -> Motion:
 
 
 @njit(forceinline=True)
-def average(before: Motion, after: Motion) -> Motion:
+def average_velocities(before: Motion, after: Motion) -> Motion:
     """Mean velocity over a kick."""
     return Motion(
         0.5 * (after.x + before.x),

@@ -80,7 +80,7 @@ def compute_spring_force(spring: Spring, stretch: float) -> float:
 
 
 @njit(forceinline=True)
-def compute_hold(carrier: Carrier, position: Motion) -> float:
+def compute_carrier_force(carrier: Carrier, position: Motion) -> float:
     """Force of the weight on the tip, upwards [N]."""
     if carrier.is_sprung:
         return carrier.stiffness * (position.carrier - position.y)
@@ -112,7 +112,7 @@ def accelerate(model: Model, kick: Kick, velocity: Motion, forces: Forces) -> Mo
 
 
 @njit(forceinline=True)
-def compute_tug(model: Model, before: Motion, mean: Motion) -> float:
+def compute_damper_force(model: Model, before: Motion, mean: Motion) -> float:
     """Force of the damper of the first mode [N].
 
     Of a handle that a force pulls it is taken where the kick begins, as `accelerate` does.

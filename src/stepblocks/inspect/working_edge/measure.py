@@ -141,7 +141,7 @@ def _measure_along_rows(
                 begin=stretch.begin * 1e6, end=stretch.end * 1e6, beside=stretch.beside
             )
         )
-    crossed = _cross_edge(turned, options)
+    crossed = _fit_edges(turned, options)
     first = crossed.first
     values = {
         "step_height": _average_height(crossed, instrument),
@@ -161,7 +161,7 @@ def _measure_along_rows(
         notes.append(beside.describe(is_evaluated_between=True))
     elif beside.features:
         notes.append(beside.describe(is_evaluated_between=False))
-    points = _measure_across(turned, crossed)
+    points = _locate_points_across_edge(turned, crossed)
     burr = find_burr(
         points.across,
         points.level,
@@ -252,7 +252,7 @@ def _find_median_slope(x: Array, y: Array) -> float:
     return float(np.median(rises[is_apart] / runs[is_apart]))
 
 
-def _cross_edge(turned: _TurnedProfiles, options: EvaluationOptions) -> CrossedEdges:
+def _fit_edges(turned: _TurnedProfiles, options: EvaluationOptions) -> CrossedEdges:
     """Fit an edge to each profile, and keep those that agree."""
     attempts = evaluate_each(
         lambda row: fit_edge(row.position, row.height, options.exclusion),
@@ -375,15 +375,15 @@ def _measure_between_steps(
     return {key: narrow[key] for key in narrow if key in values and key in _OF_THE_EDGE}
 
 
-def _measure_across(turned: _TurnedProfiles, crossed: CrossedEdges) -> LevelledPoints:
+def _locate_points_across_edge(turned: _TurnedProfiles, crossed: CrossedEdges) -> LevelledPoints:
     """Return where the points of the whole scan lie beside the edge, shape (ny, nx) [m]."""
     scan = turned.scan
     if isinstance(scan, ScannedProfile):
         points = crossed.first.levelled
         return LevelledPoints(points.across[np.newaxis], points.level[np.newaxis])
     y = np.array([crossing.row.offset for crossing in crossed.crossings])
-    middle = _lay_line(y, [edge.middle for edge in crossed.edges], scan.y)
-    offset = _lay_line(y, [edge.offset for edge in crossed.edges], scan.y)
+    middle = _interpolate_line(y, [edge.middle for edge in crossed.edges], scan.y)
+    offset = _interpolate_line(y, [edge.offset for edge in crossed.edges], scan.y)
     x = scan.x * turned.turn
     tilt = float(np.median([edge.tilt for edge in crossed.edges]))
     return LevelledPoints(
@@ -392,7 +392,7 @@ def _measure_across(turned: _TurnedProfiles, crossed: CrossedEdges) -> LevelledP
     )
 
 
-def _lay_line(y: Array, values: list[float], at_y: Array) -> Array:
+def _interpolate_line(y: Array, values: list[float], at_y: Array) -> Array:
     """Return a line through values of rows at places of other rows, all lengths in m."""
     if np.ptp(y) > 0.0:
         return np.asarray(np.polyval(np.polyfit(y, values, 1), at_y), dtype=np.float64)

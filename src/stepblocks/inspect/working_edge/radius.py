@@ -138,12 +138,12 @@ def _estimate_arc_form(crossed: CrossedEdges) -> float:
             arcs.append(crossing)
     chosen = arcs[:: max(len(arcs) // _MOST_REFITTED, 1)]
     refits = []
-    for success in evaluate_each(_fit_crown, chosen).evaluated:
+    for success in evaluate_each(_fit_upper_arc, chosen).evaluated:
         refits.append(Refit(success.item.edge.radius, success.result))
     return compute_change(refits, _NOISE_OF_FEW_POINTS)
 
 
-def _fit_crown(crossing: CrossedEdge) -> Estimate:
+def _fit_upper_arc(crossing: CrossedEdge) -> Estimate:
     """Return the radius of an arc without its steeper half [m]."""
     row = crossing.row
     edge = crossing.edge

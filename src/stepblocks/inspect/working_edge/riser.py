@@ -48,7 +48,7 @@ def measure_riser(
         Without values where the riser is upright, or the stylus may show it so.
     """
     if not crossed.is_sloped:
-        return _miss_riser(NotMeasuredReason.UPRIGHT_RISER.describe())
+        return _make_unmeasured_riser(NotMeasuredReason.UPRIGHT_RISER.describe())
     flanks = crossed.all_flanks
     angle = float(np.mean([flank.angle for flank in flanks]))
     std = float(np.mean([flank.angle_std for flank in flanks]))
@@ -58,7 +58,9 @@ def measure_riser(
         if stylus_cone is None:
             cone += ", which is not stated,"
         notes.append(NoteKind.NO_ARC_OR_STEEPER.describe(slope=slope, cone=cone))
-        return _miss_riser(NotMeasuredReason.STYLUS_CONE.describe(cone=cone, slope=slope))
+        return _make_unmeasured_riser(
+            NotMeasuredReason.STYLUS_CONE.describe(cone=cone, slope=slope)
+        )
     notes.append(NoteKind.NO_ARC.describe(slope=slope))
     scatter = np.std([flank.angle for flank in flanks])
     values = {
@@ -68,7 +70,7 @@ def measure_riser(
     return Riser(values=values)
 
 
-def _miss_riser(reason: str) -> Riser:
+def _make_unmeasured_riser(reason: str) -> Riser:
     """Return why neither of both was measured."""
     return Riser(missing=dict.fromkeys((ANGLE, STRAIGHTNESS), reason))
 

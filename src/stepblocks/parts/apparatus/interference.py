@@ -78,6 +78,7 @@ def _boxes_overlap(pair: _Pair) -> bool:
 
 
 def _overlap(box: Box, obstacle: Box) -> bool:
+    """Tell whether two boxes share volume; those that only touch do not."""
     for axis in range(3):
         if box.high[axis] <= obstacle.low[axis] or obstacle.high[axis] <= box.low[axis]:
             return False

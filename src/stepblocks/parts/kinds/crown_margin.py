@@ -93,6 +93,7 @@ class CrownMargin(Part):
 
     @make_rules_validator
     def _check_lip_clears_the_tooth(self) -> Iterator[str]:
+        """Yield that a crown which reaches below the finish line would meet the tooth."""
         gap = self.marginal_gap.nominal
         rise = self.horizontal_discrepancy.nominal
         if self.opening.nominal < 0.0 and rise <= gap:

@@ -33,7 +33,7 @@ class Preparation:
             return self.ledge
         return 0.0
 
-    def find_wall(self, height: float) -> float:
+    def find_wall_radius(self, height: float) -> float:
         """Return the radius of the axial wall at a height [m]."""
         return self.margin_radius - self.ledge - (height - self.wall_start) * self.slope
 
@@ -47,7 +47,7 @@ class Preparation:
             outline.append((middle, (radius - ledge, ledge)))
         elif self.finish == "shoulder":
             outline.append((radius - ledge, 0.0))
-        outline.append((self.find_wall(self.height), self.height))
+        outline.append((self.find_wall_radius(self.height), self.height))
         outline.append((0.0, self.height))
         return outline
 
@@ -79,13 +79,16 @@ class SeatedCrown:
         """Height of its outer roof [m]."""
         return self.ceiling + self.shell
 
-    def find_wall(self, height: float) -> float:
+    def find_wall_radius(self, height: float) -> float:
         """Return the radius of its inner wall at a height [m]."""
-        return self.preparation.find_wall(height) + self.wall_offset
+        return self.preparation.find_wall_radius(height) + self.wall_offset
 
     def outline(self) -> Outline:
         """Outline the half section of the crown, from its inner roof down and round."""
-        outline: Outline = [(0.0, self.ceiling), (self.find_wall(self.ceiling), self.ceiling)]
+        outline: Outline = [
+            (0.0, self.ceiling),
+            (self.find_wall_radius(self.ceiling), self.ceiling),
+        ]
         if self.preparation.finish == "feather-edge":
             outline += self._outline_feather_edge()
         else:
@@ -108,11 +111,11 @@ class SeatedCrown:
         outline: Outline = []
         if preparation.finish == "chamfer":
             foot = gap + preparation.ledge
-            wall = (self.find_wall(foot), foot)
+            wall = (self.find_wall_radius(foot), foot)
             margin = (preparation.margin_radius, gap)
             outline += [wall, (self._find_arc_middle(wall, margin), margin)]
         else:
-            outline.append((self.find_wall(gap), gap))
+            outline.append((self.find_wall_radius(gap), gap))
         corner = [(preparation.margin_radius + z, x) for x, z in self.corner]
         outline += corner
         end_radius, end_height = corner[-1]

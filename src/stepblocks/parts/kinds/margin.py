@@ -252,7 +252,7 @@ class MarginBlock(CrownMargin, Block):
         crown = mesh.measure_level_beside(opening, +1)
         tooth = mesh.measure_level_beside(self.body.edge_break.nominal - self.body.half_length, +1)
         yield Finding("horizontal discrepancy", self.rise, crown - tooth, NANOMETRE)
-        yield Finding("vertical discrepancy", opening, mesh.start_of_level(crown), NANOMETRE)
+        yield Finding("vertical discrepancy", opening, mesh.find_level_start(crown), NANOMETRE)
 
     @make_rules_validator
     def _check_fit_in_body(self) -> Iterator[str]:

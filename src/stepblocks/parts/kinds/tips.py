@@ -234,6 +234,7 @@ class StraightTip(Tip):
 
     @make_rules_validator
     def _check_shank(self) -> Iterator[str]:
+        """Yield that a tip ends before its cone does."""
         length = self.length.nominal
         cone = self.cone_end
         if length <= cone:
@@ -295,7 +296,7 @@ class HookTip(Tip):
         end = cad.kernel.outline_circle((end_x, 0.0, end_z), across, (0.0, wire, 0.0))
         run = (length * math.sin(angle), 0.0, length * math.cos(angle))
         shank = cad.kernel.extrude(end, run)
-        head = cad.kernel.turn(self.outline(), (0.0, 0.0, 0.0))
+        head = cad.kernel.revolve_about_vertical(self.outline(), (0.0, 0.0, 0.0))
         return [cad.kernel.fuse([head, arc, shank])]
 
     def volumes(self) -> tuple[float, ...]:

@@ -12,7 +12,7 @@ from stepblocks.contact.counterface import Counterface
 from stepblocks.contact.energy import Release, Status
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.contact.uncertainty import compute_deviated_releases
-from stepblocks.predict.predictions import Model, predict_one
+from stepblocks.predict.predictions import Model, predict_drag
 from stepblocks.predict.set_design.route import SizedBlock
 
 # the equations hold for sizes that nobody makes, which tells why a target cannot be reached [m]
@@ -119,7 +119,7 @@ class EnergyCurve:
     def _compute_energies(self, sizes: Array) -> Array:
         """Compute the energies at sizes [m] in J; NaN where nothing slips or rings."""
         if self.model is Model.DRAG:
-            return np.array([self._drag(float(size)) for size in sizes])
+            return np.array([self._measure_drag_energy(float(size)) for size in sizes])
         return self._compute_by_formula(sizes)
 
     def _compute_by_formula(self, sizes: Array) -> Array:
@@ -135,23 +135,23 @@ class EnergyCurve:
         slips = np.isfinite(energies) & (energies > 0.0)
         return np.where(slips, energies, np.nan)
 
-    def _drag(self, size: float) -> float:
+    def _measure_drag_energy(self, size: float) -> float:
         """Drag over the block at a size [m]; energy of its ring [J], NaN where there is none."""
-        known = self._dragged.get(size)
+        known = self._dragged_energies.get(size)
         if known is None:
             known = measure_drag_energy(self.block.make_face(size), self.point, self.backward)
-            self._dragged[size] = known
+            self._dragged_energies[size] = known
         return known
 
     @cached_property
-    def _dragged(self) -> dict[float, float]:
+    def _dragged_energies(self) -> dict[float, float]:
         """Energies [J] by the sizes [m] that were dragged over already."""
         return {}
 
 
 def measure_drag_energy(face: Counterface, point: OperatingPoint, backward: bool) -> float:
     """Energy of the ring of a drag in time [J]; NaN where nothing slips or rings."""
-    in_time = predict_one(face, point, backward).in_time
+    in_time = predict_drag(face, point, backward).in_time
     if in_time is None or in_time.status != Status.RELEASES or not in_time.energy > 0.0:
         return math.nan
     return in_time.energy

@@ -124,10 +124,12 @@ def place_target(target: Target, curve: EnergyCurve, sizes: SizeRange) -> Placem
     if curve.model is Model.FORMULA and found.obstacle in _BEYOND.values():
         return found  # an energy takes the same pull under every load and with every tip
     load = _find_nearest(
-        lambda factor: _reaches(target, curve, sizes, load_factor=factor), curve.point.normal_load
+        lambda factor: _is_target_reached(target, curve, sizes, load_factor=factor),
+        curve.point.normal_load,
     )
     tip_radius = _find_nearest(
-        lambda factor: _reaches(target, curve, sizes, tip_factor=factor), curve.point.ball_radius
+        lambda factor: _is_target_reached(target, curve, sizes, tip_factor=factor),
+        curve.point.ball_radius,
     )
     return replace(found, load=load, tip_radius=tip_radius)
 
@@ -198,7 +200,7 @@ def _find_upper_obstacle(curve: EnergyCurve, last: float) -> Obstacle:
     return _BEYOND.get(status, Obstacle.LOCKED)
 
 
-def _reaches(
+def _is_target_reached(
     target: Target,
     curve: EnergyCurve,
     sizes: SizeRange,

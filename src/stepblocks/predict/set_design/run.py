@@ -155,7 +155,7 @@ def design_set(
         if differs:
             curve = replace(curve, model=Model.DRAG)
             found = _place_targets(read_wanted(curve.model), curve, sizes)
-    return _assemble(conditions, block, curve, found, difference)
+    return _build_set_design(conditions, block, curve, found, difference)
 
 
 def _is_empty(targets: Iterable[str | float]) -> bool:
@@ -281,7 +281,7 @@ def _drag_differs(found: list[Placement | MissedTarget], curve: EnergyCurve) -> 
     return False
 
 
-def _assemble(
+def _build_set_design(
     conditions: StimulusSet,
     block: SizedBlock,
     curve: EnergyCurve,

@@ -93,14 +93,14 @@ class SweepPlan:
     laws: dict[str, Mapping[str, object]]  # as declared, by kind
 
     @property
-    def rows(self) -> int:
+    def row_count(self) -> int:
         """Number of rows of the result."""
         return self.points * self.draws
 
     @property
-    def partitions(self) -> int:
+    def partition_count(self) -> int:
         """Number of files of the result."""
-        return math.ceil(self.rows / self.rows_per_partition)
+        return math.ceil(self.row_count / self.rows_per_partition)
 
     @property
     def digest(self) -> str:

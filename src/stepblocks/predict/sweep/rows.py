@@ -205,7 +205,7 @@ def _predict_rows(
         is_scanned = np.array(["crown_slope" in stimulus.face for stimulus in plan.stimuli])
         is_inside &= ~is_scanned[inputs["stimulus"].astype(int)]
     try:
-        release = _release_at_once(plan, inputs, is_backward, is_inside)
+        release = _compute_releases(plan, inputs, is_backward, is_inside)
         status[is_inside] = release.status
         angle[is_inside] = release.angle
         force[is_inside] = release.pull_force
@@ -247,7 +247,7 @@ def _find_rows_in_domain(surface: str, inputs: Inputs) -> NDArray[np.bool_]:
     return is_inside
 
 
-def _release_at_once(
+def _compute_releases(
     plan: SweepPlan,
     inputs: Inputs,
     is_backward: NDArray[np.bool_],

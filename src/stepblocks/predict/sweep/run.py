@@ -66,7 +66,7 @@ class SweepResult:
 
     def __repr__(self) -> str:
         return (
-            f"SweepResult({self.plan.rows} rows in {self.plan.partitions} partitions, "
+            f"SweepResult({self.plan.row_count} rows in {self.plan.partition_count} partitions, "
             f"{self.computed} computed, {self.found} found, {str(self.folder)!r})"
         )
 
@@ -79,7 +79,7 @@ class SweepResult:
                 hint = suggest_column(name, known)
                 raise PipelineError(f"columns must be of {', '.join(known)}, got {name!r}{hint}")
         partitions = []
-        for number in range(self.plan.partitions):
+        for number in range(self.plan.partition_count):
             partitions.append(_open_partition(store, number).read(columns))
         table: pd.DataFrame = pa.concat_tables(partitions).to_pandas()
         return table
@@ -173,8 +173,8 @@ def run_sweep(
     if partitions is not None:
         share = f"-{wanted.start}-{wanted.stop}"
     with store.locked(share):
-        _make_claim(plan).take(store)
-        missing = [number for number in wanted if not _is_whole(plan, number, store)]
+        _make_claim(plan).claim_folder(store)
+        missing = [number for number in wanted if not _is_partition_complete(plan, number, store)]
         for number in missing:
             # a damaged file is ours, whatever it holds: the plan beside it says so
             store.remove(_name_partition(number))
@@ -191,10 +191,12 @@ def run_sweep(
 def _choose_partitions(plan: SweepPlan, partitions: range | None) -> range:
     """Return the partitions that are asked for, all where none are."""
     if partitions is None:
-        return range(plan.partitions)
+        return range(plan.partition_count)
     first, last = partitions.start, partitions.stop
-    if partitions.step != 1 or not 0 <= first < last <= plan.partitions:
-        raise PipelineError(f"partitions must lie within 0:{plan.partitions}, got {first}:{last}")
+    if partitions.step != 1 or not 0 <= first < last <= plan.partition_count:
+        raise PipelineError(
+            f"partitions must lie within 0:{plan.partition_count}, got {first}:{last}"
+        )
     return partitions
 
 
@@ -252,10 +254,10 @@ def compute_partition(plan: SweepPlan, number: int) -> tuple[int, bytes]:
 def _list_rows(plan: SweepPlan, number: int) -> range:
     """Numbers of the rows of a partition."""
     first = number * plan.rows_per_partition
-    return range(plan.rows)[first : first + plan.rows_per_partition]
+    return range(plan.row_count)[first : first + plan.rows_per_partition]
 
 
-def _is_whole(plan: SweepPlan, number: int, store: ResultStore) -> bool:
+def _is_partition_complete(plan: SweepPlan, number: int, store: ResultStore) -> bool:
     """Tell whether a partition is there, and to the byte what is written for its rows."""
     try:
         content = store.read(_name_partition(number))
@@ -284,7 +286,7 @@ def _format_parquet(table: pa.Table) -> bytes:
 
 def _make_claim(plan: SweepPlan) -> FolderClaim:
     """Return what claims the folder of a sweep."""
-    record = {"schema": 1, "digest": plan.digest, "rows": plan.rows, "plan": asdict(plan)}
+    record = {"schema": 1, "digest": plan.digest, "rows": plan.row_count, "plan": asdict(plan)}
     return FolderClaim(
         file_name=PLAN_FILE,
         results="part-*.parquet",

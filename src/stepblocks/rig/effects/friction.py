@@ -29,7 +29,7 @@ def _fall_with_load(state: DragState, _: object, values: Mapping[str, float]) ->
     return state.changed(friction=state.friction * factor)
 
 
-def _adhere(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
+def _add_adhesion(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
     """Let adhesion press the tip on, so that friction adds a force that no load makes."""
     added = values["adhesion_n"] / np.maximum(state.load, _LEAST_LOAD)
     return state.changed(friction=state.friction + added)
@@ -63,7 +63,9 @@ def _thin_film(state: DragState, ratio: Floats, values: Mapping[str, float]) -> 
     return state.changed(friction=state.friction * (0.1 * ratio) ** -values["exponent"])
 
 
-def _carry_over(state: DragState, before: Floats, values: Mapping[str, float]) -> DragState:
+def _follow_previous_load(
+    state: DragState, before: Floats, values: Mapping[str, float]
+) -> DragState:
     """Let friction follow the load of the trial before [N]."""
     factor = (before / _LOAD) ** values["exponent"]
     return state.changed(friction=state.friction * factor)
@@ -117,7 +119,7 @@ FRICTION_LAWS: tuple[Law, ...] = (
         "adhesive_friction",
         "mu + A / F_py",
         (Parameter("adhesion_n", "N", 0.0, 0.0, 1.0, 3e-3),),
-        _adhere,
+        _add_adhesion,
         covariate="load_n",
         rank=1,
         description="adhesion adds to friction, whatever the load: a force of",
@@ -174,7 +176,7 @@ FRICTION_LAWS: tuple[Law, ...] = (
         "carried_over",
         "mu (F_before / 0.6 N)^p",
         (Parameter("exponent", "1", 0.0, -2.0, 2.0, 0.03),),
-        _carry_over,
+        _follow_previous_load,
         covariate="previous_load_n",
         description="friction follows the load of the trial before: exponent",
         how_to_decide="repeat one trial after a light and after a heavy one",

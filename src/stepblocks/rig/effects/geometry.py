@@ -43,7 +43,9 @@ def _tilt_blocks(state: DragState, _: object, values: Mapping[str, float]) -> Dr
     return state.changed(tilt=state.tilt + values["tilt_rad"])
 
 
-def _indent(power: float, state: DragState, _: object, values: Mapping[str, float]) -> DragState:
+def _indent_contact(
+    power: float, state: DragState, _: object, values: Mapping[str, float]
+) -> DragState:
     """Let the contact give way by a power of the load."""
     return press_edge(state, values["depth_at_1n_m"], power)
 
@@ -63,7 +65,7 @@ def _make_indentation_law(variant: str, power: float, rank: int) -> Law:
         f"cos a = (R - H) / (R - d N^p), p = {power:.3g}, N = F_py cos(atan mu) / cos(a + "
         "atan mu) across the edge",
         (Parameter("depth_at_1n_m", "m", 0.0, 0.0, 5e-5, 1e-6),),
-        partial(_indent, power),
+        partial(_indent_contact, power),
         covariate="load_n",
         rank=rank,
         description="the contact gives way: depth at 1 N",

@@ -36,13 +36,13 @@ def offer_laws(file: str | Path) -> tuple[Law, ...]:
     path = Path(file).resolve()
     # a file that was changed since is another one, also to workers, which begin with it
     changed_ns = path.stat().st_mtime_ns if path.exists() else 0
-    laws = _run_laws(path, changed_ns)
+    laws = _load_laws(path, changed_ns)
     os.environ[_OFFERED] = f"{changed_ns}:{path}"
     return laws
 
 
 @cache
-def _run_laws(path: Path, changed_ns: int) -> tuple[Law, ...]:
+def _load_laws(path: Path, changed_ns: int) -> tuple[Law, ...]:
     """Run a file as it was at a time [ns] and return the laws that it defines."""
     try:
         names = runpy.run_path(str(path))
@@ -71,5 +71,5 @@ def list_offered_laws() -> list[Law]:
         offered.append(law)
     if _OFFERED in os.environ:
         changed_ns, _, path = os.environ[_OFFERED].partition(":")
-        offered += _run_laws(Path(path), int(changed_ns))
+        offered += _load_laws(Path(path), int(changed_ns))
     return offered

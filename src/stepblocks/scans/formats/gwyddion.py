@@ -125,7 +125,7 @@ def _list_items(body: bytes) -> Iterator[_Item]:
         kind = body[begin : begin + 1]
         end = _find_end(body, begin + 1, kind)
         if end > len(body):
-            raise _describe_end()
+            raise _make_truncation_error()
         yield _Item(name, kind, body[begin + 1 : end])
         begin = end
 
@@ -156,7 +156,7 @@ def _split_object(body: bytes, begin: int) -> tuple[bytes, bytes, int]:
     size = _read_size(body, begin)
     end = begin + 4 + size
     if end > len(body):
-        raise _describe_end()
+        raise _make_truncation_error()
     return name, body[begin + 4 : end], end
 
 
@@ -164,17 +164,18 @@ def _read_name(body: bytes, begin: int) -> tuple[bytes, int]:
     """Return a text that ends in a zero, and where the next byte stands."""
     end = body.find(b"\0", begin)
     if end < 0:
-        raise _describe_end()
+        raise _make_truncation_error()
     return body[begin:end], end + 1
 
 
 def _read_size(body: bytes, begin: int) -> int:
+    """Read a 32-bit size at a byte; refuse a file that is cut short."""
     if begin + 4 > len(body):
-        raise _describe_end()
+        raise _make_truncation_error()
     return int(struct.unpack_from("<I", body, begin)[0])
 
 
-def _describe_end() -> ValueError:
+def _make_truncation_error() -> ValueError:
     return ValueError("a file that is cut short")
 
 

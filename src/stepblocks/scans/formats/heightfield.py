@@ -14,9 +14,9 @@ import numpy as np
 from stepblocks.errors import MetrologyError
 from stepblocks.scans.formats.reader import (
     MOST_UNPACKED_BYTES,
-    ReadScan,
+    LoadedScan,
+    ReadOptions,
     ScanReader,
-    ScanRequest,
     check_points,
 )
 from stepblocks.scans.scan import Array, HeightMap
@@ -38,7 +38,7 @@ class HeightFieldReader(ScanReader):
         """Tell whether a JSON file is the sidecar of a height field."""
         return _read_sidecar(path) is not None
 
-    def read(self, path: Path, request: ScanRequest) -> ReadScan:
+    def read(self, path: Path, request: ReadOptions) -> LoadedScan:
         """Read the first of its files that lies beside it, the exact numbers first."""
         sidecar = _read_sidecar(path)
         if sidecar is None:
@@ -46,7 +46,7 @@ class HeightFieldReader(ScanReader):
         for name in sorted(sidecar["files"]):  # npz before tiff
             beside = path.with_name(Path(name).name)
             if beside.is_file():
-                return ReadScan(_read_field(beside, sidecar, path.name))
+                return LoadedScan(_read_field(beside, sidecar, path.name))
         raise MetrologyError(
             f"one of {', '.join(sidecar['files'])} must lie beside the sidecar [{path.name}]"
         )
@@ -60,7 +60,7 @@ class TiffReader(ScanReader):
     takes_unit = True
     has_header = False
 
-    def read(self, path: Path, request: ScanRequest) -> ReadScan:
+    def read(self, path: Path, request: ReadOptions) -> LoadedScan:
         """Read the heights; row 0 lies at y = 0."""
         sidecar = _read_sidecar(path.with_suffix(".json"))
         if sidecar is not None and path.name in sidecar["files"]:
@@ -69,7 +69,7 @@ class TiffReader(ScanReader):
                     f"unit must not be given for a height field whose sidecar says its own "
                     f"[{path.name}]"
                 )
-            return ReadScan(_read_field(path, sidecar, path.name))
+            return LoadedScan(_read_field(path, sidecar, path.name))
         units = parse_units(request.unit)
         if "z" not in units or not all(axis in units and units[axis].is_step for axis in "xy"):
             raise MetrologyError(
@@ -78,7 +78,7 @@ class TiffReader(ScanReader):
             )
         height = _read_tiff(path) * units["z"].metres
         scale = "spacing and unit as given"
-        return ReadScan(HeightMap(height, units["x"].metres, units["y"].metres, path.name, scale))
+        return LoadedScan(HeightMap(height, units["x"].metres, units["y"].metres, path.name, scale))
 
 
 def _read_sidecar(path: Path) -> dict[str, Any] | None:

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from stepblocks.scans.formats.reader import ReadScan, ScanReader, ScanRequest
+from stepblocks.scans.formats.reader import LoadedScan, ReadOptions, ScanReader
 from stepblocks.scans.points import read_points
 from stepblocks.scans.units import parse_units
 
@@ -15,6 +15,6 @@ class PointReader(ScanReader):
     takes_unit = True
     has_header = False
 
-    def read(self, path: Path, request: ScanRequest) -> ReadScan:
+    def read(self, path: Path, request: ReadOptions) -> LoadedScan:
         """Read points as a map on the grid that they lie on."""
-        return ReadScan(read_points(path, parse_units(request.unit)))
+        return LoadedScan(read_points(path, parse_units(request.unit)))

@@ -22,7 +22,7 @@ MOST_UNPACKED_BYTES = 2**30
 
 
 @dataclass(frozen=True)
-class ScanRequest:
+class ReadOptions:
     """What a user says of a file beside its name.
 
     Attributes
@@ -41,7 +41,7 @@ class ScanRequest:
 
 
 @dataclass(frozen=True)
-class ReadScan:
+class LoadedScan:
     """A scan, and the name of the channel that it came from where the file has several."""
 
     scan: ScannedProfile | HeightMap
@@ -83,7 +83,7 @@ class ScanReader(ABC):
         return True
 
     @abstractmethod
-    def read(self, path: Path, request: ScanRequest) -> ReadScan:
+    def read(self, path: Path, request: ReadOptions) -> LoadedScan:
         """Read a scan: heights and positions [m].
 
         `count` of the scan is the height of one count, or of the stored number 1 [m]: the factor
@@ -91,7 +91,7 @@ class ScanReader(ABC):
         """
 
     def list_channels(self, path: Path) -> list[str]:
-        """List name and unit of each channel, as `ScanRequest.channel` takes them."""
+        """List name and unit of each channel, as `ReadOptions.channel` takes them."""
         return []
 
     def read_height_scale(self, path: Path, channel: str) -> HeightScale | None:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stepblocks.scans.formats.reader import ReadScan, ScanReader, ScanRequest, check_points
+from stepblocks.scans.formats.reader import LoadedScan, ReadOptions, ScanReader, check_points
 from stepblocks.scans.scan import HeightMap, ScannedProfile
 
 _SCALE = "ISO 25178-71: heights in metres"
@@ -16,7 +16,7 @@ class SdfReader(ScanReader):
     form = "sdf"
     endings = (".sdf",)
 
-    def read(self, path: Path, request: ScanRequest) -> ReadScan:
+    def read(self, path: Path, request: ReadOptions) -> LoadedScan:
         """Read the map, or the profile if it has one row."""
         import sdfio
 
@@ -26,8 +26,8 @@ class SdfReader(ScanReader):
         height = np.atleast_2d(found.data)
         count = abs(header.z_scale)
         if len(height) > 1:
-            return ReadScan(
+            return LoadedScan(
                 HeightMap(height, header.x_scale, header.y_scale, path.name, _SCALE, count)
             )
         position = np.arange(height.size, dtype=np.float64) * header.x_scale
-        return ReadScan(ScannedProfile(position, height[0], path.name, _SCALE, count))
+        return LoadedScan(ScannedProfile(position, height[0], path.name, _SCALE, count))

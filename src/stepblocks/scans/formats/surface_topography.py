@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stepblocks.errors import MetrologyError
-from stepblocks.scans.formats.reader import ReadScan, ScanReader, ScanRequest, check_points
+from stepblocks.scans.formats.reader import LoadedScan, ReadOptions, ScanReader, check_points
 from stepblocks.scans.formats.text import TEXT_ENDINGS
 from stepblocks.scans.scan import Array, HeightMap, ScannedProfile
 from stepblocks.scans.text import holds_matrix
@@ -69,7 +69,7 @@ class SurfaceTopographyReader(ScanReader):
             return frozenset()
         return frozenset("xyz")
 
-    def read(self, path: Path, request: ScanRequest) -> ReadScan:
+    def read(self, path: Path, request: ReadOptions) -> LoadedScan:
         """Read the channel that is asked for, or the first of heights."""
         reader = self._open(path)
         channels = list(reader.channels)
@@ -96,7 +96,7 @@ class SurfaceTopographyReader(ScanReader):
             dx, dy = self.correct_spacing(spacing, path.name)
             # the library keeps x first; here a row is a line along x
             scan = HeightMap(height.T, float(dx), float(dy), path.name, scale, count)
-        return ReadScan(scan, str(channel.name))
+        return LoadedScan(scan, str(channel.name))
 
     def list_channels(self, path: Path) -> list[str]:
         """List name and unit of each channel."""
@@ -152,6 +152,7 @@ def _find_named(channels: "list[ChannelInfo]", wanted: str) -> "list[ChannelInfo
 
 
 def _holds_heights(channel: "ChannelInfo") -> bool:
+    """Tell whether a channel holds heights in a unit of length, or in none."""
     is_height = str(channel.data_kind).endswith("HEIGHT")
     may_be_length = not channel.unit or channel.unit in UNITS_PER_METRE
     return is_height and may_be_length and not _NO_HEIGHT.search(str(channel.name))

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from stepblocks.scans.formats.reader import ReadScan, ScanReader, ScanRequest
+from stepblocks.scans.formats.reader import LoadedScan, ReadOptions, ScanReader
 from stepblocks.scans.text import read_text_scan
 
 TEXT_ENDINGS = (".csv", ".txt", ".tsv", ".xyz", ".asc", ".dat")
@@ -17,6 +17,6 @@ class TextReader(ScanReader):
     takes_unit = True
     has_header = False
 
-    def read(self, path: Path, request: ScanRequest) -> ReadScan:
+    def read(self, path: Path, request: ReadOptions) -> LoadedScan:
         """Read a profile, a grid of points or a matrix."""
-        return ReadScan(read_text_scan(path, request.unit, request.channel, request.layout))
+        return LoadedScan(read_text_scan(path, request.unit, request.channel, request.layout))

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stepblocks.scans.formats.reader import ReadScan, ScanReader, ScanRequest, check_points
+from stepblocks.scans.formats.reader import LoadedScan, ReadOptions, ScanReader, check_points
 from stepblocks.scans.points import grid_points
 from stepblocks.scans.scan import Array, HeightMap, ScannedProfile
 
@@ -22,29 +22,29 @@ class X3pReader(ScanReader):
     form = "x3p"
     endings = (".x3p",)
 
-    def read(self, path: Path, request: ScanRequest) -> ReadScan:
+    def read(self, path: Path, request: ReadOptions) -> LoadedScan:
         """Read a profile, a map, or a cloud of points on the grid that they lie on."""
         import x3pio
 
         check_points(x3pio.info(str(path)).shape, path.name)
         layer = x3pio.read(str(path)).layers[0]
         if layer.z.ndim == 1 and isinstance(layer, x3pio.ProfileLayer):
-            return ReadScan(_make_profile(layer, path.name))
-        return ReadScan(_make_map(layer, path.name))
+            return LoadedScan(_make_profile(layer, path.name))
+        return LoadedScan(_make_map(layer, path.name))
 
 
 def _make_profile(layer: "ProfileLayer", source: str) -> ScannedProfile:
     position = layer.x
     if position is None:
         position = np.arange(len(layer.z), dtype=np.float64) * layer.header.x.increment
-    return ScannedProfile(position, layer.z, source, _SCALE, _get_count(layer))
+    return ScannedProfile(position, layer.z, source, _SCALE, _get_count_height(layer))
 
 
 def _make_map(layer: "Layer", source: str) -> HeightMap:
     """Make a map of a layer, of a cloud of points by the grid that they lie on."""
     dx = layer.header.x.increment
     dy = layer.header.y.increment
-    count = _get_count(layer)
+    count = _get_count_height(layer)
     if layer.x is None and dx is not None and dy is not None:
         return HeightMap(layer.z, dx, dy, source, _SCALE, count)
     # a cloud of points, or absolute axes
@@ -56,6 +56,6 @@ def _flatten(values: object) -> Array:
     return np.ravel(np.asarray(values, dtype=np.float64))
 
 
-def _get_count(layer: "Layer") -> float:
+def _get_count_height(layer: "Layer") -> float:
     """Return the height of one count [m]; an axis without an increment stores metres."""
     return abs(layer.header.z.increment or 1.0)

@@ -24,6 +24,7 @@ _PATH = {
 
 
 def _write(folder: Path, scene: Scene) -> None:
+    """Write the force law as tables, and as source code in Python and C."""
     path = scene.path.scaled(1.0 / scene.scale)
     renderer = Renderer(path, scene.point, scale=scene.scale, event=False)
     for event in scene.events:

@@ -8,6 +8,7 @@ from stepblocks.simulators.scene import Scene, SceneFormat, write_from_template
 
 
 def _write_blocks(folder: Path, scenes: Sequence[Scene]) -> None:
+    """Write the sources of the native renderer, and the blocks that it loads."""
     sources = files("stepblocks.simulators").joinpath("native")
     for source in sorted(sources.iterdir(), key=lambda source: source.name):
         (folder / source.name.removesuffix(".j2")).write_bytes(source.read_bytes())

@@ -7,7 +7,7 @@ from stepblocks.simulators.scene import Scene, SceneFormat, write_from_template
 
 
 def _write(folder: Path, scene: Scene) -> None:
-    start, height = scene.start
+    start, height = scene.start_position
     events = json.dumps(scene.parameters()["events"], allow_nan=False)
     write_from_template(
         folder / "scene.usda",

@@ -65,7 +65,7 @@ class _Dataset:
         first, *_ = self.people.values()
         return list(first[0])
 
-    def write(self) -> dict[str, str]:
+    def format_files(self) -> dict[str, str]:
         """Return the texts of all files by their names."""
         files = {
             "dataset_description.json": self._describe(),
@@ -191,7 +191,7 @@ def share_study(
         raise StudyError("the answers must belong to the design, got none that does")
     credit = _Credit(authors, licence)
     plan = read_plan(Path(folder))
-    files = _Dataset(experiment, people, _label_participants(people), credit, plan).write()
+    files = _Dataset(experiment, people, _label_participants(people), credit, plan).format_files()
     write_new_files(Path(output), files)
     return sorted(files)
 

@@ -243,7 +243,7 @@ class _CumulativeLogits:
         top = categories.max()
         self.rise = np.vstack([np.tri(top + 1, top, -1), np.zeros(top)])
 
-    def score(self, point: Array) -> tuple[Array, Array]:
+    def compute_cluster_losses(self, point: Array) -> tuple[Array, Array]:
         """Return minus the log likelihood of each cluster, and its slopes.
 
         Returns
@@ -272,14 +272,14 @@ class _CumulativeLogits:
         by_spread = (slope @ self.levels)[:, None]
         return -whole[:, 0], self.member.T @ np.hstack([by_predictor, by_step, by_spread])
 
-    def total(self, point: Array) -> tuple[float, Array]:
+    def compute_loss(self, point: Array) -> tuple[float, Array]:
         """Return minus the log likelihood of all clusters, and its slopes."""
-        losses, slopes = self.score(point)
+        losses, slopes = self.compute_cluster_losses(point)
         return losses.sum(axis=0), slopes.sum(axis=0)
 
-    def slope(self, point: Array) -> Array:
+    def compute_gradient(self, point: Array) -> Array:
         """Return the slopes of minus the log likelihood of all clusters."""
-        return np.asarray(self.total(point)[1])
+        return np.asarray(self.compute_loss(point)[1])
 
 
 def fit_proportional_odds(
@@ -320,16 +320,16 @@ def fit_proportional_odds(
     shares = np.cumsum(np.bincount(categories))[:-1] / len(predictors)
     cuts = np.log(shares / (1.0 - shares))
     found = optimize.minimize(
-        likelihood.total,
+        likelihood.compute_loss,
         [*np.zeros(size), cuts[0], *np.log(np.diff(cuts)), spread],
         jac=True,
         method="BFGS",
         options={"gtol": 1e-9, "maxiter": 2000},
     )
-    curvature = optimize.approx_fprime(found.x, likelihood.slope)
+    curvature = optimize.approx_fprime(found.x, likelihood.compute_gradient)
     covariance = np.linalg.pinv(0.5 * (curvature + curvature.T))
     if clusters is not None:  # the sandwich of Liang and Zeger
-        _, slopes = likelihood.score(found.x)
+        _, slopes = likelihood.compute_cluster_losses(found.x)
         number = len(slopes)
         covariance = covariance @ (slopes.T @ slopes) @ covariance * number / (number - 1)
     of_predictors = np.asarray(covariance[:size, :size], dtype=np.float64)

@@ -43,7 +43,7 @@ def render_study(result: StudyResult) -> str:
     """Draw the report: figures, tables, checks; one file that needs no network."""
     figures = []
     for study_figure in draw_study_figures(result):
-        svg = _save(study_figure.figure, "svg").decode()
+        svg = _render_figure(study_figure.figure, "svg").decode()
         figures.append(_PageFigure(study_figure.caption, svg))
     tools = [f"{name} {version(name)}" for name in ("stepblocks", "statsmodels", "scipy")]
     return render_page(
@@ -100,12 +100,12 @@ def write_figures(result: StudyResult, folder: Path) -> None:
     for study_figure in draw_study_figures(result):
         for form in ("svg", "pdf"):
             path = folder / f"{study_figure.name}.{form}"
-            replace_bytes(path, _save(study_figure.figure, form))
+            replace_bytes(path, _render_figure(study_figure.figure, form))
         text = format_csv(study_figure.data, None, "%.8g")
         replace_bytes(folder / f"{study_figure.name}.csv", text.encode())
 
 
-def _save(figure: Figure, form: str) -> bytes:
+def _render_figure(figure: Figure, form: str) -> bytes:
     """Return a figure as a file, SVG or PDF: the same bytes from the same data."""
     import matplotlib as mpl
 

@@ -80,7 +80,7 @@ def list_paper_tables(result: StudyResult) -> list[PaperTable]:
         if not isinstance(finding.test, MeasureTest):
             continue
         measure = finding.test.measure
-        tables.append(_describe(measure))
+        tables.append(_tabulate_cells(measure))
         tables.append(_list_tests(measure, finding))
         if measure.paired:
             tables.append(_list_pairs(measure))
@@ -119,7 +119,7 @@ def _format_value(value: float, measure: Measure) -> str:
     return f"{size:.2f}".replace("-", "−")
 
 
-def _describe(measure: Measure) -> PaperTable:
+def _tabulate_cells(measure: Measure) -> PaperTable:
     """Lay out M, SD and n of every cell."""
     rows = []
     for cell in describe_cells(measure):

@@ -184,11 +184,7 @@ def fit_psychometric(
     counts = _check_counts(levels, hits, totals)
     likelihood = _CurveLikelihood(counts)
     start = _guess_start(likelihood.log_levels, counts)
-    starts = [
-        [start.middle, start.log_spread, _START_LAPSE],
-        [start.middle, start.log_spread - 0.7, _START_LAPSE],
-    ]
-    best = min((likelihood.climb(point) for point in starts), key=lambda fit: float(fit.fun))
+    best = _climb_from(likelihood, start)
     # what a spread of zero loses more; where that is nothing, all small spreads fit alike
     sharper = float(likelihood.miss(_fit_step_functions(counts)).min()) - float(best.fun)
     middle = _bound_by_profile(likelihood, best, _MIDDLE, start)
@@ -222,6 +218,27 @@ def fit_psychometric(
         dispersion=quality.dispersion,
         p_fit=quality.p,
     )
+
+
+def estimate_psychometric(levels: Array, hits: Array, totals: Array) -> tuple[float, float]:
+    """Return ln(threshold) and ln(spread) of the fit of `fit_psychometric`, without intervals.
+
+    Parameters and errors are its own, but for a spread that the answers leave open, which is here
+    the smallest that fits.
+    """
+    counts = _check_counts(levels, hits, totals)
+    likelihood = _CurveLikelihood(counts)
+    best = _climb_from(likelihood, _guess_start(likelihood.log_levels, counts))
+    return float(best.x[_MIDDLE]), float(best.x[_LOG_SPREAD])
+
+
+def _climb_from(likelihood: _CurveLikelihood, start: _Start) -> OptimizeResult:
+    """Return the maximum of a likelihood that is found from a start, also one half as wide."""
+    starts = [
+        [start.middle, start.log_spread, _START_LAPSE],
+        [start.middle, start.log_spread - 0.7, _START_LAPSE],
+    ]
+    return min((likelihood.climb(point) for point in starts), key=lambda fit: float(fit.fun))
 
 
 def _bound_by_profile(
@@ -323,7 +340,9 @@ def compute_weber(log_sigma: float) -> float:
     return math.expm1(min(Z75 * math.exp(min(log_sigma, 20.0)), 700.0))
 
 
-def _check_counts(levels: Sequence[float], hits: Sequence[int], totals: Sequence[int]) -> _Counts:
+def _check_counts(
+    levels: Sequence[float] | Array, hits: Sequence[int] | Array, totals: Sequence[int] | Array
+) -> _Counts:
     """Check the answers of a participant; levels without trials are left out."""
     x = np.asarray(levels, dtype=np.float64)
     k = np.asarray(hits, dtype=np.float64)

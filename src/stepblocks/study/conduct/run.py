@@ -134,8 +134,8 @@ class Run:
         self._designed = self.planned
         with ExitStack() as stack:
             stack.enter_context(lock_folder(path.with_suffix("")))
-            self._place(())
-            self._rows = self._resume()
+            self._order_trials(())
+            self._rows = self._read_answered_trials()
             self._lock = stack.pop_all()
         if self._rows:
             self.practice = 0
@@ -154,11 +154,11 @@ class Run:
                 "without, or design the study anew"
             )
 
-    def _resume(self) -> list[dict[str, str]]:
+    def _read_answered_trials(self) -> list[dict[str, str]]:
         """Return the answered trials, as planned."""
         answers = self._file.read()
         rows = [dict(answer.cells) for answer in answers]
-        self._place(rows)
+        self._order_trials(rows)
         for answer, planned in zip(answers, self.planned, strict=False):
             _check_planned(answer, planned)
         if len(rows) > len(self.planned):
@@ -169,7 +169,7 @@ class Run:
             self._file.write(rows)
         return rows
 
-    def _place(self, answers: Sequence[Row]) -> None:
+    def _order_trials(self, answers: Sequence[Row]) -> None:
         """Put the trials of an adaptive design in the order in which the answers place them."""
         if self.kind.adaptive:
             self.planned = order_trials(self._designed, answers, read_prior(self.folder))
@@ -278,7 +278,7 @@ class Run:
     def move(self, x: float, held: bool) -> None:
         """Take where the page says that the mouse is [m], and whether it is held."""
         if isinstance(self.hand, Mouse):
-            self.hand.post(x, held)
+            self.hand.update_position(x, held)
 
     def report_probe_state(self) -> dict[str, object]:
         """Return where the probe is [m], what rings, and what is in doubt."""
@@ -362,7 +362,7 @@ class Run:
         """Write an answered trial to the disk."""
         self._file.write([*self._rows, row])
         self._rows.append(row)
-        self._place(self._rows)
+        self._order_trials(self._rows)
 
     def _read_answers(self, row: Row, answers: Row) -> dict[str, float]:
         """Read the answers to a trial; refuse them in the words of the page, not of the files."""
@@ -382,7 +382,7 @@ class Run:
             self.end()
             self._file.write(self._rows[:-1])
             self._rows.pop()
-            self._place(self._rows)
+            self._order_trials(self._rows)
             self._shown = self._clock.read()
 
     def close(self) -> None:

@@ -13,6 +13,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
 from stepblocks.errors import StepblocksError
+from stepblocks.files.page_policy import comes_from_this_machine
 from stepblocks.files.pages import render_page
 from stepblocks.haptics.servo import raise_priority
 from stepblocks.study.conduct.page_run import PageRun
@@ -230,19 +231,14 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _is_from_page(self) -> bool:
         """Return whether host, origin and token are those of the page, without doubt."""
-        port = self.server.server_port
-        host = self.headers.get("Host", "")
-        if host not in (f"127.0.0.1:{port}", f"localhost:{port}"):
-            return False
-        if self.headers.get("Origin") not in (None, f"http://{host}"):
+        hosts = self.headers.get_all("Host", [])
+        origins = self.headers.get_all("Origin", [])
+        if not comes_from_this_machine(hosts, origins, self.server.server_port):
             return False
         if self.command != "GET" and not self._has_token():
             return False
         # of a header that comes twice, or after a line that is none, another reader sees another
-        if self.headers.defects:
-            return False
-        names = ("Host", "Origin", "Content-Length")
-        return all(len(self.headers.get_all(name, ())) <= 1 for name in names)
+        return not self.headers.defects and len(self.headers.get_all("Content-Length", ())) <= 1
 
     def _has_token(self) -> bool:
         """Return whether a request has the token of the page."""

@@ -58,7 +58,7 @@ class VirtualBlocks:
         return trial.servo
 
     @cached_property
-    def strongest(self) -> float:
+    def largest_release_force(self) -> float:
         """The largest release force of the study's blocks [N], the full scale of sound."""
         forces = []
         for face in self.blocks.faces.values():
@@ -70,12 +70,12 @@ class VirtualBlocks:
     @property
     def reach(self) -> float:
         """How far a hand pulls, magnified, before the last block releases [m]."""
-        return self.scale * self.strongest / self.blocks.point.tool.stiffness
+        return self.scale * self.largest_release_force / self.blocks.point.tool.stiffness
 
     def begin(self, row: Row) -> None:
         """Start the servo loop of a trial; one that still runs is ended."""
         self.end()
-        point = self._set_point(row)
+        point = self._build_point(row)
         renderer = Renderer(
             self.blocks.faces[row["stimulus"]].centre_path(point.ball_radius),
             point,
@@ -93,7 +93,7 @@ class VirtualBlocks:
         self._trial = _Trial(servo, point)
         servo.start()
 
-    def _set_point(self, row: Row) -> OperatingPoint:
+    def _build_point(self, row: Row) -> OperatingPoint:
         """Return where a block is felt, as the trial's factors say."""
         levels = {}
         for name, dimension in DIMENSIONS.items():
@@ -112,7 +112,7 @@ class VirtualBlocks:
     def is_felt(self) -> bool:
         """Return whether the block of the trial was touched."""
         servo = self.servo
-        return servo is not None and bool((servo.record()["held"] > 0.0).any())
+        return servo is not None and bool((servo.get_columns()["held"] > 0.0).any())
 
     def report_probe_state(self) -> Mapping[str, object]:
         """Return where the probe is [m], what rings, and what is in doubt, as the page asks it.
@@ -125,7 +125,7 @@ class VirtualBlocks:
         servo, renderer = trial.servo, trial.servo.renderer
         tool = trial.point.tool
         louder = math.sqrt(tool.conversion / self.blocks.point.tool.conversion)
-        loudness = louder * abs(renderer.release_force) / self.strongest
+        loudness = louder * abs(renderer.release_force) / self.largest_release_force
         doubt = ""
         if servo.doubts and not servo.trusted:
             doubt = servo.doubts[-1]

@@ -169,7 +169,7 @@ class _Placement:
         self._counts = dict.fromkeys(self._beliefs, 0)  # answered trials of each setting
 
     @property
-    def settings(self) -> int:
+    def setting_count(self) -> int:
         """Number of settings."""
         return len(self._counts)
 
@@ -233,7 +233,7 @@ def order_trials(planned: Sequence[Row], answers: Sequence[Row], prior: Prior) -
     placement = _Placement(planned, prior)
     for row, answer in zip(done, answers, strict=False):
         placement.learn(row, answer)
-    limit = int(prior.trials) * placement.settings
+    limit = int(prior.trials) * placement.setting_count
     if len(done) >= limit or placement.is_precise():
         return done
     last_height = done[-1]["height_um"] if done else ""

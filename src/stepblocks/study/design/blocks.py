@@ -17,7 +17,7 @@ from stepblocks.declaration.select import matches_pattern
 from stepblocks.declaration.set import StimulusSet
 from stepblocks.errors import PipelineError, QuantityError, StudyError
 from stepblocks.predict.perception import choose_energies
-from stepblocks.predict.predictions import predict_one
+from stepblocks.predict.predictions import predict_drag
 from stepblocks.quantities import read_array
 from stepblocks.study.columns import Row
 
@@ -164,7 +164,7 @@ class Blocks:
 
 def _predict_energies(faces: Iterable[Counterface], point: OperatingPoint) -> list[float]:
     """Return the energy of vibration that each block gives [J]."""
-    energies, _ = choose_energies([predict_one(face, point) for face in faces])
+    energies, _ = choose_energies([predict_drag(face, point) for face in faces])
     return list(energies)
 
 

@@ -79,14 +79,14 @@ class Program:
 
     def recognises(self, names: Sequence[str]) -> bool:
         """Return whether a table with such columns is a record of the program."""
-        return any(all(match_any(names, mark) for mark in group) for group in self.marks)
+        return any(all(any_name_matches(names, mark) for mark in group) for group in self.marks)
 
     def is_administrative(self, name: str) -> bool:
         """Return whether a column is one that the program writes for itself."""
         return any(fnmatchcase(name, pattern) for pattern in (*self.administrative, *self.people))
 
 
-def match_any(names: Sequence[str], pattern: str) -> bool:
+def any_name_matches(names: Sequence[str], pattern: str) -> bool:
     """Return whether a name matches a pattern."""
     return any(fnmatchcase(name, pattern) for name in names)
 

@@ -51,13 +51,13 @@ class CovariateRange:
         return bool(self.pair) and bool(self.pair[0].labels)
 
     @property
-    def freedom(self) -> int:
+    def smooth_column_count(self) -> int:
         """Columns of its smooth."""
         if self.labels:
             return len(self.labels) - 1
         return min(PIECES, self.distinct - 1)
 
-    def unit(self, column: NDArray[np.generic]) -> Floats:
+    def scale_to_unit(self, column: NDArray[np.generic]) -> Floats:
         """Lay numbers out from 0 to 1; beyond the range they stay at its end."""
         numbers = np.asarray(column, dtype=np.float64)
         low, high = self.low, self.high
@@ -66,28 +66,28 @@ class CovariateRange:
             low, high = float(np.log(low)), float(np.log(high))
         return np.asarray(np.clip((numbers - low) / (high - low), 0.0, 1.0))
 
-    def line(self, column: NDArray[np.generic]) -> Floats:
+    def build_line(self, column: NDArray[np.generic]) -> Floats:
         """Return the one column of a straight line, from -1 to 1 over the range.
 
         For a pair of numbers it is the product of two.
         """
         if self.pair:
             first, second = self.pair
-            return first.line(column[:, 0]) * second.line(column[:, 1])
-        return (2.0 * self.unit(column) - 1.0)[:, None]
+            return first.build_line(column[:, 0]) * second.build_line(column[:, 1])
+        return (2.0 * self.scale_to_unit(column) - 1.0)[:, None]
 
-    def lines_of_groups(self, column: NDArray[np.generic]) -> Floats:
+    def build_group_lines(self, column: NDArray[np.generic]) -> Floats:
         """Return a straight line for each label, and a level for each but the first.
 
         The lines are zero under all other labels; the shape is (n, 2 labels - 1).
         """
         groups, number = self.pair
-        lines = number.line(column[:, 1].astype(np.float64))
+        lines = number.build_line(column[:, 1].astype(np.float64))
         labels = column[:, 0].astype(str)
         is_label = np.stack([labels == label for label in groups.labels], axis=1)
         return np.hstack([is_label * lines, is_label[:, 1:]])
 
-    def basis(self, column: NDArray[np.generic]) -> Floats:
+    def build_basis(self, column: NDArray[np.generic]) -> Floats:
         """Columns of the smooth, each zero in the middle of the range.
 
         They are cubic B-splines, or one column per label.
@@ -98,12 +98,12 @@ class CovariateRange:
             # a label that the data did not have is taken for the mean of all
             mean = ~np.isin(column, self.labels) / len(self.labels)
             return np.stack([(column == label) + mean for label in self.labels[1:]], axis=1)
-        if self.freedom < PIECES:
-            return self.line(column) ** np.arange(1, self.freedom + 1)
+        if self.smooth_column_count < PIECES:
+            return self.build_line(column) ** np.arange(1, self.smooth_column_count + 1)
         # a constant belongs to the nominal model: one spline goes, the rest vanish in the middle
         knots = np.concatenate([np.zeros(3), np.linspace(0.0, 1.0, PIECES - 1), np.ones(3)])
         splines = BSpline(knots, np.eye(PIECES + 1), 3)
-        places = np.append(self.unit(column), 0.5)
+        places = np.append(self.scale_to_unit(column), 0.5)
         values = splines(places)
         above_middle = values[:-1] - values[-1]
         return np.asarray(above_middle[:, [0, 1, 3, 4]])

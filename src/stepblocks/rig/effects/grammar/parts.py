@@ -44,7 +44,7 @@ def has_places(covariate: CovariateRange) -> bool:
     return covariate.is_number and covariate.distinct > 2 * STEP_SHAPES
 
 
-def lies_in_heaps(covariate: CovariateRange) -> bool:
+def is_nearly_binary(covariate: CovariateRange) -> bool:
     """Tell whether a covariate takes two values or nearly: pauses are short or long.
 
     A line through two heaps says no more than a jump.

@@ -19,7 +19,7 @@ def list_group_lines(slot: str, covariate: CovariateRange) -> list[Law]:
         f"trend_{slot}_{covariate.name}",
         f"{move.form}, g a straight line over {number.name} for each {groups.name}",
         tuple(make_amplitude(name) for name in names),
-        SizedChange(move.change, follow_columns(covariate.lines_of_groups, names)),
+        SizedChange(move.change, follow_columns(covariate.build_group_lines, names)),
         move.slot,
         covariate.name,
         named=False,

@@ -4,7 +4,7 @@ from stepblocks.lawsearch.law import Law, SizedChange
 from stepblocks.rig.effects.grammar.covariates import RUN, CovariateRange
 from stepblocks.rig.effects.grammar.parts import (
     follow_columns,
-    lies_in_heaps,
+    is_nearly_binary,
     make_amplitude,
     name_covariate,
 )
@@ -15,7 +15,7 @@ def list_lines(slot: str, covariate: CovariateRange) -> list[Law]:
     """List the line of a slot over a covariate."""
     if covariate.labels or covariate.is_grouped:
         return []
-    if lies_in_heaps(covariate) and not covariate.pair:
+    if is_nearly_binary(covariate) and not covariate.pair:
         return []
     return [_make_line(slot, covariate)]
 
@@ -35,7 +35,7 @@ def _make_line(slot: str, covariate: CovariateRange) -> Law:
         f"trend_{slot}_{covariate.name}",
         f"{move.form}, g a straight line over {covariate.name}",
         (make_amplitude("slope"),),
-        SizedChange(move.change, follow_columns(covariate.line, ("slope",))),
+        SizedChange(move.change, follow_columns(covariate.build_line, ("slope",))),
         move.slot,
         covariate.name,
         named=is_drift,

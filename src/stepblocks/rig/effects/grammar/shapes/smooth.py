@@ -23,7 +23,7 @@ def _make_levels(slot: str, covariate: CovariateRange) -> Law:
         f"smooth_{slot}_{covariate.name}",
         f"{move.form}, g a level for each {covariate.name}",
         tuple(make_amplitude(name) for name in names),
-        SizedChange(move.change, follow_columns(covariate.basis, names)),
+        SizedChange(move.change, follow_columns(covariate.build_basis, names)),
         move.slot,
         covariate.name,
         named=slot in JUMPING_SLOTS,
@@ -37,12 +37,12 @@ def _make_levels(slot: str, covariate: CovariateRange) -> Law:
 def _make_smooth(slot: str, covariate: CovariateRange) -> Law:
     """Let a slot follow a covariate along a smooth; of blocks, have any level on each."""
     move = SLOT_MOVES[slot]
-    names = tuple(f"g{number}" for number in range(1, covariate.freedom + 1))
+    names = tuple(f"g{number}" for number in range(1, covariate.smooth_column_count + 1))
     return Law(
         f"smooth_{slot}_{covariate.name}",
         f"{move.form}, g smooth over {covariate.name}",
         tuple(make_amplitude(name) for name in names),
-        SizedChange(move.change, follow_columns(covariate.basis, names)),
+        SizedChange(move.change, follow_columns(covariate.build_basis, names)),
         move.slot,
         covariate.name,
         named=False,

@@ -9,7 +9,7 @@ from stepblocks.lawsearch.law import Law, Parameter, SizedChange
 from stepblocks.rig.effects.grammar.covariates import RUN, CovariateRange
 from stepblocks.rig.effects.grammar.parts import (
     has_places,
-    lies_in_heaps,
+    is_nearly_binary,
     make_amplitude,
     name_covariate,
 )
@@ -22,7 +22,7 @@ _EDGE = 0.1  # share of the range at either end where no threshold can be seen
 
 def list_thresholds(slot: str, covariate: CovariateRange) -> list[Law]:
     """List a slot that changes above a place of a covariate, and one that changes up to it."""
-    if slot not in MAIN_SLOTS or not has_places(covariate) or lies_in_heaps(covariate):
+    if slot not in MAIN_SLOTS or not has_places(covariate) or is_nearly_binary(covariate):
         return []
     return [_make_threshold(slot, covariate), _make_saturation(slot, covariate)]
 

@@ -1,0 +1,60 @@
+"""How long the window takes to its first page, and what it holds while it is idle.
+
+``python benchmarks/window_start.py [FOLDER]`` starts ``stepblocks app`` five times, asks for the
+start page as a browser does, waits, and reads the memory of the server. Exit code 1 where the
+median start takes 2 s or longer, or the memory is 300 MB or more.
+"""
+
+import re
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+import urllib.request
+from http.cookiejar import CookieJar
+
+import psutil
+
+RUNS = 5
+MOST_SECONDS = 2.0  # to the first page
+MOST_MEMORY = 300e6  # of the idle server [bytes]
+IDLE = 3.0  # before memory is read [s]
+
+
+def start_once(folder: str) -> tuple[float, int]:
+    """Start a window; return the time to its first page [s] and its memory when idle [bytes]."""
+    begin = time.perf_counter()
+    words = [sys.executable, "-m", "stepblocks", "app", folder, "--no-open"]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            found = re.search(r"http://\S+", process.stdout.readline())
+            assert found is not None
+            cookies = urllib.request.HTTPCookieProcessor(CookieJar())
+            # with the cookie that the address with the token gives
+            with urllib.request.build_opener(cookies).open(found[0], timeout=60) as page:
+                page.read()
+            seconds = time.perf_counter() - begin
+            time.sleep(IDLE)
+            return seconds, psutil.Process(process.pid).memory_info().rss
+        finally:
+            process.terminate()
+            process.wait(60)
+
+
+def main() -> int:
+    """Print both figures of every start, and judge the medians."""
+    with tempfile.TemporaryDirectory() as empty:
+        folder = sys.argv[1] if len(sys.argv) > 1 else empty
+        starts = [start_once(folder) for _ in range(RUNS)]
+    for seconds, memory in starts:
+        print(f"{seconds:.2f} s to the first page, {memory / 1e6:.0f} MB idle")
+    seconds = statistics.median(seconds for seconds, _ in starts)
+    memory = statistics.median(memory for _, memory in starts)
+    print(f"median {seconds:.2f} s (below {MOST_SECONDS:g}), {memory / 1e6:.0f} MB (below 300)")
+    return int(seconds >= MOST_SECONDS or memory >= MOST_MEMORY)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,33 @@
+"""Archives of several files whose bytes depend on nothing but what they hold."""
+
+import io
+import zipfile
+from collections.abc import Callable
+
+_PINNED_DATE = (1980, 1, 1, 0, 0, 0)  # the earliest that a zip archive can hold
+
+
+def _keep(content: bytes) -> bytes:
+    """Return a member as it is."""
+    return content
+
+
+def pin_archive(archive: bytes, change: Callable[[bytes], bytes] = _keep) -> bytes:
+    """Return a zip archive with the times of its members pinned.
+
+    Parameters
+    ----------
+    archive : bytes
+        Zip archive.
+    change : callable
+        From the content of a member to what takes its place.
+    """
+    buffer = io.BytesIO()
+    with (
+        zipfile.ZipFile(io.BytesIO(archive)) as source,
+        zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED, compresslevel=6) as target,
+    ):
+        for name in source.namelist():
+            entry = zipfile.ZipInfo(name, _PINNED_DATE)
+            target.writestr(entry, change(source.read(name)), zipfile.ZIP_DEFLATED)
+    return buffer.getvalue()

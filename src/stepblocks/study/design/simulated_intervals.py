@@ -1,0 +1,169 @@
+"""Thresholds and JNDs of simulated participants, beside the intervals that theory expects."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtr
+
+from stepblocks.contact import Array
+from stepblocks.errors import StudyError
+from stepblocks.mistakes import shorten_value
+from stepblocks.study.analysis.psychometric import (
+    Z975,
+    compute_weber,
+    estimate_psychometric,
+)
+from stepblocks.study.design.adaptive import Prior
+from stepblocks.study.design.information import CurveShape, describe_curve
+from stepblocks.study.design.placement import Target
+from stepblocks.study.design.simulate import Observer, read_off_height
+from stepblocks.study.design.trial_exchange import Criterion
+
+CURVE_MEASURES = (Target.THRESHOLD.value, Target.JND.value)
+_FEWEST_LEVELS = 3  # that a fit needs
+
+
+@dataclass(frozen=True)
+class Comparing:
+    """Comparisons of one participant with a standard, as they are planned.
+
+    Attributes
+    ----------
+    heights, energies : ndarray, shape (blocks,)
+        Of the blocks that are compared with the standard [m] and [J].
+    trials : ndarray, shape (blocks,)
+        At each.
+    standard, standard_energy : float
+        Height and energy of the standard [m] and [J].
+    jnd : float
+        True just noticeable difference of height over that of the standard [1].
+    observer : Observer
+        What the participant is like.
+    """
+
+    heights: Array
+    energies: Array
+    trials: Array
+    standard: float
+    standard_energy: float
+    jnd: float
+    observer: Observer
+
+    def simulate_fits(self, runs: int, seed: int) -> Array:
+        """Return ln(threshold) and ln(spread) of simulated participants, shape (runs, 2).
+
+        A participant whose answers have no fit is nan.
+        """
+        felt = np.log(self.energies / self.standard_energy)
+        noise = max(math.sqrt(2.0) * self.observer.sensation_noise, 1e-12)
+        lapse = self.observer.lapse
+        higher = (1.0 - lapse) * ndtr(felt / noise) + 0.5 * lapse
+        hits = np.random.default_rng(seed).binomial(
+            self.trials.astype(np.int64), higher, (runs, len(higher))
+        )
+        fits = np.full((runs, 2), math.nan)
+        for row, answers in enumerate(hits):
+            try:
+                fits[row] = estimate_psychometric(self.heights, answers, self.trials)
+            except StudyError:  # without a rise there is no threshold
+                continue
+        return fits
+
+    def expect_errors(self) -> dict[Target, float]:
+        """Return the standard errors of ln(threshold) and ln(spread) that theory expects [1]."""
+        prior = Prior(weber=self.jnd, weber_factor=1.0, equal_factor=1.0)
+        sensitivity = describe_curve(
+            self.heights, self.standard, prior, 0.5 * self.observer.lapse, CurveShape.NORMAL
+        )
+        errors = {}
+        for goal in (Target.THRESHOLD, Target.JND):
+            criterion = Criterion(sensitivity, goal.places, goal.spread)
+            errors[goal] = math.exp(0.5 * criterion.assess(self.trials))
+        return errors
+
+    def compare_intervals(self, measure: str, runs: int, seed: int) -> dict[str, object]:
+        """Return the simulated and the expected 95 % range of a measure, as a row.
+
+        `measure` is one of `CURVE_MEASURES`.
+        """
+        fits = self.simulate_fits(runs, seed)
+        fitted = fits[np.isfinite(fits).all(axis=1)]
+        if len(fitted) == 0:
+            raise StudyError(
+                f"trials must determine a threshold, got no fit in {runs} simulated participants; "
+                "add trials, or heights around the standard"
+            )
+        low, high = np.quantile(fitted, [0.025, 0.975], axis=0)
+        reach = Z975 * self.expect_errors()[Target(measure)]
+        if measure == Target.THRESHOLD:
+            value, name, unit = self.standard * 1e6, "threshold", "um"
+            simulated = [1e6 * math.exp(end) for end in (low[0], high[0])]
+            expected = [value * math.exp(-reach), value * math.exp(reach)]
+        else:
+            value, name, unit = self.jnd, "jnd", "ratio"
+            simulated = [compute_weber(end) for end in (low[1], high[1])]
+            log_ratio = math.log1p(self.jnd)
+            expected = [math.expm1(log_ratio * math.exp(sign * reach)) for sign in (-1.0, 1.0)]
+        return {
+            "measure": measure,
+            "judgements": int(self.trials.sum()),
+            f"{name}_{unit}": value,
+            f"simulated_low_95_{unit}": simulated[0],
+            f"simulated_high_95_{unit}": simulated[1],
+            f"expected_low_95_{unit}": expected[0],
+            f"expected_high_95_{unit}": expected[1],
+            "fitted_ratio": len(fitted) / runs,
+            "runs": runs,
+        }
+
+
+def plan_comparing(
+    heights: Mapping[str, float],
+    energies: Mapping[str, float],
+    standard: str,
+    trials: Mapping[str, int],
+    observer: Observer,
+) -> Comparing:
+    """Plan the comparisons of one participant.
+
+    Parameters
+    ----------
+    heights, energies : mapping of float
+        Of the blocks by their identities [m] and [J].
+    standard : str
+        Block that others are compared with.
+    trials : mapping of int
+        Of the blocks that are compared.
+    observer : Observer
+        What the participant is like.
+
+    Raises
+    ------
+    StudyError
+        If a block is unknown, or fewer than three are compared.
+    """
+    for name, number in trials.items():
+        if name not in heights:
+            raise StudyError(
+                f"trials must be of the blocks {', '.join(heights)}, got {shorten_value(name)}"
+            )
+        if number != int(number) or number < 1:
+            raise StudyError(
+                f"trials must be whole numbers above 0, got {shorten_value(number)} [{name}]"
+            )
+    if len(trials) < _FEWEST_LEVELS:
+        raise StudyError(f"trials must be of {_FEWEST_LEVELS} blocks or more, got {len(trials)}")
+    known = (list(heights.values()), list(energies.values()))
+    noticed = np.array([energies[standard] * (1.0 + observer.weber)])
+    (noticed_height,) = read_off_height(noticed, *known)
+    return Comparing(
+        heights=np.array([heights[name] for name in trials]),
+        energies=np.array([energies[name] for name in trials]),
+        trials=np.array(list(trials.values()), dtype=np.float64),
+        standard=heights[standard],
+        standard_energy=energies[standard],
+        jnd=float(noticed_height) / heights[standard] - 1.0,
+        observer=observer,
+    )

@@ -1,0 +1,158 @@
+"""The page to build: what changed, how far it is, the verdict of every file, and two bundles."""
+
+from pathlib import Path, PurePosixPath
+
+from nicegui import run, ui
+
+from stepblocks.build.run import BuildChanges, find_changes
+from stepblocks.errors import StepblocksError
+from stepblocks.window import texts
+from stepblocks.window.command_line import ShownCommand, write_call, write_name
+from stepblocks.window.folder import Folder, Kind
+from stepblocks.window.frame import show_heading, show_mistake
+from stepblocks.window.job_view import Runnable, show_page
+from stepblocks.window.jobs import Job, JobList
+from stepblocks.window.verdicts import list_verdicts
+
+OUTPUT = "out"  # folder that builds of a window are written to
+_SIMULATORS = ("mujoco", "chai3d", "sofa", "usd", "gltf", "x3d", "forcelaw", "native")
+
+
+def make_build(files: list[str]) -> ShownCommand:
+    """Make the command that builds stimulus files."""
+    words = ("build", *map(write_name, files), "-o", OUTPUT)
+    python = write_call("build_sets", files, OUTPUT)
+    return ShownCommand(texts.BUILD, words, python, f"{OUTPUT}/index.html")
+
+
+def make_bundle(files: list[str]) -> ShownCommand:
+    """Make the command that writes the papers of an order, and their archive."""
+    words = ("workshop", *map(write_name, files), "-o", OUTPUT)
+    return ShownCommand(texts.BUNDLE, words, write_call("order_parts", files, OUTPUT))
+
+
+def make_scenes(files: list[str], simulator: str) -> ShownCommand:
+    """Make the command that writes scenes for a simulator."""
+    place = f"{OUTPUT}/scenes-{simulator}"
+    words = ("export", *map(write_name, files), "--for", simulator, "-o", place)
+    python = write_call("export_scenes", files, simulator, place)
+    return ShownCommand(texts.SCENES.format(simulator=simulator), words, python)
+
+
+def list_archives(folder: Folder, files: list[str]) -> list[str]:
+    """List the archives for a quotation of the sets of stimulus files that are there."""
+    found = []
+    for file in files:
+        name = PurePosixPath(file).stem
+        archive = f"{OUTPUT}/{name}/{name}.quotation.zip"
+        if folder.resolve(archive).is_file():
+            found.append(archive)
+    return found
+
+
+class BuildPage:
+    """The page on which stimulus files of a folder are built."""
+
+    def __init__(self, folder: Folder, jobs: JobList) -> None:
+        self._folder = folder
+        self._jobs = jobs
+
+    def build(self, file: str = "") -> None:
+        """Make the page; `file` is chosen, or all stimulus files where it is none."""
+        BuildForm(self._folder, self._jobs).build(file)
+
+
+class BuildForm:
+    """What one opened page shows, with what was chosen in it."""
+
+    def __init__(self, folder: Folder, jobs: JobList) -> None:
+        self._folder = folder
+        self._jobs = jobs
+        self._changes = BuildChanges((), ())
+        self._files: list[str] = []
+
+    def build(self, file: str) -> None:
+        """Make the page."""
+        show_heading(texts.BUILD_PAGE)
+        entries = self._folder.list_entries()
+        names = [entry.name for entry in entries if entry.kind is Kind.STIMULI]
+        if not names:
+            ui.label(texts.NO_STIMULI)
+            return
+        chosen = [file] if file in names else names
+        self._choice = ui.select(names, label=texts.BUILD_FILES, value=chosen, multiple=True)
+        self._choice.classes("min-w-[420px]").on_value_change(self._show)
+        ui.button(texts.LOOK_WHAT_CHANGED, on_click=self._show).props("no-caps")
+        self._state = ui.column().classes("w-full")
+        self._commands = ui.column().classes("w-full")
+        ui.timer(0.0, self._show, once=True)
+
+    async def _show(self) -> None:
+        """Show what changed, and the commands for the chosen files."""
+        self._files = list(self._choice.value)
+        self._commands.clear()
+        await self._look()
+        if not self._files:
+            return
+        with self._commands:
+            Runnable(make_build(self._files), self._folder, self._jobs, self._end_build)
+            Runnable(make_bundle(self._files), self._folder, self._jobs, self._end_bundle)
+            simulator = ui.select(list(_SIMULATORS), label=texts.SIMULATOR, value=_SIMULATORS[0])
+            place = ui.column().classes("w-full")
+            simulator.on_value_change(lambda event: self._show_scenes(event.value, place))
+            self._show_scenes(simulator.value, place)
+
+    def _show_scenes(self, simulator: str, place: ui.element) -> None:
+        """Show the command that writes the scenes for a simulator."""
+        place.clear()
+        with place:
+            Runnable(make_scenes(self._files, simulator), self._folder, self._jobs)
+
+    async def _look(self) -> None:
+        """Show what a build would make, or what is wrong with the files."""
+        self._state.clear()
+        if not self._files:
+            return
+        paths: list[str | Path] = [self._folder.resolve(name) for name in self._files]
+        try:
+            found = await run.io_bound(find_changes, paths, self._folder.path / OUTPUT)
+        except StepblocksError as error:
+            with self._state:
+                show_mistake(error)
+            return
+        if found is None:  # the window is being closed
+            return
+        self._changes = found
+        with self._state:
+            for text, parts in ((texts.OUTDATED, found.outdated), (texts.CURRENT, found.current)):
+                ui.label(text.format(names=", ".join(parts) or texts.NONE)).props("role=status")
+
+    async def _end_build(self, job: Job) -> None:
+        """Show the verdict of every file, and the page of the build."""
+        await self._look()
+        parts = sorted({*self._changes.current, *self._changes.outdated})
+        rows = []
+        for verdict in list_verdicts(self._folder.path / OUTPUT, parts):
+            within = verdict.total - len(verdict.failures)
+            rows.append(
+                {
+                    "part": verdict.part,
+                    "file": verdict.file,
+                    "within": texts.WITHIN.format(count=within, total=verdict.total),
+                    "failures": "; ".join(verdict.failures),
+                }
+            )
+        columns = [
+            {"name": name, "label": label, "field": name, "align": "left"}
+            for name, label in texts.VERDICT_COLUMNS.items()
+        ]
+        with ui.expansion(texts.VERDICTS, value=True).classes("w-full"):
+            ui.table(columns=columns, rows=rows, pagination=20).mark("verdicts")
+        show_page(self._folder, job.command.page, texts.REPORT_OF.format(title=texts.BUILD))
+
+    def _end_bundle(self, _: Job) -> None:
+        """Show the archives of the order."""
+        for archive in list_archives(self._folder, self._files):
+            name = PurePosixPath(archive).name
+            link = ui.link(texts.DOWNLOAD.format(name=name), self._folder.make_link(archive))
+            link.props(f'download="{name}"')

@@ -1,0 +1,191 @@
+"""A form for a command: its questions, the command that follows from the answers, and its job."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from nicegui import ui
+
+from stepblocks.errors import PipelineError, StepblocksError
+from stepblocks.window import texts
+from stepblocks.window.command_line import ShownCommand, write_call, write_name
+from stepblocks.window.folder import Folder
+from stepblocks.window.frame import show_heading, show_mistake
+from stepblocks.window.job_view import Runnable
+from stepblocks.window.jobs import Job, JobList
+
+
+def split_list(text: str) -> list[str]:
+    """Return the entries of a list with commas."""
+    return [entry.strip() for entry in text.split(",")]
+
+
+@dataclass(frozen=True)
+class Question:
+    """What a form asks for one option of a command.
+
+    Attributes
+    ----------
+    name : str
+        Of the answer.
+    label : str
+        What the form says.
+    option : str
+        The option, such as ``--seed``; empty for an argument: a file or folder by its name.
+    keyword : str
+        The same of the function; empty for an argument of it.
+    default : str
+        What the field says at first.
+    choices : sequence of str
+        What can be chosen; anything can be typed where there are none.
+    read : callable
+        Turns the answer into what the function takes; raises ValueError.
+    is_required : bool
+        Whether the command stands only when it is answered.
+    """
+
+    name: str
+    label: str
+    option: str = ""
+    keyword: str = ""
+    default: str = ""
+    choices: Sequence[str] = ()
+    read: Callable[[str], object] = str
+    is_required: bool = False
+
+    def make_words(self, answer: str) -> list[str]:
+        """Return the words of the command for an answer."""
+        if not self.option:
+            return [write_name(answer)]
+        return [f"{self.option}={answer}"]
+
+
+@dataclass(frozen=True)
+class FormCommand:
+    """A command that a form is for.
+
+    Attributes
+    ----------
+    title : str
+    words : tuple of str
+        Name of the command.
+    function : str
+        The public function that does the same.
+    questions : tuple of Question
+        In the order of its arguments; those with an option behind those without.
+    make_page, make_address : callable
+        Return the page that it writes in the folder, and the address that it serves while it
+        runs, for the answers.
+    """
+
+    title: str
+    words: tuple[str, ...]
+    function: str
+    questions: tuple[Question, ...]
+    make_page: Callable[[Mapping[str, str]], str] = lambda _: ""
+    make_address: Callable[[Mapping[str, str]], str] = lambda _: ""
+
+    def make_command(self, answers: Mapping[str, str]) -> ShownCommand:
+        """Make the command for the answers of all questions; empty ones are left out.
+
+        Raises
+        ------
+        PipelineError
+            If a question must be answered and is not.
+        """
+        words = list(self.words)
+        for question in self.questions:
+            answer = answers[question.name].strip()
+            if answer:
+                words += question.make_words(answer)
+            elif question.is_required:
+                raise PipelineError(texts.MUST_BE_SAID.format(label=question.label))
+        return ShownCommand(
+            self.title,
+            tuple(words),
+            self._write_python(answers),
+            self.make_page(answers),
+            self.make_address(answers),
+        )
+
+    def _write_python(self, answers: Mapping[str, str]) -> str:
+        """Write the call of the function; nothing where an answer is none that it takes."""
+        if not self.function:
+            return ""
+        arguments = []
+        options = {}
+        for question in self.questions:
+            answer = answers[question.name].strip()
+            if not answer:
+                continue
+            try:
+                value = question.read(answer)
+            except ValueError:
+                return ""
+            if question.keyword:
+                options[question.keyword] = value
+            else:
+                arguments.append(value)
+        return write_call(self.function, *arguments, **options)
+
+
+class CommandForm:
+    """The fields of a command on a page, and below them the command and its job.
+
+    Parameters
+    ----------
+    command : FormCommand
+    folder : Folder
+    jobs : JobList
+    at_end : callable, optional
+        Called with the job when it has ended.
+    """
+
+    def __init__(
+        self,
+        command: FormCommand,
+        folder: Folder,
+        jobs: JobList,
+        at_end: Callable[[Job], object] | None = None,
+    ) -> None:
+        self._command = command
+        self._folder = folder
+        self._jobs = jobs
+        self._at_end = at_end
+        self._fields: dict[str, ui.input | ui.select] = {}
+
+    def build(self, answers: Mapping[str, str] | None = None) -> None:
+        """Make the fields; `answers` replace what they say at first."""
+        show_heading(self._command.title, 2)
+        with ui.element("div").classes("fields"):
+            for question in self._command.questions:
+                first = (answers or {}).get(question.name, question.default)
+                self._fields[question.name] = self._add_field(question, first)
+        self._place = ui.column().classes("w-full")
+        self._show()
+
+    def _add_field(self, question: Question, first: str) -> ui.input | ui.select:
+        """Add the field of a question."""
+        field: ui.input | ui.select
+        if question.choices:
+            value = first if first in question.choices else None
+            options = list(question.choices)
+            field = ui.select(options, label=question.label, value=value, clearable=True)
+        else:
+            field = ui.input(question.label, value=first).props("debounce=200")
+        field.on_value_change(self._show)
+        return field.classes("w-full").mark(question.name)
+
+    def read_answers(self) -> dict[str, str]:
+        """Return what the fields say, by the names of the questions."""
+        return {name: str(field.value or "") for name, field in self._fields.items()}
+
+    def _show(self) -> None:
+        """Show the command for what the fields say now, or what must be said yet."""
+        self._place.clear()
+        with self._place:
+            try:
+                command = self._command.make_command(self.read_answers())
+            except StepblocksError as error:
+                show_mistake(error)
+                return
+            Runnable(command, self._folder, self._jobs, self._at_end)

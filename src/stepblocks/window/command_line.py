@@ -1,0 +1,53 @@
+"""A command as the window shows it: to copy, and as the lines of Python that do the same."""
+
+import os
+import shlex
+import subprocess
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class ShownCommand:
+    """A command with the lines of Python that call the same function.
+
+    Attributes
+    ----------
+    title : str
+        What it does, as the window says it.
+    words : tuple of str
+        The command behind ``stepblocks``, run in the folder of the window.
+    python : str
+        The same as Python; empty where a file is all that it writes.
+    page : str
+        Page within the folder of the window that it writes; empty where it writes none.
+    address : str
+        Page that it serves while it runs; empty where it serves none.
+    """
+
+    title: str
+    words: tuple[str, ...]
+    python: str = ""
+    page: str = ""
+    address: str = ""
+
+    @property
+    def line(self) -> str:
+        """The command as a shell of this system takes it."""
+        words = ["stepblocks", *self.words]
+        if os.name == "nt":
+            return subprocess.list2cmdline(words)
+        return shlex.join(words)
+
+
+def write_name(name: str) -> str:
+    """Return the name of a file as a word of a command, which no option begins like."""
+    if name.startswith("-"):
+        return f"./{name}"
+    return name
+
+
+def write_call(function: str, *arguments: object, **options: object) -> str:
+    """Write the lines of Python that call a function of the public face."""
+    written = [repr(argument) for argument in arguments]
+    written += [f"{name}={value!r}" for name, value in options.items()]
+    return f"import stepblocks\n\nstepblocks.{function}({', '.join(written)})"

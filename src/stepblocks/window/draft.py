@@ -1,0 +1,360 @@
+"""A stimulus file while it is changed in the window: its comments and its order stay."""
+
+import re
+import tomllib
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, get_args
+
+import tomlkit
+from pydantic import BaseModel
+from pydantic_core import PydanticUndefined
+from tomlkit.exceptions import TOMLKitError
+from tomlkit.items import Item, String
+
+from stepblocks.declaration.read import read_set
+from stepblocks.declaration.set import StimulusSet, list_kinds
+from stepblocks.errors import PipelineError, StimulusError
+from stepblocks.files.atomic import replace_text
+from stepblocks.files.locks import LockState, try_lock
+from stepblocks.files.text import is_file
+from stepblocks.mistakes import Mistake
+from stepblocks.parts.material import Material
+
+# a line with the header of a table, or of one of a list of tables
+_HEADER = re.compile(r"\s*(?P<list>\[)?\[\s*(?P<name>[A-Za-z0-9_.\-]+)\s*\]{1,2}\s*(#.*)?$")
+_DEEPEST = 3  # tables within a stanza
+_LONGEST_ENTRY = 2000  # letters of a field
+
+
+@dataclass(frozen=True)
+class FormField:
+    """A field of a stanza as a form asks for it.
+
+    Attributes
+    ----------
+    path : tuple of str
+        Its name, behind the names of the tables that it stands in.
+    default : str
+        What counts where it is left out, as a file states it; empty where nothing does.
+    is_required : bool
+    help : str
+        What it is, from the reference.
+    """
+
+    path: tuple[str, ...]
+    default: str
+    is_required: bool
+    help: str
+
+    @property
+    def name(self) -> str:
+        """Its name with dots, as in a message."""
+        return ".".join(self.path)
+
+
+@dataclass(frozen=True)
+class StanzaPlace:
+    """Where a stanza stands in its file: the kind, and the number among those of its kind."""
+
+    kind: str
+    number: int
+
+
+@dataclass(frozen=True)
+class Checked:
+    """What a draft declares: the set, or all that is wrong with it."""
+
+    stimuli: StimulusSet | None
+    mistakes: tuple[Mistake, ...] = ()
+
+
+def list_fields(kind: str) -> list[FormField]:
+    """List the fields of a kind in the order of its model, those of tables below it among them."""
+    return list(_walk_fields(list_kinds()[kind], ()))
+
+
+def _walk_fields(model: type[BaseModel], begin: tuple[str, ...]) -> Iterable[FormField]:
+    helps = _read_attribute_helps(model.__doc__ or "")
+    for name, field in model.model_fields.items():
+        path = (*begin, name)
+        below = _find_table(field.annotation)
+        if below is not None and len(path) < _DEEPEST:
+            yield from _walk_fields(below, path)
+            continue
+        is_required = field.is_required()
+        yield FormField(path, _format_default(field.default), is_required, helps.get(name, ""))
+
+
+def _find_table(annotation: object) -> type[BaseModel] | None:
+    """Return the model of a field that is a table, or may be one; a material is a name."""
+    for kind in (annotation, *get_args(annotation)):
+        if isinstance(kind, type) and issubclass(kind, BaseModel) and kind is not Material:
+            return kind
+    return None
+
+
+def _format_default(default: object) -> str:
+    """Write a default as a file states it."""
+    if default is None or default is PydanticUndefined:
+        return ""
+    if isinstance(default, Mapping):
+        stated = {
+            "tolerance" if name == "otherwise" else name: text for name, text in default.items()
+        }
+        return ", ".join(str(text) for name, text in stated.items() if name != "source")
+    return str(default)
+
+
+def _read_attribute_helps(docstring: str) -> dict[str, str]:
+    """Read what the attributes of a class are, from the section of its docstring."""
+    helps: dict[str, str] = {}
+    section = docstring.partition("Attributes\n")[2]
+    names: list[str] = []
+    for line in section.splitlines()[1:]:
+        if " : " in line and not line.startswith("        "):
+            names = [name.strip() for name in line.partition(" : ")[0].split(",")]
+            helps.update(dict.fromkeys(names, ""))
+            continue
+        for name in names:
+            helps[name] = f"{helps[name]} {line.strip()}".strip()
+    return helps
+
+
+def find_field(text: str, fields: Iterable[FormField]) -> FormField | None:
+    """Return the field that a mistake is about, whose name it begins with; None where none is."""
+    found = None
+    for field in fields:
+        for begin in (field.name, f"{field.path[0]}: {'.'.join(field.path[1:])}"):
+            is_named = text.startswith((f"{begin} ", f"{begin}:"))
+            if is_named and (found is None or len(field.path) > len(found.path)):
+                found = field
+    return found
+
+
+class Draft:
+    """A stimulus file that is being changed.
+
+    Parameters
+    ----------
+    path : Path
+        Where it is, or will be written.
+
+    Raises
+    ------
+    StimulusError
+        If there is a file that is no TOML.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._before = _read_text(path)
+        self._pieces = _split_text(self._before or "")
+        if self._before is not None and _parse_pieces(self._pieces) != self._parse():
+            raise StimulusError(
+                f"the form cannot tell the stanzas of this file apart: change it as text [{path}]"
+            )
+
+    @property
+    def text(self) -> str:
+        """The file as it would be written."""
+        return "".join(piece.text for piece in self._pieces)
+
+    def _parse(self) -> dict[str, Any]:
+        """Return the tables of the file as it would be written."""
+        try:
+            return tomllib.loads(self.text)
+        except tomllib.TOMLDecodeError as error:
+            raise StimulusError(f"a stimulus file must be TOML: {error} [{self.path}]") from error
+
+    def list_stanzas(self) -> dict[StanzaPlace, str]:
+        """List the stanzas with their identities, in the order of the file."""
+        found: dict[StanzaPlace, str] = {}
+        counts: Counter[str] = Counter()
+        for piece in self._pieces:
+            if piece.kind:
+                place = StanzaPlace(piece.kind, counts[piece.kind])
+                found[place] = str(piece.stanza.get("id", ""))
+                counts[piece.kind] += 1
+        return found
+
+    def add_stanza(self, kind: str) -> StanzaPlace:
+        """Add an empty stanza of a kind behind all others."""
+        before = self.text
+        gap = ""
+        if before:
+            gap = "\n" if before.endswith("\n") else "\n\n"
+        number = sum(piece.kind == kind for piece in self._pieces)
+        self._pieces += [_Piece(gap), _Piece(f"[[{kind}]]\n", kind)]
+        return StanzaPlace(kind, number)
+
+    def read_field(self, place: StanzaPlace, path: tuple[str, ...]) -> str:
+        """Return what a field says, as it is typed; empty where it is left out."""
+        value: Any = self._find_stanza(place)
+        for name in path:
+            if not isinstance(value, Mapping) or name not in value:
+                return ""
+            value = value[name]
+        return _format_entry(value)
+
+    def write_field(self, place: StanzaPlace, path: tuple[str, ...], entry: str) -> None:
+        """Set a field to what was typed; an empty entry leaves it out."""
+        table: Any = self._find_stanza(place)
+        for name in path[:-1]:
+            if name not in table and not entry.strip():
+                return
+            if name not in table:
+                table[name] = tomlkit.inline_table()
+            table = table[name]
+            if not isinstance(table, Mapping):
+                raise StimulusError(f"{name} must be a table to hold {path[-1]} [{self.path}]")
+        if entry.strip():
+            table[path[-1]] = _parse_entry(entry)
+        elif path[-1] in table:
+            del table[path[-1]]
+            self._drop_empty_tables(place, path[:-1])
+
+    def _drop_empty_tables(self, place: StanzaPlace, path: tuple[str, ...]) -> None:
+        """Take away the tables on the way to a field that hold nothing any more."""
+        if not path:
+            return
+        table: Any = self._find_stanza(place)
+        for name in path[:-1]:
+            table = table[name]
+        if not table[path[-1]]:
+            del table[path[-1]]
+            self._drop_empty_tables(place, path[:-1])
+
+    def _find_stanza(self, place: StanzaPlace) -> Any:
+        pieces = [piece for piece in self._pieces if piece.kind == place.kind]
+        return pieces[place.number].stanza
+
+    def check(self) -> Checked:
+        """Validate the draft as the file would be."""
+        mistakes: list[Mistake] = []
+        try:
+            stimuli = read_set(self._parse(), self.path, mistakes)
+        except StimulusError as error:
+            return Checked(None, tuple(mistakes) or (("", str(error)),))
+        return Checked(stimuli)
+
+    def save(self) -> None:
+        """Write the file.
+
+        Raises
+        ------
+        StimulusError
+            If the file would not be read.
+        PipelineError
+            If it was changed since it was opened here, or cannot be written.
+        """
+        read_set(self._parse(), self.path, [])
+        with try_lock(self.path.with_name(f".{self.path.name}.lock")) as state:
+            if state is LockState.TAKEN:
+                raise PipelineError(f"another window is saving this file [{self.path.name}]")
+            if _read_text(self.path) != self._before:
+                raise PipelineError(
+                    "the file was changed since it was opened here: open it again "
+                    f"[{self.path.name}]"
+                )
+            replace_text(self.path, self.text)
+        self._before = self.text
+
+
+class _Piece:
+    """A run of lines of a file: a stanza with the tables below it, or what lies between.
+
+    Only the piece that is changed is written anew; all else stays as it was typed.
+    """
+
+    def __init__(self, text: str, kind: str = "") -> None:
+        self.kind = kind
+        self._text = text
+        self._document: tomlkit.TOMLDocument | None = None
+
+    @property
+    def text(self) -> str:
+        """The lines, as changed."""
+        if self._document is None:
+            return self._text
+        return tomlkit.dumps(self._document)
+
+    @property
+    def stanza(self) -> Any:
+        """The table of a stanza, which may be changed."""
+        if self._document is None:
+            self._document = tomlkit.parse(self._text)
+        stanzas: Any = self._document[self.kind]
+        return stanzas[0]
+
+
+def _split_text(text: str) -> list[_Piece]:
+    """Split a file at the headers of its tables; a stanza keeps the tables below it."""
+    pieces: list[_Piece] = []
+    lines: list[str] = []
+    kind = ""
+    for line in text.splitlines(keepends=True):
+        found = _HEADER.match(line)
+        if found is None or (kind and found["name"].startswith(f"{kind}.")):
+            lines.append(line)
+            continue
+        pieces.append(_Piece("".join(lines), kind))
+        lines = [line]
+        is_stanza = bool(found["list"]) and found["name"] in list_kinds()
+        kind = found["name"] if is_stanza else ""
+    pieces.append(_Piece("".join(lines), kind))
+    return [piece for piece in pieces if piece.text]
+
+
+def _parse_pieces(pieces: Iterable[_Piece]) -> dict[str, Any] | None:
+    """Return the tables of all pieces together; None where one of them is no TOML by itself."""
+    between = ""
+    stanzas: dict[str, list[Any]] = {}
+    try:
+        for piece in pieces:
+            if piece.kind:
+                stanzas.setdefault(piece.kind, []).extend(tomllib.loads(piece.text)[piece.kind])
+            else:
+                between += piece.text
+        return {**tomllib.loads(between), **stanzas}
+    except tomllib.TOMLDecodeError:
+        return None
+
+
+def _read_text(path: Path) -> str | None:
+    """Read a file as it stands; None where there is none."""
+    if not is_file(path):
+        return None
+    try:
+        # line ends as they stand: what nobody changed stays the same bytes
+        return path.read_bytes().decode("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise StimulusError(f"a stimulus file must be UTF-8 text: {error} [{path}]") from error
+
+
+def _parse_entry(entry: str) -> Item:
+    """Read what was typed: a value of TOML as it stands, anything else as text."""
+    line = " ".join(entry.split())
+    if len(line) > _LONGEST_ENTRY:
+        raise StimulusError(f"a field must have at most {_LONGEST_ENTRY} letters, got {len(line)}")
+    try:
+        return tomlkit.value(line)
+    except (TOMLKitError, ValueError):
+        return tomlkit.string(line)
+
+
+def _format_entry(value: object) -> str:
+    """Write a value as it is typed: text without its quotes where that reads as the same text."""
+    if isinstance(value, String):
+        text = str(value)
+        is_plain = " ".join(text.split()) == text and isinstance(_parse_entry(text or " "), String)
+        return text if is_plain and not text.startswith(("'", '"')) else value.as_string()
+    if isinstance(value, Item):
+        if isinstance(value, Mapping):
+            inline = tomlkit.inline_table()
+            inline.update(value.unwrap())
+            return inline.as_string()
+        return value.as_string()
+    return tomlkit.item(value).as_string()

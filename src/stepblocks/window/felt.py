@@ -1,0 +1,141 @@
+"""What the declare page shows beside a form: what is felt, and the working edge as it is."""
+
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+
+from stepblocks.declaration.set import StimulusSet
+from stepblocks.parts.kind import Part
+from stepblocks.quantities import format_number
+from stepblocks.window import texts
+
+_RUN = 4.0  # of a drawn profile on either side, in times its height [1]
+_LEAST_RUN = 20e-6  # [m]
+_WIDTH, _MOST_HEIGHT = 560.0, 240.0  # of the picture [pixels]
+_MARGIN = 24.0  # [pixels]
+_COLUMNS = (
+    ("critical_angle_deg", ""),
+    ("pull_force_n", "pull_force_95"),
+    ("vibration_energy_uj", "vibration_energy_95"),
+    ("jnd_to_next", "jnd_to_next_95"),
+)
+
+
+@dataclass(frozen=True)
+class Felt:
+    """What is felt of one part in the first condition of its set, as texts.
+
+    Attributes
+    ----------
+    part : str
+    way : str
+        Direction of the drag.
+    angle, force, energy, distance : str
+        Critical angle [deg], force of the pull [N], energy of the vibration [uJ] and just
+        noticeable differences to the next; the last three with 95 % intervals.
+    """
+
+    part: str
+    way: str
+    angle: str
+    force: str
+    energy: str
+    distance: str
+
+
+def predict_felt(stimuli: StimulusSet) -> list[Felt]:
+    """Predict every part that is felt in the first condition of a set, by the formula."""
+    from stepblocks.predict.run import predict_set  # loaded late: the first page needs no tables
+
+    felt = stimuli.keep_felt()
+    if not felt.stimuli:
+        return []
+    grid = felt.prediction
+    first = grid.model_copy(
+        update={
+            "tip_radii": grid.tip_radii[:1],
+            "normal_loads": grid.normal_loads[:1],
+            "frictions": grid.frictions[:1],
+            "step_heights": grid.step_heights[:1],
+        }
+    )
+    table = predict_set(felt.model_copy(update={"prediction": first}), dragged=False)
+    rows = []
+    for row in table.to_dict("records"):
+        figures = [_format_figure(row, name, interval) for name, interval in _COLUMNS]
+        rows.append(Felt(str(row["stimulus"]), str(row["drag"]), *figures))
+    return rows
+
+
+def _format_figure(row: Mapping[Hashable, object], name: str, interval: str) -> str:
+    """Write a figure, with its interval where it has one."""
+    value = _format_number(row.get(name))
+    if not interval:
+        return value
+    unit = name.rpartition("_")[2]
+    suffix = "" if name == "jnd_to_next" else f"_{unit}"
+    low = _format_number(row.get(f"{interval}_low{suffix}"))
+    high = _format_number(row.get(f"{interval}_high{suffix}"))
+    if "-" in (low, high):
+        return value
+    return texts.INTERVAL.format(value=value, low=low, high=high)
+
+
+def _format_number(value: object) -> str:
+    """Write a number to three digits; a dash where there is none."""
+    if not isinstance(value, int | float) or value != value:
+        return "-"
+    return format_number(float(value))
+
+
+def draw_profile(part: Part) -> str:
+    """Draw the working edge of a part to one scale across and up, as SVG; empty without one.
+
+    The colour is that of the text around it.
+    """
+    if not part.crossed:
+        return ""
+    face = part.counterface()
+    tallest = max(abs(float(z)) for z in face.section(_LEAST_RUN)[1])
+    run = max(_RUN * tallest, _LEAST_RUN)
+    x, z = face.section(run)
+    points = list(zip(x.tolist(), z.tolist(), strict=True))
+    return _draw_line(points, texts.PROFILE_OF.format(part=part.id))
+
+
+def _draw_line(points: Sequence[tuple[float, float]], title: str) -> str:
+    """Draw a line through points [m] to one scale, with a bar of a round length."""
+    across = [x for x, _ in points]
+    up = [z for _, z in points]
+    wide = max(across) - min(across)
+    tall = max(up) - min(up)
+    scale = min((_WIDTH - 2.0 * _MARGIN) / wide, _MOST_HEIGHT / max(tall, 1e-12))
+    height = tall * scale + 3.0 * _MARGIN
+    drawn = " ".join(
+        f"{_MARGIN + (x - min(across)) * scale:.2f},{_MARGIN + (max(up) - z) * scale:.2f}"
+        for x, z in points
+    )
+    length = _choose_bar(0.3 * wide)
+    label = f"{format_number(1e6 * length)} µm"
+    base = height - 0.6 * _MARGIN
+    return (
+        f'<svg viewBox="0 0 {_WIDTH:.0f} {height:.1f}" width="{_WIDTH:.0f}" role="img" '
+        f'aria-label="{escape(title)}" stroke="currentColor" fill="none" '
+        f'style="max-width: 100%"><title>{escape(title)}</title>'
+        f'<polyline points="{drawn}" stroke-width="2"/>'
+        f'<path d="M{_MARGIN:.1f} {base:.1f}h{length * scale:.2f}" stroke-width="3"/>'
+        f'<text x="{_MARGIN + length * scale + 8.0:.2f}" y="{base + 4.0:.1f}" '
+        f'fill="currentColor" stroke="none" font-size="13">{escape(label)}</text></svg>'
+    )
+
+
+def _choose_bar(most: float) -> float:
+    """Return the longest of 1, 2 and 5 times a power of ten that is not above a length [m]."""
+    decade = 1e-9
+    bar = decade
+    while decade <= most:
+        for factor in (1.0, 2.0, 5.0):
+            if factor * decade <= most:
+                bar = factor * decade
+        decade *= 10.0
+    return bar

@@ -1,0 +1,175 @@
+"""What lies in the folder of the window, by kind; no name leads out of it."""
+
+import os
+import secrets
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import Enum
+from itertools import islice
+from pathlib import Path
+from urllib.parse import quote
+
+from stepblocks.errors import PipelineError
+from stepblocks.files.paths import describe_system_error, resolve_inside
+from stepblocks.mistakes import shorten_value
+
+_DEEPEST = 4  # folders that are looked into
+_MOST = 2000  # files and folders that are shown
+_MOST_SEEN = 50_000  # files and folders that are looked at
+_LARGEST_DECLARATION = 1_000_000  # [bytes]
+
+# what makes a folder one of a kind
+_SESSION_FILE = "session.toml"
+_STUDY_FILE = "design.csv"
+_BUILD_FILE = "manifest.json"
+# JSON may describe anything, and a mesh beside a build is an artefact
+_NO_SCANS = (".json",)
+
+
+class Kind(Enum):
+    """What a file or folder is."""
+
+    STIMULI = "stimuli"
+    SCAN = "scan"
+    SESSION = "session"
+    STUDY = "study"
+    OUTPUT = "output"
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A file or folder that a command takes.
+
+    Attributes
+    ----------
+    name : str
+        Within the folder of the window, with ``/`` between folders.
+    kind : Kind
+    """
+
+    name: str
+    kind: Kind
+
+
+class Folder:
+    """The folder that a window is opened on.
+
+    Parameters
+    ----------
+    path : Path
+        It must be there.
+
+    Raises
+    ------
+    PipelineError
+        If it is no folder, or cannot be read.
+    """
+
+    def __init__(self, path: Path) -> None:
+        if not path.is_dir():
+            raise PipelineError(f"folder must be there, got none [{path}]")
+        try:
+            next(path.iterdir(), None)
+        except OSError as error:
+            reason = describe_system_error(error, path)
+            raise PipelineError(f"folder cannot be read: {reason} [{path}]") from error
+        self.path = path.resolve()
+        # a report runs without the cookie of the window: what its pictures are found by is secret
+        self.address = f"/folder/{secrets.token_urlsafe(16)}/"
+
+    def resolve(self, name: str) -> Path:
+        """Return the path of a name that a user gave.
+
+        Raises
+        ------
+        PipelineError
+            If it may lead out of the folder.
+        """
+        path = resolve_inside(self.path, name)
+        if path is None:
+            raise PipelineError(
+                f"a name must lie in the folder of the window, got {shorten_value(name)}"
+            )
+        return path
+
+    def make_link(self, name: str) -> str:
+        """Return the address at which the window serves a file."""
+        return f"{self.address}{quote(name)}"
+
+    def list_entries(self) -> list[Entry]:
+        """List what commands take, in the order of names; at most two thousand.
+
+        Of a folder with very many files, such as a home, only the first are looked at.
+        """
+        entries = []
+        for path in islice(self._walk(self.path, 0), _MOST_SEEN):
+            kind = _find_kind(path)
+            if kind is not None:
+                entries.append(Entry(path.relative_to(self.path).as_posix(), kind))
+            if len(entries) == _MOST:
+                break
+        return entries
+
+    def _walk(self, folder: Path, depth: int) -> Iterator[Path]:
+        """Yield what is in a folder and in those below it; no link, and nothing in an entry."""
+        for path in _list_sorted(folder):
+            if path.name.startswith(".") or path.is_symlink():
+                continue
+            yield path
+            is_plain = path.is_dir() and _find_kind_of_folder(path) is None
+            if is_plain and depth < _DEEPEST:
+                yield from self._walk(path, depth + 1)
+
+
+def _list_sorted(folder: Path) -> list[Path]:
+    """List a folder by name; one that cannot be read is empty."""
+    try:
+        return sorted(folder.iterdir())
+    except OSError:
+        return []
+
+
+def _find_kind(path: Path) -> Kind | None:
+    """Find of what kind a file or folder is; None where no command takes it."""
+    if path.is_dir():
+        return _find_kind_of_folder(path)
+    if not path.is_file():
+        return None
+    if path.suffix == ".toml":
+        return Kind.STIMULI if _declares_stimuli(path) else None
+    from stepblocks.scans.read import FORMATS
+
+    ending = path.suffix.lower()
+    if ending in FORMATS and ending not in _NO_SCANS:
+        return Kind.SCAN
+    return None
+
+
+def _find_kind_of_folder(path: Path) -> Kind | None:
+    """Find of what kind a folder is, by the file that makes it one."""
+    for name, kind in (
+        (_SESSION_FILE, Kind.SESSION),
+        (_STUDY_FILE, Kind.STUDY),
+        (_BUILD_FILE, Kind.OUTPUT),
+    ):
+        if os.path.lexists(path / name):
+            return kind
+    return None
+
+
+def _declares_stimuli(path: Path) -> bool:
+    """Tell whether a file of TOML has a stanza of a stimulus; a broken one may be meant so."""
+    from stepblocks.declaration.set import list_kinds
+
+    try:
+        if path.stat().st_size > _LARGEST_DECLARATION:
+            return False
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError):
+        return False
+    try:
+        declared = tomllib.loads(text)
+    except tomllib.TOMLDecodeError:
+        return any(f"[{kind}]" in text for kind in list_kinds())
+    return any(kind in declared for kind in list_kinds())

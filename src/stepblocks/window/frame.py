@@ -1,0 +1,142 @@
+"""What every page has: the bar with its links, the colours, and how a mistake is shown."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from html import escape
+
+from nicegui import ui
+
+from stepblocks.errors import StepblocksError
+from stepblocks.quantities import format_units
+from stepblocks.window import texts
+from stepblocks.window.command_line import ShownCommand
+
+# Readable in both colours: the contrast of text on its ground is 4.5 at least (WCAG 2.2, 1.4.3)
+_STYLE = """
+<style>
+  body { font-family: system-ui, "Segoe UI", "DejaVu Sans", sans-serif; }
+  .skip { position: absolute; left: -999px; }
+  .skip:focus { left: 8px; top: 8px; z-index: 9999; background: #fff; padding: 4px 8px; }
+  .window-content { max-width: 1240px; margin: 0 auto; width: 100%; padding: 12px; }
+  .window-content h1 { font-size: 26px; line-height: 1.2; margin: 8px 0 4px; }
+  .window-content h2 { font-size: 20px; line-height: 1.2; margin: 16px 0 4px; }
+  .command { font-family: ui-monospace, monospace; white-space: pre-wrap; word-break: break-word; }
+  .mistake { color: #b3261e; white-space: pre-wrap; }
+  .body--dark .mistake { color: #ff9b86; }
+  .nicegui-link { color: #1b6480; }
+  .body--dark .nicegui-link { color: #7cc4de; }
+  .quiet { color: #1b6480; }
+  .body--dark .quiet { color: #7cc4de; }
+  .beside { display: grid; gap: 24px; width: 100%; grid-template-columns: 1fr; }
+  @media (min-width: 1000px) { .beside { grid-template-columns: 1fr 1fr; } }
+  .fields { display: grid; gap: 4px 24px; width: 100%; grid-template-columns: 1fr; }
+  @media (min-width: 700px) { .fields { grid-template-columns: 1fr 1fr; } }
+  .report { width: 100%; height: 720px; border: 1px solid #8a8a8a; background: #fff; }
+  .q-header .nicegui-link { color: #fff; }
+</style>
+"""
+# The framework hides the field for files within a button without a name. Here the field itself has
+# the name, and is reached by the keyboard.
+_NAME_FILE_FIELDS = """
+<script>
+  new MutationObserver(() => {
+    for (const field of document.querySelectorAll('.q-uploader__input[tabindex="-1"]')) {
+      const title = field.closest('.q-uploader').querySelector('.q-uploader__title');
+      field.tabIndex = 0;
+      field.setAttribute('aria-label', title.textContent);
+      field.parentElement.closest('.q-btn').removeAttribute('role');
+      field.parentElement.closest('.q-btn').removeAttribute('tabindex');
+    }
+  }).observe(document, { childList: true, subtree: true });
+</script>
+"""
+_COLOUR = "#1b6480"
+
+
+@dataclass(frozen=True)
+class Page:
+    """A page of the window.
+
+    Attributes
+    ----------
+    path : str
+        Its address.
+    title : str
+        What the bar calls it.
+    build : callable
+        Makes its elements.
+    """
+
+    path: str
+    title: str
+    build: Callable[..., object]
+
+
+def build_frame(pages: Sequence[Page]) -> None:
+    """Make the bar, and below it the page that the address names."""
+    ui.add_head_html(_STYLE + _NAME_FILE_FIELDS)
+    ui.page_title(texts.TITLE)
+    ui.colors(primary=_COLOUR)
+    colours = ui.dark_mode(None)
+    ui.html(f'<a class="skip" href="#content">{texts.SKIP_TO_CONTENT}</a>', sanitize=False)
+    with (
+        ui.header().style(f"background-color: {_COLOUR}"),
+        ui.row().props(f'role=navigation aria-label="{texts.NAVIGATION}"'),
+    ):
+        for page in pages:
+            ui.link(page.title, page.path)
+        switch = ui.button(icon="contrast", on_click=lambda: _switch_colours(colours))
+        switch.props(f'flat dense color=white aria-label="{texts.COLOURS}"').tooltip(texts.COLOURS)
+    with ui.element("div").classes("window-content").props("id=content tabindex=-1"):
+        ui.sub_pages({page.path: page.build for page in pages})
+
+
+def _switch_colours(colours: ui.dark_mode) -> None:
+    """Go from the colours of the system to light ones, dark ones, and back."""
+    following = {None: False, False: True, True: None}
+    colours.set_value(following[colours.value])
+
+
+def show_heading(text: str, level: int = 1) -> None:
+    """Show a heading."""
+    ui.html(escape(text), tag=f"h{level}", sanitize=False)
+
+
+def show_mistake(error: StepblocksError) -> None:
+    """Show the message that the command line would print; who cannot see it hears it."""
+    show_message(str(error))
+
+
+def show_message(text: str) -> None:
+    """Show what is wrong; who cannot see it hears it."""
+    ui.label(format_units(text)).classes("mistake").props("role=alert")
+
+
+def show_command(command: ShownCommand) -> None:
+    """Show a command, with buttons that copy it and the same in Python."""
+    with ui.row().classes("items-center"):
+        ui.label(command.line).classes("command").props(
+            _name_for_listeners(texts.COMMAND_OF.format(title=command.title))
+        )
+        _add_copy_button(texts.COPY_COMMAND, command.line)
+        if command.python:
+            _add_copy_button(texts.COPY_PYTHON, command.python)
+
+
+def _name_for_listeners(name: str) -> str:
+    """Return the property that names an element to who cannot see it."""
+    return f'aria-label="{escape(name)}"'
+
+
+def _add_copy_button(label: str, text: str) -> None:
+    def copy() -> None:
+        ui.clipboard.write(text)
+        ui.notify(texts.COPIED)
+
+    add_quiet_button(label, copy).props("dense")
+
+
+def add_quiet_button(label: str, on_click: Callable[[], object]) -> ui.button:
+    """Add a button without a ground of its own."""
+    button = ui.button(label, on_click=on_click, color=None)
+    return button.props("flat no-caps").classes("quiet")

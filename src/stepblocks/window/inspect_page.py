@@ -1,0 +1,258 @@
+"""The page to judge a scan: what its file leaves open is asked beside a picture of the data."""
+
+import glob
+from dataclasses import dataclass
+from pathlib import PurePosixPath
+from typing import TYPE_CHECKING
+
+from nicegui import events, run, ui
+
+from stepblocks.declaration.read import load_set
+from stepblocks.errors import PipelineError, StepblocksError
+from stepblocks.files.atomic import replace_bytes
+from stepblocks.files.text import is_file
+from stepblocks.scans.read import FORMATS
+from stepblocks.window import texts
+from stepblocks.window.command_line import ShownCommand, write_call, write_name
+from stepblocks.window.folder import Folder, Kind
+from stepblocks.window.frame import show_heading, show_mistake
+from stepblocks.window.gate import LARGEST_UPLOAD
+from stepblocks.window.job_view import Runnable, show_page
+from stepblocks.window.jobs import Job, JobList
+from stepblocks.window.scan_picture import ScanPicture, draw_scan
+
+if TYPE_CHECKING:
+    from stepblocks.window.scan_edges import ScanEdge
+
+_SCANS = "scans"  # folder that dropped scans are put into
+_PAGE = "inspection.html"
+
+
+@dataclass(frozen=True)
+class InspectionAnswers:
+    """What a user said of a scan; an empty text leaves it to the file.
+
+    Attributes
+    ----------
+    scan, part, stimuli : str
+        Name of the file, identity of the part, and the stimulus file that declares it.
+    unit, channel, stylus_radius, calibration : str
+        As the command takes them.
+    begin, end : str
+        Part of the profiles that holds the working edge alone.
+    """
+
+    scan: str
+    part: str
+    stimuli: str
+    unit: str = ""
+    channel: str = ""
+    stylus_radius: str = ""
+    calibration: str = ""
+    begin: str = ""
+    end: str = ""
+
+    def make_command(self) -> ShownCommand:
+        """Make the command that judges the scan."""
+        output = f"out/inspect-{PurePosixPath(self.scan).stem}"
+        words = ["inspect", write_name(self.scan), "--stimulus", self.part]
+        words += ["--stimuli", write_name(self.stimuli)]
+        for option, text in (
+            ("--units", self.unit),
+            ("--channel", self.channel),
+            ("--stylus-radius", self.stylus_radius),
+            ("--calibration", self.calibration),
+            ("--from", self.begin),
+            ("--to", self.end),
+        ):
+            if text:
+                words.append(f"{option}={text}")
+        words += ["-o", output]
+        options = {"unit": self.unit, "channel": self.channel}
+        given = {name: text for name, text in options.items() if text}
+        python = ""
+        if not (self.stylus_radius or self.calibration or self.begin or self.end):
+            judge = write_call("inspect_scan", self.scan, self.part, stimuli=self.stimuli, **given)
+            result = judge.replace("\n\n", "\n\nresult = ", 1)
+            python = f"{result}\nstepblocks.write_inspection(result, {output!r})"
+        return ShownCommand(
+            texts.INSPECT_THIS, tuple(words), python, f"{output}/{self.part}.{_PAGE}"
+        )
+
+
+class InspectPage:
+    """The page on which scans of a folder are judged."""
+
+    def __init__(self, folder: Folder, jobs: JobList) -> None:
+        self._folder = folder
+        self._jobs = jobs
+
+    def build(self, file: str = "") -> None:
+        """Make the page; `file` is the scan that is looked at first."""
+        InspectForm(self._folder, self._jobs).build(file)
+
+
+class InspectForm:
+    """What one opened page shows, with what was answered in it."""
+
+    def __init__(self, folder: Folder, jobs: JobList) -> None:
+        self._folder = folder
+        self._jobs = jobs
+        self._edge: ScanEdge | None = None
+
+    def build(self, file: str) -> None:
+        """Make the page."""
+        show_heading(texts.INSPECT)
+        upload = ui.upload(
+            label=texts.DROP_SCAN, max_file_size=LARGEST_UPLOAD, auto_upload=True
+        ).mark("drop")
+        with ui.element("div").classes("beside"):
+            with ui.column():
+                self._scan = ui.input(texts.SCAN, value=file, autocomplete=self._list_scans())
+                self._part = ui.select({}, label=texts.PART, with_input=True)
+                self._unit = ui.input(texts.UNIT)
+                self._channel = ui.input(texts.CHANNEL)
+                self._stylus = ui.input(texts.STYLUS)
+                self._calibration = ui.input(texts.CALIBRATION)
+                for box in (self._scan, self._part, self._unit, self._channel, self._stylus):
+                    box.classes("w-full")
+                self._calibration.classes("w-full")
+                ui.button(texts.LOOK, on_click=self._look).props("no-caps")
+            self._picture = ui.column()
+        self._command = ui.column().classes("w-full")
+        upload.on_upload(self._take)
+        ui.timer(0.0, self._offer_parts, once=True)
+
+    async def _offer_parts(self) -> None:
+        """Offer the parts to choose from; the page is there before all files are read."""
+        self._part.set_options(await run.io_bound(self._list_parts) or {})
+
+    def _list_scans(self) -> list[str]:
+        return [entry.name for entry in self._folder.list_entries() if entry.kind is Kind.SCAN]
+
+    def _list_parts(self) -> dict[str, str]:
+        """List the parts of all stimulus files of the folder that can be read, by file and part."""
+        parts = {}
+        for entry in self._folder.list_entries():
+            if entry.kind is not Kind.STIMULI:
+                continue
+            try:
+                stimuli = load_set(self._folder.resolve(entry.name))
+            except StepblocksError:  # the page to declare says what is wrong with it
+                continue
+            for part in stimuli.stimuli:
+                parts[f"{entry.name}\n{part.id}"] = f"{part.id} ({entry.name})"
+        return parts
+
+    async def _take(self, event: events.UploadEventArguments) -> None:
+        """Put a dropped scan into the folder, and look at it."""
+        self._picture.clear()
+        try:
+            name = self.name_upload(event.file.name)
+            replace_bytes(self._folder.resolve(name), await event.file.read())
+        except StepblocksError as error:
+            with self._picture:
+                show_mistake(error)
+            return
+        self._scan.set_value(name)
+        await self._look()
+
+    def name_upload(self, given: str) -> str:
+        """Return the name in the folder for a dropped file.
+
+        Raises
+        ------
+        PipelineError
+            If its ending is that of no scan, its name leads elsewhere, or such a file is there.
+        """
+        name = PurePosixPath(given.replace("\\", "/")).name
+        if PurePosixPath(name).suffix.lower() not in FORMATS:
+            raise PipelineError(f"ending of a scan must be one of {', '.join(FORMATS)} [{name}]")
+        target = f"{_SCANS}/{name}"
+        if name.startswith(".") or self._folder.resolve(target).exists():
+            raise PipelineError(f"there is such a file already, which is kept [{target}]")
+        return target
+
+    async def _look(self) -> None:
+        """Show the scan as it is read now, or what its file leaves open; then the command."""
+        self._picture.clear()
+        self._command.clear()
+        try:
+            path = self._folder.resolve(str(self._scan.value).strip())
+            unit = str(self._unit.value).strip() or None
+            channel = str(self._channel.value).strip() or None
+            picture = await run.io_bound(draw_scan, path, unit, channel)
+        except StepblocksError as error:
+            with self._picture:
+                show_mistake(error)
+            return
+        if picture is None:  # the window is being closed
+            return
+        with self._picture:
+            ui.label(picture.description).mark("description")
+            ui.label(picture.scale)
+            self._show_picture(picture)
+        self._show_command()
+
+    def _show_picture(self, picture: ScanPicture) -> None:
+        """Show the picture of a scan, on which the working edge can be picked where it has several.
+
+        Whoever does not use a mouse picks it in the list below.
+        """
+        self._edge = None
+        image = ui.interactive_image(picture.image, on_mouse=lambda event: pick(event.image_x))
+        image.props(f'alt="{texts.SCAN_PICTURE}"').classes("w-full").mark("picture")
+        if len(picture.edges) < 2:
+            return
+        ui.label(texts.PICK_EDGE)
+        by_name = {edge.name: edge for edge in picture.edges}
+        choice = ui.select(list(by_name), label=texts.WORKING_EDGE, clearable=True)
+        choice.classes("w-full").mark("edge")
+
+        def pick(column: float) -> None:
+            edge = picture.find_edge(column)
+            if edge is not None:
+                choice.set_value(edge.name)
+
+        def take(event: events.ValueChangeEventArguments[str | None]) -> None:
+            self._edge = by_name.get(event.value or "")
+            self._show_command()
+
+        choice.on_value_change(take)
+
+    def _show_command(self) -> None:
+        """Show the command for what the fields say."""
+        self._command.clear()
+        with self._command:
+            if self._part.value is None:
+                ui.label(texts.CHOOSE_PART)
+                return
+            command = self._read_answers().make_command()
+            Runnable(command, self._folder, self._jobs, self._show_result)
+
+    def _show_result(self, job: Job) -> None:
+        """Show the page of an inspection, and every file that it wrote."""
+        page = self._folder.resolve(job.command.page)
+        if not is_file(page):
+            return
+        begin = page.name.removesuffix(_PAGE)
+        with ui.row():
+            for path in sorted(page.parent.glob(f"{glob.escape(begin)}*")):
+                name = path.relative_to(self._folder.path).as_posix()
+                ui.link(path.name, self._folder.make_link(name), new_tab=True)
+        show_page(self._folder, job.command.page, texts.REPORT_OF.format(title=texts.INSPECT_THIS))
+
+    def _read_answers(self) -> InspectionAnswers:
+        """Return what the fields and the picked edge say."""
+        file, _, part = str(self._part.value).partition("\n")
+        return InspectionAnswers(
+            scan=str(self._scan.value).strip(),
+            part=part,
+            stimuli=file,
+            unit=str(self._unit.value).strip(),
+            channel=str(self._channel.value).strip(),
+            stylus_radius=str(self._stylus.value).strip(),
+            calibration=str(self._calibration.value).strip(),
+            begin="" if self._edge is None else self._edge.begin,
+            end="" if self._edge is None else self._edge.end,
+        )

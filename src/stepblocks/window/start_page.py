@@ -1,0 +1,68 @@
+"""The start page: the files of the folder by kind, each with what can be done with it."""
+
+from urllib.parse import quote
+
+from nicegui import ui
+
+from stepblocks.window import texts
+from stepblocks.window.folder import Entry, Folder, Kind
+from stepblocks.window.frame import show_heading
+from stepblocks.window.job_view import Runnable
+from stepblocks.window.jobs import JobList
+from stepblocks.window.suggestions import suggest_beginnings, suggest_commands
+
+_TITLES = {
+    Kind.STIMULI: texts.STIMULI,
+    Kind.SCAN: texts.SCANS,
+    Kind.SESSION: texts.SESSIONS,
+    Kind.STUDY: texts.STUDIES,
+    Kind.OUTPUT: texts.OUTPUTS,
+}
+
+
+class StartPage:
+    """The start page of a folder."""
+
+    def __init__(self, folder: Folder, jobs: JobList) -> None:
+        self._folder = folder
+        self._jobs = jobs
+
+    def build(self) -> None:
+        """Make the page."""
+        show_heading(texts.START)
+        ui.label(texts.FOLDER.format(path=self._folder.path))
+        content = ui.column().classes("w-full")
+        ui.button(texts.REFRESH, on_click=lambda: self._show_entries(content)).props("no-caps")
+        self._show_entries(content)
+
+    def _show_entries(self, place: ui.element) -> None:
+        """Show what lies in the folder now."""
+        place.clear()
+        entries = self._folder.list_entries()
+        with place:
+            if not entries:
+                ui.label(texts.EMPTY_FOLDER)
+                for command in suggest_beginnings():
+                    Runnable(command, self._folder, self._jobs)
+            for kind, title in _TITLES.items():
+                found = [entry for entry in entries if entry.kind is kind]
+                if found:
+                    show_heading(texts.COUNT.format(title=title, count=len(found)), 2)
+                for entry in found:
+                    _show_entry(entry, self._folder, self._jobs)
+
+
+def _show_entry(entry: Entry, folder: Folder, jobs: JobList) -> None:
+    """Show a file or folder; opened, it shows its commands."""
+    if entry.kind is Kind.OUTPUT:
+        with ui.row().classes("items-center"):
+            ui.label(entry.name)
+            ui.link(texts.OPEN_PAGE, folder.make_link(f"{entry.name}/index.html"), new_tab=True)
+        return
+    with ui.expansion(entry.name).classes("w-full"):
+        if entry.kind is Kind.STIMULI:
+            ui.link(texts.CHANGE, f"/declare?file={quote(entry.name)}")
+        if entry.kind is Kind.SCAN:
+            ui.link(texts.INSPECT_LINK, f"/inspect?file={quote(entry.name)}")
+        for command in suggest_commands(entry):
+            Runnable(command, folder, jobs)

@@ -1,0 +1,97 @@
+"""What can be done with a file of the folder, as commands."""
+
+from collections.abc import Callable
+from pathlib import PurePosixPath
+
+from stepblocks.window import texts
+from stepblocks.window.command_line import ShownCommand, write_call, write_name
+from stepblocks.window.folder import Entry, Kind
+
+
+def suggest_beginnings() -> list[ShownCommand]:
+    """Return what to begin with in an empty folder; a notebook begins with a file, too."""
+    return [
+        ShownCommand(texts.NEW_BLOCK, ("new", "block", "mine.toml")),
+        ShownCommand(texts.NEW_SHIPPED, ("new", "--shipped", "stimuli")),
+        ShownCommand(texts.NEW_SESSION, ("new", "session", "session")),
+    ]
+
+
+def suggest_commands(entry: Entry) -> list[ShownCommand]:
+    """Return the commands that take a file or folder as it is."""
+    return _SUGGESTIONS[entry.kind](entry.name)
+
+
+def _suggest_for_stimuli(name: str) -> list[ShownCommand]:
+    word = write_name(name)
+    return [
+        ShownCommand(texts.PREDICT, ("predict", word), write_call("predict_set", name)),
+        ShownCommand(
+            texts.BUILD,
+            ("build", word, "-o", "out"),
+            write_call("build_sets", [name], "out"),
+            "out/index.html",
+        ),
+        ShownCommand(
+            texts.DRAW, ("workshop", word, "-o", "out"), write_call("order_parts", [name], "out")
+        ),
+        ShownCommand(
+            texts.DESIGN,
+            ("study", "design", word, "--seed", "1", "-o", "study"),
+            write_call("design_study", name, "study", seed=1),
+        ),
+    ]
+
+
+def _suggest_for_scan(name: str) -> list[ShownCommand]:
+    return [
+        ShownCommand(
+            texts.LIST_CHANNELS,
+            ("inspect", write_name(name), "--list-channels"),
+            write_call("list_channels", name),
+        )
+    ]
+
+
+def _suggest_for_session(name: str) -> list[ShownCommand]:
+    word = write_name(name)
+    base = PurePosixPath(name).name
+    features = f"out/{base}-features.csv"
+    report = f"out/{base}-loop"
+    return [
+        ShownCommand(
+            texts.MEASURE,
+            ("measure", word, "-o", features),
+            write_call("measure_session", name, features),
+        ),
+        ShownCommand(
+            texts.LOOP,
+            ("loop", word, "-o", report),
+            write_call("loop_session", name, report),
+            f"{report}/report.html",
+        ),
+    ]
+
+
+def _suggest_for_study(name: str) -> list[ShownCommand]:
+    return [
+        ShownCommand(
+            texts.SHEETS,
+            ("study", "sheet", write_name(name)),
+            write_call("write_sheets", name),
+            f"{name}/run-sheets.html",
+        )
+    ]
+
+
+def _suggest_for_output(_: str) -> list[ShownCommand]:
+    return []
+
+
+_SUGGESTIONS: dict[Kind, Callable[[str], list[ShownCommand]]] = {
+    Kind.STIMULI: _suggest_for_stimuli,
+    Kind.SCAN: _suggest_for_scan,
+    Kind.SESSION: _suggest_for_session,
+    Kind.STUDY: _suggest_for_study,
+    Kind.OUTPUT: _suggest_for_output,
+}

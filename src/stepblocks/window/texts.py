@@ -1,0 +1,191 @@
+"""Every text of the window: a translation is this one file.
+
+Names in braces are filled in. Messages about a user's files are those of the command line.
+"""
+
+TITLE = "stepblocks"
+SKIP_TO_CONTENT = "Skip to the content"
+NAVIGATION = "Pages"
+START = "Start"
+COLOURS = "Light, dark, or as the system"
+INTERNAL_ERROR = "An internal error, not a verdict: the terminal of the window says more"
+
+REFUSED_HOST = "only this machine may ask this"
+REFUSED_TOKEN = "open the address that the terminal shows: it carries the token of this window"
+REFUSED_LENGTH = "a request must say its length"
+REFUSED_SIZE = "a request must have at most {most} bytes"
+NO_FILE = "there is no such file in the folder of this window"
+
+FOLDER = "Folder {path}; every command below is run there"
+EMPTY_FOLDER = (
+    "Nothing here yet that a command takes: no stimulus file, scan, session, study or output. "
+    "Begin with one of these:"
+)
+REFRESH = "Look again"
+STIMULI = "Stimulus files"
+SCANS = "Scans and tables"
+SESSIONS = "Bench sessions"
+STUDIES = "Studies"
+OUTPUTS = "Outputs of builds"
+COUNT = "{title} ({count})"
+
+COPY_COMMAND = "Copy as command"
+COPY_PYTHON = "Copy as Python"
+COPIED = "Copied"
+COMMAND_OF = "Command: {title}"
+OPEN_PAGE = "Open the page"
+
+NEW_BLOCK = "Write a commented file of step blocks"
+NEW_SHIPPED = "Copy the shipped stimuli, those of the paper among them"
+NEW_SESSION = "Write the folder of a bench session"
+PREDICT = "Predict what is felt"
+BUILD = "Build, read back and measure"
+DRAW = "Write drawings, inspection sheets and setups"
+DESIGN = "Design a study with these stimuli"
+LIST_CHANNELS = "List the channels of the scan"
+MEASURE = "Measure the features of every trace"
+LOOP = "Find what the model lacks"
+SHEETS = "Write blinded run sheets"
+
+DECLARE = "Declare"
+DECLARE_HELP = (
+    "A field takes what a stimulus file takes: a quantity with its unit (25 um), a name, or a "
+    'table such as { nominal = "25 um", tolerance = "1 um" }. What is left empty has its default.'
+)
+STIMULUS_FILE = "Stimulus file, there or new (such as mine.toml)"
+STIMULUS_FILES_ARE = "Stimulus files in the folder: {names}"
+NONE = "none"
+OPEN = "Open"
+STANZA = "Stimulus"
+KIND = "Kind of a new one"
+ADD_STANZA = "Add"
+NO_NAME = "without a name"
+DEFAULT = "Left out: {value}."
+REQUIRED = "Must be given."
+SAVE = "Save"
+SAVED = "{name} is saved"
+FELT = "What is felt"
+FELT_COLUMNS = {
+    "part": "stimulus",
+    "way": "drag",
+    "angle": "critical angle, °",
+    "force": "force, N (95 %)",
+    "energy": "energy, µJ (95 %)",
+    "distance": "to the next, JND (95 %)",
+}
+FELT_CONDITION = "By the formula, under the first tip, load and friction of the file."
+NOT_FELT = "No part of this file is felt."
+INTERVAL = "{value} ({low} to {high})"
+PROFILE_OF = "Working edge of {part}, as high as it is wide"
+CHANGE = "Change it in a form"
+
+RUN = "Run"
+CANCEL = "Cancel"
+PROGRESS = "How far the command is"
+STEP = "{done}: {name}"
+STEP_OF = "{done} of {total}: {name}"
+WORK = "Work"
+NO_WORK = "Nothing runs, and nothing has run since the window was opened."
+RUNNING = "running"
+DONE = "done"
+OUT_OF_TOLERANCE = "done: something is out of tolerance"
+WRONG_INPUT = "not done: the input is wrong"
+NOT_PROVEN = "done: something is not proven"
+CANCELLED = "cancelled"
+FAILED = "ended with an internal error, which is no verdict"
+
+INSPECT = "Inspect"
+INSPECT_THIS = "Judge the scan by ISO 14253-1"
+INSPECT_LINK = "Look at it and judge it"
+DROP_SCAN = "Drop a scan here, or choose one: it is put into the folder scans"
+SCAN = "Scan in the folder"
+PART = "Part that was scanned"
+UNIT = "Unit, where the file does not say it (um, or x=mm,z=um)"
+CHANNEL = "Channel or column of the heights, where there are several"
+STYLUS = "Radius of the stylus (2 um; 0 um for an optical instrument)"
+CALIBRATION = "Uncertainty of the vertical calibration (0.1 %)"
+LOOK = "Look"
+CHOOSE_PART = "Choose the part that was scanned, and look again: the command stands here then."
+SCAN_PICTURE = "Heights of the scan"
+PROFILE_READ = "Profile of {points} points over {length}, heights from {low} to {high}"
+MAP_READ = "Map of {columns} x {rows} points over {length} x {width}, heights from {low} to {high}"
+EDGE = "{number}: {rise} µm at {place} µm"
+PICK_EDGE = (
+    "The scan has several edges. Where the program cannot tell which is the working one, click on "
+    "it, or choose it here: only the part that holds it alone is evaluated then."
+)
+WORKING_EDGE = "Working edge"
+AXIS_ALONG = "along the scan [mm]"
+AXIS_ACROSS = "across it [mm]"
+AXIS_HEIGHT = "height [µm]"
+
+BUILD_PAGE = "Build"
+BUILD_FILES = "Stimulus files"
+BUILD_OUTPUT = "Folder of the output"
+NO_STIMULI = "No stimulus file lies in the folder yet: declare one first."
+LOOK_WHAT_CHANGED = "Look what changed"
+OUTDATED = "To be made, new or changed: {names}"
+CURRENT = "Up to date: {names}"
+BUNDLE = "Bundle for the workshop: drawings, sheets, setups, and an archive for a quotation"
+SIMULATOR = "Simulator"
+SCENES = "Scenes for the simulator {simulator}"
+VERDICTS = "Verdict of every file"
+VERDICT_COLUMNS = {
+    "part": "stimulus",
+    "file": "file",
+    "within": "measurements within tolerance",
+    "failures": "out of tolerance",
+}
+WITHIN = "{count} of {total}"
+DOWNLOAD = "Take {name}"
+REPORT_OF = "Page of: {title}"
+
+MUST_BE_SAID = "must be answered first: {label}"
+
+STUDY_PAGE = "Study"
+STUDY_HELP = (
+    "From the design to the analysis. The preregistration says what will be compared before "
+    "anybody has answered."
+)
+NO_STUDY = "No study lies in the folder yet: design one first."
+STUDY = "Study (its folder)"
+STUDY_FILE = "Stimulus file"
+STUDY_FOLDER = "Folder of the study"
+SEED = "Seed of all random choices"
+EXPERIMENT = "Experiment"
+PARTICIPANTS = "Participants"
+PROBES = "Conditions, with commas between them"
+REPETITIONS = "Repetitions of every condition"
+STANDARD = "Block that all others are compared with (constant, adaptive)"
+PARTICIPANT = "Number of the participant"
+PRACTICE = "Trials with feedback before the first, not recorded"
+PORT = "Port of the participant's page on this machine"
+RUN_STUDY = "Lead a participant through the trials"
+OPEN_SERVED = "Open the page of the participant"
+SIMULATE_STUDY = "Let simulated participants answer"
+ANSWERS_TO_WRITE = "Answers to write"
+ANSWERS = "Answers: filled-in run sheets, or a folder of them"
+ANALYSE = "Analyse the answers"
+REPORT_FOLDER = "Folder of the report"
+REFERENCE = "Condition that the others are compared with"
+
+SET_PAGE = "Set"
+SET_HELP = (
+    "Blocks by what is felt: the program finds the heights or gaps whose vibration energies are "
+    "wanted. Give targets one by one, or the lowest with two of highest, number and distance."
+)
+DESIGN_SET = "Design a set by what is felt"
+SET_FILE = "Stimulus file to write"
+TARGETS = "Targets, with commas between them (20 uJ, 30 dB)"
+LOWEST = "Lowest target (2 uJ)"
+HIGHEST = "Highest target"
+NUMBER = "How many"
+APART = "Distance of neighbours (1 JND)"
+SET_KIND = "Kind of blocks"
+SET_BASE = "Stimulus file for what is not said"
+SET_LOAD = "Normal load (1 N)"
+SET_FRICTION = "Coefficient of friction"
+SET_STEP = "Sizes are whole multiples of"
+SET_PLOT = "Picture of targets and blocks"
+SET_PICTURE = "Targets and blocks on the axis of energies"
+DECLARE_SET = "Change the set in a form"

@@ -1,0 +1,143 @@
+"""The window on a folder: its pages, and the server that shows them to its user alone."""
+
+import logging
+import secrets
+import socket
+from collections.abc import Callable
+from pathlib import Path
+
+import uvicorn
+from fastapi import FastAPI
+from nicegui import app as framework, ui
+from starlette.responses import FileResponse, PlainTextResponse, Response
+
+from stepblocks.errors import PipelineError, StepblocksError
+from stepblocks.files.text import is_file
+from stepblocks.window import texts
+from stepblocks.window.folder import Folder
+from stepblocks.window.frame import Page, build_frame
+from stepblocks.window.gate import Gate
+from stepblocks.window.jobs import JobList
+from stepblocks.window.set_page import SetPage
+from stepblocks.window.start_page import StartPage
+from stepblocks.window.study_page import StudyPage
+from stepblocks.window.work_page import ADDRESS, WorkPage
+
+
+class Window:
+    """The pages on a folder.
+
+    Parameters
+    ----------
+    path : Path
+        The folder.
+
+    Raises
+    ------
+    PipelineError
+        If there is no such folder.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.folder = Folder(path)
+        self.jobs = JobList(self.folder.path)
+        self.pages = (
+            Page("/", texts.START, StartPage(self.folder, self.jobs).build),
+            Page("/declare", texts.DECLARE, self._build_declare_page),
+            Page("/build", texts.BUILD_PAGE, self._build_build_page),
+            Page("/inspect", texts.INSPECT, self._build_inspect_page),
+            Page("/study", texts.STUDY_PAGE, StudyPage(self.folder, self.jobs).build),
+            Page("/set", texts.SET_PAGE, SetPage(self.folder, self.jobs).build),
+            Page(ADDRESS, texts.WORK, WorkPage(self.folder, self.jobs).build),
+        )
+
+    def build(self) -> None:
+        """Make the page that the address names."""
+        build_frame(self.pages)
+
+    # what these need is loaded when they are opened: the first page is there at once
+
+    def _build_declare_page(self, file: str = "") -> None:
+        """Make the page to declare stimuli; `file` is opened."""
+        from stepblocks.window.declare_page import DeclarePage
+
+        DeclarePage(self.folder).build(file)
+
+    def _build_build_page(self, file: str = "") -> None:
+        """Make the page to build; `file` is chosen."""
+        from stepblocks.window.build_page import BuildPage
+
+        BuildPage(self.folder, self.jobs).build(file)
+
+    def _build_inspect_page(self, file: str = "") -> None:
+        """Make the page to judge a scan; `file` is looked at first."""
+        from stepblocks.window.inspect_page import InspectPage
+
+        InspectPage(self.folder, self.jobs).build(file)
+
+    def serve_file(self, name: str) -> Response:
+        """Answer with a file of the folder; of what lies outside it there is none."""
+        try:
+            path = self.folder.resolve(name)
+        except StepblocksError:
+            return PlainTextResponse(texts.NO_FILE, 404)
+        hidden = any(part.startswith(".") for part in path.relative_to(self.folder.path).parts)
+        if hidden or not is_file(path):
+            return PlainTextResponse(texts.NO_FILE, 404)
+        return FileResponse(path)
+
+
+def make_app(window: Window, port: int, token: str) -> Gate:
+    """Make what a server runs: the pages and the files of a window, behind its gate."""
+    site = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
+    site.add_api_route(
+        f"{window.folder.address}{{name:path}}", window.serve_file, response_model=None
+    )
+    ui.run_with(
+        site,
+        root=window.build,
+        title=texts.TITLE,
+        dark=None,
+        language="en-US",
+        show_welcome_message=False,
+    )
+    framework.on_exception(_say_that_it_failed)
+    return Gate(site, port, token, window.folder.address)
+
+
+def _say_that_it_failed() -> None:
+    """Say in the window that something went wrong; what it was stands in the terminal."""
+    ui.notify(texts.INTERNAL_ERROR, type="negative")
+
+
+def serve_window(window: Window, port: int, announce: Callable[[str], None]) -> None:
+    """Serve a window on this machine until the user ends it.
+
+    Parameters
+    ----------
+    window : Window
+    port : int
+        0 takes a free one.
+    announce : callable
+        Called with the address, which carries the token, when it can be opened.
+
+    Raises
+    ------
+    PipelineError
+        If the port is taken.
+    """
+    try:
+        listener = socket.create_server(("127.0.0.1", port))
+    except OSError as error:
+        raise PipelineError(f"port must be free, got {port}: {error.strerror}") from error
+    with listener:
+        port = listener.getsockname()[1]
+        token = secrets.token_urlsafe(32)
+        logging.getLogger("nicegui").setLevel(logging.ERROR)
+        site = make_app(window, port, token)
+        config = uvicorn.Config(site, log_level="error", access_log=False, server_header=False)
+        announce(f"http://127.0.0.1:{port}/?token={token}")
+        try:
+            uvicorn.Server(config).run(sockets=[listener])
+        finally:
+            window.jobs.close()

@@ -1,0 +1,212 @@
+"""A file that is changed by a form stays the user's: comments, order, and what is not changed."""
+
+import asyncio
+import tomllib
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("nicegui")
+
+from nicegui import ui
+from nicegui.testing.user_simulation import user_simulation
+
+from stepblocks.declaration.read import load_set
+from stepblocks.declaration.set import list_kinds
+from stepblocks.errors import PipelineError, StimulusError
+from stepblocks.predict.run import predict_set
+from stepblocks.window.draft import Draft, StanzaPlace, find_field, list_fields
+from stepblocks.window.felt import draw_profile, predict_felt
+from stepblocks.window.window import Window
+
+ROOT = Path(__file__).resolve().parents[2]
+BLOCK = StanzaPlace("step_block", 0)
+WRITTEN = """# of the second batch
+title = "Mine"
+
+[[step_block]]   # the low one
+height = "25 um" # as ordered
+id = "low"
+"""
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "stimuli").glob("*.toml")), ids=lambda p: p.stem)
+def test_a_file_that_is_not_changed_stays_the_same_bytes(path):
+    draft = Draft(path)
+    assert draft.text == path.read_text(encoding="utf-8")
+    for place in draft.list_stanzas():
+        for field in list_fields(place.kind):
+            draft.write_field(place, field.path, draft.read_field(place, field.path))
+    assert tomllib.loads(draft.text) == tomllib.loads(path.read_text(encoding="utf-8"))
+    assert draft.check().stimuli == load_set(path)
+
+
+def test_comments_and_order_stay_where_a_value_is_changed(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text(WRITTEN)
+    draft = Draft(path)
+    draft.write_field(BLOCK, ("height",), "30 um")
+    draft.save()
+    assert path.read_text() == WRITTEN.replace("25 um", "30 um")
+
+
+@pytest.mark.parametrize(
+    ("entry", "value"),
+    [
+        ("25 um", "25 um"),
+        ('{ nominal = "25 um", tolerance = "1 um" }', {"nominal": "25 um", "tolerance": "1 um"}),
+        ("0.15", 0.15),
+        ("true", True),
+        ('"true"', "true"),
+        ("25 um\n[evil]\na = 1", "25 um [evil] a = 1"),
+        ('25 um" # "', '25 um" # "'),
+        ("../secret", "../secret"),
+    ],
+)
+def test_what_is_typed_is_one_value_and_reads_back_as_typed(entry, value, tmp_path):
+    draft = Draft(tmp_path / "mine.toml")
+    place = draft.add_stanza("step_block")
+    draft.write_field(place, ("height",), entry)
+    assert tomllib.loads(draft.text) == {"step_block": [{"height": value}]}
+    again = draft.read_field(place, ("height",))
+    draft.write_field(place, ("height",), again)
+    assert tomllib.loads(draft.text) == {"step_block": [{"height": value}]}
+
+
+def test_an_emptied_field_is_left_out_with_the_table_that_held_it_alone(tmp_path):
+    draft = Draft(tmp_path / "mine.toml")
+    place = draft.add_stanza("step_block")
+    draft.write_field(place, ("body", "mounting", "depth"), "4 mm")
+    assert tomllib.loads(draft.text)["step_block"] == [{"body": {"mounting": {"depth": "4 mm"}}}]
+    draft.write_field(place, ("body", "mounting", "depth"), " ")
+    assert tomllib.loads(draft.text)["step_block"] == [{}]
+
+
+def test_a_file_that_somebody_else_changed_meanwhile_is_not_overwritten(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text(WRITTEN)
+    first, second = Draft(path), Draft(path)
+    first.write_field(BLOCK, ("height",), "30 um")
+    second.write_field(BLOCK, ("height",), "40 um")
+    first.save()
+    first.write_field(BLOCK, ("height",), "31 um")
+    first.save()
+    with pytest.raises(PipelineError, match="was changed since it was opened here"):
+        second.save()
+    assert 'height = "31 um"' in path.read_text()
+
+
+def test_what_is_no_declaration_is_not_saved(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text(WRITTEN)
+    draft = Draft(path)
+    draft.write_field(BLOCK, ("height",), "25 kg")
+    with pytest.raises(StimulusError, match="height"):
+        draft.save()
+    assert path.read_text() == WRITTEN
+
+
+@pytest.mark.parametrize("kind", list_kinds())
+def test_every_kind_has_a_form_with_the_fields_of_its_model(kind):
+    fields = list_fields(kind)
+    assert {field.path[0] for field in fields} == set(list_kinds()[kind].model_fields)
+    names = [field.name for field in fields]
+    assert len(set(names)) == len(names)
+    assert all(field.help for field in fields if field.is_required and len(field.path) == 1)
+
+
+@pytest.mark.parametrize(
+    ("path", "entry"),
+    [
+        (("height",), "25 kg"),
+        (("edge_radius",), "400 um"),
+        (("body", "length"), "5"),
+        (("body", "mounting", "spacing"), "30 mm"),
+        (("material",), "cheese"),
+        (("metrology", "kind"), "hole"),
+    ],
+)
+def test_a_mistake_is_found_at_its_field(path, entry, tmp_path):
+    target = tmp_path / "mine.toml"
+    target.write_text(WRITTEN)
+    draft = Draft(target)
+    draft.write_field(BLOCK, path, entry)
+    mistakes = draft.check().mistakes
+    found = [find_field(text, list_fields("step_block")) for _, text in mistakes]
+    assert path in [field.path for field in found if field is not None], mistakes
+
+
+def test_what_is_shown_as_felt_is_the_first_row_of_the_prediction_of_each_part():
+    path = ROOT / "stimuli" / "paper-four.toml"
+    felt = predict_felt(load_set(path))
+    table = predict_set(path, dragged=False).groupby("stimulus").first()
+    assert [row.part for row in felt] == list(table.index)
+    for row in felt:
+        shown = [float(text) for text in row.energy.strip(")").replace("(", "to ").split("to")]
+        energy = table.loc[row.part]
+        assert shown == pytest.approx(
+            [
+                energy["vibration_energy_uj"],
+                energy["vibration_energy_95_low_uj"],
+                energy["vibration_energy_95_high_uj"],
+            ],
+            rel=0.01,
+        )
+
+
+def test_a_profile_is_drawn_to_one_scale():
+    """Of a sharp step the riser is as long, in the scale of its bar, as it is high."""
+    part = load_set(ROOT / "stimuli" / "paper-four.toml").stimuli[1]
+    picture = draw_profile(part)
+    points = picture.split('points="')[1].split('"')[0].split()
+    corners = [tuple(map(float, point.split(","))) for point in points]
+    riser = max(z for _, z in corners) - min(z for _, z in corners)
+    wide = max(x for x, _ in corners) - min(x for x, _ in corners)
+    assert riser / wide == pytest.approx(50.0 / (2 * 4 * 50.0), rel=0.01)
+
+
+async def declare(folder):
+    """Make a file of one block by clicks and typing alone; return what the page showed."""
+    async with user_simulation(root=Window(folder).build) as user:
+        await user.open("/declare?file=mine.toml")
+        entries = {}
+        for name in ("id", "height"):
+            entries[name] = next(iter(user.find(marker=name, kind=ui.input).elements))
+        entries["id"].set_value("low")
+        height = entries["height"]
+        height.set_value("25 kg")
+        for _ in range(100):
+            if height.error:
+                break
+            await asyncio.sleep(0.1)
+        error = height.error
+        height.set_value("25 um")
+        await user.should_see(marker="felt", retries=100)
+        user.find("Save").click()
+        await user.should_see("mine.toml is saved")
+        await user.should_see("stepblocks predict mine.toml")
+        return error
+
+
+def test_a_file_is_declared_by_clicks_and_a_mistake_stands_at_its_field(tmp_path):
+    error = asyncio.run(declare(tmp_path))
+    assert error.startswith("height")
+    text = (tmp_path / "mine.toml").read_text()
+    assert text == '[[step_block]]\nid = "low"\nheight = "25 um"\n'
+    assert [part.id for part in load_set(tmp_path / "mine.toml").stimuli] == ["low"]
+
+
+async def open_file(folder, name):
+    async with user_simulation(root=Window(folder).build) as user:
+        await user.open(f"/declare?file={name}")
+        return [label.text for label in user.find(kind=ui.label).elements]
+
+
+@pytest.mark.parametrize("name", ["../secret.toml", "/etc/x.toml", "a/../../secret.toml", "a.txt"])
+def test_a_name_outside_the_folder_is_not_opened(name, tmp_path):
+    folder = tmp_path / "lab"
+    folder.mkdir()
+    (tmp_path / "secret.toml").write_text('title = "secret"')
+    shown = asyncio.run(open_file(folder, name))
+    assert any("must lie in the folder" in text or "must end in" in text for text in shown)
+    assert not any("secret" in text for text in shown if "must" not in text)

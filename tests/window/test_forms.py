@@ -1,0 +1,140 @@
+"""The command of a form is one that the command line takes, with the answers as they were given."""
+
+import ast
+import asyncio
+import inspect
+import shlex
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("nicegui")
+
+from nicegui import ui
+from nicegui.testing.user_simulation import user_simulation
+
+import stepblocks
+from stepblocks.cli import make_command
+from stepblocks.errors import PipelineError
+from stepblocks.window.set_page import make_set_design
+from stepblocks.window.study_page import (
+    make_analysis,
+    make_design,
+    make_run,
+    make_sheets,
+    make_simulation,
+)
+from stepblocks.window.window import Window
+
+DECLARED = '[[step_block]]\nid = "low"\nheight = "25 um"\n'
+FILES = ["mine.toml"]
+STUDIES = ["study"]
+FORMS = [
+    make_design(FILES),
+    make_sheets(STUDIES),
+    make_run(STUDIES, FILES),
+    make_simulation(STUDIES, FILES),
+    make_analysis(STUDIES),
+    make_set_design(FILES),
+]
+# what a person may say; anything else is said as it stands at first
+SAID = {
+    "study": "study",
+    "file": "mine.toml",
+    "answers": "study/answers.csv",
+    "standard": "low",
+    "practice": "2",
+    "report": "report",
+    "reference": "bare",
+    "targets": "2 uJ, 30 dB",
+    "base": "mine.toml",
+    "load": "0.8 N",
+    "friction": "0.2",
+    "step": "1 um",
+    "kind": "margin_block",
+    "highest": "20 uJ",
+}
+
+
+@pytest.fixture(scope="module")
+def command_line():
+    return make_command()
+
+
+def parse(command, words):
+    rest = list(words)
+    while hasattr(command, "commands"):
+        command = command.commands[rest.pop(0)]
+    return command.make_context("stepblocks", rest).params
+
+
+def answer_all(form):
+    answers = {}
+    for question in form.questions:
+        answers[question.name] = SAID.get(question.name, question.default)
+    return answers
+
+
+@pytest.mark.parametrize("form", FORMS, ids=lambda form: " ".join(form.words))
+def test_every_answer_reaches_the_command_line(form, command_line, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("mine.toml").write_text(DECLARED, encoding="utf-8")
+    Path("study").mkdir()
+    answers = answer_all(form)
+    assert all(answers.values())
+    command = form.make_command(answers)
+    words = shlex.split(command.line)[1:]
+    assert words == list(command.words)
+    params = parse(command_line, words)
+    given = [value for value in params.values() if value not in (None, False, (), [])]
+    assert len(given) >= len(form.questions)
+
+
+@pytest.mark.parametrize("form", FORMS, ids=lambda form: " ".join(form.words))
+def test_an_answer_that_begins_like_an_option_stays_an_answer(form):
+    answers = dict.fromkeys(answer_all(form), "--force")
+    assert "--force" not in form.make_command(answers).words
+
+
+@pytest.mark.parametrize("form", FORMS, ids=lambda form: " ".join(form.words))
+def test_a_question_that_must_be_answered_is_named(form):
+    for question in form.questions:
+        if question.is_required:
+            with pytest.raises(PipelineError, match="must be answered first: "):
+                form.make_command(answer_all(form) | {question.name: " "})
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("form", FORMS, ids=lambda form: " ".join(form.words))
+def test_the_python_of_a_form_is_a_call_that_its_function_takes(form):
+    if not form.function:
+        return
+    python = form.make_command(answer_all(form)).python
+    call = ast.parse(python).body[-1].value
+    arguments = [ast.literal_eval(argument) for argument in call.args]
+    options = {option.arg: ast.literal_eval(option.value) for option in call.keywords}
+    inspect.signature(getattr(stepblocks, form.function)).bind(*arguments, **options)
+
+
+async def open_page(folder, path):
+    async with user_simulation(root=Window(folder).build) as user:
+        await user.open(path)
+        return [label.text for label in user.find(kind=ui.label).elements]
+
+
+def test_a_study_page_asks_for_a_design_first(tmp_path):
+    (tmp_path / "mine.toml").write_text(DECLARED, encoding="utf-8")
+    shown = asyncio.run(open_page(tmp_path, "/study"))
+    assert "No study lies in the folder yet: design one first." in shown
+    assert (
+        "stepblocks study design mine.toml --output=study --seed=1 --experiment=estimates "
+        "--participants=10 --probes=bare,hard,soft --repetitions=3"
+    ) in shown
+
+
+def test_the_page_of_a_set_begins_with_eight_blocks_one_jnd_apart(tmp_path):
+    shown = asyncio.run(open_page(tmp_path, "/set"))
+    assert (
+        "stepblocks design-set even.toml '--lowest=2 uJ' --number=8 '--apart=1 JND' "
+        "--plot=out/even.png"
+    ) in shown

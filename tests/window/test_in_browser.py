@@ -1,0 +1,180 @@
+"""From an empty folder by clicks alone, in a real browser: each gives what its commands give."""
+
+import shlex
+import time
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("nicegui")
+
+from oracles.window_browser import Clicker, open_browser, serve
+from stepblocks.cli import main
+
+pytestmark = pytest.mark.long
+HELD_TIMES = (".pdf", ".xlsx")  # files that say when they were written
+
+
+@pytest.fixture(scope="module")
+def driver():
+    with open_browser("window-size=1280,1000") as opened:
+        yield opened
+
+
+@pytest.fixture
+def page(driver, tmp_path):
+    """A user of a window on an empty folder, and that folder."""
+    folder = tmp_path / "clicked"
+    folder.mkdir()
+    with serve(folder) as (address, _):
+        driver.get(address)
+        driver.get_log("browser")  # of the window before
+        user = Clicker(driver)
+        user.see("Nothing here yet")
+        yield user, folder
+        faults = [entry for entry in driver.get_log("browser") if is_fault(entry)]
+        driver.get("about:blank")
+    assert faults == []
+
+
+def is_fault(entry):
+    """Tell whether the console speaks of a fault of the page itself."""
+    is_of_page = "/folder/" not in entry["message"] and "REFUSED" not in entry["message"]
+    return entry["level"] == "SEVERE" and is_of_page
+
+
+def list_bytes(folder: Path):
+    return {
+        path.relative_to(folder).as_posix(): path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and path.suffix not in HELD_TIMES
+    }
+
+
+def repeat(lines, folder, monkeypatch):
+    """Type commands in a folder."""
+    monkeypatch.chdir(folder)
+    for line in lines:
+        assert main(shlex.split(line)[1:]) in (0, 1, 3), line
+
+
+def test_a_set_of_eight_blocks_one_jnd_apart(page, tmp_path, monkeypatch):
+    user, folder = page
+    user.click("Set")
+    line = user.see("stepblocks design-set")
+    user.click("Run: Design a set")
+    user.see("done")
+    user.see("Change the set in a form")
+    typed = tmp_path / "typed"
+    typed.mkdir()
+    repeat([line], typed, monkeypatch)
+    assert list_bytes(folder) == list_bytes(typed)
+    assert (folder / "even.toml").read_text(encoding="utf-8").count("[[step_block]]") == 8
+
+
+def test_a_study_of_six_simulated_participants_to_its_table(page, tmp_path, monkeypatch):
+    user, folder = page
+    lines = ["stepblocks new block mine.toml"]
+    user.click("Run: Write a commented file")
+    user.see("done")
+    user.click("Study")
+    user.see("stepblocks study design mine.toml")
+    user.type("Participants", "6")
+    lines.append(user.see("--participants=6"))
+    user.click("Run: Design a study")
+    user.see("Write blinded run sheets")
+    lines.append(user.see("stepblocks study simulate"))
+    user.click("Run: Let simulated participants answer")
+    user.see("270 simulated answers")
+    lines.append(user.see("stepblocks study analyse"))
+    user.click("Run: Analyse the answers")
+    frame = user.find("iframe.report")
+    user.driver.switch_to.frame(frame)
+    user.see("participants")
+    user.driver.switch_to.default_content()
+    typed = tmp_path / "typed"
+    typed.mkdir()
+    repeat(lines, typed, monkeypatch)
+    assert list_bytes(folder) == list_bytes(typed)
+    assert (folder / "study" / "report" / "results.csv").is_file()
+
+
+def test_an_order_of_three_blocks_to_its_bundle(page, tmp_path, monkeypatch):
+    user, folder = page
+    user.click("Declare")
+    user.type("Stimulus file, there or new (such as mine.toml)", "three.toml")
+    user.click("Open")
+    for number, (name, height) in enumerate((("low", "25"), ("mid", "50"), ("high", "100"))):
+        if number:
+            user.click("Add")
+            user.see_field("id", "")
+        user.type("id", name)
+        user.type("height", f"{height} um")
+        user.see(f"step_block: {name}")
+    user.click("Save")
+    user.see("three.toml is saved")
+    user.click("Build")
+    lines = [user.see(f"stepblocks {word} three.toml") for word in ("build", "workshop")]
+    user.click("Run: Build, read back")
+    user.see("Verdict of every file")
+    user.click("Run: Bundle for the workshop")
+    user.see("Take three.quotation.zip")
+    typed = tmp_path / "typed"
+    typed.mkdir()
+    declared = (folder / "three.toml").read_text(encoding="utf-8")
+    (typed / "three.toml").write_text(declared, encoding="utf-8")
+    repeat(lines, typed, monkeypatch)
+    archive = "out/three/three.quotation.zip"
+    assert (folder / archive).read_bytes()
+    assert list_bytes(folder / "out" / "three").keys() == list_bytes(typed / "out" / "three").keys()
+
+
+PAGES = ("", "declare?file=mine.toml", "build", "inspect?file=scan.csv", "study", "set", "work")
+SIZES = ((1280, 1000), (820, 1180))  # a small screen, and a tablet held upright
+
+
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory):
+    """A folder with a file of each kind."""
+    folder = tmp_path_factory.mktemp("lab")
+    declared = '[[step_block]]\nid = "low"\nheight = "25 um"\n'
+    (folder / "mine.toml").write_text(declared, encoding="utf-8")
+    rows = [f"{place},{25 * (place > 500)}" for place in range(1000)]
+    (folder / "scan.csv").write_text("\n".join(["x_um,z_um", *rows]) + "\n", encoding="utf-8")
+    for name, file in (("session", "session.toml"), ("study", "design.csv")):
+        (folder / name).mkdir()
+        (folder / name / file).touch()
+    return folder
+
+
+def test_no_page_has_a_serious_fault_of_access(driver, lab):
+    """By axe-core, in light and dark, on a small screen and on a tablet."""
+    pytest.importorskip("axe_core_python")
+    from axe_core_python.selenium import Axe
+
+    found = []
+    with serve(lab) as (address, _):
+        driver.get(address)
+        base = address.partition("?")[0]
+        user = Clicker(driver)
+        for path in PAGES:
+            driver.get(base + path)
+            user.find("main h1")
+            time.sleep(2.0)  # what is read from files comes later
+            for size in SIZES:
+                driver.set_window_size(*size)
+                for colours in ("light", "dark"):
+                    choose_colours(driver, colours)
+                    for fault in Axe().run(driver)["violations"]:
+                        if fault["impact"] in ("serious", "critical"):
+                            places = [node["html"] for node in fault["nodes"]]
+                            found.append((path, size, colours, fault["id"], places))
+        driver.get("about:blank")
+    choose_colours(driver, "light")
+    assert found == []
+
+
+def choose_colours(driver, colours):
+    feature = {"name": "prefers-color-scheme", "value": colours}
+    driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": [feature]})
+    time.sleep(0.3)

@@ -1,0 +1,171 @@
+"""A scan is looked at before it is judged: what its file leaves open is asked, not guessed."""
+
+import asyncio
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("nicegui")
+
+from nicegui import ui
+from nicegui.elements.upload_files import SmallFileUpload
+from nicegui.testing.user_interaction import UserInteraction
+from nicegui.testing.user_simulation import user_simulation
+
+from stepblocks.errors import MetrologyError, PipelineError
+from stepblocks.window.folder import Folder
+from stepblocks.window.inspect_page import InspectForm, InspectionAnswers
+from stepblocks.window.jobs import JobList
+from stepblocks.window.scan_picture import draw_scan
+from stepblocks.window.window import Window
+
+DECLARED = '[[step_block]]\nid = "low"\nheight = "25 um"\n'
+
+
+def make_scan(header):
+    """A profile over a sharp step of 25 um, as text."""
+    x = np.arange(-1000.0, 1000.0, 2.0)
+    rows = [f"{position:g},{25.0 * (position > 0.0):g}" for position in x]
+    return "\n".join([header, *rows]) + "\n"
+
+
+def test_a_scan_without_a_unit_asks_for_it_and_with_it_is_shown(tmp_path):
+    path = tmp_path / "scan.csv"
+    path.write_text(make_scan("x,z"))
+    with pytest.raises(MetrologyError, match="unit"):
+        draw_scan(path, None, None)
+    picture = draw_scan(path, "um", None)
+    assert picture.description == (
+        "Profile of 1000 points over 1.998 mm, heights from 0 um to 25 um"
+    )
+    assert picture.image.startswith("data:image/png;base64,iVBOR")  # the signature of a PNG
+
+
+def test_a_map_is_shown_with_its_sides(tmp_path):
+    path = tmp_path / "scan.csv"
+    rows = [f"{10 * x},{10 * y},{25 * (x > 20)}" for y in range(20) for x in range(40)]
+    path.write_text("\n".join(["x_um,y_um,z_um", *rows]) + "\n")
+    text = draw_scan(path, None, None).description
+    assert text.startswith("Map of 40 x 20 points over 400 um x 200 um")
+
+
+def make_two_steps():
+    """A profile with steps of 25 um at 500 um and of 40 um at 1500 um, as text."""
+    x = np.arange(0.0, 2000.0, 2.0)
+    rows = [f"{place:g},{25.0 * (place > 500.0) + 40.0 * (place > 1500.0):g}" for place in x]
+    return "\n".join(["x_um,z_um", *rows]) + "\n"
+
+
+def test_edges_are_named_and_a_click_picks_the_nearest_with_the_part_that_holds_it_alone(tmp_path):
+    path = tmp_path / "scan.csv"
+    path.write_text(make_two_steps())
+    picture = draw_scan(path, None, None)
+    assert [edge.name for edge in picture.edges] == ["1: +25 µm at 501 µm", "2: +40 µm at 1500 µm"]
+    low, high = picture.edges
+    assert (low.begin, high.end) == ("", "")
+    assert 501.0 < float(low.end.removesuffix(" um")) < 1500.0
+    assert 501.0 < float(high.begin.removesuffix(" um")) < 1500.0
+    left, right = picture.columns
+    middle = 0.5 * (left + right)
+    assert picture.find_edge(middle - 5.0) is low
+    assert picture.find_edge(middle + 5.0) is high
+    assert picture.find_edge(0.0) is low
+
+
+def test_the_picked_part_is_what_the_command_evaluates():
+    answers = InspectionAnswers("a.csv", "low", "b.toml", begin="1010 um", end="-3 um")
+    assert answers.make_command().words[-4:-2] == ("--from=1010 um", "--to=-3 um")
+
+
+@pytest.mark.parametrize("name", ["evil.exe", ".csv", ".hidden.csv", "", "..", "a\0.csv"])
+def test_a_dropped_file_that_is_no_scan_is_not_taken(name, tmp_path):
+    with pytest.raises(PipelineError):
+        InspectForm(Folder(tmp_path), JobList(tmp_path)).name_upload(name)
+
+
+@pytest.mark.parametrize("name", ["../../a.csv", "/etc/a.csv", "..\\..\\a.csv", "C:\\x\\a.csv"])
+def test_a_dropped_file_lies_in_the_folder_whatever_it_is_called_and_replaces_none(name, tmp_path):
+    page = InspectForm(Folder(tmp_path), JobList(tmp_path))
+    assert page.name_upload(name) == "scans/a.csv"
+    (tmp_path / "scans").mkdir()
+    (tmp_path / "scans" / "a.csv").touch()
+    with pytest.raises(PipelineError, match="there is such a file already"):
+        page.name_upload(name)
+
+
+def test_an_answer_that_begins_like_an_option_stays_the_answer_of_its_question():
+    answers = InspectionAnswers("-a.csv", "low", "-b.toml", unit="--force", channel="a b")
+    words = answers.make_command().words
+    assert words[1] == "./-a.csv"
+    assert "--units=--force" in words
+    assert "--force" not in words
+    assert shlex.split(answers.make_command().line)[1:] == list(words)
+
+
+async def judge(folder):
+    """Drop a scan without a unit, answer, and run; return the job and what was asked."""
+    window = Window(folder)
+    async with user_simulation(root=window.build) as user:
+        await user.open("/inspect")
+        upload = next(iter(user.find(marker="drop").elements))
+        content = make_scan("x,z").encode()
+        await upload.handle_uploads([SmallFileUpload("../scan.csv", "text/csv", content)])
+        await user.should_see(kind=ui.label, retries=200)
+        asked = [label.text for label in user.find(kind=ui.label).elements]
+        (part,) = user.find(kind=ui.select).elements
+        for _ in range(200):
+            if part.options:
+                break
+            await asyncio.sleep(0.1)
+        part.set_value("mine.toml\nlow")
+        for box in user.find(kind=ui.input).elements:
+            if box.props["label"].startswith("Unit"):
+                box.set_value("um")
+            if box.props["label"].startswith("Radius of the stylus"):
+                box.set_value("2 um")
+        user.find("Look").click()
+        await user.should_see(marker="description", retries=200)
+        await user.should_see("Run", retries=50)
+        (button,) = user.find("Run").elements
+        UserInteraction(user, {button}, "Run").click()
+        (job,) = window.jobs.latest_first
+        while job.state.name == "RUNNING":
+            await asyncio.sleep(0.2)
+        output = job.output
+        window.jobs.close()
+        return job, output, asked
+
+
+@pytest.mark.long
+def test_a_dropped_scan_is_judged_as_the_shown_command_judges_it(tmp_path):
+    clicked, typed = tmp_path / "clicked", tmp_path / "typed"
+    for folder in (clicked, typed):
+        folder.mkdir()
+        (folder / "mine.toml").write_text(DECLARED)
+    job, output, asked = asyncio.run(judge(clicked))
+    assert any("unit" in text for text in asked)
+    (typed / "scans").mkdir()
+    (typed / "scans" / "scan.csv").write_bytes((clicked / "scans" / "scan.csv").read_bytes())
+    words = shlex.split(job.command.line)[1:]
+    done = subprocess.run(
+        [sys.executable, "-m", "stepblocks", *words],
+        cwd=typed,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode in (0, 1, 3), done.stderr
+    assert list_bytes(clicked) == list_bytes(typed)
+    assert (clicked / job.command.page).is_file(), output
+
+
+def list_bytes(folder: Path):
+    return {
+        path.relative_to(folder).as_posix(): path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and path.suffix not in (".pdf", ".xlsx")  # which hold their time
+    }
