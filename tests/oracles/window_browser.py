@@ -11,7 +11,7 @@ import pytest
 
 from oracles.browser import browser
 
-SECONDS = 120.0  # for anything to appear
+SECONDS = 600.0  # for anything to appear: a build may take minutes
 
 
 @contextmanager

@@ -129,7 +129,42 @@ def test_an_order_of_three_blocks_to_its_bundle(page, tmp_path, monkeypatch):
     assert list_bytes(folder / "out" / "three").keys() == list_bytes(typed / "out" / "three").keys()
 
 
-PAGES = ("", "declare?file=mine.toml", "build", "inspect?file=scan.csv", "study", "set", "work")
+def test_a_scan_that_leaves_three_answers_open_to_its_certificate(page, tmp_path, monkeypatch):
+    """Unit, part and stylus: two are asked for, and without the third nothing is proven."""
+    user, folder = page
+    user.click("Run: Write a commented file")
+    user.see("done")
+    scan = tmp_path / "scan.csv"
+    rows = [f"{place},{25 * (place > 0)}" for place in range(-1000, 1000, 2)]
+    scan.write_text("\n".join(["x,z", *rows]) + "\n", encoding="utf-8")
+    user.click("Inspect")
+    user.drop(scan)
+    user.see("unit")
+    user.type("Unit, where the file does not say it (um, or x=mm,z=um)", "um")
+    user.click("Look")
+    user.see("Profile of 1000 points")
+    user.choose("Part that was scanned", "(mine.toml)")
+    user.type("Radius of the stylus (2 um; 0 um for an optical instrument)", "0 um")
+    line = user.see("'--stylus-radius=0 um'")
+    user.click("Run: Judge the scan")
+    user.see("step-025.certificate.pdf")
+    typed = tmp_path / "typed"
+    (typed / "scans").mkdir(parents=True)
+    (typed / "scans" / "scan.csv").write_bytes(scan.read_bytes())
+    repeat(["stepblocks new block mine.toml", line], typed, monkeypatch)
+    assert list_bytes(folder) == list_bytes(typed)
+
+
+PAGES = (
+    "",
+    "declare?file=mine.toml",
+    "build",
+    "inspect?file=scan.csv",
+    "bench",
+    "study",
+    "set",
+    "work",
+)
 SIZES = ((1280, 1000), (820, 1180))  # a small screen, and a tablet held upright
 
 

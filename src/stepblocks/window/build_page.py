@@ -98,6 +98,7 @@ class BuildForm:
             Runnable(make_build(self._files), self._folder, self._jobs, self._end_build)
             Runnable(make_bundle(self._files), self._folder, self._jobs, self._end_bundle)
             simulator = ui.select(list(_SIMULATORS), label=texts.SIMULATOR, value=_SIMULATORS[0])
+            simulator.classes("min-w-[160px]")
             place = ui.column().classes("w-full")
             simulator.on_value_change(lambda event: self._show_scenes(event.value, place))
             self._show_scenes(simulator.value, place)

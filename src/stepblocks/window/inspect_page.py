@@ -11,6 +11,7 @@ from stepblocks.declaration.read import load_set
 from stepblocks.errors import PipelineError, StepblocksError
 from stepblocks.files.atomic import replace_bytes
 from stepblocks.files.text import is_file
+from stepblocks.quantities import format_units
 from stepblocks.scans.read import FORMATS
 from stepblocks.window import texts
 from stepblocks.window.command_line import ShownCommand, write_call, write_name
@@ -99,6 +100,7 @@ class InspectForm:
         self._folder = folder
         self._jobs = jobs
         self._edge: ScanEdge | None = None
+        self._is_shown = False
 
     def build(self, file: str) -> None:
         """Make the page."""
@@ -117,6 +119,8 @@ class InspectForm:
                 for box in (self._scan, self._part, self._unit, self._channel, self._stylus):
                     box.classes("w-full")
                 self._calibration.classes("w-full")
+                for field in (self._part, self._stylus, self._calibration):
+                    field.on_value_change(self._answer_again)
                 ui.button(texts.LOOK, on_click=self._look).props("no-caps")
             self._picture = ui.column()
         self._command = ui.column().classes("w-full")
@@ -177,6 +181,7 @@ class InspectForm:
         """Show the scan as it is read now, or what its file leaves open; then the command."""
         self._picture.clear()
         self._command.clear()
+        self._is_shown = False
         try:
             path = self._folder.resolve(str(self._scan.value).strip())
             unit = str(self._unit.value).strip() or None
@@ -189,9 +194,10 @@ class InspectForm:
         if picture is None:  # the window is being closed
             return
         with self._picture:
-            ui.label(picture.description).mark("description")
+            ui.label(format_units(picture.description)).mark("description")
             ui.label(picture.scale)
             self._show_picture(picture)
+        self._is_shown = True
         self._show_command()
 
     def _show_picture(self, picture: ScanPicture) -> None:
@@ -219,6 +225,11 @@ class InspectForm:
             self._show_command()
 
         choice.on_value_change(take)
+
+    def _answer_again(self) -> None:
+        """Show the command for an answer that changed, once the scan was looked at."""
+        if self._is_shown:
+            self._show_command()
 
     def _show_command(self) -> None:
         """Show the command for what the fields say."""

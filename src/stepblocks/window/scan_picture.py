@@ -81,7 +81,7 @@ def draw_scan(path: Path, unit: str | None, channel: str | None) -> ScanPicture:
     else:
         _draw_map(figure, axes, scan)
     _mark_edges(axes, edges)
-    image = _encode(figure)  # which lays the figure out, too
+    image = encode_figure(figure)  # which lays the figure out, too
     places = [(1e3 * edge.position, 0.0) for edge in edges]
     columns: list[float] = []
     if places:
@@ -151,7 +151,7 @@ def _mark_edges(axes: "Axes", edges: "Sequence[ScanEdge]") -> None:
         )
 
 
-def _encode(figure: "Figure") -> str:
+def encode_figure(figure: "Figure") -> str:
     """Return a figure as an address that holds it."""
     buffer = BytesIO()
     figure.savefig(buffer, format="png", dpi=_DOTS)

@@ -46,6 +46,7 @@ class Window:
             Page("/declare", texts.DECLARE, self._build_declare_page),
             Page("/build", texts.BUILD_PAGE, self._build_build_page),
             Page("/inspect", texts.INSPECT, self._build_inspect_page),
+            Page("/bench", texts.BENCH_PAGE, self._build_bench_page),
             Page("/study", texts.STUDY_PAGE, StudyPage(self.folder, self.jobs).build),
             Page("/set", texts.SET_PAGE, SetPage(self.folder, self.jobs).build),
             Page(ADDRESS, texts.WORK, WorkPage(self.folder, self.jobs).build),
@@ -74,6 +75,12 @@ class Window:
         from stepblocks.window.inspect_page import InspectPage
 
         InspectPage(self.folder, self.jobs).build(file)
+
+    def _build_bench_page(self, session: str = "") -> None:
+        """Make the page of the bench; `session` is opened."""
+        from stepblocks.window.bench_page import BenchPage
+
+        BenchPage(self.folder, self.jobs).build(session)
 
     def serve_file(self, name: str) -> Response:
         """Answer with a file of the folder; of what lies outside it there is none."""

@@ -1,0 +1,151 @@
+"""The page of the bench: a session in, its columns named beside a trace, what the model lacks."""
+
+from pathlib import PurePosixPath
+
+from nicegui import events, run, ui
+
+from stepblocks.bench.session import open_session
+from stepblocks.errors import PipelineError, StepblocksError
+from stepblocks.window import texts
+from stepblocks.window.folder import Entry, Folder, Kind
+from stepblocks.window.frame import show_heading, show_mistake
+from stepblocks.window.gate import LARGEST_UPLOAD
+from stepblocks.window.job_view import Runnable, show_page
+from stepblocks.window.jobs import Job, JobList
+from stepblocks.window.session_files import SETTINGS, SessionDraft, unpack_session
+from stepblocks.window.suggestions import suggest_commands
+from stepblocks.window.trace_picture import TracePicture, draw_trace
+
+_SESSIONS = "sessions"  # folder that dropped sessions are put into
+
+
+class BenchPage:
+    """The page on which sessions of a folder are measured and explained."""
+
+    def __init__(self, folder: Folder, jobs: JobList) -> None:
+        self._folder = folder
+        self._jobs = jobs
+
+    def build(self, session: str = "") -> None:
+        """Make the page; `session` is opened."""
+        BenchForm(self._folder, self._jobs).build(session)
+
+
+class BenchForm:
+    """What one opened page shows, with the session that is open in it."""
+
+    def __init__(self, folder: Folder, jobs: JobList) -> None:
+        self._folder = folder
+        self._jobs = jobs
+        self._fields: dict[str, ui.input] = {}
+
+    def build(self, session: str) -> None:
+        """Make the page."""
+        show_heading(texts.BENCH_PAGE)
+        ui.label(texts.BENCH_HELP)
+        upload = ui.upload(
+            label=texts.DROP_SESSION, max_file_size=LARGEST_UPLOAD, auto_upload=True
+        ).mark("drop")
+        upload.on_upload(self._take)
+        names = self._list_sessions()
+        first = session or next(iter(names), "")
+        with ui.row().classes("items-center"):
+            self._name = ui.input(texts.SESSION, value=first, autocomplete=names)
+            self._name.classes("min-w-[400px]")
+            ui.button(texts.OPEN, on_click=self._open).props("no-caps")
+        self._place = ui.column().classes("w-full")
+        if first:
+            ui.timer(0.0, self._open, once=True)
+
+    def _list_sessions(self) -> list[str]:
+        entries = self._folder.list_entries()
+        return [entry.name for entry in entries if entry.kind is Kind.SESSION]
+
+    async def _take(self, event: events.UploadEventArguments) -> None:
+        """Unpack a dropped archive into the folder, and open it."""
+        self._place.clear()
+        try:
+            name = self.name_session(event.file.name)
+            content = await event.file.read()
+            await run.io_bound(unpack_session, content, self._folder.resolve(name))
+        except StepblocksError as error:
+            with self._place:
+                show_mistake(error)
+            return
+        self._name.set_value(name)
+        await self._open()
+
+    def name_session(self, given: str) -> str:
+        """Return the folder of a session for a dropped archive.
+
+        Raises
+        ------
+        PipelineError
+            If it is no zip file by its name, or its name leads elsewhere.
+        """
+        name = PurePosixPath(given.replace("\\", "/"))
+        stem = name.stem
+        if name.suffix.lower() != ".zip" or not stem or stem.startswith("."):
+            raise PipelineError(f"ending of a session must be .zip [{name.name}]")
+        self._folder.resolve(f"{_SESSIONS}/{stem}")
+        return f"{_SESSIONS}/{stem}"
+
+    async def _open(self) -> None:
+        """Show the settings of a session beside its first trace, and its commands."""
+        self._place.clear()
+        name = str(self._name.value).strip()
+        try:
+            folder = self._folder.resolve(name)
+            if not folder.is_dir():
+                raise PipelineError(f"a session must be a folder, got none [{name}]")
+            draft = SessionDraft(folder)
+            trace = draft.find_first_trace()
+            picture = None
+            if trace is not None:
+                picture = await run.io_bound(draw_trace, trace)
+        except StepblocksError as error:
+            with self._place:
+                show_mistake(error)
+            return
+        with self._place:
+            self._show_settings(draft, picture)
+            for command in suggest_commands(Entry(name, Kind.SESSION)):
+                Runnable(command, self._folder, self._jobs, self._show_report)
+
+    def _show_settings(self, draft: SessionDraft, picture: TracePicture | None) -> None:
+        """Show the fields of the settings, and beside them the first trace."""
+        columns = [] if picture is None else list(picture.columns)
+        with ui.element("div").classes("beside"):
+            with ui.column():
+                for setting in SETTINGS:
+                    offered = columns if setting.is_column else []
+                    first = draft.read_setting(setting)
+                    field = ui.input(setting.label, value=first, autocomplete=offered)
+                    self._fields[setting.name] = field.classes("w-full").mark(setting.name)
+                button = ui.button(texts.SAVE).props("no-caps")
+                place = ui.column()
+                button.on_click(lambda: self._save(draft, place))
+            with ui.column():
+                if picture is None:
+                    ui.label(texts.NO_TRACE)
+                else:
+                    ui.label(texts.FIRST_TRACE.format(columns=", ".join(columns)))
+                    image = ui.image(picture.image).classes("w-full")
+                    image.props(f'alt="{texts.TRACE_PICTURE}"')
+
+    def _save(self, draft: SessionDraft, place: ui.element) -> None:
+        """Save the settings, and say what is still wrong with the session."""
+        place.clear()
+        with place:
+            try:
+                for setting in SETTINGS:
+                    draft.write_setting(setting, str(self._fields[setting.name].value or ""))
+                draft.save()
+                ui.label(texts.SAVED.format(name=draft.folder.name)).props("role=status")
+                open_session(draft.folder)
+            except StepblocksError as error:
+                show_mistake(error)
+
+    def _show_report(self, job: Job) -> None:
+        """Show the report of what the model lacks."""
+        show_page(self._folder, job.command.page, texts.REPORT_OF.format(title=job.command.title))

@@ -1,0 +1,185 @@
+"""A bench session while it is put together: an archive becomes a folder, its settings a form."""
+
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import tomlkit
+from tomlkit.exceptions import TOMLKitError
+
+from stepblocks.errors import BenchError, PipelineError
+from stepblocks.files.atomic import replace_text
+from stepblocks.files.packed import unpack_folder
+from stepblocks.files.text import is_file
+from stepblocks.mistakes import shorten_value
+from stepblocks.window import texts
+
+SESSION_FILE = "session.toml"
+_MOST_FILES = 20_000  # of an archive
+_MOST_BYTES = 1_000_000_000  # of all files of an archive together
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A field of ``session.toml`` that the form asks for.
+
+    Attributes
+    ----------
+    path : tuple of str
+        Its tables and its name.
+    label : str
+    is_column : bool
+        Whether it names a column of the traces.
+    """
+
+    path: tuple[str, ...]
+    label: str
+    is_column: bool = False
+
+    @property
+    def name(self) -> str:
+        """Its name with dots, as in a message."""
+        return ".".join(self.path)
+
+
+SETTINGS = (
+    Setting(("acquisition", "channels", "tangential"), texts.TANGENTIAL, is_column=True),
+    Setting(("acquisition", "channels", "normal"), texts.NORMAL, is_column=True),
+    Setting(("acquisition", "channels", "time"), texts.TIME, is_column=True),
+    Setting(("acquisition", "sample_rate"), texts.SAMPLE_RATE),
+    Setting(("acquisition", "range"), texts.RANGE),
+    Setting(("acquisition", "traces"), texts.TRACES),
+    Setting(("probe", "spring_constant"), texts.SPRING),
+    Setting(("probe", "tip_radius"), texts.TIP_RADIUS),
+)
+
+
+def unpack_session(content: bytes, folder: Path) -> None:
+    """Unpack an archive of a session into a folder that is not there yet.
+
+    A single folder around all files of the archive is left out.
+
+    Raises
+    ------
+    PipelineError
+        If it is no archive, holds too much, leads out of the folder, or the folder is there.
+    """
+    if folder.exists():
+        raise PipelineError(f"there is such a folder already, which is kept [{folder.name}]")
+    try:
+        with zipfile.ZipFile(BytesIO(content)) as archive:
+            entries = [entry for entry in archive.infolist() if not entry.is_dir()]
+            if len(entries) > _MOST_FILES:
+                raise PipelineError(
+                    f"an archive must have at most {_MOST_FILES} files, got {len(entries)}"
+                )
+            size = sum(entry.file_size for entry in entries)
+            if size > _MOST_BYTES:
+                raise PipelineError(
+                    f"files of an archive must have at most {_MOST_BYTES} bytes, got {size}"
+                )
+            files = {entry.filename: archive.read(entry) for entry in entries}
+    except (zipfile.BadZipFile, NotImplementedError, RuntimeError) as error:
+        raise PipelineError(f"an archive must be a sound zip file: {error}") from error
+    for name in files:
+        if "\\" in name or ".." in PurePosixPath(name).parts or name.startswith("/"):
+            raise PipelineError(
+                f"a name in an archive must lie in its folder, got {shorten_value(name)}"
+            )
+    unpack_folder(_strip_common_folder(files), folder)
+
+
+def _strip_common_folder(files: Mapping[str, bytes]) -> dict[str, bytes]:
+    """Return files without the single folder around all of them."""
+    tops = {PurePosixPath(name).parts[0] for name in files}
+    is_wrapped = len(tops) == 1 and all("/" in name for name in files)
+    if not is_wrapped:
+        return dict(files)
+    return {name.partition("/")[2]: content for name, content in files.items()}
+
+
+class SessionDraft:
+    """The settings of a session that is being put together; comments and order stay.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the session.
+
+    Raises
+    ------
+    BenchError
+        If its file is no TOML.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._path = folder / SESSION_FILE
+        self._before = self._read()
+        try:
+            self._document = tomlkit.parse(self._before or "schema = 1\n")
+        except TOMLKitError as error:
+            raise BenchError(f"{SESSION_FILE} must be TOML: {error}") from error
+
+    def _read(self) -> str | None:
+        """Return the file as it stands; None where there is none."""
+        if not is_file(self._path):
+            return None
+        try:
+            return self._path.read_bytes().decode("utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            raise BenchError(f"{SESSION_FILE} must be UTF-8 text: {error}") from error
+
+    def read_setting(self, setting: Setting) -> str:
+        """Return what the file says of a setting; empty where it says nothing or holds a table."""
+        value: Any = self._document
+        for name in setting.path:
+            if not isinstance(value, Mapping) or name not in value:
+                return ""
+            value = value[name]
+        return "" if isinstance(value, Mapping) else str(value)
+
+    def write_setting(self, setting: Setting, text: str) -> None:
+        """Set a setting; an empty text leaves it as it is."""
+        text = " ".join(text.split())
+        if not text or text == self.read_setting(setting):
+            return
+        table: Any = self._document
+        for name in setting.path[:-1]:
+            if name not in table:
+                table[name] = tomlkit.table()
+            table = table[name]
+            if not isinstance(table, Mapping):
+                raise BenchError(f"{name} must be a table to hold {setting.path[-1]}")
+        table[setting.path[-1]] = text
+
+    def save(self) -> None:
+        """Write the file.
+
+        Raises
+        ------
+        PipelineError
+            If somebody changed it meanwhile, or it cannot be written.
+        """
+        if self._read() != self._before:
+            raise PipelineError(
+                f"the file was changed since it was opened here: open it again [{SESSION_FILE}]"
+            )
+        text = tomlkit.dumps(self._document)
+        replace_text(self._path, text)
+        self._before = text
+
+    def find_first_trace(self) -> Path | None:
+        """Return the first trace in text that the pattern of traces means; None without one."""
+        pattern = self.read_setting(Setting(("acquisition", "traces"), ""))
+        parts = PurePosixPath(pattern).parts
+        is_inside = bool(parts) and ".." not in parts and not pattern.startswith("/")
+        if not is_inside or not pattern.endswith((".csv", ".txt", ".tsv")):
+            return None
+        begin, _, rest = pattern.partition("{")
+        if rest:
+            pattern = f"{begin}*{rest.partition('}')[2]}"
+        return next(iter(sorted(self.folder.glob(pattern))), None)
