@@ -14,7 +14,7 @@ import numpy as np
 from literature.questions import drag_in_time
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.energy import Status
-from stepblocks.contact.operating_point import PAPER, OperatingPoint
+from stepblocks.contact.operating_point import PAPER, Limits, OperatingPoint, Tool
 from stepblocks.drag.ring import Ring
 
 HEIGHTS = (25e-6, 50e-6, 75e-6, 100e-6)  # the four blocks [m]
@@ -23,6 +23,8 @@ _LOADS = np.geomspace(0.01, 3.0, 121)  # loads that a bench with weights can set
 _CV, _K = PAPER.tool.conversion, PAPER.tool.stiffness
 _MIDDLE = math.sqrt(BAND[0] * BAND[1])
 _STEPS = [Step(height) for height in HEIGHTS]
+# the paper's point, whose equations are asked without the limits of a hand or a tool
+_EQUATIONS = replace(PAPER, tool=Tool(limits=Limits()))
 
 
 @dataclass(frozen=True)
@@ -81,7 +83,7 @@ def _check_statements(status: Status, ring: Ring) -> tuple[bool, ...]:
 
 
 def _compute_energy(step: Step, load: float, friction: float = PAPER.friction) -> float:
-    release = step.release(replace(PAPER, normal_load=load, friction=friction))
+    release = step.release(replace(_EQUATIONS, normal_load=load, friction=friction))
     return math.inf if release.status is not Status.RELEASES else release.vibration_energy
 
 
@@ -90,7 +92,7 @@ def _choose_best(
 ) -> Explanation:
     """Choose the trial (words, energies, steps, load, friction) that misses the band least."""
     setting, energies, steps, load, friction = min(tried, key=lambda one: compute_misfit(one[1]))
-    point = replace(PAPER, normal_load=load, friction=friction)
+    point = replace(_EQUATIONS, normal_load=load, friction=friction)
     return Explanation(
         name, count, setting, tuple(energies), tuple((step, point, 0.0) for step in steps)
     )
@@ -112,7 +114,8 @@ def _fit_one_load(name: str, friction: float, radii: Sequence[float] = (0.0,)) -
 def _fit_loads_per_block() -> Explanation:
     loads = [math.sqrt(_MIDDLE / _compute_energy(step, 1.0)) for step in _STEPS]
     points = tuple(
-        (s, replace(PAPER, normal_load=load), 0.0) for s, load in zip(_STEPS, loads, strict=True)
+        (s, replace(_EQUATIONS, normal_load=load), 0.0)
+        for s, load in zip(_STEPS, loads, strict=True)
     )
     words = "loads " + ", ".join(f"{load:.2g}" for load in loads) + " N"
     return Explanation("a load of its own for each block", 4, words, (_MIDDLE,) * 4, points)
@@ -121,9 +124,9 @@ def _fit_loads_per_block() -> Explanation:
 def _fit_pull_by_weight() -> Explanation:
     """Load the tool by a weight W: what rings is C_v W^2 / 2k, whatever the step."""
     pull = math.sqrt(2.0 * _K * _MIDDLE / _CV)
-    forces = [step.release(replace(PAPER, normal_load=1.0)).pull_force for step in _STEPS]
+    forces = [step.release(replace(_EQUATIONS, normal_load=1.0)).pull_force for step in _STEPS]
     load = 0.9 * pull / max(forces)  # the greatest under which every block lets go
-    points = tuple((step, replace(PAPER, normal_load=load), pull) for step in _STEPS)
+    points = tuple((step, replace(_EQUATIONS, normal_load=load), pull) for step in _STEPS)
     words = f"pulling weight {pull:.2g} N, load up to {load:.2g} N"
     energies = (_CV * pull * pull / (2.0 * _K),) * 4
     return Explanation("pulled by a weight instead of moved", 1, words, energies, points)

@@ -11,7 +11,7 @@ from typing import Any
 
 from stepblocks.contact.counterface import Counterface, Margin, Step
 from stepblocks.contact.energy import Status
-from stepblocks.contact.operating_point import PAPER, OperatingPoint
+from stepblocks.contact.operating_point import PAPER, Limits, OperatingPoint, Tool
 from stepblocks.drag.probe import SETTINGS, DragSettings, build_probe
 from stepblocks.drag.ring import Ring, measure_ring
 from stepblocks.drag.simulate import simulate_drag
@@ -23,6 +23,8 @@ AT = dict.fromkeys(("height", "gap", "tip_radius"), "length")
 AT |= {"load": "force", "friction": "ratio", "energy": "energy", "phase": "", "figure": ""}
 At = Mapping[str, Any]
 _LEAST_GAP = 10e-9  # smaller ones are roughness [m]
+# the paper's point, whose equations are asked without the limits of a hand or a tool
+_EQUATIONS = replace(PAPER, tool=Tool(limits=Limits()))
 
 
 @dataclass(frozen=True)
@@ -45,7 +47,7 @@ class Answers:
 
 def _make_point(at: At) -> OperatingPoint:
     asked = {"ball_radius": "tip_radius", "normal_load": "load", "friction": "friction"}
-    return replace(PAPER, **{field: at[name] for field, name in asked.items() if name in at})
+    return replace(_EQUATIONS, **{field: at[name] for field, name in asked.items() if name in at})
 
 
 def _make_counterface(at: At) -> Counterface:

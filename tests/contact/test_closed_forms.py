@@ -13,11 +13,17 @@ from stepblocks.contact import kernels
 from stepblocks.contact.counterface import Groove, Margin, Step
 from stepblocks.contact.critical_angle import find_margin_angles, find_step_angle
 from stepblocks.contact.energy import Status, find_release
-from stepblocks.contact.operating_point import OperatingPoint, Tool
+from stepblocks.contact.operating_point import Limits, OperatingPoint, Tool
 from stepblocks.contact.uncertainty import estimate_interval
 
 TOOL = Tool(
-    8.7e3, 0.23, ring_duration=12e-3, detection_threshold=0.13e-6, frequency=271.0, decay_time=9e-3
+    8.7e3,
+    0.23,
+    ring_duration=12e-3,
+    detection_threshold=0.13e-6,
+    frequency=271.0,
+    decay_time=9e-3,
+    limits=Limits(),
 )
 POINT = OperatingPoint(131e-6, 0.73, 0.17, TOOL, 7e-3)
 

@@ -7,10 +7,11 @@ import pytest
 from stepblocks.contact.critical_angle import find_margin_angles, find_step_angle
 from stepblocks.contact.energy import Status, find_release
 from stepblocks.contact.kernels import compute_locking_height
-from stepblocks.contact.operating_point import PAPER, Tool
+from stepblocks.contact.operating_point import PAPER, Limits, Tool
 from stepblocks.errors import ContactError
 
 R = 125e-6
+UNLIMITED = Tool(limits=Limits())  # the equations alone
 
 
 # Origin: evaluated by hand from equations (1) and (2) for mu 0.15, F_py 1 N, R 125 um (project
@@ -26,7 +27,7 @@ R = 125e-6
     ],
 )
 def test_the_papers_constants_give_the_papers_forces_and_energies(height_um, force_n, energy_uj):
-    release = find_release(find_step_angle(height_um * 1e-6, R), normal_load=1.0, friction=0.15)
+    release = find_release(find_step_angle(height_um * 1e-6, R), 1.0, 0.15, UNLIMITED)
     assert release.status is Status.RELEASES
     assert release.pull_force == pytest.approx(force_n, rel=1e-3)
     assert release.vibration_energy * 1e6 == pytest.approx(energy_uj, rel=4e-3)
@@ -72,8 +73,10 @@ def test_a_locked_probe_has_a_status_and_no_energy(mu, height):
 @pytest.mark.parametrize("mu", [0.05, 0.15, 0.3, 0.6])
 def test_locking_begins_at_the_locking_height(mu):
     limit = compute_locking_height(R, mu)
-    assert find_release(find_step_angle(limit * (1 - 1e-9), R), 1.0, mu).status is Status.RELEASES
-    assert find_release(find_step_angle(limit * (1 + 1e-9), R), 1.0, mu).status is Status.LOCKED
+    below, above = (find_step_angle(limit * (1 + part), R) for part in (-1e-9, 1e-9))
+    assert find_release(below, 1.0, mu, UNLIMITED).status is Status.RELEASES
+    assert find_release(below, 1.0, mu).status is Status.BEYOND_HAND
+    assert find_release(above, 1.0, mu).status is Status.LOCKED
 
 
 @pytest.mark.parametrize("height", [R, 1.5 * R])

@@ -15,7 +15,7 @@ from stepblocks.contact.critical_angle import find_margin_angles, find_step_angl
 from stepblocks.contact.energy import Status, find_release
 from stepblocks.contact.energy_change import find_energy_change
 from stepblocks.contact.laws import LinearContact
-from stepblocks.contact.operating_point import PAPER, OperatingPoint, Tool
+from stepblocks.contact.operating_point import PAPER, Limits, OperatingPoint, Tool
 from stepblocks.contact.path.profile import build_profile_path
 from stepblocks.drag.probe import DragSettings, build_probe
 from stepblocks.drag.run import drag_over
@@ -46,8 +46,9 @@ def test_scaling_all_lengths_keeps_angle_and_force(height, ball, load, friction,
 @MANY
 @given(LENGTHS, BALLS, LOADS, FRICTIONS, SCALES)
 def test_force_goes_with_the_load_and_energy_with_its_square(height, ball, load, friction, scale):
-    one = Step(height).release(OperatingPoint(ball, load, friction))
-    more = Step(height).release(OperatingPoint(ball, load * scale, friction))
+    unlimited = Tool(limits=Limits())
+    one = Step(height).release(OperatingPoint(ball, load, friction, unlimited))
+    more = Step(height).release(OperatingPoint(ball, load * scale, friction, unlimited))
     np.testing.assert_allclose(more.pull_force, scale * one.pull_force, rtol=1e-12)
     np.testing.assert_allclose(more.vibration_energy, scale**2 * one.vibration_energy, rtol=1e-12)
 

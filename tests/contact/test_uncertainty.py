@@ -8,7 +8,7 @@ import pytest
 
 from stepblocks.contact.counterface import Margin, Profile, Step
 from stepblocks.contact.energy import Status
-from stepblocks.contact.operating_point import PAPER, OperatingPoint, Tool
+from stepblocks.contact.operating_point import PAPER, Limits, OperatingPoint, Tool
 from stepblocks.contact.uncertainty import (
     compute_deviated_releases,
     compute_sensitivities,
@@ -123,7 +123,8 @@ def test_the_analytic_interval_fails_where_the_kind_of_contact_changes_within_th
 
 
 def test_near_locking_the_draws_say_held_and_the_analytic_interval_does_not_agree():
-    interval = estimate_interval(Step(105e-6), PAPER, {"height": 1e-6}, seed=3)
+    unlimited = replace(PAPER, tool=Tool(limits=Limits()))
+    interval = estimate_interval(Step(105e-6), unlimited, {"height": 1e-6}, seed=3)
     assert interval.status is Status.RELEASES
     assert 0.01 < interval.held_probability < 0.5
     assert not interval.agrees

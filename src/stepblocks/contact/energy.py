@@ -132,7 +132,7 @@ def find_release(
         Critical angle a [rad], from 0 to a right angle; load F_py [N]; coefficient of friction mu
         [1].
     tool : Tool
-        Spring, ring and limits of the explorer; the default has no limits.
+        Spring, ring and limits of the explorer.
 
     Returns
     -------

@@ -45,8 +45,9 @@ class Limit(NamedTuple):
 class Limits:
     """Greatest tangential forces that something holds or gives.
 
-    Infinite where the equations alone are asked: `Step.release` under `PAPER` knows no limit, while
-    sets and tables bring those of a hand and of the explorer.
+    Beyond the first that a growing pull meets, the tip does not slip. ``Limits()`` has none: the
+    equations alone. A tool that states no limits has those of a hand and of the explorer, whichever
+    function is asked, as a stimulus file, a table or a grid has that states none.
 
     Attributes
     ----------
@@ -61,8 +62,13 @@ class Limits:
 
     Examples
     --------
-    >>> Tool(limits=Limits(hand="9.87 N")).limits.hand
-    9.87
+    >>> from stepblocks import PAPER, Step
+    >>> from dataclasses import replace
+    >>> Step("100 um").release(PAPER).status.value
+    'beyond-hand'
+    >>> unlimited = replace(PAPER, tool=Tool(limits=Limits()))
+    >>> Step("100 um").release(unlimited).status.value
+    'releases'
     """
 
     strength: float = math.inf
@@ -94,11 +100,36 @@ class Limits:
         return min(limits, key=lambda limit: limit.force)
 
 
+# What every tool is held to unless it says otherwise, with where each comes from [N]
+LIMIT_SOURCES = {
+    "strength": (
+        13.0,
+        "assumed: a steel shank of 4 mm on 91.6 mm (stimuli/sheaths.toml) yields at its clamp "
+        "from 190 MPa",
+    ),
+    "spring": (
+        90.0,
+        "a deflection of a tenth of that free length, to which the elastica is linear within 1 %",
+    ),
+    "gauge": (
+        20.0,
+        "assumed: twice the greatest force that the gauges of Caries Res 2003;37:365 saw; take "
+        "your gauge's",
+    ),
+    "hand": (
+        9.87,
+        "1006 g, the greatest of five dentists: Caries Res 2003;37:365, doi 10.1159/000072169",
+    ),
+}
+SHIPPED_LIMITS = Limits(**{name: value for name, (value, _) in LIMIT_SOURCES.items()})
+
+
 @dataclass(frozen=True)
 class Tool:
     """The explorer as a spring that rings.
 
-    The defaults are those of the paper, which states no limits.
+    The defaults are those of the paper, and for the limits, of which it states none, the shipped
+    ones.
 
     Of its ring the paper says 250 to 350 Hz (figure 5) and "approximately 250 Hz", where less than
     half of a line would lie in that band. The defaults are its middle, a deviation that reaches
@@ -121,7 +152,7 @@ class Tool:
     frequency_deviation : float
         How far the frequency may be off to either side [Hz].
     limits : Limits
-        Forces beyond which the tip does not slip; sets and tables bring `SHIPPED_LIMITS`.
+        Forces beyond which the tip does not slip; `SHIPPED_LIMITS` by default.
     overtones : Overtone or sequence of Overtone
         Further modes, each above `frequency`; the drag in time takes them.
     """
@@ -133,7 +164,7 @@ class Tool:
     frequency: float = 300.0
     decay_time: float = math.tan(0.5 * math.pi * _BAND_SHARE) / (math.tau * _HALF_BAND)
     frequency_deviation: float = _HALF_BAND
-    limits: Limits = Limits()
+    limits: Limits = SHIPPED_LIMITS
     overtones: tuple[Overtone, ...] = ()
     __repr__ = format_changed_fields
 
@@ -291,26 +322,3 @@ class OperatingPoint:
 # The blunt tip and the spring of the paper. It states a band of loads and no friction: 1 N and
 # 0.15, steel on steel with a trace of grease, stand for them; 5 mm/s is a speed of the hand.
 PAPER = OperatingPoint(ball_radius=125e-6, normal_load=1.0, friction=0.15)
-
-# What sets and tables are held to unless they say otherwise, with where each comes from [N]
-LIMIT_SOURCES = {
-    "strength": (
-        13.0,
-        "assumed: a steel shank of 4 mm on 91.6 mm (stimuli/sheaths.toml) yields at its clamp "
-        "from 190 MPa",
-    ),
-    "spring": (
-        90.0,
-        "a deflection of a tenth of that free length, to which the elastica is linear within 1 %",
-    ),
-    "gauge": (
-        20.0,
-        "assumed: twice the greatest force that the gauges of Caries Res 2003;37:365 saw; take "
-        "your gauge's",
-    ),
-    "hand": (
-        9.87,
-        "1006 g, the greatest of five dentists: Caries Res 2003;37:365, doi 10.1159/000072169",
-    ),
-}
-SHIPPED_LIMITS = Limits(**{name: value for name, (value, _) in LIMIT_SOURCES.items()})

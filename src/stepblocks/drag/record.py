@@ -14,7 +14,6 @@ from stepblocks.contact.kernels import (
     compute_step_angle,
 )
 from stepblocks.contact.laws import FrictionLaw
-from stepblocks.contact.operating_point import SHIPPED_LIMITS
 from stepblocks.drag.probe import DragSettings, Probe, Setting
 from stepblocks.drag.result import DragResult
 from stepblocks.drag.ring import Ring
@@ -181,7 +180,7 @@ def _explain_status(trace: DragTrace, ring: Ring | None) -> str:
 
 def _describe_limit(drag: DragResult) -> str:
     """Say which limit equation (1) takes more than, since a drag in time itself has none."""
-    first = SHIPPED_LIMITS.first
+    first = drag.tool.limits.first
     pull = drag.formula.pull_force
     if drag.trace.status is not Status.RELEASES or not pull > first.force:
         return ""

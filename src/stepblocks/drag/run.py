@@ -15,7 +15,7 @@ from stepblocks.contact.counterface import Counterface, Profile
 from stepblocks.contact.domain import read_number
 from stepblocks.contact.energy import Status
 from stepblocks.contact.laws import ContactLaw, FrictionLaw
-from stepblocks.contact.operating_point import Tool
+from stepblocks.contact.operating_point import Limits, Tool
 from stepblocks.declaration.read import Sets
 from stepblocks.drag.events import drag_face
 from stepblocks.drag.figures import draw_force, draw_spectra, plot_force
@@ -255,7 +255,9 @@ def drag_over(
         if name in keywords:
             changes[name] = keywords[name]
     try:
-        formula = face.release(point, backward)
+        # a drag in time knows no limits: it is held against the equations alone
+        unlimited = replace(point, tool=replace(point.tool, limits=Limits()))
+        formula = face.release(unlimited, backward)
         trace = drag_face(face, point, backward, settings=settings, probe=changes)
     except ContactError as error:
         if target.place:

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from stepblocks.contact.operating_point import PAPER, Tool
+from stepblocks.contact.operating_point import PAPER, Limits, Tool
 from stepblocks.errors import PipelineError
 from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.lawsearch.forward_model import Floats, Trials
@@ -241,7 +241,10 @@ def _guess_tool(trials: Trials, spring_constant: float) -> Tool:
     """Guess the ring of the tool from the trials; where none rang, that of the paper stands."""
     frequency = _find_median(trials.values[:, RING_FREQUENCY], PAPER.tool.frequency)
     decay_time = _find_median(trials.values[:, DECAY_TIME], PAPER.tool.decay_time)
-    return Tool(stiffness=spring_constant, frequency=frequency, decay_time=decay_time)
+    # a trial that was measured was within the limits of its bench
+    return Tool(
+        stiffness=spring_constant, frequency=frequency, decay_time=decay_time, limits=Limits()
+    )
 
 
 def _find_median(logarithms: Floats, default: float) -> float:

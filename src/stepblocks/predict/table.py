@@ -18,7 +18,7 @@ from stepblocks.contact.many_intervals import (
     IntervalEnds,
     estimate_ends_of_steps,
 )
-from stepblocks.contact.operating_point import PAPER, SHIPPED_LIMITS, Tool
+from stepblocks.contact.operating_point import PAPER
 from stepblocks.errors import ContactError, PipelineError
 from stepblocks.files.layout import UNDECLARED, TableLayout, refuse_layout
 from stepblocks.files.tables import (
@@ -192,7 +192,7 @@ def _predict_sound_rows(columns: dict[str, Array]) -> dict[str, Array | NDArray[
     angle = np.asarray(forward, dtype=np.float64)
     load, friction = columns["normal_load"], columns["friction"]
     stiffness, conversion = columns["stiffness"], columns["conversion"]
-    release = find_release(angle, load, friction, Tool(limits=SHIPPED_LIMITS))
+    release = find_release(angle, load, friction, PAPER.tool)
     is_beyond = np.char.startswith(release.status, "beyond-")
     energy = conversion * kernels.compute_stored_energy(release.pull_force, stiffness)
     ends = _find_ends(columns, angle)
@@ -212,7 +212,7 @@ def _predict_sound_rows(columns: dict[str, Array]) -> dict[str, Array | NDArray[
 def _find_ends(columns: dict[str, Array], angle: Array) -> IntervalEnds:
     """Find the ends of all intervals; both are the value itself where a row is known exactly."""
     inputs = {name: columns[name] for name in STEP_INPUTS}
-    limit = SHIPPED_LIMITS.first.force
+    limit = PAPER.tool.limits.first.force
     force, energy = kernels.compute_release(
         angle, inputs["friction"], inputs["normal_load"], inputs["stiffness"], inputs["conversion"]
     )

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from stepblocks.contact.operating_point import Tool
+from stepblocks.contact.operating_point import Limits, Tool
 from stepblocks.errors import ContactError, PipelineError, QuantityError
 from stepblocks.files.text import read_document
 from stepblocks.lawsearch.law import Active, Law, Parameter
@@ -281,6 +281,7 @@ def _parse_model(file: ModelFile, path: Path) -> LearnedModel:
             stiffness=file.probe.spring_constant_n_per_m,
             frequency=file.start.ring_frequency_hz,
             decay_time=file.start.decay_time_s,
+            limits=Limits(),  # what a bench measured was no hand's
         ),
         tip_radius_um=file.probe.tip_radius_um,
         height_std=file.block_height_std_m,

@@ -7,7 +7,7 @@ import numpy as np
 
 from stepblocks.contact import Array
 from stepblocks.contact.counterface import Step
-from stepblocks.contact.operating_point import OperatingPoint, Tool
+from stepblocks.contact.operating_point import Limits, OperatingPoint, Tool
 from stepblocks.errors import PipelineError
 from stepblocks.rehearse.effects import NUMBERS, PlantedEffect
 from stepblocks.rehearse.kit_loads import draw_load_error
@@ -241,6 +241,7 @@ def record_true_drag(plan: SessionPlan, state: DragState) -> tuple[Step, Operati
         stiffness=float(state.stiffness[0]),
         frequency=float(state.frequency[0]) * math.sqrt(stiffness_ratio),
         decay_time=float(state.decay_time[0]) / float(state.damping[0]),
+        limits=Limits(),  # a bench pulls as far as it must
     )
     point = OperatingPoint(
         ball_radius,

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from stepblocks.contact.laws import build_laws
-from stepblocks.contact.operating_point import SHIPPED_LIMITS, Tool
+from stepblocks.contact.operating_point import PAPER, Tool
 from stepblocks.contact.uncertainty import convert_half_widths
 from stepblocks.declaration.read import load_set
 from stepblocks.errors import PipelineError, QuantityError
@@ -85,7 +85,7 @@ class _PlanReader:
     ranges: dict[str, list[float]] = field(default_factory=dict)
     spreads: dict[str, float] = field(default_factory=dict)
     shares: dict[str, float] = field(default_factory=dict)
-    limits: dict[str, float] = field(default_factory=lambda: dict(vars(SHIPPED_LIMITS)))
+    limits: dict[str, float] = field(default_factory=lambda: dict(vars(PAPER.tool.limits)))
 
     def read(self) -> SweepPlan:
         """Read section after section; what is returned is no use where a mistake was noted."""

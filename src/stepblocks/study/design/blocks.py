@@ -11,7 +11,7 @@ import numpy as np
 
 from stepblocks.contact.counterface import Counterface, Step
 from stepblocks.contact.energy import Status
-from stepblocks.contact.operating_point import PAPER, OperatingPoint
+from stepblocks.contact.operating_point import PAPER, Limits, OperatingPoint
 from stepblocks.declaration.read import load_set
 from stepblocks.declaration.select import matches_pattern
 from stepblocks.declaration.set import StimulusSet
@@ -205,7 +205,8 @@ def _make_sharp_blocks(heights: Sequence[float], felt: Mapping[str, float]) -> B
     height_of = {f"step-{height * 1e6:03.6g}": height for height in lengths}
     items = [Item(name, name.upper(), height) for name, height in height_of.items()]
     faces = {name: Step(height) for name, height in height_of.items()}
-    changes: dict[str, Any] = dict(felt)
+    # heights alone state no limits, and are asked for what the equations say
+    changes: dict[str, Any] = {"tool": replace(PAPER.tool, limits=Limits()), **felt}
     return Blocks(tuple(items), faces, replace(PAPER, **changes))
 
 
