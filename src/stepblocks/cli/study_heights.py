@@ -31,8 +31,8 @@ _COUNT = make_whole_number_reader(3, 10_000)
 @command(
     app,
     "heights",
-    "study heights --least '20 um' --most '100 um' --step '1 um' --target jnd --standard '50 um'",
-    "study heights mine.toml --target exponent --trials 40",
+    "study heights --least '20 um' --most '90 um' --step '1 um' --target exponent",
+    "study heights mine.toml --target jnd --standard '50 um' --trials 40",
 )
 def heights(
     *,
