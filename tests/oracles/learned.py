@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from stepblocks.contact.operating_point import Tool
+from stepblocks.contact.operating_point import Limits, Tool
 from stepblocks.records.model import LearnedFit, LearnedModel
 from stepblocks.rig.effects.grammar.covariates import CovariateRange
 from stepblocks.rig.effects.named import list_named_laws
@@ -49,7 +49,7 @@ def make_learned_model(
 
     return LearnedModel(
         verdict="effect" if laws else "none",
-        tool=Tool(stiffness=9500.0, frequency=300.0, decay_time=0.02),
+        tool=Tool(stiffness=9500.0, frequency=300.0, decay_time=0.02, limits=Limits()),
         tip_radius_um=120.0,
         height_std=1e-6,
         scanned={blocks[0]: (20.3e-6, 15e-9)},
