@@ -153,14 +153,19 @@ class Acquisition(Strict):
             )
         if self.full_scale is not None and self.trace_format != "wav":
             raise ValueError("`acquisition.full_scale` is for WAV files alone")
+        if self.trim and not self.trim[0] < self.trim[1]:
+            raise ValueError("`acquisition.trim` must be two times, the first before the second")
+        return self
+
+    @model_validator(mode="after")
+    def _check_files(self) -> Self:
+        """Refuse ways to keep trials in files that contradict each other."""
         if self.rows and (self.has_file_per_trial or self.group or self.split):
             raise ValueError(
                 "`acquisition.rows` is for one file of all trials, without {trial}, group and split"
             )
         if self.rows and self.trace_format not in ("hdf5", "mat"):
             raise ValueError("`acquisition.rows` is for HDF5 and MATLAB files")
-        if self.trim and not self.trim[0] < self.trim[1]:
-            raise ValueError("`acquisition.trim` must be two times, the first before the second")
         if self.split and (self.has_file_per_trial or self.group):
             raise ValueError(
                 "`acquisition.split` is for one record of all trials, without {trial} and group"

@@ -3,6 +3,7 @@
 import functools
 import inspect
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import zip_longest
 from typing import Any
 
 import typer
@@ -78,8 +79,7 @@ def _spread_values(
     """
     open_option = ""  # the option of several values whose values may go on
     is_value = False  # whether the word belongs to the option before it
-    for number, word in enumerate(words):
-        following = words[number + 1] if number + 1 < len(words) else None
+    for number, (word, following) in enumerate(zip_longest(words, words[1:])):
         if word == "--":
             yield from words[number:]
             return

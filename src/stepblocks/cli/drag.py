@@ -242,7 +242,7 @@ def drag(
 
 
 def _describe_drag(summary: Document) -> list[str]:
-    # Say under which conditions was dragged, and what came out
+    """Say under which conditions the tip was dragged, and what came out."""
     from stepblocks.quantities import format_quantity
 
     settings, probe = summary["settings"], summary["probe"]

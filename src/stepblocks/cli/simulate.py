@@ -152,6 +152,7 @@ def _make_observer(
     lapse: float | None,
     realism_gain: float | None,
 ) -> "Observer":
+    """Make an observer of the options that were given; the others have their defaults."""
     from stepblocks.study.design.simulate import Observer
 
     return Observer(

@@ -496,22 +496,14 @@ def study_power(
     check_seed(seed)
     blocks = choose_blocks(source, felt, only)
     energies = blocks.energies()
-    kind = ALIASES.get(experiment, experiment)
-    if kind not in ("estimates", "virtual", "constant"):
-        raise StudyError(
-            "power is known of the experiments estimates, virtual, constant and 2afc, got "
-            f"{experiment!r}"
-        )
+    kind = _read_kind(experiment)
     vibration: tuple[str, ...] = ()
     if kind == "virtual":
         vibration = (VIBRATION_OFF, VIBRATION_ON)
     named = (*vibration, *probes, *(damping or {}), *(noise or {}))
     conditions = tuple(dict.fromkeys(named))
-    if measure == REALISM and not (vibration and conditions == vibration):
-        raise StudyError(
-            "realism must be rated in the experiment virtual, with vibration off and on, got "
-            f"{experiment} with {', '.join(conditions) or 'no conditions'}"
-        )
+    if measure == REALISM:
+        _check_realism(experiment, vibration, conditions)
     _check_effect(kind, measure, effect, effect_size)
     _check_curve_measure(kind, measure, trials, runs)
     question = _Question(
@@ -547,6 +539,28 @@ def study_power(
     if output is not None:
         write_table(table, Path(output), "%.3f")
     return table
+
+
+def _read_kind(experiment: str) -> str:
+    """Return the kind of an experiment of which the power is known."""
+    kind = ALIASES.get(experiment, experiment)
+    if kind not in ("estimates", "virtual", "constant"):
+        raise StudyError(
+            "power is known of the experiments estimates, virtual, constant and 2afc, got "
+            f"{experiment!r}"
+        )
+    return kind
+
+
+def _check_realism(
+    experiment: str, vibration: tuple[str, ...], conditions: tuple[str, ...]
+) -> None:
+    """Reject ratings of realism but for vibration off and on."""
+    if not vibration or conditions != vibration:
+        raise StudyError(
+            "realism must be rated in the experiment virtual, with vibration off and on, got "
+            f"{experiment} with {', '.join(conditions) or 'no conditions'}"
+        )
 
 
 def _check_effect(experiment: str, measure: str, effect: float, effect_size: float) -> None:

@@ -23,6 +23,7 @@ def suggest_commands(entry: Entry) -> list[ShownCommand]:
 
 
 def _suggest_for_stimuli(name: str) -> list[ShownCommand]:
+    """Return the commands that predict, build, draw and study the stimuli of a file."""
     word = write_name(name)
     return [
         ShownCommand(texts.PREDICT, ("predict", word), write_call("predict_set", name)),
@@ -54,6 +55,7 @@ def _suggest_for_scan(name: str) -> list[ShownCommand]:
 
 
 def _suggest_for_session(name: str) -> list[ShownCommand]:
+    """Return the commands that measure and explain a session."""
     word = write_name(name)
     base = PurePosixPath(name).name
     features = f"out/{base}-features.csv"

@@ -127,6 +127,7 @@ def tabulate_loads(kit: Apparatus) -> list[dict[str, object]]:
 
 
 def _make_load_row(axis: str, load: Load) -> dict[str, object]:
+    """Return a weight with its force and what each source of error adds to it."""
     row: dict[str, object] = {
         "axis": axis,
         "weight_g": 1e3 * load.mass,

@@ -21,6 +21,7 @@ ENGINE_FROM_PART: dict[str, tuple[str, float, Array]] = {
 
 
 def _write(folder: Path, scene: Scene) -> None:
+    """Write the block and its convex pieces, and what engines must know of them."""
     pieces = {f"{piece.name}.glb": piece for piece in scene.pieces}
     write_glb(folder / "block.glb", scene.whole)
     for name, piece in pieces.items():

@@ -7,6 +7,7 @@ from stepblocks.simulators.scene import Scene, SceneFormat, write_from_template
 
 
 def _write(folder: Path, scene: Scene) -> None:
+    """Write the stage of a scene."""
     start, height = scene.start_position
     events = json.dumps(scene.parameters()["events"], allow_nan=False)
     write_from_template(

@@ -211,8 +211,7 @@ def _cross_factors(
     """
     if EXPERIMENTS[experiment].paired or not rows:
         return rows
-    factors = [name for name in rows[0].cells if name.startswith(FACTOR)]
-    within = [name for name in factors if _varies_within(rows, name)]
+    within = _list_factors_within(rows)
     if not within:
         return rows
     if "condition" not in rows[0].cells:
@@ -221,21 +220,26 @@ def _cross_factors(
     if not beside:
         return rows
     own = FACTOR + names.name("condition").removeprefix(FACTOR)
-    crossed = []
-    for row in rows:
-        cells = {**row.cells}
-        if own not in within:
-            cells[own] = row.cells["condition"]
-        levels = [row.cells["condition"], *(row.cells[name] for name in beside)]
-        cells["condition"] = "/".join(levels)
-        crossed.append(SheetRow(cells, row.file, row.line))
-    return crossed
+    if own not in within:
+        rows = [_copy_condition(row, own) for row in rows]
+    return [_join_condition(row, ["condition", *beside]) for row in rows]
+
+
+def _copy_condition(row: SheetRow, factor: str) -> SheetRow:
+    """Give a row its condition as a factor, too."""
+    return SheetRow({**row.cells, factor: row.cells["condition"]}, row.file, row.line)
 
 
 def _join_condition(row: SheetRow, factors: Sequence[str]) -> SheetRow:
     """Give a row the crossed levels of some factors as its condition."""
     condition = "/".join(row.cells[name] for name in factors)
     return SheetRow({**row.cells, "condition": condition}, row.file, row.line)
+
+
+def _list_factors_within(rows: Sequence[SheetRow]) -> list[str]:
+    """List the factors of which some participant meets several levels."""
+    factors = [name for name in rows[0].cells if name.startswith(FACTOR)]
+    return [name for name in factors if _varies_within(rows, name)]
 
 
 def _varies_within(rows: Sequence[SheetRow], name: str) -> bool:

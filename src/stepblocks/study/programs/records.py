@@ -203,22 +203,36 @@ def _choose_channels(records: Records, asked: Asked) -> dict[str, Channel]:
     if len(asked.answers) > 1 or chosen:
         return chosen
     (answer,) = asked.answers
+    only_filled = _choose_filled_channel(records, answer, asked)
+    if only_filled is not None:
+        chosen[answer] = only_filled
+    return chosen
+
+
+def _choose_filled_channel(records: Records, answer: str, asked: Asked) -> Channel | None:
+    """Return the only channel that may hold an answer; None where none is filled.
+
+    Raises
+    ------
+    StudyError
+        If several are filled, or the one holds positions of buttons.
+    """
     filled = _find_filled_channels(records, answer, asked)
+    if not filled:
+        return None
     if len(filled) > 1:
         columns = ", ".join(channel.column for channel in filled)
         raise StudyError(
             f"which of {columns} holds {answer} must be said, such as "
             f"--columns {answer}={filled[0].column!r} [{records.table.file}]"
         )
-    if filled and filled[0].is_position:
+    if filled[0].is_position:
         raise StudyError(
             f"{answer} must be an answer, got positions of buttons in {filled[0].column!r}; if 0 "
             f"and 1 mean no and yes, name it by --columns {answer}={filled[0].column!r} "
             f"[{records.table.file}]"
         )
-    if filled:
-        chosen[answer] = filled[0]
-    return chosen
+    return filled[0]
 
 
 def _find_filled_channels(records: Records, answer: str, asked: Asked) -> list[Channel]:
@@ -328,9 +342,7 @@ def _join_events(table: TextTable, answers: Sequence[str], keys: Sequence[str]) 
     varying = [*columns]
     if _REACTION in table.names:
         varying.append(table.names.index(_REACTION))
-    compared = [number for number in range(len(table.names)) if number not in varying]
-    if keys:
-        compared = [table.names.index(key) for key in keys if key in table.names]
+    compared = _list_compared_columns(table, varying, keys)
     open_rows = dict[tuple[str, ...], list[str]]()
     kept = []
     for number, cells in enumerate(table.rows):
@@ -343,3 +355,12 @@ def _join_events(table: TextTable, answers: Sequence[str], keys: Sequence[str]) 
         for column in varying:
             joined[column] = joined[column] or cells[column]
     return keep_rows(table, kept)
+
+
+def _list_compared_columns(
+    table: TextTable, varying: Sequence[int], keys: Sequence[str]
+) -> list[int]:
+    """List the places of the columns in which rows of one trial agree."""
+    if keys:
+        return [table.names.index(key) for key in keys if key in table.names]
+    return [number for number in range(len(table.names)) if number not in varying]
