@@ -284,8 +284,14 @@ def main() -> None:
         for line in arguments.record.read_text(encoding="utf-8").splitlines():
             row = json.loads(line)
             done[json.dumps([row["combination"], row["trials"], row["seed"]])] = row
-    tasks = [t for t in list_tasks(arguments) if json.dumps([t[0], t[1], t[2]]) not in done]
-    rows = list(done.values())
+    rows = []
+    tasks = []
+    for task in list_tasks(arguments):
+        key = json.dumps(list(task))
+        if key in done:
+            rows.append(done[key])
+        else:
+            tasks.append(task)
     with ProcessPoolExecutor(arguments.jobs) as pool:
         for row in pool.map(run_session, tasks):
             rows.append(row)

@@ -416,7 +416,7 @@ PARTS = [
     Part(
         "grammar-matrix",
         "python benchmarks/grammar_matrix.py planted --combinations 60 "
-        "--sessions 5 --seed 3 --record out/grammar.jsonl",
+        "--sessions 1 --seed 3 --record out/grammar.jsonl",
         {
             "grammar-place": (r"\| all \| (\d+ of \d+)", "{}"),
             "grammar-named": (r"\| all \| [^|]+\| (\d+ of \d+)", "{}"),

@@ -1,6 +1,7 @@
 """The page to declare stimuli: a form for each stanza of a file, and beside it what is felt."""
 
 from collections.abc import Callable
+from urllib.parse import quote
 
 from nicegui import run, ui
 
@@ -33,7 +34,12 @@ class DeclarePage:
             choice = ui.input(texts.STIMULUS_FILE, value=file, autocomplete=names)
             choice.classes("min-w-[400px]")
             opener = ui.button(texts.OPEN).props("no-caps")
-        ui.label(texts.STIMULUS_FILES_ARE.format(names=", ".join(names) or texts.NONE))
+        with ui.row():
+            ui.label(texts.STIMULUS_FILES_ARE)
+            for name in names:
+                ui.link(name, f"/declare?file={quote(name)}")
+            if not names:
+                ui.label(texts.NONE)
         place = ui.column().classes("w-full")
         opener.on_click(lambda: self._open(choice.value, place))
         if file:

@@ -53,7 +53,7 @@ DECLARE_HELP = (
     'table such as { nominal = "25 um", tolerance = "1 um" }. What is left empty has its default.'
 )
 STIMULUS_FILE = "Stimulus file, there or new (such as mine.toml)"
-STIMULUS_FILES_ARE = "Stimulus files in the folder: {names}"
+STIMULUS_FILES_ARE = "Stimulus files in the folder:"
 NONE = "none"
 OPEN = "Open"
 STANZA = "Stimulus"
