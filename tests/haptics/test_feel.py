@@ -209,6 +209,20 @@ def test_beyond_the_hand_the_tip_does_not_slip_and_the_page_says_so(browser):
 
 
 @pytest.mark.browser
+@pytest.mark.parametrize(("typed", "taken"), [("-5", 1.0), ("0", 1.0), ("1e9", 1000.0), ("", 125)])
+def test_a_tip_that_cannot_be_is_the_nearest_that_can_and_the_page_goes_on(browser, typed, taken):
+    """The box takes radii of 1 um to 1 mm; what is no number leaves the last one."""
+    shown = browser.execute_script(
+        "$('block').value = 4; choose('block'); const box = $('tip'); box.value = '125';"
+        "box.dispatchEvent(new Event('change'));"
+        f"box.value = '{typed}'; box.dispatchEvent(new Event('change'));"
+        "for (let i = 0; i < 2000; i++) probe.tick(probe.x + 1e-6, 1e-3);"
+        "return [+box.value, radius() * 1e6, isFinite(probe.x)]"
+    )
+    assert shown == [pytest.approx(taken), pytest.approx(taken), True]
+
+
+@pytest.mark.browser
 def test_a_change_of_block_takes_its_conditions_and_forgets_the_last_release(browser):
     kept = browser.execute_script(
         "$('block').value = 0; choose('block'); $('load').value = 1.5; retune();"

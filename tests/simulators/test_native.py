@@ -412,3 +412,31 @@ def test_a_point_of_the_renderer_is_that_of_the_export():
     _, point = conditions("step-050")
     assert (point.normal_load, point.friction) == (0.3, 0.15)
     assert replace(point, speed=1e-3).ball_radius == 125e-6
+
+
+def test_a_folder_with_an_umlaut_is_found_where_fopen_takes_the_code_page_of_windows(
+    folder, tmp_path
+):
+    """The loader built as for Windows, whose narrow names a stub refuses beyond ASCII."""
+    place = tmp_path / "für Ärzte"
+    place.mkdir()
+    shutil.copy(folder / "blocks.txt", place / "blocks.txt")
+    (tmp_path / "load.c").write_text(
+        '#include <stdio.h>\n#include "stepblocks.h"\n'
+        "int main(int count, char **words)\n"
+        "{\n"
+        "    (void)count;\n"
+        "    sb_world *world = sb_create();\n"
+        '    printf("%d", sb_load(world, words[1]));\n'
+        "    sb_destroy(world);\n"
+        "    return 0;\n"
+        "}\n"
+    )
+    sources = list(folder.glob("sb_*.c"))
+    command = [compiler("cc", "gcc", "clang"), "-std=c11", "-D_WIN32", "-D__declspec(x)="]
+    command += ["-I", STUBS / "windows", "-I", folder, "-o", tmp_path / "load"]
+    subprocess.run([*command, tmp_path / "load.c", *sources, "-lm"], check=True)
+    done = subprocess.run(
+        [tmp_path / "load", place / "blocks.txt"], capture_output=True, text=True, check=True
+    )
+    assert int(done.stdout) > 0

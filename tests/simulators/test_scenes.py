@@ -366,6 +366,15 @@ def test_sofa_works_in_centimetres_with_distances_below_the_step(folders):
     assert "Sofa.Component.Collision.Response.Contact" in plugins
 
 
+def test_sofa_asks_for_no_solver_that_its_releases_have_dropped(folders):
+    """v25.12 has no GenericConstraintSolver: its solver is called by its own name since."""
+    from lxml import etree
+
+    root = etree.parse(str(folders["sofa"] / "scene.scn")).getroot()
+    solvers = {element.tag for element in root.iter() if "ConstraintSolver" in str(element.tag)}
+    assert solvers == {"BlockGaussSeidelConstraintSolver"}
+
+
 def test_chai3d_files_are_millimetres_wound_outwards_with_positive_indices(folders):
     import trimesh
 
