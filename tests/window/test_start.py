@@ -107,3 +107,12 @@ def test_the_start_page_shows_each_command_to_copy(lab):
 def test_an_empty_folder_says_how_to_begin(tmp_path):
     shown, _ = asyncio.run(open_start(tmp_path))
     assert "stepblocks new block mine.toml" in shown
+
+
+def test_of_stimulus_files_a_study_takes_those_that_declare_something_to_be_felt(tmp_path):
+    """A kit of parts and a set of tips lie beside the blocks, and come before them by name."""
+    for name in ("apparatus", "paper-ten", "probe-tips"):
+        shutil.copy(ROOT / "stimuli" / f"{name}.toml", tmp_path)
+    folder = Folder(tmp_path)
+    assert len(folder.list_entries()) == 3
+    assert folder.list_felt_files() == ["paper-ten.toml"]

@@ -111,6 +111,17 @@ class Folder:
                 break
         return entries
 
+    def list_felt_files(self) -> list[str]:
+        """List the stimulus files that declare something to be felt, in the order of names."""
+        from stepblocks.declaration.set import list_kinds
+
+        felt = {name for name, kind in list_kinds().items() if kind.has_working_faces}
+        names = []
+        for entry in self.list_entries():
+            if entry.kind is Kind.STIMULI and felt & _list_declared_kinds(self.path / entry.name):
+                names.append(entry.name)
+        return names
+
     def _walk(self, folder: Path, depth: int) -> Iterator[Path]:
         """Yield what is in a folder and in those below it; no link, and nothing in an entry."""
         for path in _list_sorted(folder):
@@ -137,7 +148,7 @@ def _find_kind(path: Path) -> Kind | None:
     if not path.is_file():
         return None
     if path.suffix == ".toml":
-        return Kind.STIMULI if _declares_stimuli(path) else None
+        return Kind.STIMULI if _list_declared_kinds(path) else None
     from stepblocks.scans.read import FORMATS
 
     ending = path.suffix.lower()
@@ -158,18 +169,17 @@ def _find_kind_of_folder(path: Path) -> Kind | None:
     return None
 
 
-def _declares_stimuli(path: Path) -> bool:
-    """Tell whether a file of TOML has a stanza of a stimulus; a broken one may be meant so."""
+def _list_declared_kinds(path: Path) -> set[str]:
+    """List the kinds of stimuli that a file of TOML declares; a broken one may mean them."""
     from stepblocks.declaration.set import list_kinds
 
     try:
         if path.stat().st_size > _LARGEST_DECLARATION:
-            return False
+            return set()
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError):
-        return False
+        return set()
     try:
-        declared = tomllib.loads(text)
+        return set(tomllib.loads(text)).intersection(list_kinds())
     except tomllib.TOMLDecodeError:
-        return any(f"[{kind}]" in text for kind in list_kinds())
-    return any(kind in declared for kind in list_kinds())
+        return {kind for kind in list_kinds() if f"[{kind}]" in text}

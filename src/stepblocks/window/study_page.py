@@ -126,7 +126,7 @@ class StudyPage:
                 self._show_steps()
 
         form = CommandForm(
-            make_design(self._list(Kind.STIMULI)), self._folder, self._jobs, show_steps
+            make_design(self._folder.list_felt_files()), self._folder, self._jobs, show_steps
         )
         with design:
             form.build(self._choose_first())
@@ -138,7 +138,7 @@ class StudyPage:
         if not studies:
             ui.label(texts.NO_STUDY)
             return
-        stimuli = self._list(Kind.STIMULI)
+        stimuli = self._folder.list_felt_files()
         first = self._choose_first()
         answers = f"{first['study']}/answers.csv"
         for command in (
@@ -162,8 +162,10 @@ class StudyPage:
     def _choose_first(self) -> dict[str, str]:
         """Answer the questions of a file and a study where the folder has just one of them."""
         answers = {}
-        for name, kind in (("file", Kind.STIMULI), ("study", Kind.STUDY)):
-            found = self._list(kind)
+        for name, found in (
+            ("file", self._folder.list_felt_files()),
+            ("study", self._list(Kind.STUDY)),
+        ):
             if found:
                 answers[name] = found[0]
         return answers
