@@ -306,30 +306,45 @@ def test_a_certain_threshold_is_known_better_than_from_equal_heights_by_simulati
     assert found < 0.8 * equal
 
 
-@pytest.mark.parametrize("target", ["threshold", pytest.param("jnd", marks=pytest.mark.long)])
-def test_power_finds_by_simulation_the_intervals_that_a_design_expects(target):
+def compare_with_simulation(target, seed, runs):
+    """Return simulated and expected widths of the interval of a target, by design."""
     heights = (np.arange(20, 101, 5) * 1e-6).tolist()
     names = [f"step-{height * 1e6:03.0f}" for height in heights]
     observer = Observer(weber=1.0, lapse=0.04)
-    options = {"experiment": "constant", "standard": "step-050", "seed": 1, "runs": 80}
+    options = {"experiment": "constant", "standard": "step-050", "seed": seed, "runs": runs}
     options |= {"observer": observer, "measure": target}
     (jnd,) = stepblocks.study_power(heights, **options | {"measure": "jnd"})["jnd_ratio"]
     expected = {"weber": jnd, "weber_factor": 1, "equal_factor": 1}
     design = place(target, source=heights, prior=expected, trials=600, lapse=0.02)
-    widths = []
-    for placement in (design.optimal, design.equal):
+    unit = "um" if target == "threshold" else "ratio"
+    scale = 1e6 if target == "threshold" else 1.0
+    widths = {}
+    for label, placement in (("optimal", design.optimal), ("equal", design.equal)):
         numbers = dict(zip(placement.heights, placement.trials, strict=True))
         trials = {name: numbers[h] for name, h in zip(names, heights, strict=True) if h in numbers}
         (row,) = stepblocks.study_power(heights, trials=trials, **options).to_dict("records")
-        unit = "um" if target == "threshold" else "ratio"
-        low, high = row[f"simulated_low_95_{unit}"], row[f"simulated_high_95_{unit}"]
         interval = find_interval(placement, target)
-        scale = 1e6 if target == "threshold" else 1.0
         assert row[f"expected_low_95_{unit}"] == pytest.approx(scale * interval.bounds.low)
-        assert high - low == pytest.approx(scale * interval.width, rel=0.25)
         assert row["fitted_ratio"] > 0.97
-        widths.append(high - low)
-    assert widths[0] < 0.9 * widths[1]
+        simulated = row[f"simulated_high_95_{unit}"] - row[f"simulated_low_95_{unit}"]
+        widths[label] = simulated, scale * interval.width
+    return widths
+
+
+def test_power_finds_by_simulation_the_interval_of_a_threshold_that_a_design_expects():
+    widths = compare_with_simulation("threshold", 1, 80)
+    for simulated, expected in widths.values():
+        assert simulated == pytest.approx(expected, rel=0.25)
+    assert widths["optimal"][0] < 0.9 * widths["equal"][0]
+
+
+@pytest.mark.long
+def test_power_finds_by_simulation_that_the_interval_of_a_jnd_is_expected_too_narrow():
+    """The how-to says so: of three heights the expected width is too small, of seven it holds."""
+    widths = compare_with_simulation("jnd", 2, 200)
+    simulated, expected = widths["optimal"]
+    assert 1.15 * expected < simulated < 1.5 * expected
+    assert widths["equal"][0] == pytest.approx(widths["equal"][1], rel=0.15)
 
 
 @pytest.mark.parametrize(
