@@ -455,7 +455,7 @@ def make_file_calls(work: Path) -> dict[str, Words]:
         "ScannedMargin": ((), dict(margin)),
         "SweepResult": ((work / "sweep", None, 1, 0), {}),
         "Rehearsals": (((work / "seed-000001",), 1, 0), {}),
-        "Limits": ((), {"first": 3.0}),
+        "Limits": ((), {"hand": 9.87}),
         "TableLayout": ((), {"decimal": ",", "encoding": "cp1252", "missing": [-9999, "OVER"]}),
         "ReadingWarning": (("cells are separated by tabs [table.csv]",), {}),
     }
@@ -585,7 +585,8 @@ def strange_call(call: Call, random: np.random.Generator) -> tuple[Call, str, bo
         values = [*make_variants(old) * 4, *make_strange_values()]
         name, value = values[int(random.integers(0, len(values)))]
         said.append(f"{place}: {name}")
-        is_wrong_type = is_wrong_type or not _is_same_type(old, value)
+        # Python speaks for itself over a keyword that is unknown, too
+        is_wrong_type = is_wrong_type or place == "unknown_option" or not _is_same_type(old, value)
         if isinstance(place, int):
             given[place] = value
         else:
