@@ -141,3 +141,10 @@ def test_predictions_of_all_kinds_name_the_same_thing_alike(tmp_path):
         else:
             assert values == pytest.approx([values[0]] * 3, rel=1e-12)
     assert of_sweep.height_um[0] == 50.0
+
+
+@pytest.mark.parametrize("use", [stepblocks.to_dataset, stepblocks.plot_predictions])
+def test_a_table_with_a_column_twice_is_refused_by_its_name(use):
+    table = pd.DataFrame([[10.0, 20.0, 0.15]], columns=["height_um", "height_um", "friction"])
+    with pytest.raises(StepblocksError, match="names of their own, got 'height_um' twice"):
+        use(table)

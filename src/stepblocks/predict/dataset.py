@@ -168,6 +168,11 @@ def _require_frame(table: object) -> None:
     """Refuse what is no table; anything else fails somewhere inside xarray or matplotlib."""
     if not isinstance(table, pd.DataFrame):
         raise PipelineError(f"table must be a pandas DataFrame, got {type(table).__name__}")
+    repeated = table.columns[table.columns.duplicated()]
+    if len(repeated):
+        raise PipelineError(
+            f"columns must have names of their own, got {str(repeated[0])!r:.60} twice"
+        )
 
 
 def _find_varying(table: pd.DataFrame) -> list[str]:
