@@ -64,6 +64,23 @@ def test_an_archive_that_leads_out_of_its_folder_writes_nothing(name, tmp_path):
     assert list(tmp_path.rglob("*")) == []
 
 
+def test_a_damaged_archive_is_refused_and_leaves_no_part_of_a_session(tmp_path):
+    """Bytes in the middle of a compressed member, which its list at the end cannot tell."""
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("session.toml", DECLARED)
+        archive.writestr("traces/0001.csv", TRACE)
+    content = bytearray(buffer.getvalue())
+    begin = content.index(b"traces/0001.csv") + len("traces/0001.csv")
+    content[begin : begin + 20] = b"\xff" * 20
+    with pytest.raises(PipelineError, match="sound zip"):
+        unpack_session(bytes(content), tmp_path / "a")
+    # one name for a file and for a folder
+    with pytest.raises(PipelineError):
+        unpack_session(pack({"session.toml": DECLARED, "b": "0", "b/c": "1"}), tmp_path / "a")
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_what_is_no_archive_too_large_or_there_already_is_refused(tmp_path, monkeypatch):
     with pytest.raises(PipelineError, match="sound zip"):
         unpack_session(b"PK no archive", tmp_path / "a")

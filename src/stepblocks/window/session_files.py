@@ -1,6 +1,7 @@
 """A bench session while it is put together: an archive becomes a folder, its settings a form."""
 
 import zipfile
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from io import BytesIO
@@ -11,13 +12,15 @@ import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
 from stepblocks.errors import BenchError, PipelineError
-from stepblocks.files.atomic import replace_text
+from stepblocks.files.atomic import make_draft_folder, move_into_place, replace_text
 from stepblocks.files.packed import unpack_folder
 from stepblocks.files.text import is_file
 from stepblocks.mistakes import shorten_value
 from stepblocks.window import texts
 
 SESSION_FILE = "session.toml"
+# what a damaged archive ends in, a compression that is not known (a RuntimeError), and a password
+_UNSOUND = (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError)
 _MOST_FILES = 20_000  # of an archive
 _MOST_BYTES = 1_000_000_000  # of all files of an archive together
 
@@ -82,14 +85,16 @@ def unpack_session(content: bytes, folder: Path) -> None:
                     f"files of an archive must have at most {_MOST_BYTES} bytes, got {size}"
                 )
             files = {entry.filename: archive.read(entry) for entry in entries}
-    except (zipfile.BadZipFile, NotImplementedError, RuntimeError) as error:
+    except _UNSOUND as error:
         raise PipelineError(f"an archive must be a sound zip file: {error}") from error
     for name in files:
         if "\\" in name or ".." in PurePosixPath(name).parts or name.startswith("/"):
             raise PipelineError(
                 f"a name in an archive must lie in its folder, got {shorten_value(name)}"
             )
-    unpack_folder(_strip_common_folder(files), folder)
+    with make_draft_folder(folder) as draft:
+        unpack_folder(_strip_common_folder(files), draft)
+        move_into_place(draft, folder)
 
 
 def _strip_common_folder(files: Mapping[str, bytes]) -> dict[str, bytes]:
