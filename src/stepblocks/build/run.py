@@ -210,17 +210,12 @@ def find_changes(
         If a file is malformed.
     """
     code = compute_code_fingerprint()
-    outdated = []
-    current = []
-    for stimuli in _load_sets(_find_sources(files)):
-        for stimulus in stimuli.stimuli:
-            name = f"{stimuli.name}/{stimulus.id}"
-            key = _hash_stimulus(stimulus, stimuli.order, code)
-            if _is_made(Path(output) / name, key):
-                current.append(name)
-            else:
-                outdated.append(name)
-    return BuildChanges(tuple(outdated), tuple(current))
+    selected = select_stimuli(_load_sets(_find_sources(files)), None)
+    names = [f"{stimuli.name}/{stimulus.id}" for stimuli, stimulus in selected]
+    outdated = [stimulus.name for stimulus in _find_outdated(selected, Path(output), code)]
+    is_outdated = frozenset(outdated)
+    current = tuple(name for name in names if name not in is_outdated)
+    return BuildChanges(tuple(outdated), current)
 
 
 def refresh_links(
@@ -359,17 +354,11 @@ def _find_outdated(
     for stimuli, stimulus in selected:
         folder = output / stimuli.name / stimulus.id
         key = _hash_stimulus(stimulus, stimuli.order, code)
-        if not _is_made(folder, key):
+        record = load_record(folder)
+        is_current = record is not None and record.key == key
+        if record is None or not is_current or not are_intact(folder, record.outputs):
             outdated.append(OutdatedStimulus(stimuli.name, stimulus, key, stimuli.order))
     return outdated
-
-
-def _is_made(folder: Path, key: str) -> bool:
-    """Tell whether a folder holds the files of a stimulus with this hash, as they were written."""
-    record = load_record(folder)
-    if record is None or record.key != key:
-        return False
-    return are_intact(folder, record.outputs)
 
 
 def _hash_stimulus(stimulus: "Part", order: "OrderSpec", code: str) -> str:
