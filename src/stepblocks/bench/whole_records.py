@@ -15,7 +15,7 @@ from stepblocks.bench.faults import TraceError
 from stepblocks.bench.measure import check_output, estimate_tool, open_traces_once
 from stepblocks.bench.session import open_session
 from stepblocks.bench.signal import Estimate, Tool, Trace
-from stepblocks.bench.signal.features import Features, Measurement
+from stepblocks.bench.signal.features import Features, Measurement, list_energy_features
 from stepblocks.bench.signal.whole_record import WholeRecord, fit_whole_record
 from stepblocks.bench.traces import Traces
 from stepblocks.bench.trials import Trial, open_trials
@@ -134,12 +134,19 @@ def compare_whole_records(
 
 
 def fit_session_records(
-    folder: Path, jobs: int | None = None, layout: TableLayout = UNDECLARED
+    folder: Path,
+    jobs: int | None = None,
+    layout: TableLayout = UNDECLARED,
+    tool: Tool | None = None,
 ) -> list[RecordRow]:
-    """Fit the whole record of every trial of a session, in the order of its table."""
+    """Fit the whole record of every trial of a session, in the order of its table.
+
+    `tool` is its ring, estimated from the session where omitted.
+    """
     table = open_trials(open_session(folder, layout))
-    with Traces(table.session) as traces:
-        tool = estimate_tool(traces, table)
+    if tool is None:
+        with Traces(table.session) as traces:
+            tool = estimate_tool(traces, table)
     trials = iter(table)
     chunks = list(iter(lambda: tuple(islice(trials, _CHUNK)), ()))
     calls = [(folder, layout, tool, chunk) for chunk in chunks]
@@ -187,15 +194,7 @@ def _describe_as_features(record: WholeRecord, spring_constant: float) -> dict[s
             continue
         estimate: Estimate = getattr(record, attribute)
         cells |= {name: estimate.value, std_name: estimate.std}
-    amplitude, std = record.ring_amplitude
-    energy = amplitude**2 / (2.0 * spring_constant)
-    relative_std = math.nan
-    if amplitude > 0.0:
-        relative_std = 2.0 * std / amplitude
-    cells["vibration_energy_j"] = energy
-    cells["vibration_energy_std_j"] = energy * relative_std
-    cells["ln_vibration_energy_std"] = relative_std
-    return cells
+    return cells | list_energy_features(record.ring_amplitude, spring_constant)
 
 
 def fit_records(

@@ -236,7 +236,7 @@ class _SessionFolder:
             explain_table = partial(self._explain, sizes=sizes, jobs=jobs, announce=announce)
             result = explain_table(insert_conditions(features, conditions))
             if self.whole_record:
-                rows = fit_session_records(self.folder, jobs, layout)
+                rows = fit_session_records(self.folder, jobs, layout, tool)
                 if output is not None:
                     write_record_rows(rows, output / "whole-record.csv")
                 replaced = put_whole_records(features, rows, self.declared.probe.spring_constant)

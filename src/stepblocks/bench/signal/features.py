@@ -106,6 +106,19 @@ def _name(estimate: Estimate, name: str, name_of_std: str) -> Features:
     return {name: value, name_of_std: std}
 
 
+def list_energy_features(amplitude: Estimate, spring_constant: float) -> Features:
+    """Return the energy of a ring's amplitude at the release [N] on a spring [N/m]."""
+    energy = amplitude.value**2 / (2.0 * spring_constant)
+    relative_std = math.nan
+    if amplitude.value > 0.0:
+        relative_std = 2.0 * (amplitude.std / amplitude.value)
+    return {
+        "vibration_energy_j": energy,
+        "vibration_energy_std_j": energy * relative_std,
+        "ln_vibration_energy_std": relative_std,
+    }
+
+
 @dataclass(frozen=True, kw_only=True)
 class Loading:
     """Figures of a record up to its peak, with the fits behind them.
@@ -214,26 +227,13 @@ class Measurement(Loading):
             after.friction_decay, "friction_decay_n_per_s", "friction_decay_std_n_per_s"
         )
         features |= _name(after.amplitude, "ring_amplitude_n", "ring_amplitude_std_n")
-        features |= self._list_energy_features()
+        features |= list_energy_features(after.amplitude, self.spring_constant)
         features |= _name(self.sympathetic, "sympathetic_force_n", "sympathetic_force_std_n")
         features["loading_share_0_100hz"] = self.shares.loading
         features["vibration_share_250_350hz"] = self.shares.vibration
         features |= self._list_sticking_features()
         features["regime"] = self.regime.value
         return {name: features[name] for name in FEATURE_COLUMNS}
-
-    def _list_energy_features(self) -> Features:
-        """Return the energy of the amplitude at the release on the declared spring."""
-        amplitude, std = self.aftermath.amplitude
-        energy = amplitude**2 / (2.0 * self.spring_constant)
-        relative_std = math.nan
-        if amplitude > 0.0:
-            relative_std = 2.0 * (std / amplitude)
-        return {
-            "vibration_energy_j": energy,
-            "vibration_energy_std_j": energy * relative_std,
-            "ln_vibration_energy_std": relative_std,
-        }
 
     def _list_sticking_features(self) -> Features:
         """Return what the saw before the edge tells; not-a-number without a saw."""
