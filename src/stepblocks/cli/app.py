@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from stepblocks.cli.command import command
-from stepblocks.cli.options import NoOpen, make_whole_number_reader
+from stepblocks.cli.options import NoOpen, Port
 from stepblocks.cli.outcome import Outcome
 from stepblocks.errors import PipelineError
 
@@ -25,15 +25,7 @@ def open_window(
             show_default="the current one",
         ),
     ] = None,
-    port: Annotated[
-        int,
-        typer.Option(
-            "--port",
-            metavar="N",
-            parser=make_whole_number_reader(0, 65535),
-            help="port of the window on this machine; 0: a free one",
-        ),
-    ] = 0,
+    port: Port = 0,
     no_open: NoOpen = False,
 ) -> Outcome:
     """Open a window on a folder in the browser: its files, and what can be done with them.

@@ -267,6 +267,15 @@ Laws = Annotated[
         help="Python file with effects of your own (stepblocks.Law), which is run",
     ),
 ]
+Port = Annotated[
+    int,
+    typer.Option(
+        "--port",
+        metavar="N",
+        parser=make_whole_number_reader(0, 65535),
+        help="port of the page on this machine; 0: a free one",
+    ),
+]
 NoOpen = Annotated[bool, typer.Option("--no-open", help="open no browser")]
 
 # Conditions of a drag

@@ -15,6 +15,7 @@ from stepblocks.cli.options import (
     Load,
     NoOpen,
     Only,
+    Port,
     TipRadius,
     keep_given_options,
     make_quantity_option,
@@ -341,15 +342,7 @@ def run(
     tip_radius: TipRadius = None,
     load: Load = None,
     friction: Friction = None,
-    port: Annotated[
-        int,
-        typer.Option(
-            "--port",
-            metavar="N",
-            parser=make_whole_number_reader(0, 65535),
-            help="port of the page on this machine; 0: a free one",
-        ),
-    ] = 0,
+    port: Port = 0,
     no_open: NoOpen = False,
 ) -> Outcome:
     """Lead a participant through the trials, in the browser or with a device.
