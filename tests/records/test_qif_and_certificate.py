@@ -2,8 +2,10 @@
 whoever wrote it."""
 
 import math
+import re
 import resource
 import signal
+from datetime import date
 from pathlib import Path
 
 import pytest
@@ -303,6 +305,19 @@ def test_the_owner_of_an_order_is_the_customer(tmp_path):
     ):
         content = collect_content(PARTS["step-050"], result.describe(), order, "ab" * 32, None)
         assert content.customer == customer
+
+
+def test_a_page_says_when_it_is_issued_for_whom_and_has_a_line_to_sign(tmp_path):
+    certificate_of(tmp_path)
+    result = inspect_scan(tmp_path / "a.qif", "step-050", stimuli=STIMULI / "paper-ten.toml")
+    laboratory = LABORATORY.model_copy(update={"issued": date(2026, 11, 22)})
+    order = OrderSpec(owner="Clinic")
+    content = collect_content(PARTS["step-050"], result.describe(), order, "ab" * 32, laboratory)
+    page = content.render("certificate.txt.j2")
+    assert "issued: 2026-11-22" in page
+    assert re.search("signer: A. Signer +signature: _{20}", page)
+    assert "customer: Clinic" in page
+    assert [one.budget for one in content.results] != [()]
 
 
 def test_a_page_that_the_disk_has_no_room_for_is_an_error_of_the_disk(tmp_path):

@@ -96,6 +96,10 @@ def draw_block(seed):
                 fields["metrology"] = random.choice(["none", "groove", "ridge"])
                 if fields["metrology"] != "none":
                     fields["metrology"] = {"kind": str(fields["metrology"])}
+                if random.random() < 0.4:
+                    width = str(random.choice(["0.1 mm", "0.3 mm", "0.9 mm"]))
+                    depth = str(random.choice(["0.05 mm", "0.1 mm", "0.3 mm"]))
+                    fields["relief"] = {"width": width, "depth": depth}
                 return StepBlock(**fields)
             fields["marginal_gap"] = "50 um"
             fields["horizontal_discrepancy"] = str(random.choice(["0 um", "40 um", "-30 um"]))
