@@ -220,8 +220,24 @@ def fit_psychometric(
     )
 
 
-def estimate_psychometric(levels: Array, hits: Array, totals: Array) -> tuple[float, float]:
-    """Return ln(threshold) and ln(spread) of the fit of `fit_psychometric`, without intervals.
+class CurveEstimate(NamedTuple):
+    """A psychometric function without intervals.
+
+    Attributes
+    ----------
+    middle, log_spread : float
+        ln(threshold) and ln(spread), of the logarithm of the level.
+    lapse : float
+        Rate of errors at either end [1].
+    """
+
+    middle: float
+    log_spread: float
+    lapse: float
+
+
+def estimate_psychometric(levels: Array, hits: Array, totals: Array) -> CurveEstimate:
+    """Return the curve that `fit_psychometric` finds, without intervals.
 
     Parameters and errors are its own, but for a spread that the answers leave open, which is here
     the smallest that fits.
@@ -229,7 +245,7 @@ def estimate_psychometric(levels: Array, hits: Array, totals: Array) -> tuple[fl
     counts = _check_counts(levels, hits, totals)
     likelihood = _CurveLikelihood(counts)
     best = _climb_from(likelihood, _guess_start(likelihood.log_levels, counts))
-    return float(best.x[_MIDDLE]), float(best.x[_LOG_SPREAD])
+    return CurveEstimate(*(float(value) for value in best.x))
 
 
 def _climb_from(likelihood: _CurveLikelihood, start: _Start) -> OptimizeResult:
