@@ -58,11 +58,11 @@ class Window:
 
     # what these need is loaded when they are opened: the first page is there at once
 
-    def _build_declare_page(self, file: str = "") -> None:
-        """Make the page to declare stimuli; `file` is opened."""
+    def _build_declare_page(self, file: str = "", model: str = "") -> None:
+        """Make the page to declare stimuli; `file` is opened, and `model` predicts."""
         from stepblocks.window.declare_page import DeclarePage
 
-        DeclarePage(self.folder).build(file)
+        DeclarePage(self.folder).build(file, model)
 
     def _build_build_page(self, file: str = "") -> None:
         """Make the page to build; `file` is chosen."""
