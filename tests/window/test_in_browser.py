@@ -250,6 +250,34 @@ def test_a_session_with_an_undeclared_effect_to_its_finding_and_a_corrected_pred
     assert errors["vibration_energy_j"] < 0.5 * errors["nominal_vibration_energy_j"]
 
 
+def test_a_server_that_is_killed_in_a_job_finds_it_again_when_it_starts(driver, tmp_path):
+    """The build goes on without a window; the next one shows how far it is, and its verdicts."""
+    declared = '[[step_block]]\nid = "low"\nheight = "25 um"\n'
+    (tmp_path / "mine.toml").write_text(declared, encoding="utf-8")
+    user = Clicker(driver)
+    with serve(tmp_path) as (address, server):
+        driver.get(address)
+        user.click("Build")
+        user.click("Run: Build, read back")
+        user.see("running")
+        server.kill()
+        server.wait(60)
+        driver.get("about:blank")
+    with serve(tmp_path) as (address, _):
+        driver.get(address)
+        user.click("Work")
+        user.see("stepblocks build mine.toml -o out")
+        user.see("done")
+        user.click("Build")
+        user.see("Verdict of every file")
+        user.click("Work")
+        user.click("Run again: Build")
+        user.see("running")
+        user.see("done", number=2)
+        driver.get("about:blank")
+    assert (tmp_path / "out" / "index.html").is_file()
+
+
 PAGES = (
     "",
     "declare?file=mine.toml",

@@ -97,6 +97,8 @@ OUT_OF_TOLERANCE = "done: something is out of tolerance"
 WRONG_INPUT = "not done: the input is wrong"
 NOT_PROVEN = "done: something is not proven"
 CANCELLED = "cancelled"
+LOST = "not finished: it ended together with the window; run it again"
+RUN_AGAIN = "Run again"
 FAILED = "ended with an internal error, which is no verdict"
 
 INSPECT = "Inspect"
