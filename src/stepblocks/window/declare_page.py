@@ -84,6 +84,7 @@ class DeclarationForm:
         self._place: StanzaPlace | None = None
         self._inputs: dict[str, ui.input] = {}
         self._fields: list[FormField] = []
+        self._refused: dict[str, str] = {}  # entries that are none, by field: what is wrong
         self._changes = 0
         self._is_updating = False
 
@@ -137,6 +138,7 @@ class DeclarationForm:
         self._place = StanzaPlace(kind, int(number))
         self._fields = list_fields(kind)
         self._inputs = {}
+        self._refused = {}
         self._form.clear()
         with self._form:
             for field in self._fields:
@@ -189,9 +191,9 @@ class DeclarationForm:
             box = self._inputs[field.name]
             try:
                 self._draft.write_field(place, field.path, str(box.value or ""))
+                self._refused.pop(field.name, None)
             except StepblocksError as error:
-                box.error = format_units(error)
-                return
+                self._refused[field.name] = format_units(error)
             self._update_soon()
 
         return write
@@ -260,7 +262,7 @@ class DeclarationForm:
 
     def _show_mistakes(self, checked: Checked) -> None:
         """Put each mistake of the shown stanza at its field."""
-        errors: dict[str, str] = {}
+        errors = dict(self._refused)
         assert self._place is not None
         identity = self._find_identity()
         for place, text in checked.mistakes:
@@ -276,6 +278,8 @@ class DeclarationForm:
         self._saved.clear()
         with self._saved:
             try:
+                for message in self._refused.values():
+                    raise PipelineError(message)
                 self._draft.save()
             except StepblocksError as error:
                 show_mistake(error)

@@ -86,9 +86,15 @@ class Folder:
         Raises
         ------
         PipelineError
-            If it may lead out of the folder.
+            If it may lead out of the folder, or can be no name.
         """
-        path = resolve_inside(self.path, name)
+        try:
+            path = resolve_inside(self.path, name)
+        except OSError as error:  # too long a name, say
+            reason = describe_system_error(error, Path(name))
+            raise PipelineError(
+                f"a name must be one that the system takes, got {shorten_value(name)}: {reason}"
+            ) from error
         if path is None:
             raise PipelineError(
                 f"a name must lie in the folder of the window, got {shorten_value(name)}"
