@@ -22,6 +22,7 @@ from stepblocks.build.manifest import (
 from stepblocks.compute.cores import count_cores
 from stepblocks.compute.seam import run_calls
 from stepblocks.files.atomic import make_draft_folder, move_into_place, sync_folder
+from stepblocks.files.confined import read_own_files
 from stepblocks.files.packed import PackedFolder, pack_folder, unpack_folder
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.kind import Part
@@ -155,9 +156,10 @@ def _make_record(part: Part, key: str, draft: Path) -> StimulusRecord:
     # of all that was asked for: what somebody removes meanwhile is missed and not left out
     outputs = {path.name: hash_file(path) for path in sorted({*paths, *draft.iterdir()})}
     verdicts = []
-    for path in paths:
-        for verdict in check_artefact(part, path):
-            verdicts.append(RecordedVerdict(str(verdict), verdict.passed, verdict.as_record()))
+    with read_own_files():
+        for path in paths:
+            for verdict in check_artefact(part, path):
+                verdicts.append(RecordedVerdict(str(verdict), verdict.passed, verdict.as_record()))
     return StimulusRecord(
         key=key,
         stimulus=part.id,
