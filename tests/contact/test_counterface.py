@@ -26,6 +26,7 @@ from stepblocks.contact.critical_angle import (
 from stepblocks.contact.energy import Status, find_release
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.contact.path.profile import build_profile_path, find_steepest_catch
+from stepblocks.contact.relieved_step import RelievedStep
 from stepblocks.errors import ContactError
 
 R = 117e-6
@@ -37,10 +38,23 @@ MARGINS = [
     Margin(70e-6, 30e-6, 11e-6),  # a lip that narrows the gap
     Margin(20e-6, -15e-6, 33e-6),  # a lip over the tooth
 ]
+RELIEVED = [
+    RelievedStep(31e-6, 0.0, 60e-6, 50e-6),  # not reached: it rides on the lower face
+    RelievedStep(31e-6, 12e-6, 60e-6, 50e-6),
+    RelievedStep(31e-6, 0.0, 150e-6, 50e-6),  # between both corners
+    RelievedStep(31e-6, 12e-6, 150e-6, 50e-6),
+    RelievedStep(31e-6, 0.0, 400e-6, 20e-6),  # on the floor
+    RelievedStep(31e-6, 12e-6, 400e-6, 20e-6),
+    RelievedStep(90e-6, 3e-6, 210e-6, 300e-6),  # leans on the riser
+    RelievedStep(90e-6, 3e-6, 600e-6, 300e-6),  # falls in
+    RelievedStep(200e-6, 3e-6, 100e-6, 80e-6),  # meets the riser
+]
 
 
 # Expected values: the exact dilation of the section, which knows no closed form.
-@pytest.mark.parametrize("face", [*STEPS, *MARGINS, Groove(60e-6, 0.7), Groove(200e-6, 0.4)])
+@pytest.mark.parametrize(
+    "face", [*STEPS, *MARGINS, *RELIEVED, Groove(60e-6, 0.7), Groove(200e-6, 0.4)]
+)
 def test_the_closed_form_is_the_steepest_slope_of_the_path_over_the_section(face):
     path = build_profile_path(*face.section(6.0 * R), R)
     # a rounding of 12 um by 400 chords turns by a quarter of a degree at each
@@ -49,7 +63,9 @@ def test_the_closed_form_is_the_steepest_slope_of_the_path_over_the_section(face
     assert face.angles(R) == pytest.approx(expected, abs=tolerance)
 
 
-@pytest.mark.parametrize("face", [*STEPS, *MARGINS, Groove(60e-6, 0.7), Groove(200e-6, 0.4)])
+@pytest.mark.parametrize(
+    "face", [*STEPS, *MARGINS, *RELIEVED, Groove(60e-6, 0.7), Groove(200e-6, 0.4)]
+)
 def test_the_notches_of_the_centre_path_have_the_critical_angles(face):
     path = face.centre_path(R)
     assert (path.find_notch(+1.0)[2], path.find_notch(-1.0)[2]) == pytest.approx(
@@ -76,7 +92,9 @@ def test_magnifying_a_path_keeps_its_slopes_and_the_angle_of_its_notch():
     )
 
 
-@pytest.mark.parametrize("face", [*STEPS, *MARGINS, Groove(60e-6, 0.7), Groove(200e-6, 0.4)])
+@pytest.mark.parametrize(
+    "face", [*STEPS, *MARGINS, *RELIEVED, Groove(60e-6, 0.7), Groove(200e-6, 0.4)]
+)
 def test_heights_and_section_are_one_profile(face):
     x, z = face.section(1e-3)
     assert z[0] == 0.0

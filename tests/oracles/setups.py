@@ -36,6 +36,7 @@ class SetupSheet:
     letters: float | None  # their middle over the milled base
     accepted: dict[str, tuple[float, float]]  # true limits, the guard band added again
     unproven: tuple[str, ...]  # for which the sheet states that there are no limits
+    relief: tuple[float, float] | None = None  # width and depth, cut last
 
 
 def _find(pattern: str, text: str) -> float | None:
@@ -69,7 +70,16 @@ def read_setup_sheet(path: Path) -> SetupSheet:
         _find(r"along x and ([\d.]+) mm over the base", text),
         accepted,
         tuple(unproven),
+        _find_relief(text),
     )
+
+
+def _find_relief(text: str) -> tuple[float, float] | None:
+    """Find width and depth of a relief that is cut along the root."""
+    found = re.search(r"Cut the relief last.*?: ([\d.]+) mm wide and ([\d.]+) mm deep", text)
+    if found is None:
+        return None
+    return float(found[1]) * 1e-3, float(found[2]) * 1e-3
 
 
 def list_sources(block, sheet: SetupSheet) -> dict[str, tuple[float, float]]:
@@ -143,6 +153,11 @@ def make_block(block, sheet: SetupSheet, value: dict[str, float], letters: bool 
     top -= value[LAPPED]
     body = _keep_between(body, 2, -FAR, top)
     body = _lower_one_face(body, block, value[RISE], top)
+    if sheet.relief is not None:
+        width, depth = sheet.relief
+        lower = top - value[RISE]
+        tool = kernel.make_box((-width, -FAR, lower - depth), (0.0, FAR, lower + 0.5 * depth))
+        body = kernel.cut(body, [tool])
     return kernel.move(body, (0.0, 0.0, -base))
 
 

@@ -86,7 +86,7 @@ def test_without_a_text_the_identity_is_engraved_as_before():
     [
         ("hand", "turned by half a turn"),
         ("datum", "referred to the lower working face"),
-        ("relief", "fillet or an undercut at the root"),
+        ("undercut", "a step block takes relief"),
         ("second_step", "order two blocks"),
     ],
 )

@@ -13,6 +13,7 @@ from oracles.drawn_dimensions import drawn_dimensions
 from stepblocks.declaration.read import load_set
 from stepblocks.declaration.select import find_stimulus_files
 from stepblocks.files.tables import write_table
+from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.on_paper import (
     COLUMNS,
     choose_decimals,
@@ -25,6 +26,9 @@ ROOT = Path(__file__).parents[2]
 STIMULI = {
     one.id: one for path in find_stimulus_files(ROOT / "stimuli") for one in load_set(path).stimuli
 }
+STIMULI["relieved-050"] = StepBlock(
+    id="relieved-050", height="50 um", relief={"width": "0.3 mm", "depth": "0.1 mm"}
+)
 
 
 @pytest.fixture(scope="module", params=sorted(STIMULI))

@@ -195,6 +195,23 @@ def test_holes_and_edge_breaks_of_a_solid_at_the_corners_stay_within_the_drawing
         assert depth.limits[0] - 1e-7 <= reached <= depth.limits[1] + 1e-7
 
 
+def test_a_relief_is_cut_by_the_sheet_as_it_is_drawn(tmp_path):
+    block = StepBlock(
+        id="relieved",
+        height="50 um",
+        relief={"width": "0.3 mm", "depth": "0.1 mm"},
+        body={"engraving": "none", "mounting": "none"},
+        metrology="none",
+    )
+    page, _ = write_setup(tmp_path, block)
+    sheet = read_setup_sheet(page)
+    assert sheet.relief == pytest.approx((0.3e-3, 0.1e-3))
+    check_corners(block, sheet)
+    made = check_solid(block, sheet)
+    (drawn,) = block.solids()
+    assert sum(one.Volume() for one in made.cut(drawn).Solids()) * 1e-9 < NOTHING
+
+
 def test_a_depth_that_no_setup_can_hold_is_said_and_has_no_limits(tmp_path):
     body = {"mounting": {"depth": {"nominal": "5 mm", "tolerance": "0.005 mm"}}}
     page, _ = write_setup(tmp_path, StepBlock(id="tight", height="50 um", body=body))

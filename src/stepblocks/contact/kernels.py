@@ -85,6 +85,60 @@ def compute_margin_angles(opening: Real, rise: Real, ball_radius: Real) -> Angle
     )
 
 
+def compute_relieved_step_angles(
+    height: Real, edge_radius: Real, width: Real, depth: Real, ball_radius: Real
+) -> Angles:
+    """Critical angles over a step whose riser has a relief at its root [rad].
+
+    The relief is `width` wide on the lower face and `depth` deep. A ball that meets the edge while
+    it still rides on the lower face does not reach it. Else the ball sinks, and meets the edge from
+    between both corners or from the floor, whichever holds it higher.
+    """
+    radius_sum = ball_radius + edge_radius
+    on_face = compute_step_angle(height, radius_sum)
+    before_edge = radius_sum * np.sin(on_face) - edge_radius  # of the centre, as it meets it
+    is_riding = width <= before_edge
+    between = _compute_angles_between_corners(height, edge_radius, width, ball_radius)
+    forward = np.minimum(between.forward, compute_step_angle(height + depth, radius_sum))
+    backward = np.minimum(between.backward, compute_step_angle(depth, ball_radius))
+    return Angles(
+        select_where(is_riding, on_face, forward),
+        select_where(is_riding, 0.0, backward),
+    )
+
+
+def _compute_angles_between_corners(
+    height: Real, edge_radius: Real, width: Real, ball_radius: Real
+) -> Angles:
+    """Angles of a ball that rests on the end of the lower face and on a rounded edge [rad].
+
+    Its centre is R away from the one, R + r from the centre of the other. Where it leans on the
+    riser it never climbs, and on its way back it meets the lower face from a radius away.
+    """
+    radius_sum = ball_radius + edge_radius
+    chord = np.hypot(width + edge_radius, height - edge_radius)
+    incline = np.arctan2(height - edge_radius, width + edge_radius)
+    is_near = (chord < ball_radius + radius_sum) & (height < radius_sum)
+    reached = select_where(is_near, chord, radius_sum)
+    # corners of the triangle of both corners and the centre of the ball, by the law of cosines
+    at_edge = _compute_triangle_angle(radius_sum, reached, ball_radius)
+    at_face = _compute_triangle_angle(ball_radius, reached, radius_sum)
+    climb = 0.5 * np.pi + incline - at_edge
+    hung = np.maximum(0.5 * np.pi - incline - at_face, 0.0)
+    is_leaning = ~is_near | (climb >= 0.5 * np.pi)
+    lean = np.arcsin(np.clip((width - ball_radius) / ball_radius, 0.0, 1.0))
+    return Angles(
+        select_where(is_leaning, 0.5 * np.pi, climb),
+        select_where(is_leaning, lean, hung),
+    )
+
+
+def _compute_triangle_angle(first: Real, second: Real, opposite: Real) -> Real:
+    """Angle between two sides of a triangle, opposite the third [rad]."""
+    cosine = (first**2 + second**2 - opposite**2) / (2.0 * first * second)
+    return np.arccos(np.clip(cosine, -1.0, 1.0))
+
+
 def compute_bevelled_margin_angles(
     gap: Real, opening: Real, rise: Real, ball_radius: Real
 ) -> Angles:

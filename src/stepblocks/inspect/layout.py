@@ -3,7 +3,7 @@
 Places count across the edge from it, positive towards the upper face.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -20,6 +20,13 @@ class Wall(NamedTuple):
     rise: float  # of the surface towards the upper face [m]
 
 
+class DeclaredRelief(NamedTuple):
+    """A relief at the root of the riser."""
+
+    width: float  # from the riser [m]
+    depth: float  # below the lower face [m]
+
+
 @dataclass(frozen=True)
 class DeclaredLayout:
     """A working edge, and the walls beside it.
@@ -30,10 +37,13 @@ class DeclaredLayout:
         Height of the working edge [m].
     walls : tuple of Wall
         Those of the groove or ridge, the nearer one first; none where the part has neither.
+    relief : DeclaredRelief or None
+        At the root of the riser.
     """
 
     step: float
     walls: tuple[Wall, ...] = ()
+    relief: DeclaredRelief | None = None
 
     def invert(self) -> "DeclaredLayout":
         """Return the layout as a scan shows it whose heights are upside down."""
@@ -55,14 +65,26 @@ def find_layout(characteristics: Iterable[Characteristic]) -> DeclaredLayout | N
     step = sizes.get("step_height")
     if step is None:
         return None
+    return DeclaredLayout(step, _list_walls(sizes), _find_relief(sizes))
+
+
+def _list_walls(sizes: Mapping[str, float]) -> tuple[Wall, ...]:
+    """List the walls of the groove or ridge among nominal sizes by key [m]."""
     if {"groove_distance", "groove_width", "groove_depth"} <= set(sizes):
         near = sizes["groove_distance"]
         far = near + sizes["groove_width"]
         depth = sizes["groove_depth"]
-        return DeclaredLayout(step, (Wall(near, -depth), Wall(far, depth)))
+        return Wall(near, -depth), Wall(far, depth)
     if {"ridge_distance", "ridge_width", "ridge_height"} <= set(sizes):
         near = -sizes["ridge_distance"]
         far = near - sizes["ridge_width"]
         height = sizes["ridge_height"]
-        return DeclaredLayout(step, (Wall(near, -height), Wall(far, height)))
-    return DeclaredLayout(step)
+        return Wall(near, -height), Wall(far, height)
+    return ()
+
+
+def _find_relief(sizes: Mapping[str, float]) -> DeclaredRelief | None:
+    """Find the relief among nominal sizes by key [m]; None where the part has none."""
+    if "relief_width" not in sizes:
+        return None
+    return DeclaredRelief(sizes["relief_width"], sizes["relief_depth"])

@@ -77,6 +77,10 @@ class NoteKind(Enum):
         "the working edge is the one from {begin:.4g} to {end:.4g} um, by what the declaration has "
         "beside it; left out are {beside}"
     )
+    RELIEF_LEFT_OUT = (
+        "the relief of {width:.3g} um at the root is none of the lower face, which is taken to go "
+        "on over it as it is beside it"
+    )
     ALSO_SHOWS = "the scan also shows {features}"
     ALSO_SHOWS_STEPS = (
         "the scan also shows {features}; height and radius are those of the part between such steps"
@@ -146,6 +150,13 @@ class NotMeasuredReason(Enum):
     VALLEY_AT_FOOT = (
         "the lower face falls at the foot of the edge, as it does where heights are upside down; "
         "make sure of their sign"
+    )
+    RELIEF_NOT_SEEN = (
+        "the scan shows no relief of about the declared width and depth at the root of the riser"
+    )
+    WALLS_OF_RELIEF = (
+        "a stylus draws riser and wall as flanks of its own: state 0 um and 0 deg of an optical "
+        "instrument, or use a microscope"
     )
     GAP_UNDER_BEVEL = (
         "a trace shows the opening of the margin; a section or replica would show the gap beneath"

@@ -131,7 +131,8 @@ def resolve_felt_tolerance(part: Part, grid: PredictionGrid) -> Part:
     fixed = {}
     free = []
     for name, size in part.sizes.items():
-        if size.by_feel or size.usual:
+        has_limits_of_its_own = name not in part.counterface_fields
+        if not has_limits_of_its_own and (size.by_feel or size.usual):
             free.append(name)
         else:
             fixed[name] = Deviations(size.upper, size.lower)

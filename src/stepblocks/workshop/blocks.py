@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from stepblocks.parts.kinds.margin import MarginBlock
 from stepblocks.parts.kinds.step_block import MetrologyFeature, StepBlock
+from stepblocks.parts.relief import Relief
 from stepblocks.workshop.body_views import TOP_VIEW, BodyOnPaper, draw_body
 from stepblocks.workshop.paper import (
     MILLIMETRES_PER_METRE,
@@ -19,6 +20,9 @@ from stepblocks.workshop.sheet import Sheet
 
 _DETAIL: Point = (235.0, 214.0)  # origin of detail D on the paper
 _GROOVE_DETAIL: Point = (352.0, 214.0)  # of detail E
+_RELIEF_DETAIL: Point = (74.0, 46.0)  # of detail F
+_RELIEF_ROOM = (24.0, 12.0)  # of a relief in its detail, at most
+_RELIEF_IN_STEP = (7.0, 4.0)  # of the relief where it is shown to no scale
 _MARGIN_DETAIL: Point = (280.0, 214.0)
 _DETAIL_HEIGHT = 44.0  # of a step in its detail, at most
 _EDGE_LENGTH = 10.0  # of the edge radius in the detail, at most
@@ -41,6 +45,11 @@ def draw_step_block_views(sheet: Sheet, block: StepBlock) -> list[str]:
         "working edge, detail D",
     )
     _draw_step_detail(sheet, block)
+    relief = block.relief
+    if relief is not None:
+        relief_x = x - sizes.measure(relief.width.nominal)
+        sheet.draw_line((relief_x, y - half_width), (relief_x, y + half_width))
+        _draw_relief_detail(sheet, relief)
     lines = [
         "Step (1): distance of two parallel planes fitted to both faces, flanks excluded;",
         "no size between two points (ISO 14405-2). Stylus of 2 µm or less, or interferometer.",
@@ -54,9 +63,16 @@ def draw_step_block_views(sheet: Sheet, block: StepBlock) -> list[str]:
         lines.append(f"{measured} {_describe_sharp_edges(block)}")
     else:
         lines.append(_describe_sharp_edges(block))
-    lines.append("Root of the riser: fillet or undercut up to the height of the step is allowed.")
+    lines.append(_describe_root(relief))
     lines.append("Every part is accepted by ISO 14253-1, Ra by its largest value (ISO 21920-3).")
     return lines
+
+
+def _describe_root(relief: Relief | None) -> str:
+    """Say what is allowed where riser and lower face, or the relief between them, meet."""
+    if relief is None:
+        return "Root of the riser: fillet or undercut up to the height of the step is allowed."
+    return "Inner corners of the relief (F): fillet up to half its depth is allowed."
 
 
 def draw_margin_block_views(sheet: Sheet, margin: MarginBlock) -> list[str]:
@@ -159,7 +175,12 @@ def _draw_step_detail(sheet: Sheet, block: StepBlock) -> None:
     top = step.top
     left = x - 42.0
     right = x + 62.0
-    sheet.draw_polyline([(left, lower), (x, lower), *step.edge, (right, top)])
+    root = [(x, lower)]
+    if block.relief is not None:
+        wide, deep = _RELIEF_IN_STEP
+        root = [(x - wide, lower), (x - wide, lower - deep), (x, lower - deep)]
+        sheet.draw_leader((x, lower - deep), (x + 10.0, lower - 9.0), "relief, detail F")
+    sheet.draw_polyline([(left, lower), *root, *step.edge, (right, top)])
     sheet.draw_break_line(left, lower - 8.0, lower)
     sheet.draw_break_line(right, lower - 8.0, top)
     length_scale = step.view.scale
@@ -194,7 +215,7 @@ def _describe_scales(sheet: Sheet, length_scale: float, height_scale: float) -> 
 def _draw_edge_states(sheet: Sheet, block: StepBlock, step: _StepOnPaper) -> None:
     """Draw the states of both edges (ISO 13715).
 
-    The outer edge is free of burr; the root may have a fillet or an undercut.
+    The outer edge is free of burr; a root without a relief may have a fillet or an undercut.
     """
     x, lower = _DETAIL
     least_radius, largest_radius = block.edge_radius.limits
@@ -203,6 +224,8 @@ def _draw_edge_states(sheet: Sheet, block: StepBlock, step: _StepOnPaper) -> Non
         least = sheet.format_least(least_radius)
         state = f"-{least}/-{sheet.format_largest(largest_radius)}"
     sheet.draw_edge_state(step.edge_middle, (x + 10.0, step.top - 16.0), state)
+    if block.relief is not None:
+        return
     root_state = f"±{sheet.format_largest(block.height.nominal)}"
     if "step_height" in sheet.letters:
         root_state = "±H"
@@ -275,6 +298,28 @@ def _draw_feature_detail(sheet: Sheet, block: StepBlock, feature: MetrologyFeatu
     )
     caption = f"E   {_describe_scales(sheet, length_scale, height_scale)}"
     _caption_detail(sheet, (x, low - 33.0), caption)
+
+
+def _draw_relief_detail(sheet: Sheet, relief: Relief) -> None:
+    """Draw detail F: the relief between lower face and riser, to one scale."""
+    x, lower = _RELIEF_DETAIL
+    wide, deep = _RELIEF_ROOM
+    width = relief.width.nominal * MILLIMETRES_PER_METRE
+    depth = relief.depth.nominal * MILLIMETRES_PER_METRE
+    scale = choose_scale(min(wide / width, deep / depth))
+    wall = x - width * scale
+    floor = lower - depth * scale
+    left = wall - 16.0
+    up = lower + 12.0
+    sheet.draw_polyline([(left, lower), (wall, lower), (wall, floor), (x, floor), (x, up)])
+    sheet.draw_break_line(left, floor - 4.0, lower)
+    sheet.draw_break_line(x + 12.0, floor - 4.0, up)
+    sheet.draw_line((x, up), (x + 12.0, up))
+    sheet.draw_dimension("relief_width", (wall, floor), (x, floor), (x, floor - 9.0), scale)
+    sheet.draw_dimension(
+        "relief_depth", (wall, floor), (wall, lower), (wall - 9.0, floor), scale, upright=True
+    )
+    _caption_detail(sheet, (x - 6.0, floor - 18.0), f"F   {format_scale(scale)}")
 
 
 @dataclass(frozen=True)

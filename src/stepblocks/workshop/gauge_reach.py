@@ -30,7 +30,7 @@ class Contribution(Enum):
     BASE = "base, made as on the part drawing"
     WRINGING = "nobody states it: measure it when wrung"
     ROUTE = "beyond its limits at worst"
-    NO_FEATURE = "two gauge blocks have no groove or ridge"
+    NO_FEATURE = "two gauge blocks have no groove, ridge or relief"
     NO_HOLES = "gauge blocks would cover the screws"
     BASE_SIZE = "base has another size, for gauge blocks of 30 x 9"
 
@@ -94,7 +94,7 @@ def judge_assembly(
         In the order of the inspection sheet.
     """
     base = choose_base(block, pair)
-    on_base = block.model_copy(update={"body": base, "metrology": None})
+    on_base = block.model_copy(update={"body": base, "metrology": None, "relief": None})
     sizes = {item.key: item.nominal for item in on_base.characteristics()}
     sizes["thickness"] = base.thickness.nominal + pair.lower
     missed = {_find_key(name) for name in route.missed}
@@ -119,7 +119,7 @@ def _find_contribution(
     route does not leave as drawn.
     """
     key = characteristic.key
-    if key.startswith(("groove_", "ridge_")):
+    if key.startswith(("groove_", "ridge_", "relief_")):
         return Contribution.NO_FEATURE
     if key not in sizes:
         return Contribution.NO_HOLES

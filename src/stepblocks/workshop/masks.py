@@ -100,6 +100,11 @@ def write_masks(path: Path, blocks: Sequence[StepBlock]) -> list[Path]:
     for block in blocks:
         if block.metrology is None:
             raise MachiningError(f"a mask needs the metrology of its blocks, got none [{block.id}]")
+        if block.relief is not None:
+            raise MachiningError(
+                f"a mask needs blocks without a relief, which is deeper than one etch, got one "
+                f"[{block.id}]"
+            )
     library = gdstk.Library("STEPBLOCKS", unit=1e-6, precision=1e-9)
     cell = library.new_cell("MASKS")
     etches = plan_etches([block.height.nominal for block in blocks])

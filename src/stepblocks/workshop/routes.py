@@ -35,6 +35,8 @@ _WITHOUT_FIGURES = (  # characteristics at the step that no process states
     "parallelism",
     "riser_angle",
     "riser_straightness",
+    "relief_width",
+    "relief_depth",
 )
 _TOUCHED_FACES = 2  # whose roughness adds to the height
 
@@ -209,6 +211,8 @@ def _list_missed(block: StepBlock, variant: _Variant) -> Iterator[str]:
         yield "material"
     if process.name == GAUGE_BLOCKS and block.metrology is not None:
         yield block.metrology.kind
+    if process.name == GAUGE_BLOCKS and block.relief is not None:
+        yield "relief"
     if variant.deviation > min(block.height.upper, -block.height.lower) + _EXACT:
         yield "height"
     least, largest = block.edge_radius.limits

@@ -49,7 +49,13 @@ _PROBED_IN = {
 }
 # after which setup a characteristic is measured off the machine; what an earlier one may leave
 # stands in the table of limits of the setups
-_DONE_AFTER = {"hole_depth": 6, "edge_break": 6, "thickness": 6}
+_DONE_AFTER = {
+    "hole_depth": 6,
+    "edge_break": 6,
+    "thickness": 6,
+    "relief_width": 6,
+    "relief_depth": 6,
+}
 _ROUNDED = 1e-6  # limits of setups are whole numbers of it [m]
 _SAME = 1e-3  # share of it by which a limit may miss a whole number
 
@@ -116,6 +122,7 @@ def _render_sheet(block: Block, routes: Sequence[Route], pair: GaugePair | None)
         letters_middle += engraving.offset[1]
         letters = engraving.choose_text(block.id)
         letters_place = _describe_letters_place(engraving.offset[0])
+    relief = block.relief if isinstance(block, StepBlock) else None
     base = None
     grade: Grade | None = None
     if pair is not None:
@@ -144,6 +151,7 @@ def _render_sheet(block: Block, routes: Sequence[Route], pair: GaugePair | None)
         probe=f"{PROBE * 1e6:g} um",
         guard=GUARD_FACTOR,
         has_gap=isinstance(block, MarginBlock),
+        relief=relief,
         pair=pair,
         base=base,
         grade=grade,

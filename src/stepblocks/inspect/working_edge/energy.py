@@ -2,10 +2,11 @@
 
 from dataclasses import dataclass
 
-from stepblocks.contact.counterface import Step, find_scanned_angle
+from stepblocks.contact.counterface import Counterface, Step, find_scanned_angle
 from stepblocks.contact.energy import Release, Status, find_release
 from stepblocks.contact.energy_change import find_energy_change
 from stepblocks.contact.operating_point import OperatingPoint
+from stepblocks.contact.relieved_step import RelievedStep
 from stepblocks.inspect.conformity import Outcome
 from stepblocks.inspect.result import InspectionResult
 from stepblocks.parts.conditions import PredictionGrid
@@ -17,27 +18,40 @@ _WORTH_SAYING = 0.01  # relative change of the energy from which a cause is name
 class _MeasuredEdge:
     """The step that was asked for, and what was measured of it [m]."""
 
-    asked: Step
+    nominal_height: float
+    nominal_radius: float
     height: float
     radius: float
     burr: float  # that does not conform, else 0
+    relief: tuple[float, float] | None  # width and depth at the root, nominal
 
     @property
-    def as_built(self) -> Step:
-        """The step as it was measured; a burr is as high as a step of it and the height."""
-        return Step(self.height + self.burr, self.radius)
+    def asked(self) -> Counterface:
+        """The step that was asked for."""
+        return self._make_face(self.nominal_height, self.nominal_radius)
 
-    def list_causes(self) -> dict[str, Step]:
+    @property
+    def as_built(self) -> Counterface:
+        """The step as it was measured; a burr is as high as a step of it and the height."""
+        return self._make_face(self.height + self.burr, self.radius)
+
+    def _make_face(self, height: float, radius: float) -> Counterface:
+        """Make a step of a height and a radius [m], with its relief if it has one."""
+        if self.relief is None:
+            return Step(height, radius)
+        return RelievedStep(height, radius, *self.relief)
+
+    def list_causes(self) -> dict[str, Counterface]:
         """Return the nominal step with one measured size each, by the name of the size."""
-        height = self.asked.height
-        radius = self.asked.edge_radius
+        height = self.nominal_height
+        radius = self.nominal_radius
         of_radius = f"its edge radius of {self.radius * 1e6:.3g} um"
         of_height = f"its height of {self.height * 1e6:.2f} um"
         of_burr = f"its burr of {self.burr * 1e6:.3g} um"
         return {
-            of_radius: Step(height, self.radius),
-            of_height: Step(self.height, radius),
-            of_burr: Step(height + self.burr, radius),
+            of_radius: self._make_face(height, self.radius),
+            of_height: self._make_face(self.height, radius),
+            of_burr: self._make_face(height + self.burr, radius),
         }
 
 
@@ -98,11 +112,25 @@ def _collect_edge(result: InspectionResult) -> _MeasuredEdge | None:
     if "burr" in failed:
         burr = values["burr"].value
     return _MeasuredEdge(
-        asked=Step(nominal["step_height"], nominal["edge_radius"]),
+        nominal_height=nominal["step_height"],
+        nominal_radius=nominal["edge_radius"],
         height=values["step_height"].value,
         radius=max(values["edge_radius"].value, 0.0),
         burr=burr,
+        relief=_find_relief(result),
     )
+
+
+def _find_relief(result: InspectionResult) -> tuple[float, float] | None:
+    """Return nominal width and depth of the relief of a part [m]; None of one without."""
+    nominal = {}
+    measured = [judgement.characteristic for judgement in result.judged]
+    absent = [line.characteristic for line in result.missing]
+    for characteristic in (*measured, *absent):
+        nominal[characteristic.key] = characteristic.nominal
+    if "relief_width" not in nominal:
+        return None
+    return nominal["relief_width"], nominal["relief_depth"]
 
 
 def _describe_verdict(result: InspectionResult) -> str:
@@ -129,7 +157,10 @@ def _release_scanned_surface(
 
 
 def _describe_causes(
-    result: InspectionResult, asked: Step, causes: dict[str, Step], point: OperatingPoint
+    result: InspectionResult,
+    asked: Counterface,
+    causes: dict[str, Counterface],
+    point: OperatingPoint,
 ) -> str:
     """Name the sizes that change the energy, each alone; or say that it is as nominal."""
     named = []

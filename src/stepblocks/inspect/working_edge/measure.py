@@ -42,6 +42,7 @@ from stepblocks.inspect.working_edge.choose import find_working_stretch
 from stepblocks.inspect.working_edge.crossing import CrossedEdge, CrossedEdges
 from stepblocks.inspect.working_edge.faces import MeasuredFaces, extract_faces, measure_faces
 from stepblocks.inspect.working_edge.radius import average_radius
+from stepblocks.inspect.working_edge.relief import cover_relief
 from stepblocks.inspect.working_edge.riser import ANGLE, STRAIGHTNESS, measure_riser
 from stepblocks.scans.scan import HeightMap, ScannedProfile
 
@@ -128,6 +129,8 @@ def _measure_along_rows(
     scan: ScannedProfile | HeightMap, instrument: Instrument, options: EvaluationOptions
 ) -> Evaluation:
     """Measure an edge that the rows of a scan cross."""
+    relief = cover_relief(scan, instrument, options)
+    scan = relief.scan
     stretch = None
     if options.layout is not None:
         stretch = find_working_stretch(sample_profiles(scan, options).rows, options.layout)
@@ -135,6 +138,7 @@ def _measure_along_rows(
         options = replace(options, begin=stretch.begin, end=stretch.end, layout=None)
     turned = _turn_profiles(scan, options)
     notes = turned.notes
+    notes += relief.notes
     if stretch is not None:
         notes.append(
             NoteKind.WORKING_EDGE_ALONE.describe(
@@ -149,7 +153,7 @@ def _measure_along_rows(
     }
     riser = measure_riser(crossed, instrument, options.stylus_cone, notes)
     values |= riser.values
-    missing = dict(riser.missing)
+    missing = {**relief.missing, **riser.missing}
     surface = None
     if riser.values:
         surface = _extend_by_level_faces(first)
@@ -178,12 +182,13 @@ def _measure_along_rows(
             missing[key] = NotMeasuredReason.VALLEY_AT_FOOT.describe()
     faces = MeasuredFaces({}, {})
     if isinstance(turned.scan, HeightMap):
-        faces = measure_faces(turned.scan, points.across, first.edge.exclusion, instrument, notes)
+        seen = relief.drop_filled(turned.scan)
+        faces = measure_faces(seen, points.across, first.edge.exclusion, instrument, notes)
     _note_left_out(crossed, notes)
     if not has_steps:
         _note_sharp_edge(crossed, notes)
     return Evaluation(
-        values=values | faces.values,
+        values=values | faces.values | relief.values,
         convention=_describe_convention(crossed),
         notes=tuple(notes),
         shown=_build_shown(first, crossed.is_sloped),

@@ -9,7 +9,8 @@ import numpy as np
 from pydantic import BeforeValidator
 
 from stepblocks import cad
-from stepblocks.contact.counterface import Step
+from stepblocks.contact.counterface import Counterface, Step
+from stepblocks.contact.relieved_step import RelievedStep
 from stepblocks.parts.body import Block, Body, Stock
 from stepblocks.parts.body_solid import (
     OVER,
@@ -52,9 +53,10 @@ from stepblocks.parts.kind import (
     choose_exaggeration,
 )
 from stepblocks.parts.material import MaterialField
+from stepblocks.parts.relief import Relief, describe_relief
 from stepblocks.parts.revolution import Point, Point3
 from stepblocks.parts.shapes import make_hull, split_solid
-from stepblocks.parts.tolerance import Length, PositiveLength
+from stepblocks.parts.tolerance import Dimension, Length, PositiveLength
 
 # Least height of a step [m]: the kernel takes points within 100 nm for one, so that lower steps
 # lose their faces, or name one face twice; a sharp edge needs more
@@ -99,6 +101,8 @@ class StepBlock(Block):
         Stock that the workshop has, along x, y and z [m]; None lets the setup sheet choose it.
     metrology : MetrologyFeature or None
         Groove or ridge that ISO 5436-1 type A1 can evaluate; None where it is left out.
+    relief : Relief or None
+        Relief at the root of the riser; None where there is none.
     material : Material
         What it is made of, with its density [kg/m^3].
     working_faces : WorkingFaces or None
@@ -125,25 +129,47 @@ class StepBlock(Block):
     body: Body = declare_default({})
     stock: Stock | None = None
     metrology: Annotated[MetrologyFeature | None, BeforeValidator(read_none)] = declare_default({})
+    relief: Annotated[Relief | None, BeforeValidator(read_none)] = None
     material: MaterialField = declare_default("steel")
     working_faces: WorkingFaces | None = None
     tolerance: FeltTolerance | None = None
 
-    def make_counterface(self, **sizes: float) -> Step:
-        return Step(sizes["height"], max(sizes["edge_radius"], 0.0))
+    @property
+    def sizes(self) -> dict[str, Dimension]:
+        sizes = dict(super().sizes)
+        if self.relief is not None:
+            sizes["relief_width"] = self.relief.width
+            sizes["relief_depth"] = self.relief.depth
+        return sizes
+
+    def make_counterface(self, **sizes: float) -> Counterface:
+        height = sizes["height"]
+        edge_radius = max(sizes["edge_radius"], 0.0)
+        if self.relief is None:
+            return Step(height, edge_radius)
+        return RelievedStep(height, edge_radius, sizes["relief_width"], sizes["relief_depth"])
 
     def derived(self) -> list[list[str]]:
-        return describe_felt_tolerance(self.tolerance)
+        return [
+            *describe_felt_tolerance(self.tolerance),
+            *describe_relief(self.counterface()),
+        ]
 
     def top(self, x: float) -> float:
         # circle about (r, H - r) between the two faces
         height = self.height.nominal
         radius = self.edge_radius.nominal
         if x < 0.0:
-            return 0.0
+            return self._compute_lower_top(x)
         if x >= radius:
             return height
         return height - radius + math.sqrt(x * (2.0 * radius - x))
+
+    def _compute_lower_top(self, x: float) -> float:
+        """Compute the height of the surface left of the riser [m]."""
+        if self.relief is None or x < -self.relief.width.nominal:
+            return 0.0
+        return -self.relief.depth.nominal
 
     def solids(self) -> list[cad.door.Body]:
         height = self.height.nominal
@@ -167,7 +193,9 @@ class StepBlock(Block):
         if radius > 0.0:
             bow = radius * (1.0 - math.sqrt(0.5))
             crest.append(((bow, height - bow), (0.0, height - radius)))
-        if radius < height:
+        if self.relief is not None:
+            crest += self.relief.corners
+        elif radius < height:
             crest.append((0.0, 0.0))
         return crest
 
@@ -202,6 +230,8 @@ class StepBlock(Block):
         volume = left + right - self._compute_rounding_volume()
         if self.metrology is not None:
             volume += self._compute_feature_volume(self.metrology)
+        if self.relief is not None:
+            volume -= self.relief.compute_volume(self.body)
         return (volume - self.removed_volume,)
 
     def _compute_rounding_volume(self) -> float:
@@ -238,11 +268,14 @@ class StepBlock(Block):
         feature = self.metrology
         left = make_hull(list_half_corners(self.body, -1.0, 0.0, [(0.0, 0.0)]))
         right = make_hull(list_half_corners(self.body, 1.0, height, self._list_rounding_points()))
+        left_pieces = [left]
+        if self.relief is not None:
+            left_pieces = self.relief.cut_half(left)
         if feature is None:
-            return [left, right]
+            return [*left_pieces, right]
         if feature.kind == "ridge":
-            return [left, right, make_hull(self._list_ridge_corners(feature))]
-        return [left, *self._cut_groove(feature, right)]
+            return [*left_pieces, right, make_hull(self._list_ridge_corners(feature))]
+        return [*left_pieces, *self._cut_groove(feature, right)]
 
     def _list_rounding_points(self) -> list[Point]:
         """List points (x, z) [m] of the rounding, their chords within the contact's error."""
@@ -310,6 +343,8 @@ class StepBlock(Block):
             yield replace(form, extent=extent)
         if self.metrology is not None:
             yield from self._list_feature_characteristics(self.metrology, lower, upper)
+        if self.relief is not None:
+            yield from self.relief.make_characteristics(lower)
         wall = None
         if radius < height:
             wall = describe_plane(0, 0.0, y=-0.25 * body.width.nominal)
@@ -361,7 +396,12 @@ class StepBlock(Block):
             )
 
     def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Verdict]:
-        low = mesh.measure_level_beside(0.0, -1)
+        beside = 0.0
+        if self.relief is not None:
+            beside = -self.relief.width.nominal
+            floor = mesh.measure_level_beside(0.0, -1)
+            yield Finding("floor of the relief", -self.relief.depth.nominal, floor, NANOMETRE)
+        low = mesh.measure_level_beside(beside, -1)
         high = mesh.measure_level_beside(self.edge_radius.nominal, +1)
         yield Finding("step height", self.height.nominal, high - low, NANOMETRE)
         yield Finding("lower working face at z = 0", 0.0, low, NANOMETRE)
@@ -389,6 +429,8 @@ class StepBlock(Block):
         if height >= half_thickness:
             yield describe_breach("height", "be below half the thickness", half_thickness, height)
         yield from self.check_engraving_and_stock()
+        if self.relief is not None:
+            yield from self.relief.check(self.body)
         if self.metrology is not None:
             yield from self._check_feature(self.metrology)
 
@@ -407,6 +449,11 @@ class StepBlock(Block):
         if distance < least_distance:
             rule = "be at least its width plus edge_radius"
             yield describe_breach("metrology.distance", rule, least_distance, distance)
+        if self.relief is not None and feature.kind == "ridge":
+            wide = self.relief.width.nominal
+            if distance < width + wide:
+                rule = "leave a plane face of its own width between ridge and relief"
+                yield describe_breach("metrology.distance", rule, width + wide, distance)
         half_width = body.half_width
         if body.mounting is not None and body.mounting.kind == "clearance":
             bore = 0.5 * body.mounting.entry_diameter

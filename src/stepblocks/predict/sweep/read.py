@@ -397,6 +397,8 @@ def _find_surface(part: Part) -> str:
     for surface, columns in SURFACES.items():
         if set(part.sizes) <= set(columns):
             return surface
+    if "relief_width" in part.sizes:
+        return f"{part.kind_name} with a relief"
     return part.kind_name
 
 

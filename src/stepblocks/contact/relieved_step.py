@@ -1,0 +1,133 @@
+"""A step whose riser has a relief at its root: a groove in the lower face, up to the riser."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stepblocks.contact import Array, kernels
+from stepblocks.contact.counterface import REACH, Counterface, Step
+from stepblocks.contact.domain import (
+    MOST_LENGTH,
+    Real,
+    convert_fields,
+    read_values,
+    require_not_negative,
+    require_positive,
+    unwrap_scalar,
+)
+from stepblocks.contact.kernels import Angles
+from stepblocks.contact.path.centre import Disc, Line
+from stepblocks.quantities import Measure
+
+_LENGTH = "length", MOST_LENGTH  # of a dimension
+_WHOLE = 1e-6  # part of a micrometre by which a number may miss a whole one [1]
+
+
+@dataclass(frozen=True)
+class RelievedStep(Counterface):
+    """A step up at x = 0, its edge rounded, with a relief in the lower face from x = -width to 0.
+
+    A ball that is large enough meets the edge while it rides on the lower face, and feels the plain
+    step. A smaller one sinks into the relief: it meets the edge from deeper, and on its way down
+    the step it has to climb out again.
+
+    Attributes
+    ----------
+    height : float
+        H of the upper face over the lower one [m].
+    edge_radius : float
+        r [m]; 0 is the sharp edge.
+    relief_width, relief_depth : float
+        Of the relief, along x and below the lower face [m].
+    """
+
+    height: float
+    edge_radius: float
+    relief_width: float
+    relief_depth: float
+    ways = ("up", "down")
+    _dimensions = ("height", "edge_radius", "relief_width", "relief_depth")
+
+    if TYPE_CHECKING:  # a field holds SI, whatever was given
+
+        def __init__(
+            self,
+            height: Measure,
+            edge_radius: Measure,
+            relief_width: Measure,
+            relief_depth: Measure,
+        ) -> None: ...
+
+    def __post_init__(self) -> None:
+        convert_fields(self, 0.0, **dict.fromkeys(self._dimensions, _LENGTH))
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Corners of the profile: the wall of the relief, and those of the step [m]."""
+        return (-self.relief_width, *self._above_relief.breakpoints)
+
+    @property
+    def least_riding_ball(self) -> float:
+        """Least radius of a ball that meets the edge on the lower face [m].
+
+        Smaller ones reach the relief.
+        """
+        height, edge_radius = self.height, self.edge_radius
+        run = self.relief_width + edge_radius
+        return (run * run + height * height) / (2.0 * height) - edge_radius
+
+    @property
+    def _above_relief(self) -> Step:
+        """The step without its relief."""
+        return Step(self.height, self.edge_radius)
+
+    def angles(self, ball_radius: Real, **dimensions: Real) -> Angles:
+        """In closed form: the ball rides, hangs between both corners, or meets the floor."""
+        height = self._take_size("height", dimensions)
+        edge_radius = self._take_size("edge_radius", dimensions)
+        width = self._take_size("relief_width", dimensions)
+        depth = self._take_size("relief_depth", dimensions)
+        ball = np.asarray(read_values("ball_radius", ball_radius, "length"))[()]
+        require_positive("ball_radius", ball, "m")
+        angles = kernels.compute_relieved_step_angles(height, edge_radius, width, depth, ball)
+        return Angles(unwrap_scalar(angles.forward), unwrap_scalar(angles.backward))
+
+    def _take_size(self, name: str, dimensions: Mapping[str, Real]) -> Real:
+        """Take a size that is given anew, else the nominal one [m]."""
+        size = np.asarray(read_values(name, dimensions.get(name, getattr(self, name)), "length"))[
+            ()
+        ]
+        require_not_negative(name, size, "m")
+        return size
+
+    def heights(self, x: Array) -> Array:
+        """Heights over the lower face; in the relief they are negative [m]."""
+        in_relief = (x > -self.relief_width) & (x < 0.0)
+        return np.where(in_relief, -self.relief_depth, self._above_relief.heights(x))
+
+    def section(self, run: float) -> tuple[Array, Array]:
+        """Lower face, relief, riser, arc and upper face; the arc as `Step` draws it."""
+        x, z = self._above_relief.section(run)
+        width, depth = self.relief_width, self.relief_depth
+        corners_x = np.array([-width - run, -width, -width, 0.0])
+        corners_z = np.array([0.0, 0.0, -depth, -depth])
+        return np.concatenate([corners_x, x[2:]]), np.concatenate([corners_z, z[2:]])
+
+    def outline(self) -> tuple[list[Disc], list[Line]]:
+        """Take the arc as a disc, as `Step` does."""
+        if self.edge_radius == 0.0:
+            return super().outline()
+        discs, (_, upper) = self._above_relief.outline()
+        width, depth = self.relief_width, self.relief_depth
+        lower = Line((-REACH, 0.0), (-width, 0.0))
+        floor = Line((-width, -depth), (0.0, -depth))
+        return [Disc(-width, 0.0, 0.0), *discs], [lower, floor, upper]
+
+
+def describe_least_riding_ball(face: RelievedStep) -> str:
+    """Say which balls do not reach a relief."""
+    micrometres = math.ceil(face.least_riding_ball * 1e6 - _WHOLE)
+    return f"{micrometres} um in radius or more"

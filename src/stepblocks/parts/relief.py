@@ -1,0 +1,96 @@
+"""Relief at the root of a riser: a groove in the lower face along the whole of it."""
+
+from collections.abc import Iterator
+
+from stepblocks.contact.relieved_step import RelievedStep, describe_least_riding_ball
+from stepblocks.parts.body import Body
+from stepblocks.parts.body_solid import compute_strip_volume
+from stepblocks.parts.characteristics import (
+    MICROSCOPE,
+    Characteristic,
+    FaceRule,
+    describe_plane,
+    make_characteristic,
+)
+from stepblocks.parts.declared import Table, declare_default, describe_breach
+from stepblocks.parts.kind import Manifold
+from stepblocks.parts.revolution import Point
+from stepblocks.parts.shapes import split_solid
+from stepblocks.parts.tolerance import PositiveLength
+
+# share of the lower face that a relief may take, and of the thickness of the block
+_MOST_WIDTH = 0.1
+_MOST_DEPTH = 0.1
+# least width and depth [m]: of less the kernel loses faces
+_LEAST = 0.5e-6
+
+
+class Relief(Table):
+    """A groove in the lower face, between it and the riser, so that tools run out at the root."""
+
+    width: PositiveLength = declare_default(otherwise="0.05 mm")  # from the riser along x [m]
+    # below the lower face [m]
+    depth: PositiveLength = declare_default(otherwise="0.02 mm")
+
+    @property
+    def corners(self) -> list[Point]:
+        """Corners (x, z) of its section from the riser to the lower face [m]."""
+        width = self.width.nominal
+        depth = self.depth.nominal
+        return [(0.0, -depth), (-width, -depth), (-width, 0.0)]
+
+    def make_characteristics(self, lower: FaceRule) -> Iterator[Characteristic]:
+        """Make width and depth, which hold below the lower face."""
+        width = self.width.nominal
+        depth = self.depth.nominal
+        middle = -0.5 * depth
+        yield make_characteristic(
+            "relief_width",
+            "distance",
+            self.width,
+            describe_plane(0, -width, z=middle),
+            describe_plane(0, 0.0, z=middle),
+            label="width of the relief at the root",
+            method=MICROSCOPE,
+        )
+        yield make_characteristic(
+            "relief_depth",
+            "distance",
+            self.depth,
+            describe_plane(2, -depth, x=-0.5 * width),
+            lower,
+            label="depth of the relief at the root",
+            method="profilometer",
+        )
+
+    def compute_volume(self, body: Body) -> float:
+        """Compute what it takes away, between the chamfered sides of the lower face [m^3]."""
+        return compute_strip_volume(body, 0.0, [(0.0, 0.0), *self.corners])
+
+    def cut_half(self, left: Manifold) -> list[Manifold]:
+        """Cut the left half of a block into the piece before it and the piece under it."""
+        before, beside_riser = split_solid(left, "x", -self.width.nominal)
+        under, _ = split_solid(beside_riser, "z", -self.depth.nominal)
+        return [before, under]
+
+    def check(self, body: Body) -> Iterator[str]:
+        """Yield what keeps it from fitting the lower face."""
+        for name, size in (("width", self.width), ("depth", self.depth)):
+            if size.nominal < _LEAST:
+                rule = "be at least what the kernel builds"
+                yield describe_breach(f"relief.{name}", rule, _LEAST, size.nominal)
+        most = _MOST_WIDTH * body.half_length
+        if self.width.nominal > most:
+            rule = "leave nine tenths of the lower face"
+            yield describe_breach("relief.width", rule, most, self.width.nominal)
+        most = _MOST_DEPTH * body.thickness.nominal
+        if self.depth.nominal > most:
+            rule = "not exceed a tenth of the thickness"
+            yield describe_breach("relief.depth", rule, most, self.depth.nominal)
+
+
+def describe_relief(face: object) -> list[list[str]]:
+    """Say for people which balls a relief does not touch; nothing of a plain step."""
+    if not isinstance(face, RelievedStep):
+        return []
+    return [["balls that do not reach the relief", describe_least_riding_ball(face)]]
