@@ -131,7 +131,9 @@ class _CurveLikelihood:
         p, slopes = self.predict(point)
         return float(self.miss(p)), slopes @ ((totals - hits) / (1.0 - p) - hits / p)
 
-    def climb(self, start: Sequence[float], held: int = -1, value: float = 0.0) -> OptimizeResult:
+    def maximise(
+        self, start: Sequence[float], held: int = -1, value: float = 0.0
+    ) -> OptimizeResult:
         """Maximise the likelihood; the parameter in the place `held`, if any, stays at `value`."""
         bounds = list(self.bounds)
         if held >= 0:
@@ -254,7 +256,7 @@ def _climb_from(likelihood: _CurveLikelihood, start: _Start) -> OptimizeResult:
         [start.middle, start.log_spread, _START_LAPSE],
         [start.middle, start.log_spread - 0.7, _START_LAPSE],
     ]
-    return min((likelihood.climb(point) for point in starts), key=lambda fit: float(fit.fun))
+    return min((likelihood.maximise(point) for point in starts), key=lambda fit: float(fit.fun))
 
 
 def _bound_by_profile(
@@ -275,7 +277,7 @@ def _bound_by_profile(
         losses = []
         for point in points:
             point[place] = value
-            losses.append(float(likelihood.climb(point, place, value).fun))
+            losses.append(float(likelihood.maximise(point, place, value).fun))
         return 2.0 * (min(losses) - float(best.fun)) - _CHI95
 
     value = float(best.x[place])
