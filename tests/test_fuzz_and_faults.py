@@ -77,7 +77,10 @@ def whole(tmp_path_factory):
     return tree(folder)
 
 
-@pytest.mark.parametrize("point", range(1, 4))  # so many files are renamed
+# so many files are renamed
+@pytest.mark.parametrize(
+    "point", [1, *(pytest.param(point, marks=pytest.mark.long) for point in (2, 3))]
+)
 @pytest.mark.parametrize("fault", ["sync", "rename", "memory"])
 def test_whatever_fails_while_a_study_is_written_the_next_run_gives_the_same_bytes(
     fault, point, whole, tmp_path, monkeypatch, capsys

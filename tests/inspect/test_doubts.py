@@ -200,6 +200,7 @@ def test_domes_apart_are_one_feature_each(depth, gap, rough):
     )
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("radius", [11 * UM, 12.5 * UM, 24 * UM])
 @pytest.mark.parametrize("seed", range(3))
 def test_a_flank_of_55_degrees_is_no_arc_as_high_as_the_step(radius, seed):

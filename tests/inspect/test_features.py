@@ -241,6 +241,7 @@ def test_the_shadow_of_a_wall_hides_no_edge_of_a_groove_and_is_in_its_width(begi
     assert not [note for note in found.notes if "refused" in note or "beyond" in note]
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("wall", [0.2 * UM, 5 * UM, 15 * UM, 25 * UM, 80 * UM])
 def test_the_walls_of_a_feature_stand_within_the_flanks_that_a_cone_shows(sign, wall):

@@ -255,6 +255,7 @@ def test_a_width_answers_to_the_lateral_scale_and_a_radius_to_both():
     )
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("count", [2, 3, 6, 12, 60])
 @pytest.mark.parametrize("wander", [0.0, 20e-9, 60e-9])
 def test_budgets_over_profiles_cover_at_their_rate_for_any_number_and_scatter(count, wander):

@@ -148,6 +148,7 @@ def test_the_straightness_of_a_riser_is_the_width_of_the_zone_that_holds_its_mid
     assert abs(measured.value - zone) < measured.compute_expanded_uncertainty() < 0.1 * UM
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("seed", range(3))
 def test_the_noise_of_a_straight_riser_is_no_form(seed):
     # the zone of all points is some 0.2 um wide here, and was stated without an uncertainty
@@ -287,6 +288,7 @@ def test_the_energy_of_a_ramp_that_was_seen_does_not_depend_on_the_length_of_the
     assert np.ptp([float(one) for one in said]) < 2.0  # the noise of four scans
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("step", [0.25 * UM, UM])
 def test_a_good_map_changes_no_energy_however_fine_it_is(step):
     said = inspected(map_of(block, step=step), OPTICAL).energy_statement

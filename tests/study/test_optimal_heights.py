@@ -140,6 +140,7 @@ def test_without_the_error_of_the_spread_all_trials_would_lie_at_the_threshold()
     assert inverse[0, 0] == pytest.approx(least, rel=1e-9)
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("trials", [100, 1000, 10_000])
 def test_the_points_of_a_threshold_close_in_with_the_fourth_root_of_the_trials(trials):
     # 4 cosh(d/2)**2 / n (1 + 3 * 4 cosh(d/2)**2 / (n d**2)) is least at d; near it d**4 = 48 / n
@@ -191,6 +192,7 @@ def test_an_exponent_is_known_best_at_the_ends_of_the_range():
     assert 0.3 < design.efficiency < 0.9
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("places", [(0,), (1,), (0, 1)])
 @pytest.mark.parametrize("lapse", [0.0, 0.03])
 def test_no_other_share_of_trials_tells_more(places, lapse):
