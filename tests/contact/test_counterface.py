@@ -278,3 +278,26 @@ def test_the_scanned_surface_says_what_height_and_radius_cannot_of_a_chamfered_e
         np.degrees(np.arccos(1 - 30 / 80)), abs=0.5
     )
     assert find_scanned_angle(x, np.full_like(x, np.nan), 125e-6) is None
+
+
+@pytest.mark.parametrize("face", RELIEVED[:6])
+def test_the_slopes_over_a_relief_are_those_of_the_angle(face):
+    # of a step that is not reached the closed form of `Step` holds, and the relief counts nothing
+    slopes = face.angle_slopes(R)
+    if face in RELIEVED[:2]:
+        plain = Step(face.height, face.edge_radius).angle_slopes(R)
+        assert {name: slopes[name] for name in plain} == pytest.approx(plain, rel=1e-5)
+        assert slopes["relief_width"] == slopes["relief_depth"] == 0.0
+    for name in face.dimensions:
+        sizes = face.dimensions
+        ahead = face.angles(R, **{**sizes, name: sizes[name] + 50e-9}).forward
+        assert (ahead - face.angles(R).forward) / 50e-9 == pytest.approx(
+            slopes[name], rel=0.02, abs=1.0
+        )
+
+
+def test_a_size_that_counts_nothing_keeps_the_shape_of_what_is_asked():
+    depths = np.array([40e-6, 50e-6, 60e-6])
+    forward, backward = RELIEVED[0].angles(R, relief_depth=depths)
+    assert forward.shape == backward.shape == (3,)
+    assert (forward == find_step_angle(31e-6, R)).all()

@@ -10,6 +10,7 @@ from stepblocks.artefacts.heightfield import sample_height_field
 from stepblocks.artefacts.step.write import write_step_ap242
 from stepblocks.cad import kernel
 from stepblocks.contact.critical_angle import find_step_angle
+from stepblocks.contact.operating_point import PAPER
 from stepblocks.declaration.read import load_set
 from stepblocks.errors import StimulusError
 from stepblocks.parts.kinds.step_block import StepBlock
@@ -20,6 +21,7 @@ from stepblocks.parts.shapes import (
     mesh_solid,
 )
 from stepblocks.predict.predictions import predict_by_formula
+from stepblocks.workshop.routes import find_routes
 
 R = 125e-6
 PLAIN_BODY = {"engraving": "none", "mounting": "none"}
@@ -127,3 +129,20 @@ def test_the_step_file_states_width_and_depth_on_the_faces_of_the_solid(tmp_path
     assert check.findings == []
     stated = {one.name for one in check.report.dimensions}
     assert {"width of the relief at the root", "depth of the relief at the root"} <= stated
+
+
+def test_limits_by_what_is_felt_leave_a_relief_as_it_is_declared(tmp_path):
+    path = tmp_path / "relieved.toml"
+    path.write_text(
+        '[[step_block]]\nid = "a"\nheight = "20 um"\ntolerance = { energy = "20 %" }\n'
+        'relief = { width = { nominal = "50 um", tolerance = "5 um" }, depth = "0.1 mm" }\n'
+    )
+    (block,) = load_set(path).stimuli
+    assert block.height.by_feel
+    assert block.relief.width.limits == pytest.approx((45e-6, 55e-6))
+
+
+def test_two_gauge_blocks_miss_a_relief():
+    block = make_block(material="gauge-block steel, hardened, 64 HRC")
+    routes = find_routes(block, 2e-6, PAPER)
+    assert all("relief" in route.missed for route in routes if "gauge" in route.name)

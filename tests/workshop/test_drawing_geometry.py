@@ -68,6 +68,12 @@ BODIES = {
         "body": {"length": "14 mm", "mounting": {"thread": "M2.5", "spacing": "9 mm"}},
         "metrology": "none",
     },
+    "relieved": {"relief": {"width": "0.3 mm", "depth": "0.1 mm"}},
+    "deeply relieved": {
+        "body": {"length": "50 mm", "mounting": "none"},
+        "relief": {"width": "1.2 mm", "depth": "0.8 mm"},
+    },
+    "narrowly relieved": {"relief": {"width": "0.1 mm", "depth": "0.5 mm"}},
 }
 
 

@@ -23,6 +23,7 @@ from stepblocks.contact.path.centre import Disc, Line
 from stepblocks.quantities import Measure
 
 _LENGTH = "length", MOST_LENGTH  # of a dimension
+_DIFFERENCE = 1e-9  # of a size, over which an angle is differentiated [m]
 _WHOLE = 1e-6  # part of a micrometre by which a number may miss a whole one [1]
 
 
@@ -92,8 +93,25 @@ class RelievedStep(Counterface):
         depth = self._take_size("relief_depth", dimensions)
         ball = np.asarray(read_values("ball_radius", ball_radius, "length"))[()]
         require_positive("ball_radius", ball, "m")
-        angles = kernels.compute_relieved_step_angles(height, edge_radius, width, depth, ball)
-        return Angles(unwrap_scalar(angles.forward), unwrap_scalar(angles.backward))
+        sizes = (height, edge_radius, width, depth, ball)
+        angles = kernels.compute_relieved_step_angles(*sizes)
+        shape = np.broadcast_shapes(*(np.shape(size) for size in sizes))
+        return Angles(
+            unwrap_scalar(np.broadcast_to(angles.forward, shape)),
+            unwrap_scalar(np.broadcast_to(angles.backward, shape)),
+        )
+
+    def angle_slopes(self, ball_radius: float) -> dict[str, float]:
+        """By differences over a nanometre; zero of what the ball does not touch."""
+        nominal = {**self.dimensions, "ball_radius": ball_radius}
+        slopes = {}
+        for name, size in nominal.items():
+            least = max(size - _DIFFERENCE, 0.0)
+            ends = np.array([least, size + _DIFFERENCE])
+            deviated: dict[str, Real] = {**nominal, name: ends}
+            low, high = np.asarray(self.angles(deviated.pop("ball_radius"), **deviated).forward)
+            slopes[name] = float((high - low) / (ends[1] - ends[0]))
+        return slopes
 
     def _take_size(self, name: str, dimensions: Mapping[str, Real]) -> Real:
         """Take a size that is given anew, else the nominal one [m]."""

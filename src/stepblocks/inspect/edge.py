@@ -57,6 +57,9 @@ _OFF_FACE_HEIGHT = 1e-3  # part of the height by which it does [1]
 _IN_A_ROW = 10  # points on their faces, behind which a rounding has ended
 _MIDDLE = 0.25  # of the height to either side of its middle, where a riser is straight [1]
 _RISER_DEGREE = 3
+# scatter of radii beside waves over what their fits say, as soft gauges with chatter and random
+# waviness show it: the waves go on under the arc otherwise than beside it [1]
+_BESIDE_WAVES = 1.4
 
 
 @dataclass(frozen=True)
@@ -270,12 +273,15 @@ def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> 
     corner = _fit_corner(x, levelled, edge.spacing, faces, np.flatnonzero(near & ~spikes))
     _check_spikes(faces, spikes, near)
     shape = corner.arc if corner.flank is None else corner.flank
+    radius_std = shape.radius_std
+    if faces.wavy is not None:
+        radius_std *= _BESIDE_WAVES
     missing = int((~known).sum())
     sign = 1.0 if edge.rising else -1.0
     return Edge(
         height=estimate_height(x, z, edge.middle, planes),
         # a bow leaves few degrees of freedom, yet many of the noise
-        radius=Estimate(shape.radius, shape.radius_std),
+        radius=Estimate(shape.radius, radius_std),
         radius_limit=shape.radius_limit,
         position=sign * corner.arc.riser,
         middle=sign * edge.middle,

@@ -13,6 +13,7 @@ from stepblocks.inspect.noise import Array, estimate_autocovariance
 
 _MOST_PLACES = 40  # of a face, at which it is tried how well it is continued
 _LEAST_PLACES = 5
+_ROUGH = 3.0  # windows of an edge, over which what varies is roughness beside its level [1]
 _LEAST_IN_GAP = 3  # points that such a place is compared with
 
 
@@ -80,8 +81,9 @@ def find_wavy_faces(
         line = continue_face(outward, height[known])
         lines.append(FaceLine(line.level, sign * line.slope))
         errors.append(root * np.array([1.0, sign]))
-        # what varies over less than the window of the edge
-        waves = compute_mean_line(height, known, spacing, exclusion)
+        # what varies over less than a few windows of the edge: level and slope at the edge do not
+        # hold it
+        waves = compute_mean_line(height, known, spacing, _ROUGH * exclusion)
         rough.append(np.where(known, height - waves, np.nan))
     lower, upper = lines
     nothing = np.zeros((2, 2))

@@ -72,6 +72,11 @@ class _ReliefOfRow:
     depth: Estimate
     rise: float  # of the upper face over the floor
 
+    @property
+    def width(self) -> float:
+        """Width along the profile [m]."""
+        return abs(self.wall - self.riser.position)
+
 
 @dataclass(frozen=True)
 class _Places:
@@ -107,7 +112,7 @@ def cover_relief(
         reason = NotMeasuredReason.RELIEF_NOT_SEEN.describe()
         return CoveredRelief(scan, missing=dict.fromkeys(("relief_width", "relief_depth"), reason))
     places = _locate(found)
-    depth = average_profiles("depth of the relief", [one.depth for one in found], instrument)
+    depth = average_profiles("depth of the relief", [relief.depth for relief in found], instrument)
     without_relief, filled = _cover_scan(scan, places, declared)
     covered = CoveredRelief(
         scan=without_relief,
@@ -176,11 +181,11 @@ def _find_relief_beside(
 
 def _locate(found: Sequence[_ReliefOfRow]) -> _Places:
     """Lay lines through the places of riser and wall over the rows of a map."""
-    offsets = np.array([one.row.offset for one in found])
+    offsets = np.array([relief.row.offset for relief in found])
     degree = 1 if np.ptp(offsets) > 0.0 else 0
-    risers = np.array([one.riser.position for one in found])
-    walls = np.array([one.wall for one in found])
-    rising = sum(one.riser.rise > 0.0 for one in found)
+    risers = np.array([relief.riser.position for relief in found])
+    walls = np.array([relief.wall for relief in found])
+    rising = sum(relief.riser.rise > 0.0 for relief in found)
     return _Places(
         riser=np.polynomial.Polynomial.fit(offsets, risers, degree),
         wall=np.polynomial.Polynomial.fit(offsets, walls, degree),
@@ -190,7 +195,7 @@ def _locate(found: Sequence[_ReliefOfRow]) -> _Places:
 
 def _measure_usual_width(found: Sequence[_ReliefOfRow]) -> float:
     """Return the median width along the profiles [m]."""
-    return float(np.median([abs(one.wall - one.riser.position) for one in found]))
+    return float(np.median([relief.width for relief in found]))
 
 
 def _average_width(
@@ -201,8 +206,8 @@ def _average_width(
     turn = 1.0 / np.hypot(1.0, slant)
     std = found[0].row.spacing / np.sqrt(6.0)  # one interval at either end, rectangular
     widths = []
-    for one in found:
-        widths.append(Estimate(abs(one.wall - one.riser.position) * turn, std * turn))
+    for relief in found:
+        widths.append(Estimate(relief.width * turn, std * turn))
     return average_profiles("width of the relief", widths, instrument, powers=_WIDTH_POWERS)
 
 
