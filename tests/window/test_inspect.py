@@ -1,5 +1,6 @@
 """A scan is looked at before it is judged: what its file leaves open is asked, not guessed."""
 
+import ast
 import asyncio
 import shlex
 import subprocess
@@ -16,6 +17,7 @@ from nicegui.elements.upload_files import SmallFileUpload
 from nicegui.testing.user_interaction import UserInteraction
 from nicegui.testing.user_simulation import user_simulation
 
+import stepblocks
 from stepblocks.errors import MetrologyError, PipelineError
 from stepblocks.window.folder import Folder
 from stepblocks.window.inspect_page import InspectForm, InspectionAnswers
@@ -79,6 +81,21 @@ def test_edges_are_named_and_a_click_picks_the_nearest_with_the_part_that_holds_
 def test_the_picked_part_is_what_the_command_evaluates():
     answers = InspectionAnswers("a.csv", "low", "b.toml", begin="1010 um", end="-3 um")
     assert answers.make_command().words[-4:-2] == ("--from=1010 um", "--to=-3 um")
+
+
+def test_the_python_of_an_inspection_has_every_answer_in_si():
+    answers = InspectionAnswers(
+        "a.csv", "low", "b.toml", "um", stylus_radius="2 um", calibration="0.1 %", end="1010 um"
+    )
+    call = ast.parse(answers.make_command().python).body[1].value
+    options = {option.arg: ast.unparse(option.value) for option in call.keywords}
+    made = {name: eval(options[name]) for name in ("instrument", "options")}
+    assert made["instrument"] == stepblocks.Instrument(calibration_std=0.001)
+    assert made["options"] == stepblocks.EvaluationOptions(
+        end=pytest.approx(1010e-6), stylus_radius=2e-6
+    )
+    wrong = InspectionAnswers("a.csv", "low", "b.toml", stylus_radius="2 kg")
+    assert wrong.make_command().python == ""
 
 
 @pytest.mark.parametrize("name", ["evil.exe", ".csv", ".hidden.csv", "", "..", "a\0.csv"])
