@@ -14,6 +14,7 @@ from stepblocks.files.text import is_file
 from stepblocks.quantities import format_units, parse_quantity
 from stepblocks.scans.read import FORMATS
 from stepblocks.window import texts
+from stepblocks.window.batch_form import BatchForm
 from stepblocks.window.command_line import ShownCommand, write_call, write_name, write_object
 from stepblocks.window.folder import Folder, Kind
 from stepblocks.window.frame import show_heading, show_mistake
@@ -124,7 +125,7 @@ class InspectForm:
         """Make the page."""
         show_heading(texts.INSPECT)
         upload = ui.upload(
-            label=texts.DROP_SCAN, max_file_size=LARGEST_UPLOAD, auto_upload=True
+            label=texts.DROP_SCAN, max_file_size=LARGEST_UPLOAD, auto_upload=True, multiple=True
         ).mark("drop")
         with ui.element("div").classes("beside"):
             with ui.column():
@@ -142,6 +143,8 @@ class InspectForm:
                 ui.button(texts.LOOK, on_click=self._look).props("no-caps")
             self._picture = ui.column()
         self._command = ui.column().classes("w-full")
+        self._batch = BatchForm(self._folder, self._jobs, _SCANS)
+        self._batch.build()
         upload.on_upload(self._take)
         ui.timer(0.0, self._offer_parts, once=True)
 
@@ -176,6 +179,7 @@ class InspectForm:
             with self._picture:
                 show_mistake(error)
             return
+        self._batch.refresh()
         self._scan.set_value(name)
         await self._look()
 
