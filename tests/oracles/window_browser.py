@@ -83,7 +83,7 @@ class Clicker:
         """Click a button or a link, by its text or its name for listeners."""
         literal = quote(text)
         path = (
-            f"//button[contains(normalize-space(.), {literal}) or "
+            f"//*[self::button or @role='button'][contains(normalize-space(.), {literal}) or "
             f"contains(@aria-label, {literal})] | //a[contains(normalize-space(.), {literal})]"
         )
 

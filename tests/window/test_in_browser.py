@@ -12,6 +12,7 @@ import pytest
 
 pytest.importorskip("nicegui")
 
+from oracles.loop_folder import write_explained_session
 from oracles.window_browser import Clicker, open_browser, serve
 from stepblocks.cli import main
 from stepblocks.rehearse.run import simulate_session
@@ -284,6 +285,7 @@ PAGES = (
     "build",
     "inspect?file=scan.csv",
     "bench",
+    "bench?session=bench/b1",
     "study",
     "set",
     "work",
@@ -302,6 +304,7 @@ def lab(tmp_path_factory):
     for name, file in (("session", "session.toml"), ("study", "design.csv")):
         (folder / name).mkdir()
         (folder / name / file).touch()
+    write_explained_session(folder)
     return folder
 
 
@@ -319,6 +322,10 @@ def test_no_page_has_a_serious_fault_of_access(driver, lab):
             driver.get(base + path)
             user.find("main h1")
             time.sleep(2.0)  # what is read from files comes later
+            if "session=" in path:
+                user.find("canvas")
+            if "declare" in path:
+                user.find(".q-slider")
             for size in SIZES:
                 driver.set_window_size(*size)
                 for colours in ("light", "dark"):

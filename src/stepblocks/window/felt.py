@@ -1,5 +1,6 @@
 """What the declare page shows beside a form: what is felt, and the working edge as it is."""
 
+import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -20,7 +21,7 @@ _WIDTH, _MOST_HEIGHT = 560.0, 240.0  # of the picture [pixels]
 _MARGIN = 24.0  # [pixels]
 _COLUMNS = (
     ("critical_angle_deg", ""),
-    ("pull_force_n", "pull_force_95"),
+    ("peak_force_n", "peak_force_95"),
     ("vibration_energy_uj", "vibration_energy_95"),
     ("jnd_to_next", "jnd_to_next_95"),
 )
@@ -70,6 +71,7 @@ def predict_felt(
         Whether each part is dragged in time, too; by the formula alone takes milliseconds.
     """
     # loaded late: the first page needs no tables
+    from stepblocks.contact.energy import Status
     from stepblocks.contact.operating_point import PAPER
     from stepblocks.predict.as_built import predict_as_declared
     from stepblocks.predict.learned import format_learned_columns, put_learned_constants
@@ -83,6 +85,8 @@ def predict_felt(
     rows = []
     for row, prediction in zip(predicted.rows, predicted.predictions, strict=True):
         angle, force, energy, distance = (_format_figure(row, *names) for names in _COLUMNS)
+        if row["status"] != Status.RELEASES:
+            energy = str(row["status"])  # says why there is none
         in_time = ""
         if dragged:
             in_time = _format_number(row[_DRAGGED])
@@ -133,8 +137,8 @@ def _format_figure(row: Mapping[str, object], name: str, interval: str) -> str:
 
 
 def _format_number(value: object) -> str:
-    """Write a number to three digits; a dash where there is none."""
-    if not isinstance(value, int | float) or value != value:
+    """Write a number to three digits; a dash where there is none, or it has no bound."""
+    if not isinstance(value, int | float) or not math.isfinite(value):
         return "-"
     return format_number(float(value))
 

@@ -31,6 +31,7 @@ class FeltView:
             self._picture = ui.html("", sanitize=False).classes("w-full")
             self._nothing = ui.label(texts.NOT_FELT)
             self._table = ui.table(columns=[], rows=[], title=texts.FELT).mark("felt")
+            self._table.props("dense wrap-cells flat bordered").classes("w-full")
             self._condition = ui.label()
             self._solid = ui.expansion(texts.SHOW_PART, on_value_change=self._make_part)
             self._solid.classes("w-full").mark("show-part")

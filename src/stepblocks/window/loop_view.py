@@ -178,7 +178,7 @@ class LoopView:
             "legend": {"data": list(names)},
             "tooltip": {"trigger": "item"},
             "xAxis": {"type": "value", "name": texts.AXIS_TRIALS, "nameLocation": "middle"},
-            "yAxis": {"type": "log", "name": texts.AGREEMENT_AXIS, "scale": True},
+            "yAxis": {"type": "value", "name": texts.AGREEMENT_AXIS, "scale": True},
             "series": series,
         }
 
