@@ -3,7 +3,7 @@
 ``python benchmarks/fuzz_library.py --count 40 --seed 3`` calls each public function, class and
 method of the counterfaces with honest values, one or two of which are replaced by strange ones:
 units off by 10^3 and 10^6, NaN, empty, huge, of another dimension or type, read-only, masked,
-sparse, xarray, pandas with odd indexes and columns. Each call runs in a child of its own with 10 s
+sparse, xarray, pandas with odd indexes and columns. Each call runs in a child of its own with 20 s
 of processor and 2 GiB; the honest call must answer. Anything but a result, a `StepblocksError` or
 an `OSError` that names a file is a fault, unless a value of another type was given, or a keyword
 that is unknown: there what Python raises stands. Exit code 1 if there is a fault. ``--only NAME``
@@ -38,7 +38,7 @@ from scipy import sparse
 
 import stepblocks as sb
 
-SECONDS, MEMORY = 10, 2 << 30
+SECONDS, MEMORY = 20, 2 << 30
 WAITING = 60  # as often the seconds of the processor by the clock: another load counts there, too
 MISUSE = (
     *(TypeError, AttributeError, ValueError, LookupError, ArithmeticError, MemoryError),
@@ -377,7 +377,7 @@ def make_value_calls() -> dict[str, Words]:
             {"base": declared, "route": sb.MakingRoute(), "jnd": 1.5, "model": "formula"},
         ),
         "compare_stimuli": ((declared,), {"dragged": False}),
-        "compute_jnd_distance": ((5e-6, 10e-6), {"log_ratios": np.array([0.6, 0.7, 0.8])}),
+        "compute_jnd_distance": ((5e-6, 10e-6), {"log_ratios": np.linspace(0.5, 0.9, 100)}),
         "WeberFraction": ((0.3, 0.25, 0.35), {"energy": 5e-6}),
         "Discrimination": (((sb.WeberFraction(0.3, 0.25, 0.35),), "people.csv"), {}),
         "read_discrimination": ((pd.DataFrame({"weber_fraction": [0.3]}),), {}),
@@ -436,7 +436,7 @@ def make_file_calls(work: Path) -> dict[str, Words]:
         "predict_trials": ((trials, work / "model.json"), {}),
         "measure_session": ((session,), {"jobs": 1}),
         "loop_session": ((session,), {"features": features, "jobs": 1}),
-        "loop_sessions": (([session], "loop"), {}),
+        "loop_sessions": (([session], "loop"), {"jobs": 1}),
         "simulate_session": ((work / "plan.toml", "another"), {}),
         "simulate_sessions": ((work / "plan.toml", "several", [1]), {"jobs": 1}),
         "run_sweep": ((work / "sweep.toml", "sweep"), {"jobs": 1}),

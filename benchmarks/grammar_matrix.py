@@ -157,14 +157,19 @@ def list_true_numbers(
     return shapes[form]
 
 
-def check_intervals(found: Explanation, form: str, truth: dict[str, float]) -> dict[str, bool]:
-    """Tell for each number of a law of the planted shape whether its 95 % interval holds."""
+def check_intervals(
+    found: Explanation, combination: tuple[str, str, str], truth: dict[str, float]
+) -> dict[str, bool]:
+    """Tell for each number of a law of the planted shape and place whether its interval holds."""
+    form, slot, covariate = combination
+    place = SLOT_MOVES[slot].slot, covariate
     holds = {}
     fitted = found.extended
     problem = found.problem
     for finding in found.findings:
         law = finding.effect
-        if law.shape != form or finding.verdict is not Verdict.EFFECT:
+        is_planted = law.shape == form and (law.slot, law.covariate) == place
+        if not is_planted or finding.verdict is not Verdict.EFFECT:
             continue
         values, stds = law.pick_own_values(fitted.values), law.pick_own_values(fitted.std)
         for name, true in truth.items():
@@ -211,7 +216,7 @@ def run_session(task: tuple[tuple[str, str, str] | None, int, int]) -> dict[str,
     intervals: dict[str, bool] = {}
     if combination is not None:
         numbers = list_true_numbers(*combination, size, columns)
-        intervals = check_intervals(found, combination[0], numbers)
+        intervals = check_intervals(found, combination, numbers)
     return {
         "combination": combination,
         "intervals": intervals,

@@ -166,7 +166,7 @@ HOOKS = {
     "log_message",
     "_repr_html_",
 }
-Definition = ast.FunctionDef | ast.ClassDef
+Definition = ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef
 
 
 def words_of(node):

@@ -273,6 +273,7 @@ def test_the_python_of_every_page_fits_the_types_of_the_library(tmp_path):
     assert re.fullmatch(rf'{wrong}:6: error: .* has no attribute "missing".*\n', said), said
 
 
+@pytest.mark.long
 def test_a_benchmark_asks_for_nothing_that_is_not_there(tmp_path):
     # four slips of a rename are among them, and a patched name, which is no slip
     wrong = tmp_path / "wrong_benchmark.py"

@@ -61,6 +61,15 @@ def test_strange_files_are_read_or_refused_in_our_own_words(tmp_path):
     assert len(done.stdout.splitlines()) == 2 + 13 + 1  # head, kinds, and all
 
 
+@pytest.mark.long  # loads every command
+def test_the_honest_word_of_every_option_is_read_before_it_is_mutated(tmp_path):
+    script = str(ROOT / "benchmarks" / "fuzz.py")
+    command = [sys.executable, script, "arguments", "--count", "10", "--keep", str(tmp_path)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.splitlines()[-1].startswith("| all | 10 |")
+
+
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
     folder = tmp_path_factory.mktemp("whole")
@@ -68,7 +77,10 @@ def whole(tmp_path_factory):
     return tree(folder)
 
 
-@pytest.mark.parametrize("point", range(1, 4))  # so many files are renamed
+# so many files are renamed
+@pytest.mark.parametrize(
+    "point", [1, *(pytest.param(point, marks=pytest.mark.long) for point in (2, 3))]
+)
 @pytest.mark.parametrize("fault", ["sync", "rename", "memory"])
 def test_whatever_fails_while_a_study_is_written_the_next_run_gives_the_same_bytes(
     fault, point, whole, tmp_path, monkeypatch, capsys

@@ -2,11 +2,17 @@
 would.
 """
 
+import pint
 import pytest
 from hypothesis import given, strategies as st
 
 from stepblocks.errors import QuantityError
-from stepblocks.quantities import format_quantity, multiply_by_unit, parse_quantity
+from stepblocks.quantities import (
+    COMMON_SIZES,
+    format_quantity,
+    multiply_by_unit,
+    parse_quantity,
+)
 
 
 @pytest.mark.parametrize(
@@ -25,6 +31,13 @@ from stepblocks.quantities import format_quantity, multiply_by_unit, parse_quant
 )
 def test_quantities_are_read_to_the_nearest_float(text, dimension, value):
     assert parse_quantity(text, dimension) == pytest.approx(value, rel=2e-16)
+
+
+def test_units_that_are_known_without_pint_have_its_sizes():
+    registry = pint.UnitRegistry()
+    for si, sizes in COMMON_SIZES.items():
+        for unit, size in sizes.items():
+            assert size == registry.Quantity(1.0, unit).to(si).magnitude, unit
 
 
 @given(st.integers(min_value=1, max_value=10**6))

@@ -63,6 +63,25 @@ _KNOWN = {
 }
 DIMENSIONS = {dimension: unit for dimension, (unit, _) in _KNOWN.items()}
 
+# Sizes of the units that most files use, by the SI unit; Pint, which knows all others, takes a
+# second to start
+COMMON_SIZES: dict[str, dict[str, float]] = {
+    "m": {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "nm": 1e-9},
+    "N": {"N": 1.0, "mN": 1e-3},
+    "rad": {"rad": 1.0, "deg": math.pi / 180.0},
+    "N/m": {"N/m": 1.0, "N/mm": 1e3},
+    "J": {"J": 1.0, "mJ": 1e-3, "uJ": 1e-6},
+    "W": {"W": 1.0, "mW": 1e-3, "uW": 1e-6},
+    "s": {"s": 1.0, "ms": 1e-3},
+    "Hz": {"Hz": 1.0, "kHz": 1e3},
+    "m/s": {"m/s": 1.0, "mm/s": 1e-3},
+    "m/s**2": {"m/s^2": 1.0},
+    "kg": {"kg": 1.0, "g": 1e-3},
+    "kg/m**3": {"kg/m^3": 1.0},
+    "Pa": {"Pa": 1.0, "MPa": 1e6, "GPa": 1e9},
+    "": {"": 1.0, "%": 1e-2},
+}
+
 _SMALLEST_INVERTED = 1e-300  # below it the inverse of a factor is near the largest double
 _ROUNDING = 1e-12  # by which the inverse of a unit's size may miss a whole number
 _MAX_TEXT = 64  # longer text is no quantity and must not reach the library
@@ -298,6 +317,9 @@ def _find_magnitude(text: str, unit: str, wanted: str) -> float:
     if parsed is None or (unit and not parsed[2]):
         raise QuantityError(f"{wanted}, got {text!r}")
     number = float(parsed[1])
+    size = COMMON_SIZES.get(unit, {}).get(parsed[2])
+    if size is not None:
+        return float(multiply_by_unit(number, size))
     try:
         return _convert_unit(number, parsed[2] or "dimensionless", unit or "dimensionless")
     except _unit_errors() as error:

@@ -67,6 +67,7 @@ def test_each_slip_is_refused_before_the_session_is_measured(session, old, new, 
         measure_session(folder, jobs=1)
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize(("declared_rate", "times"), [("5 kHz", "0.5"), ("20 kHz", "2")])
 def test_a_rate_that_is_off_by_two_is_named_with_the_ring_that_speaks_for_it(
     session, declared_rate, times

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, strategies as st
+from scipy.signal import find_peaks
 
 from oracles.tip_paths import groove_path, step_path
 from stepblocks.contact.counterface import Margin, Profile, Step
@@ -15,6 +17,7 @@ from stepblocks.contact.laws import LinearContact
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.drag import kernels
 from stepblocks.drag.catches import find_catch_places
+from stepblocks.drag.kernels.peaks import find_prominent_peaks
 from stepblocks.drag.plan import build_model
 from stepblocks.drag.probe import PAPER_DRAG, DragSettings
 from stepblocks.drag.run import drag_over
@@ -238,3 +241,11 @@ def test_a_tip_has_left_a_sharp_step_where_its_path_is_half_as_steep(height):
     places = find_catch_places(build_step_track(height, R), R)
     assert places.last / R == pytest.approx([-math.sin(angle)], abs=1e-3)
     assert places.behind / R == pytest.approx([-math.sin(0.5 * angle)], abs=3e-3)
+
+
+@given(st.lists(st.integers(min_value=-3, max_value=4), max_size=40))
+def test_peaks_are_those_that_scipy_finds(levels):
+    """Whole numbers make plateaus and equal peaks."""
+    values = np.array(levels, dtype=np.float64)
+    expected, _ = find_peaks(values, height=1.5, prominence=1.5)
+    assert find_prominent_peaks(values, 1.5).tolist() == expected.tolist()

@@ -1,5 +1,6 @@
 """A file that somebody else made costs one line, whatever its reader does with it."""
 
+import contextvars
 import gc
 import os
 import signal
@@ -13,7 +14,7 @@ import pytest
 
 from stepblocks.errors import MetrologyError
 from stepblocks.files import confined
-from stepblocks.files.confined import read_confined
+from stepblocks.files.confined import read_confined, read_own_files
 
 READERS = """
 import ctypes, os, time
@@ -121,6 +122,18 @@ def test_whatever_a_reader_does_is_one_line_and_the_next_file_is_read(
     assert call(file, "good", 1.0)["name"] == "x.bin"
 
 
+def test_a_process_reads_what_it_wrote_itself_and_says_the_same_of_what_is_wrong(file):
+    with read_own_files():
+        assert call(file, "number") == {"pid": os.getpid()}
+        for reader in ("leaves", "fails", "says", "objects"):
+            with pytest.raises(MetrologyError) as here:
+                call(file, reader)
+            with pytest.raises(MetrologyError) as elsewhere:
+                contextvars.Context().run(call, file, reader)
+            assert str(here.value) == str(elsewhere.value)
+    assert call(file, "number") != {"pid": os.getpid()}
+
+
 def test_a_sound_file_is_read_however_long_a_busy_machine_keeps_its_reader_waiting(
     file, monkeypatch
 ):
@@ -191,7 +204,7 @@ def test_a_lower_limit_of_the_users_own_stays_and_refuses_no_file(file):
     code = """
 import resource, sys
 from pathlib import Path
-from stepblocks.files.confined import read_confined
+from stepblocks.files.confined import read_confined, read_own_files
 for kind, most in ((resource.RLIMIT_AS, 3 << 30), (resource.RLIMIT_DATA, 1 << 30)):
     resource.setrlimit(kind, (most, most))
 resource.setrlimit(resource.RLIMIT_CPU, (10, 10))

@@ -46,7 +46,9 @@ def hands(path, seed, count=600):
     return np.column_stack([x, np.zeros(count), path.z.min() - depth])
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize(
+    "seed", [1, *(pytest.param(seed, marks=pytest.mark.long) for seed in (2, 3))]
+)
 def test_the_proxy_never_leaves_the_cone_of_friction(renderer, seed):
     """On one side at least, the force along the path is no more than mu times that on it."""
     renderer.reset(np.array([0.0, 0.0, 1e-3]))

@@ -47,6 +47,7 @@ def measure_flatness(period, amplitude, noise=5e-9):
     return estimate_zone(compute_flatness, fit_face(x, y, height, np.ones(wave.shape, dtype=bool)))
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("period", [0.4e-3, 0.8e-3, 1.5e-3])
 def test_waviness_of_a_face_is_flatness_as_far_as_the_filter_passes_it(period):
     zone = measure_flatness(period, 1e-6)

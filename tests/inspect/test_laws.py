@@ -11,7 +11,7 @@ from hypothesis import given, settings, strategies as st
 
 from oracles.softgauge import edge_gauge, groove_gauge
 from stepblocks.inspect.budget import Component, Instrument, Measured
-from stepblocks.inspect.conformity import Outcome, decide, judge
+from stepblocks.inspect.conformity import Outcome, decide_conformity, judge_conformity
 from stepblocks.inspect.evaluation import EvaluationOptions
 from stepblocks.inspect.grooves import measure_groove
 from stepblocks.inspect.working_edge.burr import find_burr
@@ -166,13 +166,15 @@ def test_one_more_component_never_narrows_an_interval(own, more):
     after = Measured("x", 0.0, (*parts, Component("calibration", more)))
     assert after.std >= before.std
     type_a = tuple(part for part in parts if part.is_type_a)
-    assert after.expanded() >= Measured("x", 0.0, type_a).expanded() * (1.0 - 1e-12)
+    assert after.compute_expanded_uncertainty() >= Measured(
+        "x", 0.0, type_a
+    ).compute_expanded_uncertainty() * (1.0 - 1e-12)
 
 
 @MANY
 @given(st.floats(-3e-6, 3e-6), st.floats(1e-9, 1e-6), st.floats(1e-9, 1e-6))
 def test_a_wider_uncertainty_never_turns_doubt_into_proof(value, narrow, wide):
-    first, second = (decide(value, std, -1e-6, 1e-6) for std in sorted((narrow, wide)))
+    first, second = (decide_conformity(value, std, -1e-6, 1e-6) for std in sorted((narrow, wide)))
     if first.verdict is Outcome.NOT_PROVEN:
         assert second.verdict is Outcome.NOT_PROVEN
 
@@ -181,8 +183,8 @@ def test_a_wider_uncertainty_never_turns_doubt_into_proof(value, narrow, wide):
 @given(st.floats(-3e-6, 3e-6), st.floats(1e-9, 1e-6))
 def test_a_mirrored_tolerance_gives_the_mirrored_verdict(value, std):
     part = (Component("noise", std),)
-    here = judge(Measured("x", value, part), -1e-5, -1e-6, 2e-6)
-    there = judge(Measured("x", -value, part), 1e-5, -2e-6, 1e-6)
+    here = judge_conformity(Measured("x", value, part), -1e-5, -1e-6, 2e-6)
+    there = judge_conformity(Measured("x", -value, part), 1e-5, -2e-6, 1e-6)
     assert here.verdict is there.verdict
 
 

@@ -17,7 +17,12 @@ from stepblocks.declaration.select import find_stimulus_files
 from stepblocks.declaration.set import StimulusSet
 from stepblocks.errors import PipelineError
 from stepblocks.inspect.budget import Component, Instrument, Measured
-from stepblocks.inspect.conformity import Outcome, combine_verdicts, decide, judge
+from stepblocks.inspect.conformity import (
+    Outcome,
+    combine_verdicts,
+    decide_conformity,
+    judge_conformity,
+)
 from stepblocks.inspect.evaluation import EvaluationOptions
 from stepblocks.inspect.feature import EVALUATIONS
 from stepblocks.inspect.report import write_inspection
@@ -235,7 +240,9 @@ def test_what_is_written_agrees_with_the_result_and_is_named_in_order(result, tm
 
 
 def test_one_failure_fails_and_one_unproven_leaves_the_whole_unproven():
-    good, open_, bad = (decide(value, 0.1e-6, 9e-6, 11e-6) for value in (10e-6, 10.95e-6, 12e-6))
+    good, open_, bad = (
+        decide_conformity(value, 0.1e-6, 9e-6, 11e-6) for value in (10e-6, 10.95e-6, 12e-6)
+    )
     assert combine_verdicts([good.verdict, good.verdict]) is Outcome.CONFORMS
     assert combine_verdicts([good.verdict, open_.verdict]) is Outcome.NOT_PROVEN
     assert combine_verdicts([one.verdict for one in (open_, bad, good)]) is Outcome.DOES_NOT_CONFORM
@@ -245,6 +252,6 @@ def test_what_cannot_be_negative_has_no_lower_limit_at_zero_and_a_fall_has_one()
     def measured(value):
         return Measured("x", value, (Component("noise", 10e-9),))
 
-    assert judge(measured(1e-9), 0.0, 0.0, 2e-6).lower == -math.inf
-    assert judge(measured(10e-6), 10e-6, -1e-6, 1e-6).lower == pytest.approx(9e-6)
-    assert judge(measured(-10e-6), -10e-6, -1e-6, 1e-6).lower == pytest.approx(-11e-6)
+    assert judge_conformity(measured(1e-9), 0.0, 0.0, 2e-6).lower == -math.inf
+    assert judge_conformity(measured(10e-6), 10e-6, -1e-6, 1e-6).lower == pytest.approx(9e-6)
+    assert judge_conformity(measured(-10e-6), -10e-6, -1e-6, 1e-6).lower == pytest.approx(-11e-6)

@@ -60,13 +60,13 @@ class Clicker:
     def __init__(self, driver):
         self.driver = driver
 
-    def see(self, text):
-        """Wait for an element with a text, and return the whole text."""
+    def see(self, text, number=1):
+        """Wait for so many elements with a text, and return the whole text of the first."""
         path = f"//*[text()[contains(normalize-space(.), {quote(text)})]]"
 
         def look():
-            element = self._find_shown(path)
-            return element.text if element else None
+            shown = [element for element in self._find_all(path) if element.is_displayed()]
+            return shown[0].text if len(shown) >= number else None
 
         return wait_for(look, text)
 
@@ -83,7 +83,7 @@ class Clicker:
         """Click a button or a link, by its text or its name for listeners."""
         literal = quote(text)
         path = (
-            f"//button[contains(normalize-space(.), {literal}) or "
+            f"//*[self::button or @role='button'][contains(normalize-space(.), {literal}) or "
             f"contains(@aria-label, {literal})] | //a[contains(normalize-space(.), {literal})]"
         )
 

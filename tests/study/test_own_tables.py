@@ -14,7 +14,7 @@ from statsmodels.stats.anova import AnovaRM
 
 from stepblocks.errors import StudyError
 from stepblocks.study.analysis.foreign import read_foreign_judgements
-from stepblocks.study.analysis.paper import list_paper_tables, write_latex, write_markdown
+from stepblocks.study.analysis.paper import format_latex, format_markdown, list_paper_tables
 from stepblocks.study.analysis.people import _describe_levels, find_lone_distance
 from stepblocks.study.analysis.prose import write_headline
 from stepblocks.study.analysis.repeated import compute_effect_interval
@@ -192,7 +192,7 @@ def test_a_further_factor_keeps_the_usual_probes(tmp_path):
 
 def test_a_design_for_one_participant_finds_no_difference(tmp_path):
     design = design_trials("estimates", 1, ITEMS, 1, 1, factors={"probe": ("bare", "soft")})
-    assert math.isinf(design.detectable)
+    assert math.isinf(design.detectable_effect_size)
 
 
 @pytest.mark.parametrize(
@@ -243,12 +243,12 @@ def test_a_paper_gets_means_deviations_tests_and_effect_sizes(tmp_path):
     t = stats.ttest_rel(wide["bare"], wide["soft"]).statistic
     (row,) = [row for row in pairs.rows if row[0] == "bare − soft"]
     assert row[3] == f"t(9) = {t:.2f}".replace("-", "−")
-    assert (tmp_path / "report" / "tables.md").read_text() == write_markdown(
+    assert (tmp_path / "report" / "tables.md").read_text() == format_markdown(
         list_paper_tables(result)
     )
     word = docx.Document(tmp_path / "report" / "tables.docx")
     assert [row.cells[0].text for row in word.tables[2].rows][1:] == [row[0] for row in pairs.rows]
-    latex = write_latex(list_paper_tables(result))
+    latex = format_latex(list_paper_tables(result))
     assert latex.count(r"\begin{tabular}") == latex.count(r"\end{tabular}") == 10
 
 

@@ -16,7 +16,7 @@ from stepblocks.study.analysis.population import (
     Population,
     compare_between,
     compare_within,
-    find_tail,
+    compute_tail_probability,
 )
 
 DATA = Path(__file__).parent / "data"
@@ -169,7 +169,7 @@ def test_a_lapse_rate_that_takes_from_the_spread_is_not_a_difference():
 
 
 def test_the_order_of_conditions_changes_the_sign_alone():
-    one, other = (fitted(*simulated(seed)).profile(0) for seed in (8, 9))
+    one, other = (fitted(*simulated(seed)).compute_likelihoods(0) for seed in (8, 9))
     axis = Grid(LEVELS, *simulated(8)).middles
     there, back = compare_within(one, other, axis), compare_within(other, one, axis)
     assert (there.value, there.low) == pytest.approx((-back.value, -back.high), abs=1e-4)
@@ -198,11 +198,15 @@ def test_participants_who_do_not_differ_give_the_interval_of_their_answers():
     # without a spread a twentieth has one of 3.3 and more: the normal's 3.84 found too little.
     middles = np.array([-0.42, -0.1, 0.05, 0.16, 0.2, 0.31, 0.47, 0.65])
     found, mean = normal(middles, 0.6).estimate(0), middles.mean()
-    limit = optimize.brentq(lambda ratio: find_tail(ratio, 8.0, 1e-6) - 0.05, 1.0, 5.0)
+    limit = optimize.brentq(
+        lambda ratio: compute_tail_probability(ratio, 8.0, 1e-6) - 0.05, 1.0, 5.0
+    )
     reach = math.sqrt(limit * 0.36 / 8.0)
     assert limit == pytest.approx(np.quantile(ratios_of_samples(8, 0.0), 0.95), abs=0.1)
     assert (found.low, found.high) == pytest.approx((mean - reach, mean + reach), abs=5e-3)
-    assert found.p == pytest.approx(find_tail(8.0 * mean**2 / 0.36, 8.0, 1e-6), abs=3e-3)
+    assert found.p == pytest.approx(
+        compute_tail_probability(8.0 * mean**2 / 0.36, 8.0, 1e-6), abs=3e-3
+    )
 
 
 def ratios_of_samples(people, share):
@@ -218,9 +222,13 @@ def ratios_of_samples(people, share):
 def test_a_likelihood_ratio_is_as_probable_as_in_simulated_samples(people, share):
     ratios = ratios_of_samples(people, share)
     for tail in (0.5, 0.05, 0.01):
-        found = find_tail(float(np.quantile(ratios, 1.0 - tail)), people, max(share, 1e-6))
+        found = compute_tail_probability(
+            float(np.quantile(ratios, 1.0 - tail)), people, max(share, 1e-6)
+        )
         assert found == pytest.approx(tail, abs=3.0 * math.sqrt(tail / 20_000))
-    student = find_tail(people * math.log1p(4.0 / (people - 1.0)), people, 1.0 - 1e-6)
+    student = compute_tail_probability(
+        people * math.log1p(4.0 / (people - 1.0)), people, 1.0 - 1e-6
+    )
     assert student == pytest.approx(2.0 * stats.t.sf(2.0, people - 1.0), rel=1e-6)
 
 
@@ -260,7 +268,9 @@ def test_two_groups_of_five_who_do_not_differ_claim_a_difference_at_the_level(sh
         def excess(away):
             wide, own = max(variance + away**2, known), max(variance, known)
             ratio = math.log(wide / own) + (variance + away**2) / wide - variance / own
-            tail = find_tail(people * ratio, people, min(max(1.0 - known / wide, 1e-6), 1 - 1e-6))
+            tail = compute_tail_probability(
+                people * ratio, people, min(max(1.0 - known / wide, 1e-6), 1 - 1e-6)
+            )
             return math.log(tail / 0.05)
 
         return optimize.brentq(excess, 0.0, 40.0)

@@ -9,7 +9,7 @@ from scipy import stats
 
 from stepblocks.errors import StepblocksError, StudyError
 from stepblocks.study.analysis.page import render_study
-from stepblocks.study.analysis.people import find_swapped_conditions
+from stepblocks.study.analysis.people import describe_swapped_conditions
 from stepblocks.study.design.sheet import blind_row
 from stepblocks.study.run import analyse_study, design_study, simulate_study
 
@@ -237,13 +237,13 @@ def test_swapped_conditions_are_flagged_and_none_are_where_nobody_swapped_them()
     random = np.random.default_rng(1)
     table = pd.DataFrame({"bare": random.normal(3.0, 1.0, 10)})
     table["soft"] = table["bare"] + random.normal(5.0, 1.0, 10)
-    assert [*find_swapped_conditions(table, "bias")] == []
+    assert [*describe_swapped_conditions(table, "bias")] == []
     table.loc[3] = table.loc[3].to_numpy()[::-1]
-    (said,) = find_swapped_conditions(table, "bias")
+    (said,) = describe_swapped_conditions(table, "bias")
     assert said.startswith("Participant 3's bias differs between bare and soft")
     # without an effect there is nothing that can be told to be turned round
     nulls = [pd.DataFrame(random.standard_normal((10, 2)), columns=["a", "b"]) for _ in range(200)]
-    assert sum(bool([*find_swapped_conditions(one, "bias")]) for one in nulls) <= 4
+    assert sum(bool([*describe_swapped_conditions(one, "bias")]) for one in nulls) <= 4
 
 
 def test_a_participant_whose_conditions_were_swapped_is_named_in_the_report(tmp_path):

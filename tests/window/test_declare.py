@@ -142,16 +142,25 @@ def test_what_is_shown_as_felt_is_the_first_row_of_the_prediction_of_each_part()
     table = predict_set(path, dragged=False).groupby("stimulus").first()
     assert [row.part for row in felt] == list(table.index)
     for row in felt:
-        shown = [float(text) for text in row.energy.strip(")").replace("(", "to ").split("to")]
-        energy = table.loc[row.part]
-        assert shown == pytest.approx(
-            [
-                energy["vibration_energy_uj"],
-                energy["vibration_energy_95_low_uj"],
-                energy["vibration_energy_95_high_uj"],
-            ],
-            rel=0.01,
-        )
+        expected = table.loc[row.part]
+        for text, name, unit in (
+            (row.energy, "vibration_energy", "uj"),
+            (row.force, "peak_force", "n"),
+        ):
+            shown = [float(part) for part in text.strip(")").replace("(", "to ").split("to")]
+            columns = [f"{name}{end}_{unit}" for end in ("", "_95_low", "_95_high")]
+            assert shown == pytest.approx(expected[columns].tolist(), rel=0.01)
+        assert row.dragged == ""
+
+
+def test_a_block_that_locks_says_so_and_the_drag_in_time_follows_the_formula(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text(WRITTEN + '[[step_block]]\nid = "locks"\nheight = "120 um"\n')
+    low, locks = predict_felt(load_set(path), dragged=True)
+    table = predict_set(path, dragged=True).groupby("stimulus").first()
+    energy = table.loc["low", "drag_vibration_energy_uj"]
+    assert float(low.dragged) == pytest.approx(energy, rel=0.01)
+    assert locks.energy == table.loc["locks", "status"] == "locked"
 
 
 def test_a_profile_is_drawn_to_one_scale():

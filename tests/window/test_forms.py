@@ -14,7 +14,7 @@ from nicegui import ui
 from nicegui.testing.user_simulation import user_simulation
 
 import stepblocks
-from stepblocks.cli import make_command
+from stepblocks.cli import main, make_command
 from stepblocks.errors import PipelineError
 from stepblocks.window.set_page import make_set_design
 from stepblocks.window.study_page import (
@@ -110,10 +110,28 @@ def test_the_python_of_a_form_is_a_call_that_its_function_takes(form):
     if not form.function:
         return
     python = form.make_command(answer_all(form)).python
-    call = ast.parse(python).body[-1].value
+    call = ast.parse(python).body[1].value  # behind the import
     arguments = [ast.literal_eval(argument) for argument in call.args]
-    options = {option.arg: ast.literal_eval(option.value) for option in call.keywords}
+    options = {option.arg: ast.unparse(option.value) for option in call.keywords}
     inspect.signature(getattr(stepblocks, form.function)).bind(*arguments, **options)
+
+
+def test_the_python_of_a_set_writes_what_its_command_writes(tmp_path, monkeypatch):
+    form = make_set_design([])
+    answers = answer_all(form) | {"targets": "20 uJ, 30 uJ", "base": "", "plot": ""}
+    answers |= {"lowest": "", "highest": "", "number": "", "apart": "", "kind": "step_block"}
+    command = form.make_command(answers)
+    written = []
+    for folder in ("typed", "python"):
+        (tmp_path / folder).mkdir()
+        monkeypatch.chdir(tmp_path / folder)
+        if folder == "typed":
+            assert main([*command.words, "--model=formula"]) == 0
+        else:
+            code = command.python.replace(")\ndesign", ", model='formula')\ndesign", 1)
+            exec(code)
+        written.append((tmp_path / folder / "mine.toml").read_bytes())
+    assert written[0] == written[1]
 
 
 async def open_page(folder, path):

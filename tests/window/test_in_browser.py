@@ -1,15 +1,21 @@
 """From an empty folder by clicks alone, in a real browser: each gives what its commands give."""
 
 import shlex
+import shutil
 import time
+import zipfile
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import pytest
 
 pytest.importorskip("nicegui")
 
+from oracles.loop_folder import write_explained_session
 from oracles.window_browser import Clicker, open_browser, serve
 from stepblocks.cli import main
+from stepblocks.rehearse.run import simulate_session
 
 pytestmark = pytest.mark.long
 HELD_TIMES = (".pdf", ".xlsx")  # files that say when they were written
@@ -155,12 +161,131 @@ def test_a_scan_that_leaves_three_answers_open_to_its_certificate(page, tmp_path
     assert list_bytes(folder) == list_bytes(typed)
 
 
+PLAN = """
+schema = 1
+seed = 5
+format = "csv"
+[design]
+heights = ["20 um", "40 um", "60 um", "80 um"]
+loads = ["0.5 N", "1.1 N"]
+speeds = ["2 mm/s", "10 mm/s"]
+trials = 48
+days = 1
+[[effects]]                # friction runs in, which nobody declares
+slot = "friction"
+change = "multiply"
+form = "exponential"
+covariate = "run_order"
+size = 0.8
+span = 12
+"""
+
+
+def pack_session(base):
+    """A zip file of a simulated session, without what only its simulation knows."""
+    (base / "plan.toml").write_text(PLAN, encoding="utf-8")
+    simulate_session(base / "plan.toml", base / "simulated")
+    archive = base / "b1.zip"
+    with zipfile.ZipFile(archive, "w") as packed:
+        for path in sorted((base / "simulated").rglob("*")):
+            if path.is_file() and path.name != "truth.csv":
+                packed.write(path, path.relative_to(base / "simulated").as_posix())
+    return archive
+
+
+def click_point(driver, trial):
+    """Click where the chart draws the last series' point of a trial."""
+    place = driver.execute_script(
+        "const box = document.querySelector('.nicegui-echart');"
+        "box.scrollIntoView({block: 'center'});"
+        "const chart = getElement(Number(box.id.slice(1))).chart;"
+        "const points = chart.getOption().series[1].data;"
+        "const point = points.find(found => found.name === arguments[0]);"
+        "const [x, y] = chart.convertToPixel({seriesIndex: 1}, point.value);"
+        "const frame = box.getBoundingClientRect();"
+        "return [Math.round(frame.left + x), Math.round(frame.top + y)];",
+        trial,
+    )
+    for kind in ("mousePressed", "mouseReleased"):
+        event = {"type": kind, "x": place[0], "y": place[1], "button": "left", "clickCount": 1}
+        driver.execute_cdp_cmd("Input.dispatchMouseEvent", event)
+
+
+def test_a_session_with_an_undeclared_effect_to_its_finding_and_a_corrected_prediction(
+    page, tmp_path, monkeypatch
+):
+    user, folder = page
+    archive = pack_session(tmp_path)
+    user.click("Run: Write a commented file")
+    user.see("done")
+    user.click("Bench")
+    user.drop(archive)
+    user.see("First trace; its columns: time_s, fx_n, fy_n")
+    lines = [user.see("stepblocks loop sessions/b1")]
+    user.click("Run: Find what the model lacks")
+    user.see("Friction runs in")
+    user.see("Error on trials held out, before and after")
+    user.see("Held apart: none")
+    user.find("canvas")
+    time.sleep(1.0)  # the chart draws itself
+    click_point(user.driver, "7")
+    user.see("--trials=7")
+    user.find("img[src^='data:image/png']")
+    lines.append(user.see("stepblocks predict sessions/b1 --model"))
+    user.click("Run: Predict the trials of the session")
+    user.see("48 trials predicted, 0 of them not ok")
+    user.click("Use the model on the page to declare")
+    user.type("Stimulus file, there or new (such as mine.toml)", "mine.toml")
+    user.click("Open")
+    user.see("energy with the model, µJ (95 %)")
+    user.see("stepblocks build mine.toml -o out --model out/b1-loop/model.json")
+    typed = tmp_path / "typed"
+    shutil.copytree(folder / "sessions", typed / "sessions")
+    repeat(["stepblocks new block mine.toml", *lines], typed, monkeypatch)
+    assert list_bytes(folder) == list_bytes(typed)
+    predicted = pd.read_csv(folder / "out" / "b1-loop-predicted.csv")
+    measured = pd.read_csv(folder / "out" / "b1-loop" / "features.csv")["vibration_energy_j"]
+    errors = {}
+    for name in ("vibration_energy_j", "nominal_vibration_energy_j"):
+        errors[name] = np.sqrt(np.mean(np.log(measured / predicted[name]) ** 2))
+    assert errors["vibration_energy_j"] < 0.5 * errors["nominal_vibration_energy_j"]
+
+
+def test_a_server_that_is_killed_in_a_job_finds_it_again_when_it_starts(driver, tmp_path):
+    """The build goes on without a window; the next one shows how far it is, and its verdicts."""
+    declared = '[[step_block]]\nid = "low"\nheight = "25 um"\n'
+    (tmp_path / "mine.toml").write_text(declared, encoding="utf-8")
+    user = Clicker(driver)
+    with serve(tmp_path) as (address, server):
+        driver.get(address)
+        user.click("Build")
+        user.click("Run: Build, read back")
+        user.see("running")
+        server.kill()
+        server.wait(60)
+        driver.get("about:blank")
+    with serve(tmp_path) as (address, _):
+        driver.get(address)
+        user.click("Work")
+        user.see("stepblocks build mine.toml -o out")
+        user.see("done")
+        user.click("Build")
+        user.see("Verdict of every file")
+        user.click("Work")
+        user.click("Run again: Build")
+        user.see("running")
+        user.see("done", number=2)
+        driver.get("about:blank")
+    assert (tmp_path / "out" / "index.html").is_file()
+
+
 PAGES = (
     "",
     "declare?file=mine.toml",
     "build",
     "inspect?file=scan.csv",
     "bench",
+    "bench?session=bench/b1",
     "study",
     "set",
     "work",
@@ -179,6 +304,7 @@ def lab(tmp_path_factory):
     for name, file in (("session", "session.toml"), ("study", "design.csv")):
         (folder / name).mkdir()
         (folder / name / file).touch()
+    write_explained_session(folder)
     return folder
 
 
@@ -196,6 +322,10 @@ def test_no_page_has_a_serious_fault_of_access(driver, lab):
             driver.get(base + path)
             user.find("main h1")
             time.sleep(2.0)  # what is read from files comes later
+            if "session=" in path:
+                user.find("canvas")
+            if "declare" in path:
+                user.find(".q-slider")
             for size in SIZES:
                 driver.set_window_size(*size)
                 for colours in ("light", "dark"):

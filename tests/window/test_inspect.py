@@ -1,7 +1,9 @@
 """A scan is looked at before it is judged: what its file leaves open is asked, not guessed."""
 
+import ast
 import asyncio
 import shlex
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -16,7 +18,9 @@ from nicegui.elements.upload_files import SmallFileUpload
 from nicegui.testing.user_interaction import UserInteraction
 from nicegui.testing.user_simulation import user_simulation
 
+import stepblocks
 from stepblocks.errors import MetrologyError, PipelineError
+from stepblocks.window.batch_form import ListedScan, write_list
 from stepblocks.window.folder import Folder
 from stepblocks.window.inspect_page import InspectForm, InspectionAnswers
 from stepblocks.window.jobs import JobList
@@ -79,6 +83,21 @@ def test_edges_are_named_and_a_click_picks_the_nearest_with_the_part_that_holds_
 def test_the_picked_part_is_what_the_command_evaluates():
     answers = InspectionAnswers("a.csv", "low", "b.toml", begin="1010 um", end="-3 um")
     assert answers.make_command().words[-4:-2] == ("--from=1010 um", "--to=-3 um")
+
+
+def test_the_python_of_an_inspection_has_every_answer_in_si():
+    answers = InspectionAnswers(
+        "a.csv", "low", "b.toml", "um", stylus_radius="2 um", calibration="0.1 %", end="1010 um"
+    )
+    call = ast.parse(answers.make_command().python).body[1].value
+    options = {option.arg: ast.unparse(option.value) for option in call.keywords}
+    made = {name: eval(options[name]) for name in ("instrument", "options")}
+    assert made["instrument"] == stepblocks.Instrument(calibration_std=0.001)
+    assert made["options"] == stepblocks.EvaluationOptions(
+        end=pytest.approx(1010e-6), stylus_radius=2e-6
+    )
+    wrong = InspectionAnswers("a.csv", "low", "b.toml", stylus_radius="2 kg")
+    assert wrong.make_command().python == ""
 
 
 @pytest.mark.parametrize("name", ["evil.exe", ".csv", ".hidden.csv", "", "..", "a\0.csv"])
@@ -169,3 +188,78 @@ def list_bytes(folder: Path):
         for path in sorted(folder.rglob("*"))
         if path.is_file() and path.suffix not in (".pdf", ".xlsx")  # which hold their time
     }
+
+
+def make_step(height):
+    """A profile over a sharp step, as text."""
+    x = np.arange(-1000.0, 1000.0, 2.0)
+    rows = [f"{position:g},{height * (position > 0.0):g}" for position in x]
+    return "\n".join(["x_um,z_um", *rows]) + "\n"
+
+
+async def list_batch(folder):
+    """Drop three scans of two serial numbers, name them, write the list, and run the command."""
+    window = Window(folder)
+    async with user_simulation(root=window.build) as user:
+        await user.open("/inspect")
+        upload = next(iter(user.find(marker="drop").elements))
+        for name, height in (("a1.csv", 25.0), ("a2.csv", 25.2), ("b1.csv", 24.9)):
+            content = make_step(height).encode()
+            await upload.handle_uploads([SmallFileUpload(name, "text/csv", content)])
+        (scans,) = user.find(marker="batch-scans").elements
+        while len(scans.options) < 3:
+            await asyncio.sleep(0.1)
+        (fold,) = user.find(marker="batch").elements
+        fold.set_value(True)
+        scans.set_value(["a1.csv", "a2.csv", "b1.csv"])
+        (stimuli,) = user.find(marker="batch-stimuli").elements
+        stimuli.set_value("mine.toml")
+        await asyncio.sleep(0.5)
+        user.find("Write the list").click()
+        await user.should_see("must be answered first: Part that was scanned [a1.csv]", retries=50)
+        for name, serial in (("a1.csv", "A"), ("a2.csv", "A"), ("b1.csv", "B")):
+            (field,) = user.find(marker=f"serial-{name}").elements
+            (part,) = user.find(marker=f"part-{name}").elements
+            assert part.options == ["low"]
+            field.set_value(serial)
+            part.set_value("low")
+        user.find("Write the list").click()
+        await user.should_see("scans/scans.csv is saved", retries=50)
+        button = max(user.find("Run").elements, key=lambda element: element.id)
+        UserInteraction(user, {button}, "Run").click()
+        (job,) = window.jobs.latest_first
+        while job.state.name == "RUNNING":
+            await asyncio.sleep(0.2)
+        window.jobs.close()
+        return job
+
+
+@pytest.mark.long
+def test_scans_of_several_serial_numbers_are_judged_together_as_the_command_does(tmp_path):
+    clicked, typed = tmp_path / "clicked", tmp_path / "typed"
+    clicked.mkdir()
+    (clicked / "mine.toml").write_text(DECLARED)
+    job = asyncio.run(list_batch(clicked))
+    assert job.state.name in ("DONE", "OUT_OF_TOLERANCE", "NOT_PROVEN")
+    assert (clicked / "scans" / "scans.csv").read_text() == (
+        "scan,stimulus,block\na1.csv,low,A\na2.csv,low,A\nb1.csv,low,B\n"
+    )
+    shutil.copytree(clicked / "scans", typed / "scans")
+    (typed / "mine.toml").write_text(DECLARED)
+    words = shlex.split(job.command.line)[1:]
+    subprocess.run([sys.executable, "-m", "stepblocks", *words], cwd=typed, check=False)
+    assert list_bytes(clicked) == list_bytes(typed)
+    for serial in ("A", "B"):
+        assert (clicked / "out" / "inspect-scans" / serial / "low.inspection.html").is_file()
+
+
+def test_a_list_replaces_no_file_but_an_earlier_list(tmp_path):
+    (tmp_path / "scans.csv").write_text("x_um,z_um\n0,1\n")
+    scans = [ListedScan("a.csv", "low", "=1+1")]
+    with pytest.raises(PipelineError, match="which is kept"):
+        write_list(Folder(tmp_path), "scans.csv", scans)
+    write_list(Folder(tmp_path), "new.csv", scans)
+    write_list(Folder(tmp_path), "new.csv", scans)
+    assert (tmp_path / "new.csv").read_text() == "scan,stimulus,block\na.csv,low,'=1+1\n"
+    with pytest.raises(PipelineError, match="must lie in the folder"):
+        write_list(Folder(tmp_path), "../new.csv", scans)

@@ -1,9 +1,12 @@
 """What is clicked gives the files that the shown command gives, and what it would say."""
 
 import asyncio
+import os
 import shlex
+import signal
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -122,3 +125,114 @@ def test_a_command_goes_on_where_the_window_is_killed(tmp_path):
             break
         time.sleep(0.1)
     assert "[[step_block]]" in declared.read_text()
+
+
+def write_long_plan(folder):
+    """A session, of which so many are simulated that it takes minutes."""
+    (folder / "plan.toml").write_text(
+        'schema = 1\nseed = 1\nformat = "csv"\n[design]\nheights = ["20 um", "40 um"]\n'
+        'loads = ["0.5 N"]\nspeeds = ["2 mm/s"]\ntrials = 8\n'
+    )
+
+
+def wait_for_end(job):
+    """A process that nobody waits for may stay as a number for a while."""
+    for _ in range(600):
+        if job.state is not JobState.RUNNING:
+            return
+        time.sleep(0.1)
+    raise AssertionError(job.output)
+
+
+def wait_for_step(job):
+    for _ in range(1200):
+        if job.progress is not None:
+            return
+        time.sleep(0.1)
+    raise AssertionError(job.output)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="its server ends otherwise")
+def test_jobs_of_a_killed_window_are_found_again_with_what_they_did(tmp_path):
+    """One had ended, one runs on and can be cancelled, one was killed together with the window."""
+    (tmp_path / "lab").mkdir()
+    write_long_plan(tmp_path / "lab")
+    code = (
+        "import os, sys; from pathlib import Path\n"
+        "from stepblocks.window.jobs import JobList\n"
+        "from stepblocks.window.command_line import ShownCommand\n"
+        "jobs = JobList(Path(sys.argv[1]))\n"
+        "done = jobs.start(ShownCommand('begin', ('new', 'block', 'mine.toml')))\n"
+        "done.wait(600)\n"
+        "for name in ('killed', 'on'):\n"
+        "    words = ('simulate-session', 'plan.toml', '-o', name, '--seeds=1:2000', '--jobs=1')\n"
+        "    job = jobs.start(ShownCommand(name, words))\n"
+        "    print(job._process._process.pid, flush=True)\n"
+        "os._exit(9)\n"
+    )
+    process = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path / "lab")],
+        check=False,
+        capture_output=True,
+        text=True,
+    )
+    assert process.returncode == 9, process.stderr
+    killed, _ = map(int, process.stdout.split())
+    os.kill(killed, signal.SIGKILL)
+    jobs = JobList(tmp_path / "lab")
+    jobs.find_again()
+    try:
+        on, lost, done = jobs.latest_first
+        assert [job.command.title for job in (done, lost, on)] == ["begin", "killed", "on"]
+        assert done.state is JobState.DONE
+        assert "mine.toml" in done.output
+        wait_for_end(lost)
+        assert lost.state is JobState.LOST
+        assert on.state is JobState.RUNNING
+        wait_for_step(on)
+        other = JobList(tmp_path / "lab")  # a second window on the folder has jobs of its own
+        other.find_again()
+        assert other.latest_first == []
+        other.close()
+        again = jobs.start(lost.command)
+        assert (again.number, again.state) == (4, JobState.RUNNING)
+        on.cancel()
+        wait_for_end(on)
+        assert on.state is JobState.CANCELLED
+    finally:
+        jobs.close()
+    after = JobList(tmp_path / "lab")
+    after.find_again()
+    assert after.latest_first == []
+    after.close()
+
+
+async def look_at_lost(folder, record):
+    window = Window(folder)
+    window.jobs.find_again()
+    (job,) = window.jobs.latest_first
+    async with user_simulation(root=window.build) as user:
+        await user.open("/work")
+        await user.should_see(JobState.LOST.value)
+        user.find("Run again").click()
+        await user.should_see(JobState.DONE.value, retries=600)
+        window.jobs.close()
+        return job
+
+
+def test_a_job_that_ended_with_its_window_is_shown_and_run_again(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temp"))
+    (tmp_path / "temp").mkdir()
+    (tmp_path / "lab").mkdir()
+    before = JobList(tmp_path / "lab")
+    run(before, "new", "block", "mine.toml")
+    (record,) = (tmp_path / "temp").rglob("1.json")
+    for damaged in ("2.json", "3.json"):
+        record.with_name(damaged).write_text("{" if damaged == "2.json" else "[]")
+    record.with_suffix(".steps").unlink()  # as of a process that was killed
+    before._locks.close()
+    (tmp_path / "lab" / "mine.toml").unlink()
+    job = asyncio.run(look_at_lost(tmp_path / "lab", record))
+    assert job.state is JobState.LOST
+    assert (tmp_path / "lab" / "mine.toml").is_file()
+    assert list((tmp_path / "temp").iterdir()) == []

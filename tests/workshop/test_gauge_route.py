@@ -129,3 +129,14 @@ def test_the_workshop_command_writes_everything_and_prints_the_routes(tmp_path, 
         )
     } == names
     assert main([*arguments[:-2], "-o", str(tmp_path), "--only", "nothing"]) == 2
+
+
+def test_what_is_said_of_several_parts_stands_once_and_counts_them(capsys, tmp_path):
+    two = tmp_path / "two.toml"
+    two.write_text(
+        '[[step_block]]\nid = "step-{height_um:03}"\nheight = { values = ["20 um", "50 um"] }\n'
+    )
+    assert main(["workshop", str(two), "-o", str(tmp_path / "out")]) == 0
+    text = capsys.readouterr().out
+    assert text.count("no gauge-block drawing") == 1
+    assert "two/step-020 and 1 more: no gauge-block drawing" in text

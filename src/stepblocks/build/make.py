@@ -1,12 +1,13 @@
 """Stimuli from their specifications to folders of checked artefacts, one by one or in parallel."""
 
 import json
+import operator
 import tempfile
 import time
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from stepblocks.artefacts.meshes.write import MESH_FORMATS, write_pieces
 from stepblocks.build.manifest import (
@@ -22,12 +23,16 @@ from stepblocks.build.manifest import (
 from stepblocks.compute.cores import count_cores
 from stepblocks.compute.seam import run_calls
 from stepblocks.files.atomic import make_draft_folder, move_into_place, sync_folder
+from stepblocks.files.confined import read_own_files
 from stepblocks.files.packed import PackedFolder, pack_folder, unpack_folder
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.kind import Part
 
 if TYPE_CHECKING:
     from distributed import Client
+
+    from stepblocks.declaration.set import StimulusSet
+    from stepblocks.predict.predictions import Prediction
 
 
 @dataclass(frozen=True)
@@ -66,6 +71,14 @@ class BuiltStimulus:
 
 
 @dataclass(frozen=True)
+class PredictedSet:
+    """What is predicted of a set."""
+
+    name: str
+    predictions: "tuple[Prediction, ...]"
+
+
+@dataclass(frozen=True)
 class PackedStimulus:
     """A stimulus made on another machine: its files, their record, and the time it took [s]."""
 
@@ -80,18 +93,33 @@ def build_stimuli(
     output: Path,
     jobs: int | None,
     cluster: "Client | None" = None,
-) -> Generator[BuiltStimulus]:
+    predicted: "Sequence[StimulusSet]" = (),
+) -> "Generator[BuiltStimulus | PredictedSet]":
     """Make stimuli here, in as many processes as there are cores, or on a cluster.
 
-    Each is given when its files are in place.
+    Each is given when its files are in place. Sets are predicted beside them, in this process where
+    a cluster makes the stimuli.
     """
     if cluster is not None:
         yield from _build_on_cluster(outdated, output, cluster)
+        yield from map(predict_declared_set, predicted)
         return
     processes = min(jobs or count_cores(), max(len(outdated), 1))
     # workers of an earlier build have the working folder of that time
-    calls = [(output.absolute(), stimulus) for stimulus in outdated]
-    yield from run_calls(build_stimulus, calls, jobs=processes, in_order=False)
+    calls: list[tuple[Any, ...]]
+    calls = [(build_stimulus, output.absolute(), stimulus) for stimulus in outdated]
+    predictions = [(predict_declared_set, stimuli) for stimuli in predicted]
+    # behind the first stimuli, which show that it goes on, and not at the end, where they would be
+    # all that is left to do
+    calls = [*calls[:processes], *predictions, *calls[processes:]]
+    yield from run_calls(operator.call, calls, jobs=processes, in_order=False)
+
+
+def predict_declared_set(stimuli: "StimulusSet") -> PredictedSet:
+    """Predict a set and drag its conditions in time."""
+    from stepblocks.predict.predictions import predict_and_drag_set
+
+    return PredictedSet(stimuli.name, predict_and_drag_set(stimuli))
 
 
 def _build_on_cluster(
@@ -155,9 +183,10 @@ def _make_record(part: Part, key: str, draft: Path) -> StimulusRecord:
     # of all that was asked for: what somebody removes meanwhile is missed and not left out
     outputs = {path.name: hash_file(path) for path in sorted({*paths, *draft.iterdir()})}
     verdicts = []
-    for path in paths:
-        for verdict in check_artefact(part, path):
-            verdicts.append(RecordedVerdict(str(verdict), verdict.passed, verdict.as_record()))
+    with read_own_files():
+        for path in paths:
+            for verdict in check_artefact(part, path):
+                verdicts.append(RecordedVerdict(str(verdict), verdict.passed, verdict.as_record()))
     return StimulusRecord(
         key=key,
         stimulus=part.id,

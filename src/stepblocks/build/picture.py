@@ -3,8 +3,10 @@
 import base64
 import json
 import os
+import threading
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -68,16 +70,27 @@ def draw_part(
     caption = f"heights over the lower face x {exaggeration:g}"
     if exaggeration == 1.0:
         caption = "whole part"
-    plotter = pv.Plotter(off_screen=True, shape=(1, 2), window_size=_WINDOW, border=False)
-    try:
-        plotter.subplot(0, 0)
-        _show(plotter, _cut_open(stretched), caption)
-        plotter.subplot(0, 1)
-        window = [_cut_box(mesh, half_width, centre) for mesh in meshes]
-        _show(plotter, window, f"true scale, {2e6 * half_width:.4g} µm wide")
-        plotter.screenshot(str(path), return_img=False)
-    finally:
-        plotter.close()
+    plotter = _open_plotter(os.getpid(), threading.get_ident())
+    plotter.suppress_rendering = True  # until everything is there
+    for renderer in plotter.renderers:
+        renderer.clear_actors()
+    plotter.subplot(0, 0)
+    _show(plotter, _cut_open(stretched), caption)
+    plotter.subplot(0, 1)
+    window = [_cut_box(mesh, half_width, centre) for mesh in meshes]
+    _show(plotter, window, f"true scale, {2e6 * half_width:.4g} µm wide")
+    plotter.suppress_rendering = False
+    plotter.render()
+    plotter.screenshot(str(path), return_img=False)
+
+
+@cache
+def _open_plotter(_process: int, _thread: int) -> Any:
+    """Open the window for all pictures of a thread: a new one takes as long as to draw in it.
+
+    A window belongs to the thread that made it, and is lost in a fork of its process.
+    """
+    return pv.Plotter(off_screen=True, shape=(1, 2), window_size=_WINDOW, border=False)
 
 
 def _make_polydata(vertices: Vertices, triangles: NDArray[np.int64]) -> Polydata:

@@ -39,6 +39,8 @@ if TYPE_CHECKING:
     from stepblocks.declaration.set import StimulusSet
     from stepblocks.parts.conditions import OrderSpec
     from stepblocks.parts.kind import Part
+    from stepblocks.predict.predictions import Prediction
+    from stepblocks.records.model import LearnedModel
 
 Source: TypeAlias = "str | Path | StimulusSet"
 
@@ -92,6 +94,14 @@ class BuildChanges:
 
     outdated: tuple[str, ...]
     current: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Built:
+    """Names of the stimuli as they became ready, and the predictions by the name of the set."""
+
+    names: list[str]
+    predictions: "Mapping[str, Sequence[Prediction]]"
 
 
 @dataclass(frozen=True)
@@ -156,14 +166,18 @@ def build_sets(
     from stepblocks.records.model import read_model
 
     sets = _load_sets(sources)
-    learned = read_model(model_file) if model_file else None
+    predicted_sets = sets
+    learned = None
+    if model_file:
+        learned = read_model(model_file)
+        predicted_sets = _put_learned_constants(sets, learned)
     with lock_folder(folder):
         _check_output_folder(folder, sets)
         selected = select_stimuli(sets, only)
         outdated = _find_outdated(selected, folder, inputs.code)
         with open_cluster(on if outdated else None, jobs) as cluster:
-            built = _build_outdated(outdated, folder, jobs, cluster, announce)
-        summary = write_tables_and_page(sets, folder, learned)
+            built = _build_outdated(outdated, predicted_sets, folder, jobs, cluster, announce)
+        summary = write_tables_and_page(predicted_sets, built.predictions, folder, learned)
         if summary.stimuli < len(selected):
             raise PipelineError(
                 f"no other program may remove files while they are built: run it again [{folder}]"
@@ -181,7 +195,7 @@ def build_sets(
         _replace_manifest(folder, new_manifest)
     return BuildReport(
         str(folder),
-        built,
+        built.names,
         current=len(selected) - len(outdated),
         failures=summary.failures,
         notes=_describe_alike_blocks(sets),
@@ -367,24 +381,38 @@ def _hash_stimulus(stimulus: "Part", order: "OrderSpec", code: str) -> str:
     return hash_bytes((declared + order.model_dump_json() + code).encode())
 
 
+def _put_learned_constants(
+    sets: "Sequence[StimulusSet]", learned: "LearnedModel"
+) -> "list[StimulusSet]":
+    """Give sets the constants that a session taught."""
+    from stepblocks.predict.learned import put_learned_constants
+
+    return [put_learned_constants(stimuli, learned) for stimuli in sets]
+
+
 def _build_outdated(
     outdated: "Sequence[OutdatedStimulus]",
+    predicted: "Sequence[StimulusSet]",
     output: Path,
     jobs: int | None,
     cluster: "Client | None",
     announce: "Callable[[BuiltStimulus, int, int], None] | None",
-) -> list[str]:
-    """Build stimuli; return their names in the order in which they were ready."""
-    from stepblocks.build.make import build_stimuli
+) -> _Built:
+    """Build stimuli and predict sets."""
+    from stepblocks.build.make import PredictedSet, build_stimuli
 
-    names = []
+    names: list[str] = []
+    predictions = {}
     # closed: its workers have ended before drafts are swept
-    with closing(build_stimuli(outdated, output, jobs, cluster)) as results:
-        for number, built in enumerate(results, start=1):
-            names.append(built.name)
+    with closing(build_stimuli(outdated, output, jobs, cluster, predicted)) as results:
+        for result in results:
+            if isinstance(result, PredictedSet):
+                predictions[result.name] = result.predictions
+                continue
+            names.append(result.name)
             if announce:
-                announce(built, number, len(outdated))
-    return names
+                announce(result, len(names), len(outdated))
+    return _Built(names, predictions)
 
 
 def _replace_manifest(folder: Path, manifest: Manifest) -> None:

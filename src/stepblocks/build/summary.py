@@ -1,6 +1,6 @@
 """The tables and the page of an output folder, written from the records of its stimuli."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -10,8 +10,7 @@ from stepblocks.build.manifest import RECORD, StimulusRecord, hash_bytes, load_r
 from stepblocks.declaration.set import StimulusSet
 from stepblocks.files.atomic import replace_text
 from stepblocks.predict.columns import format_predictions_csv
-from stepblocks.predict.learned import format_learned_columns, put_learned_constants
-from stepblocks.predict.predictions import predict_and_drag_set
+from stepblocks.predict.predictions import Prediction
 from stepblocks.predict.sheaths import write_sheath_files
 from stepblocks.records.model import LearnedModel
 
@@ -38,14 +37,19 @@ class Summary:
 
 
 def write_tables_and_page(
-    sets: Sequence[StimulusSet], output: Path, learned: LearnedModel | None
+    sets: Sequence[StimulusSet],
+    predictions: Mapping[str, Sequence[Prediction]],
+    output: Path,
+    learned: LearnedModel | None,
 ) -> Summary:
     """Write tables and page from the records.
 
     Parameters
     ----------
     sets : sequence of StimulusSet
-        All sets of the folder, built or not.
+        All sets of the folder, built or not, with the constants of the model.
+    predictions : mapping of str to sequence of Prediction
+        Of each set, by its name.
     output : Path
         The output folder.
     learned : LearnedModel or None
@@ -54,9 +58,8 @@ def write_tables_and_page(
     outputs: dict[str, str] = {}
     failures: list[str] = []
     sections = []
-    for declared in sets:
-        stimuli = put_learned_constants(declared, learned) if learned else declared
-        section = _write_tables(stimuli, output / stimuli.name, learned)
+    for stimuli in sets:
+        section = _write_tables(stimuli, predictions[stimuli.name], output / stimuli.name, learned)
         sections.append(section)
         folder = output / stimuli.name
         outputs |= _hash_files([folder / name for name in section.files], output)
@@ -69,11 +72,17 @@ def write_tables_and_page(
     return Summary(stimuli_made, failures, outputs)
 
 
-def _write_tables(stimuli: StimulusSet, folder: Path, learned: LearnedModel | None) -> page.Section:
+def _write_tables(
+    stimuli: StimulusSet,
+    predictions: Sequence[Prediction],
+    folder: Path,
+    learned: LearnedModel | None,
+) -> page.Section:
     """Write the tables of a set; return what the page shows of it."""
     folder.mkdir(exist_ok=True)
-    predictions = predict_and_drag_set(stimuli)
-    add_columns = partial(format_learned_columns, learned=learned) if learned else None
+    add_columns = None
+    if learned is not None:
+        add_columns = _make_learned_columns(learned)
     replace_text(folder / PREDICTIONS, format_predictions_csv(predictions, add_columns))
     records = {}
     for stimulus in stimuli.stimuli:
@@ -82,6 +91,13 @@ def _write_tables(stimuli: StimulusSet, folder: Path, learned: LearnedModel | No
             records[stimulus.id] = record
     files = [PREDICTIONS, *(path.name for path in write_sheath_files(stimuli, folder))]
     return page.Section(stimuli, predictions, records, files)
+
+
+def _make_learned_columns(learned: LearnedModel) -> Callable[[Prediction], dict[str, str]]:
+    """Return what formats the columns that a learned model adds to a row of predictions."""
+    from stepblocks.predict.learned import format_learned_columns
+
+    return partial(format_learned_columns, learned=learned)
 
 
 def _hash_files(paths: Iterable[Path], output: Path) -> dict[str, str]:

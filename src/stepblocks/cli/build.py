@@ -1,6 +1,6 @@
 """``stepblocks build``, ``check`` and ``workshop``: make stimuli, measure them, have them made."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -23,6 +23,7 @@ from stepblocks.errors import PipelineError
 
 if TYPE_CHECKING:
     from stepblocks.parts.verdict import Verdict
+    from stepblocks.workshop.run import PartOrder
 
 app = typer.Typer()
 
@@ -248,7 +249,22 @@ def workshop(
     parts = "part" if len(orders) <= 1 else "parts"
     return Outcome(
         f"{files_written} files of {len(orders)} {parts} in {output}",
-        notes=[f"{order.name}: {order.note}" for order in orders if order.note],
+        notes=_list_order_notes(orders),
         tables={"Routes": tabulate_routes(orders)},
         record={order.name: [str(path) for path in order.files] for order in orders},
     )
+
+
+def _list_order_notes(orders: "Sequence[PartOrder]") -> list[str]:
+    """List the notes of orders, each once: with its first part, and how many more it is of."""
+    names: dict[str, list[str]] = {}
+    for order in orders:
+        if order.note:
+            names.setdefault(order.note, []).append(order.name)
+    notes = []
+    for note, parts in names.items():
+        more = ""
+        if len(parts) > 1:
+            more = f" and {len(parts) - 1} more"
+        notes.append(f"{parts[0]}{more}: {note}")
+    return notes

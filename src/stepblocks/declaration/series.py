@@ -168,11 +168,18 @@ def _read_steps(name: str, table: Mapping[str, object]) -> list[str]:
 
 def _find_quantity(text: object) -> str:
     """Tell whether a quantity is an angle or, as far as is known, a length."""
+    if not _is_of(text, "length") and _is_of(text, "angle"):
+        return "angle"
+    return "length"
+
+
+def _is_of(text: object, dimension: str) -> bool:
+    """Tell whether a text is a quantity of a dimension."""
     try:
-        parse_quantity(text, "angle")
+        parse_quantity(text, dimension)
     except QuantityError:
-        return "length"
-    return "angle"
+        return False
+    return True
 
 
 def _fill_identity(stanza: Mapping[str, object]) -> object:

@@ -61,12 +61,12 @@ def find_catch_places(
     track: CentrePath, ball_radius: float, least: float = LEAST_ANGLE
 ) -> CatchPlaces:
     """Find every place steeper than the ground on both its sides by `least` [rad]."""
-    from scipy.signal import find_peaks
+    from stepblocks.drag.kernels.peaks import find_prominent_peaks
 
     # both slopes of each knot, for a kink has two
     x = np.repeat(track.x, 2)[1:-1]
     angle = np.arctan(np.column_stack([track.slope_start, track.slope_end]).ravel())
-    peaks, _ = find_peaks(angle, prominence=least, height=least)
+    peaks = find_prominent_peaks(angle, least)
     first, last = _widen_peaks(angle, peaks)
     # rounding makes several peaks of one slope
     is_single = np.append(True, first[1:] > last[:-1])[: peaks.size]

@@ -3,7 +3,8 @@
 Readers of HDF5, MATLAB, TDMS, STEP, meshes and the files of instruments are made for honest files.
 Here a file that lies about its size, or whose reader never ends or dies, is one line and not a full
 machine. ``python -m`` on this module is that process: it takes calls as lines of JSON and answers
-in JSON and the bytes of arrays; nothing is unpickled, nothing evaluated.
+in JSON and the bytes of arrays; nothing is unpickled, nothing evaluated. What a process has just
+written itself, it may read itself, within `read_own_files`.
 """
 
 import atexit
@@ -13,8 +14,9 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import import_module
@@ -29,7 +31,7 @@ from stepblocks.files.limits import MEMORY, Breach, Watch, limit_this_process, r
 from stepblocks.files.paths import describe_system_error
 from stepblocks.files.text import Document, measure_file_size
 
-__all__ = ["MEMORY", "read_confined"]
+__all__ = ["MEMORY", "read_confined", "read_own_files"]
 
 _SECONDS, _PER_BYTE = 15.0, 1e-6  # of the processor, and more of it for a large file [s], [s/byte]
 # as long as that many times the processor time: a busy machine is no fault of the file
@@ -38,6 +40,8 @@ _LARGEST_ANSWER = 2**24  # of what is no array [bytes]
 _LONGEST_REASON = 300  # letters of a library's message that are shown
 _GRACE = 5.0  # for a reader whose pipe is closed to end by itself [s]
 _SIZE_BYTES = 8  # of the length before an answer
+
+_reads_own_files = ContextVar("reads_own_files", default=False)
 
 _MEMORY_RULE = f"it needs more than {MEMORY >> 30} GiB of memory"
 
@@ -49,6 +53,20 @@ class _Answer:
     values: Mapping[str, Any] = field(default_factory=dict)  # arrays and values of JSON, by name
     refusal: str = ""  # empty where the file was read
     is_ours: bool = False  # whether our own code refuses the file, with its name in the message
+
+
+@contextmanager
+def read_own_files() -> Iterator[None]:
+    """Let `read_confined` call its readers in this process, for files that it wrote itself.
+
+    A process of its own loads the CAD kernel and the readers of meshes a second time, which takes
+    longer than to build a block.
+    """
+    token = _reads_own_files.set(True)
+    try:
+        yield
+    finally:
+        _reads_own_files.reset(token)
 
 
 def read_confined(
@@ -80,7 +98,10 @@ def read_confined(
     }
     try:
         seconds = _SECONDS + _PER_BYTE * measure_file_size(path)
-        answer = _get_reader(os.getpid()).call(request, seconds)
+        if _reads_own_files.get():
+            answer = _answer_request(request)
+        else:
+            answer = _get_reader(os.getpid()).call(request, seconds)
     except OSError as error:
         reason = describe_system_error(error, path)
         raise raises(f"file cannot be read: {reason} [{path.name}]") from error
@@ -208,6 +229,8 @@ def _answer_request(request: Mapping[str, Any]) -> _Answer:
         _refuse_objects(values)
     except MemoryError:
         return _Answer(refusal=_MEMORY_RULE)
+    except KeyboardInterrupt:  # of the user, where nobody else reads
+        raise
     except BaseException as error:  # a foreign reader may raise anything, even SystemExit
         is_ours = type(error).__module__.startswith("stepblocks.")
         return _Answer(refusal=_describe_refusal(error), is_ours=is_ours)

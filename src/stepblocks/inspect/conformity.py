@@ -59,7 +59,7 @@ class Decision:
     probability: float
 
 
-def decide(
+def decide_conformity(
     value: float,
     std: float,
     lower: float = -math.inf,
@@ -115,7 +115,7 @@ def _compute_conformance_probability(
     return below_upper - below_lower
 
 
-def judge(measured: Measured, nominal: float, lower: float, upper: float) -> Decision:
+def judge_conformity(measured: Measured, nominal: float, lower: float, upper: float) -> Decision:
     """Judge a value by nominal and signed deviations, all in the unit of the value.
 
     A lower limit at or below zero of what cannot be negative is none. Of a bound only that side is
@@ -124,7 +124,7 @@ def judge(measured: Measured, nominal: float, lower: float, upper: float) -> Dec
     least = nominal + lower
     if least <= 0.0 <= nominal:
         least = -math.inf
-    decision = decide(
+    decision = decide_conformity(
         measured.value, measured.std, least, nominal + upper, measured.dof, measured.guard
     )
     if decision.verdict is Outcome.NOT_PROVEN:

@@ -121,7 +121,7 @@ class Edge:
         """1 where the higher face lies at larger positions, else -1."""
         return 1.0 if self.rising else -1.0
 
-    def measure_across(self, position: Array, height: Array) -> LevelledPoints:
+    def locate_points(self, position: Array, height: Array) -> LevelledPoints:
         """Return where points lie beside the edge."""
         across = self.sign * (position - self.middle)
         return LevelledPoints(across, height - self.offset - self.tilt * position)
@@ -132,7 +132,7 @@ class Edge:
         The form is a cubic, as that of a face: the zone of all points would grow with the noise.
         `angle` is that of the riser [rad].
         """
-        points = self.measure_across(position, height)
+        points = self.locate_points(position, height)
         u, level = points.across, points.level
         in_middle = np.abs(level / self.height.value - 0.5) < _MIDDLE
         used = (np.abs(u) <= self.exclusion) & in_middle
@@ -296,7 +296,7 @@ def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> 
     )
 
 
-def find_position(position: Array, height: Array) -> EdgePlace:
+def find_largest_edge(position: Array, height: Array) -> EdgePlace:
     """Return where the largest edge of a profile lies, and whether it rises."""
     edge = _isolate_largest_edge(position, height)
     if edge.rising:

@@ -58,7 +58,7 @@ class Levels:
     edges: tuple[FoundEdge, ...]
 
     @property
-    def points(self) -> int:
+    def point_count(self) -> int:
         """Number of points that were fitted, with those left out as spikes."""
         return int(self.used.sum()) + self.rejected
 

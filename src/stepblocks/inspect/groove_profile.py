@@ -162,7 +162,7 @@ def measure_profile(
     # a dome is off a level top, and no spike
     if any(measured.method.is_domed for measured in features):
         rejected = sum(measured.outliers for measured in features)
-    return MeasuredProfile(tuple(features), levels.level, rejected, levels.points)
+    return MeasuredProfile(tuple(features), levels.level, rejected, levels.point_count)
 
 
 def _measure_with_hidden_features(
@@ -362,10 +362,10 @@ def _check_level(x: Array, z: Array, levels: Levels, feature: Feature) -> None:
 
     `x` and `z`, shape (n,), are positions and heights of the profile [m].
     """
-    if levels.rejected > _MOST_DROPPED * levels.points:
+    if levels.rejected > _MOST_DROPPED * levels.point_count:
         raise MetrologyError(
             f"at most {_MOST_DROPPED:.0%} of the points of a profile may be spikes, got "
-            f"{levels.rejected / levels.points:.0%}"
+            f"{levels.rejected / levels.point_count:.0%}"
         )
     # what a profile with whole features cuts at its ends has less
     if all(shown.is_single_step for shown in levels.features):

@@ -44,7 +44,7 @@ from stepblocks.inspect.scan_list import (
     list_conditions,
     list_scans,
 )
-from stepblocks.inspect.size_tables import show_rows, state_units
+from stepblocks.inspect.size_tables import format_rows, split_sizes_by_unit
 from stepblocks.records.laboratory import Laboratory
 
 _BLOCKS, _VARIATION, _SCANS = "blocks", "variation", "scans"
@@ -89,7 +89,7 @@ class ManyScans:
 
         Limits are not rounded, values to five digits, uncertainties to three.
         """
-        shown = {name: show_rows(table) for name, table in self.tables.items()}
+        shown = {name: format_rows(table) for name, table in self.tables.items()}
         return {name: rows for name, rows in shown.items() if rows}
 
     def __repr__(self) -> str:
@@ -228,12 +228,14 @@ def inspect_many(
     if standard is None:
         batches = measure_batches(reports)
     tables = {
-        _BLOCKS: state_units(pd.DataFrame(blocks)),
-        _VARIATION: state_units(pd.DataFrame(averages.variation)),
+        _BLOCKS: split_sizes_by_unit(pd.DataFrame(blocks)),
+        _VARIATION: split_sizes_by_unit(pd.DataFrame(averages.variation)),
     }
     if batches:
-        tables[_CAPABILITY] = state_units(pd.DataFrame([batch.make_row() for batch in batches]))
-    tables[_SCANS] = state_units(table).drop(columns="measured")
+        tables[_CAPABILITY] = split_sizes_by_unit(
+            pd.DataFrame([batch.make_row() for batch in batches])
+        )
+    tables[_SCANS] = split_sizes_by_unit(table).drop(columns="measured")
     return ManyScans(
         tables=tables,
         left_out=tuple(inspected.left_out),
@@ -326,7 +328,7 @@ def _list_blocks(
                     "bound": measured.bound.value,
                     "value": decision.value,
                     "u": decision.std,
-                    "u95": measured.expanded(),
+                    "u95": measured.compute_expanded_uncertainty(),
                     "lower": decision.lower,
                     "upper": decision.upper,
                     "verdict": decision.verdict.value,
@@ -351,7 +353,7 @@ def _merge_reports(
         for absent in result.missing:
             missing[absent.characteristic.key] = absent.reason
         source = escape_file_name(result.source.name)
-        notes += [note.precede(source) for note in evaluation.notes]
+        notes += [note.prefix_source(source) for note in evaluation.notes]
     conventions = dict.fromkeys(result.evaluation.convention for result in results)
     merged = replace(
         first.evaluation,

@@ -128,7 +128,7 @@ class Note(str):
         note.kind = kind
         return note
 
-    def precede(self, source: str) -> "Note":
+    def prefix_source(self, source: str) -> "Note":
         """Return the note behind the name of what it is of."""
         return Note(self.kind, f"{source}: {self}")
 

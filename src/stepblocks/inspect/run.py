@@ -16,7 +16,7 @@ from stepblocks.errors import MetrologyError, PipelineError
 from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.files.text import escape_file_name
 from stepblocks.inspect.budget import Instrument
-from stepblocks.inspect.conformity import Outcome, combine_verdicts, judge
+from stepblocks.inspect.conformity import Outcome, combine_verdicts, judge_conformity
 from stepblocks.inspect.doubts import describe_doubts, refuse_long_scan, refuse_wrong_unit
 from stepblocks.inspect.evaluation import AS_FOUND, Evaluation, EvaluationOptions
 from stepblocks.inspect.feature import (
@@ -340,7 +340,7 @@ def _declare_standard(
 def judge_standard(result: InspectionResult, asked: Characteristic) -> InspectionResult:
     """Judge what was measured of a standard by its certified size."""
     measured = result.evaluation.values[asked.key]
-    decision = judge(measured, asked.nominal, asked.lower, asked.upper)
+    decision = judge_conformity(measured, asked.nominal, asked.lower, asked.upper)
     return replace(result, judged=(Judgement(asked, decision),), verdict=decision.verdict)
 
 
@@ -412,7 +412,9 @@ def _judge_characteristic(
     if measured is None:
         reason = evaluation.missing.get(key, characteristic.method)
         return NotMeasured(characteristic, reason)
-    decision = judge(measured, characteristic.nominal, characteristic.lower, characteristic.upper)
+    decision = judge_conformity(
+        measured, characteristic.nominal, characteristic.lower, characteristic.upper
+    )
     judgement = Judgement(characteristic, decision)
     if _is_whole_face_scanned(characteristic, evaluation):
         return judgement

@@ -15,7 +15,7 @@ _LIMIT_DECIMALS = 9  # to which sizes are rounded, so that a limit reads as it w
 _ANGLE, _LENGTH = "deg", "um"
 
 
-def state_units(table: Table) -> Table:
+def split_sizes_by_unit(table: Table) -> Table:
     """Give each size [m or rad] a column for lengths and one for angles.
 
     A row has it in that of its unit, which a column ``unit`` names.
@@ -32,7 +32,7 @@ def state_units(table: Table) -> Table:
     return table
 
 
-def show_rows(table: Table) -> list[Mapping[str, object]]:
+def format_rows(table: Table) -> list[Mapping[str, object]]:
     """Return the rows of a table of `state_units` as text, each with the sizes of its unit."""
     return [_format_row(row) for row in list_rows(table)]
 

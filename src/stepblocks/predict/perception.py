@@ -30,6 +30,7 @@ _DOUBT = 2.0  # factor to either side within which the fraction of the literatur
 _Z75 = NormalDist().inv_cdf(0.75)  # of a difference that three of four judgements tell
 _Z975 = NormalDist().inv_cdf(0.975)
 _TAILS = (0.025, 0.975)  # of an interval of 95 %
+_FEWEST_DRAWS = 100  # that give an interval of 95 %
 DRAWS = 2000  # of an interval; its ends scatter by 2 % of its width
 _NODES = 9  # energies between two rings at which the Weber fraction is asked
 _LARGEST_FRACTION = 100.0  # beyond which a table means something else
@@ -183,7 +184,7 @@ def compute_jnd_distance(
     Raises
     ------
     StepblocksError
-        If an energy is not positive and finite.
+        If an energy is not positive and finite, or `log_ratios` are no 100 or more finite numbers.
 
     Examples
     --------
@@ -193,6 +194,8 @@ def compute_jnd_distance(
     """
     for name, energy in (("first", first), ("second", second)):
         require_positive(f"{name} energy", energy, "J")
+    if log_ratios is not None:
+        log_ratios = _check_log_ratios(log_ratios)
     log_ratio = math.log(second / first)
     nodes = math.log(first) + log_ratio * (np.arange(_NODES) + 0.5) / _NODES
     log_fractions, spreads = discrimination.interpolate(nodes)
@@ -204,6 +207,24 @@ def compute_jnd_distance(
     densities = np.mean(1.0 / np.log1p(drawn_fractions), axis=0)
     low, high = np.quantile(log_ratios * densities, _TAILS)
     return JndDistance(jnd, float(low), float(high))
+
+
+def _check_log_ratios(log_ratios: Array) -> Array:
+    """Return draws of a logarithm as an array, shape (n,); refuse those that give no interval."""
+    if np.ma.is_masked(log_ratios):
+        raise PipelineError("log_ratios must be finite numbers, got masked ones")
+    draws = np.asarray(log_ratios, dtype=np.float64)
+    if draws.ndim != 1 or draws.size < _FEWEST_DRAWS:
+        shape = "x".join(str(length) for length in draws.shape) or "one"
+        raise PipelineError(
+            f"log_ratios must be a row of {_FEWEST_DRAWS} or more numbers, got {shape}"
+        )
+    if not np.isfinite(draws).all():
+        place = int(np.flatnonzero(~np.isfinite(draws))[0])
+        raise PipelineError(
+            f"log_ratios must be finite numbers, got {draws[place]:g} [place {place}]"
+        )
+    return draws
 
 
 def read_discrimination(

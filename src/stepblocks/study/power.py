@@ -31,8 +31,8 @@ from stepblocks.study.design.simulate import (
     REALISM,
     TYPICAL_OBSERVER,
     Observer,
-    rate_realism,
     simulate_estimates,
+    simulate_ratings,
 )
 from stepblocks.study.design.simulated_intervals import CURVE_MEASURES, plan_comparing
 from stepblocks.study.design.trials import REPETITIONS
@@ -147,7 +147,7 @@ def simulate_frame(plan: SimulatedStudy, seed: int) -> Table:
         stimulus=block.astype(str),
         estimate=estimates,
         error=estimates - heights[block],
-        rating=rate_realism(person, changed, plan.observer, generator),
+        rating=simulate_ratings(person, changed, plan.observer, generator),
     )
 
 

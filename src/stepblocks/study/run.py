@@ -23,7 +23,7 @@ from stepblocks.study.analysis.judgements import (
     separate_factors_between_participants,
 )
 from stepblocks.study.analysis.page import render_run_sheets, render_study, write_figures
-from stepblocks.study.analysis.paper import list_paper_tables, write_latex, write_markdown
+from stepblocks.study.analysis.paper import format_latex, format_markdown, list_paper_tables
 from stepblocks.study.analysis.results import StudyResult
 from stepblocks.study.analysis.word import write_word
 from stepblocks.study.columns import RATINGS, Row, group_by_participant, list_levels
@@ -537,7 +537,7 @@ def _write_report(result: StudyResult, folder: Path) -> None:
     replace_text(folder / "judgements.csv", result.judgements_csv())
     replace_text(folder / "results.csv", result.results_csv())
     if tables:
-        replace_text(folder / "tables.md", write_markdown(tables))
-        replace_text(folder / "tables.tex", write_latex(tables))
+        replace_text(folder / "tables.md", format_markdown(tables))
+        replace_text(folder / "tables.tex", format_latex(tables))
         replace_bytes(folder / "tables.docx", write_word(tables))
     replace_text(folder / "report.html", page)

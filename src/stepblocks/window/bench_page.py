@@ -6,16 +6,20 @@ from nicegui import events, run, ui
 
 from stepblocks.bench.session import open_session
 from stepblocks.errors import PipelineError, StepblocksError
+from stepblocks.files.text import is_file
 from stepblocks.window import texts
+from stepblocks.window.agreement import RESULT_FILE
 from stepblocks.window.folder import Entry, Folder, Kind
 from stepblocks.window.frame import show_heading, show_mistake
 from stepblocks.window.gate import LARGEST_UPLOAD
 from stepblocks.window.job_view import Runnable, show_page
 from stepblocks.window.jobs import Job, JobList
+from stepblocks.window.loop_view import LoopView
 from stepblocks.window.session_files import SETTINGS, SessionDraft, unpack_session
 from stepblocks.window.suggestions import suggest_commands
 from stepblocks.window.trace_picture import TracePicture, draw_trace
 
+_LOOP = "loop"  # the command
 _SESSIONS = "sessions"  # folder that dropped sessions are put into
 
 
@@ -110,7 +114,8 @@ class BenchForm:
         with self._place:
             self._show_settings(draft, picture)
             for command in suggest_commands(Entry(name, Kind.SESSION)):
-                Runnable(command, self._folder, self._jobs, self._show_report)
+                Runnable(command, self._folder, self._jobs, self._show_result)
+            await self._show_loop_before(name)
 
     def _show_settings(self, draft: SessionDraft, picture: TracePicture | None) -> None:
         """Show the fields of the settings, and beside them the first trace."""
@@ -146,6 +151,24 @@ class BenchForm:
             except StepblocksError as error:
                 show_mistake(error)
 
-    def _show_report(self, job: Job) -> None:
-        """Show the report of what the model lacks."""
-        show_page(self._folder, job.command.page, texts.REPORT_OF.format(title=job.command.title))
+    async def _show_result(self, job: Job) -> None:
+        """Show what a loop found, and its report; of a measured session there is no more."""
+        if job.command.words[0] != _LOOP:
+            return
+        report = job.command.page
+        if not is_file(self._folder.resolve(report)):
+            return
+        await self._show_loop(job.command.words[1], PurePosixPath(report).parent.as_posix())
+        show_page(self._folder, report, texts.REPORT_OF.format(title=job.command.title))
+
+    async def _show_loop_before(self, session: str) -> None:
+        """Show what a loop found before the window was opened, where it has."""
+        for command in suggest_commands(Entry(session, Kind.SESSION)):
+            output = PurePosixPath(command.page).parent.as_posix()
+            is_done = is_file(self._folder.resolve(f"{output}/{RESULT_FILE}"))
+            if command.words[0] == _LOOP and is_done and self._jobs.find_last(command) is None:
+                await self._show_loop(session, output)
+
+    async def _show_loop(self, session: str, output: str) -> None:
+        """Show what the loop of a session found."""
+        await LoopView(session, output, self._folder, self._jobs).build()

@@ -8,13 +8,12 @@ from stepblocks.build.run import BuildChanges, find_changes
 from stepblocks.errors import StepblocksError
 from stepblocks.window import texts
 from stepblocks.window.command_line import ShownCommand, write_call, write_name
-from stepblocks.window.folder import Folder, Kind
+from stepblocks.window.folder import OUTPUT, Folder, Kind
 from stepblocks.window.frame import show_heading, show_mistake
 from stepblocks.window.job_view import Runnable, show_page
 from stepblocks.window.jobs import Job, JobList
 from stepblocks.window.verdicts import list_verdicts
 
-OUTPUT = "out"  # folder that builds of a window are written to
 _SIMULATORS = ("mujoco", "chai3d", "sofa", "usd", "gltf", "x3d", "forcelaw", "native")
 
 

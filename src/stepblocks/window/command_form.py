@@ -41,6 +41,8 @@ class Question:
         Turns the answer into what the function takes; raises ValueError.
     is_required : bool
         Whether the command stands only when it is answered.
+    is_of_function : bool
+        Whether the function takes it, too.
     """
 
     name: str
@@ -51,6 +53,7 @@ class Question:
     choices: Sequence[str] = ()
     read: Callable[[str], object] = str
     is_required: bool = False
+    is_of_function: bool = True
 
     def make_words(self, answer: str) -> list[str]:
         """Return the words of the command for an answer."""
@@ -102,12 +105,12 @@ class FormCommand:
         return ShownCommand(
             self.title,
             tuple(words),
-            self._write_python(answers),
+            self.write_python(answers),
             self.make_page(answers),
             self.make_address(answers),
         )
 
-    def _write_python(self, answers: Mapping[str, str]) -> str:
+    def write_python(self, answers: Mapping[str, str]) -> str:
         """Write the call of the function; nothing where an answer is none that it takes."""
         if not self.function:
             return ""
@@ -115,7 +118,7 @@ class FormCommand:
         options = {}
         for question in self.questions:
             answer = answers[question.name].strip()
-            if not answer:
+            if not answer or not question.is_of_function:
                 continue
             try:
                 value = question.read(answer)

@@ -46,6 +46,23 @@ def write_name(name: str) -> str:
     return name
 
 
+@dataclass(frozen=True)
+class Code:
+    """An argument of a call that is Python itself, such as an object of the library."""
+
+    text: str
+
+    def __repr__(self) -> str:
+        return self.text
+
+
+def write_object(name: str, *arguments: object, **fields: object) -> Code:
+    """Write the making of an object of the public face; what is not given is left out."""
+    given = {field: value for field, value in fields.items() if value is not None}
+    written = [*map(repr, arguments), *(f"{field}={value!r}" for field, value in given.items())]
+    return Code(f"stepblocks.{name}({', '.join(written)})")
+
+
 def write_call(function: str, *arguments: object, **options: object) -> str:
     """Write the lines of Python that call a function of the public face."""
     written = [repr(argument) for argument in arguments]

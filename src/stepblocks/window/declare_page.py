@@ -1,22 +1,28 @@
 """The page to declare stimuli: a form for each stanza of a file, and beside it what is felt."""
 
+import asyncio
 from collections.abc import Callable
 from urllib.parse import quote
 
-from nicegui import run, ui
+from nicegui import background_tasks, run, ui
 
-from stepblocks.declaration.set import StimulusSet, list_kinds
+from stepblocks.declaration.set import list_kinds
 from stepblocks.errors import PipelineError, StepblocksError
+from stepblocks.files.text import is_file
 from stepblocks.quantities import format_units
 from stepblocks.window import texts
 from stepblocks.window.command_line import ShownCommand, write_call, write_name
 from stepblocks.window.draft import Checked, Draft, FormField, StanzaPlace, find_field, list_fields
-from stepblocks.window.felt import Felt, draw_profile, predict_felt
-from stepblocks.window.folder import Folder, Kind
-from stepblocks.window.frame import show_command, show_heading, show_message, show_mistake
+from stepblocks.window.felt import predict_felt
+from stepblocks.window.felt_view import FeltView
+from stepblocks.window.folder import OUTPUT, Folder, Kind
+from stepblocks.window.frame import show_command, show_heading, show_mistake
+from stepblocks.window.model_choice import ModelChoice
+from stepblocks.window.size_slider import add_slider, read_range
 
 _ENDING = ".toml"
 _DEBOUNCE = 150  # a form is checked when nobody has typed for so long [ms]
+_QUIET = 0.25  # parts are dragged in time when nothing has changed for so long [s]
 
 
 class DeclarePage:
@@ -25,8 +31,8 @@ class DeclarePage:
     def __init__(self, folder: Folder) -> None:
         self._folder = folder
 
-    def build(self, file: str = "") -> None:
-        """Make the page; `file` is opened."""
+    def build(self, file: str = "", model: str = "") -> None:
+        """Make the page; `file` is opened, and `model` predicts what is felt."""
         show_heading(texts.DECLARE)
         ui.label(texts.DECLARE_HELP)
         names = [entry.name for entry in self._folder.list_entries() if entry.kind is Kind.STIMULI]
@@ -40,12 +46,13 @@ class DeclarePage:
                 ui.link(name, f"/declare?file={quote(name)}")
             if not names:
                 ui.label(texts.NONE)
+        chosen = ModelChoice(self._folder, model)
         place = ui.column().classes("w-full")
-        opener.on_click(lambda: self._open(choice.value, place))
+        opener.on_click(lambda: self._open(choice.value, place, chosen))
         if file:
-            self._open(file, place)
+            self._open(file, place, chosen)
 
-    def _open(self, name: str, place: ui.element) -> None:
+    def _open(self, name: str, place: ui.element, model: ModelChoice) -> None:
         """Show the form of a file, or why it cannot be opened."""
         place.clear()
         with place:
@@ -53,7 +60,7 @@ class DeclarePage:
                 path = self._folder.resolve(name.strip())
                 if path.suffix != _ENDING:
                     raise PipelineError(f"a stimulus file must end in {_ENDING}, got {name!r}")
-                DeclarationForm(Draft(path), name.strip()).build()
+                DeclarationForm(Draft(path), name.strip(), model).build()
             except StepblocksError as error:
                 show_mistake(error)
 
@@ -66,15 +73,20 @@ class DeclarationForm:
     draft : Draft
     name : str
         Of the file in the folder.
+    model : ModelChoice
+        By which model of a session to predict.
     """
 
-    def __init__(self, draft: Draft, name: str) -> None:
+    def __init__(self, draft: Draft, name: str, model: ModelChoice) -> None:
         self._draft = draft
         self._name = name
+        self._model = model
         self._place: StanzaPlace | None = None
         self._inputs: dict[str, ui.input] = {}
         self._fields: list[FormField] = []
+        self._refused: dict[str, str] = {}  # entries that are none, by field: what is wrong
         self._changes = 0
+        self._is_updating = False
 
     def build(self) -> None:
         """Make the form: stanzas to choose from, fields, and what follows from them."""
@@ -90,10 +102,16 @@ class DeclarationForm:
             )
         with ui.element("div").classes("beside"):
             self._form = ui.column()
-            self._beside = ui.column()
+            with ui.column():
+                self._slide = ui.column().classes("w-full")
+                self._view = FeltView()
         with ui.row().classes("items-center"):
             ui.button(texts.SAVE, on_click=self._save).props("no-caps")
         self._saved = ui.column().classes("w-full")
+        self._commands = ui.column().classes("w-full")
+        if is_file(self._draft.path):
+            self._show_commands()
+        self._model.on_change(self._follow_model)
         places = list(self._draft.list_stanzas())
         if not places:
             places = [self._draft.add_stanza(next(iter(kinds)))]
@@ -120,6 +138,7 @@ class DeclarationForm:
         self._place = StanzaPlace(kind, int(number))
         self._fields = list_fields(kind)
         self._inputs = {}
+        self._refused = {}
         self._form.clear()
         with self._form:
             for field in self._fields:
@@ -131,7 +150,20 @@ class DeclarationForm:
                     for field in self._fields:
                         if len(field.path) > 1 and field.path[0] == table:
                             self._add_input(field)
+        self._offer_slider()
         self._update_soon()
+
+    def _offer_slider(self) -> None:
+        """Offer a slider for the size that the kind is known by, where it is a plain length."""
+        self._slide.clear()
+        for field in self._fields:
+            is_size = field.is_required and len(field.path) == 1
+            box = self._inputs[field.name]
+            size = read_range(str(box.value or ""))
+            if is_size and size is not None:
+                with self._slide:
+                    add_slider(field.name, size, box.set_value)
+                return
 
     def _add_input(self, field: FormField) -> None:
         """Add a field, with what it is and what counts where it is left out."""
@@ -159,44 +191,80 @@ class DeclarationForm:
             box = self._inputs[field.name]
             try:
                 self._draft.write_field(place, field.path, str(box.value or ""))
+                self._refused.pop(field.name, None)
             except StepblocksError as error:
-                box.error = format_units(error)
-                return
+                self._refused[field.name] = format_units(error)
             self._update_soon()
 
         return write
 
+    def _follow_model(self) -> None:
+        """Predict by another model, and show the command that does."""
+        self._show_commands()
+        self._update_soon()
+
     def _update_soon(self) -> None:
         """Check the draft and predict, without making the page wait."""
         self._changes += 1
-        ui.timer(0.0, self._update, once=True)
+        if not self._is_updating:
+            self._is_updating = True
+            background_tasks.create(self._update_until_quiet())
 
-    async def _update(self) -> None:
-        """Show mistakes at their fields; without any, what is felt and the working edge."""
+    async def _update_until_quiet(self) -> None:
+        """Update until nothing has changed meanwhile: what a slider passes over is left out."""
+        try:
+            shown = -1
+            while shown != self._changes:
+                shown = self._changes
+                is_felt = await self._update()
+                await asyncio.sleep(_QUIET if is_felt and not self._has_changed(shown) else 0.0)
+                if is_felt and not self._has_changed(shown):
+                    await self._update(dragged=True)
+        finally:
+            self._is_updating = False
+
+    def _has_changed(self, number: int) -> bool:
+        """Tell whether anything was changed since."""
+        return number != self._changes
+
+    async def _update(self, *, dragged: bool = False) -> bool:
+        """Show mistakes at their fields; without any, what is felt and the working edge.
+
+        Returns whether anything is felt.
+        """
         number = self._changes
         options = self._name_stanzas()
         if options != self._choice.options:
             self._choice.set_options(options)
         checked = self._draft.check()
         self._show_mistakes(checked)
-        felt: list[Felt] = []
-        if checked.stimuli is not None:
-            felt = await run.io_bound(predict_felt, checked.stimuli) or []
-        if number != self._changes:  # somebody typed on
-            return
-        self._beside.clear()
-        with self._beside:
-            if checked.stimuli is None:
-                for place, text in checked.mistakes:
-                    show_message(f"{text} [{place}]" if place else text)
-            else:
-                self._show_felt(checked.stimuli, felt)
+        if checked.stimuli is None:
+            self._view.show_mistakes(checked.mistakes)
+            return False
+        try:
+            felt = await run.io_bound(
+                predict_felt, checked.stimuli, self._model.learned, dragged=dragged
+            )
+        except StepblocksError as error:
+            self._view.show_mistakes([("", str(error))])
+            return False
+        if felt is None or self._has_changed(number):  # closed, or somebody typed on
+            return False
+        self._view.show_felt(felt, self._model.name, is_dragged=dragged)
+        if not dragged:
+            self._view.show_part(checked.stimuli, self._place, self._find_identity())
+        return bool(felt)
+
+    def _find_identity(self) -> str:
+        """Return the identity of the stanza that is shown, as it is declared."""
+        assert self._place is not None
+        return self._draft.list_stanzas().get(self._place, "")
 
     def _show_mistakes(self, checked: Checked) -> None:
         """Put each mistake of the shown stanza at its field."""
-        errors: dict[str, str] = {}
+        errors = dict(self._refused)
         assert self._place is not None
-        identity = self._draft.list_stanzas().get(self._place, "")
+        identity = self._find_identity()
         for place, text in checked.mistakes:
             is_here = place.startswith(self._place.kind) and ("{" in identity or identity in place)
             field = find_field(text, self._fields)
@@ -205,41 +273,34 @@ class DeclarationForm:
         for name, box in self._inputs.items():
             box.error = errors.get(name)
 
-    def _show_felt(self, stimuli: StimulusSet, felt: list[Felt]) -> None:
-        """Show what is felt of each part, and the profile of the first of the stanza."""
-        assert self._place is not None
-        parts = [part for part in stimuli.stimuli if part.stanza == self._place.kind]
-        identity = self._draft.list_stanzas().get(self._place, "")
-        named = [part for part in parts if part.id == identity] or parts
-        if named:
-            picture = draw_profile(named[0])
-            if picture:
-                ui.label(texts.PROFILE_OF.format(part=named[0].id))
-                ui.html(picture, sanitize=False)
-        if not felt:
-            ui.label(texts.NOT_FELT)
-            return
-        columns = [
-            {"name": name, "label": label, "field": name, "align": "left"}
-            for name, label in texts.FELT_COLUMNS.items()
-        ]
-        rows = [vars(row) for row in felt]
-        ui.table(columns=columns, rows=rows, title=texts.FELT).mark("felt")
-        ui.label(texts.FELT_CONDITION)
-
     def _save(self) -> None:
         """Write the file, and show the commands that take it."""
         self._saved.clear()
         with self._saved:
             try:
+                for message in self._refused.values():
+                    raise PipelineError(message)
                 self._draft.save()
             except StepblocksError as error:
                 show_mistake(error)
                 return
             ui.label(texts.SAVED.format(name=self._name)).props("role=status")
-            word = write_name(self._name)
-            show_command(
-                ShownCommand(
-                    texts.PREDICT, ("predict", word), write_call("predict_set", self._name)
-                )
-            )
+        self._show_commands()
+
+    def _show_commands(self) -> None:
+        """Show the commands that predict what the file declares."""
+        self._commands.clear()
+        with self._commands:
+            for command in make_predictions(self._name, self._model.name):
+                show_command(command)
+
+
+def make_predictions(name: str, model: str) -> list[ShownCommand]:
+    """Make the commands that predict a file; by a model of a session, a build does."""
+    word = write_name(name)
+    predict = ShownCommand(texts.PREDICT, ("predict", word), write_call("predict_set", name))
+    if not model:
+        return [predict]
+    words = ("build", word, "-o", OUTPUT, "--model", model)
+    python = write_call("build_sets", [name], OUTPUT, model=model)
+    return [predict, ShownCommand(texts.BUILD_BY_MODEL, words, python)]

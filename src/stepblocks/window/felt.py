@@ -1,13 +1,19 @@
 """What the declare page shows beside a form: what is felt, and the working edge as it is."""
 
-from collections.abc import Hashable, Mapping, Sequence
+import math
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from html import escape
+from typing import TYPE_CHECKING
 
 from stepblocks.declaration.set import StimulusSet
 from stepblocks.parts.kind import Part
 from stepblocks.quantities import format_number
 from stepblocks.window import texts
+
+if TYPE_CHECKING:
+    from stepblocks.records.model import LearnedModel
 
 _RUN = 4.0  # of a drawn profile on either side, in times its height [1]
 _LEAST_RUN = 20e-6  # [m]
@@ -15,10 +21,12 @@ _WIDTH, _MOST_HEIGHT = 560.0, 240.0  # of the picture [pixels]
 _MARGIN = 24.0  # [pixels]
 _COLUMNS = (
     ("critical_angle_deg", ""),
-    ("pull_force_n", "pull_force_95"),
+    ("peak_force_n", "peak_force_95"),
     ("vibration_energy_uj", "vibration_energy_95"),
     ("jnd_to_next", "jnd_to_next_95"),
 )
+_DRAGGED = "drag_vibration_energy_uj"
+_LEARNED = "learned_vibration_energy_uj", "learned_vibration_energy_95"
 
 
 @dataclass(frozen=True)
@@ -33,6 +41,10 @@ class Felt:
     angle, force, energy, distance : str
         Critical angle [deg], force of the pull [N], energy of the vibration [uJ] and just
         noticeable differences to the next; the last three with 95 % intervals.
+    dragged : str
+        Energy by the drag in time [uJ]; empty where nothing was dragged.
+    learned : str
+        Energy by the model of a session [uJ] with its interval; empty without a model.
     """
 
     part: str
@@ -41,16 +53,55 @@ class Felt:
     force: str
     energy: str
     distance: str
+    dragged: str = ""
+    learned: str = ""
 
 
-def predict_felt(stimuli: StimulusSet) -> list[Felt]:
-    """Predict every part that is felt in the first condition of a set, by the formula."""
-    from stepblocks.predict.run import predict_set  # loaded late: the first page needs no tables
+def predict_felt(
+    stimuli: StimulusSet, learned: "LearnedModel | None" = None, *, dragged: bool = False
+) -> list[Felt]:
+    """Predict every part that is felt in the first condition of a set.
+
+    Parameters
+    ----------
+    stimuli : StimulusSet
+    learned : LearnedModel, optional
+        Its constants replace those of the set, and what it predicts stands beside, as in a build.
+    dragged : bool
+        Whether each part is dragged in time, too; by the formula alone takes milliseconds.
+    """
+    # loaded late: the first page needs no tables
+    from stepblocks.contact.energy import Status
+    from stepblocks.contact.operating_point import PAPER
+    from stepblocks.predict.as_built import predict_as_declared
+    from stepblocks.predict.learned import format_learned_columns, put_learned_constants
 
     felt = stimuli.keep_felt()
     if not felt.stimuli:
         return []
-    grid = felt.prediction
+    if learned is not None:
+        felt = put_learned_constants(felt, learned)
+    predicted = predict_as_declared(_keep_first_condition(felt), dragged, PAPER.speed)
+    rows = []
+    for row, prediction in zip(predicted.rows, predicted.predictions, strict=True):
+        angle, force, energy, distance = (_format_figure(row, *names) for names in _COLUMNS)
+        if row["status"] != Status.RELEASES:
+            energy = str(row["status"])  # says why there is none
+        in_time = ""
+        if dragged:
+            in_time = _format_number(row[_DRAGGED])
+        by_model = ""
+        if learned is not None:
+            columns = format_learned_columns(prediction, learned)
+            by_model = _format_figure(_read_numbers(columns), *_LEARNED)
+        part, way = str(row["stimulus"]), str(row["drag"])
+        rows.append(Felt(part, way, angle, force, energy, distance, in_time, by_model))
+    return rows
+
+
+def _keep_first_condition(stimuli: StimulusSet) -> StimulusSet:
+    """Keep of all conditions of a set the first."""
+    grid = stimuli.prediction
     first = grid.model_copy(
         update={
             "tip_radii": grid.tip_radii[:1],
@@ -59,15 +110,19 @@ def predict_felt(stimuli: StimulusSet) -> list[Felt]:
             "step_heights": grid.step_heights[:1],
         }
     )
-    table = predict_set(felt.model_copy(update={"prediction": first}), dragged=False)
-    rows = []
-    for row in table.to_dict("records"):
-        figures = [_format_figure(row, name, interval) for name, interval in _COLUMNS]
-        rows.append(Felt(str(row["stimulus"]), str(row["drag"]), *figures))
-    return rows
+    return stimuli.model_copy(update={"prediction": first})
 
 
-def _format_figure(row: Mapping[Hashable, object], name: str, interval: str) -> str:
+def _read_numbers(columns: Mapping[str, str]) -> dict[str, float]:
+    """Read the cells of a table that hold numbers."""
+    numbers = {}
+    for name, text in columns.items():
+        with suppress(ValueError):
+            numbers[name] = float(text)
+    return numbers
+
+
+def _format_figure(row: Mapping[str, object], name: str, interval: str) -> str:
     """Write a figure, with its interval where it has one."""
     value = _format_number(row.get(name))
     if not interval:
@@ -82,8 +137,8 @@ def _format_figure(row: Mapping[Hashable, object], name: str, interval: str) -> 
 
 
 def _format_number(value: object) -> str:
-    """Write a number to three digits; a dash where there is none."""
-    if not isinstance(value, int | float) or value != value:
+    """Write a number to three digits; a dash where there is none, or it has no bound."""
+    if not isinstance(value, int | float) or not math.isfinite(value):
         return "-"
     return format_number(float(value))
 

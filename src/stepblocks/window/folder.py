@@ -3,7 +3,7 @@
 import os
 import secrets
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from itertools import islice
@@ -14,6 +14,7 @@ from stepblocks.errors import PipelineError
 from stepblocks.files.paths import describe_system_error, resolve_inside
 from stepblocks.mistakes import shorten_value
 
+OUTPUT = "out"  # folder that builds of a window are written to
 _DEEPEST = 4  # folders that are looked into
 _MOST = 2000  # files and folders that are shown
 _MOST_SEEN = 50_000  # files and folders that are looked at
@@ -23,6 +24,7 @@ _LARGEST_DECLARATION = 1_000_000  # [bytes]
 _SESSION_FILE = "session.toml"
 _STUDY_FILE = "design.csv"
 _BUILD_FILE = "manifest.json"
+_MODEL_FILE = "model.json"  # of a loop
 # JSON may describe anything, and a mesh beside a build is an artefact
 _NO_SCANS = (".json",)
 
@@ -84,9 +86,15 @@ class Folder:
         Raises
         ------
         PipelineError
-            If it may lead out of the folder.
+            If it may lead out of the folder, or can be no name.
         """
-        path = resolve_inside(self.path, name)
+        try:
+            path = resolve_inside(self.path, name)
+        except OSError as error:  # too long a name, say
+            reason = describe_system_error(error, Path(name))
+            raise PipelineError(
+                f"a name must be one that the system takes, got {shorten_value(name)}: {reason}"
+            ) from error
         if path is None:
             raise PipelineError(
                 f"a name must lie in the folder of the window, got {shorten_value(name)}"
@@ -122,15 +130,27 @@ class Folder:
                 names.append(entry.name)
         return names
 
-    def _walk(self, folder: Path, depth: int) -> Iterator[Path]:
-        """Yield what is in a folder and in those below it; no link, and nothing in an entry."""
+    def list_models(self) -> list[str]:
+        """List the models of sessions, which loops left, in the order of names."""
+        names = []
+        for path in islice(self._walk(self.path, 0, (Kind.OUTPUT,)), _MOST_SEEN):
+            if path.name == _MODEL_FILE and path.is_file():
+                names.append(path.relative_to(self.path).as_posix())
+        return names
+
+    def _walk(self, folder: Path, depth: int, entered: Sequence[Kind] = ()) -> Iterator[Path]:
+        """Yield what is in a folder and in those below it; no link, and nothing in an entry.
+
+        What lies in entries of the kinds `entered` is yielded, too.
+        """
         for path in _list_sorted(folder):
             if path.name.startswith(".") or path.is_symlink():
                 continue
             yield path
-            is_plain = path.is_dir() and _find_kind_of_folder(path) is None
-            if is_plain and depth < _DEEPEST:
-                yield from self._walk(path, depth + 1)
+            if path.is_dir() and depth < _DEEPEST:
+                kind = _find_kind_of_folder(path)
+                if kind is None or kind in entered:
+                    yield from self._walk(path, depth + 1, entered)
 
 
 def _list_sorted(folder: Path) -> list[Path]:

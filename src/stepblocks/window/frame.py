@@ -27,8 +27,8 @@ _STYLE = """
   .body--dark .nicegui-link { color: #7cc4de; }
   .quiet { color: #1b6480; }
   .body--dark .quiet { color: #7cc4de; }
-  .beside { display: grid; gap: 24px; width: 100%; grid-template-columns: 1fr; }
-  @media (min-width: 1000px) { .beside { grid-template-columns: 1fr 1fr; } }
+  .beside { display: grid; gap: 24px; width: 100%; grid-template-columns: minmax(0, 1fr); }
+  @media (min-width: 1000px) { .beside { grid-template-columns: minmax(0, 2fr) minmax(0, 3fr); } }
   .fields { display: grid; gap: 4px 24px; width: 100%; grid-template-columns: 1fr; }
   @media (min-width: 700px) { .fields { grid-template-columns: 1fr 1fr; } }
   .report { width: 100%; height: 720px; border: 1px solid #8a8a8a; background: #fff; }

@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING
 from nicegui import events, run, ui
 
 from stepblocks.declaration.read import load_set
-from stepblocks.errors import PipelineError, StepblocksError
+from stepblocks.errors import PipelineError, QuantityError, StepblocksError
 from stepblocks.files.atomic import replace_bytes
 from stepblocks.files.text import is_file
-from stepblocks.quantities import format_units
+from stepblocks.quantities import format_units, parse_quantity
 from stepblocks.scans.read import FORMATS
 from stepblocks.window import texts
-from stepblocks.window.command_line import ShownCommand, write_call, write_name
+from stepblocks.window.batch_form import BatchForm
+from stepblocks.window.command_line import ShownCommand, write_call, write_name, write_object
 from stepblocks.window.folder import Folder, Kind
 from stepblocks.window.frame import show_heading, show_mistake
 from stepblocks.window.gate import LARGEST_UPLOAD
@@ -69,16 +70,34 @@ class InspectionAnswers:
             if text:
                 words.append(f"{option}={text}")
         words += ["-o", output]
-        options = {"unit": self.unit, "channel": self.channel}
-        given = {name: text for name, text in options.items() if text}
-        python = ""
-        if not (self.stylus_radius or self.calibration or self.begin or self.end):
-            judge = write_call("inspect_scan", self.scan, self.part, stimuli=self.stimuli, **given)
-            result = judge.replace("\n\n", "\n\nresult = ", 1)
-            python = f"{result}\nstepblocks.write_inspection(result, {output!r})"
-        return ShownCommand(
-            texts.INSPECT_THIS, tuple(words), python, f"{output}/{self.part}.{_PAGE}"
-        )
+        page = f"{output}/{self.part}.{_PAGE}"
+        return ShownCommand(texts.INSPECT_THIS, tuple(words), self._write_python(output), page)
+
+    def _write_python(self, output: str) -> str:
+        """Write the same in Python; nothing where an answer is none that the command takes."""
+        given: dict[str, object] = {"unit": self.unit or None, "channel": self.channel or None}
+        try:
+            if self.calibration:
+                calibration = parse_quantity(self.calibration, "ratio")
+                given["instrument"] = write_object("Instrument", calibration_std=calibration)
+            if self.begin or self.end or self.stylus_radius:
+                given["options"] = write_object(
+                    "EvaluationOptions",
+                    begin=_read_length(self.begin),
+                    end=_read_length(self.end),
+                    stylus_radius=_read_length(self.stylus_radius),
+                )
+        except QuantityError:
+            return ""
+        options = {name: value for name, value in given.items() if value is not None}
+        judge = write_call("inspect_scan", self.scan, self.part, stimuli=self.stimuli, **options)
+        result = judge.replace("\n\n", "\n\nresult = ", 1)
+        return f"{result}\nstepblocks.write_inspection(result, {output!r})"
+
+
+def _read_length(text: str) -> float | None:
+    """Read a length [m]; None where nothing was said."""
+    return parse_quantity(text, "length") if text else None
 
 
 class InspectPage:
@@ -106,7 +125,7 @@ class InspectForm:
         """Make the page."""
         show_heading(texts.INSPECT)
         upload = ui.upload(
-            label=texts.DROP_SCAN, max_file_size=LARGEST_UPLOAD, auto_upload=True
+            label=texts.DROP_SCAN, max_file_size=LARGEST_UPLOAD, auto_upload=True, multiple=True
         ).mark("drop")
         with ui.element("div").classes("beside"):
             with ui.column():
@@ -124,6 +143,8 @@ class InspectForm:
                 ui.button(texts.LOOK, on_click=self._look).props("no-caps")
             self._picture = ui.column()
         self._command = ui.column().classes("w-full")
+        self._batch = BatchForm(self._folder, self._jobs, _SCANS)
+        self._batch.build()
         upload.on_upload(self._take)
         ui.timer(0.0, self._offer_parts, once=True)
 
@@ -158,6 +179,7 @@ class InspectForm:
             with self._picture:
                 show_mistake(error)
             return
+        self._batch.refresh()
         self._scan.set_value(name)
         await self._look()
 

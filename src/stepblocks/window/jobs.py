@@ -1,20 +1,36 @@
 """Commands that run in processes of their own: a closed page does not end them.
 
 What a command prints goes to a file of this system, not to a pipe: it goes on where the server of
-the window is killed, and has written all that it would have.
+the window is killed, and has written all that it would have. The next window on the folder finds
+its file, with how it ended.
 """
 
+import hashlib
+import json
 import os
+import shutil
+import stat
 import subprocess
 import sys
 import tempfile
-from contextlib import suppress
+from contextlib import ExitStack, suppress
+from dataclasses import asdict, dataclass
 from enum import Enum
 from pathlib import Path
+from typing import Protocol
+
+import psutil
+from pydantic import TypeAdapter, ValidationError
 
 from stepblocks.errors import PipelineError
+from stepblocks.files.locks import LockState, try_lock
 from stepblocks.files.paths import describe_system_error
-from stepblocks.files.progress import PROGRESS_FILE, ProgressStep, read_last_step
+from stepblocks.files.progress import (
+    PROGRESS_FILE,
+    ProgressStep,
+    read_exit_code,
+    read_last_step,
+)
 from stepblocks.window import texts
 from stepblocks.window.command_line import ShownCommand
 
@@ -23,6 +39,9 @@ _MOST_KEPT = 100  # jobs whose output is kept
 _MOST_SHOWN = 20_000  # bytes of an output, from its end
 _WIDTH = "110"  # of what a command prints [letters]
 _GRACE = 5.0  # for a command to end when asked to [s]
+_SAME_START = 1.0  # within which two processes of one number are the same one [s]
+_WRITTEN_BY_OTHERS = stat.S_IWGRP | stat.S_IWOTH
+_LOCK = "window.lock"  # held by the window that the jobs of a folder belong to
 
 
 class JobState(Enum):
@@ -35,6 +54,7 @@ class JobState(Enum):
     NOT_PROVEN = texts.NOT_PROVEN
     CANCELLED = texts.CANCELLED
     FAILED = texts.FAILED
+    LOST = texts.LOST
 
 
 _STATES = {
@@ -43,6 +63,113 @@ _STATES = {
     2: JobState.WRONG_INPUT,
     3: JobState.NOT_PROVEN,
 }
+
+
+class JobProcess(Protocol):
+    """A process of a command, as a job asks for it."""
+
+    def is_running(self) -> bool:
+        """Tell whether it runs."""
+
+    def find_exit_code(self) -> int | None:
+        """Return its exit code once it does not run; None where nobody knows it."""
+
+    def terminate(self) -> None:
+        """Ask it to end."""
+
+    def wait(self, seconds: float) -> None:
+        """Wait for its end, at most so long [s]."""
+
+
+class StartedProcess:
+    """A process that this window has started."""
+
+    def __init__(self, process: "subprocess.Popen[bytes]") -> None:
+        self._process = process
+
+    def is_running(self) -> bool:
+        """Tell whether it runs."""
+        return self._process.poll() is None
+
+    def find_exit_code(self) -> int | None:
+        """Return its exit code."""
+        return self._process.poll()
+
+    def terminate(self) -> None:
+        """Ask it to end."""
+        with suppress(OSError):  # it has ended meanwhile
+            self._process.terminate()
+
+    def wait(self, seconds: float) -> None:
+        """Wait for its end, at most so long [s]."""
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(seconds)
+
+
+class FoundProcess:
+    """A process that a window before this one has started.
+
+    Parameters
+    ----------
+    record : JobRecord
+    steps : Path
+        File in which the command says how far it is, and how it ended.
+    """
+
+    def __init__(self, record: "JobRecord", steps: Path) -> None:
+        self._steps = steps
+        self._process: psutil.Process | None = None
+        with suppress(psutil.Error):
+            process = psutil.Process(record.process)
+            # numbers are given again: another process has begun at another time
+            if abs(process.create_time() - record.begun) < _SAME_START:
+                self._process = process
+
+    def is_running(self) -> bool:
+        """Tell whether it runs."""
+        if self._process is None:
+            return False
+        try:
+            return self._process.is_running() and self._process.status() != psutil.STATUS_ZOMBIE
+        except psutil.Error:
+            return False
+
+    def find_exit_code(self) -> int | None:
+        """Return its exit code, as it noted it."""
+        return read_exit_code(self._steps)
+
+    def terminate(self) -> None:
+        """Ask it to end."""
+        if self._process is not None:
+            with suppress(psutil.Error):
+                self._process.terminate()
+
+    def wait(self, seconds: float) -> None:
+        """Wait for its end, at most so long [s]."""
+        if self._process is not None:
+            with suppress(psutil.Error):
+                self._process.wait(seconds)
+
+
+@dataclass(frozen=True)
+class JobRecord:
+    """What is kept of a job for the next window on the folder.
+
+    Attributes
+    ----------
+    command : ShownCommand
+    process : int
+        Number of its process.
+    begun : float
+        When that began, as its system says [s].
+    """
+
+    command: ShownCommand
+    process: int
+    begun: float
+
+
+_RECORD = TypeAdapter(JobRecord)
 
 
 class Job:
@@ -55,38 +182,25 @@ class Job:
     command : ShownCommand
     """
 
-    def __init__(self, number: int, command: ShownCommand, folder: Path, output: Path) -> None:
+    def __init__(
+        self, number: int, command: ShownCommand, output: Path, process: JobProcess
+    ) -> None:
         self.number = number
         self.command = command
         self._output = output
-        self._steps = output.with_suffix(".steps")
+        self._process = process
         self._is_cancelled = False
-        # -P: a file of the folder that is called like a module of Python is not run
-        words = [sys.executable, "-P", "-m", "stepblocks", *command.words]
-        environment = {
-            **os.environ,
-            "COLUMNS": _WIDTH,
-            "PYTHONUNBUFFERED": "1",
-            PROGRESS_FILE: str(self._steps),
-        }
-        with output.open("wb") as sink:
-            self._process = subprocess.Popen(
-                words,
-                cwd=folder,
-                env=environment,
-                stdin=subprocess.DEVNULL,
-                stdout=sink,
-                stderr=subprocess.STDOUT,
-            )
 
     @property
     def state(self) -> JobState:
         """How far it is."""
-        code = self._process.poll()
-        if code is None:
+        if self._process.is_running():
             return JobState.RUNNING
+        code = self._process.find_exit_code()
         if self._is_cancelled and code != 0:
             return JobState.CANCELLED
+        if code is None:
+            return JobState.LOST
         return _STATES.get(code, JobState.FAILED)
 
     @property
@@ -103,18 +217,42 @@ class Job:
     @property
     def progress(self) -> ProgressStep | None:
         """The step that it did last; None where it has not said any."""
-        return read_last_step(self._steps)
+        return read_last_step(_name_steps(self._output))
 
     def cancel(self) -> None:
         """Ask it to end; its workers end with it, and nothing half-written stays."""
         self._is_cancelled = True
-        with suppress(OSError):  # it has ended meanwhile
-            self._process.terminate()
+        self._process.terminate()
 
     def wait(self, seconds: float) -> None:
         """Wait for its end, at most so long [s]."""
-        with suppress(subprocess.TimeoutExpired):
-            self._process.wait(seconds)
+        self._process.wait(seconds)
+
+
+def _name_steps(output: Path) -> Path:
+    """Return the file of the steps of a job, beside that of its output."""
+    return output.with_suffix(".steps")
+
+
+def _start_process(command: ShownCommand, folder: Path, output: Path) -> "subprocess.Popen[bytes]":
+    """Start a command in a folder; what it prints goes to a file."""
+    # -P: a file of the folder that is called like a module of Python is not run
+    words = [sys.executable, "-P", "-m", "stepblocks", *command.words]
+    environment = {
+        **os.environ,
+        "COLUMNS": _WIDTH,
+        "PYTHONUNBUFFERED": "1",
+        PROGRESS_FILE: str(_name_steps(output)),
+    }
+    with output.open("wb") as sink:
+        return subprocess.Popen(
+            words,
+            cwd=folder,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            stdout=sink,
+            stderr=subprocess.STDOUT,
+        )
 
 
 class JobList:
@@ -129,12 +267,28 @@ class JobList:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._jobs: list[Job] = []
-        self._outputs: tempfile.TemporaryDirectory[str] | None = None
+        self._outputs: Path | None = None
+        self._locks = ExitStack()
+        self._found: list[Path] = []
 
     @property
     def latest_first(self) -> list[Job]:
         """The jobs that are kept."""
         return self._jobs[::-1]
+
+    def find_again(self) -> None:
+        """Find the jobs of windows on this folder that were killed; those that run go on."""
+        records: list[tuple[JobRecord, Path]] = []
+        for place in Path(tempfile.gettempdir()).glob(f"{self._prefix}*"):
+            if not _is_own(place):
+                continue
+            if self._locks.enter_context(try_lock(place / _LOCK)) is not LockState.OURS:
+                continue  # of a window that is open
+            self._found.append(place)
+            records += _read_records(place)
+        for record, output in sorted(records, key=lambda found: found[0].begun):
+            process = FoundProcess(record, _name_steps(output))
+            self._jobs.append(Job(self._next_number, record.command, output, process))
 
     def start(self, command: ShownCommand) -> Job:
         """Start a command.
@@ -150,13 +304,15 @@ class JobList:
                 f"at most {_MOST_AT_ONCE} commands run at once, got {len(running) + 1}: wait for "
                 "one, or cancel it"
             )
-        number = self._jobs[-1].number + 1 if self._jobs else 1
+        number = self._next_number
         output = self._get_output_folder() / f"{number}.txt"
         try:
-            job = Job(number, command, self._folder, output)
+            process = _start_process(command, self._folder, output)
         except OSError as error:
             reason = describe_system_error(error, output)
             raise PipelineError(f"the command cannot be started: {reason}") from error
+        _keep_record(command, process.pid, output)
+        job = Job(number, command, output, StartedProcess(process))
         ended = [job for job in self._jobs if job not in running]
         forgotten = ended[:-_MOST_KEPT]
         self._jobs = [kept for kept in [*self._jobs, job] if kept not in forgotten]
@@ -176,14 +332,56 @@ class JobList:
                 job.cancel()
         for job in self._jobs:
             job.wait(_GRACE)
-        if self._outputs is not None:
-            self._outputs.cleanup()
-            self._outputs = None
+        self._locks.close()
+        for place in self._found:
+            shutil.rmtree(place, ignore_errors=True)
+        self._found = []
+        self._outputs = None
+
+    @property
+    def _next_number(self) -> int:
+        """The number of the next job."""
+        return self._jobs[-1].number + 1 if self._jobs else 1
+
+    @property
+    def _prefix(self) -> str:
+        """How the folders with the outputs of this folder's jobs begin."""
+        digest = hashlib.sha256(os.fsencode(self._folder.resolve())).hexdigest()
+        return f"stepblocks-window-{digest[:16]}-"
 
     def _get_output_folder(self) -> Path:
         """Return the folder of what is printed, which is made with the first job."""
         if self._outputs is None:
-            self._outputs = tempfile.TemporaryDirectory(
-                prefix="stepblocks-window-", ignore_cleanup_errors=True
-            )
-        return Path(self._outputs.name)
+            self._outputs = Path(tempfile.mkdtemp(prefix=self._prefix))
+            self._found.append(self._outputs)
+            self._locks.enter_context(try_lock(self._outputs / _LOCK))
+        return self._outputs
+
+
+def _keep_record(command: ShownCommand, process: int, output: Path) -> None:
+    """Keep what the next window needs to find a job; without it, it is not found."""
+    with suppress(OSError, psutil.Error):
+        record = JobRecord(command, process, psutil.Process(process).create_time())
+        text = json.dumps(asdict(record))
+        output.with_suffix(".json").write_text(text, encoding="utf-8")
+
+
+def _read_records(place: Path) -> list[tuple[JobRecord, Path]]:
+    """Read the records of a folder, each with the file of its output; a damaged one is none."""
+    records = []
+    for path in place.glob("*.json"):
+        with suppress(OSError, ValidationError):
+            records.append((_RECORD.validate_json(path.read_bytes()), path.with_suffix(".txt")))
+    return records
+
+
+def _is_own(place: Path) -> bool:
+    """Tell whether a folder is one of this user, into which nobody else can write."""
+    try:
+        found = place.lstat()
+    except OSError:
+        return False
+    is_own = stat.S_ISDIR(found.st_mode)
+    if sys.platform != "win32":  # there each user has a folder of temporary files
+        is_own &= found.st_uid == os.getuid() and not found.st_mode & _WRITTEN_BY_OTHERS
+    return is_own

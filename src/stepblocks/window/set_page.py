@@ -1,5 +1,6 @@
 """The page of a set by what is felt: targets in, blocks out, both on one axis."""
 
+from collections.abc import Mapping
 from pathlib import PurePosixPath
 from urllib.parse import quote
 
@@ -7,17 +8,55 @@ from nicegui import ui
 
 from stepblocks.files.text import is_file
 from stepblocks.window import texts
-from stepblocks.window.command_form import CommandForm, FormCommand, Question
+from stepblocks.window.command_form import CommandForm, FormCommand, Question, split_list
+from stepblocks.window.command_line import write_call, write_object
 from stepblocks.window.folder import Folder, Kind
 from stepblocks.window.frame import show_heading
 from stepblocks.window.jobs import Job, JobList
 
 _FIRST_FILE = "even.toml"
 _FIRST_PICTURE = "out/even.png"
+_FIRST_KIND = "step_block"
+
+
+class _SetDesignCommand(FormCommand):
+    """Its function returns the set; what was designed is written and drawn by two more lines."""
+
+    def write_python(self, answers: Mapping[str, str]) -> str:
+        """Write the lines that design, write and draw; nothing where an answer is no number."""
+        said = {name: text.strip() for name, text in answers.items() if text.strip()}
+        options: dict[str, object] = {}
+        for name in ("lowest", "highest", "apart", "base"):
+            if name in said:
+                options[name] = said[name]
+        conditions: dict[str, object] = {}
+        try:
+            if "number" in said:
+                options["number"] = int(said["number"])
+            if "friction" in said:
+                conditions["frictions"] = [float(said["friction"])]
+        except ValueError:
+            return ""
+        if "load" in said:
+            conditions["normal_loads"] = [said["load"]]
+        if conditions:
+            options["prediction"] = conditions
+        if "kind" in said or "step" in said:
+            kind = said.get("kind", _FIRST_KIND)
+            options["route"] = write_object("MakingRoute", kind, step=said.get("step"))
+        arguments: list[object] = [PurePosixPath(said["file"]).stem]
+        if "targets" in said:
+            arguments.append(split_list(said["targets"]))
+        call = write_call("design_set", *arguments, **options)
+        lines = [call.replace("\n\n", "\n\ndesign = ", 1)]
+        lines.append(f"design.stimuli.to_toml({said['file']!r})")
+        if "plot" in said:
+            lines.append(f"design.draw({said['plot']!r})")
+        return "\n".join(lines)
 
 
 def make_set_design(stimuli: list[str]) -> FormCommand:
-    """Make the command that designs a set; its function returns the set and writes no file."""
+    """Make the command that designs a set."""
     questions = (
         Question("file", texts.SET_FILE, default=_FIRST_FILE, is_required=True),
         _TargetsQuestion("targets", texts.TARGETS),
@@ -25,14 +64,14 @@ def make_set_design(stimuli: list[str]) -> FormCommand:
         Question("highest", texts.HIGHEST, "--highest"),
         Question("number", texts.NUMBER, "--number", default="8"),
         Question("apart", texts.APART, "--apart", default="1 JND"),
-        Question("kind", texts.SET_KIND, "--kind", choices=("step_block", "margin_block")),
+        Question("kind", texts.SET_KIND, "--kind", choices=(_FIRST_KIND, "margin_block")),
         Question("base", texts.SET_BASE, "--base", choices=stimuli),
         Question("load", texts.SET_LOAD, "--load"),
         Question("friction", texts.SET_FRICTION, "--friction"),
         Question("step", texts.SET_STEP, "--step"),
         Question("plot", texts.SET_PLOT, "--plot", default=_FIRST_PICTURE),
     )
-    return FormCommand(texts.DESIGN_SET, ("design-set",), "", questions)
+    return _SetDesignCommand(texts.DESIGN_SET, ("design-set",), "design_set", questions)
 
 
 class _TargetsQuestion(Question):

@@ -61,15 +61,29 @@ def make_run(studies: list[str], stimuli: list[str]) -> FormCommand:
     """Make the command that leads a participant through the trials, at an address of its own."""
     questions = (
         _ask_study(studies),
-        Question("file", texts.STUDY_FILE, choices=stimuli),
-        Question("participant", texts.PARTICIPANT, "--participant", default="1", is_required=True),
-        Question("practice", texts.PRACTICE, "--practice", read=int),
-        Question("port", texts.PORT, "--port", default=_FIRST_PORT, is_required=True),
+        Question("file", texts.STUDY_FILE, keyword="source", choices=stimuli),
+        Question(
+            "participant",
+            texts.PARTICIPANT,
+            "--participant",
+            "participant",
+            default="1",
+            is_required=True,
+        ),
+        Question("practice", texts.PRACTICE, "--practice", "practice", read=int),
+        Question(
+            "port",
+            texts.PORT,
+            "--port",
+            default=_FIRST_PORT,
+            is_required=True,
+            is_of_function=False,  # in Python nobody needs a page to ask and to answer
+        ),
     )
     return FormCommand(
         texts.RUN_STUDY,
         ("study", "run", "--no-open"),
-        "",
+        "open_run",
         questions,
         make_address=lambda answers: f"http://127.0.0.1:{answers['port']}/",
     )

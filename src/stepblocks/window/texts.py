@@ -72,8 +72,13 @@ FELT_COLUMNS = {
     "force": "force, N (95 %)",
     "energy": "energy, µJ (95 %)",
     "distance": "to the next, JND (95 %)",
+    "dragged": "energy by the drag in time, µJ",
 }
-FELT_CONDITION = "By the formula, under the first tip, load and friction of the file."
+FELT_LEARNED = "energy with the model, µJ (95 %)"
+FELT_CONDITION = "Under the first tip, load and friction of the file; by the formula at once."
+MODEL_CONDITION = "Friction and spring are those of the model {name}."
+SESSION_MODEL = "Model of a session, by which to predict"
+SLIDE = "{field} [{unit}]: slide, and watch what is felt"
 NOT_FELT = "No part of this file is felt."
 INTERVAL = "{value} ({low} to {high})"
 PROFILE_OF = "Working edge of {part}, as high as it is wide"
@@ -92,12 +97,14 @@ OUT_OF_TOLERANCE = "done: something is out of tolerance"
 WRONG_INPUT = "not done: the input is wrong"
 NOT_PROVEN = "done: something is not proven"
 CANCELLED = "cancelled"
+LOST = "not finished: it ended together with the window; run it again"
+RUN_AGAIN = "Run again"
 FAILED = "ended with an internal error, which is no verdict"
 
 INSPECT = "Inspect"
 INSPECT_THIS = "Judge the scan by ISO 14253-1"
 INSPECT_LINK = "Look at it and judge it"
-DROP_SCAN = "Drop a scan here, or choose one: it is put into the folder scans"
+DROP_SCAN = "Drop scans here, or choose them: they are put into the folder scans"
 SCAN = "Scan in the folder"
 PART = "Part that was scanned"
 UNIT = "Unit, where the file does not say it (um, or x=mm,z=um)"
@@ -115,6 +122,16 @@ PICK_EDGE = (
     "it, or choose it here: only the part that holds it alone is evaluated then."
 )
 WORKING_EDGE = "Working edge"
+BATCH = "Several scans at once, each of a serial number"
+BATCH_HELP = (
+    "Drop the scans first: those of the folder {folder} are offered. Scans with one serial number "
+    "are evaluated together. The list is written beside them, and the command takes it."
+)
+STIMULUS_FILE_OF_PARTS = "Stimulus file that declares the parts"
+BATCH_SCANS = "Scans"
+SERIAL = "Serial number"
+WRITE_LIST = "Write the list"
+INSPECT_BATCH = "Judge all scans of the list"
 AXIS_ALONG = "along the scan [mm]"
 AXIS_ACROSS = "across it [mm]"
 AXIS_HEIGHT = "height [µm]"
@@ -209,3 +226,40 @@ NO_TRACE = "No trace in text is there by this pattern yet, so none is shown."
 FIRST_TRACE = "First trace; its columns: {columns}"
 TRACE_PICTURE = "Columns of the first trace"
 AXIS_ROWS = "row"
+FIGURES = {"vibration_energy_j": "Vibration energy", "peak_force_n": "Peak force"}
+FOUND = "{finding} ({verdict})"
+ERROR_COLUMNS = {
+    "model": "model",
+    "energy": "error of the energy, %",
+    "force": "error of the peak force, %",
+}
+ERRORS = "Error on trials held out, before and after"
+BEFORE = "nominal model"
+AFTER = "model with what was found"
+APART = "Held apart: {trials}"
+APART_TRIAL = "{trial} ({looks_like})"
+AGREEMENT = "Measured over predicted, trial by trial"
+AGREEMENT_HELP = "Click on a point, or choose its trial in the list, to see its trace."
+AGREEMENT_AXIS = "measured over predicted"
+AXIS_TRIALS = "trial"
+SERIES_BEFORE = "before"
+SERIES_AFTER = "after"
+SERIES_APART = "held apart"
+SHOWN_FIGURE = "Figure"
+TRIAL = "Trial"
+TRIAL_NAME = "{trial}: {block}"
+TRIAL_PICTURE = "Trace of trial {trial}"
+NO_TRIAL_PICTURE = "The trace of this trial cannot be read."
+DRAW_TRIAL = "Draw the trace of trial {trial}"
+PREDICT_SESSION = "Predict the trials of the session with what was found"
+MODEL_OF = "What was found is kept as a model: {name}"
+USE_MODEL = "Use the model on the page to declare"
+
+BUILD_BY_MODEL = "Build, with predictions by the model of a session"
+DRAGGING = "The drag in time follows."
+SHOW_PART = "The part in 3-D, and its drawing"
+MAKING_PART = "The kernel makes {part} ..."
+SOLID_OF = "{part} in 3-D"
+DRAWING_OF = "Drawing of {part}"
+TRUE_SCALE = "At true scale; drag to turn it."
+STRETCHED = "Heights over the lower face times {factor}; drag to turn it."

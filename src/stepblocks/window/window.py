@@ -58,11 +58,11 @@ class Window:
 
     # what these need is loaded when they are opened: the first page is there at once
 
-    def _build_declare_page(self, file: str = "") -> None:
-        """Make the page to declare stimuli; `file` is opened."""
+    def _build_declare_page(self, file: str = "", model: str = "") -> None:
+        """Make the page to declare stimuli; `file` is opened, and `model` predicts."""
         from stepblocks.window.declare_page import DeclarePage
 
-        DeclarePage(self.folder).build(file)
+        DeclarePage(self.folder).build(file, model)
 
     def _build_build_page(self, file: str = "") -> None:
         """Make the page to build; `file` is chosen."""
@@ -142,6 +142,7 @@ def serve_window(window: Window, port: int, announce: Callable[[str], None]) -> 
         token = secrets.token_urlsafe(32)
         logging.getLogger("nicegui").setLevel(logging.ERROR)
         site = make_app(window, port, token)
+        window.jobs.find_again()
         config = uvicorn.Config(site, log_level="error", access_log=False, server_header=False)
         announce(f"http://127.0.0.1:{port}/?token={token}")
         try:

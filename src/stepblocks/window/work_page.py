@@ -1,10 +1,13 @@
 """The page of what runs and has run: every command with what it prints, and its verdict."""
 
+from html import escape
+
 from nicegui import ui
 
+from stepblocks.errors import StepblocksError
 from stepblocks.window import texts
 from stepblocks.window.folder import Folder
-from stepblocks.window.frame import show_heading
+from stepblocks.window.frame import add_quiet_button, show_heading, show_mistake
 from stepblocks.window.job_view import PERIOD, JobView, show_job_heading
 from stepblocks.window.jobs import Job, JobList
 
@@ -22,23 +25,36 @@ class WorkPage:
         """Make the page."""
         show_heading(texts.WORK)
         views: dict[int, JobView] = {}
+        again: dict[int, ui.button] = {}
         empty = ui.label(texts.NO_WORK)
         place = ui.column().classes("w-full")
 
         def update() -> None:
             for job in reversed(self._jobs.latest_first):
                 if job.number not in views:
-                    views[job.number] = self._add_view(job, place)
+                    views[job.number], again[job.number] = self._add_view(job, place)
                 views[job.number].update()
+                again[job.number].set_visibility(views[job.number].is_final)
             empty.set_visibility(not views)
 
         update()
         ui.timer(PERIOD, update)
 
-    def _add_view(self, job: Job, place: ui.element) -> JobView:
-        """Show a job above those that were started before it."""
+    def _add_view(self, job: Job, place: ui.element) -> tuple[JobView, ui.button]:
+        """Show a job above those that were started before it, with a button that runs it again."""
         with place, ui.column().classes("w-full") as shown:
             show_job_heading(job)
+            button = add_quiet_button(texts.RUN_AGAIN, lambda: self._run_again(job, shown))
+            label = f"{texts.RUN_AGAIN}: {job.command.title}"
+            button.props(f'aria-label="{escape(label)}"')
             view = JobView(job, self._folder)
         shown.move(place, 0)
-        return view
+        return view, button
+
+    def _run_again(self, job: Job, place: ui.element) -> None:
+        """Run the command of a job once more, or say why it cannot be started."""
+        try:
+            self._jobs.start(job.command)
+        except StepblocksError as error:
+            with place:
+                show_mistake(error)

@@ -79,7 +79,7 @@ def _draw_stage(path: Path, stages: Sequence[Stage], first_item: int) -> None:
         _paint(axes, solid)
     places: list[tuple[float, float]] = []
     for item, component in enumerate(stages[-1].components, start=first_item):
-        place = _find_free_place(component.extent.centre, places)
+        place = _find_free_place(component.bounding_box.centre, places)
         places.append(place)
         _write_number(axes, place, item)
     axes.set_aspect("equal")
@@ -124,7 +124,7 @@ def _list_uncovered(rod: Cylinder, boxes: Sequence[Box]) -> list[Cylinder]:
 def _surrounds(box: Box, rod: Cylinder) -> bool:
     """Tell whether a box has the section of a rod within it."""
     around = rod.box
-    for axis in rod.across:
+    for axis in rod.cross_axis_indices:
         if around.low[axis] < box.low[axis] - _SAME or around.high[axis] > box.high[axis] + _SAME:
             return False
     return True
@@ -181,7 +181,7 @@ def _make_corner(
 def _list_rod_faces(rod: Cylinder) -> list[_Face]:
     """List the silhouette of a rod and the end that is seen."""
     angles = np.arange(_SIDES) * (math.tau / _SIDES)
-    first, second = rod.across
+    first, second = rod.cross_axis_indices
     circle = np.zeros((_SIDES, 3))
     circle[:, first] = 0.5 * rod.diameter * np.cos(angles)
     circle[:, second] = 0.5 * rod.diameter * np.sin(angles)

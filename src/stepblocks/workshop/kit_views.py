@@ -103,7 +103,7 @@ class _PlacedView:
 def draw_kit_part_views(sheet: Sheet, part: KitPart) -> list[str]:
     """Draw a part of the apparatus; return the lines of its notes."""
     component = part.shape
-    views = _lay_out_views(component.extent, _needs_left_view(component), _LEFT, _FOOT, _ROOM)
+    views = _lay_out_views(component.bounding_box, _needs_left_view(component), _LEFT, _FOOT, _ROOM)
     for view in views:
         _draw_component(sheet, view, component)
         _label_cylinders(sheet, view, component)
@@ -156,7 +156,7 @@ def _number_components(paper: Paper, view: _PlacedView, components: Sequence[Com
     """Write the numbers of components in a row over a view and in one under it, with leaders."""
     places = []
     for number, component in enumerate(components, start=1):
-        centre = component.extent.centre
+        centre = component.bounding_box.centre
         x, y = view.place(centre[view.direction.across], centre[view.direction.up])
         places.append((number, (x, y)))
     by_height = sorted(places, key=lambda place: place[1][1])
@@ -208,7 +208,7 @@ def _lay_out_views(
 
 def _find_common_extent(components: Sequence[Component]) -> Box:
     """Find the box around several components."""
-    extents = [component.extent for component in components]
+    extents = [component.bounding_box for component in components]
     low_x, low_y, low_z = (min(extent.low[axis] for extent in extents) for axis in range(3))
     high_x, high_y, high_z = (max(extent.high[axis] for extent in extents) for axis in range(3))
     return Box((low_x, low_y, low_z), (high_x, high_y, high_z))

@@ -307,7 +307,7 @@ def _parse_instance(text: str) -> dict[str, Parameters]:
     with one key, a list is a list.
     """
     translator = _JsonTranslator(text)
-    content = json.loads(_TOKEN.sub(translator.translate, text), object_pairs_hook=_make_typed)
+    content = _DECODER.decode(_TOKEN.sub(translator.translate, text))
     entities = content if translator.holds_several else [content]
     if not entities:
         raise ValueError(f"instance must hold whole entities, got {text[:40]!r}")
@@ -323,6 +323,9 @@ def _make_typed(pairs: list[tuple[str, Any]]) -> Typed:
     """Make a typed value of the only key of an object and its list of values."""
     name, value = pairs[0]
     return Typed(name, value)
+
+
+_DECODER = json.JSONDecoder(object_pairs_hook=_make_typed)
 
 
 class _JsonTranslator:
@@ -345,17 +348,19 @@ class _JsonTranslator:
         if kind is None:  # blanks
             return found[0]
         token = found[kind]
+        if kind == "mark":
+            return self._translate_mark(token)
         if kind == "word":
             return self._open_object(token, found.start())
         if kind == "number":
             return repr(float(token) if "." in token else int(token))
         if kind == "text":
             return json.dumps(_decode(token))
-        if kind == "name":
+        if kind == "name" and token.startswith('"'):  # a binary number has quotes of its own
             return json.dumps(token)
-        if kind == "unknown":
-            raise ValueError(f"no parameter: {self._text[found.start() :][:20]!r}")
-        return self._translate_mark(token)
+        if kind == "name":
+            return f'"{token}"'
+        raise ValueError(f"no parameter: {self._text[found.start() :][:20]!r}")
 
     def _open_object(self, name: str, position: int) -> str:
         """Begin an object; entities of an instance follow each other without a comma."""

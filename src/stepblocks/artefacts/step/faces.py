@@ -107,8 +107,9 @@ def _read_used_faces(
         _, _, linked, representation, items = parameters
         if linked != aspect:
             continue
+        units = read_units(file, str(representation))
         for item in find_references(items):
-            surface = _read_surface(file, item, str(representation))
+            surface = _read_surface(file, item, str(representation), units)
             if surface.kind:
                 yield surface
 
@@ -125,14 +126,14 @@ def _find_part_of_composite(file: Exchange, parts: dict[str, Parameters], aspect
 
 
 @dataclass(frozen=True)
-class _Units:
+class RepresentationUnits:
     """Units of the coordinates and angles of a representation."""
 
     length: Unit = field(default_factory=Unit)
     angle: Unit = field(default_factory=Unit)
 
 
-def _read_units(file: Exchange, representation: str) -> _Units:
+def read_units(file: Exchange, representation: str) -> RepresentationUnits:
     """Read the units of the context of a representation; unknown where it has none."""
     for parameters in file.get_entities(representation).values():
         for parameter in parameters:
@@ -143,19 +144,20 @@ def _read_units(file: Exchange, representation: str) -> _Units:
             for ref in context[0]:
                 unit = read_unit(file, ref)
                 by_dimension[unit.dimension] = unit
-            return _Units(
+            return RepresentationUnits(
                 by_dimension.get("length", Unit()),
                 by_dimension.get("angle", Unit("rad", "angle", 1.0)),
             )
-    return _Units()
+    return RepresentationUnits()
 
 
-def _read_surface(file: Exchange, item: str, representation: str) -> Surface:
+def _read_surface(
+    file: Exchange, item: str, representation: str, units: RepresentationUnits
+) -> Surface:
     """Read the surface of a face or the curve of an edge; its kind is empty for neither."""
     kind, parameters = _find_geometry(file, item)
     if len(parameters) < 2 or not is_reference(parameters[1]):
         return Surface(item, kind, representation=representation)
-    units = _read_units(file, representation)
     if kind == LINE:
         return Surface(
             item,
@@ -175,17 +177,16 @@ def _read_surface(file: Exchange, item: str, representation: str) -> Surface:
     )
 
 
-def read_curve(file: Exchange, edge: str, representation: str) -> Surface:
+def read_curve(file: Exchange, edge: str, units: RepresentationUnits) -> Surface:
     """Read the curve of an edge, in the units of the representation that holds its body."""
-    return _read_surface(file, edge, representation)
+    return _read_surface(file, edge, "", units)
 
 
-def read_vertex(file: Exchange, vertex: object, representation: str) -> Array:
+def read_vertex(file: Exchange, vertex: object, units: RepresentationUnits) -> Array:
     """Read the point of a vertex [m], shape (3,), nan where it has none."""
     parameters = file.get_parameters(vertex, "VERTEX_POINT")
     if len(parameters) != 2:
         return _NOWHERE
-    units = _read_units(file, representation)
     return units.length.convert_to_si(_read_coordinates(file, parameters[1]))
 
 
@@ -204,7 +205,7 @@ def _find_geometry(file: Exchange, item: str) -> tuple[str, Parameters]:
     return next(iter(file.get_entities(carrier).items()), ("", ()))
 
 
-def _read_sizes(kind: str, parameters: Parameters, units: _Units) -> tuple[float, ...]:
+def _read_sizes(kind: str, parameters: Parameters, units: RepresentationUnits) -> tuple[float, ...]:
     """Read radii [m] and, of a cone, its half angle [rad]."""
     numbers = []
     for parameter in parameters:

@@ -8,7 +8,14 @@ import math
 import numpy as np
 
 from stepblocks.artefacts.step.exchange import Exchange, is_reference
-from stepblocks.artefacts.step.faces import CIRCLE, LINE, Surface, read_curve, read_vertex
+from stepblocks.artefacts.step.faces import (
+    CIRCLE,
+    LINE,
+    Surface,
+    read_curve,
+    read_units,
+    read_vertex,
+)
 from stepblocks.artefacts.step.units import read_measure, read_unit
 from stepblocks.contact import Array
 
@@ -30,18 +37,21 @@ def find_moved_vertices(file: Exchange) -> list[str]:
         One line for each, up to five, and how many more there are.
     """
     allowed = max(_LEAST_ALLOWED, _read_uncertainty(file))
-    representation = _find_representation(file)
+    units = read_units(file, _find_representation(file))
+    points: dict[str, Array] = {}
     moved: dict[str, str] = {}
     for ref, parameters in file.find_instances("EDGE_CURVE"):
         if len(parameters) != 5:
             continue
-        curve = read_curve(file, ref, representation)
+        curve = read_curve(file, ref, units)
         if curve.kind not in (LINE, CIRCLE):
             continue
-        for vertex in parameters[1:3]:
-            distance = _measure_distance(curve, read_vertex(file, vertex, representation))
+        for vertex in map(str, parameters[1:3]):
+            if vertex not in points:  # most end several edges
+                points[vertex] = read_vertex(file, vertex, units)
+            distance = _measure_distance(curve, points[vertex])
             if distance > allowed:
-                moved[str(vertex)] = (
+                moved[vertex] = (
                     f"{vertex} vertex: must lie on its edge {ref}, lies {distance * 1e9:.3f} nm off"
                 )
     lines = list(moved.values())

@@ -19,7 +19,7 @@ class CrossedEdge:
     @property
     def levelled(self) -> LevelledPoints:
         """Points of the profile beside the edge."""
-        return self.edge.measure_across(self.row.position, self.row.height)
+        return self.edge.locate_points(self.row.position, self.row.height)
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from stepblocks.inspect.budget import (
     add_instrument_components,
     average_profiles,
 )
-from stepblocks.inspect.edge import Edge, LevelledPoints, find_position, fit_edge, fit_step
+from stepblocks.inspect.edge import Edge, LevelledPoints, find_largest_edge, fit_edge, fit_step
 from stepblocks.inspect.edge_arc import RESOLVED, compute_edge_profile
 from stepblocks.inspect.evaluation import (
     AS_FOUND,
@@ -227,7 +227,7 @@ def _find_slant(rows: list[ScannedProfile]) -> float:
     It is 0 where it does not.
     """
     chosen = rows[:: max(len(rows) // _MOST_SLANT_ROWS, 1)]
-    attempts = evaluate_each(lambda row: find_position(row.position, row.height), chosen)
+    attempts = evaluate_each(lambda row: find_largest_edge(row.position, row.height), chosen)
     # of a ridge or groove the walls are as high: only those on one side are one edge
     rising: list[tuple[float, float]] = []
     falling: list[tuple[float, float]] = []

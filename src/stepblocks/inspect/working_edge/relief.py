@@ -9,7 +9,7 @@ import numpy as np
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.attempts import evaluate_each
 from stepblocks.inspect.budget import Instrument, Measured, ScalePowers, average_profiles
-from stepblocks.inspect.edge import find_position, fit_step
+from stepblocks.inspect.edge import find_largest_edge, fit_step
 from stepblocks.inspect.evaluation import EvaluationOptions
 from stepblocks.inspect.found_edges import FoundEdge, find_edges
 from stepblocks.inspect.layout import DeclaredRelief
@@ -166,7 +166,7 @@ def _find_relief_beside(
             raise MetrologyError(f"{name} of a relief must show {LEAST_FACE} points, got {points}")
     position = row.position[beside]
     height = row.height[beside]
-    wall = find_position(position, height)
+    wall = find_largest_edge(position, height)
     depth = fit_step(position, height, _WALL * width)
     wide = sign * (riser.position - wall.position)
     is_there = wall.rising is not (riser.rise > 0.0) and abs(wide - width) <= _PLAUSIBLE * width

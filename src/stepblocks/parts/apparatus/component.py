@@ -101,7 +101,7 @@ class Component:
         return x, y, z
 
     @property
-    def extent(self) -> Box:
+    def bounding_box(self) -> Box:
         """The box around it."""
         boxes = [*self.boxes, *(rod.box for rod in self.rods)]
         low_x, low_y, low_z = (min(box.low[axis] for box in boxes) for axis in range(3))

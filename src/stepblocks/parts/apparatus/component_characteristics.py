@@ -34,7 +34,7 @@ def list_component_characteristics(component: Component) -> Iterator[Characteris
 
 def _list_planes(component: Component, axis: int) -> Iterator[Characteristic]:
     """List the size over all along an axis, and the places of the faces between its ends."""
-    extent = component.extent
+    extent = component.bounding_box
     low, high = extent.low[axis], extent.high[axis]
     planes = _list_plane_places(component, axis)
     if not _is_among(low, planes):  # round from there: its diameter says it
@@ -85,7 +85,7 @@ def _list_cylinder(
     component: Component, cylinder: Cylinder, key: str, label: str
 ) -> Iterator[Characteristic]:
     """List the diameter of a rod or bore, and where its axis lies."""
-    holds = {axis: cylinder.middle[axis] for axis in cylinder.across}
+    holds = {axis: cylinder.middle[axis] for axis in cylinder.cross_axis_indices}
     holds[cylinder.along] = cylinder.middle[cylinder.along]
     face = FaceRule("CYLINDER", radius=0.5 * cylinder.diameter, holds=holds)
     yield make_characteristic(
@@ -95,8 +95,8 @@ def _list_cylinder(
         face,
         label=f"{label}, along {cylinder.axis}{_describe_bore(component, cylinder)}",
     )
-    for axis in cylinder.across:
-        low = component.extent.low[axis]
+    for axis in cylinder.cross_axis_indices:
+        low = component.bounding_box.low[axis]
         offset = cylinder.start[axis] - low
         has_side = any(abs(box.low[axis] - low) < _SAME for box in component.boxes)
         if has_side and offset > _LEAST_OFFSET:

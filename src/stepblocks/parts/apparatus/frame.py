@@ -92,7 +92,7 @@ def _make_portal(name: str, x: float, shaft_height: float) -> Component:
     )
 
 
-def make_block() -> Component:
+def make_stand_in_block() -> Component:
     """Make the place of a step block, which the set of the blocks declares."""
     bores = [make_bore("z", (x, 0.0, -8.0), 2.5, 5.0, "M3") for x in _BLOCK_SCREWS]
     return Component(

@@ -73,8 +73,8 @@ def _list_pairs(components: Sequence[Component], travel: float) -> Iterator[_Pai
 
 def _boxes_overlap(pair: _Pair) -> bool:
     """Tell whether the boxes around a pair overlap."""
-    first = pair.first.extent.move((pair.position, 0.0, 0.0))
-    return _overlap(first, pair.second.extent)
+    first = pair.first.bounding_box.move((pair.position, 0.0, 0.0))
+    return _overlap(first, pair.second.bounding_box)
 
 
 def _overlap(box: Box, obstacle: Box) -> bool:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from stepblocks.parts.apparatus.component import Component
 from stepblocks.parts.apparatus.damping_rig import list_damping_rig
 from stepblocks.parts.apparatus.declared import Apparatus
-from stepblocks.parts.apparatus.frame import list_frame, make_block
+from stepblocks.parts.apparatus.frame import list_frame, make_stand_in_block
 from stepblocks.parts.apparatus.probe_arm import (
     find_carriage_height,
     list_balanced_arm,
@@ -14,7 +14,7 @@ from stepblocks.parts.apparatus.probe_arm import (
     list_yoke,
     make_flexure,
 )
-from stepblocks.parts.apparatus.pull import list_pull
+from stepblocks.parts.apparatus.pull import list_pull_components
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ def list_stages(kit: Apparatus, weight: float | None = None) -> list[Stage]:
         Stage("carriage", list(list_carriage(carriage_low))),
         Stage("flexure and pivot", [make_flexure(kit.flexure), *list_yoke()]),
         Stage("arm", list(list_balanced_arm(weight))),
-        Stage("block and pull", [make_block(), *list_pull()]),
+        Stage("block and pull", [make_stand_in_block(), *list_pull_components()]),
         Stage("damping rig", list(list_damping_rig(kit.displacement.value))),
     ]
 

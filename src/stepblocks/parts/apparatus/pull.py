@@ -15,7 +15,7 @@ _AXIS = (72.0, -10.0)  # x and z of the pulley
 _H6 = Deviations(0.0, -6e-6)  # of a pin up to 3 mm (ISO 286-2) [m]
 
 
-def list_pull() -> Iterator[Component]:
+def list_pull_components() -> Iterator[Component]:
     """List what pulls at the hook of the carriage."""
     x, z = _AXIS
     yield _make_bracket()

@@ -90,7 +90,7 @@ class Cylinder:
         return AXES.index(self.axis)
 
     @property
-    def across(self) -> tuple[int, int]:
+    def cross_axis_indices(self) -> tuple[int, int]:
         """Numbers of the axes that it is square to."""
         first, second = (k for k in range(3) if k != self.along)
         return first, second
@@ -109,7 +109,7 @@ class Cylinder:
     def box(self) -> Box:
         """The box around it."""
         low, high = self.start, self.end
-        for k in self.across:
+        for k in self.cross_axis_indices:
             low = _shift(low, k, -0.5 * self.diameter)
             high = _shift(high, k, 0.5 * self.diameter)
         return Box(low, high)
@@ -121,7 +121,7 @@ class Cylinder:
         if self.inward is None:
             return box
         low, high = list(box.low), list(box.high)
-        for k in self.across:
+        for k in self.cross_axis_indices:
             if self.inward[k] > 0.0:
                 low[k] = self.start[k]
             elif self.inward[k] < 0.0:
@@ -152,7 +152,7 @@ class Cylinder:
     def build(self) -> cad.door.Body:
         """Build it as a solid."""
         radius = 0.5 * self.diameter
-        u, v = (_shift((0.0, 0.0, 0.0), k, radius) for k in self.across)
+        u, v = (_shift((0.0, 0.0, 0.0), k, radius) for k in self.cross_axis_indices)
         circle = cad.kernel.outline_circle(self.start, u, v)
         return cad.kernel.extrude(circle, _shift((0.0, 0.0, 0.0), self.along, self.length))
 

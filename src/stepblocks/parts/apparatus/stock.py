@@ -16,11 +16,11 @@ def choose_stock(component: Component) -> Box | Cylinder:
     What is made of rods alone along one axis is turned from round bar.
     """
     if not component.is_turned:
-        return _choose_plate(component.extent)
+        return _choose_plate(component.bounding_box)
     rods = component.rods
     widest = max(rods, key=lambda rod: rod.diameter)
     along = widest.along
-    low, high = component.extent.low[along], component.extent.high[along]
+    low, high = component.bounding_box.low[along], component.bounding_box.high[along]
     length = _round_up(high - low + 2.0 * _ALLOWANCE)
     start = list(widest.start)
     start[along] = 0.5 * (low + high - length)

@@ -178,7 +178,10 @@ class CrownOnTooth(CrownMargin, Turned):
         # frusta of the tooth, the crown's roof, and sectors of its wall in level slices
         crown = self.seated_crown
         outer = self.outer_radius
-        roof = [*list_ring_points(outer, crown.ceiling), *list_ring_points(outer, crown.roof)]
+        roof = [
+            *list_ring_points(outer, crown.inner_roof_height),
+            *list_ring_points(outer, crown.outer_roof_height),
+        ]
         pieces = [*make_frusta(self.preparation.outline()), make_hull(roof)]
         for cell in self._list_wall_cells():
             pieces += make_sectors(cell)
@@ -189,7 +192,7 @@ class CrownOnTooth(CrownMargin, Turned):
         outer = self.outer_radius
         gap = self.marginal_gap.nominal
         points = list_outline_points(self.seated_crown.outline(), PIECE_DEFLECTION)
-        fitting = points[1 : points.index((outer, self.seated_crown.roof))]
+        fitting = points[1 : points.index((outer, self.seated_crown.outer_roof_height))]
         cells = []
         for upper, lower in itertools.pairwise(fitting):
             upper_radius, upper_height = upper
@@ -228,8 +231,8 @@ class CrownOnTooth(CrownMargin, Turned):
             "shell_thickness",
             "distance",
             self.shell_thickness,
-            describe_plane(2, crown.ceiling),
-            describe_plane(2, crown.roof),
+            describe_plane(2, crown.inner_roof_height),
+            describe_plane(2, crown.outer_roof_height),
             body=_CROWN,
         )
         yield self._state_finish_line(outside)
@@ -289,7 +292,7 @@ class CrownOnTooth(CrownMargin, Turned):
 
     def _list_seated_characteristics(self) -> Iterator[Characteristic]:
         """List the gaps between the two bodies, the crown seated on its tooth."""
-        ceiling = self.seated_crown.ceiling
+        ceiling = self.seated_crown.inner_roof_height
         tooth_wall = self._describe_wall(_TOOTH)
         outside = FaceRule("CYLINDER", radius=self.margin_radius.nominal, body=_TOOTH)
         cavosurface = EdgeRule(outside, self._describe_ledge())

@@ -70,14 +70,14 @@ class SeatedCrown:
         return self.internal_gap / math.cos(self.preparation.taper)
 
     @property
-    def ceiling(self) -> float:
+    def inner_roof_height(self) -> float:
         """Height of its inner roof [m]."""
         return self.preparation.height + self.internal_gap
 
     @property
-    def roof(self) -> float:
+    def outer_roof_height(self) -> float:
         """Height of its outer roof [m]."""
-        return self.ceiling + self.shell
+        return self.inner_roof_height + self.shell
 
     def find_wall_radius(self, height: float) -> float:
         """Return the radius of its inner wall at a height [m]."""
@@ -86,14 +86,14 @@ class SeatedCrown:
     def outline(self) -> Outline:
         """Outline the half section of the crown, from its inner roof down and round."""
         outline: Outline = [
-            (0.0, self.ceiling),
-            (self.find_wall_radius(self.ceiling), self.ceiling),
+            (0.0, self.inner_roof_height),
+            (self.find_wall_radius(self.inner_roof_height), self.inner_roof_height),
         ]
         if self.preparation.finish == "feather-edge":
             outline += self._outline_feather_edge()
         else:
             outline += self._outline_ledge()
-        outline += [(self.outer_radius, self.roof), (0.0, self.roof)]
+        outline += [(self.outer_radius, self.outer_roof_height), (0.0, self.outer_roof_height)]
         return outline
 
     def _outline_feather_edge(self) -> Outline:

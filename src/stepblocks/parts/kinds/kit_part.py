@@ -96,7 +96,7 @@ class KitPart(Part):
     def shape(self) -> Component:
         """The component with its boxes, rods and bores, in the frame of the part."""
         component = find_component(self.kit, self.component)
-        x, y, z = component.extent.low
+        x, y, z = component.bounding_box.low
         return component.move((-x, -y, -z))
 
     @property
@@ -127,7 +127,7 @@ class KitPart(Part):
         yield from list_component_characteristics(self.shape)
 
     def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Verdict]:
-        extent = self.shape.extent
+        extent = self.shape.bounding_box
         for axis, name in enumerate(_OVERALL):
             nominal = extent.high[axis] - extent.low[axis]
             coordinates = mesh.vertices[:, axis]
@@ -136,7 +136,7 @@ class KitPart(Part):
             yield Finding(f"{name} over all", nominal, measured, 2.0 * COARSE_DEFLECTION)
 
     def choose_close_up(self) -> CloseUp:
-        extent = self.shape.extent
+        extent = self.shape.bounding_box
         sides = [high - low for low, high in zip(extent.low, extent.high, strict=True)]
         return CloseUp(1.0, 0.5 * max(sides), extent.centre)
 
@@ -146,7 +146,7 @@ class KitPart(Part):
     @property
     def summary(self) -> str:
         """Its sizes over all."""
-        extent = self.shape.extent
+        extent = self.shape.bounding_box
         sides = [high - low for low, high in zip(extent.low, extent.high, strict=True)]
         sizes = " x ".join(f"{side * 1e3:.4g}" for side in sides)
         return f"{self.title}, {sizes} mm"
@@ -193,7 +193,7 @@ def _list_rod_corners(rod: Cylinder) -> list[Point3]:
     # circumscribed circle of the polygon that is as large as the circle of the rod
     radius = 0.5 * rod.diameter * np.sqrt(turn / np.sin(turn))
     angles = turn * np.arange(SECTORS)
-    first, second = rod.across
+    first, second = rod.cross_axis_indices
     corners = []
     for end in (rod.start, rod.end):
         points = np.tile(np.array(end), (SECTORS, 1))

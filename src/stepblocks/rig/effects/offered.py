@@ -3,7 +3,7 @@
 import os
 import runpy
 from functools import cache
-from importlib.metadata import entry_points
+from importlib import metadata
 from pathlib import Path
 
 from stepblocks.errors import ContactError
@@ -59,6 +59,12 @@ def _load_laws(path: Path, changed_ns: int) -> tuple[Law, ...]:
     if not laws:
         raise ContactError(f"laws must be stepblocks.Law, and there is none [{path}]")
     return tuple(laws.values())
+
+
+@cache
+def entry_points(group: str) -> metadata.EntryPoints:
+    """Find the entry points of a group, once: a file of every installed package is read."""
+    return metadata.entry_points(group=group)
 
 
 def list_offered_laws() -> list[Law]:

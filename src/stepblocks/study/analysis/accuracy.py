@@ -85,14 +85,14 @@ class Measure:
     left: tuple[str, ...] = ()
 
     @property
-    def logarithmic(self) -> bool:
+    def is_logarithmic(self) -> bool:
         """Whether differences are logarithms of ratios."""
         return self.name == SPREAD
 
     @property
     def label(self) -> str:
         """Name with unit, as it stands on an axis."""
-        if self.logarithmic:
+        if self.is_logarithmic:
             return "ln(spread / um)"
         return format_column_label(f"{self.name}_um")
 

@@ -237,5 +237,7 @@ def _compare_models(axis: int, first: Comparisons, second: Comparisons) -> Estim
     rows = [people.index(who) for who in common]
     facing_rows = [facing_people.index(who) for who in common]
     return compare_within(
-        model.profile(axis)[rows], facing.profile(axis)[facing_rows], model.axes[axis]
+        model.compute_likelihoods(axis)[rows],
+        facing.compute_likelihoods(axis)[facing_rows],
+        model.axes[axis],
     )

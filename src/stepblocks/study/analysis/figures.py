@@ -240,7 +240,7 @@ def _average_in_micrometres(measure: Measure) -> Table:
     """Return the mean of each participant (rows) in each condition (columns), in um or ln(um)."""
     means: Table = average_participants(measure.frame)
     in_micrometres: Table = means * 1e6
-    if measure.logarithmic:
+    if measure.is_logarithmic:
         in_micrometres = means + np.log(1e6)
     return in_micrometres
 

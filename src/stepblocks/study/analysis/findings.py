@@ -60,7 +60,7 @@ class ContrastTest:
         return self.interval.p
 
     @property
-    def logarithmic(self) -> bool:
+    def is_logarithmic(self) -> bool:
         """Whether the difference is the logarithm of a ratio."""
         return self.quantity != EXPONENT
 

@@ -64,7 +64,7 @@ class _Others:
             return compare_participants(means.drop(who, errors="ignore"))
         if isinstance(test, RatingTest):
             return self._compare_ratings(test, who)
-        if test.logarithmic:
+        if test.is_logarithmic:
             return [self._compare_settings(test, who)]
         return self._compare_exponents(test, who)
 

@@ -108,14 +108,14 @@ def _list_log_errors(errors: Sequence[LogError]) -> PaperTable:
 
 def _name_unit(measure: Measure) -> str:
     """Name the unit in which a measure is printed."""
-    return "ln(m)" if measure.logarithmic else "µm"
+    return "ln(m)" if measure.is_logarithmic else "µm"
 
 
 def _format_value(value: float, measure: Measure) -> str:
     """Write a value of a measure [SI] in its unit."""
     if math.isnan(value):
         return ""
-    size = value if measure.logarithmic else value * _MICROMETRE
+    size = value if measure.is_logarithmic else value * _MICROMETRE
     return f"{size:.2f}".replace("-", "−")
 
 
@@ -188,7 +188,7 @@ def _write_pair(interval: Interval, measure: Measure) -> tuple[str, ...]:
     )
 
 
-def write_markdown(tables: Sequence[PaperTable]) -> str:
+def format_markdown(tables: Sequence[PaperTable]) -> str:
     """Write tables as Markdown, numbered."""
     lines = []
     for number, table in enumerate(tables, start=1):
@@ -200,7 +200,7 @@ def write_markdown(tables: Sequence[PaperTable]) -> str:
     return "\n".join(lines)
 
 
-def write_latex(tables: Sequence[PaperTable]) -> str:
+def format_latex(tables: Sequence[PaperTable]) -> str:
     """Write tables as LaTeX, for booktabs."""
     lines = [r"% needs \usepackage{booktabs}"]
     for table in tables:

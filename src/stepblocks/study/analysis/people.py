@@ -112,7 +112,7 @@ def find_lone_distance(people: int) -> float:
     return float(np.quantile(farthest, _NOBODY_ALONE))
 
 
-def find_swapped_conditions(table: Table, outcome: str) -> Iterator[str]:
+def describe_swapped_conditions(table: Table, outcome: str) -> Iterator[str]:
     """Report participants whose difference between two conditions has the opposite sign.
 
     Parameters

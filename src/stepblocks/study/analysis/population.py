@@ -290,7 +290,7 @@ class Population:
             climbed[value] = found.x
             informants = self._count_participants(found.x, index)
             ratio = 2.0 * (float(found.fun) - float(self.best.fun))
-            return find_tail(ratio, informants.people, informants.share)
+            return compute_tail_probability(ratio, informants.people, informants.share)
 
         return assess
 
@@ -312,7 +312,7 @@ class Population:
         means = self._find_moments(self.best.x).posterior[index, 0]
         return np.asarray(middle + spread * means)
 
-    def profile(self, index: int) -> Array:
+    def compute_likelihoods(self, index: int) -> Array:
         """Return the likelihood of each participant along one of two axes and the lapse rates.
 
         Returns
@@ -324,7 +324,7 @@ class Population:
         return np.tensordot(self.likelihood, weights, (2 - index, 0))
 
 
-def find_tail(ratio: float, people: float, share: float) -> float:
+def compute_tail_probability(ratio: float, people: float, share: float) -> float:
     """Return the probability of a larger likelihood ratio of the mean of normal participants.
 
     Each has a known error; `share` of the variance of what they show is between participants, who

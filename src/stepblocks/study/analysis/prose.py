@@ -62,7 +62,7 @@ def _describe_contrast(test: ContrastTest, finding: Finding) -> str:
     """Describe how a quantity differs between two settings."""
     p = _describe_p(finding)
     bounds, times = test.interval.bounds, ""
-    if test.logarithmic:
+    if test.is_logarithmic:
         bounds, times = bounds.transform(math.exp), " times"
     return f"{bounds.value:.3g}{times} (95 % {bounds.low:.3g} to {bounds.high:.3g}, {p})"
 
@@ -111,7 +111,7 @@ def _describe_measure(measure: Measure, finding: Finding, reference: str) -> str
     # where each condition has its own participants, nobody has differences
     for interval in paired or modelled:
         if interval.p < _LEVEL:
-            differences.append(_describe_pair(interval, measure.logarithmic))
+            differences.append(_describe_pair(interval, measure.is_logarithmic))
     tested = p
     if measure.corrected is not None:
         tested = format_f_test(measure.corrected, finding.corrected)
@@ -128,7 +128,7 @@ def _describe_no_difference(
     """
     bounds = [assess_equivalence(interval).bound for interval in modelled]
     bound = max(bounds, default=math.nan)
-    if measure.logarithmic:
+    if measure.is_logarithmic:
         less = f"a factor of {math.exp(bound):.2g}"
     else:
         less = f"{bound * 1e6:.2g} um"

@@ -131,7 +131,9 @@ class _CurveLikelihood:
         p, slopes = self.predict(point)
         return float(self.miss(p)), slopes @ ((totals - hits) / (1.0 - p) - hits / p)
 
-    def climb(self, start: Sequence[float], held: int = -1, value: float = 0.0) -> OptimizeResult:
+    def maximise(
+        self, start: Sequence[float], held: int = -1, value: float = 0.0
+    ) -> OptimizeResult:
         """Maximise the likelihood; the parameter in the place `held`, if any, stays at `value`."""
         bounds = list(self.bounds)
         if held >= 0:
@@ -220,8 +222,24 @@ def fit_psychometric(
     )
 
 
-def estimate_psychometric(levels: Array, hits: Array, totals: Array) -> tuple[float, float]:
-    """Return ln(threshold) and ln(spread) of the fit of `fit_psychometric`, without intervals.
+class CurveEstimate(NamedTuple):
+    """A psychometric function without intervals.
+
+    Attributes
+    ----------
+    middle, log_spread : float
+        ln(threshold) and ln(spread), of the logarithm of the level.
+    lapse : float
+        Rate of errors at either end [1].
+    """
+
+    middle: float
+    log_spread: float
+    lapse: float
+
+
+def estimate_psychometric(levels: Array, hits: Array, totals: Array) -> CurveEstimate:
+    """Return the curve that `fit_psychometric` finds, without intervals.
 
     Parameters and errors are its own, but for a spread that the answers leave open, which is here
     the smallest that fits.
@@ -229,7 +247,7 @@ def estimate_psychometric(levels: Array, hits: Array, totals: Array) -> tuple[fl
     counts = _check_counts(levels, hits, totals)
     likelihood = _CurveLikelihood(counts)
     best = _climb_from(likelihood, _guess_start(likelihood.log_levels, counts))
-    return float(best.x[_MIDDLE]), float(best.x[_LOG_SPREAD])
+    return CurveEstimate(*(float(value) for value in best.x))
 
 
 def _climb_from(likelihood: _CurveLikelihood, start: _Start) -> OptimizeResult:
@@ -238,7 +256,7 @@ def _climb_from(likelihood: _CurveLikelihood, start: _Start) -> OptimizeResult:
         [start.middle, start.log_spread, _START_LAPSE],
         [start.middle, start.log_spread - 0.7, _START_LAPSE],
     ]
-    return min((likelihood.climb(point) for point in starts), key=lambda fit: float(fit.fun))
+    return min((likelihood.maximise(point) for point in starts), key=lambda fit: float(fit.fun))
 
 
 def _bound_by_profile(
@@ -259,7 +277,7 @@ def _bound_by_profile(
         losses = []
         for point in points:
             point[place] = value
-            losses.append(float(likelihood.climb(point, place, value).fun))
+            losses.append(float(likelihood.maximise(point, place, value).fun))
         return 2.0 * (min(losses) - float(best.fun)) - _CHI95
 
     value = float(best.x[place])

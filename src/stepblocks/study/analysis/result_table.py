@@ -261,7 +261,7 @@ def _list_equivalence(
 
 def _list_measure(measure: Measure) -> Rows:
     """Yield the figures of a measure of accuracy."""
-    logarithmic = measure.logarithmic
+    logarithmic = measure.is_logarithmic
     for term in measure.f_test.terms:
         yield _make_term_row(AnalysisName.F_TEST, term)
     yield from _list_family(AnalysisName.TUKEY, measure.f_test.intervals, logarithmic)
@@ -336,7 +336,7 @@ def _list_means(measure: Measure) -> Rows:
     name = "error" if measure.name == BIAS else measure.name
     for condition, mean, error in measure.mixed.means:
         bounds = Bounded(mean, mean - Z975 * error, mean + Z975 * error)
-        if measure.logarithmic:
+        if measure.is_logarithmic:
             bounds = bounds.transform(math.exp)
         yield _make_row(
             AnalysisName.MIXED, f"mean {name} with {condition}", bounds, Unit.MICROMETRES
@@ -521,7 +521,7 @@ def _make_influence_row(influence: Influence) -> ResultRow:
 def _is_logarithmic(test: PlannedTest) -> bool:
     """Return whether the differences of a test are logarithms of ratios."""
     if isinstance(test, MeasureTest):
-        return test.measure.logarithmic
+        return test.measure.is_logarithmic
     if isinstance(test, RatingTest):
         return True
-    return test.logarithmic
+    return test.is_logarithmic

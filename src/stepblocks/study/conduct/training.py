@@ -121,7 +121,7 @@ class Training:
         answers so far do not belong to it.
     """
 
-    virtual = False
+    has_virtual_blocks = False
     reach = 0.0
 
     def __init__(self, folder: Path, participant: str, trials: int = TRIALS) -> None:
@@ -150,7 +150,7 @@ class Training:
         self._trials = trials
 
     @property
-    def answered(self) -> int:
+    def answered_count(self) -> int:
         """How many pairs were answered, on all days."""
         return len(self._answered)
 
@@ -172,7 +172,7 @@ class Training:
             "done": self.now is None,
             "running": False,
             "practice": self._left,
-            "training": f"level {self._next.level} of {self._staircase.levels}",
+            "training": f"level {self._next.level} of {self._staircase.level_count}",
             "feedback": self.feedback,
             "answered": self._trials - self._left,
         }
@@ -253,7 +253,7 @@ class Training:
 
     def summarise(self) -> list[TrainingDay]:
         """Return what was reached on each day."""
-        return list(_summarise(self.participant, self._answered, self._staircase.levels))
+        return list(_summarise(self.participant, self._answered, self._staircase.level_count))
 
     def close(self) -> None:
         """Release the training, and write progress.csv of everybody."""
@@ -341,7 +341,7 @@ def read_training(folder: str | Path) -> list[TrainingDay]:
         if answers:
             staircase = Staircase(planned)
             answered = list(_replay(staircase, answers))
-            days += _summarise(participant, answered, staircase.levels)
+            days += _summarise(participant, answered, staircase.level_count)
     return days
 
 

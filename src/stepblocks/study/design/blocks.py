@@ -81,7 +81,7 @@ class Codes:
     judged: Mapping[str, Item]
     practised: Mapping[str, Item]
 
-    def all(self) -> dict[str, Item]:
+    def get_items_by_code(self) -> dict[str, Item]:
         """Return the blocks of all codes."""
         return {**self.judged, **self.practised}
 

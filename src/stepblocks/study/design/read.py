@@ -17,7 +17,7 @@ from stepblocks.study.design.sheet import list_answer_columns
 from stepblocks.study.design.trials import DESIGN_COLUMNS
 from stepblocks.study.experiments.registry import EXPERIMENTS
 from stepblocks.study.programs.melt import melt_table
-from stepblocks.study.programs.records import Asked, adopt_records, is_json, read_program_table
+from stepblocks.study.programs.records import Asked, convert_records, is_json, read_program_table
 
 _MISSING = ("NA", "N/A", "n/a", "#N/A", "<NA>")  # as R, BIDS, spreadsheets and pandas write it
 _MAX_BYTES = 100_000_000
@@ -218,7 +218,7 @@ def read_rows(
     """
     table = read_program_table(path, layout, _MAX_BYTES)
     if asked is not None:
-        table = adopt_records(table, asked)
+        table = convert_records(table, asked)
     if asked is not None and pattern:
         table = melt_table(table, pattern, asked)
     lacking = [name for name in columns if name not in table.names]

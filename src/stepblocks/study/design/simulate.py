@@ -162,7 +162,7 @@ def simulate_estimates(
     return np.maximum(estimates, 0.0)
 
 
-def rate_realism(
+def simulate_ratings(
     person: Array, shown: Array, observer: Observer, generator: np.random.Generator
 ) -> Array:
     """Simulate ratings of realism; each participant has a level of her own.

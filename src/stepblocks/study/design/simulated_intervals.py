@@ -12,17 +12,20 @@ from stepblocks.errors import StudyError
 from stepblocks.mistakes import shorten_value
 from stepblocks.study.analysis.psychometric import (
     Z975,
+    CurveEstimate,
     compute_weber,
     estimate_psychometric,
 )
 from stepblocks.study.design.adaptive import Prior
 from stepblocks.study.design.information import CurveShape, describe_curve
 from stepblocks.study.design.placement import Target
-from stepblocks.study.design.simulate import Observer, read_off_height
+from stepblocks.study.design.simulate import Observer
 from stepblocks.study.design.trial_exchange import Criterion
 
 CURVE_MEASURES = (Target.THRESHOLD.value, Target.JND.value)
 _FEWEST_LEVELS = 3  # that a fit needs
+_MANY = 1e6  # times the trials, after which a fit is that of the expected answers
+_LEAST_LAPSE = 1e-6  # keeps the rate, which is fitted, among the parameters
 
 
 @dataclass(frozen=True)
@@ -35,10 +38,8 @@ class Comparing:
         Of the blocks that are compared with the standard [m] and [J].
     trials : ndarray, shape (blocks,)
         At each.
-    standard, standard_energy : float
-        Height and energy of the standard [m] and [J].
-    jnd : float
-        True just noticeable difference of height over that of the standard [1].
+    standard_energy : float
+        Energy of the standard [J].
     observer : Observer
         What the participant is like.
     """
@@ -46,37 +47,54 @@ class Comparing:
     heights: Array
     energies: Array
     trials: Array
-    standard: float
     standard_energy: float
-    jnd: float
     observer: Observer
+
+    def compute_answers(self) -> Array:
+        """Return the expected share of the answer "higher" at each block, shape (blocks,)."""
+        felt = np.log(self.energies / self.standard_energy)
+        noise = max(math.sqrt(2.0) * self.observer.sensation_noise, 1e-12)
+        lapse = self.observer.lapse
+        return np.asarray((1.0 - lapse) * ndtr(felt / noise) + 0.5 * lapse)
+
+    def expect_curve(self) -> CurveEstimate:
+        """Return the curve that a fit finds in the end, of very many trials.
+
+        The answers of the participant follow the logarithm of the energy, the fitted curve that of
+        the height. Where their relation is no power law, the fit depends on the heights.
+        """
+        totals = np.round(_MANY * self.trials)
+        hits = np.round(totals * self.compute_answers())
+        return estimate_psychometric(self.heights, hits, totals)
 
     def simulate_fits(self, runs: int, seed: int) -> Array:
         """Return ln(threshold) and ln(spread) of simulated participants, shape (runs, 2).
 
         A participant whose answers have no fit is nan.
         """
-        felt = np.log(self.energies / self.standard_energy)
-        noise = max(math.sqrt(2.0) * self.observer.sensation_noise, 1e-12)
-        lapse = self.observer.lapse
-        higher = (1.0 - lapse) * ndtr(felt / noise) + 0.5 * lapse
+        higher = self.compute_answers()
         hits = np.random.default_rng(seed).binomial(
             self.trials.astype(np.int64), higher, (runs, len(higher))
         )
         fits = np.full((runs, 2), math.nan)
         for row, answers in enumerate(hits):
             try:
-                fits[row] = estimate_psychometric(self.heights, answers, self.trials)
+                curve = estimate_psychometric(self.heights, answers, self.trials)
             except StudyError:  # without a rise there is no threshold
                 continue
+            fits[row] = curve.middle, curve.log_spread
         return fits
 
-    def expect_errors(self) -> dict[Target, float]:
-        """Return the standard errors of ln(threshold) and ln(spread) that theory expects [1]."""
-        prior = Prior(weber=self.jnd, weber_factor=1.0, equal_factor=1.0)
-        sensitivity = describe_curve(
-            self.heights, self.standard, prior, 0.5 * self.observer.lapse, CurveShape.NORMAL
-        )
+    def expect_errors(self, curve: CurveEstimate) -> dict[Target, float]:
+        """Return the standard errors of ln(threshold) and ln(spread) that theory expects [1].
+
+        `curve` is that of `expect_curve`.
+        """
+        weber = compute_weber(curve.log_spread)
+        prior = Prior(weber=weber, weber_factor=1.0, equal_factor=1.0)
+        lapse = max(curve.lapse, _LEAST_LAPSE)
+        threshold = math.exp(curve.middle)
+        sensitivity = describe_curve(self.heights, threshold, prior, lapse, CurveShape.NORMAL)
         errors = {}
         for goal in (Target.THRESHOLD, Target.JND):
             criterion = Criterion(sensitivity, goal.places, goal.spread)
@@ -96,15 +114,16 @@ class Comparing:
                 "add trials, or heights around the standard"
             )
         low, high = np.quantile(fitted, [0.025, 0.975], axis=0)
-        reach = Z975 * self.expect_errors()[Target(measure)]
+        curve = self.expect_curve()
+        reach = Z975 * self.expect_errors(curve)[Target(measure)]
         if measure == Target.THRESHOLD:
-            value, name, unit = self.standard * 1e6, "threshold", "um"
+            value, name, unit = 1e6 * math.exp(curve.middle), "threshold", "um"
             simulated = [1e6 * math.exp(end) for end in (low[0], high[0])]
             expected = [value * math.exp(-reach), value * math.exp(reach)]
         else:
-            value, name, unit = self.jnd, "jnd", "ratio"
+            value, name, unit = compute_weber(curve.log_spread), "jnd", "ratio"
             simulated = [compute_weber(end) for end in (low[1], high[1])]
-            log_ratio = math.log1p(self.jnd)
+            log_ratio = math.log1p(value)
             expected = [math.expm1(log_ratio * math.exp(sign * reach)) for sign in (-1.0, 1.0)]
         return {
             "measure": measure,
@@ -155,15 +174,10 @@ def plan_comparing(
             )
     if len(trials) < _FEWEST_LEVELS:
         raise StudyError(f"trials must be of {_FEWEST_LEVELS} blocks or more, got {len(trials)}")
-    known = (list(heights.values()), list(energies.values()))
-    noticed = np.array([energies[standard] * (1.0 + observer.weber)])
-    (noticed_height,) = read_off_height(noticed, *known)
     return Comparing(
         heights=np.array([heights[name] for name in trials]),
         energies=np.array([energies[name] for name in trials]),
         trials=np.array(list(trials.values()), dtype=np.float64),
-        standard=heights[standard],
         standard_energy=energies[standard],
-        jnd=float(noticed_height) / heights[standard] - 1.0,
         observer=observer,
     )

@@ -70,7 +70,7 @@ class Staircase:
         self._counts = dict.fromkeys(self._rungs, 0)
 
     @property
-    def levels(self) -> int:
+    def level_count(self) -> int:
         """Number of difficulties."""
         return len(self._differences)
 
@@ -94,7 +94,7 @@ class Staircase:
         right = is_right(trial.row, answer)
         setting = name_setting(trial.row)
         step = _HARDER if right else -_EASIER
-        self._rungs[setting] = min(max(self._rungs[setting] + step, 0), self.levels - 1)
+        self._rungs[setting] = min(max(self._rungs[setting] + step, 0), self.level_count - 1)
         self._counts[setting] += 1
         return right
 

@@ -55,7 +55,7 @@ class Design:
     balance: Balance
 
     @property
-    def detectable(self) -> float:
+    def detectable_effect_size(self) -> float:
         """Difference over its standard deviation that a paired t-test finds in 80 % of studies.
 
         Infinite with one participant, who has no standard deviation.
@@ -196,7 +196,7 @@ def design_trials(
     blocks = dict[str, dict[str, Item]]()
     for person in range(participants):
         codes = assign_codes([*judged, *plan.standards], generator, items)
-        blocks[str(person + 1)] = codes.all()
+        blocks[str(person + 1)] = codes.get_items_by_code()
         levels = groups[group[person]]
         trials += _list_trials(plan, str(person + 1), codes, orders[person], levels, generator)
     balance = replace(measure_balance(orders), interleaved=interleaved, groups=len(groups))

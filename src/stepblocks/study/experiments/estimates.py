@@ -9,7 +9,7 @@ from stepblocks.files.tables import Table
 from stepblocks.study.analysis.accuracy import MEASURES, SPREAD, Measure, analyse_measure
 from stepblocks.study.analysis.findings import Analysis
 from stepblocks.study.analysis.log_error import compute_log_errors
-from stepblocks.study.analysis.people import find_swapped_conditions
+from stepblocks.study.analysis.people import describe_swapped_conditions
 from stepblocks.study.analysis.repeated import average_participants
 from stepblocks.study.columns import Row, read_number
 from stepblocks.study.design.simulate import Observer, simulate_estimates
@@ -83,7 +83,7 @@ def analyse_estimates(frame: Table, margin: float) -> Analysis:
 
 def _describe_participants(measure: Measure) -> Iterator[str]:
     """Report participants whose conditions may be swapped, or who have no such measure."""
-    yield from find_swapped_conditions(average_participants(measure.frame), measure.name)
+    yield from describe_swapped_conditions(average_participants(measure.frame), measure.name)
     if measure.left:
         left = ", ".join(measure.left)
         yield f"Without {measure.name}, for answers that never vary: {left}."

@@ -10,7 +10,7 @@ from stepblocks.study.analysis.anova import Interval, run_f_test
 from stepblocks.study.analysis.findings import EXPONENT, Analysis, name_contrast
 from stepblocks.study.analysis.influence import tabulate_exponents
 from stepblocks.study.analysis.magnitudes import fit_power_law
-from stepblocks.study.analysis.people import find_swapped_conditions
+from stepblocks.study.analysis.people import describe_swapped_conditions
 from stepblocks.study.analysis.repeated import compare_participants
 from stepblocks.study.columns import Row, read_number
 from stepblocks.study.design.simulate import Observer, simulate_sensation
@@ -70,7 +70,7 @@ def _analyse_magnitudes(frame: Table, margin: float) -> Analysis:
         frame=frame,
         power_laws=analysis.power_laws,
         exponents=exponents,
-        remarks=tuple(find_swapped_conditions(table, EXPONENT)),
+        remarks=tuple(describe_swapped_conditions(table, EXPONENT)),
     )
 
 

@@ -11,7 +11,7 @@ from stepblocks.study.analysis.accuracy import MEASURES
 from stepblocks.study.analysis.findings import Analysis
 from stepblocks.study.analysis.ordinal import OrdinalFit, fit_ordinal_model
 from stepblocks.study.columns import FACTOR, Row, list_levels, read_number
-from stepblocks.study.design.simulate import REALISM, Observer, rate_realism
+from stepblocks.study.design.simulate import REALISM, Observer, simulate_ratings
 from stepblocks.study.design.virtual import VIBRATION, VIBRATION_OFF, VIBRATION_ON
 from stepblocks.study.experiments.estimates import (
     analyse_estimates,
@@ -42,7 +42,7 @@ def _simulate_virtual(trials: Table, observer: Observer, generator: np.random.Ge
         texts_of_row = {name: str(value) for name, value in row.items()}
         vibrating.append(VIBRATION_ON in list_levels(texts_of_row))
     people = trials["person"].to_numpy()
-    ratings = rate_realism(people, np.array(vibrating), observer, generator)
+    ratings = simulate_ratings(people, np.array(vibrating), observer, generator)
     texts = []
     for (estimate,), rating in zip(estimates, ratings, strict=True):
         texts.append((estimate, f"{rating:.0f}"))

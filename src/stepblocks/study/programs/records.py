@@ -101,7 +101,7 @@ def read_program_table(path: Path, layout: TableLayout, most_bytes: int) -> Text
     return read_json_records(decode_text(raw, path, StudyError).text, str(path))
 
 
-def adopt_records(table: TextTable, asked: Asked) -> TextTable:
+def convert_records(table: TextTable, asked: Asked) -> TextTable:
     """Write the records of another program in our columns; any other table stays as it is.
 
     Rows that are no trials are left out, and so is what the program writes for itself.

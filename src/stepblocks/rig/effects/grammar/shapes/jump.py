@@ -18,7 +18,9 @@ from stepblocks.rig.effects.grammar.slots import (
 from stepblocks.rig.state import Floats
 
 _LEVELS = ("second", "third", "fourth", "fifth")
-_STEP_WIDTH = 2e-3  # of the range: a hundredth of the spacing leaves a fit no way to move
+# of the range: a sixth of the spacing of 240 trials. A hundredth of the spacing leaves a fit no way
+# to move, half of it takes the trials beside a jump for wild readings
+_STEP_WIDTH = 7e-4
 _WAYS_TO_JUMP = tuple(slot for slot in MAIN_SLOTS if slot != "radius")
 
 
