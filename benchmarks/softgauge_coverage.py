@@ -482,7 +482,12 @@ def run_draws(case: int, seeds: range) -> list[Record]:
         record: Record = {"case": case, "seed": seed, "code": records.code_hash(*CODE)}
         try:
             record["rows"] = [
-                [name, got.value - truth, got.std, bool(abs(got.value - truth) <= got.expanded())]
+                [
+                    name,
+                    got.value - truth,
+                    got.std,
+                    bool(abs(got.value - truth) <= got.compute_expanded_uncertainty()),
+                ]
                 for name, truth, got in draw(np.random.default_rng(seed))
             ]
         except MetrologyError:
