@@ -24,7 +24,7 @@ PAGES = {
 }
 # clicked, by its text, before the picture is taken; what is shown then is scrolled to
 CLICKED = {"inspect": "Look"}
-SHOWN = {"bench": "table"}
+SHOWN = {"declare": "table", "bench": "canvas"}
 WAIT = 15.0  # until what a page reads from files is there [s]
 BLOCKS = """[prediction]
 normal_loads = ["0.8 N"]
@@ -101,7 +101,7 @@ def take_pictures(address: str) -> None:
                 time.sleep(WAIT)
             if name in SHOWN:
                 element = browser.find_element("css selector", SHOWN[name])
-                browser.execute_script("arguments[0].scrollIntoView()", element)
+                browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", element)
                 time.sleep(1.0)
             picture = ROOT / "docs" / "images" / f"window-{name}.png"
             browser.save_screenshot(str(picture))

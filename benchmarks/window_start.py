@@ -2,7 +2,8 @@
 
 ``python benchmarks/window_start.py [FOLDER]`` starts ``stepblocks app`` five times, asks for the
 start page as a browser does, waits, and reads the memory of the server. Exit code 1 where the
-median start takes 2 s or longer, or the memory is 300 MB or more.
+median start takes 2 s or longer, or the memory is 300 MB or more. On a busy machine look at the
+processor time, which does not depend on what else runs.
 """
 
 import re
@@ -22,8 +23,8 @@ MOST_MEMORY = 300e6  # of the idle server [bytes]
 IDLE = 3.0  # before memory is read [s]
 
 
-def start_once(folder: str) -> tuple[float, int]:
-    """Start a window; return the time to its first page [s] and its memory when idle [bytes]."""
+def start_once(folder: str) -> tuple[float, float, int]:
+    """Start a window; return time and processor time to its first page [s], and idle memory."""
     begin = time.perf_counter()
     words = [sys.executable, "-m", "stepblocks", "app", folder, "--no-open"]
     with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as process:
@@ -36,8 +37,10 @@ def start_once(folder: str) -> tuple[float, int]:
             with urllib.request.build_opener(cookies).open(found[0], timeout=60) as page:
                 page.read()
             seconds = time.perf_counter() - begin
+            server = psutil.Process(process.pid)
+            used = server.cpu_times()
             time.sleep(IDLE)
-            return seconds, psutil.Process(process.pid).memory_info().rss
+            return seconds, used.user + used.system, server.memory_info().rss
         finally:
             process.terminate()
             process.wait(60)
@@ -48,11 +51,17 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as empty:
         folder = sys.argv[1] if len(sys.argv) > 1 else empty
         starts = [start_once(folder) for _ in range(RUNS)]
-    for seconds, memory in starts:
-        print(f"{seconds:.2f} s to the first page, {memory / 1e6:.0f} MB idle")
-    seconds = statistics.median(seconds for seconds, _ in starts)
-    memory = statistics.median(memory for _, memory in starts)
-    print(f"median {seconds:.2f} s (below {MOST_SECONDS:g}), {memory / 1e6:.0f} MB (below 300)")
+    for seconds, used, memory in starts:
+        print(
+            f"{seconds:.2f} s to the first page, {used:.2f} s of processor, "
+            f"{memory / 1e6:.0f} MB idle",
+            flush=True,
+        )
+    seconds, used, memory = map(statistics.median, zip(*starts, strict=True))
+    print(
+        f"median {seconds:.2f} s (below {MOST_SECONDS:g}), {used:.2f} s of processor, "
+        f"{memory / 1e6:.0f} MB (below 300)"
+    )
     return int(seconds >= MOST_SECONDS or memory >= MOST_MEMORY)
 
 

@@ -1,10 +1,12 @@
 """A file that is changed by a form stays the user's: comments, order, and what is not changed."""
 
 import asyncio
+import io
 import tomllib
 from pathlib import Path
 
 import pytest
+import trimesh
 
 pytest.importorskip("nicegui")
 
@@ -17,6 +19,8 @@ from stepblocks.errors import PipelineError, StimulusError
 from stepblocks.predict.run import predict_set
 from stepblocks.window.draft import Draft, StanzaPlace, find_field, list_fields
 from stepblocks.window.felt import draw_profile, predict_felt
+from stepblocks.window.part_view import make_in_worker
+from stepblocks.window.size_slider import read_range
 from stepblocks.window.window import Window
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -219,3 +223,56 @@ def test_a_name_outside_the_folder_is_not_opened(name, tmp_path):
     shown = asyncio.run(open_file(folder, name))
     assert any("must lie in the folder" in text or "must end in" in text for text in shown)
     assert not any("secret" in text for text in shown if "must" not in text)
+
+
+@pytest.mark.parametrize(
+    "entry", ["", "25 kg", "-5 um", "0 um", '{ values = ["25 um"] }', "1.2.3 um"]
+)
+def test_what_is_no_plain_length_has_no_slider(entry):
+    assert read_range(entry) is None
+
+
+def test_a_slider_goes_from_a_fifth_to_the_double_in_the_unit_that_was_typed():
+    found = read_range("0.025 mm")
+    assert (found.low, found.high, found.unit) == (0.005, 0.05, "mm")
+    assert found.format_entry(0.0312345) == "0.03123 mm"
+
+
+async def slide(folder):
+    """Move the slider of a height; return the height, and what is felt at the end."""
+    async with user_simulation(root=Window(folder).build) as user:
+        await user.open("/declare?file=mine.toml")
+        await user.should_see(marker="felt", retries=200)
+        (slider,) = user.find(marker="slider").elements
+        (height,) = user.find(marker="height", kind=ui.input).elements
+        (table,) = user.find(marker="felt").elements
+        for value in (26.0, 28.0, 30.0):
+            slider.set_value(value)
+        for _ in range(600):
+            if table.rows and table.rows[0]["dragged"]:
+                break
+            await asyncio.sleep(0.1)
+        return height.value, table.rows
+
+
+def test_what_is_felt_follows_a_slider_by_the_formula_and_the_drag_and_nothing_is_saved(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text(WRITTEN)
+    height, (row,) = asyncio.run(slide(tmp_path))
+    assert height == "30 um"
+    assert path.read_text() == WRITTEN
+    path.write_text(WRITTEN.replace("25 um", "30 um"))
+    (expected,) = predict_felt(load_set(path), dragged=True)
+    assert row == vars(expected)
+
+
+@pytest.mark.long
+def test_the_part_is_shown_as_the_kernel_builds_it_with_its_drawing():
+    stimuli = load_set(ROOT / "stimuli" / "paper-four.toml")
+    view = make_in_worker(stimuli.stimuli[0], stimuli.order)
+    (body,) = view.bodies
+    mesh = trimesh.load(io.BytesIO(body), file_type="stl")
+    assert mesh.is_watertight
+    # the step of 25 um, stretched, stands over the lower face at z = 0
+    assert mesh.bounds[1, 2] == pytest.approx(25e-3 * view.exaggeration, rel=1e-3)
+    assert "apparatus-025" in view.drawing.lower()

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from functools import partial
+from functools import lru_cache, partial
 from html import escape
 from itertools import islice
 from pathlib import Path
@@ -317,11 +317,17 @@ def choose_operating_point(
 
 def make_file_model() -> type[Table]:
     """Make the model of a file: the fields of a set, and a list of tables for each kind."""
+    return _make_model_of_kinds(tuple(list_kinds().items()))
+
+
+@lru_cache(maxsize=2)  # making it takes longer than reading a file by it
+def _make_model_of_kinds(kinds: tuple[tuple[str, type[Part]], ...]) -> type[Table]:
+    """Make the model of a file that may declare kinds, each by the name of its stanza."""
     fields: dict[str, Any] = {
         name: (field.annotation, field) for name, field in StimulusSet.model_fields.items()
     }
     fields.pop("stimuli")
-    for stanza, kind in list_kinds().items():
+    for stanza, kind in kinds:
         fields[stanza] = (tuple[kind, ...], ())  # type: ignore[valid-type]
     return create_model("StimulusFile", __base__=Table, **fields)
 
