@@ -13,6 +13,7 @@ import stat
 import subprocess
 import sys
 import tempfile
+import time
 from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass
 from enum import Enum
@@ -161,12 +162,15 @@ class JobRecord:
     process : int
         Number of its process.
     begun : float
-        When that began, as its system says [s].
+        When that began, as its system says to a hundredth [s].
+    noted : int
+        When this was noted, by which jobs are in order [ns].
     """
 
     command: ShownCommand
     process: int
     begun: float
+    noted: int
 
 
 _RECORD = TypeAdapter(JobRecord)
@@ -286,7 +290,7 @@ class JobList:
                 continue  # of a window that is open
             self._found.append(place)
             records += _read_records(place)
-        for record, output in sorted(records, key=lambda found: found[0].begun):
+        for record, output in sorted(records, key=lambda found: found[0].noted):
             process = FoundProcess(record, _name_steps(output))
             self._jobs.append(Job(self._next_number, record.command, output, process))
 
@@ -361,7 +365,8 @@ class JobList:
 def _keep_record(command: ShownCommand, process: int, output: Path) -> None:
     """Keep what the next window needs to find a job; without it, it is not found."""
     with suppress(OSError, psutil.Error):
-        record = JobRecord(command, process, psutil.Process(process).create_time())
+        begun = psutil.Process(process).create_time()
+        record = JobRecord(command, process, begun, time.time_ns())
         text = json.dumps(asdict(record))
         output.with_suffix(".json").write_text(text, encoding="utf-8")
 
