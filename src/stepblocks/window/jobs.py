@@ -368,7 +368,7 @@ def _keep_record(command: ShownCommand, process: int, output: Path) -> None:
         begun = psutil.Process(process).create_time()
         record = JobRecord(command, process, begun, time.time_ns())
         text = json.dumps(asdict(record))
-        output.with_suffix(".json").write_text(text, encoding="utf-8")
+        output.with_suffix(".json").write_text(text, encoding="utf-8", newline="\n")
 
 
 def _read_records(place: Path) -> list[tuple[JobRecord, Path]]:
