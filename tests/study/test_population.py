@@ -135,7 +135,10 @@ def test_a_spread_twice_as_wide_in_one_condition_is_found_and_none_is_not():
         fitted(*simulated(seed, shift=shift)) for seed, shift in ((5, 0.0), (6, 0.0), (7, 0.7))
     )
     grid = Grid(LEVELS, *simulated(5)).spreads
-    none, apart = (compare_within(other.profile(1), one.profile(1), grid) for other in (same, wide))
+    none, apart = (
+        compare_within(other.compute_likelihoods(1), one.compute_likelihoods(1), grid)
+        for other in (same, wide)
+    )
     assert none.low < 0.0 < none.high
     assert none.p > 0.05 > apart.p
     assert apart.low < 0.7 < apart.high
