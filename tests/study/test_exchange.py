@@ -73,6 +73,23 @@ def test_a_table_of_somebody_else_is_read_with_its_names_and_decimal_commas(
     assert (code, (tmp_path / "out" / "results.csv").read_text()) == (0, result.results_csv())
 
 
+def test_a_run_sheet_may_call_every_column_and_unit_otherwise(study, result, tmp_path):
+    sheet = pd.read_csv(study / "sheets" / "answers.csv", dtype=str)
+    sheet["estimate_um"] = [f"{float(text) / 1000:.6g}" for text in sheet["estimate_um"]]
+    theirs = {
+        "participant": "Participant ID",
+        "trial": "Trial no.",
+        "condition": "Probe",
+        "code": "Block",
+        "estimate_um": "Answer (mm)",
+    }
+    sheet.rename(columns=theirs).to_csv(tmp_path / "sheet.csv", index=False)
+    named = theirs | {"estimate_mm": theirs["estimate_um"]}
+    del named["estimate_um"]
+    judged = analyse_study(study, [tmp_path / "sheet.csv"], columns=named)
+    assert judged.results_csv() == result.results_csv()
+
+
 def test_what_a_table_lacks_is_named_with_its_place(tmp_path):
     path = tmp_path / "my.csv"
     path.write_text("subject,probe,h,answer\n1,bare,0.02,20\n")

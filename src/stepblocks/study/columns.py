@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import TypeAlias
 
@@ -14,6 +15,7 @@ YES = ("y", "yes", "1")
 NO = ("n", "no", "0")
 ORDER = "order"  # number of the trial in tens, where it is a covariate of the mixed model
 FACTOR = "factor_"  # begins the column of each declared factor
+MICROMETRES = {"um": 1.0, "mm": 1e3, "m": 1e6}  # in each unit of a column
 
 
 class PairOrder(StrEnum):
@@ -51,3 +53,44 @@ def read_number(text: str) -> float:
     if "_" in text or not math.isfinite(value):  # Python reads 1_000
         return math.nan
     return value
+
+
+@dataclass(frozen=True)
+class NamedColumns:
+    """What the columns of the tables of others are called.
+
+    Attributes
+    ----------
+    named : mapping of str
+        Their names for ours; those that are not named are called as ours. Lengths may be in um, mm
+        or m: ``height_mm=h`` reads the column ``h`` in millimetres.
+    """
+
+    named: Mapping[str, str]
+
+    def name(self, ours: str) -> str:
+        """Return their name of one of our columns."""
+        return self.named.get(ours, ours)
+
+    def read(self, row: Row, ours: str) -> str | None:
+        """Return the cell of one of our columns, lengths in micrometres; None without one.
+
+        What is no number stays as it is.
+        """
+        if not ours.endswith("_um"):
+            return row.get(self.name(ours))
+        stem = ours.removesuffix("_um")
+        for unit in self._list_units(stem):
+            text = row.get(self.name(f"{stem}_{unit}"))
+            if text is None:
+                continue
+            number = read_number(text)
+            if unit == "um" or math.isnan(number):
+                return text
+            return f"{number * MICROMETRES[unit]:.12g}"
+        return None
+
+    def _list_units(self, stem: str) -> list[str]:
+        """List the units in which a length may stand: those that are named, else all."""
+        named = [unit for unit in MICROMETRES if f"{stem}_{unit}" in self.named]
+        return named or list(MICROMETRES)

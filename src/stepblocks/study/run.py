@@ -439,7 +439,7 @@ def analyse_study(
     columns : mapping of str
         Without a design, their names for ours:
         ``{"participant": "subject", "condition": "probe", "height_um": "h", "estimate_um":
-        "answer"}``. Of a design, those of answers in the records of another program.
+        "answer"}``. Of a design, those of its run sheet, where another program wrote the answers.
     experiment : str
         Without a design, of which kind the judgements are, as in `design_study`.
     ratings : tuple of int

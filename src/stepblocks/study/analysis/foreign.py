@@ -3,13 +3,13 @@
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from stepblocks.errors import StudyError
 from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.study.analysis.judgements import Judgement, Judgements, join_rows
-from stepblocks.study.columns import FACTOR, RATINGS, Row, read_number
+from stepblocks.study.columns import FACTOR, MICROMETRES, RATINGS, NamedColumns, Row, read_number
 from stepblocks.study.design.read import SheetRow, find_sheets, read_rows
 from stepblocks.study.experiments.registry import ALIASES, EXPERIMENTS
 from stepblocks.study.programs.records import Asked
@@ -33,41 +33,8 @@ DESCRIPTIONS = {
 }
 PROBE = "probe"  # the factor that has a column of its own name
 _LOWEST, _HIGHEST = 0.1, 5000.0  # of the steps of blocks; beyond, it is another unit [um]
-_MICROMETRES = {"um": 1.0, "mm": 1e3, "m": 1e6}  # in each unit of a column
 _MOST_LEVELS = 12  # of a column that splits the judgements
 _FEWEST_COPIED = 6  # rows of a participant of which the second half may be a copy
-
-
-@dataclass(frozen=True)
-class _Columns:
-    """What the columns of foreign tables are called.
-
-    Attributes
-    ----------
-    named : mapping of str
-        Their names for ours; those that are not named are called as ours. Lengths may be in um, mm
-        or m: ``height_mm=h`` reads the column ``h`` in millimetres.
-    """
-
-    named: Mapping[str, str]
-
-    def name(self, ours: str) -> str:
-        """Return their name of one of our columns."""
-        return self.named.get(ours, ours)
-
-    def read(self, row: Row, ours: str) -> str | None:
-        """Return the cell of one of our columns, lengths in micrometres; None without one."""
-        if not ours.endswith("_um"):
-            return row.get(self.name(ours))
-        stem = ours.removesuffix("_um")
-        for unit, factor in _MICROMETRES.items():
-            text = row.get(self.name(f"{stem}_{unit}"))
-            if text is None:
-                continue
-            if factor == 1.0 or not text:
-                return text
-            return f"{read_number(text) * factor:.12g}"
-        return None
 
 
 def read_foreign_judgements(
@@ -108,7 +75,7 @@ def read_foreign_judgements(
         raise StudyError(f"experiment must be one of {', '.join(EXPERIMENTS)}, got {experiment!r}")
     for name in columns:
         _check_name(name)
-    names = _Columns(columns)
+    names = NamedColumns(columns)
     participant = names.name("participant")
     called = (participant, names.name("condition"))
     asked = Asked(EXPERIMENTS[experiment].answers, columns)
@@ -157,7 +124,7 @@ def _number_rows(rows: Sequence[SheetRow], experiment: str) -> Iterator[SheetRow
         yield SheetRow(numbered, row.file, row.line)
 
 
-def _translate(row: SheetRow, names: _Columns) -> SheetRow:
+def _translate(row: SheetRow, names: NamedColumns) -> SheetRow:
     """Return a foreign row in our columns, declared factors last."""
     cells = dict[str, str]()
     for column in DESCRIPTIONS:
@@ -168,7 +135,7 @@ def _translate(row: SheetRow, names: _Columns) -> SheetRow:
     return SheetRow(cells, row.file, row.line)
 
 
-def _read_factors(row: Row, names: _Columns) -> dict[str, str]:
+def _read_factors(row: Row, names: NamedColumns) -> dict[str, str]:
     """Read the levels of declared factors: of columns named so, and of those that are mapped."""
     levels = {name: text for name, text in row.items() if name.startswith(FACTOR)}
     taken = set(names.named.values())
@@ -201,7 +168,7 @@ def _refuse_partial_columns(rows: Sequence[SheetRow]) -> None:
 
 
 def _cross_factors(
-    rows: Sequence[SheetRow], names: _Columns, experiment: str
+    rows: Sequence[SheetRow], names: NamedColumns, experiment: str
 ) -> Sequence[SheetRow]:
     """Cross the condition with every factor within participants that it does not hold.
 
@@ -258,12 +225,12 @@ def _is_held(rows: Sequence[SheetRow], name: str) -> bool:
     return all(len(met) == 1 for met in levels.values())
 
 
-def _describe_unused(rows: Sequence[SheetRow], names: _Columns) -> Iterator[str]:
+def _describe_unused(rows: Sequence[SheetRow], names: NamedColumns) -> Iterator[str]:
     """Name columns that split the judgements and are in no model."""
     used = {names.name(ours) for ours in DESCRIPTIONS} | set(names.named.values()) | {PROBE}
     for ours in DESCRIPTIONS:
         stem = ours.removesuffix("_um")
-        used |= {names.name(f"{stem}_{unit}") for unit in _MICROMETRES}
+        used |= {names.name(f"{stem}_{unit}") for unit in MICROMETRES}
     levels = dict[str, dict[str, int]]()
     for row in rows:
         for name, text in row.cells.items():

@@ -12,7 +12,7 @@ from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.files.numbers import NumberNotation, is_plain_number
 from stepblocks.files.tables import warn_of_notes
 from stepblocks.files.text_table import TextTable, is_table_name
-from stepblocks.study.columns import Row, read_number
+from stepblocks.study.columns import NamedColumns, Row, read_number
 from stepblocks.study.design.sheet import list_answer_columns
 from stepblocks.study.design.trials import DESIGN_COLUMNS
 from stepblocks.study.experiments.registry import EXPERIMENTS
@@ -115,18 +115,21 @@ def read_answers(
     in which it is not clear where an answer stands.
     """
     asked = Asked(EXPERIMENTS[experiment].answers, columns)
-    wanted = []
-    for name in list_answer_columns(experiment):
-        wanted.append(asked.name(name))
-    rows = read_rows(path, wanted, empty=True, asked=asked, layout=layout)
-    return [_rename_answers(row, asked) for row in rows]
+    ours = list_answer_columns(experiment)
+    wanted = [asked.name(name) for name in ours]
+    names = [asked.name(name) for name in _NAMES]
+    rows = read_rows(path, wanted, True, names, asked=asked, layout=layout)
+    named = NamedColumns(columns)
+    return [_translate_row(row, ours, named) for row in rows]
 
 
-def _rename_answers(row: SheetRow, asked: Asked) -> SheetRow:
-    """Call the answers of a row as ours, where the user calls them otherwise."""
+def _translate_row(row: SheetRow, ours: Sequence[str], named: NamedColumns) -> SheetRow:
+    """Give a row some of our columns, as the user says what they are called."""
     cells = {**row.cells}
-    for answer in asked.answers:
-        cells[answer] = row.cells[asked.name(answer)]
+    for name in ours:
+        text = named.read(row.cells, name)
+        if text is not None:
+            cells[name] = text
     return replace(row, cells=cells)
 
 
