@@ -9,7 +9,7 @@ from stepblocks.inspect.budget import Instrument
 from stepblocks.inspect.evaluation import AS_FOUND
 from stepblocks.inspect.feature import suggest_other_evaluation
 from stepblocks.inspect.features import Feature, Levels
-from stepblocks.inspect.found_edges import FoundEdge
+from stepblocks.inspect.found_edges import FoundEdge, find_edges
 from stepblocks.inspect.groove_profile import _check_level
 from stepblocks.inspect.grooves import measure_groove
 from stepblocks.inspect.noise import Estimate
@@ -124,3 +124,11 @@ def test_edges_whose_flanks_overlap_may_stand_in_another_order():
     levels = Levels((height,), 1, z, used, 0, 99.0, 1.0, tuple(edges))
     with pytest.raises(MetrologyError, match="must keep half of their points"):
         _check_level(x, z, levels, height)
+
+
+def test_a_profile_of_which_half_is_missing_is_refused_for_that():
+    position = np.arange(800) * 1e-6
+    height = np.where(position > 400e-6, 50e-6, 0.0)
+    height[::2] = np.nan
+    with pytest.raises(MetrologyError, match="60% of its points or more, got 50%"):
+        find_edges(position, height)

@@ -195,3 +195,13 @@ def test_spip_ascii_states_its_steps_and_its_unit(tmp_path):
     scan = read_scan(path)
     assert (scan.dx, scan.dy) == pytest.approx((0.5e-6, 0.5e-6))
     np.testing.assert_allclose(scan.height, heights * 1e-9, atol=1e-15)
+
+
+@pytest.mark.parametrize("head", ["x_um,z_um\n", "Instrument A\n\nx_um,z_um\n"])
+def test_rows_without_a_height_at_the_top_are_points_and_no_head(tmp_path, head):
+    path = tmp_path / "begins_late.csv"
+    path.write_text(f"{head}0,\n1,\n2,5\n3,\n4,6\n")
+    profile = read_scan(path)
+    assert isinstance(profile, ScannedProfile)
+    assert profile.position == pytest.approx([0.0, 1e-6, 2e-6, 3e-6, 4e-6])
+    assert np.isfinite(profile.height).tolist() == [False, False, True, False, True]

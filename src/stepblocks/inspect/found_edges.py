@@ -76,7 +76,7 @@ def find_edges(x: Array, z: Array) -> list[FoundEdge]:
     Raises
     ------
     MetrologyError
-        If no difference of two windows stands out.
+        If no difference of two windows stands out, or too few points are known to tell.
     """
     check_profile(x, z, 2 * LEAST_FACE)
     profile = _Profile(x, remove_spikes(z), np.isfinite(z))
@@ -87,6 +87,7 @@ def find_edges(x: Array, z: Array) -> list[FoundEdge]:
     windows = _compare_windows(profile)
     best = _choose_windows(windows)
     if best is None:
+        _refuse_sparse_points(profile)
         raise nothing_found
     differences = _complete_differences(windows, best)
     places = _find_peaks(differences, windows[best].reach)
@@ -95,6 +96,16 @@ def find_edges(x: Array, z: Array) -> list[FoundEdge]:
     if not edges:
         raise nothing_found
     return edges
+
+
+def _refuse_sparse_points(profile: _Profile) -> None:
+    """Refuse a profile of which too little was measured to tell whether it has an edge."""
+    share = float(np.mean(profile.known))
+    if share < _LEAST_KNOWN:
+        raise MetrologyError(
+            f"a profile must be measured at {_LEAST_KNOWN:.0%} of its points or more, got "
+            f"{share:.0%}; leave out the rows without a height"
+        )
 
 
 def _compare_windows(profile: _Profile) -> list[_WindowDifferences]:

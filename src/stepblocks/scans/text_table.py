@@ -257,12 +257,36 @@ def _find_layout(lines: Sequence[str], source: str, declared: TableLayout) -> _L
         for number, line in enumerate(lines[: _MOST_HEADER_LINES + 1]):
             columns = notation.count_columns(line)
             if columns:
-                return _Layout(notation, number, columns)
+                first_line = _find_first_row(lines, number, notation, columns)
+                return _Layout(notation, first_line, columns)
     if len(lines) > _MOST_HEADER_LINES:
         raise MetrologyError(f"table must begin within {_MOST_HEADER_LINES} lines [{source}]")
     raise MetrologyError(
         f"text must hold a table of numbers in two columns or more, got none [{source}]"
     )
+
+
+def _find_first_row(lines: Sequence[str], complete: int, notation: Notation, columns: int) -> int:
+    """Return the first line of a table, from the first that is complete.
+
+    The rows above it may end in missing points.
+    """
+    first = complete
+    while first > 0 and _ends_in_missing_points(lines[first - 1], notation, columns):
+        first -= 1
+    return first
+
+
+def _ends_in_missing_points(line: str, notation: Notation, columns: int) -> bool:
+    """Tell whether a line is a row of a table that has empty fields at its end."""
+    if notation.separator is None:
+        return False
+    try:
+        fields = notation.split_line(line)
+        cells = notation.count_cells(line)
+    except csv.Error:
+        return False
+    return bool(fields) and cells == columns and notation.parse_numbers(fields) is not None
 
 
 def _find_notation(lines: Sequence[str], source: str, declared: TableLayout) -> Notation | None:
