@@ -486,7 +486,7 @@ def run_draws(case: int, seeds: range) -> list[Record]:
                     name,
                     got.value - truth,
                     got.std,
-                    bool(abs(got.value - truth) <= got.compute_expanded_uncertainty()),
+                    bool(abs(got.value - truth) <= got.expanded()),
                 ]
                 for name, truth, got in draw(np.random.default_rng(seed))
             ]

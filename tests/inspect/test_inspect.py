@@ -273,7 +273,7 @@ def test_a_rectangle_of_a_map_is_judged_by_itself_and_the_whole_map_by_all_of_it
         value = found.evaluation.values["step_height"]
         assert abs(value.value - true) < 10e-9
     whole = inspect_standard(scan, feature="edge").evaluation.values["step_height"]
-    assert whole.compute_expanded_uncertainty() > 1e-6
+    assert whole.expanded() > 1e-6
     with pytest.raises(MetrologyError, match="height map must have at least 2 x 3 points, got 1 x"):
         inspect_standard(scan, options=EvaluationOptions(area=(0.0, 1.2e-3, 0.0, 1e-6)))
 

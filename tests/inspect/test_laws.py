@@ -166,9 +166,7 @@ def test_one_more_component_never_narrows_an_interval(own, more):
     after = Measured("x", 0.0, (*parts, Component("calibration", more)))
     assert after.std >= before.std
     type_a = tuple(part for part in parts if part.is_type_a)
-    assert after.compute_expanded_uncertainty() >= Measured(
-        "x", 0.0, type_a
-    ).compute_expanded_uncertainty() * (1.0 - 1e-12)
+    assert after.expanded() >= Measured("x", 0.0, type_a).expanded() * (1.0 - 1e-12)
 
 
 @MANY

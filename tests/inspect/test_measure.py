@@ -238,10 +238,7 @@ def test_form_of_a_ball_is_no_spike_and_widens_its_interval():
         )
         z[:20, 60:] += 40e-9 * np.linspace(1.0, 0.0, 20)[:, np.newaxis] * np.linspace(0.0, 1.0, 21)
         tip = measure_tip(HeightMap(z, 1.1e-6, 1.1e-6), EXACT, nominal=500e-6)
-        held += (
-            abs(tip.values["ball_radius"].value - 497e-6)
-            < tip.values["ball_radius"].compute_expanded_uncertainty()
-        )
+        held += abs(tip.values["ball_radius"].value - 497e-6) < tip.values["ball_radius"].expanded()
         dropped = [int(note.split()[0]) for note in tip.notes if "spikes" in note]
         assert sum(dropped) < 0.02 * 81 * 81  # a whole corner went before the fit knew of form
     assert held >= 18  # of 63 in 100 while sixteen sectors of the cap counted as independent
@@ -255,8 +252,8 @@ def test_a_round_nose_of_a_profile_has_an_interval_from_its_form():
             len(x), 0.5e-6, 20e-9, 0.2e-6, 40e-6, np.random.default_rng(seed)
         )
         found.append(measure_tip(ScannedProfile(x, z), EXACT, nominal=190e-6).values["ball_radius"])
-    assert sum(abs(one.value - 200e-6) < one.compute_expanded_uncertainty() for one in found) >= 11
-    assert np.median([one.compute_expanded_uncertainty() for one in found]) < 10e-6
+    assert sum(abs(one.value - 200e-6) < one.expanded() for one in found) >= 11
+    assert np.median([one.expanded() for one in found]) < 10e-6
 
 
 def test_a_point_off_the_arc_misses_it_by_its_radial_distance():

@@ -52,7 +52,7 @@ def test_a_step_is_found_where_enough_lines_lie_behind_it():
     z = correlated_map((128, 256), 0.1 * UM, NM, 5 * NM, 0.5 * UM, np.random.default_rng(0))
     z[-40:] -= 100 * NM
     found = measure_groove(HeightMap(z, 0.1 * UM, 0.1 * UM), EXACT).values["groove_depth"]
-    assert abs(found.value - 100 * NM) < found.compute_expanded_uncertainty()
+    assert abs(found.value - 100 * NM) < found.expanded()
 
 
 @pytest.mark.repeats
@@ -80,7 +80,7 @@ def test_a_profile_of_which_half_would_be_spikes_is_refused():
         found = measure_groove(ScannedProfile(x, z), EXACT).values["groove_depth"]
     except MetrologyError:
         return
-    assert abs(found.value - 540 * NM) < found.compute_expanded_uncertainty()
+    assert abs(found.value - 540 * NM) < found.expanded()
 
 
 def test_a_refusal_names_the_feature_that_would_answer():

@@ -72,7 +72,7 @@ def test_what_fails_beside_or_in_a_relief_fails_alone(shape, key):
     assert failed == [key]
     true = next(iter(shape.values()))
     measured = result.evaluation.values[key]
-    assert abs(measured.value - true) <= measured.compute_expanded_uncertainty()
+    assert abs(measured.value - true) <= measured.expanded()
 
 
 def test_a_stylus_proves_the_depth_and_leaves_the_width_open():

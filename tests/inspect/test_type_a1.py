@@ -203,8 +203,8 @@ def test_the_nsfopen_gratings_give_their_independently_known_depths_within_1_nm(
     # what the scan itself shows; the file states no calibration, for which 2 % stands
     own = [part.std for part in got.components if part.name != "calibration"]
     assert np.hypot.reduce(own) < 2e-9
-    assert got.unstated_components == ("calibration",)
-    assert abs(got.value - depth) < got.compute_expanded_uncertainty()
+    assert got.unstated == ("calibration",)
+    assert abs(got.value - depth) < got.expanded()
     assert inspected.convention.startswith("masked step over")
     assert "the features differ by" in inspected.notes[0]
 
@@ -223,14 +223,14 @@ def test_a_budget_adds_in_squares_and_counts_degrees_of_freedom_by_welch_and_sat
     assert budget.std == pytest.approx(5.0)
     assert budget.dof == pytest.approx(625.0 / (81.0 / 4.0))
     # Student's t at 30.9 degrees, tables
-    assert budget.compute_expanded_uncertainty() == pytest.approx(5.0 * 2.0399, rel=1e-3)
+    assert budget.expanded() == pytest.approx(5.0 * 2.0399, rel=1e-3)
 
 
 def test_what_is_not_stated_is_named_and_not_silently_zero():
     one = average_profiles("height", quiet([10e-6]), Instrument())
-    assert set(one.unstated_components) == {"repeatability", "calibration"}
+    assert set(one.unstated) == {"repeatability", "calibration"}
     several = average_profiles("height", quiet([10e-6, 10.1e-6, 9.9e-6]), Instrument(1e-3, 1e-9))
-    assert several.unstated_components == ()
+    assert several.unstated == ()
     by_name = {part.name: part.std for part in several.components}
     assert by_name["calibration"] == pytest.approx(10e-9)
     assert by_name["resolution"] == pytest.approx(1e-9 / 12**0.5)
@@ -249,9 +249,7 @@ def test_a_width_answers_to_the_lateral_scale_and_a_radius_to_both():
     )
     assert (
         "lateral calibration"
-        in average_profiles(
-            "w", quiet([5e-5]), Instrument(1e-3), powers=ScalePowers(0, 1)
-        ).unstated_components
+        in average_profiles("w", quiet([5e-5]), Instrument(1e-3), powers=ScalePowers(0, 1)).unstated
     )
 
 
@@ -270,7 +268,7 @@ def test_budgets_over_profiles_cover_at_their_rate_for_any_number_and_scatter(co
         if count <= 5:
             assert budget.std == pytest.approx(np.std(values, ddof=1) / np.sqrt(count))
         assert budget.dof == pytest.approx({2: 1, 3: 2, 6: 4, 12: 4, 60: 6}[count])
-        hits += abs(budget.value - 10e-6) < budget.compute_expanded_uncertainty(0.95)
+        hits += abs(budget.value - 10e-6) < budget.expanded(0.95)
     assert hits / 600 == pytest.approx(0.95, abs=0.0267)
 
 
@@ -287,7 +285,7 @@ def test_profiles_whose_neighbours_err_together_do_not_count_as_independent(coun
         for row in range(1, count):
             values[row] = 0.4 * values[row - 1] + np.sqrt(1.0 - 0.4**2) * steps[row]
         budget = average_profiles("height", quiet(values), Instrument(0.0, 0.0))
-        hits += abs(budget.value) < budget.compute_expanded_uncertainty(0.95)
+        hits += abs(budget.value) < budget.expanded(0.95)
         plain += abs(values.mean()) < 2.0 * np.std(values, ddof=1) / np.sqrt(count)
     assert least < hits / 600 < 0.97
     assert plain / 600 < 0.86

@@ -176,7 +176,7 @@ def test_trials_end_where_the_answers_are_precise_enough(tmp_path):
     run, random = open_run(tmp_path, "1"), np.random.default_rng(1)
     while run.now is not None:
         answered(run, 1, larger=50.0 * math.exp(0.15 * random.standard_normal()))
-    assert 5 < run.answered_count < 40
+    assert 5 < run.answered < 40
     run.close()
 
 

@@ -104,7 +104,7 @@ def test_an_answer_is_on_the_disk_before_the_next_trial_is_shown_and_a_run_goes_
     assert answered(real) == ["1"]
     run.close()
     again = open_run(real, "1")
-    assert (again.answered_count, again.state()["trial"]) == (1, "2")
+    assert (again.answered, again.state()["trial"]) == (1, "2")
     again.close()
 
 

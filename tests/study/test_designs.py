@@ -28,7 +28,7 @@ PROBES = ("bare", "hard", "soft")
 @pytest.mark.parametrize("conditions", range(1, MAX_CONDITIONS + 1))
 def test_in_williams_orders_every_condition_follows_every_other_equally_often(conditions):
     balance = measure_balance(make_williams_square(conditions))
-    assert balance.is_exact
+    assert balance.exact
     assert len(make_williams_square(conditions)) == (
         2 * conditions if conditions % 2 and conditions > 1 else conditions
     )
@@ -51,7 +51,7 @@ def test_any_number_of_participants_is_balanced_to_the_stated_bounds(conditions)
         balance = measure_balance(allocate_orders(participants, conditions, generator))
         assert balance.position_spread <= 1
         assert balance.follower_spread <= (2 if conditions % 2 else 1)
-        assert balance.is_exact == (participants % len(make_williams_square(conditions)) == 0)
+        assert balance.exact == (participants % len(make_williams_square(conditions)) == 0)
 
 
 def test_experiment_one_is_the_paper_s():
@@ -88,7 +88,7 @@ def test_experiment_two_alternates_which_condition_comes_first():
     design = crossed("virtual", 10, TEN, 1, 3)
     firsts = Counter(t["condition"] for t in design.trials if t["trial"] == "1")
     assert firsts == {"vibration-off": 5, "vibration-on": 5}
-    assert design.balance.is_exact
+    assert design.balance.exact
     assert len(design.trials) == 10 * 2 * 10
 
 
@@ -98,7 +98,7 @@ def test_groups_are_balanced_each_by_itself_and_a_design_says_when():
     assert "exact at multiples of 4 participants" in str(design.balance)
     assert design_trials(
         "estimates", 8, FOUR, 1, 1, factors=factors, between=["hand"]
-    ).balance.is_exact
+    ).balance.exact
 
 
 def test_constant_stimuli_put_the_standard_first_and_second_equally_often():
@@ -200,12 +200,12 @@ def test_an_interleaved_study_is_designed_run_and_analysed_as_any_other(tmp_path
 def test_a_preregistration_says_what_its_participants_can_show(tmp_path):
     design = design_study((30e-6, 50e-6, 80e-6), tmp_path, seed=1, participants=12)
     # scipy's noncentral t, both tails
-    limit, size = stats.t.ppf(0.975, 11), design.detectable_effect_size * 12**0.5
+    limit, size = stats.t.ppf(0.975, 11), design.detectable * 12**0.5
     power = stats.nct.sf(limit, 11, size) + stats.nct.cdf(-limit, 11, size)
     assert power == pytest.approx(0.8, abs=1e-6)
     text = (tmp_path / "preregistration.md").read_text()
     assert "the 12 participants' own differences finds, with a power of 80 %" in text
-    assert f"a difference of {design.detectable_effect_size:.2f} standard deviations" in text
+    assert f"a difference of {design.detectable:.2f} standard deviations" in text
 
 
 @pytest.mark.parametrize(

@@ -192,7 +192,7 @@ def test_a_further_factor_keeps_the_usual_probes(tmp_path):
 
 def test_a_design_for_one_participant_finds_no_difference(tmp_path):
     design = design_trials("estimates", 1, ITEMS, 1, 1, factors={"probe": ("bare", "soft")})
-    assert math.isinf(design.detectable_effect_size)
+    assert math.isinf(design.detectable)
 
 
 @pytest.mark.parametrize(

@@ -32,7 +32,7 @@ def test_a_run_that_a_spreadsheet_saved_goes_on(tmp_path):
     path.write_text("\ufeff" + re.sub(r"(?<=;)(\d+)\.(\d+)(?=[;\n])", r"\1,\2", text))
     with pytest.warns(ReadingWarning, match="semicolons|decimal commas"):
         run = open_run(tmp_path, "1")
-    assert run.answered_count == 1
+    assert run.answered == 1
     run.answer("2", {"estimate_um": "40"}, reaction=1.25, comment="a draught, a door")
     run.close()
     rows = pd.read_csv(path, dtype=str).to_dict("records")
@@ -78,7 +78,7 @@ def test_an_answer_is_taken_back_and_practice_is_not_recorded(tmp_path):
     run.answer("1", {"estimate_um": "30"})
     assert run.feedback == ""
     run.undo()
-    assert (run.answered_count, run.state()["trial"]) == (0, "1")
+    assert (run.answered, run.state()["trial"]) == (0, "1")
     with pytest.raises(StudyError, match="must be given before it can be taken back"):
         run.undo()
     run.close()

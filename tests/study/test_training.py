@@ -146,7 +146,7 @@ def test_what_training_cannot_do_is_refused(study, tmp_path_factory):
         training.answer("7", {"second_is_higher": "y"})
     with pytest.raises(StudyError, match="second_is_higher must be y or n"):
         training.answer("1", {"second_is_higher": "perhaps"})
-    assert training.answered_count == 0
+    assert training.answered == 0
     training.close()
     folder = tmp_path_factory.mktemp("estimates")
     design_study([20e-6, 50e-6], folder, seed=1, participants=1)

@@ -364,11 +364,11 @@ def run(
             raise PipelineError("train takes no stimulus file and no option of virtual blocks")
         return _train(folder, participant, train, port, no_open)
     opened = stepblocks.open_run(folder, participant, file, **options)
-    print(f"{opened.path}: {opened.answered_count} of {len(opened.planned)} trials are answered")
+    print(f"{opened.path}: {opened.answered} of {len(opened.planned)} trials are answered")
     summary = "all trials are answered"
     if not _serve(opened, port, no_open):
         summary = "stopped; the same command goes on"
-    return Outcome(summary, record={"answered": opened.answered_count, "of": len(opened.planned)})
+    return Outcome(summary, record={"answered": opened.answered, "of": len(opened.planned)})
 
 
 def _serve(run: PageRun, port: int, no_open: bool) -> bool:
@@ -391,7 +391,7 @@ def _serve(run: PageRun, port: int, no_open: bool) -> bool:
 def _train(folder: Path, participant: str, trials: int, port: int, no_open: bool) -> Outcome:
     """Train a participant, and say what was reached on each day."""
     training = stepblocks.open_training(folder, participant, trials)
-    print(f"{training.path}: {training.answered_count} pairs were answered so far")
+    print(f"{training.path}: {training.answered} pairs were answered so far")
     if training.now is None:
         training.close()
     else:

@@ -187,7 +187,7 @@ class Measured:
         return _combine_stds(self.components)
 
     @property
-    def unstated_components(self) -> tuple[str, ...]:
+    def unstated(self) -> tuple[str, ...]:
         """Names of components that are unknown or for which a default stands."""
         return tuple(part.name for part in self.components if part.assumed or not part.is_known)
 
@@ -201,7 +201,7 @@ class Measured:
         """Effective degrees of freedom of all components, by Welch and Satterthwaite."""
         return _find_effective_dof(self.components, self.std)
 
-    def compute_expanded_uncertainty(self, level: float = 0.95) -> float:
+    def expanded(self, level: float = 0.95) -> float:
         """Half width of the two-sided interval at `level`, in the unit of the value."""
         return self._compute_quantile(0.5 + 0.5 * level)
 
@@ -209,7 +209,7 @@ class Measured:
     def coverage_factor(self) -> float:
         """Half width of the interval at 95 % over the standard uncertainty [1]."""
         if self.std > 0.0:
-            return self.compute_expanded_uncertainty() / self.std
+            return self.expanded() / self.std
         return _NORMAL_95
 
     @property

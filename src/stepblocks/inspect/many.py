@@ -328,7 +328,7 @@ def _list_blocks(
                     "bound": measured.bound.value,
                     "value": decision.value,
                     "u": decision.std,
-                    "u95": measured.compute_expanded_uncertainty(),
+                    "u95": measured.expanded(),
                     "lower": decision.lower,
                     "upper": decision.upper,
                     "verdict": decision.verdict.value,

@@ -60,7 +60,7 @@ def write_inspection(
     list of Path
     """
     place = _Folder(Path(folder) / result.identity)
-    record = result.build_record()
+    record = result.describe()
     paths = _write_as_built(place, result)
     data = place.build_path("inspection.json")
     replace_text(data, record.to_json())
@@ -127,7 +127,7 @@ def _collect_filled(result: InspectionResult) -> dict[str, tuple[float, float, s
     for judgement in result.judged:
         key = judgement.characteristic.key
         decision = judgement.decision
-        expanded = result.evaluation.values[key].compute_expanded_uncertainty()
+        expanded = result.evaluation.values[key].expanded()
         std = max(expanded / _NORMAL_95, decision.std)
         filled[key] = (decision.value, std, decision.verdict.value)
     return filled

@@ -134,7 +134,7 @@ class InspectionResult:
         """Statement, convention, what was not stated, what was left out, and the energy."""
         unstated: set[str] = set()
         for measured in self.evaluation.values.values():
-            unstated.update(measured.unstated_components)
+            unstated.update(measured.unstated)
         remarks = []
         if self._is_of_part:
             remarks.append(f"statement: {self.statement}")
@@ -180,7 +180,7 @@ class InspectionResult:
         draw_scan(axes, self.evaluation.shown, self.judged)
         return axes
 
-    def build_record(self) -> InspectionRecord:
+    def describe(self) -> InspectionRecord:
         """Return the record of the inspection, as it is written."""
         values = self.evaluation.values
         characteristics = []
@@ -222,7 +222,7 @@ class InspectionResult:
 
     def as_record(self) -> dict[str, Any]:
         """Return plain data; every number has its unit in its name, infinities are null."""
-        return self.build_record().to_document()
+        return self.describe().to_document()
 
 
 def _align_columns(rows: list[Row]) -> list[str]:

@@ -84,7 +84,7 @@ def _describe_limits(judgement: Judgement) -> _DecisionFields:
 
 def _describe_measured(measured: Measured) -> _MeasuredFields:
     """Return the fields of a value and its uncertainty."""
-    half = measured.compute_expanded_uncertainty()
+    half = measured.expanded()
     return {
         "value": measured.value,
         "std": measured.std,

@@ -105,7 +105,7 @@ def _describe_value(
     unit: _Unit,
 ) -> Row:
     """Return the line of a value with its limits, if any."""
-    half = measured.compute_expanded_uncertainty() * unit.factor
+    half = measured.expanded() * unit.factor
     decimals = _choose_decimals(half)
     uncertainty = _NOT_STATED
     if measured.is_decidable:

@@ -67,7 +67,7 @@ def average_radius(
         components.append(stylus)
     without_tip = [Estimate(corner.value - tip, single, corner.dof) for corner in corners]
     measured = average_profiles("edge radius", without_tip, instrument, components, _RADIUS_POWERS)
-    if measured.value + measured.compute_expanded_uncertainty() < 0.0:
+    if measured.value + measured.expanded() < 0.0:
         seen = measured.value + tip
         notes.append(NoteKind.STYLUS_TOO_LARGE.describe(radius=tip * 1e6, seen=seen * 1e6))
         return replace(measured, value=seen, bound=Bound.AT_MOST)

@@ -16,7 +16,7 @@ class PageRun(Protocol):
         """The trial that is next; None when the run is done."""
 
     @property
-    def has_virtual_blocks(self) -> bool:
+    def virtual(self) -> bool:
         """Whether blocks are virtual."""
 
     @property

@@ -175,7 +175,7 @@ class Run:
             self.planned = order_trials(self._designed, answers, read_prior(self.folder))
 
     @property
-    def answered_count(self) -> int:
+    def answered(self) -> int:
         """How many trials are answered."""
         return len(self._rows)
 
@@ -189,12 +189,12 @@ class Run:
                 "code": row.get("practice_code", ""),
                 "standard_code": row.get("practice_standard_code", ""),
             }
-        if self.answered_count < len(self.planned):
-            return self.planned[self.answered_count]
+        if self.answered < len(self.planned):
+            return self.planned[self.answered]
         return None
 
     @property
-    def has_virtual_blocks(self) -> bool:
+    def virtual(self) -> bool:
         """Whether the experiment is one on virtual blocks."""
         return self._virtual is not None
 
@@ -233,7 +233,7 @@ class Run:
 
     def _is_virtual(self, row: Row | None) -> bool:
         """Return whether the block of a trial is rendered."""
-        return self.has_virtual_blocks and row is not None and row.get(f"{FACTOR}{BLOCK}") != REAL
+        return self.virtual and row is not None and row.get(f"{FACTOR}{BLOCK}") != REAL
 
     def state(self) -> dict[str, object]:
         """Return what a page may show.
@@ -254,7 +254,7 @@ class Run:
             "running": self.servo is not None,
             "practice": self.practice,
             "feedback": self.feedback,
-            "answered": self.answered_count,
+            "answered": self.answered,
         }
         if row is None:
             return state

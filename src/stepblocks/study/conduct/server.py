@@ -61,7 +61,7 @@ class RunServer(ThreadingHTTPServer):
 
     def until_done(self) -> None:
         """Serve until the last answer is given."""
-        if self.experiment.has_virtual_blocks and not raise_priority(_PRIORITY):
+        if self.experiment.virtual and not raise_priority(_PRIORITY):
             print(
                 "stepblocks: this system grants no real-time priority: ticks of the force may come "
                 "late; each is recorded with its lateness",
@@ -154,7 +154,7 @@ class _Handler(BaseHTTPRequestHandler):
             "run.html",
             metres=max(_SMALLEST_REACH, _MARGIN * run.reach / _PIXELS),
             participant=run.participant,
-            virtual=run.has_virtual_blocks,
+            virtual=run.virtual,
             token=self.server.token,
             nonce=self.server.nonce,
         )

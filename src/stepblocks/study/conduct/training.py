@@ -121,7 +121,7 @@ class Training:
         answers so far do not belong to it.
     """
 
-    has_virtual_blocks = False
+    virtual = False
     reach = 0.0
 
     def __init__(self, folder: Path, participant: str, trials: int = TRIALS) -> None:
@@ -150,7 +150,7 @@ class Training:
         self._trials = trials
 
     @property
-    def answered_count(self) -> int:
+    def answered(self) -> int:
         """How many pairs were answered, on all days."""
         return len(self._answered)
 

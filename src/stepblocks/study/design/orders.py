@@ -78,14 +78,14 @@ class Balance:
     groups: int = 1  # of participants, each balanced by itself
 
     @property
-    def is_exact(self) -> bool:
+    def exact(self) -> bool:
         """Whether positions and followers are balanced without remainder."""
         return self.position_spread == 0 and self.follower_spread == 0
 
     def __str__(self) -> str:
         if self.interleaved:
             return "conditions interleaved, all of them in each repetition"
-        if self.is_exact:
+        if self.exact:
             return "order of conditions balanced exactly, for position and for carry-over"
         multiple = self.groups * len(make_williams_square(self.conditions))
         return (

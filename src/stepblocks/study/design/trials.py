@@ -55,7 +55,7 @@ class Design:
     balance: Balance
 
     @property
-    def detectable_effect_size(self) -> float:
+    def detectable(self) -> float:
         """Difference over its standard deviation that a paired t-test finds in 80 % of studies.
 
         Infinite with one participant, who has no standard deviation.
