@@ -312,9 +312,7 @@ def test_a_page_says_when_it_is_issued_for_whom_and_has_a_line_to_sign(tmp_path)
     result = inspect_scan(tmp_path / "a.qif", "step-050", stimuli=STIMULI / "paper-ten.toml")
     laboratory = LABORATORY.model_copy(update={"issued": date(2026, 11, 22)})
     order = OrderSpec(owner="Clinic")
-    content = collect_content(
-        PARTS["step-050"], result.describe(), order, "ab" * 32, laboratory
-    )
+    content = collect_content(PARTS["step-050"], result.describe(), order, "ab" * 32, laboratory)
     page = content.render("certificate.txt.j2")
     assert "issued: 2026-11-22" in page
     assert re.search("signer: A. Signer +signature: _{20}", page)
