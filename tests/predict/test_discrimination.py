@@ -78,3 +78,17 @@ def test_every_impossible_row_of_a_table_is_named(tmp_path):
     path.write_text("energy_uj\n1\n")
     with pytest.raises(StepblocksError, match="weber_fraction"):
         read_discrimination(path)
+
+
+@pytest.mark.parametrize(
+    ("draws", "rule"),
+    [
+        ([0.6, 0.7, 0.8], "100 or more numbers, got 3"),
+        ([[0.6] * 100], "a row of numbers, got an array of 2 dimensions"),
+        ([0.6] * 99 + [math.nan], r"finite numbers, got nan \[place 99\]"),
+        (np.ma.masked_less([0.6] * 99 + [0.1], 0.2), "finite numbers, got masked ones"),
+    ],
+)
+def test_draws_of_a_ratio_that_give_no_interval_are_refused_by_their_own_name(draws, rule):
+    with pytest.raises(StepblocksError, match=f"^log_ratios must be {rule}"):
+        compute_jnd_distance(5e-6, 10e-6, log_ratios=draws)

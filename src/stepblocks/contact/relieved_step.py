@@ -115,9 +115,8 @@ class RelievedStep(Counterface):
 
     def _take_size(self, name: str, dimensions: Mapping[str, Real]) -> Real:
         """Take a size that is given anew, else the nominal one [m]."""
-        size = np.asarray(read_values(name, dimensions.get(name, getattr(self, name)), "length"))[
-            ()
-        ]
+        given = dimensions.get(name, getattr(self, name))
+        size = np.asarray(read_values(name, given, "length"))[()]
         require_not_negative(name, size, "m")
         return size
 

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from stepblocks.contact import Array
 from stepblocks.contact.path.centre import CentrePath
+from stepblocks.drag.kernels.peaks import find_prominent_peaks
 
 Indices = NDArray[np.int64]
 LEAST_ANGLE = math.radians(0.5)  # a slope that rises by less is no catch
@@ -61,8 +62,6 @@ def find_catch_places(
     track: CentrePath, ball_radius: float, least: float = LEAST_ANGLE
 ) -> CatchPlaces:
     """Find every place steeper than the ground on both its sides by `least` [rad]."""
-    from stepblocks.drag.kernels.peaks import find_prominent_peaks
-
     # both slopes of each knot, for a kink has two
     x = np.repeat(track.x, 2)[1:-1]
     angle = np.arctan(np.column_stack([track.slope_start, track.slope_end]).ravel())

@@ -214,13 +214,15 @@ def _check_log_ratios(log_ratios: Array) -> Array:
     if np.ma.is_masked(log_ratios):
         raise PipelineError("log_ratios must be finite numbers, got masked ones")
     draws = np.asarray(log_ratios, dtype=np.float64)
-    if draws.ndim != 1 or draws.size < _FEWEST_DRAWS:
-        shape = "x".join(str(length) for length in draws.shape) or "one"
+    if draws.ndim != 1:
         raise PipelineError(
-            f"log_ratios must be a row of {_FEWEST_DRAWS} or more numbers, got {shape}"
+            f"log_ratios must be a row of numbers, got an array of {draws.ndim} dimensions"
         )
-    if not np.isfinite(draws).all():
-        place = int(np.flatnonzero(~np.isfinite(draws))[0])
+    if draws.size < _FEWEST_DRAWS:
+        raise PipelineError(f"log_ratios must be {_FEWEST_DRAWS} or more numbers, got {draws.size}")
+    unknown = np.flatnonzero(~np.isfinite(draws))
+    if unknown.size:
+        place = int(unknown[0])
         raise PipelineError(
             f"log_ratios must be finite numbers, got {draws[place]:g} [place {place}]"
         )

@@ -118,7 +118,7 @@ def read_answers(
     ours = list_answer_columns(experiment)
     wanted = [asked.name(name) for name in ours]
     names = [asked.name(name) for name in _NAMES]
-    rows = read_rows(path, wanted, True, names, asked=asked, layout=layout)
+    rows = read_rows(path, wanted, empty=True, names=names, asked=asked, layout=layout)
     named = NamedColumns(columns)
     return [_translate_row(row, ours, named) for row in rows]
 
