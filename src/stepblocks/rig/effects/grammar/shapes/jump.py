@@ -40,10 +40,10 @@ def make_step_size(covariate: CovariateRange, sizes: Names, places: Names) -> Si
     """Size of a change that goes from level to level where a covariate passes the places.
 
     `sizes` and `places` are the names of the parameters; each size counts from the first level.
-    The change itself is as wide as two readings are apart on average: a place between them leaves
-    both at their levels, and any other lets a fit see which way to go.
+    The change itself is as wide as two readings are apart: a place between them leaves both at
+    their levels, and any other lets a fit see which way to go.
     """
-    width = (covariate.high - covariate.low) / max(covariate.distinct - 1, 1)
+    width = covariate.spacing
 
     def step(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
         numbers = np.asarray(column, dtype=np.float64)
