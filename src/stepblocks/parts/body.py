@@ -232,8 +232,8 @@ _RELIEF = (
     "its gap there"
 )
 _TWO_STEPS = (
-    "a block has one working edge, by which it is predicted, inspected and certified; order two "
-    "blocks for two heights"
+    'a step block takes second_step = { height = "40 um", distance = "6 mm" } on its upper face; a '
+    "margin has its gap there, and for more steps there are more blocks"
 )
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 from stepblocks import cad
 from stepblocks.parts.body import Block, Body, Stock
 from stepblocks.parts.body_solid import (
+    WorkingFace,
     compute_half_volume,
     compute_strip_volume,
     list_half_corners,
@@ -109,7 +110,7 @@ class MarginBlock(CrownMargin, Block):
         gap = self.marginal_gap.nominal
         depth = self.gap_depth.nominal
         crest = [*reversed(self.corner), (gap, -depth), (0.0, -depth), (0.0, 0.0)]
-        cuts = make_body_cuts(self.body, self.id, self.rise)
+        cuts = make_body_cuts(self.body, self.id, [WorkingFace(0.0, self.rise)])
         return [cad.kernel.cut(self.extrude_section(crest), cuts)]
 
     def volumes(self) -> tuple[float, ...]:
