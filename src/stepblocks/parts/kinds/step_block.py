@@ -512,9 +512,8 @@ class StepBlock(Block):
         return rise
 
     @property
-    def sides(self) -> Point3:
-        along, across, height = super().sides
-        return along, across, max(height, self.body.thickness.nominal + self.height.nominal)
+    def highest(self) -> float:
+        return max(face.top for face in self._list_working_faces())
 
     def _list_working_faces(self) -> list[WorkingFace]:
         """List the working faces right of the lower one."""
