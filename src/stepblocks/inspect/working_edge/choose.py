@@ -16,6 +16,11 @@ _MOST_ROWS = 12  # of a map, in which the working edge is looked for
 _SAME_EDGE = 0.1e-3
 _PLAUSIBLE = 0.3  # part of the declared step by which that of the working edge may be off [1]
 _MARGIN = 5.0  # sampling intervals kept out beside the flank of another edge [1]
+# how a user says which edge of a block with two steps is meant
+_NAME_ONE = (
+    "say which one a scan shows by --feature first-edge or second-edge, with --from and --to where "
+    "it shows both"
+)
 
 
 @dataclass(frozen=True)
@@ -75,6 +80,8 @@ def find_working_stretch(rows: Sequence[ScannedProfile], layout: DeclaredLayout)
     chosen = rows[:: max(len(rows) // _MOST_ROWS, 1)]
     found = evaluate_each(_find_edges_of_row, chosen).results
     several = [edges for edges in found if len(edges.edges) > 1]
+    if not several and not layout.may_be_alone:
+        raise _describe_missing_edge(found, layout)
     if not several:
         return None
     decided: list[tuple[_EdgesOfRow, int]] = []
@@ -115,6 +122,7 @@ def _fit_layout(edges: _EdgesOfRow, index: int, layout: DeclaredLayout) -> _Fit:
     sign = float(np.sign(working.rise))
     walls: set[int] = set()
     unexplained = 0
+    is_plausible = _is_plausible(working.rise, layout.step)
     for number, edge in enumerate(edges.edges):
         if number == index:
             continue
@@ -123,12 +131,22 @@ def _fit_layout(edges: _EdgesOfRow, index: int, layout: DeclaredLayout) -> _Fit:
             unexplained += 1
         else:
             walls.add(wall)
+            if layout.needs_neighbours:
+                is_plausible &= _is_plausible(edge.rise, layout.walls[wall].rise)
+    is_possible = not _lacks_wall(edges.row, working, sign, walls, layout)
+    if layout.needs_neighbours:
+        is_possible = is_plausible and len(walls) == len(layout.walls)
     return _Fit(
-        is_possible=not _lacks_wall(edges.row, working, sign, walls, layout),
+        is_possible=is_possible,
         explained=len(walls),
-        is_plausible=abs(abs(working.rise) - layout.step) <= _PLAUSIBLE * layout.step,
+        is_plausible=is_plausible,
         unexplained=-unexplained,
     )
+
+
+def _is_plausible(rise: float, declared: float) -> bool:
+    """Tell whether an edge is about as high as declared [m], whichever way it is crossed."""
+    return abs(abs(rise) - abs(declared)) <= _PLAUSIBLE * abs(declared)
 
 
 def _lacks_wall(
@@ -151,7 +169,17 @@ def _describe_doubt(edges: _EdgesOfRow, layout: DeclaredLayout) -> MetrologyErro
     """Say why no edge can be taken for the working edge."""
     upside_down = layout.invert()
     inverted = [_fit_layout(edges, index, upside_down) for index in range(len(edges.edges))]
-    if max(inverted).explained == len(layout.walls) > 0:
+    best = max(inverted)
+    fits_upside_down = best.is_possible and best.explained == len(layout.walls) > 0
+    if layout.needs_neighbours:
+        reading = ""
+        if fits_upside_down:
+            reading = " (as of heights that are upside down, or of steps in the other order)"
+        return MetrologyError(
+            "edges must be those of both steps as declared, and fit in one way, got "
+            f"{edges.describe()}{reading}: {_NAME_ONE}"
+        )
+    if fits_upside_down:
         return MetrologyError(
             "heights must be positive upwards: the edges of the scan are those of the part upside "
             f"down, got {edges.describe()}"
@@ -160,6 +188,14 @@ def _describe_doubt(edges: _EdgesOfRow, layout: DeclaredLayout) -> MetrologyErro
         "scan must show which of its edges is the working edge, got "
         f"{edges.describe()}, of which several may be it: give the part that holds it alone by "
         "--from and --to"
+    )
+
+
+def _describe_missing_edge(found: Sequence[_EdgesOfRow], layout: DeclaredLayout) -> MetrologyError:
+    """Say that a scan shows one edge where the part has several."""
+    shown = found[0].describe() if found else ""
+    return MetrologyError(
+        f"scan must show both edges of the part, got {shown or 'none'}: {_NAME_ONE}"
     )
 
 
