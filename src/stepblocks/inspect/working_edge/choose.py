@@ -1,12 +1,12 @@
 """Which of several edges in a scan is the working edge: what lies beside it says so."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.attempts import evaluate_each
+from stepblocks.inspect.attempts import evaluate_each, evaluate_if_possible
 from stepblocks.inspect.found_edges import FoundEdge, find_edges
 from stepblocks.inspect.layout import DeclaredLayout
 from stepblocks.scans.scan import ScannedProfile
@@ -78,7 +78,7 @@ def find_working_stretch(rows: Sequence[ScannedProfile], layout: DeclaredLayout)
         If several edges may be the working edge, or the scan fits upside down.
     """
     chosen = rows[:: max(len(rows) // _MOST_ROWS, 1)]
-    found = evaluate_each(_find_edges_of_row, chosen).results
+    found = evaluate_each(lambda row: _find_edges_of_row(row, layout), chosen).results
     several = [edges for edges in found if len(edges.edges) > 1]
     if not several and not layout.may_be_alone:
         raise _describe_missing_edge(found, layout)
@@ -94,15 +94,43 @@ def find_working_stretch(rows: Sequence[ScannedProfile], layout: DeclaredLayout)
     return _find_common_stretch(several, decided)
 
 
-def _find_edges_of_row(row: ScannedProfile) -> _EdgesOfRow:
+def _find_edges_of_row(row: ScannedProfile, layout: DeclaredLayout) -> _EdgesOfRow:
     """Find the edges of a profile, a lesser one near a greater one being part of that."""
     edges = find_edges(row.position, row.height)
+    if layout.needs_neighbours:
+        edges += _find_edges_beside(row, edges, layout)
     kept: list[FoundEdge] = []
     for edge in sorted(edges, key=lambda candidate: -abs(candidate.rise)):
         if all(abs(edge.position - greater.position) > _SAME_EDGE for greater in kept):
             kept.append(edge)
     kept.sort(key=lambda edge: edge.position)
     return _EdgesOfRow(row, tuple(kept))
+
+
+def _find_edges_beside(
+    row: ScannedProfile, edges: Sequence[FoundEdge], layout: DeclaredLayout
+) -> list[FoundEdge]:
+    """Find edges beside those found, each stretch for itself.
+
+    Beside a far higher edge none of them stands out of the whole profile. What is far lower than
+    any declared one is left out: dust and scratches are no edges of the part.
+    """
+    margin = _MARGIN * row.spacing
+    begins = [-np.inf, *(edge.end + margin for edge in edges)]
+    ends = [*(edge.begin - margin for edge in edges), np.inf]
+    least = (1.0 - _PLAUSIBLE) * min(layout.step, *(abs(wall.rise) for wall in layout.walls))
+    beside: list[FoundEdge] = []
+    for begin, end in zip(begins, ends, strict=True):
+        inside = (row.position > begin) & (row.position < end)
+        stretch = replace(row, position=row.position[inside], height=row.height[inside])
+        found = evaluate_if_possible(_find_edges_of_stretch, stretch) or []
+        beside += [edge for edge in found if abs(edge.rise) >= least]
+    return beside
+
+
+def _find_edges_of_stretch(stretch: ScannedProfile) -> list[FoundEdge]:
+    """Find the edges of a part of a profile."""
+    return find_edges(stretch.position, stretch.height)
 
 
 def _choose_edge(edges: _EdgesOfRow, layout: DeclaredLayout) -> int | None:
