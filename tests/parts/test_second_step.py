@@ -8,6 +8,7 @@ from stepblocks.artefacts.heightfield import sample_height_field
 from stepblocks.artefacts.step.write import write_step_ap242
 from stepblocks.cad import kernel
 from stepblocks.declaration.read import load_set
+from stepblocks.drag.subject import resolve_subject
 from stepblocks.errors import StimulusError
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.shapes import (
@@ -16,6 +17,7 @@ from stepblocks.parts.shapes import (
     compute_enclosed_volume,
     mesh_solid,
 )
+from stepblocks.simulators.export import export_scenes
 
 PLAIN_BODY = {"engraving": "none", "mounting": "none"}
 
@@ -115,3 +117,27 @@ def test_a_second_step_that_does_not_fit_is_refused_with_the_rule(second, said, 
     path.write_text(f'[[step_block]]\nid = "a"\nheight = "50 um"\nsecond_step = {second}\n')
     with pytest.raises(StimulusError, match=said):
         load_set(path)
+
+
+def test_each_edge_alone_is_a_block_with_its_sizes():
+    block = make_block(edge_radius="4 um", first={"edge_radius": "2 um"})
+    first, second = block.split_edges()
+    assert (first.id, second.id) == ("two-first-step", "two-second-step")
+    assert (first.height, first.edge_radius) == (block.height, block.edge_radius)
+    assert second.height == block.second_step.height
+    assert second.counterface().ways == ("up",)
+    assert first.last_edge == second.last_edge == 0.0
+
+
+def test_a_drag_and_a_scene_take_either_edge_by_its_name(tmp_path):
+    path = tmp_path / "two.toml"
+    path.write_text(
+        '[[step_block]]\nid = "two"\nheight = "50 um"\n'
+        'second_step = { height = "30 um", distance = "5 mm" }\n'
+    )
+    first = resolve_subject(f"{path}/two", {})
+    second = resolve_subject(f"{path}/two-second-step", {})
+    assert first.name == "two, first step"
+    assert (first.face.height, second.face.height) == (50e-6, 30e-6)
+    written = export_scenes(path, "forcelaw", tmp_path / "out")
+    assert [scene.name for scene in written] == ["two/two-first-step", "two/two-second-step"]

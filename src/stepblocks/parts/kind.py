@@ -131,6 +131,10 @@ class Part(Table, ABC):
         """List the parts that a drag meets one after another: itself, and what it has besides."""
         return (self,)
 
+    def split_edges(self) -> "tuple[Part, ...]":
+        """Split it into parts of one edge each, with names of their own: here itself."""
+        return (self,)
+
     @property
     def ball(self) -> Dimension | None:
         """Radius of the ball that it brings; None where the balls are those of the conditions."""

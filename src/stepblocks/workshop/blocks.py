@@ -178,13 +178,11 @@ class _DrawnEdge:
 def _list_drawn_edges(block: StepBlock) -> list[_DrawnEdge]:
     """List the details of the edges of a block, the working edge first."""
     first_edge, *further = block.list_felt_edges()
-    assert isinstance(first_edge, StepBlock)
     second = block.second_step
     if second is None:
         return [_DrawnEdge(first_edge, _DETAIL, "D", 42.0, 62.0)]
     drawn = [_DrawnEdge(first_edge, _DETAIL, "D", 42.0, 56.0, face_count=3)]
     for edge in further:
-        assert isinstance(edge, StepBlock)
         falls = second.direction == "down"
         drawn.append(_DrawnEdge(edge, _SECOND_DETAIL, "E", 28.0, 60.0, SECOND, falls, face_count=0))
     return drawn

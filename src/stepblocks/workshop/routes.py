@@ -243,8 +243,7 @@ def _list_missed_at_edge(block: StepBlock, process: Process, deviation: float) -
 def _find_second_edge(block: StepBlock) -> StepBlock | None:
     """Return the block that stands for the second edge of a block; None of one without."""
     for edge in block.list_felt_edges()[1:]:
-        if isinstance(edge, StepBlock):
-            return edge
+        return edge
     return None
 
 

@@ -53,7 +53,6 @@ from stepblocks.parts.kind import (
     Finding,
     Manifold,
     MeasuredMesh,
-    Part,
     Verdict,
     choose_exaggeration,
 )
@@ -68,6 +67,7 @@ from stepblocks.parts.tolerance import Dimension, Length, PositiveLength
 # lose their faces, or name one face twice; a sharp edge needs more
 _LEAST_ROUNDED = 0.2e-6
 _LEAST_SHARP = 0.5e-6
+_LONGEST_STEM = 28  # letters of an identity that are kept in the name of one of its edges
 
 
 class MetrologyFeature(Table):
@@ -180,7 +180,7 @@ class StepBlock(Block):
             heights = heights + self.second_step.sample_rise(x)
         return heights
 
-    def list_felt_edges(self) -> tuple[Part, ...]:
+    def list_felt_edges(self) -> tuple["StepBlock", ...]:
         second = self.second_step
         if second is None:
             return (self,)
@@ -188,6 +188,17 @@ class StepBlock(Block):
         further = self.model_copy(update=update)
         further._is_further_edge = True
         return (self, further)
+
+    def split_edges(self) -> tuple["StepBlock", ...]:
+        if self.second_step is None:
+            return (self,)
+        blocks = []
+        for edge, name in zip(self.list_felt_edges(), ("first-step", "second-step"), strict=True):
+            stem = self.id[:_LONGEST_STEM].rstrip("-")
+            block = edge.model_copy(update={"id": f"{stem}-{name}", "second_step": None})
+            block._is_further_edge = False
+            blocks.append(block)
+        return tuple(blocks)
 
     def derived(self) -> list[list[str]]:
         return [
