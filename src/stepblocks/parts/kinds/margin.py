@@ -225,6 +225,16 @@ class MarginBlock(CrownMargin, Block):
             yield make_characteristic(
                 key, "distance", opening, wall, end, label=label, method=ACROSS
             ).unsigned
+            under_lip = describe_plane(2, gap, x=0.5 * opening.nominal)
+            yield make_characteristic(
+                "lip_gap",
+                "distance",
+                self.marginal_gap,
+                describe_plane(2, 0.0, x=-0.5 * self.body.half_length),
+                under_lip,
+                label="gap under the lip, over the tooth",
+                method=ACROSS,
+            )
         elif self.vertical_discrepancy is not None:
             yield make_characteristic(key, "note", opening, method=ACROSS)
 
