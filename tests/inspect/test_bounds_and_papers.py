@@ -2,6 +2,7 @@
 
 import math
 import re
+import zlib
 
 import numpy as np
 import pandas as pd
@@ -153,6 +154,34 @@ def test_a_bound_stands_with_its_number_and_the_customer_is_the_laboratorys(batc
     assert bounds
     assert all(re.search(r"at most [\d.]+ um, U \(95 %\) [\d.]+ um", reason) for reason in bounds)
     assert content.customer == "Meyer"
+
+
+def read_pages(path):
+    """Read the texts of a PDF page by page, as a viewer draws them one after another."""
+    pages = []
+    for stream in re.findall(rb"stream\r?\n(.*?)\r?\nendstream", path.read_bytes(), re.S):
+        try:
+            drawn = zlib.decompress(stream)
+        except zlib.error:
+            continue
+        texts = []
+        for block in re.findall(rb"BT(.*?)ET", drawn, re.S):
+            letters = re.findall(rb"\(((?:\\.|[^()\\])*)\)", block)
+            texts.append(b"".join(letters).decode("latin-1"))
+        if texts:
+            pages.append(" ".join(texts))
+    return pages
+
+
+def test_a_certificate_prints_its_results_before_what_is_not_measured(batch):
+    folder, many = batch
+    first, *further = read_pages(folder / "SN-1" / "step-050.certificate.pdf")
+    certified = [judged.characteristic.key for judged in many.reports["SN-1"].judged]
+    assert "step_height" in certified
+    assert "1 step height" in first
+    assert "conforms" in first
+    assert "not measured: " not in first
+    assert sum(page.count("not measured: ") for page in further) > 10
 
 
 def test_the_blocks_of_a_report_are_predicted_each_by_its_serial_number(batch):

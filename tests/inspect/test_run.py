@@ -93,7 +93,7 @@ def test_every_characteristic_that_a_scan_shows_belongs_to_some_shipped_part():
         ({"stimulus": "crown-shoulder"}, "only blocks, margins and tips can"),
         (
             {"stimulus": "step-050", "feature": "corner"},
-            "feature must be one of edge, groove, got 'corner'",
+            "feature must be one of edge, groove, first-edge, second-edge, got 'corner'",
         ),
     ],
 )

@@ -22,7 +22,11 @@ GROUND_OFF, GROUND = "ground off the base", "thickness over both ground faces"
 LEG = "leg at the base and of upright edges"
 LEFT = "leg at the upper side, left of the working edge"
 RIGHT = "leg at the upper side, right of the working edge"
-LAPPED, RISE = "lapped off", "rise"
+# of a block with two steps
+LEFT_OF_FIRST = "leg at the upper side, left of the first edge"
+BETWEEN = "leg at the upper side, between both edges"
+RIGHT_OF_SECOND = "leg at the upper side, right of the second edge"
+LAPPED, RISE, SECOND = "lapped off", "rise", "rise of the second step"
 
 
 @dataclass(frozen=True)
@@ -87,7 +91,41 @@ def list_sources(block, sheet: SetupSheet) -> dict[str, tuple[float, float]]:
     sources = {name: band for name, band in sheet.accepted.items() if name != THREAD}
     sources[LAPPED] = (0.0, sheet.lapped)
     sources[RISE] = getattr(block, block.governing_field).limits
+    second = getattr(block, "second_step", None)
+    if second is not None:
+        sources[SECOND] = second.height.limits
+        if second.direction == "down":
+            low, high = sources[SECOND]
+            sources[SECOND] = (-high, -low)
     return sources
+
+
+@dataclass(frozen=True)
+class Face:
+    """A working face as it is lowered."""
+
+    begin: float  # m
+    end: float
+    drop: float  # under the highest face
+    leg: str  # of its edge breaks, as the sheet calls it
+
+
+def list_faces(block, value: dict[str, float]) -> list[Face]:
+    """List the working faces of a block from left to right."""
+    if SECOND not in value:
+        rise = value[RISE]
+        return [
+            Face(-FAR, 0.0, max(rise, 0.0), LEFT),
+            Face(0.0, FAR, max(-rise, 0.0), RIGHT),
+        ]
+    second_edge = block.second_step.distance.nominal
+    between, behind = value[RISE], value[RISE] + value[SECOND]
+    highest = max(between, behind)
+    return [
+        Face(-FAR, 0.0, highest, LEFT_OF_FIRST),
+        Face(0.0, second_edge, highest - between, BETWEEN),
+        Face(second_edge, FAR, highest - behind, RIGHT_OF_SECOND),
+    ]
 
 
 def choose_middle(block, sheet: SetupSheet) -> dict[str, float]:
@@ -113,7 +151,7 @@ def stack_corners(block, sheet: SetupSheet):
         off_base = value.get(GROUND_OFF, 0.0)
         lower = math.nan
         if GROUND in value:
-            lower = value[GROUND] - value[LAPPED] - max(value[RISE], 0.0)
+            lower = value[GROUND] - value[LAPPED] - list_faces(block, value)[0].drop
             yield "thickness", lower
         if mounting is not None and mounting.kind == "tapped" and DEPTH in value:
             yield "hole_depth", value[DEPTH] - off_base
@@ -122,10 +160,9 @@ def stack_corners(block, sheet: SetupSheet):
             yield "hole_depth", lower - (value[FLOOR] - off_base)
         if LEG in value:
             yield "edge_break", value[LEG]
-        if LEFT in value:
-            yield "edge_break", value[LEFT] - value[LAPPED] - max(value[RISE], 0.0)
-        if RIGHT in value:
-            yield "edge_break", value[RIGHT] - value[LAPPED] - max(-value[RISE], 0.0)
+        for face in list_faces(block, value):
+            if face.leg in value:
+                yield "edge_break", value[face.leg] - value[LAPPED] - face.drop
 
 
 def make_block(block, sheet: SetupSheet, value: dict[str, float], letters: bool = True):
@@ -152,7 +189,10 @@ def make_block(block, sheet: SetupSheet, value: dict[str, float], letters: bool 
         body = _break_edges(body, block, value, base, top)
     top -= value[LAPPED]
     body = _keep_between(body, 2, -FAR, top)
-    body = _lower_one_face(body, block, value[RISE], top)
+    if SECOND in value:
+        body = _lower_faces(body, list_faces(block, value), top)
+    else:
+        body = _lower_one_face(body, block, value[RISE], top)
     if sheet.relief is not None:
         width, depth = sheet.relief
         lower = top - value[RISE]
@@ -225,16 +265,19 @@ def _break_edges(body, block, value: dict[str, float], base: float, top: float):
     """Break all edges but the working ones, each by a prism."""
     half_length, half_width = block.body.half_length, block.body.half_width
     tools = []
-    for end, leg_key in ((-1.0, LEFT), (1.0, RIGHT)):
+    faces = list_faces(block, value)
+    breaks = [(-FAR, FAR, base, -1.0, value[LEG])]
+    breaks += [(face.begin, face.end, top, 1.0, value[face.leg]) for face in faces]
+    for begin, end, z, up, leg in breaks:  # the edges along x
+        for side in (-1.0, 1.0):
+            section = _corner(side * half_width, side, z, up, leg)
+            outline = [(begin, y, height) for y, height in section]
+            tools.append(kernel.extrude(outline, (end - begin, 0.0, 0.0)))
+    for end, leg_key in ((-1.0, faces[0].leg), (1.0, faces[-1].leg)):
         for z, up, leg in ((base, -1.0, value[LEG]), (top, 1.0, value[leg_key])):
-            face = end * half_length  # the edges along y
-            section = _corner(face, end, z, up, leg)
+            section = _corner(end * half_length, end, z, up, leg)  # the edges along y
             outline = [(x, -FAR, height) for x, height in section]
             tools.append(kernel.extrude(outline, (0.0, 2.0 * FAR, 0.0)))
-            for side in (-1.0, 1.0):  # the halves of the edges along x
-                section = _corner(side * half_width, side, z, up, leg)
-                outline = [(0.0, y, height) for y, height in section]
-                tools.append(kernel.extrude(outline, (end * FAR, 0.0, 0.0)))
         for side in (-1.0, 1.0):  # the upright edges
             section = _corner(end * half_length, end, side * half_width, side, value[LEG])
             outline = [(x, y, base - 1e-3) for x, y in section]
@@ -250,6 +293,15 @@ def _corner(u: float, out_u: float, v: float, out_v: float, leg: float):
         (u - out_u * (leg + over), v + out_v * over),
         (u + out_u * over, v + out_v * over),
     ]
+
+
+def _lower_faces(body, faces: list[Face], top: float):
+    """Lower each working face by its drop."""
+    boxes = []
+    for face in faces:
+        if face.drop > 0.0:
+            boxes.append(kernel.make_box((face.begin, -FAR, top - face.drop), (face.end, FAR, FAR)))
+    return kernel.cut(body, boxes)
 
 
 def _lower_one_face(body, block, rise: float, top: float):

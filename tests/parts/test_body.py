@@ -11,6 +11,7 @@ from stepblocks.cad import kernel
 from stepblocks.declaration.read import load_set
 from stepblocks.parts.body import Body, Mounting
 from stepblocks.parts.body_solid import (
+    WorkingFace,
     compute_half_volume,
     compute_strip_volume,
     list_half_corners,
@@ -79,7 +80,9 @@ def test_holes_and_letters_take_away_what_the_kernel_cuts(kind):
         )
     ]
     whole = kernel.extrude(corners, (0.0, 0.0, thickness))
-    left = kernel.compute_volume(kernel.cut(whole, make_body_cuts(body, "ab-1", 0.0)))
+    left = kernel.compute_volume(
+        kernel.cut(whole, make_body_cuts(body, "ab-1", [WorkingFace(0.0, 0.0)]))
+    )
     level = replace(BLOCK.height, nominal=0.0)
     block = BLOCK.model_copy(update={"body": body, "id": "ab-1", "height": level})
     assert left == pytest.approx(length * width * thickness - block.removed_volume, rel=1e-12)

@@ -87,7 +87,7 @@ def test_without_a_text_the_identity_is_engraved_as_before():
         ("hand", "turned by half a turn"),
         ("datum", "referred to the lower working face"),
         ("undercut", "a step block takes relief"),
-        ("second_step", "order two blocks"),
+        ("steps", "a step block takes second_step"),
     ],
 )
 def test_what_no_block_can_be_is_refused_with_the_reason(field, reason, tmp_path):

@@ -29,6 +29,12 @@ STIMULI = {
 STIMULI["relieved-050"] = StepBlock(
     id="relieved-050", height="50 um", relief={"width": "0.3 mm", "depth": "0.1 mm"}
 )
+for direction in ("up", "down"):
+    STIMULI[f"two-{direction}"] = StepBlock(
+        id=f"two-{direction}",
+        height="50 um",
+        second_step={"height": "30 um", "distance": "5 mm", "direction": direction},
+    )
 
 
 @pytest.fixture(scope="module", params=sorted(STIMULI))

@@ -74,6 +74,17 @@ BODIES = {
         "relief": {"width": "1.2 mm", "depth": "0.8 mm"},
     },
     "narrowly relieved": {"relief": {"width": "0.1 mm", "depth": "0.5 mm"}},
+    "two steps up": {
+        "second_step": {"height": "30 um", "distance": "5 mm", "edge_radius": "4 um"},
+    },
+    "two steps down": {
+        "edge_radius": "5 um",
+        "second_step": {"height": "105 um", "distance": "2 mm", "direction": "down"},
+    },
+    "two steps far apart": {
+        "body": {"length": "60 mm", "width": "20 mm", "thickness": "12 mm", "mounting": "none"},
+        "second_step": {"height": "12.5 um", "distance": "20 mm", "edge_radius": "12.5 um"},
+    },
 }
 
 

@@ -166,3 +166,18 @@ def test_the_command_prints_what_is_felt_and_leaves_a_table_with_the_sources(tmp
     assert "conforming_share" in rows[0]
     # none has all its figures from a publication
     assert sum("assumed" in row for row in rows[1:]) == len(ROUTES)
+
+
+def test_a_route_reaches_both_steps_or_says_what_it_misses_of_the_second():
+    tight = {"height": {"nominal": "30 um", "tolerance": "0.1 um"}, "distance": "5 mm"}
+    two = StepBlock(id="two", height="50 um", second_step=tight)
+    single = StepBlock(id="one", height="50 um", metrology="none")
+    of_single = {route.name: route for route in find_routes(single, 0.5e-6, PAPER)}
+    for route in find_routes(two, 0.5e-6, PAPER):
+        if "gauge" in route.name:
+            assert "second step" in route.missed
+            assert route.conforming == 0.0
+        else:
+            assert "second height" in route.missed
+            assert set(of_single[route.name].missed) <= set(route.missed)
+            assert route.conforming <= of_single[route.name].conforming

@@ -10,12 +10,15 @@ import numpy as np
 import pytest
 
 from oracles.setups import (
+    BETWEEN,
     DEPTH,
     FLOOR,
     GROUND,
     LEFT,
+    LEFT_OF_FIRST,
     LEG,
     RIGHT,
+    RIGHT_OF_SECOND,
     choose_middle,
     list_sources,
     make_block,
@@ -100,6 +103,13 @@ def draw_block(seed):
                     width = str(random.choice(["0.1 mm", "0.3 mm", "0.9 mm"]))
                     depth = str(random.choice(["0.05 mm", "0.1 mm", "0.3 mm"]))
                     fields["relief"] = {"width": width, "depth": depth}
+                elif random.random() < 0.4:
+                    del fields["metrology"]
+                    fields["second_step"] = {
+                        "height": str(random.choice(["8 um", "40 um", "110 um"])),
+                        "distance": str(random.choice(["2.5 mm", "5 mm", "7 mm"])),
+                        "direction": str(random.choice(["up", "down"])),
+                    }
                 return StepBlock(**fields)
             fields["marginal_gap"] = "50 um"
             fields["horizontal_discrepancy"] = str(random.choice(["0 um", "40 um", "-30 um"]))
@@ -216,6 +226,24 @@ def test_a_relief_is_cut_by_the_sheet_as_it_is_drawn(tmp_path):
     assert sum(one.Volume() for one in made.cut(drawn).Solids()) * 1e-9 < NOTHING
 
 
+@pytest.mark.parametrize("direction", ["up", "down"])
+def test_both_steps_are_lapped_by_the_sheet_as_they_are_drawn(direction, tmp_path):
+    block = StepBlock(
+        id="two",
+        height="50 um",
+        second_step={"height": "30 um", "distance": "5 mm", "direction": direction},
+        body={"engraving": "none"},
+    )
+    page, _ = write_setup(tmp_path, block)
+    sheet = read_setup_sheet(page)
+    assert sheet.unproven == ()
+    assert {LEFT_OF_FIRST, BETWEEN, RIGHT_OF_SECOND} <= set(sheet.accepted)
+    assert {"hole_depth", "edge_break", "thickness"} <= check_corners(block, sheet)
+    made = check_solid(block, sheet)
+    (drawn,) = block.solids()
+    assert sum(one.Volume() for one in made.cut(drawn).Solids()) * 1e-9 < NOTHING
+
+
 def test_a_depth_that_no_setup_can_hold_is_said_and_has_no_limits(tmp_path):
     body = {"mounting": {"depth": {"nominal": "5 mm", "tolerance": "0.005 mm"}}}
     page, _ = write_setup(tmp_path, StepBlock(id="tight", height="50 um", body=body))
@@ -249,5 +277,6 @@ def test_blocks_drawn_at_random_with_any_body_and_stock_are_made_as_drawn(seed, 
     page, _ = write_setup(tmp_path, block)
     sheet = read_setup_sheet(page)
     check_corners(block, sheet)
-    if not {GROUND, FLOOR, LEG, LEFT, RIGHT} & set(sheet.unproven):
+    legs = {LEG, LEFT, RIGHT, LEFT_OF_FIRST, BETWEEN, RIGHT_OF_SECOND}
+    if not (legs | {GROUND, FLOOR}) & set(sheet.unproven):
         check_solid(block, sheet)

@@ -19,6 +19,8 @@ from stepblocks.parts.verdict import Finding, Verdict
 Heights = NDArray[np.float64]
 _ARRAYS = ("height_m", "x_m", "y_m")
 _BITS = 32.0  # of a height in a TIFF
+# columns at either end of a field that are averaged, at most: further on lies a first edge
+_MOST_OUTER = 400
 _MICROMETRE = 1e-6  # unit of the heights in a TIFF [m]
 
 
@@ -113,9 +115,9 @@ def _judge_heights(
     expected = [part.top(x) for x in sidecar.x.list_positions(columns).tolist()]
     worst = float(np.abs(heights - expected).max())
     yield Finding("largest error of a height", 0.0, worst, NANOMETRE)
-    third = columns // 3
-    lower = math.fsum(heights[:, :third].mean(axis=0)) / third
-    upper = math.fsum(heights[:, -third:].mean(axis=0)) / third
+    outer = min(columns // 3, _MOST_OUTER)
+    lower = math.fsum(heights[:, :outer].mean(axis=0)) / outer
+    upper = math.fsum(heights[:, -outer:].mean(axis=0)) / outer
     yield Finding("step between the outer thirds", part.rise, upper - lower, NANOMETRE)
 
 

@@ -63,27 +63,29 @@ def sample_height_field(part: Part) -> NDArray[np.float64]:
 
 def _sample(part: Part) -> _HeightField:
     """Sample the heights of the working surface on a grid around the edge [m]."""
-    face = part.counterface()
-    x = _choose_positions(np.array(face.breakpoints), part.id)
-    y = _list_positions(_HALF_Y)
-    return _HeightField(np.tile(face.heights(x), (len(y), 1)), x, y)
+    x = _choose_positions(part)
+    y = _list_positions(-_HALF_Y, _HALF_Y)
+    return _HeightField(np.tile(part.sample_surface(x), (len(y), 1)), x, y)
 
 
-def _choose_positions(corners: Positions, identity: str) -> Positions:
-    """Choose positions across the edge so that none lies on a corner of the profile [m]."""
+def _choose_positions(part: Part) -> Positions:
+    """Choose positions across all edges so that none lies on a corner of the profile [m]."""
+    corners = np.array(part.surface_corners)
+    unshifted = _list_positions(-_HALF_X, part.last_edge + _HALF_X)
     for shift in _SHIFTS:
-        x = _list_positions(_HALF_X) + shift * SPACING
+        x = unshifted + shift * SPACING
         if np.abs(x[:, None] - corners).min() > _LEAST_CLEARANCE * SPACING:
             return x
     raise HapticsError(
-        f"a height field of {SPACING:g} m spacing cannot keep clear of the corners of {identity}"
+        f"a height field of {SPACING:g} m spacing cannot keep clear of the corners of {part.id}"
     )
 
 
-def _list_positions(half: float) -> Positions:
-    """List positions between the ends -half and half [m]."""
-    count = round(half / SPACING)
-    return np.asarray((np.arange(-count, count) + 0.5) * SPACING, dtype=np.float64)
+def _list_positions(low: float, high: float) -> Positions:
+    """List positions between two ends [m]."""
+    first = round(low / SPACING)
+    last = round(high / SPACING)
+    return np.asarray((np.arange(first, last) + 0.5) * SPACING, dtype=np.float64)
 
 
 def write_height_field(stem: Path, part: Part) -> list[Path]:

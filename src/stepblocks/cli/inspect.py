@@ -97,11 +97,11 @@ def inspect(
         ),
     ] = None,
     feature: Annotated[
-        Literal["edge", "groove", "ball", "dots"] | None,
+        Literal["edge", "groove", "first-edge", "second-edge", "ball", "dots"] | None,
         typer.Option(
             "--feature",
-            help="of a block: edge (default), groove; of a standard: groove (default), edge, ball, "
-            "dots",
+            help="of a block: edge (default), groove; of one with two steps: edge for both in one "
+            "scan, first-edge, second-edge; of a standard: groove (default), edge, ball, dots",
             rich_help_panel=_EVALUATION,
         ),
     ] = None,

@@ -207,6 +207,13 @@ class Step(Counterface):
 
 
 @dataclass(frozen=True)
+class FurtherStep(Step):
+    """A step up behind another one of the same part, its edge taken for x = 0."""
+
+    ways = ("second-up",)
+
+
+@dataclass(frozen=True)
 class Margin(Counterface):
     """Tooth, gap and crown (Holmes 1989), bevelled at 45 degrees beyond the gap.
 

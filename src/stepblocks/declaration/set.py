@@ -248,8 +248,10 @@ class StimulusSet(Table):
         for part in self.stimuli:
             if not part.has_working_faces:
                 continue
-            sizes = (part.stanza, *(size.nominal for size in part.sizes.values()))
-            first = first_by_sizes.setdefault(sizes, part.id)
+            sizes: list[object] = [part.stanza]
+            for edge in part.list_felt_edges():
+                sizes += [size.nominal for size in edge.sizes.values()]
+            first = first_by_sizes.setdefault(tuple(sizes), part.id)
             if first != part.id:
                 sentences[part.id] = f"{part.id} has the sizes of {first}: {part.summary}"
         return sentences

@@ -1,6 +1,6 @@
 """What a drag goes over, and under what: a height, a file, a declared stimulus or a counterface."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple, cast
@@ -117,6 +117,8 @@ def _resolve_declared_part(
         name = part.id
         if len(face.ways) > 1:
             name = f"{name}, {face.ways[bool(backward)]}"
+        if len(part.split_edges()) > 1:
+            name = f"{name}, first step"
     else:
         height = values.get("step_height", stimuli.prediction.step_heights[0])
         face = part.counterface(height)
@@ -150,6 +152,15 @@ def change_point(point: OperatingPoint, values: Mapping[str, float]) -> Operatin
     return replace(point, **changes)
 
 
+def _list_parts_and_edges(declared: StimulusSet) -> Iterator[Part]:
+    """List the parts of a set, and behind each with two steps its edges as blocks of their own."""
+    for part in declared.stimuli:
+        yield part
+        edges = part.split_edges()
+        if len(edges) > 1:
+            yield from edges
+
+
 def _find_declared_part(text: str, stimuli: Sets | None) -> _DeclaredPart:
     """Find a stimulus by ``ID``, ``SET/ID`` or ``FILE.toml/ID``."""
     folder, _, identity = text.rpartition("/")
@@ -161,7 +172,7 @@ def _find_declared_part(text: str, stimuli: Sets | None) -> _DeclaredPart:
         raise PipelineError(f"{_RULE}, or FILE.toml/ID (no folder stimuli here), got {text!r}")
     matches = []
     for declared, _ in sets:
-        for part in declared.stimuli:
+        for part in _list_parts_and_edges(declared):
             if matches_pattern(pattern, declared.name, part.id):
                 matches.append(_DeclaredPart(declared, part))
     if not matches:

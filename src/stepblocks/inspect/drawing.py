@@ -41,6 +41,9 @@ def draw_scan(axes: Axes, shown: Shown, judged: Sequence[Judgement]) -> None:
         xlabel="position / um",
         ylabel="height / um",
     )
+    for mark in shown.marks:
+        place = (mark.position * 1e6, highest + 0.12 * span)
+        axes.annotate(mark.name, place, ha="center", fontsize=8)
     axes.spines[["top", "right"]].set_visible(False)
 
 

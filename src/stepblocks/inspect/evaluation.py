@@ -19,6 +19,13 @@ class Window(NamedTuple):
     name: str  # such as the letter of ISO 5436-1; empty where it has none
 
 
+class Mark(NamedTuple):
+    """A place of a profile that a plot names."""
+
+    position: float  # m
+    name: str
+
+
 class Extent(NamedTuple):
     """How far a face was scanned."""
 
@@ -42,6 +49,8 @@ class Shown:
         What was fitted to the profile [m].
     dropped : array of bool or None
         Points left out as spikes.
+    marks : tuple of Mark
+        Places that are named, where several features were evaluated.
     """
 
     position: Array
@@ -49,6 +58,7 @@ class Shown:
     windows: tuple[Window, ...] = ()
     fitted: Array | None = None
     dropped: Mask | None = None
+    marks: tuple[Mark, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -120,6 +120,8 @@ class ScannedFeature(StrEnum):
 
     GROOVE = "groove"
     EDGE = "edge"
+    FIRST_EDGE = "first-edge"
+    SECOND_EDGE = "second-edge"
     BALL = "ball"
     DOTS = "dots"
 
@@ -137,13 +139,24 @@ class ScannedFeature(StrEnum):
 _KEYS = {
     ScannedFeature.GROOVE: "groove_depth",
     ScannedFeature.EDGE: "step_height",
+    ScannedFeature.FIRST_EDGE: "step_height",
+    ScannedFeature.SECOND_EDGE: "step_height",
     ScannedFeature.BALL: "ball_radius",
     ScannedFeature.DOTS: "dot_depth",
 }
 _NOT_SHOWN = {
     ScannedFeature.EDGE: ("groove_depth", "ridge_height"),
+    ScannedFeature.FIRST_EDGE: ("groove_depth", "ridge_height"),
+    ScannedFeature.SECOND_EDGE: ("groove_depth", "ridge_height"),
     ScannedFeature.GROOVE: ("step_height",),
 }
+# what of a standard may be scanned
+STANDARDS = (
+    ScannedFeature.GROOVE,
+    ScannedFeature.EDGE,
+    ScannedFeature.BALL,
+    ScannedFeature.DOTS,
+)
 # what else may be asked for of a standard, in the order in which it is tried
 _OF_STANDARDS = (ScannedFeature.DOTS, ScannedFeature.GROOVE, ScannedFeature.EDGE)
 

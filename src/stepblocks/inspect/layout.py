@@ -4,7 +4,7 @@ Places count across the edge from it, positive towards the upper face.
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from stepblocks.parts.characteristics import Characteristic
@@ -39,16 +39,22 @@ class DeclaredLayout:
         Those of the groove or ridge, the nearer one first; none where the part has neither.
     relief : DeclaredRelief or None
         At the root of the riser.
+    needs_neighbours : bool
+        Whether it is the working edge only beside all walls, all about as high as declared.
+    may_be_alone : bool
+        Whether an edge that no other lies beside is taken for it.
     """
 
     step: float
     walls: tuple[Wall, ...] = ()
     relief: DeclaredRelief | None = None
+    needs_neighbours: bool = False
+    may_be_alone: bool = True
 
     def invert(self) -> "DeclaredLayout":
         """Return the layout as a scan shows it whose heights are upside down."""
         walls = tuple(Wall(-wall.place, wall.rise) for wall in self.walls)
-        return DeclaredLayout(self.step, walls)
+        return replace(self, walls=walls, relief=None)
 
     def find_wall(self, place: float, rise: float) -> int | None:
         """Return the index of the wall that lies about a place and rises or falls so; else None."""

@@ -161,6 +161,10 @@ class NotMeasuredReason(Enum):
     GAP_UNDER_BEVEL = (
         "a trace shows the opening of the margin; a section or replica would show the gap beneath"
     )
+    PARALLEL_OVER_TWO_STEPS = (
+        "a trace over two edges levels each of them for itself; interferometer or comparator over "
+        "A, the lower face"
+    )
     UPPER_FACE_TOO_SHORT = (
         "a scan that reaches 0.2 mm beyond the edge on the upper face would show it"
     )

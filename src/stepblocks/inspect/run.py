@@ -4,7 +4,7 @@ Read, evaluate, judge by ISO 14253-1, and say what the part will feel like.
 """
 
 import hashlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -21,24 +21,39 @@ from stepblocks.inspect.doubts import describe_doubts, refuse_long_scan, refuse_
 from stepblocks.inspect.evaluation import AS_FOUND, Evaluation, EvaluationOptions
 from stepblocks.inspect.feature import (
     EVALUATIONS,
+    STANDARDS,
     ScannedFeature,
     evaluate_scan,
     refuse_unused_options,
 )
 from stepblocks.inspect.judgement import Judgement, NotMeasured
-from stepblocks.inspect.layout import find_layout
+from stepblocks.inspect.layout import DeclaredLayout, find_layout
 from stepblocks.inspect.notes import NoteKind, NotMeasuredReason
 from stepblocks.inspect.result import InspectionResult
 from stepblocks.inspect.results_of_others import has_results_of_others, read_results_of_others
+from stepblocks.inspect.two_steps import TwoSteps, WantedEdges, evaluate_two_steps
 from stepblocks.inspect.working_edge.energy import describe_energy
 from stepblocks.inspect.working_edge.roughness import add_roughness
 from stepblocks.parts.characteristics import Characteristic
 from stepblocks.parts.conditions import NO_ORDER, OrderSpec, PredictionGrid
 from stepblocks.parts.kind import Part
+from stepblocks.parts.second_step import SecondStep
 from stepblocks.scans.read import Scan, load_scan
 from stepblocks.scans.scan import HeightMap, ScannedProfile
 
-_OF_PARTS = (ScannedFeature.EDGE, ScannedFeature.GROOVE)  # what of a step block may be scanned
+# what of a step block may be scanned
+_OF_PARTS = (
+    ScannedFeature.EDGE,
+    ScannedFeature.GROOVE,
+    ScannedFeature.FIRST_EDGE,
+    ScannedFeature.SECOND_EDGE,
+)
+_OF_ONE_STEP = (ScannedFeature.EDGE, ScannedFeature.GROOVE)
+_WANTED_EDGES = {
+    ScannedFeature.EDGE: WantedEdges.BOTH,
+    ScannedFeature.FIRST_EDGE: WantedEdges.FIRST,
+    ScannedFeature.SECOND_EDGE: WantedEdges.SECOND,
+}
 _NOTHING_KNOWN = Instrument()
 _LEAST_COVERED = 0.8  # of either side of a face that a scan must show to judge its form [1]
 
@@ -52,6 +67,12 @@ class _AskedPart:
     prediction: PredictionGrid
     beside: tuple[Part, ...]  # other parts of its set
     characteristics: tuple[Characteristic, ...]
+
+    @property
+    def second_step(self) -> SecondStep | None:
+        """Second step of the part; None where it has none."""
+        second: SecondStep | None = getattr(self.part, "second_step", None)
+        return second
 
     @property
     def keys_by_name(self) -> dict[str, str]:
@@ -104,8 +125,9 @@ def inspect_scan(
         Stimulus file, folder of them, or set, that declares it.
     instrument : Instrument
         Calibration and resolution; for a scale that is not stated a default of 2 % counts.
-    feature : {"edge", "groove"}
-        What of a step block was scanned; the groove stands also for a ridge.
+    feature : {"edge", "groove", "first-edge", "second-edge"}
+        What of a step block was scanned; the groove stands also for a ridge. Of a block with two
+        steps ``"edge"`` stands for both of its edges in one scan.
     options : EvaluationOptions
         Exclusion, levelling, part of the scan, edges, direction and stylus; what is not given
         follows the data.
@@ -137,14 +159,14 @@ def inspect_scan(
         evaluation = read_results_of_others(Path(scan), asked.keys_by_name, layout)
         source, digest = identify_file(Path(scan))
     else:
+        _refuse_feature_of_other_parts(asked, scanned)
         main = _find_scanned_characteristic(asked, scanned)
         refuse_unused_options(main.key, options)
         loaded = load_scan(scan, unit, channel, layout)
         scale = loaded.scale
         source, digest = identify_source(scan, loaded)
         refuse_long_scan(asked.characteristics, _measure_length(loaded), source.name)
-        options = replace(options, layout=find_layout(asked.characteristics))
-        evaluation = evaluate_scan(main.key, loaded, instrument, main, options, _OF_PARTS)
+        evaluation = _evaluate_part(asked, scanned, main, loaded, instrument, options)
         evaluation = _drop_gap_under_bevel(asked, evaluation)
         evaluation = _add_roughness_where_asked(asked, evaluation, instrument)
     evaluation = _add_notes_on_reading(asked, evaluation, scale, source.name)
@@ -155,6 +177,41 @@ def inspect_scan(
             f"{'; '.join(['none', *evaluation.notes])}"
         )
     return replace(result, energy_statement=describe_energy(result, asked.prediction))
+
+
+def _evaluate_part(
+    asked: _AskedPart,
+    scanned: ScannedFeature,
+    main: Characteristic,
+    scan: ScannedProfile | HeightMap,
+    instrument: Instrument,
+    options: EvaluationOptions,
+) -> Evaluation:
+    """Evaluate a scan of a part; of a block with two steps at the edges that it shows."""
+    second = asked.second_step
+    if second is None:
+        options = replace(options, layout=find_layout(asked.characteristics))
+        return evaluate_scan(main.key, scan, instrument, main, options, _OF_ONE_STEP)
+
+    def evaluate(layout: DeclaredLayout) -> Evaluation:
+        at_edge = replace(options, layout=layout)
+        return evaluate_scan(main.key, scan, instrument, main, at_edge, ())
+
+    return evaluate_two_steps(TwoSteps(main.nominal, second), _WANTED_EDGES[scanned], evaluate)
+
+
+def _refuse_feature_of_other_parts(asked: _AskedPart, scanned: ScannedFeature) -> None:
+    """Refuse a feature that a part has not: a second edge, or a groove beside one."""
+    features: Collection[ScannedFeature] = _OF_ONE_STEP
+    whose = "a part with one working edge"
+    if asked.second_step is not None:
+        features = _WANTED_EDGES
+        whose = "a block with two steps"
+    if scanned not in features:
+        raise PipelineError(
+            f"feature must be one of {', '.join(features)} of {whose}, got {scanned.value!r} "
+            f"[{asked.part.id}]"
+        )
 
 
 def _find_feature(name: str, features: Sequence[ScannedFeature]) -> ScannedFeature:
@@ -295,7 +352,7 @@ def inspect_standard(
         If the scan cannot be read or evaluated, or does not show a feature that a smooth curve does
         not explain.
     """
-    scanned = _find_feature(feature, tuple(ScannedFeature))
+    scanned = _find_feature(feature, STANDARDS)
     if scanned is ScannedFeature.BALL and depth is None:
         raise MetrologyError("a ball needs its radius as the standard, such as '500 um'")
     refuse_unused_options(scanned.key, options)

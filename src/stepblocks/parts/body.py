@@ -232,8 +232,8 @@ _RELIEF = (
     "its gap there"
 )
 _TWO_STEPS = (
-    "a block has one working edge, by which it is predicted, inspected and certified; order two "
-    "blocks for two heights"
+    'a step block takes second_step = { height = "40 um", distance = "6 mm" } on its upper face; a '
+    "margin has its gap there, and for more steps there are more blocks"
 )
 
 
@@ -257,16 +257,26 @@ class Block(Part):
         working_faces: WorkingFaces | None
 
     @property
-    def rise(self) -> float:
-        """Height of the right working face over the left one [m], of either sign."""
+    def first_rise(self) -> float:
+        """Height of the face behind the working edge over the left one [m], of either sign."""
         height: Dimension = getattr(self, self.governing_field)
         return height.nominal
+
+    @property
+    def rise(self) -> float:
+        """Height of the right working face over the left one [m], of either sign."""
+        return self.first_rise
+
+    @property
+    def highest(self) -> float:
+        """Height of the highest working face over the left one [m]."""
+        return max(self.rise, 0.0)
 
     @property
     def sides(self) -> Point3:
         """Sizes along x, y and z [m]."""
         body = self.body
-        height = body.thickness.nominal + max(self.rise, 0.0)
+        height = body.thickness.nominal + self.highest
         return body.length.nominal, body.width.nominal, height
 
     @abstractmethod

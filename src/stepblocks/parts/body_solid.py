@@ -4,6 +4,7 @@ import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from stepblocks import cad
 from stepblocks.parts.body import DRILL_POINT, Body, Engraving, Mounting
@@ -14,7 +15,14 @@ OVER = 1e-3  # how far a cutting body stands out of the block [m]
 _SIDES = (-1.0, 1.0)  # left and right, or front and back
 
 
-def make_body_cuts(body: Body, identity: str, rise: float) -> list[cad.door.Body]:
+class WorkingFace(NamedTuple):
+    """A working face right of an edge, up to the next edge or the right side."""
+
+    begin: float  # x of its edge [m]
+    top: float  # height over the lower working face [m]
+
+
+def make_body_cuts(body: Body, identity: str, faces: Sequence[WorkingFace]) -> list[cad.door.Body]:
     """Make the bodies to cut from a block: edge breaks along x and z, holes, engraving.
 
     Parameters
@@ -23,8 +31,8 @@ def make_body_cuts(body: Body, identity: str, rise: float) -> list[cad.door.Body
         The block without its stimulus.
     identity : str
         Of the block, which is engraved where no other text is declared.
-    rise : float
-        Height of the right working face over the left one [m].
+    faces : sequence of WorkingFace
+        Those right of the lower working face, from left to right.
 
     Returns
     -------
@@ -33,9 +41,10 @@ def make_body_cuts(body: Body, identity: str, rise: float) -> list[cad.door.Body
     """
     cuts: list[cad.door.Body] = []
     if body.edge_break.nominal > 0.0:
+        highest = max(face.top for face in faces)
         for side in _SIDES:
-            cuts += _make_long_edge_breaks(body, side, rise)
-            cuts += _make_upright_edge_breaks(body, side, rise)
+            cuts += _make_long_edge_breaks(body, side, faces)
+            cuts += _make_upright_edge_breaks(body, side, highest)
     if body.mounting is not None:
         for half_side in (-0.5, 0.5):
             cuts.append(_make_hole(body, body.mounting, half_side))
@@ -58,7 +67,9 @@ def _make_letters(body: Body, engraving: Engraving, identity: str) -> Iterator[c
         yield cad.kernel.extrude(outer, inwards, holes)
 
 
-def _make_long_edge_breaks(body: Body, side: float, rise: float) -> Iterator[cad.door.Body]:
+def _make_long_edge_breaks(
+    body: Body, side: float, faces: Sequence[WorkingFace]
+) -> Iterator[cad.door.Body]:
     """Make the prisms that break the edges along x on the front (side -1) or the back (1)."""
     chamfer = body.edge_break.nominal
     length = body.half_length + OVER
@@ -66,11 +77,11 @@ def _make_long_edge_breaks(body: Body, side: float, rise: float) -> Iterator[cad
     inside = face - side * (chamfer + OVER)
     outside = face + side * OVER
     # start and length along x, height, and 1 of an upper edge, -1 of a lower one
-    edges = (
-        (-length, length, 0.0, 1.0),
-        (0.0, length, rise, 1.0),
-        (-length, 2.0 * length, body.base, -1.0),
-    )
+    edges = [(-length, length, 0.0, 1.0), (-length, 2.0 * length, body.base, -1.0)]
+    ends = [*(face.begin for face in faces[1:]), length]
+    for working_face, end in zip(faces, ends, strict=True):
+        begin = working_face.begin
+        edges.append((begin, end - begin, working_face.top, 1.0))
     for x, run, z, up in edges:
         section = [
             (x, outside, z - up * chamfer - up * OVER),
@@ -138,8 +149,10 @@ def _outline_clearance_hole(mounting: Mounting, base: float) -> list[Point]:
     ]
 
 
-def list_half_corners(body: Body, side: float, top: float, crest: Sequence[Point]) -> list[Point3]:
-    """List the corners of one chamfered half of a block, from x = 0 outwards.
+def list_half_corners(
+    body: Body, side: float, top: float, crest: Sequence[Point], begin: float = 0.0
+) -> list[Point3]:
+    """List the corners of one chamfered half of a block, from an edge outwards.
 
     Parameters
     ----------
@@ -150,7 +163,9 @@ def list_half_corners(body: Body, side: float, top: float, crest: Sequence[Point
     top : float
         Height of its working face [m].
     crest : sequence of tuple of float
-        Its top at x = 0 as points (x, z) [m].
+        Its top at its edge as points (x, z) [m].
+    begin : float
+        x of its edge [m].
 
     Returns
     -------
@@ -171,7 +186,7 @@ def list_half_corners(body: Body, side: float, top: float, crest: Sequence[Point
             points.append((x - side * corner, y_side * width, z))
             points.append((x, y_side * (width - corner), z))
             if z < top:
-                points.append((0.0, y_side * width, z))
+                points.append((begin, y_side * width, z))
         for x, z in crest:
             over_chamfer = max(0.0, z - (top - chamfer))
             points.append((x, y_side * (half_width - over_chamfer), z))
@@ -202,6 +217,16 @@ def compute_half_volume(body: Body, extent: float, top: float) -> float:
     # s = chamfer / 2: chamfer^3 / 6 at a chamfer
     sloped = antiderivative(chamfer) - chamfer**3 / 6.0
     return upright + 2.0 * sloped
+
+
+def compute_slab_volume(body: Body, extent: float, top: float) -> float:
+    """Compute the volume of a block between two sections [m^3].
+
+    `extent` is their distance and `top` the height of the working face [m].
+    """
+    chamfer = body.edge_break.nominal
+    height = top + body.thickness.nominal
+    return extent * (body.width.nominal * height - 2.0 * chamfer * chamfer)
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from stepblocks import cad
 from stepblocks.errors import MachiningError
 from stepblocks.parts.body import Body
-from stepblocks.parts.body_solid import make_body_cuts
+from stepblocks.parts.body_solid import WorkingFace, make_body_cuts
 from stepblocks.parts.kinds.step_block import StepBlock
 
 
@@ -183,7 +183,7 @@ def _build_base(body: Body, identity: str) -> cad.door.Body:
     low = (-body.half_length, -body.half_width, body.base)
     high = (body.half_length, body.half_width, 0.0)
     plain = cad.kernel.make_box(low, high)
-    cuts = make_body_cuts(body, identity, 0.0)
+    cuts = make_body_cuts(body, identity, [WorkingFace(0.0, 0.0)])
     if not cuts:
         return plain
     return cad.kernel.cut(plain, cuts)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeAlias
 
 from stepblocks import cad
+from stepblocks.contact import Array
 from stepblocks.contact.counterface import Counterface, Step
 from stepblocks.contact.operating_point import Tissue, Tool
 from stepblocks.contact.rod import Sleeve
@@ -111,6 +112,28 @@ class Part(Table, ABC):
         limits = [size.limits for size in sizes.values()]
         for corner in product(*limits):
             yield self.make_counterface(**dict(zip(sizes, corner, strict=True)))
+
+    @property
+    def last_edge(self) -> float:
+        """Where the last of its edges lies across the drag [m]; the first lies at 0."""
+        return 0.0
+
+    @property
+    def surface_corners(self) -> tuple[float, ...]:
+        """Where its whole surface has corners across the drag [m]."""
+        return self.counterface().breakpoints
+
+    def sample_surface(self, x: Array) -> Array:
+        """Sample the heights of its whole surface at places across the drag [m]."""
+        return self.counterface().heights(x)
+
+    def list_felt_edges(self) -> "tuple[Part, ...]":
+        """List the parts that a drag meets one after another: itself, and what it has besides."""
+        return (self,)
+
+    def split_edges(self) -> "tuple[Part, ...]":
+        """Split it into parts of one edge each, with names of their own: here itself."""
+        return (self,)
 
     @property
     def ball(self) -> Dimension | None:

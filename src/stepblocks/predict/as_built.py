@@ -5,17 +5,19 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
-from stepblocks.contact.counterface import find_scanned_angle
+from stepblocks.contact.counterface import FurtherStep, find_scanned_angle
 from stepblocks.contact.energy import Release, find_release
 from stepblocks.contact.energy_change import find_energy_change
 from stepblocks.contact.uncertainty import Interval
 from stepblocks.declaration.set import StimulusSet
 from stepblocks.parts.kind import Part
+from stepblocks.parts.second_step import SECOND, SecondStep
+from stepblocks.parts.tolerance import Dimension
 from stepblocks.predict.columns import Cell
 from stepblocks.predict.neighbours import tabulate_predictions
 from stepblocks.predict.perception import LITERATURE, Discrimination
 from stepblocks.predict.predictions import Prediction, predict_and_drag_set, predict_by_formula
-from stepblocks.records.as_built import AsBuilt
+from stepblocks.records.as_built import AsBuilt, AsBuiltValue
 
 Records = Mapping[str, AsBuilt]  # by the identity of the stimulus
 
@@ -120,19 +122,42 @@ def replace_nominals(stimuli: StimulusSet, records: Records) -> StimulusSet:
 
 
 def _replace_nominal(part: Part, record: AsBuilt | None) -> Part:
-    """Replace the nominal height and edge radius of a part by the measured ones."""
+    """Replace nominal height and edge radius of all edges of a part by the measured ones."""
     if record is None or "height" not in part.sizes:
         return part
-    measured = {}
-    if record.contact_height is not None:
-        measured["height"] = record.contact_height
-    if "edge_radius" in record.values:
-        measured["edge_radius"] = max(record.values["edge_radius"].value, 0.0)
     source = f"as built, {record.scan}"
-    dimensions = {}
+    first = _find_measured_sizes(record.contact_height, record.values.get("edge_radius"))
+    update: dict[str, object] = {**_replace_sizes(part.sizes, first, source)}
+    second_step: SecondStep | None = getattr(part, "second_step", None)
+    if second_step is not None:
+        radius = record.values.get("second_edge_radius")
+        second = _find_measured_sizes(record.second_contact_height, radius)
+        sizes = {"height": second_step.height, "edge_radius": second_step.edge_radius}
+        replaced = _replace_sizes(sizes, second, source)
+        update["second_step"] = second_step.model_copy(update=replaced)
+    return part.model_copy(update=update)
+
+
+def _find_measured_sizes(
+    height: float | None, edge_radius: AsBuiltValue | None
+) -> dict[str, float]:
+    """Return the sizes that were measured of an edge, by the names of a counterface [m]."""
+    measured = {}
+    if height is not None:
+        measured["height"] = height
+    if edge_radius is not None:
+        measured["edge_radius"] = max(edge_radius.value, 0.0)
+    return measured
+
+
+def _replace_sizes(
+    sizes: Mapping[str, Dimension], measured: Mapping[str, float], source: str
+) -> dict[str, Dimension]:
+    """Return the sizes that were measured, with their tolerances and where they come from."""
+    replaced = {}
     for name, value in measured.items():
-        dimensions[name] = replace(part.sizes[name], nominal=value, source=source)
-    return part.model_copy(update=dimensions)
+        replaced[name] = replace(sizes[name], nominal=value, source=source)
+    return replaced
 
 
 def prepare_surface_releases(
@@ -153,6 +178,8 @@ def prepare_surface_releases(
         return find_scanned_angle(record.surface.position, record.surface.height, ball_radius)
 
     def release_over_surface(prediction: Prediction) -> Release | None:
+        if prediction.is_second_edge:  # a record keeps the surface of the first
+            return None
         point = prediction.point
         angle = find_angle(prediction.stimulus, point.ball_radius)
         if angle is None:
@@ -233,39 +260,63 @@ def describe_energy_changes(stimuli: StimulusSet, records: Records) -> Iterator[
     for part in built.stimuli:
         if part.id not in records or "height" not in part.sizes:
             continue
-        changes = [
-            (before, after.release)
-            for before, after in zip(declared, as_built, strict=True)
-            if before.stimulus == part.id
-        ]
-        sentence = _describe_block(part, records[part.id])
-        sentence += _format_energy_change(changes) or (
-            "nothing to compare: the probe does not release"
-        )
-        over_surface = []
-        for before, _ in changes:
-            release = release_over_surface(before)
-            if release is not None:
-                over_surface.append((before, release))
-        surface_change = _format_energy_change(over_surface)
-        if surface_change:
-            sentence += f"; by the scanned surface itself {surface_change}"
-        switched = sum(before.release.status is not after.status for before, after in changes)
-        if switched:
-            sentence += f"; {switched} conditions change between releasing and locking"
-        yield sentence
+        for edge in part.list_felt_edges():
+            changes = _list_changes(edge, declared, as_built)
+            sentence = _describe_block(edge, records[part.id])
+            sentence += _describe_changes(changes)
+            over_surface = []
+            for before, _ in changes:
+                release = release_over_surface(before)
+                if release is not None:
+                    over_surface.append((before, release))
+            surface_change = _format_energy_change(over_surface)
+            if surface_change:
+                sentence += f"; by the scanned surface itself {surface_change}"
+            switched = sum(before.release.status is not after.status for before, after in changes)
+            if switched:
+                sentence += f"; {switched} conditions change between releasing and locking"
+            yield sentence
 
 
-def _describe_block(part: Part, record: AsBuilt) -> str:
-    """Begin of a sentence: a block, its verdicts, and its dimensions as built."""
-    verdicts = ", ".join(f"{name} {found.verdict}" for name, found in record.values.items())
-    height = part.sizes["height"].nominal * 1e6
-    radius = part.sizes["edge_radius"].nominal * 1e6
+def _list_changes(
+    edge: Part, declared: Sequence[Prediction], as_built: Sequence[Prediction]
+) -> list[tuple[Prediction, Release]]:
+    """List what an edge of a block was declared to release, and what it releases as built."""
+    ways = edge.counterface().ways
+    changes = []
+    for before, after in zip(declared, as_built, strict=True):
+        if before.stimulus == edge.id and before.drag_direction in ways:
+            changes.append((before, after.release))
+    return changes
+
+
+def _describe_changes(changes: Sequence[tuple[Prediction, Release]]) -> str:
+    """Say how far the energy moved, or that nothing can be compared."""
+    change = _format_energy_change(changes)
+    if change:
+        return change
+    return "nothing to compare: the probe does not release"
+
+
+def _describe_block(edge: Part, record: AsBuilt) -> str:
+    """Begin a sentence: an edge of a block, its verdicts, and its dimensions as built."""
+    is_second = isinstance(edge.counterface(), FurtherStep)
+    verdicts = []
+    for name, found in record.values.items():
+        if name.startswith(SECOND) is is_second:
+            verdicts.append(f"{name} {found.verdict}")
+    height = edge.sizes["height"].nominal * 1e6
+    radius = edge.sizes["edge_radius"].nominal * 1e6
     with_burr = ""
-    if record.height is not None and record.contact_height != record.height.value:
+    measured, contact = record.height, record.contact_height
+    if is_second:
+        measured, contact = record.second_height, record.second_contact_height
+    if measured is not None and contact != measured.value:
         with_burr = " with its burr"
+    name = f"{edge.id}, second step" if is_second else edge.id
+    known = f" ({', '.join(verdicts)})" if verdicts else ""
     return (
-        f"{part.id} ({verdicts}): as built, {height:.2f} um{with_burr} and an edge radius of "
+        f"{name}{known}: as built, {height:.2f} um{with_burr} and an edge radius of "
         f"{radius:.2g} um, "
     )
 

@@ -371,11 +371,11 @@ def format_learned_columns(prediction: Prediction, learned: LearnedModel) -> dic
         nothing = (math.nan, math.nan, math.nan)
         return _format_learned("", nothing, nothing)
     height = prediction.face.far_side
-    if prediction.drag_direction != "up":
+    if prediction.way != "up":
         # an edge that is no plain step counts as the step of the same critical angle
         angle, radius = prediction.release.angle, prediction.point.ball_radius
         height = float(compute_height_at_angle(angle, radius))
-    drag = make_learned_drag(learned, prediction.stimulus, float(height), prediction.point)
+    drag = make_learned_drag(learned, prediction.edge_name, float(height), prediction.point)
     return _format_learned(drag.status, drag.peak_force, (1e6 * energy for energy in drag.energy))
 
 

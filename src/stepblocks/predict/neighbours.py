@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from stepblocks.contact import Array
-from stepblocks.contact.counterface import Step
+from stepblocks.contact.counterface import Counterface, FurtherStep, Step
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.contact.uncertainty import compute_deviated_releases, draw_standard_normal
@@ -32,6 +32,7 @@ from stepblocks.predict.perception import (
 from stepblocks.predict.predictions import (
     Prediction,
     collect_uncertainties,
+    find_felt_edge,
     find_tip,
     make_middle_face,
     predict_and_drag_set,
@@ -94,12 +95,12 @@ class Pair:
         point = self.first.point
         return {
             "set": self.first.set_name,
-            "drag": self.first.drag_direction,
+            "drag": self.first.way,
             "tip_radius_um": point.ball_radius * 1e6,
             "normal_load_n": point.normal_load,
             "friction": point.friction,
-            "stimulus": self.first.stimulus,
-            "compared_with": self.second.stimulus,
+            "stimulus": self.first.edge_name,
+            "compared_with": self.second.edge_name,
             "neighbours": self.neighbours,
             "felt_by": self.felt_by,
             "felt_energy_uj": self.energies[0] * 1e6,
@@ -228,14 +229,21 @@ def _group_by_condition(
             continue
         point = prediction.point
         condition = (
-            type(prediction.face).__name__,
-            prediction.drag_direction,
+            _name_kind(prediction.face),
+            prediction.way,
             point.ball_radius,
             point.friction,
             point.normal_load,
         )
         groups.setdefault(condition, []).append(prediction)
     return list(groups.values())
+
+
+def _name_kind(face: Counterface) -> str:
+    """Name the kind of a counterface; a second step of a block is compared as any step."""
+    if isinstance(face, FurtherStep):
+        return Step.__name__
+    return type(face).__name__
 
 
 def _list_pairs_of_condition(
@@ -310,8 +318,9 @@ def _draw_log_energies(
     """
     point = prediction.point
     grid = stimuli.find_conditions(part)
+    edge = find_felt_edge(part, prediction)
     ball = find_tip(grid, point.ball_radius)
-    uncertainties = collect_uncertainties(part, grid, ball, point.normal_load)
+    uncertainties = collect_uncertainties(edge, grid, ball, point.normal_load)
     shared = draw_standard_normal(len(_SHARED), DRAWS, seed=0)
     alone = draw_standard_normal(_MOST_DIMENSIONS, DRAWS, seed=place + 1)
     normal = dict(zip(_SHARED, shared, strict=True))
@@ -319,7 +328,7 @@ def _draw_log_energies(
     normal |= dict(zip(dimensions, alone, strict=False))
     deviations = {name: width * normal[name] for name, width in uncertainties.items()}
     _, energies = compute_deviated_releases(
-        make_middle_face(part, None), point, deviations, prediction.backward
+        make_middle_face(edge, None), point, deviations, prediction.backward
     )
     with np.errstate(divide="ignore"):
         logs: Array = np.log(np.broadcast_to(energies, DRAWS))

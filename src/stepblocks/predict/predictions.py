@@ -7,7 +7,7 @@ from enum import StrEnum
 from itertools import product
 from typing import TYPE_CHECKING
 
-from stepblocks.contact.counterface import Counterface
+from stepblocks.contact.counterface import Counterface, FurtherStep, Step
 from stepblocks.contact.energy import Release, Status, find_release
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.contact.uncertainty import Interval, convert_half_widths, estimate_interval
@@ -69,8 +69,30 @@ class Prediction:
 
     @property
     def drag_direction(self) -> str:
-        """Direction: ``"up"`` a step, ``"tooth-to-crown"`` or ``"crown-to-tooth"``."""
+        """Direction: ``"up"`` a step, ``"tooth-to-crown"`` or ``"crown-to-tooth"``.
+
+        Over the second edge of a block it is ``"second-up"``.
+        """
         return self.face.ways[self.backward]
+
+    @property
+    def is_second_edge(self) -> bool:
+        """Whether it is met at the second edge of a block."""
+        return isinstance(self.face, FurtherStep)
+
+    @property
+    def way(self) -> str:
+        """Direction over an edge, whichever of its block it is."""
+        if self.is_second_edge:
+            return Step.ways[self.backward]
+        return self.drag_direction
+
+    @property
+    def edge_name(self) -> str:
+        """Name of the stimulus, with the edge where it is the second one of a block."""
+        if self.is_second_edge:
+            return f"{self.stimulus}, second step"
+        return self.stimulus
 
     @property
     def energy_over_formula(self) -> float:
@@ -135,13 +157,25 @@ def predict_drag(face: Counterface, point: OperatingPoint, backward: bool = Fals
 
 
 def predict_by_formula(stimuli: StimulusSet) -> Iterator[Prediction]:
-    """Predict a set over its grid, in the order stimulus, tip, step, direction, friction, load."""
+    """Predict a set over its grid.
+
+    The order is stimulus, edge, tip, step, direction, friction, load.
+    """
     for part in stimuli.stimuli:
         if not part.is_felt:
             continue
         grid = stimuli.find_conditions(part)
-        for ball, step_height in product(_list_balls(part, grid), _list_steps(part, grid)):
-            yield from _predict_under_ball(stimuli, part, ball, step_height)
+        for edge in part.list_felt_edges():
+            for ball, step_height in product(_list_balls(part, grid), _list_steps(part, grid)):
+                yield from _predict_under_ball(stimuli, edge, ball, step_height)
+
+
+def find_felt_edge(part: Part, prediction: Prediction) -> Part:
+    """Return the part that stands for the edge of a part that a prediction is of."""
+    first, *further = part.list_felt_edges()
+    if prediction.is_second_edge and further:
+        return further[0]
+    return first
 
 
 def _list_balls(part: Part, grid: PredictionGrid) -> list[Dimension]:

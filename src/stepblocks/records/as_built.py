@@ -80,12 +80,26 @@ class AsBuilt:
     @property
     def contact_height(self) -> float | None:
         """Height that a tip meets [m]: the step with a burr on it that does not conform."""
-        if self.height is None:
-            return None
-        burr = self.values.get("burr")
-        if burr is None or burr.verdict != _FAILED:
-            return self.height.value
-        return self.height.value + burr.value
+        return _add_failed_burr(self.height, self.values.get("burr"))
+
+    @property
+    def second_height(self) -> AsBuiltValue | None:
+        """Height of the second step; None where there is none, or it was not measured."""
+        return self.values.get("second_step_height")
+
+    @property
+    def second_contact_height(self) -> float | None:
+        """Height that a tip meets at the second step [m], as `contact_height`."""
+        return _add_failed_burr(self.second_height, self.values.get("second_burr"))
+
+
+def _add_failed_burr(height: AsBuiltValue | None, burr: AsBuiltValue | None) -> float | None:
+    """Add to a height a burr that does not conform [m]; None of no height."""
+    if height is None:
+        return None
+    if burr is None or burr.verdict != _FAILED:
+        return height.value
+    return height.value + burr.value
 
 
 class _Head(BaseModel):

@@ -21,6 +21,7 @@ from stepblocks.haptics.devices import (
     plan_rendering,
     require_renderable,
 )
+from stepblocks.parts.kind import Part
 from stepblocks.records.model import LearnedModel, read_model
 from stepblocks.simulators.assemble import Contact, build_scene, lay_out_teeth, resolve_contact
 from stepblocks.simulators.conditions import check_overrides
@@ -70,8 +71,9 @@ def export_scenes(
 ) -> list[Exported]:
     """Write scenes of every stimulus of some sets, each folder complete in itself.
 
-    A scanned margin of a file is also written as one scene of its tooth, in
-    ``set/id/simulator-tooth``, where the format has it.
+    A block with two steps is written as two, ``id-first-step`` and ``id-second-step``, each with
+    one edge, since a scene rings at one. A scanned margin of a file is also written as one scene of
+    its tooth, in ``set/id/simulator-tooth``, where the format has it.
 
     Scale and full scale of the WAV files are those of the whole set, whatever is written of it.
     Either all folders are written, or none.
@@ -130,7 +132,7 @@ def export_scenes(
     learned = None if model is None else read_model(Path(model))
     batches = []
     for declared, source in load_sets(files):
-        stimuli = declared.keep_felt()
+        stimuli = _split_edges(declared.keep_felt())
         contacts = _resolve_set(stimuli, learned, step_height, ring, overrides)
         batches.append(_gather_batch(stimuli, source, contacts, order))
     if order.device is not None:
@@ -156,6 +158,24 @@ def export_scenes(
             _refuse_empty_export(batches, only)
         _move_into_place(draft, Path(output))
     return exported
+
+
+def _split_edges(stimuli: StimulusSet) -> StimulusSet:
+    """Return a set with a block of its own for each edge of a block with two steps.
+
+    A scene rings at one edge: a second one in its meshes would be silent.
+    """
+    parts: list[Part] = []
+    for part in stimuli.stimuli:
+        parts += part.split_edges()
+    names = [part.id for part in parts]
+    if len(set(names)) < len(names):
+        repeated = sorted({name for name in names if names.count(name) > 1})
+        raise PipelineError(
+            "the edges of a block with two steps must have names that no other stimulus of "
+            f"{stimuli.name} has, got {', '.join(repeated)} twice"
+        )
+    return stimuli.with_parts(parts)
 
 
 def _refuse_empty_export(batches: "Sequence[_Batch]", only: str | None) -> None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from stepblocks.parts.kinds.margin import MarginBlock
 from stepblocks.parts.kinds.step_block import MetrologyFeature, StepBlock
 from stepblocks.parts.relief import Relief
+from stepblocks.parts.second_step import SECOND, SecondStep
 from stepblocks.workshop.body_views import TOP_VIEW, BodyOnPaper, draw_body
 from stepblocks.workshop.paper import (
     MILLIMETRES_PER_METRE,
@@ -23,14 +24,17 @@ _GROOVE_DETAIL: Point = (352.0, 214.0)  # of detail E
 _RELIEF_DETAIL: Point = (74.0, 46.0)  # of detail F
 _RELIEF_ROOM = (24.0, 12.0)  # of a relief in its detail, at most
 _RELIEF_IN_STEP = (7.0, 4.0)  # of the relief where it is shown to no scale
+_SECOND_DETAIL: Point = (346.0, 214.0)  # of detail E of a block with two steps
 _MARGIN_DETAIL: Point = (280.0, 214.0)
 _DETAIL_HEIGHT = 44.0  # of a step in its detail, at most
+_CAPTION_LEFT = 10.0  # of the middle of a detail
 _EDGE_LENGTH = 10.0  # of the edge radius in the detail, at most
 _SMALLEST_EDGE = 0.1  # edge radius that chooses the scale of the detail, at least [mm of the part]
 _GROOVE_LENGTH = 30.0
 _MARGIN_LENGTH = 36.0
 _DEEPEST_GAP = 46.0  # of a gap in its detail; a deeper one is broken off
 _ARC_STEPS = 20
+_ROOTS_OF_BOTH_STEPS = "Roots: fillet or undercut up to the height of the step."
 
 
 def draw_step_block_views(sheet: Sheet, block: StepBlock) -> list[str]:
@@ -44,14 +48,23 @@ def draw_step_block_views(sheet: Sheet, block: StepBlock) -> list[str]:
         (x + sizes.half_length + 10.0, y - 17.0),
         "working edge, detail D",
     )
-    _draw_step_detail(sheet, block)
+    first, *further = _list_drawn_edges(block)
+    _draw_step_detail(sheet, first)
+    second = block.second_step
+    if second is not None:
+        _draw_second_edge(sheet, second, sizes)
+        for edge in further:
+            _draw_step_detail(sheet, edge)
     relief = block.relief
     if relief is not None:
         relief_x = x - sizes.measure(relief.width.nominal)
         sheet.draw_line((relief_x, y - half_width), (relief_x, y + half_width))
         _draw_relief_detail(sheet, relief)
+    step = "Step (1)"
+    if second is not None:
+        step = f"Steps (1, {sheet.listed['second_step_height'].number})"
     lines = [
-        "Step (1): distance of two parallel planes fitted to both faces, flanks excluded;",
+        f"{step}: distance of two parallel planes fitted to both faces, flanks excluded;",
         "no size between two points (ISO 14405-2). Stylus of 2 µm or less, or interferometer.",
     ]
     feature = block.metrology
@@ -61,9 +74,12 @@ def draw_step_block_views(sheet: Sheet, block: StepBlock) -> list[str]:
         number = sheet.listed[feature.depth_key].number
         measured = f"{feature.kind.capitalize()} ({number}): ISO 5436-1 type A1."
         lines.append(f"{measured} {_describe_sharp_edges(block)}")
+        lines.append(_describe_root(relief))
+    elif second is not None:
+        lines.append(f"{_describe_sharp_edges(block)} {_ROOTS_OF_BOTH_STEPS}")
     else:
         lines.append(_describe_sharp_edges(block))
-    lines.append(_describe_root(relief))
+        lines.append(_describe_root(relief))
     lines.append("Every part is accepted by ISO 14253-1, Ra by its largest value (ISO 21920-3).")
     return lines
 
@@ -95,6 +111,8 @@ def draw_margin_block_views(sheet: Sheet, margin: MarginBlock) -> list[str]:
 def _describe_sharp_edges(block: StepBlock) -> str:
     """Say which edges the edge break leaves alone."""
     kept = ["working edge"]
+    if block.second_step is not None:
+        kept = ["both working edges"]
     if block.metrology is not None:
         kept.append(block.metrology.kind)
     if block.body.engraving is not None:
@@ -134,25 +152,79 @@ def _caption_detail(sheet: Sheet, place: Point, caption: str) -> None:
 
 
 @dataclass(frozen=True)
+class _DrawnEdge:
+    """An edge of a block as its detail shows it."""
+
+    block: StepBlock  # that has this edge alone
+    origin: Point  # of the root of its riser on the paper
+    letter: str  # of its detail
+    left: float  # reach of the detail from the riser [mm]
+    right: float
+    prefix: str = ""  # of the keys of its characteristics
+    falls: bool = False  # whether the face behind it is the lower one
+    face_count: int = 2  # faces of which its roughness is asked; 0 where another detail states it
+
+    @property
+    def radius_level(self) -> float:
+        """Where its radius stands, from the upper face [mm]; above it where the edge falls."""
+        return 10.0 if self.falls else -8.0
+
+    @property
+    def state_level(self) -> float:
+        """Where the state of the edge stands, from the upper face [mm]."""
+        return 2.0 if self.falls else -16.0
+
+
+def _list_drawn_edges(block: StepBlock) -> list[_DrawnEdge]:
+    """List the details of the edges of a block, the working edge first."""
+    first_edge, *further = block.list_felt_edges()
+    second = block.second_step
+    if second is None:
+        return [_DrawnEdge(first_edge, _DETAIL, "D", 42.0, 62.0)]
+    drawn = [_DrawnEdge(first_edge, _DETAIL, "D", 42.0, 56.0, face_count=3)]
+    for edge in further:
+        falls = second.direction == "down"
+        drawn.append(_DrawnEdge(edge, _SECOND_DETAIL, "E", 28.0, 60.0, SECOND, falls, face_count=0))
+    return drawn
+
+
+def _draw_second_edge(sheet: Sheet, second: SecondStep, sizes: BodyOnPaper) -> None:
+    """Draw the second edge in the view from above, with its distance from the first."""
+    x, y = TOP_VIEW
+    upper = y + sizes.half_width
+    edge_x = x + sizes.measure(second.distance.nominal)
+    sheet.draw_line((edge_x, y - sizes.half_width), (edge_x, upper))
+    if "second_step_distance" in sheet.listed:
+        sheet.draw_dimension(
+            "second_step_distance", (x, upper), (edge_x, upper), (x, upper + 8.0), sizes.scale
+        )
+    sheet.draw_leader(
+        (edge_x, y + 0.6 * sizes.half_width),
+        (x + sizes.half_length + 10.0, y + 0.6 * sizes.half_width + 6.0),
+        f"second edge ({second.direction}), detail E",
+    )
+
+
+@dataclass(frozen=True)
 class _StepOnPaper:
-    """The step of a block, enlarged on the paper [mm]."""
+    """The step of an edge, enlarged on the paper [mm]."""
 
     view: View
     top: float  # y of the upper face
-    edge: list[Point]  # along the rounding, from the riser to the upper face
+    outline: list[Point]  # from the lower face over the rounding to the upper face
 
     @property
     def edge_middle(self) -> Point:
         """The point of the rounding that its leaders lead to."""
-        return self.edge[len(self.edge) // 2]
+        return self.outline[len(self.outline) // 2]
 
     @classmethod
-    def from_block(cls, block: StepBlock) -> "_StepOnPaper":
+    def from_edge(cls, edge: _DrawnEdge) -> "_StepOnPaper":
         """Choose the scales of lengths and heights, and place step and rounding."""
-        height = block.height.nominal
-        radius = block.edge_radius.nominal
+        height = edge.block.height.nominal
+        radius = edge.block.edge_radius.nominal
         view = View(
-            _DETAIL,
+            edge.origin,
             choose_scale(_EDGE_LENGTH / max(radius * MILLIMETRES_PER_METRE, _SMALLEST_EDGE)),
             choose_scale(_DETAIL_HEIGHT / (height * MILLIMETRES_PER_METRE)),
         )
@@ -160,48 +232,65 @@ class _StepOnPaper:
         turns = [0.5 * math.pi]
         if radius > 0.0:
             turns = [index * math.pi / (2.0 * _ARC_STEPS) for index in range(_ARC_STEPS + 1)]
-        edge = []
+        side = -1.0 if edge.falls else 1.0
+        outline = []
         for turn in turns:
             x = radius - radius * math.cos(turn)
             z = height - radius + radius * math.sin(turn)
-            edge.append(view.place(x, z))
-        return cls(view, top, edge)
+            outline.append(view.place(side * x, z))
+        return cls(view, top, outline)
 
 
-def _draw_step_detail(sheet: Sheet, block: StepBlock) -> None:
-    """Draw detail D: the step, heights exaggerated, with all that is asked of faces and edge."""
-    step = _StepOnPaper.from_block(block)
-    x, lower = _DETAIL
+def _draw_step_detail(sheet: Sheet, edge: _DrawnEdge) -> None:
+    """Draw the detail of an edge, heights exaggerated, with all that is asked of it."""
+    step = _StepOnPaper.from_edge(edge)
+    x, lower = edge.origin
     top = step.top
-    left = x - 42.0
-    right = x + 62.0
+    _draw_step_outline(sheet, edge, step)
+    length_scale = step.view.scale
+    height_scale = step.view.height_scale or length_scale
+    low, high = (x - 24.0, lower), (x, top)
+    if edge.falls:
+        low, high = (x, lower), (x - 24.0, top)
+    sheet.draw_dimension(
+        f"{edge.prefix}step_height", low, high, (x - 14.0, lower), height_scale, upright=True
+    )
+    elbow = (x + 10.0, top + edge.radius_level)
+    sheet.lead_to_characteristic(f"{edge.prefix}edge_radius", step.edge_middle, elbow, "R {}")
+    _draw_edge_states(sheet, edge, step)
+    if f"{edge.prefix}riser_angle" in sheet.listed:
+        _draw_riser_demands(sheet, edge, top)
+    if edge.prefix:
+        _draw_demands_behind(sheet, edge, top)
+    else:
+        _draw_face_demands(sheet, top, edge.face_count)
+    caption = f"{edge.letter}   {_describe_scales(sheet, length_scale, height_scale)}"
+    if not sheet.letters:
+        caption += f" (heights exaggerated {height_scale / length_scale:g} times)"
+    middle = x + 0.5 * (edge.right - edge.left) - _CAPTION_LEFT
+    _caption_detail(sheet, (middle, lower - 33.0), caption)
+
+
+def _draw_step_outline(sheet: Sheet, edge: _DrawnEdge, step: _StepOnPaper) -> None:
+    """Draw lower face, riser and upper face between two breaks, and a relief to no scale."""
+    x, lower = edge.origin
+    top = step.top
+    left = x - edge.left
+    right = x + edge.right
     root = [(x, lower)]
-    if block.relief is not None:
+    if edge.block.relief is not None:
         wide, deep = _RELIEF_IN_STEP
         root = [(x - wide, lower), (x - wide, lower - deep), (x, lower - deep)]
         sheet.draw_leader((x, lower - deep), (x + 10.0, lower - 9.0), "relief, detail F")
-    sheet.draw_polyline([(left, lower), *root, *step.edge, (right, top)])
-    sheet.draw_break_line(left, lower - 8.0, lower)
-    sheet.draw_break_line(right, lower - 8.0, top)
-    length_scale = step.view.scale
-    height_scale = step.view.height_scale or length_scale
-    sheet.draw_dimension(
-        "step_height",
-        (x - 24.0, lower),
-        (x, top),
-        (x - 14.0, lower),
-        height_scale,
-        upright=True,
-    )
-    sheet.lead_to_characteristic("edge_radius", step.edge_middle, (x + 10.0, top - 8.0), "R {}")
-    _draw_edge_states(sheet, block, step)
-    if "riser_angle" in sheet.listed:
-        _draw_riser_demands(sheet, top)
-    _draw_face_demands(sheet, top)
-    caption = f"D   {_describe_scales(sheet, length_scale, height_scale)}"
-    if not sheet.letters:
-        caption += f" (heights exaggerated {height_scale / length_scale:g} times)"
-    _caption_detail(sheet, (x, lower - 33.0), caption)
+    left_level, right_level = lower, top
+    if edge.falls:
+        left_level, right_level = top, lower
+        outline = [(left, top), *reversed(step.outline), *root, (right, lower)]
+    else:
+        outline = [(left, lower), *root, *step.outline, (right, top)]
+    sheet.draw_polyline(outline)
+    sheet.draw_break_line(left, lower - 8.0, left_level)
+    sheet.draw_break_line(right, lower - 8.0, right_level)
 
 
 def _describe_scales(sheet: Sheet, length_scale: float, height_scale: float) -> str:
@@ -212,40 +301,46 @@ def _describe_scales(sheet: Sheet, length_scale: float, height_scale: float) -> 
     return f"{lengths}, heights {format_scale(height_scale)}"
 
 
-def _draw_edge_states(sheet: Sheet, block: StepBlock, step: _StepOnPaper) -> None:
+def _draw_edge_states(sheet: Sheet, edge: _DrawnEdge, step: _StepOnPaper) -> None:
     """Draw the states of both edges (ISO 13715).
 
     The outer edge is free of burr; a root without a relief may have a fillet or an undercut.
     """
-    x, lower = _DETAIL
-    least_radius, largest_radius = block.edge_radius.limits
+    x, lower = edge.origin
+    least_radius, largest_radius = edge.block.edge_radius.limits
     state = f"-{sheet.format_largest(largest_radius)}"
     if least_radius > 0.0:
         least = sheet.format_least(least_radius)
         state = f"-{least}/-{sheet.format_largest(largest_radius)}"
-    sheet.draw_edge_state(step.edge_middle, (x + 10.0, step.top - 16.0), state)
-    if block.relief is not None:
+    corner = (x + 10.0, step.top + edge.state_level)
+    sheet.draw_edge_state(step.edge_middle, corner, state)
+    if edge.block.relief is not None:
         return
-    root_state = f"±{sheet.format_largest(block.height.nominal)}"
+    root_state = f"±{sheet.format_largest(edge.block.height.nominal)}"
     if "step_height" in sheet.letters:
         root_state = "±H"
     sheet.draw_edge_state((x, lower), (x + 10.0, lower - 7.0), root_state)
 
 
-def _draw_riser_demands(sheet: Sheet, top: float) -> None:
+def _draw_riser_demands(sheet: Sheet, edge: _DrawnEdge, top: float) -> None:
     """Draw angle and straightness of the riser."""
-    x, lower = _DETAIL
+    x, lower = edge.origin
     middle = lower + 0.35 * (top - lower)
     level = max(lower + 0.6, min(middle - 4.0, top - 21.0))
-    sheet.lead_to_characteristic("riser_angle", (x, middle), (x + 10.0, level), "{} to A")
+    if edge.falls:  # over the lower face
+        level = max(lower + 2.5, middle - 4.0)
+    angle_key = f"{edge.prefix}riser_angle"
+    reference = "{} to the faces" if edge.prefix else "{} to A"
+    sheet.lead_to_characteristic(angle_key, (x, middle), (x + 10.0, level), reference)
     # its arrow stands on the riser, drawn on over the faces (ISO 1101)
     sheet.draw_line((x, top + 1.0), (x, top + 25.0), Layer.DIMENSION)
-    start = sheet.draw_tolerance_frame("riser_straightness", (x + 8.0, top + 21.0))
+    frame = (x + 8.0, top + 21.0)
+    start = sheet.draw_tolerance_frame(f"{edge.prefix}riser_straightness", frame)
     _, frame_level = start
     sheet.draw_pointer(start, (x, frame_level))
 
 
-def _draw_face_demands(sheet: Sheet, top: float) -> None:
+def _draw_face_demands(sheet: Sheet, top: float, face_count: int) -> None:
     """Draw datum A, flatness, parallelism and roughness of the working faces."""
     x, lower = _DETAIL
     sheet.draw_datum((x - 32.0, lower), "A")
@@ -255,7 +350,23 @@ def _draw_face_demands(sheet: Sheet, top: float) -> None:
     frame = sheet.draw_tolerance_frame("flatness_upper", (x + 8.0, top + 7.0))
     sheet.point_to((x + 4.0, top), frame)
     sheet.draw_tolerance_frame("parallelism", (x + 8.0, top + 13.0), "A")
-    sheet.draw_texture((x + 46.0, top), "roughness", " (2 x)")
+    sheet.draw_texture((x + 46.0, top), "roughness", f" ({face_count} x)")
+
+
+def _draw_demands_behind(sheet: Sheet, edge: _DrawnEdge, top: float) -> None:
+    """Draw flatness and parallelism of the face behind a second edge."""
+    x, lower = edge.origin
+    flatness = f"{edge.prefix}flatness_upper"
+    parallelism = f"{edge.prefix}parallelism"
+    if not edge.falls:
+        frame = sheet.draw_tolerance_frame(flatness, (x + 8.0, top + 7.0))
+        sheet.point_to((x + 4.0, top), frame)
+        sheet.draw_tolerance_frame(parallelism, (x + 8.0, top + 13.0), "A")
+        return
+    # right of the state of the root
+    frame = sheet.draw_tolerance_frame(flatness, (x + 12.0, lower - 20.0))
+    sheet.point_to((x + 8.0, lower), frame)
+    sheet.draw_tolerance_frame(parallelism, (x + 12.0, lower - 26.0), "A")
 
 
 def _draw_feature_detail(sheet: Sheet, block: StepBlock, feature: MetrologyFeature) -> None:

@@ -51,6 +51,8 @@ def draw_crown_views(sheet: Sheet, crown: CrownOnTooth) -> list[str]:
     sheet.draw_line((x, base - 5.0), (x, preparation_top + 18.0), Layer.CENTRE)
     roof = max(z for _, z in crown_section)
     _draw_crown_dimensions(sheet, crown, view, roof)
+    margin_x, margin_y = view.place(margin_radius, 0.0)
+    sheet.draw_leader((margin_x, margin_y), (margin_x + 14.0, margin_y - 8.0), "margin, detail D")
     caption = f"section {format_scale(scale)}, seated"
     sheet.write_text((x, base - 22.0), caption, alignment=Alignment.BOTTOM_CENTER)
     _draw_margin(sheet, crown, (tooth_section, crown_section))

@@ -42,6 +42,7 @@ _NOTES_X = 232.0  # of the first column of notes, over the title block
 _NOTES_COLUMN = 92.0  # width of a column
 _NOTES_ROWS = 40  # of a column, at most
 _NOTES_SPACING = 5.0
+_SIGNS = {"diameter": "⌀"}  # before the limits of a size in words, by kind
 _TEXTURE_FOOT: Point = (100.0, 16.0)
 _INCHES = "inch (ASME Y14.5), limits inwards from mm; scales stand at the views"
 _HEIGHT_KEYS = ("step_height", "groove_depth", "ridge_height")  # that a series tabulates
@@ -271,7 +272,8 @@ def _state_undrawn(sheet: Sheet, part: Part) -> list[Note]:
     for key, listed in sheet.listed.items():
         if listed.number not in sheet.numbers:
             label = sheet.write_decimals(listed.characteristic.label)
-            text = f"{label}: {sheet.format_limits(key)}"
+            sign = _SIGNS.get(listed.characteristic.kind, "")
+            text = f"{label}: {sign}{sheet.format_limits(key)}"
             if key == "roughness":
                 text = f"{label}: {_describe_contact_roughness(sheet, part)}"
             notes.append(Note(f"{listed.number}  {text}", key))

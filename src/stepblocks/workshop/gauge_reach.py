@@ -55,6 +55,8 @@ class JudgedCharacteristic:
 
 def explain_missing_gauge_drawing(block: StepBlock, pair: GaugePair | None) -> str:
     """Explain why a block gets no gauge-block drawing; empty where it gets one."""
+    if block.second_step is not None:
+        return "no gauge-block drawing: two gauge blocks have one step between them, got two steps"
     if block.material.family is not Family.GAUGE_STEEL:
         return (
             f'no gauge-block drawing: it is for a material such as "{Family.GAUGE_STEEL.value}", '

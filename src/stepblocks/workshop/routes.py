@@ -18,6 +18,7 @@ from stepblocks.parts.declared import Sourced, Table, make_sourced_validator
 from stepblocks.parts.gauge_pair import GaugePair, find_pair
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.material import Family
+from stepblocks.parts.second_step import SECOND
 
 _Length = Annotated[Sourced, make_sourced_validator("length")]
 _Ratio = Annotated[Sourced, make_sourced_validator("ratio")]
@@ -176,13 +177,7 @@ def _make_route(block: StepBlock, variant: _Variant, point: OperatingPoint) -> R
     """Predict what a route leaves, how it is felt and how many blocks conform."""
     process = variant.process
     height = block.height
-    std = convert_half_widths(
-        {
-            "height": variant.deviation,
-            "edge_radius": process.edge_spread.value,
-            "burr": process.burr_spread.value,
-        }
-    )
+    std = _convert_deviations(process, variant.deviation)
     roughness = math.sqrt(_TOUCHED_FACES) * _RMS_OVER_MEAN * process.roughness.value
     felt_std = {
         "height": math.hypot(std["height"], std["burr"], roughness),
@@ -197,7 +192,7 @@ def _make_route(block: StepBlock, variant: _Variant, point: OperatingPoint) -> R
         tolerance=min(height.upper, -height.lower),
         note=variant.note,
         felt=estimate_interval(step, point, felt_std),
-        conforming=_compute_conforming_share(block, process, std),
+        conforming=_compute_conforming_share(block, variant),
         missed=tuple(_list_missed(block, variant)),
         unknown=tuple(_list_unknown(block)),
     )
@@ -209,11 +204,31 @@ def _list_missed(block: StepBlock, variant: _Variant) -> Iterator[str]:
     family = block.material.family
     if family is not None and family not in process.materials:
         yield "material"
-    if process.name == GAUGE_BLOCKS and block.metrology is not None:
+    if process.name == GAUGE_BLOCKS:
+        yield from _list_missed_by_gauge_blocks(block)
+    yield from _list_missed_at_edge(block, process, variant.deviation)
+    if process.roughness.value > block.face_demands["roughness"].upper + _EXACT:
+        yield "roughness"
+    second = _find_second_edge(block)
+    if second is not None and process.name != GAUGE_BLOCKS:
+        deviation = _find_deviation(process, second.height.nominal, variant)
+        for missed in _list_missed_at_edge(second, process, deviation):
+            yield f"second {missed}"
+
+
+def _list_missed_by_gauge_blocks(block: StepBlock) -> Iterator[str]:
+    """List the features that two gauge blocks have not."""
+    if block.metrology is not None:
         yield block.metrology.kind
-    if process.name == GAUGE_BLOCKS and block.relief is not None:
+    if block.relief is not None:
         yield "relief"
-    if variant.deviation > min(block.height.upper, -block.height.lower) + _EXACT:
+    if block.second_step is not None:
+        yield "second step"
+
+
+def _list_missed_at_edge(block: StepBlock, process: Process, deviation: float) -> Iterator[str]:
+    """List what a process misses of height, edge radius and burr of an edge."""
+    if deviation > min(block.height.upper, -block.height.lower) + _EXACT:
         yield "height"
     least, largest = block.edge_radius.limits
     radius = process.edge_radius.value
@@ -221,11 +236,22 @@ def _list_missed(block: StepBlock, variant: _Variant) -> Iterator[str]:
     too_sharp = least > 0.0 and radius - spread < least - _EXACT
     if too_sharp or radius + spread > largest + _EXACT:
         yield "edge radius"
-    demands = block.face_demands
-    if process.burr.value + process.burr_spread.value > demands["burr"].upper + _EXACT:
+    if process.burr.value + process.burr_spread.value > block.face_demands["burr"].upper + _EXACT:
         yield "burr"
-    if process.roughness.value > demands["roughness"].upper + _EXACT:
-        yield "roughness"
+
+
+def _find_second_edge(block: StepBlock) -> StepBlock | None:
+    """Return the block that stands for the second edge of a block; None of one without."""
+    for edge in block.list_felt_edges()[1:]:
+        return edge
+    return None
+
+
+def _find_deviation(process: Process, height: float, variant: _Variant) -> float:
+    """Find the largest deviation of a height [m] by a process, as a variant of it is used."""
+    if process.name in (ONE_PIECE, GAUGE_BLOCKS):
+        return variant.deviation
+    return process.height.value + process.share.value * height
 
 
 def _list_unknown(block: StepBlock) -> Iterator[str]:
@@ -233,16 +259,28 @@ def _list_unknown(block: StepBlock) -> Iterator[str]:
     if block.material.family is None:
         yield "material"
     for characteristic in block.characteristics():
-        if characteristic.key in _WITHOUT_FIGURES:
+        if characteristic.key.removeprefix(SECOND) in _WITHOUT_FIGURES:
             yield characteristic.label
 
 
-def _compute_conforming_share(block: StepBlock, process: Process, std: dict[str, float]) -> float:
+def _compute_conforming_share(block: StepBlock, variant: _Variant) -> float:
     """Compute the share of blocks whose height, edge radius and burr are within their limits.
 
-    `std` are standard deviations
-    of height, edge radius and burr [m].
+    Of a block with two steps those of both edges count; gauge blocks leave no second one.
     """
+    share = _compute_share_at_edge(block, variant.process, variant.deviation)
+    second = _find_second_edge(block)
+    if second is None:
+        return share
+    if variant.process.name == GAUGE_BLOCKS:
+        return 0.0
+    deviation = _find_deviation(variant.process, second.height.nominal, variant)
+    return share * _compute_share_at_edge(second, variant.process, deviation)
+
+
+def _compute_share_at_edge(block: StepBlock, process: Process, deviation: float) -> float:
+    """Compute the share of the edges within limits of a process that may be off by a deviation."""
+    std = _convert_deviations(process, deviation)
     height = block.height
     share = _compute_share(0.0, std["height"], height.lower, height.upper)
     least_radius, largest_radius = block.edge_radius.limits
@@ -255,6 +293,17 @@ def _compute_conforming_share(block: StepBlock, process: Process, std: dict[str,
         process.burr.value, std["burr"], -math.inf, block.face_demands["burr"].upper
     )
     return share
+
+
+def _convert_deviations(process: Process, deviation: float) -> dict[str, float]:
+    """Convert the deviations of a process to standard deviations of height, radius and burr [m]."""
+    return convert_half_widths(
+        {
+            "height": deviation,
+            "edge_radius": process.edge_spread.value,
+            "burr": process.burr_spread.value,
+        }
+    )
 
 
 def _compute_share(mean: float, std: float, low: float, high: float) -> float:

@@ -160,9 +160,13 @@ def order_parts(
 
 
 def _find_etched(parts: Sequence[Part]) -> list[StepBlock]:
-    """Find the step blocks that are etched: those of silicon."""
-    blocks = [part for part in parts if isinstance(part, StepBlock)]
-    return [block for block in blocks if block.material == MATERIALS[SILICON]]
+    """Find the step blocks that are etched: those of silicon with a single step."""
+    etched = []
+    for part in parts:
+        is_single_step = isinstance(part, StepBlock) and part.second_step is None
+        if isinstance(part, StepBlock) and is_single_step and part.material == MATERIALS[SILICON]:
+            etched.append(part)
+    return etched
 
 
 def _require_etched(parts: Sequence[Part]) -> None:
@@ -170,7 +174,8 @@ def _require_etched(parts: Sequence[Part]) -> None:
     if not _find_etched(parts):
         names = sorted({part.material.name for part in parts})
         raise PipelineError(
-            f'masks need a step block of material = "{SILICON}", got parts of {", ".join(names)}'
+            f'masks need a step block of material = "{SILICON}" with a single step, got parts of '
+            f"{', '.join(names)}"
         )
 
 
@@ -191,8 +196,11 @@ def _read_capability(capability: str | float | None) -> float:
 
 
 def _find_series(parts: Sequence[Part]) -> list[StepBlock]:
-    """Find the step blocks that differ from the first one in their heights only."""
-    blocks = [part for part in parts if isinstance(part, StepBlock)]
+    """Find the blocks of a single step that differ from the first one in their heights only."""
+    blocks = []
+    for part in parts:
+        if isinstance(part, StepBlock) and part.second_step is None:
+            blocks.append(part)
     series = []
     for block in blocks:
         first = blocks[0]
@@ -251,7 +259,8 @@ def _order_part(part: Part, output: Path, capability: float, stimuli: StimulusSe
         routes = find_routes(part, capability, stimuli.prediction.first_point())
         written.append(_write_routes(folder, part, name, routes))
         # two blocks of the set differ by this height
-        if any(route.process.name == GAUGE_BLOCKS for route in routes):
+        has_pair = any(route.process.name == GAUGE_BLOCKS for route in routes)
+        if has_pair and part.second_step is None:
             pair = choose_pair(part.height.nominal)
             assembly = folder / f"{part.id}.gauge.step"
             write_gauge_assembly(assembly, part, pair)

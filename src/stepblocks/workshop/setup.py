@@ -136,9 +136,11 @@ def _render_sheet(block: Block, routes: Sequence[Route], pair: GaugePair | None)
         stock=" x ".join(format_millimetres(size, 1) for size in stock_sizes),
         reached="; ".join(_list_reaching(routes)),
         tight=_find_tight_axes(block, stock_sizes),
-        rise=abs(block.rise) * 1e6,
+        steps=_list_steps(block),
+        second=block.second_step if isinstance(block, StepBlock) else None,
         probed=_list_probed(block),
         burr=f"{block.face_demands['burr'].upper * 1e6:.3g} um",
+        second_burr=f"{block.list_felt_edges()[-1].face_demands['burr'].upper * 1e6:.3g} um",
         cut=f"{GRINDING * 1e3:g} mm",
         allowances=allowances,
         left_lines=_list_left_lines(left_dimensions),
@@ -159,6 +161,15 @@ def _render_sheet(block: Block, routes: Sequence[Route], pair: GaugePair | None)
         section_width=SECTION_WIDTH,
         wringing=WRINGING,
     )
+
+
+def _list_steps(block: Block) -> list[float]:
+    """List the heights of the steps of a block [um]; none where its faces lie level."""
+    heights = []
+    for edge in block.list_felt_edges():
+        if isinstance(edge, Block) and edge.first_rise != 0.0:
+            heights.append(abs(edge.first_rise) * 1e6)
+    return heights
 
 
 def _measure_stock(block: Block) -> list[float]:

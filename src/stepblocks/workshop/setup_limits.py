@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from stepblocks.parts.body import Block, Mounting
+from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.stock import compute_stock
 from stepblocks.parts.tolerance import GUARD_FACTOR, Dimension
 
@@ -101,11 +102,23 @@ class Allowances:
     jaws: float  # height of the stock that the jaws of the first setup hold
 
 
+@dataclass(frozen=True)
+class _Drops:
+    """How far the working faces lie below the highest one [m]."""
+
+    left: Band
+    right: Band
+    between: Band | None = None  # of the face between two edges
+
+
+_NO_DROP = Band(0.0, 0.0)
+
+
 def compute_allowances(block: Block) -> Allowances:
     """Compute what milling leaves on a block; a tight stock leaves less to grind."""
     low, high = compute_stock(block)
     on_base = max(block.body.base - low[2], 0.0)
-    on_top = max(high[2] - max(block.rise, 0.0), 0.0)
+    on_top = max(high[2] - block.highest, 0.0)
     jaws = min(_JAWS, _JAWS_SHARE * (high[2] - low[2]))
     return Allowances(
         base=min(GRINDING, on_base),
@@ -159,18 +172,19 @@ def list_left_dimensions(block: Block) -> list[LeftDimension]:
     return lines
 
 
-def _find_drop_of_left(block: Block) -> Band:
-    """Find how far the left working face lies below the higher one [m]."""
+def _find_drops(block: Block) -> _Drops:
+    """Find how far each working face lies below the highest one."""
     height: Dimension = getattr(block, block.governing_field)
     low, high = height.limits
-    return Band(max(low, 0.0), max(high, 0.0))
-
-
-def _find_drop_of_right(block: Block) -> Band:
-    """Find how far the right working face lies below the higher one [m]."""
-    height: Dimension = getattr(block, block.governing_field)
-    low, high = height.limits
-    return Band(max(-high, 0.0), max(-low, 0.0))
+    left = Band(max(low, 0.0), max(high, 0.0))
+    right = Band(max(-high, 0.0), max(-low, 0.0))
+    second = block.second_step if isinstance(block, StepBlock) else None
+    if second is None:
+        return _Drops(left, right)
+    further = Band.from_dimension(second.height)
+    if second.direction == "up":
+        return _Drops(left.plus(further), _NO_DROP, between=further)
+    return _Drops(left, further, between=_NO_DROP)
 
 
 def _find_thickness(block: Block) -> Band:
@@ -215,7 +229,7 @@ def _list_core_holes(mounting: Mounting, ground: Band) -> Iterator[LeftDimension
 
 def _find_ground_thickness(block: Block, thickness: Band, lapped: Band) -> Band:
     """Find the thickness over base and higher face before anything is lapped [m]."""
-    over_left = _find_drop_of_left(block).plus(lapped)
+    over_left = _find_drops(block).left.plus(lapped)
     return Band(thickness.low + over_left.high, thickness.high + over_left.low)
 
 
@@ -234,12 +248,15 @@ def _list_edge_breaks(block: Block, lapped: Band) -> Iterator[LeftDimension]:
     """List the legs of edge breaks on faces that are ground, and still to be lapped or cut."""
     leg = Band.from_dimension(block.body.edge_break)
     yield LeftDimension(5, "edge_break_base", "leg at the base and of upright edges", leg)
-    sides = (
-        ("left", _find_drop_of_left(block)),
-        ("right", _find_drop_of_right(block)),
-    )
-    for side, drop in sides:
+    drops = _find_drops(block)
+    edge = "working edge" if drops.between is None else "first edge"
+    last_edge = "working edge" if drops.between is None else "second edge"
+    sides = [("left", f"left of the {edge}", drops.left)]
+    if drops.between is not None:
+        sides.append(("between", "between both edges", drops.between))
+    sides.append(("right", f"right of the {last_edge}", drops.right))
+    for side, place, drop in sides:
         taken_off = drop.plus(lapped)
         limits = Band(leg.low + taken_off.high, leg.high + taken_off.low)
-        label = f"leg at the upper side, {side} of the working edge"
+        label = f"leg at the upper side, {place}"
         yield LeftDimension(5, f"edge_break_{side}", label, limits)

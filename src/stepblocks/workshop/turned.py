@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from textwrap import wrap
 
 from stepblocks.parts.kinds.sheath import MASS_MATCH, Sheath, format_mass
 from stepblocks.parts.kinds.tips import HookTip, StraightTip, Tip
@@ -18,6 +19,11 @@ from stepblocks.workshop.paper import (
 )
 from stepblocks.workshop.sheet import Sheet
 
+_SHANKS = "ISO 1797"  # standard of the shanks of rotary instruments
+_NO_LATCH = (
+    f"It is a plain cylinder; a shank of type 1 of {_SHANKS} has a latch, which is not drawn."
+)
+_NOTE_WIDTH = 88  # of a line of notes [letters]
 CHORD = 0.05e-6  # off its arc by less than a sheet at the scale of an enlarged ball shows [m]
 _SIDE_X = 40.0  # of the contact point in the side view of a tip
 _SIDE_Y = 170.0  # of the middle of that view
@@ -43,8 +49,20 @@ def _draw_mirrored(
         sheet.draw_polyline(points, closed=closed)
 
 
+def _describe_shank(sheet: Sheet, tip: StraightTip) -> list[str]:
+    """Say which shank a tip has, where its declaration names a source of it."""
+    source = tip.shank_radius.source
+    if not source:
+        return []
+    number = sheet.listed["shank_diameter"].number
+    lines = wrap(f"Shank ({number}): {use_decimal_comma(source.rstrip('.'))}.", _NOTE_WIDTH)
+    if _SHANKS in source:
+        lines.append(_NO_LATCH)
+    return lines
+
+
 def draw_straight_tip_views(sheet: Sheet, tip: StraightTip) -> list[str]:
-    """Draw a straight tip lying on its side and its ball enlarged; it needs no notes."""
+    """Draw a straight tip lying on its side, and its ball enlarged; return the lines of notes."""
     shank = tip.shank_radius.nominal
     end = tip.length.nominal
     view = _draw_side_view(sheet, tip, end, [])
@@ -66,7 +84,7 @@ def draw_straight_tip_views(sheet: Sheet, tip: StraightTip) -> list[str]:
     _caption_side_view(sheet, view, -shank)
     _draw_ball(sheet, tip)
     _draw_runout(sheet, tip)
-    return []
+    return _describe_shank(sheet, tip)
 
 
 def draw_hook_tip_views(sheet: Sheet, tip: HookTip) -> list[str]:
@@ -218,11 +236,9 @@ def draw_sheath_views(sheet: Sheet, sheath: Sheath) -> list[str]:
     mass = use_decimal_comma(format_mass(sheath.mass))
     least = use_decimal_comma(format_mass(lightest))
     largest = use_decimal_comma(format_mass(heaviest))
-    roughness = use_decimal_comma(f"{sheath.face_demands['roughness'].upper * 1e6:.2f}")
     return [
         f"Mass {mass}, {least} to {largest} within the limits.",
         f"Weigh the made parts; a pair must agree within {MASS_MATCH:.0%}.",
-        f"Ra {roughness} µm or better in the bore, from its tolerance.",
     ]
 
 

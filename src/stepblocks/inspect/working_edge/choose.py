@@ -1,12 +1,12 @@
 """Which of several edges in a scan is the working edge: what lies beside it says so."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.attempts import evaluate_each
+from stepblocks.inspect.attempts import evaluate_each, evaluate_if_possible
 from stepblocks.inspect.found_edges import FoundEdge, find_edges
 from stepblocks.inspect.layout import DeclaredLayout
 from stepblocks.scans.scan import ScannedProfile
@@ -16,6 +16,11 @@ _MOST_ROWS = 12  # of a map, in which the working edge is looked for
 _SAME_EDGE = 0.1e-3
 _PLAUSIBLE = 0.3  # part of the declared step by which that of the working edge may be off [1]
 _MARGIN = 5.0  # sampling intervals kept out beside the flank of another edge [1]
+# how a user says which edge of a block with two steps is meant
+_NAME_ONE = (
+    "say which one a scan shows by --feature first-edge or second-edge, with --from and --to where "
+    "it shows both"
+)
 
 
 @dataclass(frozen=True)
@@ -73,8 +78,10 @@ def find_working_stretch(rows: Sequence[ScannedProfile], layout: DeclaredLayout)
         If several edges may be the working edge, or the scan fits upside down.
     """
     chosen = rows[:: max(len(rows) // _MOST_ROWS, 1)]
-    found = evaluate_each(_find_edges_of_row, chosen).results
+    found = evaluate_each(lambda row: _find_edges_of_row(row, layout), chosen).results
     several = [edges for edges in found if len(edges.edges) > 1]
+    if not several and not layout.may_be_alone:
+        raise _describe_missing_edge(found, layout)
     if not several:
         return None
     decided: list[tuple[_EdgesOfRow, int]] = []
@@ -87,15 +94,43 @@ def find_working_stretch(rows: Sequence[ScannedProfile], layout: DeclaredLayout)
     return _find_common_stretch(several, decided)
 
 
-def _find_edges_of_row(row: ScannedProfile) -> _EdgesOfRow:
+def _find_edges_of_row(row: ScannedProfile, layout: DeclaredLayout) -> _EdgesOfRow:
     """Find the edges of a profile, a lesser one near a greater one being part of that."""
     edges = find_edges(row.position, row.height)
+    if layout.needs_neighbours:
+        edges += _find_edges_beside(row, edges, layout)
     kept: list[FoundEdge] = []
     for edge in sorted(edges, key=lambda candidate: -abs(candidate.rise)):
         if all(abs(edge.position - greater.position) > _SAME_EDGE for greater in kept):
             kept.append(edge)
     kept.sort(key=lambda edge: edge.position)
     return _EdgesOfRow(row, tuple(kept))
+
+
+def _find_edges_beside(
+    row: ScannedProfile, edges: Sequence[FoundEdge], layout: DeclaredLayout
+) -> list[FoundEdge]:
+    """Find edges beside those found, each stretch for itself.
+
+    Beside a far higher edge none of them stands out of the whole profile. What is far lower than
+    any declared one is left out: dust and scratches are no edges of the part.
+    """
+    margin = _MARGIN * row.spacing
+    begins = [-np.inf, *(edge.end + margin for edge in edges)]
+    ends = [*(edge.begin - margin for edge in edges), np.inf]
+    least = (1.0 - _PLAUSIBLE) * min(layout.step, *(abs(wall.rise) for wall in layout.walls))
+    beside: list[FoundEdge] = []
+    for begin, end in zip(begins, ends, strict=True):
+        inside = (row.position > begin) & (row.position < end)
+        stretch = replace(row, position=row.position[inside], height=row.height[inside])
+        found = evaluate_if_possible(_find_edges_of_stretch, stretch) or []
+        beside += [edge for edge in found if abs(edge.rise) >= least]
+    return beside
+
+
+def _find_edges_of_stretch(stretch: ScannedProfile) -> list[FoundEdge]:
+    """Find the edges of a part of a profile."""
+    return find_edges(stretch.position, stretch.height)
 
 
 def _choose_edge(edges: _EdgesOfRow, layout: DeclaredLayout) -> int | None:
@@ -115,6 +150,7 @@ def _fit_layout(edges: _EdgesOfRow, index: int, layout: DeclaredLayout) -> _Fit:
     sign = float(np.sign(working.rise))
     walls: set[int] = set()
     unexplained = 0
+    is_plausible = _is_plausible(working.rise, layout.step)
     for number, edge in enumerate(edges.edges):
         if number == index:
             continue
@@ -123,12 +159,22 @@ def _fit_layout(edges: _EdgesOfRow, index: int, layout: DeclaredLayout) -> _Fit:
             unexplained += 1
         else:
             walls.add(wall)
+            if layout.needs_neighbours:
+                is_plausible &= _is_plausible(edge.rise, layout.walls[wall].rise)
+    is_possible = not _lacks_wall(edges.row, working, sign, walls, layout)
+    if layout.needs_neighbours:
+        is_possible = is_plausible and len(walls) == len(layout.walls)
     return _Fit(
-        is_possible=not _lacks_wall(edges.row, working, sign, walls, layout),
+        is_possible=is_possible,
         explained=len(walls),
-        is_plausible=abs(abs(working.rise) - layout.step) <= _PLAUSIBLE * layout.step,
+        is_plausible=is_plausible,
         unexplained=-unexplained,
     )
+
+
+def _is_plausible(rise: float, declared: float) -> bool:
+    """Tell whether an edge is about as high as declared [m], whichever way it is crossed."""
+    return abs(abs(rise) - abs(declared)) <= _PLAUSIBLE * abs(declared)
 
 
 def _lacks_wall(
@@ -151,7 +197,17 @@ def _describe_doubt(edges: _EdgesOfRow, layout: DeclaredLayout) -> MetrologyErro
     """Say why no edge can be taken for the working edge."""
     upside_down = layout.invert()
     inverted = [_fit_layout(edges, index, upside_down) for index in range(len(edges.edges))]
-    if max(inverted).explained == len(layout.walls) > 0:
+    best = max(inverted)
+    fits_upside_down = best.is_possible and best.explained == len(layout.walls) > 0
+    if layout.needs_neighbours:
+        reading = ""
+        if fits_upside_down:
+            reading = " (as of heights that are upside down, or of steps in the other order)"
+        return MetrologyError(
+            "edges must be those of both steps as declared, and fit in one way, got "
+            f"{edges.describe()}{reading}: {_NAME_ONE}"
+        )
+    if fits_upside_down:
         return MetrologyError(
             "heights must be positive upwards: the edges of the scan are those of the part upside "
             f"down, got {edges.describe()}"
@@ -160,6 +216,14 @@ def _describe_doubt(edges: _EdgesOfRow, layout: DeclaredLayout) -> MetrologyErro
         "scan must show which of its edges is the working edge, got "
         f"{edges.describe()}, of which several may be it: give the part that holds it alone by "
         "--from and --to"
+    )
+
+
+def _describe_missing_edge(found: Sequence[_EdgesOfRow], layout: DeclaredLayout) -> MetrologyError:
+    """Say that a scan shows one edge where the part has several."""
+    shown = found[0].describe() if found else ""
+    return MetrologyError(
+        f"scan must show both edges of the part, got {shown or 'none'}: {_NAME_ONE}"
     )
 
 

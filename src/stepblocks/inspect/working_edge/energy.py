@@ -10,6 +10,7 @@ from stepblocks.contact.relieved_step import RelievedStep
 from stepblocks.inspect.conformity import Outcome
 from stepblocks.inspect.result import InspectionResult
 from stepblocks.parts.conditions import PredictionGrid
+from stepblocks.parts.second_step import SECOND
 
 _WORTH_SAYING = 0.01  # relative change of the energy from which a cause is named [1]
 
@@ -24,6 +25,7 @@ class _MeasuredEdge:
     radius: float
     burr: float  # that does not conform, else 0
     relief: tuple[float, float] | None  # width and depth at the root, nominal
+    is_second: bool = False  # whether it is the second edge of its block
 
     @property
     def asked(self) -> Counterface:
@@ -62,11 +64,22 @@ def describe_energy(result: InspectionResult, grid: PredictionGrid) -> str:
     the grid; the scanned surface only where the edge is no arc and was seen. Empty where height and
     edge radius were not both measured.
     """
-    edge = _collect_edge(result)
-    if edge is None:
-        return ""
-    point = grid.first_point()
     verdict = f"{result.identity} {_describe_verdict(result)}"
+    sentences = []
+    first = _collect_edge(result)
+    if first is not None:
+        sentences.append(_describe_edge(result, first, grid, verdict))
+    second = _collect_edge(result, SECOND)
+    if second is not None:
+        sentences.append(_describe_edge(result, second, grid, f"second edge of {verdict}"))
+    return "; ".join(sentences)
+
+
+def _describe_edge(
+    result: InspectionResult, edge: _MeasuredEdge, grid: PredictionGrid, verdict: str
+) -> str:
+    """Say behind a verdict how the energy of one edge differs from the nominal one's, and why."""
+    point = grid.first_point()
     conditions = (
         f"(tip {point.ball_radius * 1e6:g} um, {point.normal_load:g} N, friction "
         f"{point.friction:g})"
@@ -80,7 +93,9 @@ def describe_energy(result: InspectionResult, grid: PredictionGrid) -> str:
             f"{verdict}; nominal {nominal.status.value}, as built {as_built.status.value} "
             f"{conditions}"
         )
-    scanned = _release_scanned_surface(result, point)
+    scanned = None
+    if not edge.is_second:
+        scanned = _release_scanned_surface(result, point)
     if scanned is not None:
         change = find_energy_change(edge.asked, scanned, point) * 100.0
         return (
@@ -95,8 +110,14 @@ def describe_energy(result: InspectionResult, grid: PredictionGrid) -> str:
     )
 
 
-def _collect_edge(result: InspectionResult) -> _MeasuredEdge | None:
-    """Return the sizes of an edge; None where height and radius were not measured and judged."""
+def _collect_edge(result: InspectionResult, prefix: str = "") -> _MeasuredEdge | None:
+    """Return the sizes of an edge; None where height and radius were not measured and judged.
+
+    The keys of its characteristics begin with a prefix.
+    """
+    height_key = f"{prefix}step_height"
+    radius_key = f"{prefix}edge_radius"
+    burr_key = f"{prefix}burr"
     values = result.evaluation.values
     nominal = {}
     failed = set()
@@ -105,19 +126,20 @@ def _collect_edge(result: InspectionResult) -> _MeasuredEdge | None:
         nominal[key] = judgement.characteristic.nominal
         if judgement.decision.verdict is Outcome.DOES_NOT_CONFORM:
             failed.add(key)
-    for key in ("step_height", "edge_radius"):
+    for key in (height_key, radius_key):
         if key not in values or key not in nominal:
             return None
     burr = 0.0
-    if "burr" in failed:
-        burr = values["burr"].value
+    if burr_key in failed:
+        burr = values[burr_key].value
     return _MeasuredEdge(
-        nominal_height=nominal["step_height"],
-        nominal_radius=nominal["edge_radius"],
-        height=values["step_height"].value,
-        radius=max(values["edge_radius"].value, 0.0),
+        nominal_height=nominal[height_key],
+        nominal_radius=nominal[radius_key],
+        height=values[height_key].value,
+        radius=max(values[radius_key].value, 0.0),
         burr=burr,
         relief=_find_relief(result),
+        is_second=bool(prefix),
     )
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 from stepblocks import cad
 from stepblocks.parts.body import Block, Body, Stock
 from stepblocks.parts.body_solid import (
+    WorkingFace,
     compute_half_volume,
     compute_strip_volume,
     list_half_corners,
@@ -109,7 +110,7 @@ class MarginBlock(CrownMargin, Block):
         gap = self.marginal_gap.nominal
         depth = self.gap_depth.nominal
         crest = [*reversed(self.corner), (gap, -depth), (0.0, -depth), (0.0, 0.0)]
-        cuts = make_body_cuts(self.body, self.id, self.rise)
+        cuts = make_body_cuts(self.body, self.id, [WorkingFace(0.0, self.rise)])
         return [cad.kernel.cut(self.extrude_section(crest), cuts)]
 
     def volumes(self) -> tuple[float, ...]:
@@ -224,6 +225,16 @@ class MarginBlock(CrownMargin, Block):
             yield make_characteristic(
                 key, "distance", opening, wall, end, label=label, method=ACROSS
             ).unsigned
+            under_lip = describe_plane(2, gap, x=0.5 * opening.nominal)
+            yield make_characteristic(
+                "lip_gap",
+                "distance",
+                self.marginal_gap,
+                describe_plane(2, 0.0, x=-0.5 * self.body.half_length),
+                under_lip,
+                label="gap under the lip, over the tooth",
+                method=ACROSS,
+            )
         elif self.vertical_discrepancy is not None:
             yield make_characteristic(key, "note", opening, method=ACROSS)
 

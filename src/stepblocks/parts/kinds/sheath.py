@@ -20,6 +20,7 @@ from stepblocks.parts.declared import (
     make_rules_validator,
     make_sourced_validator,
 )
+from stepblocks.parts.face_characteristics import make_contact_roughness
 from stepblocks.parts.kind import (
     FITTING_DEFLECTION,
     CloseUp,
@@ -185,6 +186,7 @@ class Sheath(Turned, HeldPart):
             label="position, from the clamp",
             method="caliper, assembled",
         )
+        yield make_contact_roughness(self.face_demands["roughness"], (inside,), "bore")
 
     def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Verdict]:
         heights = mesh.vertices[:, 2]

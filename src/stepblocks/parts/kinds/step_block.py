@@ -1,20 +1,23 @@
-"""The step block: one working edge, and a groove or ridge of the same height."""
+"""The step block: a working edge, and a groove or ridge of the same height or a second step."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import numpy as np
-from pydantic import BeforeValidator
+from pydantic import BeforeValidator, model_validator
 
 from stepblocks import cad
-from stepblocks.contact.counterface import Counterface, Step
+from stepblocks.contact import Array
+from stepblocks.contact.counterface import Counterface, FurtherStep, Step
 from stepblocks.contact.relieved_step import RelievedStep
 from stepblocks.parts.body import Block, Body, Stock
 from stepblocks.parts.body_solid import (
     OVER,
+    WorkingFace,
     compute_half_volume,
+    compute_slab_volume,
     list_half_corners,
     make_body_cuts,
 )
@@ -31,6 +34,7 @@ from stepblocks.parts.characteristics import (
 from stepblocks.parts.declared import (
     Table,
     WorkingFaces,
+    complete_face_demands,
     declare_default,
     describe_breach,
     make_rules_validator,
@@ -55,6 +59,7 @@ from stepblocks.parts.kind import (
 from stepblocks.parts.material import MaterialField
 from stepblocks.parts.relief import Relief, describe_relief
 from stepblocks.parts.revolution import Point, Point3
+from stepblocks.parts.second_step import SecondStep
 from stepblocks.parts.shapes import make_hull, split_solid
 from stepblocks.parts.tolerance import Dimension, Length, PositiveLength
 
@@ -62,6 +67,7 @@ from stepblocks.parts.tolerance import Dimension, Length, PositiveLength
 # lose their faces, or name one face twice; a sharp edge needs more
 _LEAST_ROUNDED = 0.2e-6
 _LEAST_SHARP = 0.5e-6
+_LONGEST_STEM = 28  # letters of an identity that are kept in the name of one of its edges
 
 
 class MetrologyFeature(Table):
@@ -103,6 +109,8 @@ class StepBlock(Block):
         Groove or ridge that ISO 5436-1 type A1 can evaluate; None where it is left out.
     relief : Relief or None
         Relief at the root of the riser; None where there is none.
+    second_step : SecondStep or None
+        Another edge on the upper face, in place of groove or ridge; None where there is none.
     material : Material
         What it is made of, with its density [kg/m^3].
     working_faces : WorkingFaces or None
@@ -130,9 +138,11 @@ class StepBlock(Block):
     stock: Stock | None = None
     metrology: Annotated[MetrologyFeature | None, BeforeValidator(read_none)] = declare_default({})
     relief: Annotated[Relief | None, BeforeValidator(read_none)] = None
+    second_step: Annotated[SecondStep | None, BeforeValidator(read_none)] = None
     material: MaterialField = declare_default("steel")
     working_faces: WorkingFaces | None = None
     tolerance: FeltTolerance | None = None
+    _is_further_edge: bool = False  # whether it stands for the second edge of another block
 
     @property
     def sizes(self) -> dict[str, Dimension]:
@@ -145,9 +155,50 @@ class StepBlock(Block):
     def make_counterface(self, **sizes: float) -> Counterface:
         height = sizes["height"]
         edge_radius = max(sizes["edge_radius"], 0.0)
+        if self._is_further_edge:
+            return FurtherStep(height, edge_radius)
         if self.relief is None:
             return Step(height, edge_radius)
         return RelievedStep(height, edge_radius, sizes["relief_width"], sizes["relief_depth"])
+
+    @property
+    def last_edge(self) -> float:
+        if self.second_step is None:
+            return 0.0
+        return self.second_step.distance.nominal
+
+    @property
+    def surface_corners(self) -> tuple[float, ...]:
+        corners = super().surface_corners
+        if self.second_step is not None:
+            corners += self.second_step.corners
+        return corners
+
+    def sample_surface(self, x: Array) -> Array:
+        heights = super().sample_surface(x)
+        if self.second_step is not None:
+            heights = heights + self.second_step.sample_rise(x)
+        return heights
+
+    def list_felt_edges(self) -> tuple["StepBlock", ...]:
+        second = self.second_step
+        if second is None:
+            return (self,)
+        update = {"height": second.height, "edge_radius": second.edge_radius, "second_step": None}
+        further = self.model_copy(update=update)
+        further._is_further_edge = True
+        return (self, further)
+
+    def split_edges(self) -> tuple["StepBlock", ...]:
+        if self.second_step is None:
+            return (self,)
+        blocks = []
+        for edge, name in zip(self.list_felt_edges(), ("first-step", "second-step"), strict=True):
+            stem = self.id[:_LONGEST_STEM].rstrip("-")
+            block = edge.model_copy(update={"id": f"{stem}-{name}", "second_step": None})
+            block._is_further_edge = False
+            blocks.append(block)
+        return tuple(blocks)
 
     def derived(self) -> list[list[str]]:
         return [
@@ -161,6 +212,8 @@ class StepBlock(Block):
         radius = self.edge_radius.nominal
         if x < 0.0:
             return self._compute_lower_top(x)
+        if x >= radius and self.second_step is not None:
+            return self.second_step.compute_top(x, height)
         if x >= radius:
             return height
         return height - radius + math.sqrt(x * (2.0 * radius - x))
@@ -172,9 +225,8 @@ class StepBlock(Block):
         return -self.relief.depth.nominal
 
     def solids(self) -> list[cad.door.Body]:
-        height = self.height.nominal
         body = self.extrude_section(self._outline_crest())
-        cuts = make_body_cuts(self.body, self.id, height)
+        cuts = make_body_cuts(self.body, self.id, self._list_working_faces())
         feature = self.metrology
         if feature is not None:
             if feature.kind == "ridge":
@@ -189,7 +241,10 @@ class StepBlock(Block):
         """Outline the step as (x, z) [m], from the upper face to the lower one."""
         height = self.height.nominal
         radius = self.edge_radius.nominal
-        crest: list[object] = [(radius, height)]
+        crest: list[object] = []
+        if self.second_step is not None:
+            crest += self.second_step.outline(height)
+        crest.append((radius, height))
         if radius > 0.0:
             bow = radius * (1.0 - math.sqrt(0.5))
             crest.append(((bow, height - bow), (0.0, height - radius)))
@@ -226,21 +281,32 @@ class StepBlock(Block):
         # two halves, less the rounding, with or without the feature, less holes
         half = self.body.half_length
         left = compute_half_volume(self.body, half, 0.0)
-        right = compute_half_volume(self.body, half, self.height.nominal)
-        volume = left + right - self._compute_rounding_volume()
+        right = self._compute_right_volume()
+        volume = left + right - self._compute_rounding_volume(self.edge_radius.nominal)
         if self.metrology is not None:
             volume += self._compute_feature_volume(self.metrology)
         if self.relief is not None:
             volume -= self.relief.compute_volume(self.body)
         return (volume - self.removed_volume,)
 
-    def _compute_rounding_volume(self) -> float:
-        """Compute what the rounding takes off the edge [m^3].
+    def _compute_right_volume(self) -> float:
+        """Compute the volume right of the working edge [m^3], as if that were sharp."""
+        half = self.body.half_length
+        height = self.height.nominal
+        second = self.second_step
+        if second is None:
+            return compute_half_volume(self.body, half, height)
+        distance = second.distance.nominal
+        between = compute_slab_volume(self.body, distance, height)
+        behind = compute_half_volume(self.body, half - distance, height + second.rise)
+        return between + behind - self._compute_rounding_volume(second.edge_radius.nominal)
+
+    def _compute_rounding_volume(self, radius: float) -> float:
+        """Compute what a rounding takes off an edge [m^3].
 
         It takes u(z) = r - sqrt(r^2 - zeta^2) off a face that is W - 2 (c - r) - 2 zeta wide, and
         so less at its two corners by r^3 / 3.
         """
-        radius = self.edge_radius.nominal
         chamfer = self.body.edge_break.nominal
         width = self.body.width.nominal - 2.0 * max(chamfer - radius, 0.0)
         corners = 0.0
@@ -267,30 +333,42 @@ class StepBlock(Block):
         height = self.height.nominal
         feature = self.metrology
         left = make_hull(list_half_corners(self.body, -1.0, 0.0, [(0.0, 0.0)]))
-        right = make_hull(list_half_corners(self.body, 1.0, height, self._list_rounding_points()))
+        radius = self.edge_radius.nominal
+        rounding = _list_rounding_points(height, radius)
         left_pieces = [left]
         if self.relief is not None:
             left_pieces = self.relief.cut_half(left)
+        if self.second_step is not None:
+            return [*left_pieces, *self._make_pieces_beside(self.second_step, rounding)]
+        right = make_hull(list_half_corners(self.body, 1.0, height, rounding))
         if feature is None:
             return [*left_pieces, right]
         if feature.kind == "ridge":
             return [*left_pieces, right, make_hull(self._list_ridge_corners(feature))]
         return [*left_pieces, *self._cut_groove(feature, right)]
 
-    def _list_rounding_points(self) -> list[Point]:
-        """List points (x, z) [m] of the rounding, their chords within the contact's error."""
+    def _make_pieces_beside(self, second: SecondStep, rounding: Sequence[Point]) -> list[Manifold]:
+        """Make the pieces before a second edge and behind it; `rounding` is that of the first."""
         height = self.height.nominal
-        radius = self.edge_radius.nominal
-        if radius == 0.0:
-            return [(0.0, height)]
-        step = 2.0 * math.acos(max(1.0 - CONTACT_DEFLECTION / radius, 0.0))
-        count = max(2, math.ceil(0.5 * math.pi / step) + 1)
-        points = []
-        for turn in np.linspace(0.0, 0.5 * math.pi, count).tolist():
-            x = radius * (1.0 - math.sin(turn))
-            z = height - radius * (1.0 - math.cos(turn))
-            points.append((x, z))
-        return points
+        radius = second.edge_radius.nominal
+        distance = second.distance.nominal
+        top = height + second.rise
+        foot = [(distance, height)]
+        crest = [(distance, top)]
+        if second.direction == "up":
+            crest = [(distance + x, z) for x, z in _list_rounding_points(top, radius)]
+        else:
+            foot = [(distance - x, z) for x, z in _list_rounding_points(height, radius)]
+        middle = 0.5 * distance
+        between = []
+        for point in list_half_corners(self.body, 1.0, height, rounding):
+            if point[0] < middle:
+                between.append(point)
+        for point in list_half_corners(self.body, -1.0, height, foot, distance):
+            if point[0] > middle:
+                between.append(point)
+        behind = list_half_corners(self.body, 1.0, top, crest, distance)
+        return [make_hull(between), make_hull(behind)]
 
     def _list_ridge_corners(self, feature: MetrologyFeature) -> list[Point3]:
         """List the corners of a ridge (x, y, z) [m]."""
@@ -317,9 +395,16 @@ class StepBlock(Block):
         return [before, in_front, floor, after]
 
     def chordal_error(self, face: cad.door.Face) -> float:
-        if face.kind == "CYLINDER" and abs(face.radius - self.edge_radius.nominal) < NANOMETRE:
+        if face.kind == "CYLINDER" and self._is_rounded_by(face.radius):
             return CONTACT_DEFLECTION
         return COARSE_DEFLECTION
+
+    def _is_rounded_by(self, radius: float) -> bool:
+        """Tell whether an edge has a radius [m]."""
+        radii = [self.edge_radius.nominal]
+        if self.second_step is not None:
+            radii.append(self.second_step.edge_radius.nominal)
+        return any(abs(radius - edge_radius) < NANOMETRE for edge_radius in radii)
 
     def characteristics(self) -> Iterator[Characteristic]:
         height = self.height.nominal
@@ -327,7 +412,9 @@ class StepBlock(Block):
         body = self.body
         demands = self.face_demands
         lower = describe_plane(2, 0.0, x=-0.5 * body.half_length)
-        upper = describe_plane(2, height, x=0.5 * body.half_length)
+        second = self.second_step
+        end = body.half_length if second is None else second.distance.nominal
+        upper = describe_plane(2, height, x=0.5 * end)
         yield make_characteristic(
             "step_height", "distance", self.height, lower, upper, method=PROFILE
         )
@@ -340,6 +427,8 @@ class StepBlock(Block):
         chamfer = body.edge_break.nominal
         extent = (body.half_length - chamfer, body.width.nominal - 2.0 * chamfer)
         for form in make_form_characteristics(demands, lower, upper, "lower face", "upper face"):
+            if form.key == "flatness_upper" and second is not None:
+                extent = (end, body.width.nominal - 2.0 * chamfer)
             yield replace(form, extent=extent)
         if self.metrology is not None:
             yield from self._list_feature_characteristics(self.metrology, lower, upper)
@@ -348,6 +437,9 @@ class StepBlock(Block):
         wall = None
         if radius < height:
             wall = describe_plane(0, 0.0, y=-0.25 * body.width.nominal)
+        if second is not None:
+            demands_behind = complete_face_demands(self.working_faces, second.height)
+            yield from second.make_characteristics(body, demands_behind, upper, height, wall)
         yield from self.list_body_characteristics(lower, upper, wall)
         yield from make_edge_characteristics(demands["burr"], wall, lower)
 
@@ -405,10 +497,51 @@ class StepBlock(Block):
         high = mesh.measure_level_beside(self.edge_radius.nominal, +1)
         yield Finding("step height", self.height.nominal, high - low, NANOMETRE)
         yield Finding("lower working face at z = 0", 0.0, low, NANOMETRE)
+        if self.second_step is not None:
+            yield self._measure_second_step(self.second_step, mesh)
+
+    def _measure_second_step(self, second: SecondStep, mesh: MeasuredMesh) -> Verdict:
+        """Measure the rise of a mesh at its second edge."""
+        distance = second.distance.nominal
+        radius = second.edge_radius.nominal
+        before, behind = distance, distance + radius
+        if second.direction == "down":
+            before, behind = distance - radius, distance
+        low = mesh.measure_level_beside(before, -1)
+        high = mesh.measure_level_beside(behind, +1)
+        return Finding("rise at the second edge", second.rise, high - low, NANOMETRE)
 
     def choose_close_up(self) -> CloseUp:
         height = self.height.nominal
         return CloseUp(choose_exaggeration(height), 2.5 * height, (0.0, 0.0, 0.0))
+
+    @property
+    def rise(self) -> float:
+        rise = super().rise
+        if self.second_step is not None:
+            rise += self.second_step.rise
+        return rise
+
+    @property
+    def highest(self) -> float:
+        return max(face.top for face in self._list_working_faces())
+
+    def _list_working_faces(self) -> list[WorkingFace]:
+        """List the working faces right of the lower one."""
+        height = self.height.nominal
+        faces = [WorkingFace(0.0, height)]
+        if self.second_step is not None:
+            begin = self.second_step.distance.nominal
+            faces.append(WorkingFace(begin, height + self.second_step.rise))
+        return faces
+
+    @model_validator(mode="before")
+    @classmethod
+    def _leave_out_metrology(cls, raw: object) -> object:
+        """Leave groove or ridge out beside a second step, where the file states none."""
+        if not isinstance(raw, dict) or raw.get("second_step", "none") in (None, "none"):
+            return raw
+        return {"metrology": "none", **raw}
 
     @make_rules_validator
     def _check_sizes(self) -> Iterator[str]:
@@ -417,10 +550,7 @@ class StepBlock(Block):
         radius = self.edge_radius.nominal
         chamfer = self.body.edge_break.nominal
         half_thickness = 0.5 * self.body.thickness.nominal
-        least_height = _LEAST_ROUNDED if radius > 0.0 else _LEAST_SHARP
-        if height < least_height:
-            rule = "be at least what the kernel builds so that the built part can be checked"
-            yield describe_breach("height", rule, least_height, height)
+        yield from _check_least_height("height", height, radius)
         if radius > height:
             yield describe_breach("edge_radius", "not exceed height", height, radius)
         if height >= chamfer and chamfer != 0.0:
@@ -433,6 +563,26 @@ class StepBlock(Block):
             yield from self.relief.check(self.body)
         if self.metrology is not None:
             yield from self._check_feature(self.metrology)
+        if self.second_step is not None:
+            second = self.second_step
+            yield from _check_least_height(
+                "second_step.height", second.height.nominal, second.edge_radius.nominal
+            )
+            yield from second.check(self.body, height)
+            yield from self._check_neighbours_of_second_step()
+
+    def _check_neighbours_of_second_step(self) -> Iterator[str]:
+        """Yield what a block with a second step cannot have besides."""
+        if self.metrology is not None:
+            yield (
+                "metrology must be 'none' beside second_step: its walls would be more edges in the "
+                f"same trace, got a {self.metrology.kind}"
+            )
+        if self.relief is not None:
+            yield (
+                "relief must be left out beside second_step: only the root of a single riser is "
+                "relieved and inspected so, got one"
+            )
 
     def _check_feature(self, feature: MetrologyFeature) -> Iterator[str]:
         """Yield what keeps groove or ridge from fitting the block."""
@@ -463,3 +613,28 @@ class StepBlock(Block):
         if lane >= half_width:
             rule = "leave more than half the width to the drag"
             yield describe_breach("metrology.lane", rule, half_width, lane)
+
+
+def _list_rounding_points(height: float, radius: float) -> list[Point]:
+    """List points (x, z) [m] of the rounding of an edge at x = 0 below a face at a height.
+
+    Their chords lie within the contact's error.
+    """
+    if radius == 0.0:
+        return [(0.0, height)]
+    step = 2.0 * math.acos(max(1.0 - CONTACT_DEFLECTION / radius, 0.0))
+    count = max(2, math.ceil(0.5 * math.pi / step) + 1)
+    points = []
+    for turn in np.linspace(0.0, 0.5 * math.pi, count).tolist():
+        x = radius * (1.0 - math.sin(turn))
+        z = height - radius * (1.0 - math.cos(turn))
+        points.append((x, z))
+    return points
+
+
+def _check_least_height(field: str, height: float, radius: float) -> Iterator[str]:
+    """Yield that a step of an edge radius is lower than what the kernel builds, if it is [m]."""
+    least_height = _LEAST_ROUNDED if radius > 0.0 else _LEAST_SHARP
+    if height < least_height:
+        rule = "be at least what the kernel builds so that the built part can be checked"
+        yield describe_breach(field, rule, least_height, height)
