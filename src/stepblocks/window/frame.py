@@ -31,6 +31,8 @@ _STYLE = """
   @media (min-width: 1000px) { .beside { grid-template-columns: minmax(0, 2fr) minmax(0, 3fr); } }
   .fields { display: grid; gap: 4px 24px; width: 100%; grid-template-columns: 1fr; }
   @media (min-width: 700px) { .fields { grid-template-columns: 1fr 1fr; } }
+  .channels { display: grid; gap: 0 12px; width: 100%; grid-template-columns: 3fr 1fr 2fr; }
+  .moves { list-style: disc; padding-left: 24px; margin: 0; }
   .report { width: 100%; height: 720px; border: 1px solid #8a8a8a; background: #fff; }
   .q-header .nicegui-link { color: #fff; }
 </style>

@@ -26,6 +26,7 @@ from stepblocks.window.folder import Folder
 from stepblocks.window.frame import show_command, show_heading, show_mistake
 from stepblocks.window.job_view import Runnable
 from stepblocks.window.jobs import JobList
+from stepblocks.window.next_view import show_next_experiment
 
 _HEIGHT = "h-96"  # of the picture of all trials
 _COLOURS = ("#b0506a", "#2f6f9f", "#8a6d00")  # before, after, held apart
@@ -101,6 +102,7 @@ class LoopView:
         self._apart = frozenset(trial.trial for trial in finding.apart)
         with place:
             _show_finding(finding)
+            show_next_experiment(finding, self._output)
             self._show_trials()
             self._show_model()
 
