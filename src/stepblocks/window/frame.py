@@ -33,6 +33,23 @@ _STYLE = """
   @media (min-width: 700px) { .fields { grid-template-columns: 1fr 1fr; } }
   .channels { display: grid; gap: 0 12px; width: 100%; grid-template-columns: 3fr 1fr 2fr; }
   .moves { list-style: disc; padding-left: 24px; margin: 0; }
+  .axis { position: relative; height: 176px; width: 100%; touch-action: none; user-select: none;
+    overflow: hidden; background: linear-gradient(currentColor, currentColor) 0 64px / 100% 2px
+    no-repeat; }
+  .axis-tick, .axis-target, .axis-block { position: absolute; transform: translateX(-50%); }
+  .axis-tick { top: 150px; font-size: 13px; }
+  .axis-tick::before { content: ""; position: absolute; left: 50%; top: -88px; height: 88px;
+    border-left: 1px dotted #8a8a8a; }
+  .axis-target { top: 22px; width: 24px; height: 42px; cursor: ew-resize; z-index: 2; }
+  .axis-target::before { content: ""; position: absolute; left: 4px; top: 0; width: 16px;
+    height: 16px; border-radius: 50%; background: #b0506a; }
+  .axis-target::after { content: ""; position: absolute; left: 11px; top: 16px; height: 26px;
+    border-left: 2px solid #b0506a; }
+  .axis-missed::before { background: #fff; border: 3px solid #b3261e; }
+  .axis-block { top: 82px; font-size: 13px; white-space: nowrap; z-index: 1; }
+  .axis-block::before { content: ""; position: absolute; left: 50%; top: -16px; height: 14px;
+    border-left: 4px solid #2f6f9f; }
+  .body--dark .axis-block::before { border-color: #7cc4de; }
   .report { width: 100%; height: 720px; border: 1px solid #8a8a8a; background: #fff; }
   .q-header .nicegui-link { color: #fff; }
 </style>

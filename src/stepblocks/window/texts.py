@@ -204,6 +204,18 @@ SET_LOAD = "Normal load (1 N)"
 SET_FRICTION = "Coefficient of friction"
 SET_STEP = "Sizes are whole multiples of"
 SET_PLOT = "Picture of targets and blocks"
+AXIS_HELP = (
+    "Drag a target along the axis, or move it with the arrow keys (Page Up and Down: one just "
+    "noticeable difference; Delete takes it away). The blocks below follow, and the command, too."
+)
+TARGET_AXIS = "Targets above, and blocks below, on the axis of energies"
+AXIS_ENERGY = "vibration energy, µJ"
+TARGET = "Target {number}"
+BLOCK_SIZE = "{size} µm"
+ADD_TARGET = "Add a target"
+DESIGNING = "The blocks are sought ..."
+DESIGNED_BY_FORMULA = "By the formula."
+DESIGNED = "As the command designs it."
 SET_PICTURE = "Targets and blocks on the axis of energies"
 DECLARE_SET = "Change the set in a form"
 
