@@ -57,7 +57,7 @@ def make_set_design(stimuli: list[str]) -> FormCommand:
         Question("lowest", texts.LOWEST, "--lowest", default="2 uJ"),
         Question("highest", texts.HIGHEST, "--highest"),
         Question("number", texts.NUMBER, "--number", default="8"),
-        Question("apart", texts.APART, "--apart", default="1 JND"),
+        Question("apart", texts.NEIGHBOURS_APART, "--apart", default="1 JND"),
         Question("kind", texts.SET_KIND, "--kind", choices=(FIRST_KIND, "margin_block")),
         Question("base", texts.SET_BASE, "--base", choices=stimuli),
         Question("load", texts.SET_LOAD, "--load"),
