@@ -125,6 +125,7 @@ class BenchForm:
             columns = list(picture.columns)
         with ui.element("div").classes("beside"):
             with ui.column():
+                ui.label(texts.COLUMNS_HELP)
                 with ui.element("div").classes("channels"):
                     for setting in SETTINGS:
                         if setting.part is not None:
@@ -160,6 +161,8 @@ class BenchForm:
             )
         else:
             field = ui.input(setting.label, value=first)
+            if setting.part is not None:
+                field.props(f'aria-label="{setting.path[-1]}: {setting.label}"')
         self._fields[setting.name] = field.classes("w-full").mark(setting.name)
 
     def _save(self, draft: SessionDraft, place: ui.element, check: DeclarationCheck) -> None:

@@ -211,4 +211,4 @@ class CommandForm:
             except StepblocksError as error:
                 show_mistake(error)
                 return
-            Runnable(command, self._folder, self._jobs, self._at_end)
+            Runnable(command, self._folder, self._jobs, self._at_end, has_title=False)

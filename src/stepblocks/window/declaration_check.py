@@ -191,7 +191,7 @@ class DeclarationCheck:
                 for name, label in texts.CHECK_COLUMNS.items()
             ]
             table = ui.table(columns=columns, rows=[vars(row) for row in rows])
-            table.classes("w-full").mark("check")
+            table.props("wrap-cells dense").classes("w-full").mark("check")
         if check.reason:
             ui.label(format_units(texts.NOT_MEASURED.format(reason=check.reason)))
         for sentence in check.contradictions:

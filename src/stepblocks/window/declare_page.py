@@ -1,6 +1,7 @@
 """The page to declare stimuli: a form for each stanza of a file, and beside it what is felt."""
 
 import asyncio
+import re
 from collections.abc import Callable
 from functools import partial
 from itertools import islice
@@ -24,6 +25,7 @@ from stepblocks.window.model_choice import ModelChoice
 from stepblocks.window.size_slider import MOST_SLIDERS, Size, add_slider, list_sizes
 
 _ENDING = ".toml"
+_UNITS = re.compile(r" \[[^\]]*\]")  # of a value of the library; a field takes any with its name
 _DEBOUNCE = 150  # a form is checked when nobody has typed for so long [ms]
 _QUIET = 0.25  # parts are dragged in time, and built, when nothing has changed for so long [s]
 
@@ -186,7 +188,7 @@ class DeclarationForm:
     def _add_input(self, field: FormField) -> None:
         """Add a field, with what it is and what counts where it is left out."""
         assert self._place is not None
-        hints = [field.help]
+        hints = [_UNITS.sub("", field.help)]
         if field.default:
             hints.append(texts.DEFAULT.format(value=format_units(field.default)))
         if field.is_required:

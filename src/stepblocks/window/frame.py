@@ -1,7 +1,8 @@
 """What every page has: the bar with its links, the colours, and how a mistake is shown."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from html import escape
 
 from nicegui import ui
@@ -51,7 +52,8 @@ _STYLE = """
     border-left: 4px solid #2f6f9f; }
   .body--dark .axis-block::before { border-color: #7cc4de; }
   .report { width: 100%; height: 720px; border: 1px solid #8a8a8a; background: #fff; }
-  .q-header .nicegui-link { color: #fff; }
+  .q-header .nicegui-link { color: #fff; padding: 2px 6px; border-radius: 4px; }
+  .q-header .here { background: #fff; color: #1b6480; font-weight: 600; text-decoration: none; }
 </style>
 """
 # The framework hides the field for files within a button without a name. Here the field itself has
@@ -102,12 +104,24 @@ def build_frame(pages: Sequence[Page]) -> None:
         ui.header().style(f"background-color: {_COLOUR}"),
         ui.row().props(f'role=navigation aria-label="{texts.NAVIGATION}"'),
     ):
-        for page in pages:
-            ui.link(page.title, page.path)
+        links = {page.path: ui.link(page.title, page.path) for page in pages}
         switch = ui.button(icon="contrast", on_click=lambda: _switch_colours(colours))
         switch.props(f'flat dense color=white aria-label="{texts.COLOURS}"').tooltip(texts.COLOURS)
+    router = ui.context.client.sub_pages_router
+    router.on_path_changed(partial(_mark_page, links))
+    _mark_page(links, router.current_path)
     with ui.element("div").classes("window-content").props("id=content tabindex=-1"):
         ui.sub_pages({page.path: page.build for page in pages})
+
+
+def _mark_page(links: Mapping[str, ui.link], address: str) -> None:
+    """Mark the link of the page that an address opens, for eyes and for listeners."""
+    here = address.partition("?")[0]
+    for path, link in links.items():
+        if path == here:
+            link.classes(add="here").props("aria-current=page")
+        else:
+            link.classes(remove="here").props(remove="aria-current")
 
 
 def _switch_colours(colours: ui.dark_mode) -> None:

@@ -69,8 +69,8 @@ def _list_parts(channel: str, label: str) -> tuple[Setting, ...]:
     path = ("acquisition", "channels", channel)
     return (
         Setting(path, label, ChannelPart.COLUMN),
-        Setting(path, texts.UNIT_OF_COLUMN, ChannelPart.UNIT),
-        Setting(path, texts.FACTOR_OF_COLUMN, ChannelPart.FACTOR),
+        Setting(path, texts.UNIT_PART, ChannelPart.UNIT),
+        Setting(path, texts.FACTOR_PART, ChannelPart.FACTOR),
     )
 
 
