@@ -416,13 +416,20 @@ PARTS = [
     Part(
         "grammar-matrix",
         "python benchmarks/grammar_matrix.py planted --combinations 60 "
-        "--sessions 1 --seed 3 --record out/grammar.jsonl",
+        "--sessions 5 --seed 6 --record out/grammar.jsonl",
         {
             "grammar-place": (r"\| all \| (\d+ of \d+)", "{}"),
             "grammar-named": (r"\| all \| [^|]+\| (\d+ of \d+)", "{}"),
             "grammar-intervals": (r"\| all (?:\| [^|]+){5}\| (\d+ of \d+)", "{}"),
         },
         60,
+    ),
+    Part(
+        "loop-false-alarms",
+        "python benchmarks/null_sessions.py --sessions 100 --first 53000 "
+        "--record out/null-sessions.jsonl",
+        {"false-alarms-none": (r"\| all \| (\d+ of \d+) ", "{}")},
+        90,
     ),
     Part(
         "loop-matrix",

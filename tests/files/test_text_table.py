@@ -88,6 +88,21 @@ def test_what_is_no_table_is_refused_with_its_line(content, said, tmp_path):
     assert "t.csv" in str(refused.value)
 
 
+def test_all_rows_of_another_length_are_named_at_once(tmp_path):
+    path = tmp_path / "t.csv"
+    path.write_text("a,b\n1,2\n3\n4,5\n6,7,8\n", encoding="utf-8", newline="\n")
+    with pytest.raises(PipelineError) as refused:
+        read_text_table(path)
+    said = str(refused.value)
+    assert "2 mistakes" in said
+    assert "got 1: '3' [line 3]" in said
+    assert "got 3: '6,7,8' [line 5]" in said
+    path.write_text("a,b\n" + "1\n" * 500, encoding="utf-8", newline="\n")
+    with pytest.raises(PipelineError, match="further rows have another number of cells") as many:
+        read_text_table(path)
+    assert len(str(many.value)) < 2000
+
+
 def test_what_was_found_out_is_said(tmp_path):
     path = tmp_path / "t.csv"
     path.write_bytes("höhe;last\n1,5;2;\n-9999;4;\n".encode("cp1252"))

@@ -36,7 +36,7 @@ from stepblocks.files.paths import describe_system_error
 from stepblocks.files.raw_table import RawTable, Record, name_sheet_column
 from stepblocks.files.spreadsheet import read_sheet
 from stepblocks.files.text import measure_file_size
-from stepblocks.mistakes import shorten_value
+from stepblocks.mistakes import Mistake, format_mistakes, shorten_value
 
 __all__ = [
     "CellError",
@@ -52,6 +52,7 @@ __all__ = [
 _MOST_BYTES = 2_000_000_000
 _MOST_COLUMNS = 10_000
 _MOST_SHOWN = 60  # letters of a row that a message shows
+_MOST_ROWS_NAMED = 12  # of those that have another number of cells than the header
 _SHEETS = (".xlsx", ".xlsm", ".xls", ".xlsb", ".ods")
 TABLE_ENDINGS = (".csv", ".tsv", *_SHEETS)
 _SHEET_MARKS = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1")  # of a zip, of an old Excel
@@ -428,20 +429,29 @@ def _refuse_ragged_rows(
     raises: type[StepblocksError],
     is_sheet_row: bool,
 ) -> None:
-    """Refuse a row with more filled cells than columns, or, in a text, with fewer cells."""
+    """Refuse rows with more filled cells than columns, or, in a text, with fewer cells."""
     if {len(record.cells) for record in records} <= {width}:
         return
     unit = "row" if is_sheet_row else "line"
+    mistakes: list[Mistake] = []
+    further = 0
     for record in records:
         cells = record.cells
+        filled = count_cells(cells)
         is_short = len(cells) < width and not is_sheet_row
-        if count_cells(cells) > width or is_short:
-            shown = shorten_value(",".join(cells)[:_MOST_SHOWN])
-            raise raises(
-                f"a row must have {width} cells as the header, got "
-                f"{max(count_cells(cells), min(len(cells), width))}: {shown} "
-                f"[{place}, {unit} {record.line}]"
-            )
+        if filled <= width and not is_short:
+            continue
+        if len(mistakes) == _MOST_ROWS_NAMED:
+            further += 1
+            continue
+        shown = shorten_value(",".join(cells)[:_MOST_SHOWN])
+        count = max(filled, min(len(cells), width))
+        rule = f"a row must have {width} cells as the header, got {count}: {shown}"
+        mistakes.append((f"{unit} {record.line}", rule))
+    if further:
+        mistakes.append(("", f"{further} further rows have another number of cells"))
+    if mistakes:
+        raise raises(format_mistakes(mistakes, place))
 
 
 def _cut_rows(records: list[Record], width: int) -> bool:
