@@ -18,7 +18,6 @@ from stepblocks.rig.effects.grammar.slots import (
 from stepblocks.rig.state import Floats
 
 _LEVELS = ("second", "third", "fourth", "fifth")
-_WAYS_TO_JUMP = tuple(slot for slot in MAIN_SLOTS if slot != "radius")
 
 
 def list_jumps(slot: str, covariate: CovariateRange) -> list[Law]:
@@ -31,7 +30,7 @@ def list_jumps(slot: str, covariate: CovariateRange) -> list[Law]:
     if slot in JUMPING_SLOTS and is_run:
         levels = [_make_levels(slot, covariate, count) for count in range(3, len(_LEVELS) + 2)]
         return [_make_jump(slot, covariate), *levels]
-    if slot in _WAYS_TO_JUMP:
+    if slot in MAIN_SLOTS:
         return [_make_jump(slot, covariate)]
     return []
 
