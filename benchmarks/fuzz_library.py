@@ -434,6 +434,7 @@ def make_file_calls(work: Path) -> dict[str, Words]:
         "read_model": ((work / "model.json",), {}),
         "offer_laws": ((work / "laws.py",), {}),
         "predict_trials": ((trials, work / "model.json"), {}),
+        "check_session": ((session,), {}),
         "measure_session": ((session,), {"jobs": 1}),
         "loop_session": ((session,), {"features": features, "jobs": 1}),
         "loop_sessions": (([session], "loop"), {"jobs": 1}),

@@ -21,8 +21,8 @@ Everything that a command does is also a function. The public names, in the orde
 - render: `export_scenes`, `write_feel_page`, `compare_record`, `Renderer`;
 - measure: `read_scan`, `ScannedProfile`, `HeightMap`, `list_channels`, `inspect_scan`,
   `inspect_standard`, `inspect_many`, `EvaluationOptions`, `Instrument`, `read_laboratory`,
-  `write_inspection`, `write_many`, `read_as_built`, `measure_session`, `simulate_session`,
-  `simulate_sessions`, `Rehearsals`;
+  `write_inspection`, `write_many`, `read_as_built`, `check_session`, `measure_session`,
+  `simulate_session`, `simulate_sessions`, `Rehearsals`;
 - explain: `loop_session`, `loop_sessions`, `read_model`, `offer_laws`; a model of your own:
   `explain` with its `Trials` and each `Law` with its `Parameter`;
 - experiments: `design_study`, `write_sheets`, `open_run`, `simulate_study`, `analyse_study`,

@@ -52,6 +52,7 @@ from .lawsearch.explain import explain as explain
 from .lawsearch.forward_model import Trials as Trials
 from .lawsearch.law import Law as Law, Parameter as Parameter
 from .loop.run import loop_session as loop_session
+from .loop.session_check import check_session as check_session
 from .loop.several import loop_sessions as loop_sessions
 from .parts.kinds.crown_on_tooth import CrownOnTooth as CrownOnTooth
 from .parts.kinds.margin import MarginBlock as MarginBlock

@@ -10,7 +10,8 @@ from oracles.features_file import features_of
 from stepblocks.lawsearch.explain import explain
 from stepblocks.lawsearch.findings import Rules, Verdict
 from stepblocks.loop.bench_model import list_candidates, list_covariate_ranges
-from stepblocks.loop.calibration_check import Declared, check_calibration, weigh_calibration
+from stepblocks.loop.calibration_check import check_calibration, weigh_calibration
+from stepblocks.loop.declared_checks import Declared
 from stepblocks.loop.session_table import build_session_table
 from stepblocks.rig.forward import format_height_name
 

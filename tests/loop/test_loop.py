@@ -26,7 +26,8 @@ from stepblocks.lawsearch.explain import explain
 from stepblocks.lawsearch.findings import Rules, Verdict
 from stepblocks.lawsearch.identifiability import compare_directions
 from stepblocks.loop.bench_model import SessionModel, list_candidates, list_covariate_ranges
-from stepblocks.loop.experiment import NextBlock, NextExperiment, format_block_stimulus
+from stepblocks.loop.experiment import NextExperiment, format_block_stimulus
+from stepblocks.loop.next_block import NextBlock
 from stepblocks.loop.run import loop_session, write_loop
 from stepblocks.loop.session_table import build_session_table
 from stepblocks.predict.learned import predict_trials

@@ -11,6 +11,7 @@ from stepblocks.files.figures import make_figure
 from stepblocks.files.pages import _format_cell
 from stepblocks.lawsearch.discrimination import RankedSetting
 from stepblocks.loop import page
+from stepblocks.loop.apart_trial import ApartTrial
 from stepblocks.loop.channels import CHANNELS_IN_WORDS
 from stepblocks.loop.page import (
     Abscissa,
@@ -20,7 +21,7 @@ from stepblocks.loop.page import (
     find_abscissa,
     render_loop_page,
 )
-from stepblocks.loop.record import ApartTrial, Estimate
+from stepblocks.loop.record import Estimate
 
 
 @pytest.fixture(scope="module")

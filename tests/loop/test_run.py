@@ -22,7 +22,7 @@ from stepblocks.contact.operating_point import PAPER, OperatingPoint, Tool
 from stepblocks.errors import PipelineError
 from stepblocks.lawsearch.findings import Rules, Verdict
 from stepblocks.loop import run
-from stepblocks.loop.record import ApartTrial
+from stepblocks.loop.apart_trial import ApartTrial
 from stepblocks.loop.run import analyse_features, loop_session
 from stepblocks.predict.learned import predict_trials
 from stepblocks.records.model import build_model_document

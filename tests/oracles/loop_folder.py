@@ -32,6 +32,20 @@ RESULT = {
     "nominal": {"error": {"ln_energy_rms": math.log(1.26), "ln_peak_force_rms": None}},
     "extended": {"error": {"ln_energy_rms": math.log(1.08), "ln_peak_force_rms": 0.02}},
     "apart": [{"trial": "3", "chance": 0.98, "looks_like": "let go early"}],
+    "effects": [{"variant": "smooth_friction_run_order", "covariate": "run_order"}],
+    "next_experiment": {
+        "separates": ["smooth_friction_run_order", "nothing"],
+        "calibration": ["wipe the tip before each trial"],
+        "criterion": "odds",
+        "trials": [
+            {"height_um": 20.0, "load_n": 0.5, "speed_mm_s": 5.0, "expected_gain": 3.25},
+            {"height_um": 50.0, "load_n": 0.5, "speed_mm_s": 5.0, "expected_gain": 1.5},
+        ],
+        "repeats": 4,
+        "width_after": {},
+        "channel": "ln_peak_force",
+        "block": {"name": "step-035", "height": "35 um", "tip": "125 um", "friction": "0.150"},
+    },
     "notes": [],
 }
 

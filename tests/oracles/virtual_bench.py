@@ -62,6 +62,9 @@ class Bench:
     restitution: float = 0.2  # of a landing
     conversion: float | None = None  # None: the release is integrated
     sympathetic: float = 0.25  # normal ring per tangential one, where `conversion` is given
+    # half cosine along which what does not ring falls, where `conversion` is given [s]; without it
+    # that dies away within 0.4 ms
+    fall_time: float | None = None
     tangential_zero: float = 0.0  # what the gauge shows unloaded [N]
     normal_zero: float = 0.0  # [N]
     tangential_gain: float = 1.0  # shown over true
@@ -339,7 +342,11 @@ def _ring_freely(
         swing -= (has - energy) / (bench.stiffness * swing)
     ring = _free_ring(tool, about, swing, dt, fx.size - at)
     since = dt * np.arange(ring.size)
-    fx[at:] = level + ring + (truth["peak_n"] - level - ring[0]) * np.exp(-since / 0.4e-3)
+    if bench.fall_time is None:
+        left = np.exp(-since / 0.4e-3)
+    else:
+        left = 0.5 + 0.5 * np.cos(np.pi * np.minimum(since / bench.fall_time, 1.0))
+    fx[at:] = level + ring + (truth["peak_n"] - level - ring[0]) * left
     fy[at:] = truth["load_n"] + bench.sympathetic * np.roll(
         ring, round(RATE * _FINE / bench.frequency / 8.0)
     )

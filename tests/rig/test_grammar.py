@@ -251,6 +251,34 @@ def test_each_shape_is_its_formula(composed):
     )
 
 
+def test_a_jump_between_two_readings_leaves_both_at_their_levels():
+    # 25 trials and 1,000 alike: the change is as wide as readings are apart
+    for trials in (25, 1000):
+        run = np.arange(1.0, trials + 1.0)
+        covariate = CovariateRange("run_order", 1.0, float(trials), distinct=trials)
+        law = {law.id: law for law in list_composed_laws((covariate,))}["step_zero_run_order"]
+        shown = size(law, run, step=0.7, at_trial=10.5)
+        assert shown.tolist() == [0.0] * 10 + [0.7] * (trials - 10)
+
+
+def test_over_a_decade_a_line_stands_beside_the_power():
+    speed = np.array([2.0, 6.5, 11.0, 20.0])
+    wide = CovariateRange("speed_mm_s", 2.0, 20.0, True, (), 4)
+    pair = CovariateRange("operator * speed_mm_s", pair=(_LABELS, wide))
+    laws = {law.id: law for law in list_composed_laws((wide, pair))}
+    line = laws["trend_stiffness_speed_mm_s~line"]
+    assert line.shape == "line"
+    assert size(line, speed, slope=0.1) == pytest.approx([-0.1, -0.05, 0.0, 0.1])
+    power = laws["trend_stiffness_speed_mm_s"]
+    assert power.shape == "power"
+    expected = 0.1 * np.log(speed / np.sqrt(40.0)) / np.log(np.sqrt(10.0))
+    assert size(power, speed, slope=0.1) == pytest.approx(expected)
+    of_labels = laws["trend_stiffness_operator * speed_mm_s~line"]
+    column = np.array([["A", "2"], ["A", "11"], ["B", "20"]])
+    values = {f"slope[{label}]": 0.1 for label in "ABC"} | {"level[B]": 0.0, "level[C]": 0.0}
+    assert of_labels.apply.size(column, values) == pytest.approx([-0.1, 0.0, 0.1])
+
+
 def test_a_number_acts_under_each_label_by_itself(composed):
     law = composed["trend_seen_load_operator * load_n"]
     column = np.array([["A", "0.4"], ["A", "1.6"], ["B", "1.6"], ["C", "1.0"]])

@@ -1,8 +1,11 @@
 """A session is put together without harm: its archive stays in its folder, its file the user's."""
 
 import asyncio
+import hashlib
 import io
+import tomllib
 import zipfile
+from dataclasses import replace
 
 import pytest
 
@@ -13,7 +16,11 @@ from nicegui.elements.upload_files import SmallFileUpload
 from nicegui.testing.user_simulation import user_simulation
 
 from stepblocks.errors import BenchError, PipelineError
+from stepblocks.loop.declared_checks import CalibrationCheck, Declared, RateCheck, SessionCheck
+from stepblocks.loop.record import convert_to_plain, format_document
+from stepblocks.window import texts
 from stepblocks.window.bench_page import BenchForm
+from stepblocks.window.declaration_check import list_rows, read_check
 from stepblocks.window.folder import Folder
 from stepblocks.window.jobs import JobList
 from stepblocks.window.session_files import SETTINGS, SessionDraft, unpack_session
@@ -116,6 +123,29 @@ def test_settings_are_changed_where_they_stand_and_comments_stay(tmp_path):
         other.save()
 
 
+def test_a_unit_and_a_factor_make_a_column_a_table_and_a_number_stays_a_number(tmp_path):
+    path = tmp_path / "session.toml"
+    path.write_text(DECLARED)
+    draft = SessionDraft(tmp_path)
+    draft.write_setting(BY_NAME["acquisition.channels.tangential.unit"], "mN")
+    draft.write_setting(BY_NAME["acquisition.channels.tangential.factor"], "-1")
+    draft.write_setting(BY_NAME["acquisition.channels.normal.factor"], "2.35 N/V")
+    draft.save()
+    channels = tomllib.loads(path.read_text())["acquisition"]["channels"]
+    assert channels["tangential"] == {"column": "fx_n", "unit": "mN", "factor": -1.0}
+    assert channels["normal"] == {"column": "fy_n", "factor": "2.35 N/V"}
+    assert path.read_text().startswith("# of the second bench")
+    again = SessionDraft(tmp_path)
+    assert again.read_setting(BY_NAME["acquisition.channels.tangential"]) == "fx_n"
+    again.write_setting(BY_NAME["acquisition.channels.tangential"], "fz_n")
+    again.write_setting(BY_NAME["acquisition.channels.tangential.unit"], "")
+    again.save()
+    channels = tomllib.loads(path.read_text())["acquisition"]["channels"]
+    assert channels["tangential"] == {"column": "fz_n", "factor": -1.0}
+    with pytest.raises(BenchError, match="time must have a column before it has a unit"):
+        again.write_setting(BY_NAME["acquisition.channels.time.unit"], "ms")
+
+
 def test_a_session_without_a_file_begins_with_what_is_said(tmp_path):
     draft = SessionDraft(tmp_path)
     draft.write_setting(BY_NAME["acquisition.channels.normal"], 'f"y')
@@ -142,6 +172,62 @@ def test_the_columns_with_numbers_of_the_first_trace_are_offered(tmp_path):
     picture = draw_trace(trace)
     assert picture.columns == ("t_s", "fx_n", "fy_n")
     assert picture.image.startswith("data:image/png;base64,iVBOR")
+
+
+CHECK = SessionCheck(
+    looked_at=16,
+    measured=15,
+    reason="gap: 3 ms without samples",
+    spring_constant=9810.0,
+    spring=CalibrationCheck(Declared.SPRING, 0.501, 0.49, 0.512, contradicts=True, slip=0.5),
+    load=CalibrationCheck(Declared.LOAD, 1.0, 0.99, 1.01, contradicts=False),
+    rate=RateCheck(5000.0, 2.0, 2.0, 2.0, contradicts=True),
+    ring_frequency=150.0,
+    rings_as_usual=False,
+    slip="the ramps show a spring of 4.92 N/mm",
+    digest="0",
+)
+
+
+def test_what_the_traces_say_of_the_declaration_is_shown_with_intervals_and_likely_slips():
+    spring, load, rate, ring = list_rows(CHECK)
+    assert (spring.declared, spring.shown) == ("9.81 N/mm", "4.915 (4.807 to 5.023) N/mm")
+    assert spring.ratio == "0.501 (0.490 to 0.512)"
+    assert spring.verdict == "contradicted: about 1/2 of it"
+    assert load.verdict == "agrees"
+    assert (rate.shown, rate.verdict) == ("10000 Hz", "contradicted: about 2 times as much")
+    assert ring.shown == "150 Hz"
+
+
+def test_a_check_reads_back_as_it_was_written_and_a_damaged_one_is_one_line(tmp_path):
+    path = tmp_path / "check.json"
+    path.write_text(format_document({"schema": 1, **convert_to_plain(CHECK)}))
+    assert read_check(path) == CHECK
+    for text in ("", "[]", '{"spring": 1}'):
+        path.write_text(text)
+        with pytest.raises(PipelineError, match="check of a session must be"):
+            read_check(path)
+
+
+async def open_checked(folder):
+    """Open a session that was checked before; return what the page says."""
+    async with user_simulation(root=Window(folder).build) as user:
+        await user.open("/bench?session=b1")
+        await user.should_see(marker="check", retries=100)
+        return [label.text for label in user.find(kind=ui.label).elements]
+
+
+def test_a_check_of_another_declaration_is_said_to_be_old(tmp_path):
+    unpack_session(pack(FILES), tmp_path / "b1")
+    (tmp_path / "out").mkdir()
+    digest = hashlib.sha256((tmp_path / "b1" / "session.toml").read_bytes()).hexdigest()
+    for written, is_old in ((digest, False), ("0", True)):
+        document = {"schema": 1, **convert_to_plain(replace(CHECK, digest=written))}
+        (tmp_path / "out" / "b1-check.json").write_text(format_document(document))
+        shown = asyncio.run(open_checked(tmp_path))
+        assert "stepblocks measure b1 --check out/b1-check.json" in shown
+        assert "the ramps show a spring of 4.92 N/mm" in shown
+        assert (texts.CHECK_IS_OLD in shown) is is_old
 
 
 async def drop_and_save(folder):

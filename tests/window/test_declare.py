@@ -2,6 +2,7 @@
 
 import asyncio
 import io
+import time
 import tomllib
 from pathlib import Path
 
@@ -16,11 +17,12 @@ from nicegui.testing.user_simulation import user_simulation
 from stepblocks.declaration.read import load_set
 from stepblocks.declaration.set import list_kinds
 from stepblocks.errors import PipelineError, StimulusError
+from stepblocks.predict.kept import KeptPredictions
 from stepblocks.predict.run import predict_set
 from stepblocks.window.draft import Draft, StanzaPlace, find_field, list_fields
 from stepblocks.window.felt import draw_profile, predict_felt
 from stepblocks.window.part_view import make_in_worker
-from stepblocks.window.size_slider import read_range
+from stepblocks.window.size_slider import list_sizes, read_range
 from stepblocks.window.window import Window
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -226,10 +228,33 @@ def test_a_name_outside_the_folder_is_not_opened(name, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "entry", ["", "25 kg", "-5 um", "0 um", '{ values = ["25 um"] }', "1.2.3 um"]
+    "entry", ["", "25 kg", "-5 um", "0 um", '{ values = ["25 kg"] }', "1.2.3 um", "{", "[1]", "7"]
 )
-def test_what_is_no_plain_length_has_no_slider(entry):
-    assert read_range(entry) is None
+def test_what_holds_no_length_has_no_slider(entry):
+    assert list_sizes(entry) == []
+
+
+@pytest.mark.parametrize(
+    ("entry", "name", "changed"),
+    [
+        ("25 um", "", "30 um"),
+        ('{nominal = "25 um", tolerance = "1 um"}', "nominal", '"30 um", tolerance = "1 um"}'),
+        ('{values = ["20 um", "25 um"], source = "a"}', "values 2", '["20 um", "30 um"], source'),
+        ('{from = "10 um", to = "25 um", step = "5 um"}', "to", 'to = "30 um", step = "5 um"}'),
+    ],
+)
+def test_a_slider_changes_one_size_of_an_entry_and_leaves_the_rest_as_typed(entry, name, changed):
+    (size,) = [size for size in list_sizes(entry) if size.name == name]
+    assert size.range.value == 25.0
+    assert changed in size.write(entry, 30.0)
+    assert len(size.write(entry, 30.0)) == len(entry)
+    assert size.write("40 mm", 30.0) == ("30 um" if name == "" else "40 mm")
+
+
+def test_an_end_of_a_series_moves_by_whole_distances_of_its_sizes():
+    low, high = list_sizes('{from = "10 um", to = "100 um", step = "10 um"}')
+    assert (low.range.low, low.range.high, low.range.step) == (10.0, 20.0, 10.0)
+    assert (high.range.low, high.range.high, high.range.step) == (20.0, 200.0, 10.0)
 
 
 def test_a_slider_goes_from_a_fifth_to_the_double_in_the_unit_that_was_typed():
@@ -264,6 +289,43 @@ def test_what_is_felt_follows_a_slider_by_the_formula_and_the_drag_and_nothing_i
     path.write_text(WRITTEN.replace("25 um", "30 um"))
     (expected,) = predict_felt(load_set(path), dragged=True)
     assert row == vars(expected)
+
+
+def test_a_set_of_which_one_part_is_changed_is_felt_as_if_it_were_new():
+    """What is kept of the parts that stay is what would be predicted of them again."""
+    kept = {False: KeptPredictions(), True: KeptPredictions()}
+    draft = Draft(ROOT / "stimuli" / "paper-four.toml")
+    for entry in ('{values = ["25 um", "50 um"]}', '{values = ["25 um", "60 um"]}', "40 um"):
+        draft.write_field(BLOCK, ("height",), entry)
+        stimuli = draft.check().stimuli
+        for dragged in (False, True):
+            felt = predict_felt(stimuli, dragged=dragged, kept=kept[dragged])
+            assert felt == predict_felt(stimuli, dragged=dragged)
+
+
+@pytest.mark.parametrize("name", ["paper-ten", "crown-margins", "sheaths"])
+def test_one_size_is_followed_within_a_tenth_of_a_second_and_a_second_by_the_drag(name):
+    """By processor time, which another program of the machine does not lengthen."""
+    draft = Draft(ROOT / "stimuli" / f"{name}.toml")
+    place = next(iter(draft.list_stanzas()))
+    fields = [field for field in list_fields(place.kind) if field.is_required]
+    entries = {field.path: draft.read_field(place, field.path) for field in fields}
+    path, size = next(
+        (path, size) for path, entry in entries.items() for size in list_sizes(entry)[-1:]
+    )
+    kept = {False: KeptPredictions(), True: KeptPredictions()}
+    spent = {False: [], True: []}
+    for number in range(4):
+        value = size.range.value + number * size.range.step
+        draft.write_field(place, path, size.write(draft.read_field(place, path), value))
+        begun = time.process_time()
+        stimuli = draft.check().stimuli
+        for dragged in (False, True):
+            predict_felt(stimuli, dragged=dragged, kept=kept[dragged])
+            spent[dragged].append(time.process_time() - begun)
+    # the first of all loads what it needs
+    assert min(spent[False][1:]) < 0.1
+    assert min(spent[True][1:]) < 1.0
 
 
 @pytest.mark.long

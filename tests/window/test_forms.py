@@ -17,6 +17,7 @@ import stepblocks
 from stepblocks.cli import main, make_command
 from stepblocks.errors import PipelineError
 from stepblocks.window.set_page import make_set_design
+from stepblocks.window.set_request import AxisMark, SetMarks
 from stepblocks.window.study_page import (
     make_analysis,
     make_design,
@@ -24,6 +25,7 @@ from stepblocks.window.study_page import (
     make_sheets,
     make_simulation,
 )
+from stepblocks.window.target_axis import TargetAxis, list_round_energies
 from stepblocks.window.window import Window
 
 DECLARED = '[[step_block]]\nid = "low"\nheight = "25 um"\n'
@@ -156,3 +158,61 @@ def test_the_page_of_a_set_begins_with_eight_blocks_one_jnd_apart(tmp_path):
         "stepblocks design-set even.toml '--lowest=2 uJ' --number=8 '--apart=1 JND' "
         "--plot=out/even.png"
     ) in shown
+
+
+async def move_targets(folder):
+    """Move the first target of a set by keys and by a hand; return what the page says then."""
+    async with user_simulation(root=Window(folder).build) as user:
+        await user.open("/set")
+        await user.should_see(marker="target-7", retries=200)
+        user.find(marker="target-0").trigger("keydown", "PageUp")
+        await user.should_see("--targets=2.83 uJ", retries=50)
+        user.find(marker="axis").trigger("pointerdown", 1)
+        user.find(marker="axis").trigger("pointermove", 1.0)
+        user.find(marker="axis").trigger("pointerup", {})
+        user.find(marker="target-3").trigger("keydown", "Delete")
+        await user.should_see("As the command designs it.", retries=200)
+        (blocks,) = user.find(marker="blocks").elements
+        sizes = [block.text for block in blocks.descendants() if isinstance(block, ui.label)]
+        shown = [label.text for label in user.find(kind=ui.label).elements]
+        return next(text for text in shown if text.startswith("stepblocks design-set")), sizes
+
+
+def test_targets_are_moved_by_keys_and_hand_and_the_command_designs_the_blocks_that_are_shown(
+    tmp_path, monkeypatch, capsys
+):
+    line, sizes = asyncio.run(move_targets(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    words = [word for word in shlex.split(line)[1:] if not word.startswith("--plot")]
+    assert len([word for word in words if word.startswith("--targets=")]) == 7
+    assert not any(word.startswith(("--lowest", "--number", "--apart")) for word in words)
+    assert main(words) == 0
+    declared = stepblocks.load_set("even.toml").stimuli
+    made = [f"{1e6 * part.height.nominal:.3g} µm" for part in declared]
+    assert sizes == made
+
+
+@pytest.mark.parametrize(
+    "event", [("pointerdown", 99), ("pointermove", "x"), ("pointermove", None), ("keydown", "a")]
+)
+def test_an_event_that_no_page_sends_moves_nothing(event, tmp_path):
+    axis_marks = SetMarks((AxisMark(2e-6, "2 uJ"), AxisMark(4e-6, "4 uJ")), ())
+    told = []
+
+    async def send():
+        async with user_simulation(root=lambda: build(told)) as user:
+            await user.open("/")
+            marker = "target-0" if event[0] == "keydown" else "axis"
+            user.find(marker=marker).trigger(*event)
+
+    def build(told):
+        axis = TargetAxis(told.append, lambda: None)
+        axis.show(axis_marks)
+
+    asyncio.run(send())
+    assert told == []
+
+
+def test_the_axis_is_marked_at_round_energies():
+    found = [1e6 * energy for energy in list_round_energies(0.9e-6, 21e-6)]
+    assert found == pytest.approx([1.0, 2.0, 5.0, 10.0, 20.0])

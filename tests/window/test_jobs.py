@@ -1,6 +1,7 @@
 """What is clicked gives the files that the shown command gives, and what it would say."""
 
 import asyncio
+import json
 import os
 import shlex
 import signal
@@ -22,6 +23,10 @@ from stepblocks.errors import PipelineError
 from stepblocks.window.command_line import ShownCommand
 from stepblocks.window.jobs import JobList, JobState
 from stepblocks.window.window import Window
+
+needs_state = pytest.mark.skipif(
+    not sys.platform.startswith("linux"), reason="its place of state is named by another variable"
+)
 
 
 @pytest.fixture
@@ -220,19 +225,70 @@ async def look_at_lost(folder, record):
         return job
 
 
-def test_a_job_that_ended_with_its_window_is_shown_and_run_again(tmp_path, monkeypatch):
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temp"))
-    (tmp_path / "temp").mkdir()
+@needs_state
+def test_a_job_that_ended_with_its_window_is_shown_and_run_again(tmp_path, state):
     (tmp_path / "lab").mkdir()
     before = JobList(tmp_path / "lab")
     run(before, "new", "block", "mine.toml")
-    (record,) = (tmp_path / "temp").rglob("1.json")
+    (record,) = state.rglob("1.json")
     for damaged in ("2.json", "3.json"):
         record.with_name(damaged).write_text("{" if damaged == "2.json" else "[]")
     record.with_suffix(".steps").unlink()  # as of a process that was killed
-    before._locks.close()
+    before._notes._locks.close()
     (tmp_path / "lab" / "mine.toml").unlink()
     job = asyncio.run(look_at_lost(tmp_path / "lab", record))
     assert job.state is JobState.LOST
     assert (tmp_path / "lab" / "mine.toml").is_file()
-    assert list((tmp_path / "temp").iterdir()) == []
+    assert list((state / "stepblocks" / "window").iterdir()) == []
+
+
+@needs_state
+def test_notes_of_jobs_lie_in_the_state_of_the_user_and_never_in_the_folder(tmp_path, state):
+    """Temporary files go when the system starts anew; the state of a user stays."""
+    (tmp_path / "lab").mkdir()
+    before = JobList(tmp_path / "lab")
+    run(before, "help", "predict")
+    assert list((tmp_path / "lab").iterdir()) == []
+    (place,) = (state / "stepblocks" / "window").iterdir()
+    assert place.stat().st_mode & 0o777 == 0o700
+    before._notes._locks.close()
+    # as after a new start of the system: its process is another one, or none
+    record = json.loads((place / "1.json").read_text())
+    (place / "1.json").write_text(json.dumps(record | {"begun": 1.0}))
+    after = JobList(tmp_path / "lab")
+    after.find_again()
+    (job,) = after.latest_first
+    assert job.state is JobState.DONE
+    assert "predict" in job.output
+    after.close()
+    assert list((state / "stepblocks" / "window").iterdir()) == []
+
+
+@needs_state
+def test_notes_of_a_folder_that_nobody_opened_for_a_quarter_are_forgotten(tmp_path, state):
+    for name in ("old", "new", "mine"):
+        (tmp_path / name).mkdir()
+        jobs = JobList(tmp_path / name)
+        run(jobs, "help", "predict")
+        jobs._notes._locks.close()
+        if name == "old":
+            (place,) = (state / "stepblocks" / "window").iterdir()
+            os.utime(place, (0.0, 0.0))
+    mine = JobList(tmp_path / "mine")
+    mine.find_again()
+    assert len(mine.latest_first) == 1
+    mine.close()
+    assert len(list((state / "stepblocks" / "window").iterdir())) == 1
+
+
+@pytest.mark.skipif(os.name == "nt", reason="modes of another kind")
+def test_without_a_place_for_state_the_notes_lie_among_temporary_files(tmp_path, monkeypatch):
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "file"))
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temp"))
+    (tmp_path / "temp").mkdir()
+    (tmp_path / "lab").mkdir()
+    jobs = JobList(tmp_path / "lab")
+    assert run(jobs, "help", "predict").state is JobState.DONE
+    assert len(list((tmp_path / "temp").iterdir())) == 1
+    jobs.close()

@@ -18,10 +18,20 @@ from stepblocks.cli import make_command
 from stepblocks.declaration.read import load_set
 from stepblocks.errors import PipelineError
 from stepblocks.predict.learned import predict_trials
-from stepblocks.window.agreement import Figure, list_agreements, read_finding
+from stepblocks.window.agreement import (
+    AskedExperiment,
+    Figure,
+    FoundEffect,
+    HeldOutErrors,
+    LoopFinding,
+    ModelPart,
+    list_agreements,
+    read_finding,
+)
 from stepblocks.window.felt import predict_felt
 from stepblocks.window.folder import Folder
 from stepblocks.window.loop_view import make_drawing, make_prediction
+from stepblocks.window.next_view import describe_reasons
 from stepblocks.window.window import Window
 
 
@@ -72,6 +82,7 @@ async def open_loop(folder):
         await user.should_see(marker="agreement", retries=200)
         shown = [label.text for label in user.find(kind=ui.label).elements]
         (errors,) = user.find(marker="errors").elements
+        (settings,) = user.find(marker="settings").elements
         (chart,) = user.find(marker="agreement").elements
         options = json.loads(json.dumps(chart.options))
         point = {"componentType": "series", "seriesType": "scatter", "seriesIndex": 1}
@@ -80,11 +91,18 @@ async def open_loop(folder):
         await user.should_see(marker="trace", retries=300)
         await user.should_see("--trials=4")
         (trace,) = user.find(marker="trace").elements
-        return shown, errors.rows, options, trace.props["src"]
+        return shown, errors.rows, settings.rows, options, trace.props["src"]
 
 
 def test_the_page_shows_the_finding_its_errors_and_a_click_on_a_point_its_trace(lab):
-    shown, errors, options, trace = asyncio.run(open_loop(lab))
+    shown, errors, settings, options, trace = asyncio.run(open_loop(lab))
+    assert (
+        "It would confirm a change of friction over the order of the run, mainly by the peak force."
+    ) in shown
+    assert "Wipe the tip before each trial." in shown
+    assert any("35 µm high: out/b1-loop/next-block.toml" in text for text in shown)
+    assert any(text.startswith("4 trials at the first setting") for text in shown)
+    assert [row["height_um"] for row in settings] == ["20", "50"]
     assert "Friction runs in (effect)" in shown
     assert "Held apart: 3 (let go early)" in shown
     assert [(row["energy"], row["force"]) for row in errors] == [("26", "-"), ("8", "2")]
@@ -95,6 +113,22 @@ def test_the_page_shows_the_finding_its_errors_and_a_click_on_a_point_its_trace(
     assert after["data"][0]["value"] == [1, MEASURED_OVER_PREDICTED]
     assert trace.startswith("data:image/png;base64,iVBOR")
     assert any(text.startswith("stepblocks predict bench/b1 --model") for text in shown)
+
+
+@pytest.mark.parametrize(
+    ("asked", "reason"),
+    [
+        (AskedExperiment(("the tips differ", "the days differ")), "The tips differ."),
+        (AskedExperiment(("hook", "edge"), channel="ln_energy"), "It would tell hook from edge"),
+    ],
+)
+def test_a_reason_of_an_experiment_is_what_it_tells_apart_or_what_is_open(asked, reason):
+    effects = (FoundEffect("hook", "none"), FoundEffect("edge", "block"))
+    errors = ModelPart(HeldOutErrors(None, None))
+    finding = LoopFinding("", "", errors, errors, (), effects)
+    reasons = describe_reasons(finding, asked)
+    assert reasons[0].startswith(reason)
+    assert len(reasons) == (1 if asked.channel else 2)
 
 
 def test_a_model_predicts_on_the_page_to_declare_what_it_predicts_of_a_trial(lab, tmp_path):

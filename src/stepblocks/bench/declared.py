@@ -28,7 +28,7 @@ _TRIED = 4  # trials in which each likely slip is tried
 _CLEARLY = 0.5  # share of the misfit that a gain must leave to be named instead of the spring
 _UNIT_DECADES = 2.0  # powers of ten from which on a wrong spring is a matter of units
 # [Hz] in which the tools of the paper ring
-_USUAL_RING = (250.0, 350.0)
+USUAL_RING = (250.0, 350.0)
 _STEEPEST = 1.5  # angle up to which equation (1) is evaluated [rad]
 _LEAST_FORCE = 1e-9  # below which no logarithm is taken [N]
 
@@ -230,7 +230,7 @@ def _describe_ring_by_right_rate(measured: Sequence[Pilot], rate: float) -> str:
     if not known.size:
         return ""
     shown = float(np.median(known))
-    lowest, highest = _USUAL_RING
+    lowest, highest = USUAL_RING
     if lowest <= shown <= highest or not lowest <= shown / rate <= highest:
         return ""
     return (

@@ -209,12 +209,40 @@ def estimate_tool(traces: Traces, table: TrialTable) -> Tool | None:
     BenchError
         If the same trials show that the session is not what session.toml declares.
     """
+    results = measure_pilots(traces, table)
+    warn_of_notes(traces.notes, traces.session.acquisition.traces)
+    check_pilots(traces, results)
+    return average_tool(result.features for result in results if result.fault is None)
+
+
+def measure_pilots(
+    traces: Traces, table: TrialTable, progress: Progress | None = None
+) -> list[TrialResult]:
+    """Measure some trials spread over the session, which tell of it as a whole.
+
+    `progress` is called after each with the numbers of trials that are done and of all.
+    """
     # which trials depends on their number alone, so that every run and any number of workers
     # measure alike
     stride = max(table.count // _PILOTS, 1)
     trials = islice(table, 0, _PILOTS * stride, stride)
-    results = [measure_trial(traces, trial) for trial in trials]
-    warn_of_notes(traces.notes, traces.session.acquisition.traces)
+    total = min(_PILOTS, table.count)
+    results = []
+    for done, trial in enumerate(trials, start=1):
+        results.append(measure_trial(traces, trial))
+        if progress is not None:
+            progress(done, total)
+    return results
+
+
+def check_pilots(traces: Traces, results: list[TrialResult]) -> None:
+    """Hold some measured trials against session.toml.
+
+    Raises
+    ------
+    BenchError
+        If they show that the session is not what session.toml declares.
+    """
     _check_rates(traces, results)
     pilots = []
     for result in results:
@@ -224,7 +252,6 @@ def estimate_tool(traces: Traces, table: TrialTable) -> Tool | None:
                 features = result.features
             pilots.append(Pilot(result.trial, features))
     check_declarations(traces, pilots)
-    return average_tool(result.features for result in results if result.fault is None)
 
 
 def _check_rates(traces: Traces, results: list[TrialResult]) -> None:

@@ -145,6 +145,15 @@ def measure(
             "beside the features",
         ),
     ] = None,
+    check: Annotated[
+        Path | None,
+        typer.Option(
+            "--check",
+            metavar="JSON",
+            help="only hold some trials against session.toml, and write what they show of spring, "
+            "load and sample rate",
+        ),
+    ] = None,
     layout: TableLayout = UNDECLARED,
     quiet: Quiet = False,
 ) -> Outcome:
@@ -155,6 +164,10 @@ def measure(
     """
     from stepblocks.bench.measure import check_output, write_features
 
+    if check is not None:
+        if plots is not None or whole_record is not None:
+            raise PipelineError("--check measures no more than some trials: leave the others out")
+        return _check_session(session, check, layout, quiet=quiet)
     if trials is not None and plots is None:
         raise PipelineError("--trials says which trials --plots draws: give --plots, too")
     if whole_record is not None:
@@ -196,6 +209,31 @@ def measure(
         record["whole_record"] = asdict(compared)
     return Outcome(
         f"{measured} of {summary.total} trials measured -> {output}", notes=notes, record=record
+    )
+
+
+def _check_session(session: Path, output: Path, layout: TableLayout, *, quiet: bool) -> Outcome:
+    """Hold some trials of a session against what it declares."""
+    from stepblocks.loop.record import convert_to_plain
+    from stepblocks.loop.session_check import check_session
+
+    progress = make_progress("trials held against session.toml", quiet=quiet)
+    found = check_session(session, output, layout=layout, progress=progress)
+    contradictions = found.contradictions
+    summary = f"{found.measured} of {found.looked_at} trials agree with session.toml"
+    code = 0
+    if contradictions:
+        summary = "session.toml is contradicted by its trials"
+        code = 1
+    elif found.spring is None:
+        summary = f"too few of {found.looked_at} trials could be measured to tell: {found.reason}"
+        code = 3
+    return Outcome(
+        f"{summary} -> {output}",
+        {"shown over declared, 95 %": found.rows},
+        notes=contradictions,
+        code=code,
+        record=convert_to_plain(found),
     )
 
 

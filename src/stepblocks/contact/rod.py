@@ -7,6 +7,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ from stepblocks.errors import ContactError
 # own; the loss is taken from the undamped shape, each part's loss factor weighted by its share of
 # the strain energy
 # cubic elements: frequency to 1e-7 of the closed form
+_MOST_KEPT = 256  # rings that are kept, of some milliseconds each: a set asks for one repeatedly
 _TIP = -2  # coordinate of the deflection of the tip
 _SHORTEST = 1e-9  # free lengths: a shorter piece is rounding
 _PER_LENGTH = 32  # of the free length
@@ -168,6 +170,7 @@ def compute_bush_stiffness(bore: float, outer: float, modulus: float, poisson: f
     return 8.0 * math.pi * shear * (1.0 - poisson) * kappa / giving
 
 
+@lru_cache(maxsize=_MOST_KEPT)
 def compute_rod_ring(rod: Rod, sheath: Sleeve | Hold | None = None) -> RodRing:
     """Predict the first mode of a rod with a sheath on its free part, or held through one.
 

@@ -1,14 +1,15 @@
 """Choice among candidates: full fits of those that score best, and the rivals of the best fit."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from stepblocks.lawsearch.directions import compute_tangent
 from stepblocks.lawsearch.fit import fit
-from stepblocks.lawsearch.gate import Gate, Score
+from stepblocks.lawsearch.forward_model import Floats
+from stepblocks.lawsearch.gate import Gate, Score, score_candidates
 from stepblocks.lawsearch.law import Law
 from stepblocks.lawsearch.objective import HopelessFitError, is_hopeless
 from stepblocks.lawsearch.problem import Fit, Problem
@@ -16,6 +17,10 @@ from stepblocks.lawsearch.problem import Fit, Problem
 _EVALUATIONS = 25  # of the model in the fit of a candidate, at most
 _FIRST_STEP = 8.0  # of an amplitude, at most, in units of its scale
 _PLACES_TRIED = 3  # of a sudden change, from which its fit begins
+# of the range, to either side of a fitted place, in which the readings are tried one by one
+_SEARCHED_SHARE = 0.1
+_PLACES_AT_ONCE = 16  # that are tried of those, evenly spread, before the next finer round
+_GAIN_BY_PLACE = 3.0  # by which the gain of a sudden change may grow where its places are sought
 _COST_DIGITS = 3  # to which costs are compared: last bits decide nothing
 _AT_BOUND = 0.01  # share of a parameter's range within which it counts as driven to its bound
 _CLOSE = 1.0  # of the criterion, within which the preferred of two named laws leads
@@ -92,9 +97,12 @@ def choose_candidate(
     """
     tried = list(known)
     by_gain = sorted(_select_scores(opened.scores, most), key=lambda score: -score.gain)
-    for score in by_gain:
-        # what gains far less to first order than another gained in full cannot lead
+    for coarse_score in by_gain:
         rival_cost = min([base.cost, *(fitted.cost for fitted in tried)])
+        score = coarse_score
+        if not is_hopeless(_GAIN_BY_PLACE * score.gain, base.cost - rival_cost):
+            score = _score_at_best_places(problem, base, score)
+        # what gains far less to first order than another gained in full cannot lead
         if is_hopeless(score.gain, base.cost - rival_cost):
             continue
         fitted = _fit_candidate(problem, base, score, rival_cost)
@@ -196,14 +204,90 @@ def _try_further_places(problem: Problem, found: Fit, effect: Law) -> Fit:
     starts, costs = [], []
     for shape in effect.shapes:
         start = found.values | {f"{effect.id}.{name}": place for name, place in shape.items()}
-        residual = problem.trials.values - problem.predict(found.effects, start)
         starts.append(start)
-        costs.append(np.sum(problem.noise.whiten(residual) ** 2))
+        costs.append(_compute_cost(problem, found, start))
     order = np.argsort(np.round(costs, _COST_DIGITS), kind="stable")
     fits = [found]
     for i in order[1:_PLACES_TRIED]:
         fits.append(fit(problem, found.effects, starts[i], _EVALUATIONS))
     return min(fits, key=lambda fitted: fitted.criterion)
+
+
+def _score_at_best_places(problem: Problem, base: Fit, score: Score) -> Score:
+    """Score a sudden change at the readings about the places at which it was scored.
+
+    Those places may lie many readings apart, and a fit sees no further than to the next reading.
+    Any other law keeps its score.
+    """
+    best = score
+    for name in score.effect.steps:
+        places = _list_places_nearby(problem, score.effect, best.shape, name)
+        best = _score_at_best_place(problem, base, best, name, places)
+    return best
+
+
+def _score_at_best_place(
+    problem: Problem, base: Fit, score: Score, name: str, places: Floats
+) -> Score:
+    """Score a sudden change at several places, from coarse to fine.
+
+    Parameters
+    ----------
+    problem : Problem
+    base : Fit
+    score : Score
+        Whose other places stay; it is the result where no place gains more.
+    name : str
+        Of the place.
+    places : array of shape (n,)
+        In order.
+    """
+    law = score.effect
+    best = score
+    stride = len(places)
+    while stride > 1:
+        stride = max(1, len(places) // _PLACES_AT_ONCE)
+        shapes = []
+        for place in places[::stride].tolist():
+            shapes.append({**score.shape, name: place})
+        scores = score_candidates(problem, base, [replace(law, shapes=tuple(shapes))], draws=0)
+        leading = scores.scores[:1]
+        if not leading or leading[0].gain <= best.gain:
+            return best
+        best = replace(leading[0], effect=law)
+        found = int(np.searchsorted(places, best.shape[name]))
+        places = places[max(found - stride, 0) : found + stride + 1]
+    return best
+
+
+def _list_places_nearby(
+    problem: Problem, law: Law, shape: Mapping[str, float], name: str
+) -> Floats:
+    """List the middles between neighbouring readings near one place of a sudden change.
+
+    They lie between the places before and after it. The shape is (n,), empty for labels.
+    """
+    column = problem.trials.covariates.get(law.covariate)
+    if column is None:
+        return np.empty(0)
+    numbers = problem.trials.numeric(law.covariate)
+    if numbers is None:
+        return np.empty(0)
+    readings = np.unique(numbers[np.isfinite(numbers)])
+    middles = 0.5 * (readings[1:] + readings[:-1])
+    is_near = np.abs(middles - shape[name]) <= _SEARCHED_SHARE * (readings[-1] - readings[0])
+    for step in law.steps:
+        if shape[step] < shape[name]:
+            is_near &= middles > shape[step]
+        elif shape[step] > shape[name]:
+            is_near &= middles < shape[step]
+    return np.asarray(middles[is_near])
+
+
+def _compute_cost(problem: Problem, found: Fit, values: Mapping[str, float]) -> float:
+    """Return the sum of squares of the whitened residuals of a fit at other values."""
+    residual = problem.trials.values - problem.predict(found.effects, values)
+    return float(np.sum(problem.noise.whiten(residual) ** 2))
 
 
 def select_likeliest(rivals: Sequence[Rival], always: Sequence[Rival]) -> tuple[Rival, ...]:

@@ -56,6 +56,7 @@ _SHARE_EXCHANGED, _REACH_EXCHANGED = 0.5, 4e-6
 _GROUPED = ("height_um", "load_n", "speed_mm_s", "run_order")
 _MOST_GROUPINGS, _MOST_GROUPS = 2, 4
 _WIDE_RANGE = 5.0  # ratio of the ends of a range from which it is divided by logarithms
+_CLOSE_SHARE = 0.1  # of neighbouring readings that may be closer than is stated of a range
 _FEW_SETTINGS = 20  # distinct values below which a range may be divided by logarithms
 _FEWEST_PEAKS, _LEAST_PEAK_RANGE = 11, 1.001  # from which laws may follow the peak force
 _TRIALS_PER_BLOCK = 6  # from which laws may differ by block
@@ -332,7 +333,8 @@ def _find_column_range(trials: Trials, name: str) -> CovariateRange | None:
         return CovariateRange(name, labels=tuple(map(str, labels)), distinct=distinct)
     low, high = float(numbers.min()), float(numbers.max())
     by_logarithm = low > 0.0 and high > _WIDE_RANGE * low and distinct < _FEW_SETTINGS
-    return CovariateRange(name, low, high, by_logarithm, (), distinct)
+    closest = float(np.quantile(np.diff(labels.astype(np.float64)), _CLOSE_SHARE))
+    return CovariateRange(name, low, high, by_logarithm, (), distinct, closest=closest)
 
 
 def _find_peak_force_range(trials: Trials) -> CovariateRange | None:

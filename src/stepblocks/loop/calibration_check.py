@@ -6,17 +6,18 @@ size enters the uncertainties that depend on it.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from enum import Enum
+from dataclasses import replace
 
 import numpy as np
 
 from stepblocks.lawsearch.findings import Explanation, Verdict
-from stepblocks.lawsearch.forward_model import Trials
+from stepblocks.lawsearch.forward_model import Floats, Trials
 from stepblocks.lawsearch.law import Law
 from stepblocks.lawsearch.objective import STEP
 from stepblocks.lawsearch.problem import Fit, Problem
 from stepblocks.loop.bench_model import COMMON_ERRORS, SessionModel
+from stepblocks.loop.declared_checks import CalibrationCheck, Declared, find_slip
+from stepblocks.loop.session_table import Known
 from stepblocks.records.model import WIDE
 from stepblocks.rig.effects.gauges import GAUGE_LAWS
 
@@ -24,101 +25,6 @@ _MAD_TO_STD = 1.4826  # ratio of standard and median absolute deviation of a nor
 _MEDIAN_LOSS = 1.2533  # ratio of the uncertainties of a median and of a mean, of normal errors
 _CONTRADICTION = 2.5758  # standard uncertainties, beyond which a declaration is contradicted, 99 %
 _LEAST_TRIALS = 6  # that must show a quantity
-_SLIPS = (2.0, 10.0, 100.0, 1000.0)  # factors by which people slip
-_NEAR_SLIP = 0.08  # of such a factor
-
-
-class Declared(Enum):
-    """A declared quantity that the records show, too: the name of the channel that shows it."""
-
-    SPRING = "spring_constant"
-    LOAD = "normal_load_ratio"
-
-    @property
-    def shown_by(self) -> str:
-        """What shows it, in words."""
-        if self is Declared.SPRING:
-            return "the ramps show"
-        return "the normal gauge shows"
-
-    @property
-    def name_in_words(self) -> str:
-        """What is declared, in words."""
-        if self is Declared.SPRING:
-            return "declared spring"
-        return "set load"
-
-    @property
-    def suspects(self) -> tuple[str, ...]:
-        """What may be wrong instead."""
-        if self is Declared.SPRING:
-            return ("spring", "speed", "tangential gain")
-        return ("weights", "normal gain", "normal zero")
-
-    @property
-    def suspects_of_slip(self) -> tuple[str, ...]:
-        """What may be wrong by a factor at which people slip."""
-        if self is Declared.SPRING:
-            return ("probe.spring_constant", "trials.columns.speed", "acquisition.sample_rate")
-        return ("acquisition.channels.normal.factor", "trials.columns.load")
-
-    @property
-    def advice(self) -> str:
-        """What decides among the suspects."""
-        if self is Declared.SPRING:
-            return (
-                "weigh the spring: hang a known weight on the tip, read its deflection and the "
-                "tangential gauge, and time the handle over a known distance"
-            )
-        return "put a known weight on the normal gauge, and weigh the weights"
-
-
-@dataclass(frozen=True)
-class CalibrationCheck:
-    """What the records say of one declared quantity.
-
-    Attributes
-    ----------
-    quantity : Declared
-    shown : float
-        Ratio of what is shown to what is declared [1].
-    low, high : float
-        Its 95 % interval, with what the evaluation may share among trials [1].
-    contradicts : bool
-        Whether shown and declared differ by more than 99 % allow.
-    slip : float | None
-        The factor near which the ratio lies, at which people slip.
-    explained : bool
-        Whether an effect that was found accounts for the difference.
-    """
-
-    quantity: Declared
-    shown: float
-    low: float
-    high: float
-    contradicts: bool
-    slip: float | None = None
-    explained: bool = False
-
-    @property
-    def is_open(self) -> bool:
-        """Whether a contradiction is left that no effect accounts for."""
-        return self.contradicts and not self.explained
-
-    @property
-    def sentence(self) -> str:
-        """The contradiction in plain words."""
-        percent = 100.0 * (self.shown - 1.0)
-        more = "more" if percent > 0.0 else "less"
-        low, high = sorted(abs(100.0 * (end - 1.0)) for end in (self.low, self.high))
-        suspects = self.quantity.suspects
-        if self.slip is not None:
-            suspects = self.quantity.suspects_of_slip
-        named = f"{', '.join(suspects[:-1])} or {suspects[-1]}"
-        return (
-            f"{self.quantity.shown_by} {abs(percent):.1f} % ({low:.1f} to "
-            f"{high:.1f} %) {more} than the {self.quantity.name_in_words}: {named}"
-        )
 
 
 def check_calibration(trials: Trials, model: SessionModel) -> tuple[CalibrationCheck, ...]:
@@ -130,57 +36,82 @@ def check_calibration(trials: Trials, model: SessionModel) -> tuple[CalibrationC
     model : SessionModel
         Says how well the spring and the load are known.
     """
+    load = float(np.median(np.asarray(trials.covariates["load_n"], dtype=np.float64)))
     checks = []
     for quantity in Declared:
         shown = trials.values[:, trials.channels.index(quantity.value)]
-        shown = shown[np.isfinite(shown)]
-        if shown.size < _LEAST_TRIALS:
-            continue
-        middle = float(np.median(shown))
-        scatter = _MAD_TO_STD * float(np.median(np.abs(shown - middle)))
-        of_trials = _MEDIAN_LOSS * scatter / np.sqrt(shown.size)
-        declared, declared_std = _find_declared(quantity, trials, model)
-        std = float(np.hypot(of_trials, COMMON_ERRORS[quantity.value]))
-        ratio = middle / declared
-        doubt = float(np.hypot(std, declared_std))
-        checks.append(
-            CalibrationCheck(
-                quantity=quantity,
-                shown=ratio,
-                low=ratio - WIDE * std,
-                high=ratio + WIDE * std,
-                contradicts=abs(ratio - 1.0) > _CONTRADICTION * doubt,
-                slip=_find_slip(ratio),
-            )
-        )
+        declared = find_declared(quantity, model.known, model.tool.stiffness, load)
+        check = check_quantity(quantity, shown, declared)
+        if check is not None:
+            checks.append(check)
     return tuple(checks)
 
 
-def _find_declared(quantity: Declared, trials: Trials, model: SessionModel) -> tuple[float, float]:
-    """Return what is declared, in units of its nominal value, and its standard uncertainty [1]."""
+def check_quantity(
+    quantity: Declared, shown: Floats, declared: tuple[float, float]
+) -> CalibrationCheck | None:
+    """Hold what the trials show of one quantity against what is declared.
+
+    Parameters
+    ----------
+    quantity : Declared
+    shown : Floats
+        Shape (n,), what each trial shows over the nominal value [1]; not-a-number where it does
+        not.
+    declared : pair of float
+        What is declared, in the same unit, and its standard uncertainty [1].
+
+    Returns
+    -------
+    CalibrationCheck or None
+        None where too few trials show it.
+    """
+    shown = shown[np.isfinite(shown)]
+    if shown.size < _LEAST_TRIALS:
+        return None
+    middle = float(np.median(shown))
+    scatter = _MAD_TO_STD * float(np.median(np.abs(shown - middle)))
+    of_trials = _MEDIAN_LOSS * scatter / np.sqrt(shown.size)
+    value, declared_std = declared
+    std = float(np.hypot(of_trials, COMMON_ERRORS[quantity.value]))
+    ratio = middle / value
+    doubt = float(np.hypot(std, declared_std))
+    return CalibrationCheck(
+        quantity=quantity,
+        shown=ratio,
+        low=ratio - WIDE * std,
+        high=ratio + WIDE * std,
+        contradicts=abs(ratio - 1.0) > _CONTRADICTION * doubt,
+        slip=find_slip(ratio),
+    )
+
+
+def find_declared(
+    quantity: Declared, known: Known, stiffness: float, load: float
+) -> tuple[float, float]:
+    """Return what is declared, in units of its nominal value, and its standard uncertainty [1].
+
+    Parameters
+    ----------
+    quantity : Declared
+    known : Known
+        Constants of the gauges, by the parameters of the laws.
+    stiffness, load : float
+        Nominal spring constant [N/m], and the middle of the loads that are set [N].
+    """
     if quantity is Declared.SPRING:
-        certificate = model.known.get("spring_constant")
+        certificate = known.get("spring_constant")
         if certificate is None:
             return 1.0, 0.0
         value, std = certificate
-        return value / model.tool.stiffness, std / model.tool.stiffness
-    gain, gain_std = model.known.get("normal_ln_gain", (0.0, 0.0))
-    load = float(np.median(np.asarray(trials.covariates["load_n"], dtype=np.float64)))
+        return value / stiffness, std / stiffness
+    gain, gain_std = known.get("normal_ln_gain", (0.0, 0.0))
     shift, shift_std = 0.0, 0.0
     for name in ("normal_zero_n", "load_bias_n"):
-        value, std = model.known.get(name, (0.0, 0.0))
+        value, std = known.get(name, (0.0, 0.0))
         shift += value / load
         shift_std = float(np.hypot(shift_std, std / load))
     return float(np.exp(gain)) + shift, float(np.hypot(gain_std, shift_std))
-
-
-def _find_slip(ratio: float) -> float | None:
-    """Find the factor near which a ratio lies, at which people slip."""
-    for factor in _SLIPS:
-        for slip in (factor, 1.0 / factor):
-            if abs(ratio / slip - 1.0) < _NEAR_SLIP:
-                return slip
-    return None
 
 
 def weigh_calibration(

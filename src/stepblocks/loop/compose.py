@@ -19,16 +19,16 @@ from stepblocks.lawsearch.run_order import bound_jump_place
 from stepblocks.lawsearch.scatter import Residual, compute_flexible_residual
 from stepblocks.lawsearch.structure import Hint
 from stepblocks.loop.apart import describe_trial
+from stepblocks.loop.apart_trial import ApartTrial
 from stepblocks.loop.bench_model import find_column, list_candidates, list_covariate_ranges
 from stepblocks.loop.block_scans import Scans
-from stepblocks.loop.calibration_check import CalibrationCheck
 from stepblocks.loop.channels import ENERGY, JUDGED, PEAK_FORCE
+from stepblocks.loop.declared_checks import CalibrationCheck
 from stepblocks.loop.experiment import propose_experiment
 from stepblocks.loop.finding import write_sentence
 from stepblocks.loop.headline import list_block_errors, write_headline
 from stepblocks.loop.record import (
     AdequacyRecord,
-    ApartTrial,
     CalibrationRecord,
     CensoredTrials,
     DetectableEffect,

@@ -14,8 +14,9 @@ from stepblocks.lawsearch.forward_model import Trials
 from stepblocks.lawsearch.law import Law
 from stepblocks.lawsearch.problem import Fit
 from stepblocks.loop.bench_model import SessionModel
-from stepblocks.loop.calibration_check import CalibrationCheck
 from stepblocks.loop.channels import PEAK_FORCE
+from stepblocks.loop.declared_checks import CalibrationCheck
+from stepblocks.loop.next_block import NextBlock
 from stepblocks.loop.settings import CHOSEN, COUNTED, GONE, MOST_SETTINGS, SHOWN, build_grid
 from stepblocks.rig.state import DragState
 
@@ -29,16 +30,6 @@ _CHECK_INSTRUMENT = (
     "trials of the first setting"
 )
 _OUT_OF_REACH = "no setting within reach tells these apart"
-
-
-@dataclass(frozen=True)
-class NextBlock:
-    """The block that an experiment asks for, in quantities of a stimulus file."""
-
-    name: str
-    height: str
-    tip: str
-    friction: str
 
 
 @dataclass(frozen=True)

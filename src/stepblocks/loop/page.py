@@ -28,7 +28,7 @@ from stepblocks.loop.figures import AFTER, BEFORE, CHANNELS, plot_agreement
 from stepblocks.loop.finding import format_errors
 from stepblocks.loop.record import Estimate, LoopRecord
 from stepblocks.loop.result import LoopResult
-from stepblocks.loop.words import describe_covariate, format_value
+from stepblocks.loop.words import describe_covariate, format_value, name_effect, write_plainly
 from stepblocks.quantities import format_column_label
 from stepblocks.records.model import WIDE
 from stepblocks.rig.forward import PEAK_FORCE, SPEED_OVER_LOAD
@@ -109,8 +109,9 @@ def render_loop_page(result: LoopResult, traces: Sequence[Path] = ()) -> str:
         "loop.html.j2",
         title=result.title,
         asked=record.next_experiment or NextExperiment(()),
-        words=CHANNELS_IN_WORDS,
+        plain=write_plainly,
         say=describe_covariate,
+        name_effect=name_effect,
         value=format_value,
         residual_level=LEVEL,
         r=record,

@@ -13,6 +13,7 @@ from typing import Any, Protocol, runtime_checkable
 from stepblocks.lawsearch.adequacy import ReplicateTest
 from stepblocks.lawsearch.findings import Verdict
 from stepblocks.lawsearch.identifiability import Identifiability
+from stepblocks.loop.apart_trial import ApartTrial
 from stepblocks.loop.experiment import NextExperiment
 from stepblocks.loop.usable_trials import ExcludedTrial
 
@@ -139,15 +140,6 @@ class DetectableEffect:
     unit: str
     text: str
     said: str
-
-
-@dataclass(frozen=True)
-class ApartTrial:
-    """A trial that was held apart, the chance that it went wrong, and what it looks like."""
-
-    trial: str
-    chance: float
-    looks_like: str
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from stepblocks.loop.channels import CHANNELS_IN_WORDS
 from stepblocks.quantities import format_column_label
 from stepblocks.rig.effects.grammar.covariates import CovariateRange
 from stepblocks.rig.forward import PEAK_FORCE, SPEED_OVER_LOAD, TOGETHER
@@ -45,6 +46,38 @@ _COVARIATES = {
     "none": "nothing that is set",
     "block": "the block",
 }
+
+
+# effects that follow no covariate, so that the name has none to leave out
+_UNFOLLOWED = ("", "none", "block")
+# how the shapes of effects are said before the covariate that they run over
+_SHAPES = {"smooth": "a change of", "weighed": "", "trend": "a line of"}
+
+
+def write_plainly(name: str) -> str:
+    """Write the name of a channel, effect or constant in words."""
+    if name in CHANNELS_IN_WORDS:
+        return CHANNELS_IN_WORDS[name]
+    words = name.replace("ln_", "").replace("~", ", ").replace("_", " ")
+    return words.replace("[", " of ").replace("]", "").strip()
+
+
+def name_effect(name: str, covariate: str = "") -> str:
+    """Name an effect in words by its name in result.json.
+
+    Parameters
+    ----------
+    name : str
+    covariate : str
+        What the effect follows, as its record has it; empty where it has no record.
+    """
+    ending = f"_{covariate}"
+    if covariate in _UNFOLLOWED or ending not in name:
+        return write_plainly(name)
+    plain = write_plainly(name.replace(ending, ""))
+    for shape, words in _SHAPES.items():
+        plain = plain.replace(shape, words)
+    return f"{plain.strip()} over {describe_covariate(covariate)}"
 
 
 def begin_sentence(text: str) -> str:

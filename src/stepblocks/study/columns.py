@@ -68,9 +68,17 @@ class NamedColumns:
 
     named: Mapping[str, str]
 
+    def find(self, ours: str) -> str:
+        """Return their name of one of our columns, a length in any unit; empty where not named."""
+        stem = ours.removesuffix("_um")
+        for name in (ours, f"{stem}_mm", f"{stem}_m"):
+            if name in self.named:
+                return self.named[name]
+        return ""
+
     def name(self, ours: str) -> str:
-        """Return their name of one of our columns."""
-        return self.named.get(ours, ours)
+        """Return what one of our columns is called in their tables."""
+        return self.find(ours) or ours
 
     def read(self, row: Row, ours: str) -> str | None:
         """Return the cell of one of our columns, lengths in micrometres; None without one.

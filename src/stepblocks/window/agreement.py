@@ -10,6 +10,8 @@ from pydantic import TypeAdapter, ValidationError
 
 from stepblocks.errors import PipelineError
 from stepblocks.files.text import read_document
+from stepblocks.loop.apart_trial import ApartTrial
+from stepblocks.loop.next_block import NextBlock
 from stepblocks.window import texts
 
 MODEL_FILE, FEATURES_FILE, RESULT_FILE = "model.json", "features.csv", "result.json"
@@ -61,12 +63,42 @@ class ModelPart:
 
 
 @dataclass(frozen=True)
-class ApartTrial:
-    """A trial that takes no part in the fit, the chance that it went wrong, and how it looks."""
+class FoundEffect:
+    """An effect or its rival: its name, and what it follows."""
 
-    trial: str
-    chance: float
-    looks_like: str
+    variant: str
+    covariate: str
+
+
+@dataclass(frozen=True)
+class AskedExperiment:
+    """What to measure next, as ``result.json`` has it.
+
+    Attributes
+    ----------
+    separates : tuple of str
+        Names of the effects that it tells apart, or sentences of what differs between trials.
+    trials : tuple of mapping
+        Settings, best first, each with its expected gain.
+    calibration : tuple of str or None
+        What to do on the bench.
+    note : str
+        Why no trials are asked for; empty where they are.
+    repeats : int
+        Trials at the best setting that are decisive.
+    channel : str
+        What tells most.
+    block : NextBlock or None
+        Where the best setting has a height that no block has.
+    """
+
+    separates: tuple[str, ...]
+    trials: tuple[Mapping[str, float | str], ...] = ()
+    calibration: tuple[str, ...] | None = None
+    note: str = ""
+    repeats: int = 0
+    channel: str = ""
+    block: NextBlock | None = None
 
 
 @dataclass(frozen=True)
@@ -78,6 +110,20 @@ class LoopFinding:
     nominal: ModelPart
     extended: ModelPart
     apart: tuple[ApartTrial, ...]
+    effects: tuple[FoundEffect, ...] = ()
+    rivals: tuple[FoundEffect, ...] = ()
+    next_experiment: AskedExperiment | None = None
+
+    def has_effect(self, name: str) -> bool:
+        """Tell whether an effect of that name was found, or is a rival."""
+        return any(found.variant == name for found in (*self.effects, *self.rivals))
+
+    def find_covariate(self, effect: str) -> str:
+        """Return what an effect follows; empty where it is neither found nor a rival."""
+        for found in (*self.effects, *self.rivals):
+            if found.variant == effect:
+                return found.covariate
+        return ""
 
 
 _FINDING = TypeAdapter(LoopFinding)

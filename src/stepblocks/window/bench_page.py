@@ -9,13 +9,14 @@ from stepblocks.errors import PipelineError, StepblocksError
 from stepblocks.files.text import is_file
 from stepblocks.window import texts
 from stepblocks.window.agreement import RESULT_FILE
+from stepblocks.window.declaration_check import DeclarationCheck
 from stepblocks.window.folder import Entry, Folder, Kind
 from stepblocks.window.frame import show_heading, show_mistake
 from stepblocks.window.gate import LARGEST_UPLOAD
 from stepblocks.window.job_view import Runnable, show_page
 from stepblocks.window.jobs import Job, JobList
 from stepblocks.window.loop_view import LoopView
-from stepblocks.window.session_files import SETTINGS, SessionDraft, unpack_session
+from stepblocks.window.session_files import SETTINGS, SessionDraft, Setting, unpack_session
 from stepblocks.window.suggestions import suggest_commands
 from stepblocks.window.trace_picture import TracePicture, draw_trace
 
@@ -41,7 +42,7 @@ class BenchForm:
     def __init__(self, folder: Folder, jobs: JobList) -> None:
         self._folder = folder
         self._jobs = jobs
-        self._fields: dict[str, ui.input] = {}
+        self._fields: dict[str, ui.input | ui.select] = {}
 
     def build(self, session: str) -> None:
         """Make the page."""
@@ -112,24 +113,28 @@ class BenchForm:
                 show_mistake(error)
             return
         with self._place:
-            self._show_settings(draft, picture)
+            self._show_settings(draft, picture, name)
             for command in suggest_commands(Entry(name, Kind.SESSION)):
                 Runnable(command, self._folder, self._jobs, self._show_result)
             await self._show_loop_before(name)
 
-    def _show_settings(self, draft: SessionDraft, picture: TracePicture | None) -> None:
-        """Show the fields of the settings, and beside them the first trace."""
-        columns = [] if picture is None else list(picture.columns)
+    def _show_settings(self, draft: SessionDraft, picture: TracePicture | None, name: str) -> None:
+        """Show the fields of the settings; beside them the first trace, and what traces say."""
+        columns: list[str] = []
+        if picture is not None:
+            columns = list(picture.columns)
         with ui.element("div").classes("beside"):
             with ui.column():
+                ui.label(texts.COLUMNS_HELP)
+                with ui.element("div").classes("channels"):
+                    for setting in SETTINGS:
+                        if setting.part is not None:
+                            self._add_field(draft, setting, columns)
                 for setting in SETTINGS:
-                    offered = columns if setting.is_column else []
-                    first = draft.read_setting(setting)
-                    field = ui.input(setting.label, value=first, autocomplete=offered)
-                    self._fields[setting.name] = field.classes("w-full").mark(setting.name)
+                    if setting.part is None:
+                        self._add_field(draft, setting, columns)
                 button = ui.button(texts.SAVE).props("no-caps")
                 place = ui.column()
-                button.on_click(lambda: self._save(draft, place))
             with ui.column():
                 if picture is None:
                     ui.label(texts.NO_TRACE)
@@ -137,8 +142,30 @@ class BenchForm:
                     ui.label(texts.FIRST_TRACE.format(columns=", ".join(columns)))
                     image = ui.image(picture.image).classes("w-full")
                     image.props(f'alt="{texts.TRACE_PICTURE}"')
+                check = DeclarationCheck(name, self._folder, self._jobs)
+                check.build()
+        button.on_click(lambda: self._save(draft, place, check))
 
-    def _save(self, draft: SessionDraft, place: ui.element) -> None:
+    def _add_field(self, draft: SessionDraft, setting: Setting, columns: list[str]) -> None:
+        """Add the field of a setting; a column is chosen among those of the trace, or typed."""
+        first = draft.read_setting(setting)
+        field: ui.input | ui.select
+        if setting.is_column:
+            offered = list(dict.fromkeys([*columns, *filter(None, [first])]))
+            field = ui.select(
+                offered,
+                label=setting.label,
+                value=first or None,
+                with_input=True,
+                new_value_mode="add-unique",
+            )
+        else:
+            field = ui.input(setting.label, value=first)
+            if setting.part is not None:
+                field.props(f'aria-label="{setting.path[-1]}: {setting.label}"')
+        self._fields[setting.name] = field.classes("w-full").mark(setting.name)
+
+    def _save(self, draft: SessionDraft, place: ui.element, check: DeclarationCheck) -> None:
         """Save the settings, and say what is still wrong with the session."""
         place.clear()
         with place:
@@ -147,6 +174,7 @@ class BenchForm:
                     draft.write_setting(setting, str(self._fields[setting.name].value or ""))
                 draft.save()
                 ui.label(texts.SAVED.format(name=draft.folder.name)).props("role=status")
+                check.update()
                 open_session(draft.folder)
             except StepblocksError as error:
                 show_mistake(error)

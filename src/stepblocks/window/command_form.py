@@ -141,6 +141,8 @@ class CommandForm:
     jobs : JobList
     at_end : callable, optional
         Called with the job when it has ended.
+    on_answers : callable, optional
+        Called when an answer has changed.
     """
 
     def __init__(
@@ -149,11 +151,14 @@ class CommandForm:
         folder: Folder,
         jobs: JobList,
         at_end: Callable[[Job], object] | None = None,
+        on_answers: Callable[[], object] = lambda: None,
     ) -> None:
         self._command = command
         self._folder = folder
         self._jobs = jobs
         self._at_end = at_end
+        self._on_answers = on_answers
+        self._is_filling = False
         self._fields: dict[str, ui.input | ui.select] = {}
 
     def build(self, answers: Mapping[str, str] | None = None) -> None:
@@ -175,12 +180,27 @@ class CommandForm:
             field = ui.select(options, label=question.label, value=value, clearable=True)
         else:
             field = ui.input(question.label, value=first).props("debounce=200")
-        field.on_value_change(self._show)
+        field.on_value_change(self._follow)
         return field.classes("w-full").mark(question.name)
 
     def read_answers(self) -> dict[str, str]:
         """Return what the fields say, by the names of the questions."""
         return {name: str(field.value or "") for name, field in self._fields.items()}
+
+    def fill(self, answers: Mapping[str, str]) -> None:
+        """Replace some of what the fields say."""
+        self._is_filling = True
+        for name, answer in answers.items():
+            self._fields[name].set_value(answer)
+        self._is_filling = False
+        self._follow()
+
+    def _follow(self) -> None:
+        """Show the command for changed answers, and tell that they have changed."""
+        if self._is_filling:
+            return
+        self._show()
+        self._on_answers()
 
     def _show(self) -> None:
         """Show the command for what the fields say now, or what must be said yet."""
@@ -191,4 +211,4 @@ class CommandForm:
             except StepblocksError as error:
                 show_mistake(error)
                 return
-            Runnable(command, self._folder, self._jobs, self._at_end)
+            Runnable(command, self._folder, self._jobs, self._at_end, has_title=False)

@@ -1,7 +1,10 @@
 """The page to declare stimuli: a form for each stanza of a file, and beside it what is felt."""
 
 import asyncio
+import re
 from collections.abc import Callable
+from functools import partial
+from itertools import islice
 from urllib.parse import quote
 
 from nicegui import background_tasks, run, ui
@@ -9,6 +12,7 @@ from nicegui import background_tasks, run, ui
 from stepblocks.declaration.set import list_kinds
 from stepblocks.errors import PipelineError, StepblocksError
 from stepblocks.files.text import is_file
+from stepblocks.predict.kept import KeptPredictions
 from stepblocks.quantities import format_units
 from stepblocks.window import texts
 from stepblocks.window.command_line import ShownCommand, write_call, write_name
@@ -18,11 +22,12 @@ from stepblocks.window.felt_view import FeltView
 from stepblocks.window.folder import OUTPUT, Folder, Kind
 from stepblocks.window.frame import show_command, show_heading, show_mistake
 from stepblocks.window.model_choice import ModelChoice
-from stepblocks.window.size_slider import add_slider, read_range
+from stepblocks.window.size_slider import MOST_SLIDERS, Size, add_slider, list_sizes
 
 _ENDING = ".toml"
+_UNITS = re.compile(r" \[[^\]]*\]")  # of a value of the library; a field takes any with its name
 _DEBOUNCE = 150  # a form is checked when nobody has typed for so long [ms]
-_QUIET = 0.25  # parts are dragged in time when nothing has changed for so long [s]
+_QUIET = 0.25  # parts are dragged in time, and built, when nothing has changed for so long [s]
 
 
 class DeclarePage:
@@ -85,7 +90,10 @@ class DeclarationForm:
         self._inputs: dict[str, ui.input] = {}
         self._fields: list[FormField] = []
         self._refused: dict[str, str] = {}  # entries that are none, by field: what is wrong
+        self._sizes: dict[tuple[str, str], Size] = {}  # with a slider each
         self._changes = 0
+        # by whether they were dragged in time
+        self._kept = {False: KeptPredictions(), True: KeptPredictions()}
         self._is_updating = False
 
     def build(self) -> None:
@@ -139,6 +147,8 @@ class DeclarationForm:
         self._fields = list_fields(kind)
         self._inputs = {}
         self._refused = {}
+        self._sizes = {}
+        self._slide.clear()
         self._form.clear()
         with self._form:
             for field in self._fields:
@@ -150,25 +160,35 @@ class DeclarationForm:
                     for field in self._fields:
                         if len(field.path) > 1 and field.path[0] == table:
                             self._add_input(field)
-        self._offer_slider()
+        self._offer_sliders()
         self._update_soon()
 
-    def _offer_slider(self) -> None:
-        """Offer a slider for the size that the kind is known by, where it is a plain length."""
+    def _offer_sliders(self) -> None:
+        """Offer sliders for the sizes of the stanza, where those offered do not fit any more."""
+        sizes = self._list_sizes()
+        is_same = sizes.keys() == self._sizes.keys()
+        if is_same and all(size.range.holds(sizes[key].range) for key, size in self._sizes.items()):
+            return
+        self._sizes = sizes
         self._slide.clear()
+        with self._slide:
+            for (name, _), size in sizes.items():
+                box = self._inputs[name]
+                add_slider(name, size, partial(_read_entry, box), box.set_value)
+
+    def _list_sizes(self) -> dict[tuple[str, str], Size]:
+        """List the sizes that the fields of the stanza hold, by the names of field and size."""
+        sizes: dict[tuple[str, str], Size] = {}
         for field in self._fields:
-            is_size = field.is_required and len(field.path) == 1
-            box = self._inputs[field.name]
-            size = read_range(str(box.value or ""))
-            if is_size and size is not None:
-                with self._slide:
-                    add_slider(field.name, size, box.set_value)
-                return
+            if len(field.path) == 1:
+                entry = _read_entry(self._inputs[field.name])
+                sizes |= {(field.name, size.name): size for size in list_sizes(entry)}
+        return dict(islice(sizes.items(), MOST_SLIDERS))
 
     def _add_input(self, field: FormField) -> None:
         """Add a field, with what it is and what counts where it is left out."""
         assert self._place is not None
-        hints = [field.help]
+        hints = [_UNITS.sub("", field.help)]
         if field.default:
             hints.append(texts.DEFAULT.format(value=format_units(field.default)))
         if field.is_required:
@@ -194,6 +214,7 @@ class DeclarationForm:
                 self._refused.pop(field.name, None)
             except StepblocksError as error:
                 self._refused[field.name] = format_units(error)
+            self._offer_sliders()
             self._update_soon()
 
         return write
@@ -217,8 +238,13 @@ class DeclarationForm:
             while shown != self._changes:
                 shown = self._changes
                 is_felt = await self._update()
-                await asyncio.sleep(_QUIET if is_felt and not self._has_changed(shown) else 0.0)
-                if is_felt and not self._has_changed(shown):
+                if self._has_changed(shown):
+                    continue
+                await asyncio.sleep(_QUIET)
+                if self._has_changed(shown):
+                    continue
+                self._view.make_part()
+                if is_felt:
                     await self._update(dragged=True)
         finally:
             self._is_updating = False
@@ -243,7 +269,11 @@ class DeclarationForm:
             return False
         try:
             felt = await run.io_bound(
-                predict_felt, checked.stimuli, self._model.learned, dragged=dragged
+                predict_felt,
+                checked.stimuli,
+                self._model.learned,
+                dragged=dragged,
+                kept=self._kept[dragged],
             )
         except StepblocksError as error:
             self._view.show_mistakes([("", str(error))])
@@ -293,6 +323,11 @@ class DeclarationForm:
         with self._commands:
             for command in make_predictions(self._name, self._model.name):
                 show_command(command)
+
+
+def _read_entry(box: ui.input) -> str:
+    """Return what a field says."""
+    return str(box.value or "")
 
 
 def make_predictions(name: str, model: str) -> list[ShownCommand]:

@@ -13,6 +13,7 @@ from stepblocks.quantities import format_number
 from stepblocks.window import texts
 
 if TYPE_CHECKING:
+    from stepblocks.predict.kept import KeptPredictions
     from stepblocks.records.model import LearnedModel
 
 _RUN = 4.0  # of a drawn profile on either side, in times its height [1]
@@ -58,7 +59,11 @@ class Felt:
 
 
 def predict_felt(
-    stimuli: StimulusSet, learned: "LearnedModel | None" = None, *, dragged: bool = False
+    stimuli: StimulusSet,
+    learned: "LearnedModel | None" = None,
+    *,
+    dragged: bool = False,
+    kept: "KeptPredictions | None" = None,
 ) -> list[Felt]:
     """Predict every part that is felt in the first condition of a set.
 
@@ -69,11 +74,13 @@ def predict_felt(
         Its constants replace those of the set, and what it predicts stands beside, as in a build.
     dragged : bool
         Whether each part is dragged in time, too; by the formula alone takes milliseconds.
+    kept : KeptPredictions, optional
+        Predictions of what the set was before; what stays as it was is taken from them.
     """
     # loaded late: the first page needs no tables
     from stepblocks.contact.energy import Status
     from stepblocks.contact.operating_point import PAPER
-    from stepblocks.predict.as_built import predict_as_declared
+    from stepblocks.predict.kept import KeptPredictions
     from stepblocks.predict.learned import format_learned_columns, put_learned_constants
 
     felt = stimuli.keep_felt()
@@ -81,7 +88,9 @@ def predict_felt(
         return []
     if learned is not None:
         felt = put_learned_constants(felt, learned)
-    predicted = predict_as_declared(_keep_first_condition(felt), dragged, PAPER.speed)
+    if kept is None:
+        kept = KeptPredictions()
+    predicted = kept.predict(_keep_first_condition(felt), dragged, PAPER.speed)
     rows = []
     for row, prediction in zip(predicted.rows, predicted.predictions, strict=True):
         angle, force, energy, distance = (_format_figure(row, *names) for names in _COLUMNS)

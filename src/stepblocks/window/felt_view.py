@@ -25,6 +25,7 @@ class FeltView:
     def __init__(self) -> None:
         self._mistakes = ui.column()
         self._shown: tuple[Part, OrderSpec] | None = None
+        self._built: tuple[Part, OrderSpec] | None = None  # which the solid shows, or will
         self._rows: dict[tuple[str, str], str] = {}
         with ui.column().classes("w-full") as self._results:
             self._edge = ui.label()
@@ -33,7 +34,7 @@ class FeltView:
             self._table = ui.table(columns=[], rows=[], title=texts.FELT).mark("felt")
             self._table.props("dense wrap-cells flat bordered").classes("w-full")
             self._condition = ui.label()
-            self._solid = ui.expansion(texts.SHOW_PART, on_value_change=self._make_part)
+            self._solid = ui.expansion(texts.SHOW_PART, on_value_change=self.make_part)
             self._solid.classes("w-full").mark("show-part")
             with self._solid:
                 self._place = ui.column().classes("w-full")
@@ -70,7 +71,7 @@ class FeltView:
         self._condition.set_visibility(bool(felt))
 
     def show_part(self, stimuli: StimulusSet, place: StanzaPlace | None, identity: str) -> None:
-        """Show the working edge of the first part of a stanza; its solid where that is open."""
+        """Show the working edge of the first part of a stanza."""
         part = _find_part(stimuli, place, identity)
         self._shown = None
         picture = ""
@@ -81,13 +82,12 @@ class FeltView:
         self._edge.set_visibility(bool(picture))
         self._picture.set_content(picture)
         self._solid.set_visibility(part is not None)
-        self._make_part()
 
-    def _make_part(self) -> None:
-        """Make the part in 3-D where somebody wants to see it."""
-        if self._shown is None or not self._solid.value:
+    def make_part(self) -> None:
+        """Make the part in 3-D where somebody wants to see it, and it is not shown yet."""
+        if self._shown is None or not self._solid.value or self._shown == self._built:
             return
-        part, order = self._shown
+        part, order = self._built = self._shown
         self._place.clear()
         with self._place:
             ui.label(texts.MAKING_PART.format(part=part.id)).props("role=status")
@@ -97,7 +97,10 @@ class FeltView:
         """Show a part in 3-D once it is made, unless it has been changed meanwhile."""
         from stepblocks.window.part_view import show_solid_and_drawing
 
-        await show_solid_and_drawing(part, order, self._place)
+        def is_wanted() -> bool:
+            return self._built == (part, order)
+
+        await show_solid_and_drawing(part, order, self._place, is_wanted)
 
 
 def _find_part(stimuli: StimulusSet, place: StanzaPlace | None, identity: str) -> Part | None:

@@ -1,7 +1,8 @@
 """What every page has: the bar with its links, the colours, and how a mistake is shown."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from html import escape
 
 from nicegui import ui
@@ -31,8 +32,28 @@ _STYLE = """
   @media (min-width: 1000px) { .beside { grid-template-columns: minmax(0, 2fr) minmax(0, 3fr); } }
   .fields { display: grid; gap: 4px 24px; width: 100%; grid-template-columns: 1fr; }
   @media (min-width: 700px) { .fields { grid-template-columns: 1fr 1fr; } }
+  .channels { display: grid; gap: 0 12px; width: 100%; grid-template-columns: 3fr 1fr 2fr; }
+  .moves { list-style: disc; padding-left: 24px; margin: 0; }
+  .axis { position: relative; height: 176px; width: 100%; touch-action: none; user-select: none;
+    overflow: hidden; background: linear-gradient(currentColor, currentColor) 0 64px / 100% 2px
+    no-repeat; }
+  .axis-tick, .axis-target, .axis-block { position: absolute; transform: translateX(-50%); }
+  .axis-tick { top: 150px; font-size: 13px; }
+  .axis-tick::before { content: ""; position: absolute; left: 50%; top: -88px; height: 88px;
+    border-left: 1px dotted #8a8a8a; }
+  .axis-target { top: 22px; width: 24px; height: 42px; cursor: ew-resize; z-index: 2; }
+  .axis-target::before { content: ""; position: absolute; left: 4px; top: 0; width: 16px;
+    height: 16px; border-radius: 50%; background: #b0506a; }
+  .axis-target::after { content: ""; position: absolute; left: 11px; top: 16px; height: 26px;
+    border-left: 2px solid #b0506a; }
+  .axis-missed::before { background: #fff; border: 3px solid #b3261e; }
+  .axis-block { top: 82px; font-size: 13px; white-space: nowrap; z-index: 1; }
+  .axis-block::before { content: ""; position: absolute; left: 50%; top: -16px; height: 14px;
+    border-left: 4px solid #2f6f9f; }
+  .body--dark .axis-block::before { border-color: #7cc4de; }
   .report { width: 100%; height: 720px; border: 1px solid #8a8a8a; background: #fff; }
-  .q-header .nicegui-link { color: #fff; }
+  .q-header .nicegui-link { color: #fff; padding: 2px 6px; border-radius: 4px; }
+  .q-header .here { background: #fff; color: #1b6480; font-weight: 600; text-decoration: none; }
 </style>
 """
 # The framework hides the field for files within a button without a name. Here the field itself has
@@ -83,12 +104,24 @@ def build_frame(pages: Sequence[Page]) -> None:
         ui.header().style(f"background-color: {_COLOUR}"),
         ui.row().props(f'role=navigation aria-label="{texts.NAVIGATION}"'),
     ):
-        for page in pages:
-            ui.link(page.title, page.path)
+        links = {page.path: ui.link(page.title, page.path) for page in pages}
         switch = ui.button(icon="contrast", on_click=lambda: _switch_colours(colours))
         switch.props(f'flat dense color=white aria-label="{texts.COLOURS}"').tooltip(texts.COLOURS)
+    router = ui.context.client.sub_pages_router
+    router.on_path_changed(partial(_mark_page, links))
+    _mark_page(links, router.current_path)
     with ui.element("div").classes("window-content").props("id=content tabindex=-1"):
         ui.sub_pages({page.path: page.build for page in pages})
+
+
+def _mark_page(links: Mapping[str, ui.link], address: str) -> None:
+    """Mark the link of the page that an address opens, for eyes and for listeners."""
+    here = address.partition("?")[0]
+    for path, link in links.items():
+        if path == here:
+            link.classes(add="here").props("aria-current=page")
+        else:
+            link.classes(remove="here").props(remove="aria-current")
 
 
 def _switch_colours(colours: ui.dark_mode) -> None:

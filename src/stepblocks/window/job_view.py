@@ -100,6 +100,8 @@ class Runnable:
     jobs : JobList
     at_end : callable, optional
         As `JobView` takes it.
+    has_title : bool
+        Whether to say what the command does; where a heading says it, it need not be.
     """
 
     def __init__(
@@ -108,13 +110,16 @@ class Runnable:
         folder: Folder,
         jobs: JobList,
         at_end: Callable[[Job], object] | None = None,
+        *,
+        has_title: bool = True,
     ) -> None:
         self._command = command
         self._folder = folder
         self._jobs = jobs
         self._at_end = at_end
         self._view: JobView | None = None
-        ui.label(command.title)
+        if has_title:
+            ui.label(command.title)
         with ui.row().classes("items-center w-full"):
             label = f"{texts.RUN}: {command.title}"
             ui.button(texts.RUN, on_click=self._run).props(f'no-caps aria-label="{escape(label)}"')

@@ -5,26 +5,17 @@ the window is killed, and has written all that it would have. The next window on
 its file, with how it ended.
 """
 
-import hashlib
-import json
 import os
-import shutil
-import stat
 import subprocess
 import sys
-import tempfile
-import time
-from contextlib import ExitStack, suppress
-from dataclasses import asdict, dataclass
+from contextlib import suppress
 from enum import Enum
 from pathlib import Path
 from typing import Protocol
 
 import psutil
-from pydantic import TypeAdapter, ValidationError
 
 from stepblocks.errors import PipelineError
-from stepblocks.files.locks import LockState, try_lock
 from stepblocks.files.paths import describe_system_error
 from stepblocks.files.progress import (
     PROGRESS_FILE,
@@ -34,6 +25,7 @@ from stepblocks.files.progress import (
 )
 from stepblocks.window import texts
 from stepblocks.window.command_line import ShownCommand
+from stepblocks.window.job_notes import JobNotes, JobRecord, keep_record
 
 _MOST_AT_ONCE = 4
 _MOST_KEPT = 100  # jobs whose output is kept
@@ -41,8 +33,6 @@ _MOST_SHOWN = 20_000  # bytes of an output, from its end
 _WIDTH = "110"  # of what a command prints [letters]
 _GRACE = 5.0  # for a command to end when asked to [s]
 _SAME_START = 1.0  # within which two processes of one number are the same one [s]
-_WRITTEN_BY_OTHERS = stat.S_IWGRP | stat.S_IWOTH
-_LOCK = "window.lock"  # held by the window that the jobs of a folder belong to
 
 
 class JobState(Enum):
@@ -117,7 +107,7 @@ class FoundProcess:
         File in which the command says how far it is, and how it ended.
     """
 
-    def __init__(self, record: "JobRecord", steps: Path) -> None:
+    def __init__(self, record: JobRecord, steps: Path) -> None:
         self._steps = steps
         self._process: psutil.Process | None = None
         with suppress(psutil.Error):
@@ -150,30 +140,6 @@ class FoundProcess:
         if self._process is not None:
             with suppress(psutil.Error):
                 self._process.wait(seconds)
-
-
-@dataclass(frozen=True)
-class JobRecord:
-    """What is kept of a job for the next window on the folder.
-
-    Attributes
-    ----------
-    command : ShownCommand
-    process : int
-        Number of its process.
-    begun : float
-        When that began, as its system says to a hundredth [s].
-    noted : int
-        When this was noted, by which jobs are in order [ns].
-    """
-
-    command: ShownCommand
-    process: int
-    begun: float
-    noted: int
-
-
-_RECORD = TypeAdapter(JobRecord)
 
 
 class Job:
@@ -271,9 +237,7 @@ class JobList:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._jobs: list[Job] = []
-        self._outputs: Path | None = None
-        self._locks = ExitStack()
-        self._found: list[Path] = []
+        self._notes = JobNotes(folder)
 
     @property
     def latest_first(self) -> list[Job]:
@@ -282,15 +246,7 @@ class JobList:
 
     def find_again(self) -> None:
         """Find the jobs of windows on this folder that were killed; those that run go on."""
-        records: list[tuple[JobRecord, Path]] = []
-        for place in Path(tempfile.gettempdir()).glob(f"{self._prefix}*"):
-            if not _is_own(place):
-                continue
-            if self._locks.enter_context(try_lock(place / _LOCK)) is not LockState.OURS:
-                continue  # of a window that is open
-            self._found.append(place)
-            records += _read_records(place)
-        for record, output in sorted(records, key=lambda found: found[0].noted):
+        for record, output in self._notes.find():
             process = FoundProcess(record, _name_steps(output))
             self._jobs.append(Job(self._next_number, record.command, output, process))
 
@@ -309,13 +265,13 @@ class JobList:
                 "one, or cancel it"
             )
         number = self._next_number
-        output = self._get_output_folder() / f"{number}.txt"
+        output = self._notes.get_place() / f"{number}.txt"
         try:
             process = _start_process(command, self._folder, output)
         except OSError as error:
             reason = describe_system_error(error, output)
             raise PipelineError(f"the command cannot be started: {reason}") from error
-        _keep_record(command, process.pid, output)
+        keep_record(command, process.pid, output)
         job = Job(number, command, output, StartedProcess(process))
         ended = [job for job in self._jobs if job not in running]
         forgotten = ended[:-_MOST_KEPT]
@@ -336,57 +292,9 @@ class JobList:
                 job.cancel()
         for job in self._jobs:
             job.wait(_GRACE)
-        self._locks.close()
-        for place in self._found:
-            shutil.rmtree(place, ignore_errors=True)
-        self._found = []
-        self._outputs = None
+        self._notes.forget()
 
     @property
     def _next_number(self) -> int:
         """The number of the next job."""
         return self._jobs[-1].number + 1 if self._jobs else 1
-
-    @property
-    def _prefix(self) -> str:
-        """How the folders with the outputs of this folder's jobs begin."""
-        digest = hashlib.sha256(os.fsencode(self._folder.resolve())).hexdigest()
-        return f"stepblocks-window-{digest[:16]}-"
-
-    def _get_output_folder(self) -> Path:
-        """Return the folder of what is printed, which is made with the first job."""
-        if self._outputs is None:
-            self._outputs = Path(tempfile.mkdtemp(prefix=self._prefix))
-            self._found.append(self._outputs)
-            self._locks.enter_context(try_lock(self._outputs / _LOCK))
-        return self._outputs
-
-
-def _keep_record(command: ShownCommand, process: int, output: Path) -> None:
-    """Keep what the next window needs to find a job; without it, it is not found."""
-    with suppress(OSError, psutil.Error):
-        begun = psutil.Process(process).create_time()
-        record = JobRecord(command, process, begun, time.time_ns())
-        text = json.dumps(asdict(record))
-        output.with_suffix(".json").write_text(text, encoding="utf-8", newline="\n")
-
-
-def _read_records(place: Path) -> list[tuple[JobRecord, Path]]:
-    """Read the records of a folder, each with the file of its output; a damaged one is none."""
-    records = []
-    for path in place.glob("*.json"):
-        with suppress(OSError, ValidationError):
-            records.append((_RECORD.validate_json(path.read_bytes()), path.with_suffix(".txt")))
-    return records
-
-
-def _is_own(place: Path) -> bool:
-    """Tell whether a folder is one of this user, into which nobody else can write."""
-    try:
-        found = place.lstat()
-    except OSError:
-        return False
-    is_own = stat.S_ISDIR(found.st_mode)
-    if sys.platform != "win32":  # there each user has a folder of temporary files
-        is_own &= found.st_uid == os.getuid() and not found.st_mode & _WRITTEN_BY_OTHERS
-    return is_own

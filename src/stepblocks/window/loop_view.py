@@ -26,9 +26,12 @@ from stepblocks.window.folder import Folder
 from stepblocks.window.frame import show_command, show_heading, show_mistake
 from stepblocks.window.job_view import Runnable
 from stepblocks.window.jobs import JobList
+from stepblocks.window.next_view import show_next_experiment
 
 _HEIGHT = "h-96"  # of the picture of all trials
 _COLOURS = ("#b0506a", "#2f6f9f", "#8a6d00")  # before, after, held apart
+_GROUND, _LETTERS = "#ffffff", "#333333"
+_AXIS = {"axisLabel": {"color": _LETTERS}, "nameTextStyle": {"color": _LETTERS}}
 _DIGITS = 4  # of a ratio that is drawn
 Point = dict[str, Any]  # of a series of the chart: name and place
 
@@ -101,6 +104,7 @@ class LoopView:
         self._apart = frozenset(trial.trial for trial in finding.apart)
         with place:
             _show_finding(finding)
+            show_next_experiment(finding, self._output)
             self._show_trials()
             self._show_model()
 
@@ -175,10 +179,28 @@ class LoopView:
             series.append(_make_series(name, colour, points))
         return {
             "animation": False,
-            "legend": {"data": list(names)},
+            # as other pictures, it has its own ground: its letters are dark
+            "backgroundColor": _GROUND,
+            "textStyle": {"color": _LETTERS},
+            "grid": {"left": 64, "right": 24, "top": 40, "bottom": 72},
+            "legend": {"data": list(names), "bottom": 4, "textStyle": {"color": _LETTERS}},
             "tooltip": {"trigger": "item"},
-            "xAxis": {"type": "value", "name": texts.AXIS_TRIALS, "nameLocation": "middle"},
-            "yAxis": {"type": "value", "name": texts.AGREEMENT_AXIS, "scale": True},
+            "xAxis": {
+                "type": "value",
+                "name": texts.AXIS_TRIALS,
+                "nameLocation": "middle",
+                "nameGap": 26,
+                "minInterval": 1,
+                **_AXIS,
+            },
+            "yAxis": {
+                "type": "value",
+                "name": texts.AGREEMENT_AXIS,
+                "nameLocation": "middle",
+                "nameGap": 44,
+                "scale": True,
+                **_AXIS,
+            },
             "series": series,
         }
 

@@ -3,6 +3,7 @@
 import base64
 import re
 import tempfile
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -83,16 +84,22 @@ def make_in_worker(part: Part, order: OrderSpec) -> PartView:
     return view
 
 
-async def show_solid_and_drawing(part: Part, order: OrderSpec, place: ui.element) -> None:
-    """Show a part in 3-D with its drawing, or why the kernel cannot build it."""
+async def show_solid_and_drawing(
+    part: Part, order: OrderSpec, place: ui.element, is_wanted: Callable[[], bool]
+) -> None:
+    """Show a part in 3-D with its drawing, or why the kernel cannot build it.
+
+    `is_wanted` tells, once it is made, whether it is to be shown still.
+    """
     try:
         view = await run.io_bound(make_in_worker, part, order)
     except StepblocksError as error:
-        place.clear()
-        with place:
-            show_mistake(error)
+        if is_wanted():
+            place.clear()
+            with place:
+                show_mistake(error)
         return
-    if view is None:  # the window is being closed
+    if view is None or not is_wanted():  # the window is being closed, or the part was changed
         return
     place.clear()
     with place:

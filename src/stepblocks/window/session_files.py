@@ -4,6 +4,7 @@ import zipfile
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import Enum
 from io import BytesIO
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -25,6 +26,14 @@ _MOST_FILES = 20_000  # of an archive
 _MOST_BYTES = 1_000_000_000  # of all files of an archive together
 
 
+class ChannelPart(Enum):
+    """What a channel of the traces declares; the value is its key."""
+
+    COLUMN = "column"
+    UNIT = "unit"
+    FACTOR = "factor"
+
+
 @dataclass(frozen=True)
 class Setting:
     """A field of ``session.toml`` that the form asks for.
@@ -34,24 +43,41 @@ class Setting:
     path : tuple of str
         Its tables and its name.
     label : str
-    is_column : bool
-        Whether it names a column of the traces.
+    part : ChannelPart, optional
+        Which part of a channel of the traces it is; None where it is no channel.
     """
 
     path: tuple[str, ...]
     label: str
-    is_column: bool = False
+    part: ChannelPart | None = None
+
+    @property
+    def is_column(self) -> bool:
+        """Whether it names a column of the traces."""
+        return self.part is ChannelPart.COLUMN
 
     @property
     def name(self) -> str:
         """Its name with dots, as in a message."""
-        return ".".join(self.path)
+        if self.part in (None, ChannelPart.COLUMN):
+            return ".".join(self.path)
+        return ".".join((*self.path, self.part.value))
+
+
+def _list_parts(channel: str, label: str) -> tuple[Setting, ...]:
+    """List what the form asks for of a channel: its column, its unit and its factor."""
+    path = ("acquisition", "channels", channel)
+    return (
+        Setting(path, label, ChannelPart.COLUMN),
+        Setting(path, texts.UNIT_PART, ChannelPart.UNIT),
+        Setting(path, texts.FACTOR_PART, ChannelPart.FACTOR),
+    )
 
 
 SETTINGS = (
-    Setting(("acquisition", "channels", "tangential"), texts.TANGENTIAL, is_column=True),
-    Setting(("acquisition", "channels", "normal"), texts.NORMAL, is_column=True),
-    Setting(("acquisition", "channels", "time"), texts.TIME, is_column=True),
+    *_list_parts("tangential", texts.TANGENTIAL),
+    *_list_parts("normal", texts.NORMAL),
+    *_list_parts("time", texts.TIME),
     Setting(("acquisition", "sample_rate"), texts.SAMPLE_RATE),
     Setting(("acquisition", "range"), texts.RANGE),
     Setting(("acquisition", "traces"), texts.TRACES),
@@ -145,12 +171,16 @@ class SessionDraft:
             if not isinstance(value, Mapping) or name not in value:
                 return ""
             value = value[name]
+        if setting.part is not None:
+            value = _read_part(value, setting.part)
         return "" if isinstance(value, Mapping) else str(value)
 
     def write_setting(self, setting: Setting, text: str) -> None:
-        """Set a setting; an empty text leaves it as it is."""
+        """Set a setting; an empty text leaves it as it is, but takes a unit or factor away."""
         text = " ".join(text.split())
-        if not text or text == self.read_setting(setting):
+        if text == self.read_setting(setting):
+            return
+        if not text and setting.part in (None, ChannelPart.COLUMN):
             return
         table: Any = self._document
         for name in setting.path[:-1]:
@@ -159,7 +189,10 @@ class SessionDraft:
             table = table[name]
             if not isinstance(table, Mapping):
                 raise BenchError(f"{name} must be a table to hold {setting.path[-1]}")
-        table[setting.path[-1]] = text
+        if setting.part is None:
+            table[setting.path[-1]] = text
+        else:
+            _write_part(table, setting, setting.part, text)
 
     def save(self) -> None:
         """Write the file.
@@ -188,3 +221,42 @@ class SessionDraft:
         if rest:
             pattern = f"{begin}*{rest.partition('}')[2]}"
         return next(iter(sorted(self.folder.glob(pattern))), None)
+
+
+def _read_part(channel: object, part: ChannelPart) -> object:
+    """Return a part of a channel, which may be its column alone; empty where it has no such."""
+    if isinstance(channel, Mapping):
+        return channel.get(part.value, "")
+    if part is ChannelPart.COLUMN:
+        return channel
+    return ""
+
+
+def _write_part(channels: Any, setting: Setting, part: ChannelPart, text: str) -> None:
+    """Set a part of a channel; with a unit or factor its column alone becomes a table."""
+    name = setting.path[-1]
+    channel = channels.get(name)
+    if not isinstance(channel, Mapping):
+        if part is ChannelPart.COLUMN:
+            channels[name] = text
+            return
+        if channel is None:
+            raise BenchError(f"{name} must have a column before it has a {part.value}")
+        table = tomlkit.inline_table()
+        table[ChannelPart.COLUMN.value] = channel
+        channels[name] = table
+        channel = channels[name]
+    if not text:
+        del channel[part.value]
+    elif part is ChannelPart.FACTOR:
+        channel[part.value] = _read_factor(text)
+    else:
+        channel[part.value] = text
+
+
+def _read_factor(text: str) -> float | str:
+    """Return a factor as a number where it is one, else as it is written (2.35 N/V)."""
+    try:
+        return float(text)
+    except ValueError:
+        return text

@@ -1,22 +1,27 @@
 """The page of a set by what is felt: targets in, blocks out, both on one axis."""
 
+import asyncio
 from collections.abc import Mapping
 from pathlib import PurePosixPath
 from urllib.parse import quote
 
-from nicegui import ui
+from nicegui import background_tasks, run, ui
 
+from stepblocks.errors import StepblocksError
 from stepblocks.files.text import is_file
 from stepblocks.window import texts
-from stepblocks.window.command_form import CommandForm, FormCommand, Question, split_list
+from stepblocks.window.command_form import CommandForm, FormCommand, Question
 from stepblocks.window.command_line import write_call, write_object
 from stepblocks.window.folder import Folder, Kind
-from stepblocks.window.frame import show_heading
+from stepblocks.window.frame import show_heading, show_message
 from stepblocks.window.jobs import Job, JobList
+from stepblocks.window.set_request import FIRST_KIND, find_marks, format_target, read_request
+from stepblocks.window.target_axis import TargetAxis
 
 _FIRST_FILE = "even.toml"
 _FIRST_PICTURE = "out/even.png"
-_FIRST_KIND = "step_block"
+_SPACING = ("lowest", "highest", "number", "apart")  # what stands in place of targets one by one
+_QUIET = 0.25  # a set is designed as the command does when nothing has changed for so long [s]
 
 
 class _SetDesignCommand(FormCommand):
@@ -25,28 +30,17 @@ class _SetDesignCommand(FormCommand):
     def write_python(self, answers: Mapping[str, str]) -> str:
         """Write the lines that design, write and draw; nothing where an answer is no number."""
         said = {name: text.strip() for name, text in answers.items() if text.strip()}
-        options: dict[str, object] = {}
-        for name in ("lowest", "highest", "apart", "base"):
-            if name in said:
-                options[name] = said[name]
-        conditions: dict[str, object] = {}
         try:
-            if "number" in said:
-                options["number"] = int(said["number"])
-            if "friction" in said:
-                conditions["frictions"] = [float(said["friction"])]
+            request = read_request(answers)
         except ValueError:
             return ""
-        if "load" in said:
-            conditions["normal_loads"] = [said["load"]]
-        if conditions:
-            options["prediction"] = conditions
-        if "kind" in said or "step" in said:
-            kind = said.get("kind", _FIRST_KIND)
-            options["route"] = write_object("MakingRoute", kind, step=said.get("step"))
-        arguments: list[object] = [PurePosixPath(said["file"]).stem]
-        if "targets" in said:
-            arguments.append(split_list(said["targets"]))
+        options = dict(request.options)
+        if request.route:
+            step = request.route.get("step")
+            options["route"] = write_object("MakingRoute", request.route["kind"], step=step)
+        arguments: list[object] = [request.name]
+        if request.targets:
+            arguments.append(request.targets)
         call = write_call("design_set", *arguments, **options)
         lines = [call.replace("\n\n", "\n\ndesign = ", 1)]
         lines.append(f"design.stimuli.to_toml({said['file']!r})")
@@ -63,8 +57,8 @@ def make_set_design(stimuli: list[str]) -> FormCommand:
         Question("lowest", texts.LOWEST, "--lowest", default="2 uJ"),
         Question("highest", texts.HIGHEST, "--highest"),
         Question("number", texts.NUMBER, "--number", default="8"),
-        Question("apart", texts.APART, "--apart", default="1 JND"),
-        Question("kind", texts.SET_KIND, "--kind", choices=(_FIRST_KIND, "margin_block")),
+        Question("apart", texts.NEIGHBOURS_APART, "--apart", default="1 JND"),
+        Question("kind", texts.SET_KIND, "--kind", choices=(FIRST_KIND, "margin_block")),
         Question("base", texts.SET_BASE, "--base", choices=stimuli),
         Question("load", texts.SET_LOAD, "--load"),
         Question("friction", texts.SET_FRICTION, "--friction"),
@@ -94,12 +88,88 @@ class SetPage:
 
     def build(self) -> None:
         """Make the page."""
+        SetForm(self._folder, self._jobs).build()
+
+
+class SetForm:
+    """What one opened page shows: the axis of its targets, and the form of the command."""
+
+    def __init__(self, folder: Folder, jobs: JobList) -> None:
+        self._folder = folder
+        self._jobs = jobs
+        self._changes = 0
+        self._is_designing = False
+
+    def build(self) -> None:
+        """Make the page."""
         show_heading(texts.SET_PAGE)
         ui.label(texts.SET_HELP)
+        ui.label(texts.AXIS_HELP)
+        self._axis = TargetAxis(self._follow_hand, self._design_soon)
+        with ui.row().classes("items-center"):
+            ui.button(texts.ADD_TARGET, on_click=self._axis.add).props("no-caps")
+            self._state = ui.label().props("role=status").mark("design-state")
+        self._problems = ui.column().mark("problems")
         entries = self._folder.list_entries()
         stimuli = [entry.name for entry in entries if entry.kind is Kind.STIMULI]
-        form = CommandForm(make_set_design(stimuli), self._folder, self._jobs, self._show_set)
-        form.build()
+        self._form = CommandForm(
+            make_set_design(stimuli),
+            self._folder,
+            self._jobs,
+            self._show_set,
+            on_answers=self._design_soon,
+        )
+        self._form.build()
+        ui.timer(0.0, self._design_soon, once=True)
+
+    def _follow_hand(self, energies: list[float]) -> None:
+        """Put the targets of the axis into the form in place of what was said of them."""
+        targets = ", ".join(format_target(energy) for energy in energies)
+        self._form.fill({**dict.fromkeys(_SPACING, ""), "targets": targets})
+
+    def _design_soon(self) -> None:
+        """Design the set for what the form says now, without making the page wait."""
+        self._changes += 1
+        if not self._is_designing:
+            self._is_designing = True
+            background_tasks.create(self._design_until_quiet())
+
+    async def _design_until_quiet(self) -> None:
+        """Design until nothing has changed meanwhile: first by the formula, then as the command."""
+        try:
+            shown = -1
+            while shown != self._changes:
+                shown = self._changes
+                is_sound = await self._design(is_quick=True)
+                await asyncio.sleep(_QUIET)
+                if is_sound and shown == self._changes and not self._axis.is_held:
+                    await self._design(is_quick=False)
+        finally:
+            self._is_designing = False
+
+    async def _design(self, *, is_quick: bool) -> bool:
+        """Design the set, and show it on the axis; return whether there is one."""
+        number = self._changes
+        self._state.set_text(texts.DESIGNING)
+        problems: list[str] = []
+        marks = None
+        try:
+            marks = await run.io_bound(
+                find_marks, self._form.read_answers(), self._folder, is_quick=is_quick
+            )
+        except StepblocksError as error:
+            problems = [str(error)]
+        if number != self._changes:  # somebody moved on
+            return False
+        if marks is not None:
+            self._axis.show(marks)
+            problems = [target.problem for target in marks.targets if target.problem]
+        self._problems.clear()
+        with self._problems:
+            for problem in problems:
+                show_message(problem)
+        self._state.set_text(texts.DESIGNED_BY_FORMULA if is_quick else texts.DESIGNED)
+        return marks is not None
 
     def _show_set(self, job: Job) -> None:
         """Show the picture of a set that was designed, and where it can be changed."""

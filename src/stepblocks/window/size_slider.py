@@ -1,10 +1,17 @@
-"""A slider for the size of a part: its entry in the form, between a fifth and the double of it."""
+"""Sliders for the sizes of a part: their entry in the form, between a fifth and the double of it.
 
+An entry is a plain length, a table with a nominal size, or a series with its values or its ends.
+"""
+
+import math
 import re
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
+import tomlkit
 from nicegui import events, ui
+from tomlkit.exceptions import TOMLKitError
 
 from stepblocks.errors import QuantityError
 from stepblocks.quantities import format_units, parse_quantity
@@ -14,6 +21,10 @@ _ENTRY = re.compile(r"\s*(?P<number>[0-9.]+(e-?[0-9]+)?)\s*(?P<unit>[A-Za-zµ]+)
 _LOWEST, _HIGHEST = 0.2, 2.0  # ends of the slider, in the entry that it begins with [1]
 _STEPS = 180  # from end to end
 _DIGITS = 4  # of the value that the slider writes
+_NOMINAL = "nominal"  # key of the size of a table
+_ENDS, _DISTANCE = ("from", "to"), "step"  # keys of a series of equal distances
+_VALUES = "values"  # key of the list of sizes of a series
+MOST_SLIDERS = 12  # of a stanza
 
 
 @dataclass(frozen=True)
@@ -26,33 +37,82 @@ class SizeRange:
         Where it begins.
     unit : str
         Of all values, as the entry has it.
+    grid : float
+        Distance of the sizes of a series, of which an end moves by whole ones; 0 of other sizes.
     """
 
     value: float
     unit: str
+    grid: float = 0.0
 
     @property
     def low(self) -> float:
         """The lower end."""
+        if self.grid:
+            steps = math.floor((1.0 - _LOWEST) * self.value / self.grid)
+            return _round(self.value - steps * self.grid)
         return _round(_LOWEST * self.value)
 
     @property
     def high(self) -> float:
         """The upper end."""
+        if self.grid:
+            steps = math.ceil((_HIGHEST - 1.0) * self.value / self.grid)
+            return _round(self.value + steps * self.grid)
         return _round(_HIGHEST * self.value)
 
     @property
     def step(self) -> float:
         """The distance of two values."""
+        if self.grid:
+            return self.grid
         return _round((self.high - self.low) / _STEPS)
+
+    def holds(self, size: "SizeRange") -> bool:
+        """Tell whether a size is in this unit, and lies within the slider."""
+        return size.unit == self.unit and self.low <= size.value <= self.high
 
     def format_entry(self, value: float) -> str:
         """Write a value of the slider as the form takes it."""
         return f"{_round(value):g} {self.unit}"
 
 
-def read_range(entry: str) -> SizeRange | None:
+@dataclass(frozen=True)
+class Size:
+    """A size within an entry of a form.
+
+    Attributes
+    ----------
+    place : tuple
+        Keys and indices that lead to it; none where it is the entry itself.
+    range : SizeRange
+    """
+
+    place: tuple[str | int, ...]
+    range: SizeRange
+
+    @property
+    def name(self) -> str:
+        """What its slider is called behind the name of the field."""
+        return " ".join(str(part + 1) if isinstance(part, int) else part for part in self.place)
+
+    def write(self, entry: str, value: float) -> str:
+        """Return an entry with another value of the size; unchanged where it holds it no more."""
+        text = self.range.format_entry(value)
+        if not self.place:
+            return text
+        table = _parse(entry)
+        if _find(table, self.place) is None:
+            return entry
+        holder = _find(table, self.place[:-1])
+        holder[self.place[-1]] = text
+        return str(table.as_string())
+
+
+def read_range(entry: object) -> SizeRange | None:
     """Read what an entry of a form lets a slider go over; None where it is no plain length."""
+    if not isinstance(entry, str):
+        return None
     found = _ENTRY.fullmatch(entry)
     if found is None:
         return None
@@ -65,28 +125,84 @@ def read_range(entry: str) -> SizeRange | None:
     return SizeRange(float(found["number"]), found["unit"])
 
 
-def add_slider(name: str, given: SizeRange, write: Callable[[str], object]) -> ui.slider:
-    """Add a slider that writes its value as the entry of a field.
+def list_sizes(entry: str) -> list[Size]:
+    """List the lengths within an entry that sliders can change, twelve at most."""
+    plain = read_range(entry)
+    if plain is not None:
+        return [Size((), plain)]
+    table = _parse(entry)
+    if not isinstance(table, Mapping):
+        return []
+    sizes = _list_ends(table)
+    places: list[tuple[str | int, ...]] = [(_NOMINAL,)]
+    values = table.get(_VALUES)
+    if isinstance(values, Sequence) and not isinstance(values, str):
+        places += [(_VALUES, number) for number in range(len(values))]
+    for place in places:
+        size = read_range(_find(table, place))
+        if size is not None:
+            sizes.append(Size(place, size))
+    return sizes[:MOST_SLIDERS]
+
+
+def _list_ends(table: Mapping[str, Any]) -> list[Size]:
+    """List the ends of a series, each of which moves by whole distances of its sizes."""
+    step = read_range(table.get(_DISTANCE))
+    if step is None:
+        return []
+    ends = []
+    for key in _ENDS:
+        end = read_range(table.get(key))
+        if end is not None and end.unit == step.unit:
+            ends.append(Size((key,), replace(end, grid=step.value)))
+    return ends
+
+
+def add_slider(
+    field: str, size: Size, read: Callable[[], str], write: Callable[[str], object]
+) -> None:
+    """Add a slider that changes a size within the entry of a field.
 
     Parameters
     ----------
-    name : str
-        Of the field.
-    given : SizeRange
-    write : callable
-        Receives the entry while the slider is moved.
+    field : str
+        Its name.
+    size : Size
+    read, write : callable
+        Return the entry as it is, and receive it as changed while the slider is moved.
     """
+    given = size.range
+    name = f"{field} {size.name}".strip()
     label = texts.SLIDE.format(field=name, unit=format_units(given.unit))
     ui.label(label)
 
     def follow(event: events.ValueChangeEventArguments[float | None]) -> None:
         if event.value is not None:
-            write(given.format_entry(event.value))
+            write(size.write(read(), event.value))
 
     slider = ui.slider(
         min=given.low, max=given.high, step=given.step, value=given.value, on_change=follow
     )
-    return slider.props(f'label aria-label="{label}"').classes("w-full").mark("slider")
+    slider.props(f'label aria-label="{label}"').classes("w-full").mark("slider")
+
+
+def _parse(entry: str) -> Any:
+    """Read an entry as a value of TOML; None where it is none."""
+    try:
+        return tomlkit.value(entry)
+    except (TOMLKitError, ValueError):
+        return None
+
+
+def _find(table: Any, place: tuple[str | int, ...]) -> Any:
+    """Return what stands at a place of a table; None where nothing does."""
+    value = table
+    try:
+        for part in place:
+            value = value[part]
+    except (KeyError, IndexError, TypeError):
+        return None
+    return value
 
 
 def _round(value: float) -> float:

@@ -9,7 +9,7 @@ from stepblocks.bench.faults import Bound, FaultKind, TrialFault
 from stepblocks.bench.signal import Array, Trace
 
 _FEWEST_SAMPLES = 200
-_RATE_TOLERANCE = 0.01
+RATE_TOLERANCE = 0.01  # share by which clock and declared rate may differ
 _GAP_STEPS = 1.6  # a step of the clock this many times the usual one is a gap
 _FLAT_SAMPLES = 4  # equal samples in a row at the extreme of a record that was still moving
 # steps of the converter, or of the noise from sample to sample, that the movement would have made
@@ -52,6 +52,11 @@ def has_ascending_time(trace: Trace) -> bool:
     return bool(np.all(np.diff(trace.time) > 0.0))
 
 
+def compute_rate(time: Array) -> float:
+    """Return the samples per second [Hz] of instants [s] of shape (n,), n at least 2."""
+    return 1.0 / max(float((time[-1] - time[0]) / (time.size - 1)), _SHORTEST)
+
+
 def _find_unsound_samples(trace: Trace) -> TrialFault | None:
     """Find too few samples, or samples that are no numbers."""
     count = trace.time.size
@@ -83,8 +88,8 @@ def _find_clock_fault(time: Array, sample_rate: float) -> TrialFault | None:
         gap = steps[widest] * 1e3
         details = f"{gap:.3g} ms without samples after {time[widest]:.6g} s"
         return TrialFault(FaultKind.GAP, details)
-    rate = 1.0 / max(float((time[-1] - time[0]) / steps.size), _SHORTEST)
-    if abs(rate / sample_rate - 1.0) > _RATE_TOLERANCE:
+    rate = compute_rate(time)
+    if abs(rate / sample_rate - 1.0) > RATE_TOLERANCE:
         details = f"{rate:.6g} Hz, declared are {sample_rate:.6g} Hz"
         return TrialFault(FaultKind.WRONG_RATE, details)
     if rate < _LOWEST_RATE:

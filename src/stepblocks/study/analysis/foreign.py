@@ -12,7 +12,7 @@ from stepblocks.study.analysis.judgements import Judgement, Judgements, join_row
 from stepblocks.study.columns import FACTOR, MICROMETRES, RATINGS, NamedColumns, Row, read_number
 from stepblocks.study.design.read import SheetRow, find_sheets, read_rows
 from stepblocks.study.experiments.registry import ALIASES, EXPERIMENTS
-from stepblocks.study.programs.records import Asked
+from stepblocks.study.programs.records import AnswerSearch
 
 DESCRIPTIONS = {
     "participant": "participant",
@@ -78,11 +78,11 @@ def read_foreign_judgements(
     names = NamedColumns(columns)
     participant = names.name("participant")
     called = (participant, names.name("condition"))
-    asked = Asked(EXPERIMENTS[experiment].answers, columns)
+    search = AnswerSearch(EXPERIMENTS[experiment].answers, names)
     rows = list[SheetRow]()
     for path in find_sheets(tables):
         rows += read_rows(
-            path, [participant], names=called, asked=asked, pattern=wide, layout=layout
+            path, [participant], names=called, search=search, pattern=wide, layout=layout
         )
     _refuse_copied_rows(rows, {names.name("trial"), "repetition", "time"})
     _refuse_copied_tables(rows, participant)

@@ -17,7 +17,12 @@ from stepblocks.study.design.sheet import list_answer_columns
 from stepblocks.study.design.trials import DESIGN_COLUMNS
 from stepblocks.study.experiments.registry import EXPERIMENTS
 from stepblocks.study.programs.melt import melt_table
-from stepblocks.study.programs.records import Asked, convert_records, is_json, read_program_table
+from stepblocks.study.programs.records import (
+    AnswerSearch,
+    convert_records,
+    is_json,
+    read_program_table,
+)
 
 _MISSING = ("NA", "N/A", "n/a", "#N/A", "<NA>")  # as R, BIDS, spreadsheets and pandas write it
 _MAX_BYTES = 100_000_000
@@ -114,12 +119,12 @@ def read_answers(
     A sheet in which no trial is answered yet has no rows. `columns` are theirs by ours, of records
     in which it is not clear where an answer stands.
     """
-    asked = Asked(EXPERIMENTS[experiment].answers, columns)
-    ours = list_answer_columns(experiment)
-    wanted = [asked.name(name) for name in ours]
-    names = [asked.name(name) for name in _NAMES]
-    rows = read_rows(path, wanted, empty=True, names=names, asked=asked, layout=layout)
     named = NamedColumns(columns)
+    search = AnswerSearch(EXPERIMENTS[experiment].answers, named)
+    ours = list_answer_columns(experiment)
+    wanted = [named.name(name) for name in ours]
+    names = [named.name(name) for name in _NAMES]
+    rows = read_rows(path, wanted, empty=True, names=names, search=search, layout=layout)
     return [_translate_row(row, ours, named) for row in rows]
 
 
@@ -186,7 +191,7 @@ def read_rows(
     empty: bool = False,
     names: Collection[str] = _NAMES,
     *,
-    asked: Asked | None = None,
+    search: AnswerSearch | None = None,
     pattern: str = "",
     layout: TableLayout = UNDECLARED,
 ) -> list[SheetRow]:
@@ -202,7 +207,7 @@ def read_rows(
         Whether it may have no rows.
     names : collection of str
         Columns of names, in which a person may be called NA.
-    asked : Asked, optional
+    search : AnswerSearch, optional
         What to look for in the records of another program; without it they are read as they stand.
     pattern : str
         How a table calls its columns that has a column for each trial, as `melt_table` takes it.
@@ -220,10 +225,10 @@ def read_rows(
         If the file cannot be read, or is no such table.
     """
     table = read_program_table(path, layout, _MAX_BYTES)
-    if asked is not None:
-        table = convert_records(table, asked)
-    if asked is not None and pattern:
-        table = melt_table(table, pattern, asked)
+    if search is not None:
+        table = convert_records(table, search)
+    if search is not None and pattern:
+        table = melt_table(table, pattern, search)
     lacking = [name for name in columns if name not in table.names]
     if lacking:
         raise StudyError(

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from stepblocks.errors import StudyError
 from stepblocks.files.text_table import TextTable
-from stepblocks.study.programs.records import Asked
+from stepblocks.study.programs.records import AnswerSearch
 
 _FIELD = re.compile(r"\{(\w*)\}")
 _NUMBER = r"\d+(?:[.,]\d+)?"
@@ -14,7 +14,7 @@ _WHOLE = ("trial", "repetition")  # fields that count
 _ANSWER = "answer"  # field of the name of an answer, where a trial has several
 
 
-def melt_table(table: TextTable, pattern: str, asked: Asked) -> TextTable:
+def melt_table(table: TextTable, pattern: str, search: AnswerSearch) -> TextTable:
     """Give each trial a row of its own.
 
     Parameters
@@ -24,8 +24,8 @@ def melt_table(table: TextTable, pattern: str, asked: Asked) -> TextTable:
     pattern : str
         How such a column is called, with our names in braces: ``{condition}_{height_um}_{trial}``;
         ``{answer}`` is the name of an answer.
-    asked : Asked
-        What is asked for.
+    search : AnswerSearch
+        What is looked for.
 
     Returns
     -------
@@ -39,7 +39,7 @@ def melt_table(table: TextTable, pattern: str, asked: Asked) -> TextTable:
     """
     known = _find_columns(table, pattern)
     fields = list(next(iter(known.values())))
-    answers = [asked.name(answer) for answer in asked.answers]
+    answers = [search.columns.name(answer) for answer in search.answers]
     if _ANSWER in fields:
         fields.remove(_ANSWER)
     elif len(answers) > 1:

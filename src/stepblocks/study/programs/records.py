@@ -12,7 +12,7 @@ from stepblocks.files.layout import TableLayout
 from stepblocks.files.paths import describe_system_error
 from stepblocks.files.text import measure_file_size
 from stepblocks.files.text_table import TableShape, TextTable, read_names, read_text_table
-from stepblocks.study.columns import COMPARED, NO, YES, read_number
+from stepblocks.study.columns import COMPARED, NO, YES, NamedColumns, read_number
 from stepblocks.study.programs.gorilla import GORILLA
 from stepblocks.study.programs.jspsych import JSPSYCH, read_json_records
 from stepblocks.study.programs.opensesame import OPENSESAME
@@ -29,31 +29,19 @@ _HEIGHTS = ("height_um", "height_mm", "height_m")
 
 
 @dataclass(frozen=True)
-class Asked:
-    """What a study asks for in the records of another program.
+class AnswerSearch:
+    """What a study looks for in the records of another program.
 
     Attributes
     ----------
     answers : tuple of str
         Columns of answers, as `Experiment.answers` has them.
-    named : mapping of str
-        What the user says of columns: theirs by ours.
+    columns : NamedColumns
+        What the user says of the columns.
     """
 
     answers: tuple[str, ...]
-    named: Mapping[str, str]
-
-    def find_named(self, ours: str) -> str:
-        """Return how the user calls one of our columns, in any unit; empty where not said."""
-        stem = ours.removesuffix("_um")
-        for name in (ours, f"{stem}_mm", f"{stem}_m"):
-            if name in self.named:
-                return self.named[name]
-        return ""
-
-    def name(self, ours: str) -> str:
-        """Return how a column of ours is called in the table: as the user says, or as ours."""
-        return self.find_named(ours) or ours
+    columns: NamedColumns
 
 
 def find_program(names: Sequence[str]) -> Program | None:
@@ -101,7 +89,7 @@ def read_program_table(path: Path, layout: TableLayout, most_bytes: int) -> Text
     return read_json_records(decode_text(raw, path, StudyError).text, str(path))
 
 
-def convert_records(table: TextTable, asked: Asked) -> TextTable:
+def convert_records(table: TextTable, search: AnswerSearch) -> TextTable:
     """Write the records of another program in our columns; any other table stays as it is.
 
     Rows that are no trials are left out, and so is what the program writes for itself.
@@ -110,8 +98,8 @@ def convert_records(table: TextTable, asked: Asked) -> TextTable:
     ----------
     table : TextTable
         As the program wrote it.
-    asked : Asked
-        What is asked for.
+    search : AnswerSearch
+        What is looked for.
 
     Raises
     ------
@@ -121,20 +109,20 @@ def convert_records(table: TextTable, asked: Asked) -> TextTable:
     program = find_program(table.names)
     if program is None:
         return table
-    records = _keep_trials(program.unfold(table), asked)
-    chosen = _choose_channels(records, asked)
-    columns = _list_kept_columns(program, records, asked)
+    records = _keep_trials(program.unfold(table), search)
+    chosen = _choose_channels(records, search)
+    columns = _list_kept_columns(program, records, search)
     is_planned = _TRIAL in records.table.names
     if is_planned:
         columns = _name_planned_columns(columns)
-    elif "participant" not in asked.named:
+    elif "participant" not in search.columns.named:
         columns.update(_find_people(program, records.table))
-    if chosen and not asked.find_named(_REACTION):
+    if chosen and not search.columns.find(_REACTION):
         columns.update(_read_reactions(program, records.table, next(iter(chosen.values()))))
     for answer, channel in chosen.items():
         columns.pop(channel.column, None)
-        columns[asked.name(answer)] = _clean_answers(records.table, channel.column)
-    answers = [asked.name(answer) for answer in chosen]
+        columns[search.columns.name(answer)] = _clean_answers(records.table, channel.column)
+    answers = [search.columns.name(answer) for answer in chosen]
     adopted = _build_table(records.table, columns)
     if program.has_events:
         adopted = _leave_out_unanswered(adopted, answers)
@@ -144,7 +132,7 @@ def convert_records(table: TextTable, asked: Asked) -> TextTable:
         adopted = _join_events(adopted, answers, ())
     notes = [*adopted.notes]
     for answer, channel in chosen.items():
-        if channel.column != asked.name(answer) and channel.question != answer:
+        if channel.column != search.columns.name(answer) and channel.question != answer:
             notes.append(f"{answer} is read from {channel.column!r} of {program.title}")
     return replace(adopted, notes=tuple(notes))
 
@@ -162,10 +150,10 @@ def _name_planned_columns(columns: Mapping[str, list[str]]) -> dict[str, list[st
     return named
 
 
-def _keep_trials(records: Records, asked: Asked) -> Records:
+def _keep_trials(records: Records, search: AnswerSearch) -> Records:
     """Leave out the rows of instructions and breaks: those that name no trial or no height."""
     table = records.table
-    known = [_TRIAL, asked.find_named("height_um"), *_HEIGHTS]
+    known = [_TRIAL, search.columns.find("height_um"), *_HEIGHTS]
     marks = [name for name in known if name in table.names]
     if not marks:
         return records
@@ -174,7 +162,7 @@ def _keep_trials(records: Records, asked: Asked) -> Records:
     return Records(keep_rows(table, kept), records.channels)
 
 
-def _choose_channels(records: Records, asked: Asked) -> dict[str, Channel]:
+def _choose_channels(records: Records, search: AnswerSearch) -> dict[str, Channel]:
     """Return where each answer stands; an answer is left out where nothing holds it.
 
     Raises
@@ -186,8 +174,8 @@ def _choose_channels(records: Records, asked: Asked) -> dict[str, Channel]:
     by_column = {channel.column: channel for channel in records.channels}
     by_question = {channel.question: channel for channel in records.channels}
     chosen = dict[str, Channel]()
-    for answer in asked.answers:
-        named = asked.find_named(answer)
+    for answer in search.answers:
+        named = search.columns.find(answer)
         if named in by_question:
             raise StudyError(
                 f"{answer} must be named by a column, such as {by_question[named].column!r}, got "
@@ -200,16 +188,16 @@ def _choose_channels(records: Records, asked: Asked) -> dict[str, Channel]:
             chosen[answer] = Channel(answer, answer)
         elif answer in by_question:
             chosen[answer] = by_question[answer]
-    if len(asked.answers) > 1 or chosen:
+    if len(search.answers) > 1 or chosen:
         return chosen
-    (answer,) = asked.answers
-    only_filled = _choose_filled_channel(records, answer, asked)
+    (answer,) = search.answers
+    only_filled = _choose_filled_channel(records, answer, search)
     if only_filled is not None:
         chosen[answer] = only_filled
     return chosen
 
 
-def _choose_filled_channel(records: Records, answer: str, asked: Asked) -> Channel | None:
+def _choose_filled_channel(records: Records, answer: str, search: AnswerSearch) -> Channel | None:
     """Return the only channel that may hold an answer; None where none is filled.
 
     Raises
@@ -217,7 +205,7 @@ def _choose_filled_channel(records: Records, answer: str, asked: Asked) -> Chann
     StudyError
         If several are filled, or the one holds positions of buttons.
     """
-    filled = _find_filled_channels(records, answer, asked)
+    filled = _find_filled_channels(records, answer, search)
     if not filled:
         return None
     if len(filled) > 1:
@@ -235,9 +223,9 @@ def _choose_filled_channel(records: Records, answer: str, asked: Asked) -> Chann
     return filled[0]
 
 
-def _find_filled_channels(records: Records, answer: str, asked: Asked) -> list[Channel]:
+def _find_filled_channels(records: Records, answer: str, search: AnswerSearch) -> list[Channel]:
     """Return the channels that may hold an answer; those that hold anything where none may."""
-    taken = set(asked.named.values())
+    taken = set(search.columns.named.values())
     filled, fitting = [], []
     for channel in records.channels:
         if channel.column in taken:
@@ -257,10 +245,12 @@ def _may_answer(answer: str, text: str) -> bool:
     return not math.isnan(read_number(text.replace(",", ".")))
 
 
-def _list_kept_columns(program: Program, records: Records, asked: Asked) -> dict[str, list[str]]:
+def _list_kept_columns(
+    program: Program, records: Records, search: AnswerSearch
+) -> dict[str, list[str]]:
     """Return the cells of every column that the program does not write for itself."""
     table = records.table
-    taken = set(asked.named.values())
+    taken = set(search.columns.named.values())
     channels = {channel.column for channel in records.channels}
     columns = {}
     for number, name in enumerate(table.names):

@@ -30,6 +30,9 @@ class CovariateRange:
     pair : tuple[CovariateRange, ...]
         Two that act together. Two numbers act by their product; of a label and a number, the
         number acts under each label by itself.
+    closest : float
+        Distance that nine of ten neighbouring numbers are apart at least; zero where all are
+        evenly spaced.
     """
 
     name: str
@@ -39,6 +42,7 @@ class CovariateRange:
     labels: tuple[str, ...] = ()
     distinct: int = 100
     pair: "tuple[CovariateRange, ...]" = ()
+    closest: float = 0.0
 
     @property
     def is_number(self) -> bool:
@@ -49,6 +53,12 @@ class CovariateRange:
     def is_grouped(self) -> bool:
         """Whether it is a number under each label of another column."""
         return bool(self.pair) and bool(self.pair[0].labels)
+
+    @property
+    def spacing(self) -> float:
+        """Distance of neighbouring numbers."""
+        even = (self.high - self.low) / max(self.distinct - 1, 1)
+        return self.closest or even
 
     @property
     def smooth_column_count(self) -> int:

@@ -1,5 +1,7 @@
 """A line for each label: a slot follows a number under one label otherwise than under another."""
 
+from dataclasses import replace
+
 from stepblocks.lawsearch.law import Law, SizedChange
 from stepblocks.rig.effects.grammar.covariates import CovariateRange
 from stepblocks.rig.effects.grammar.parts import follow_columns, make_amplitude, name_covariate
@@ -7,15 +9,31 @@ from stepblocks.rig.effects.grammar.slots import MAIN_SLOTS, SLOT_MOVES
 
 
 def list_group_lines(slot: str, covariate: CovariateRange) -> list[Law]:
-    """List the lines of a slot over a number, one for each label of another column."""
+    """List the lines of a slot over a number, one for each label of another column.
+
+    Over a number that is laid out by its logarithm they are powers, and the lines over the number
+    itself stand beside them.
+    """
     if slot not in MAIN_SLOTS or not covariate.is_grouped:
         return []
+    groups, number = covariate.pair
+    if not number.log:
+        return [_make_group_lines(slot, covariate)]
+    straight = replace(covariate, pair=(groups, replace(number, log=False)))
+    powers = _make_group_lines(slot, covariate)
+    lines = _make_group_lines(slot, straight)
+    return [powers, replace(lines, id=f"{lines.id}~line", rank=17)]
+
+
+def _make_group_lines(slot: str, covariate: CovariateRange) -> Law:
+    """Let a slot follow a number along a line for each label."""
     move = SLOT_MOVES[slot]
     groups, number = covariate.pair
+    curve = "a power of it" if number.log else "a line"
     slopes = [f"slope[{label}]" for label in groups.labels]
     levels = [f"level[{label}]" for label in groups.labels[1:]]
     names = (*slopes, *levels)
-    law = Law(
+    return Law(
         f"trend_{slot}_{covariate.name}",
         f"{move.form}, g a straight line over {number.name} for each {groups.name}",
         tuple(make_amplitude(name) for name in names),
@@ -24,9 +42,8 @@ def list_group_lines(slot: str, covariate: CovariateRange) -> list[Law]:
         covariate.name,
         named=False,
         rank=16,
-        description=f"{move.words} follows the {name_covariate(number)} along a line for each "
+        description=f"{move.words} follows the {name_covariate(number)} along {curve} for each "
         f"{groups.name}, slopes, and levels above the first:",
         shape="group_lines",
         refines=(groups.name, number.name),
     )
-    return [law]

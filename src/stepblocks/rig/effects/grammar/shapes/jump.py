@@ -18,9 +18,6 @@ from stepblocks.rig.effects.grammar.slots import (
 from stepblocks.rig.state import Floats
 
 _LEVELS = ("second", "third", "fourth", "fifth")
-# of the range: a sixth of the spacing of 240 trials. A hundredth of the spacing leaves a fit no way
-# to move, half of it takes the trials beside a jump for wild readings
-_STEP_WIDTH = 7e-4
 _WAYS_TO_JUMP = tuple(slot for slot in MAIN_SLOTS if slot != "radius")
 
 
@@ -43,14 +40,17 @@ def make_step_size(covariate: CovariateRange, sizes: Names, places: Names) -> Si
     """Size of a change that goes from level to level where a covariate passes the places.
 
     `sizes` and `places` are the names of the parameters; each size counts from the first level.
+    The change itself is as wide as two readings are apart: a place between them leaves both at
+    their levels, and any other lets a fit see which way to go.
     """
-    width = _STEP_WIDTH * (covariate.high - covariate.low)
+    width = covariate.spacing
 
     def step(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
         numbers = np.asarray(column, dtype=np.float64)
         past = numbers[:, None] - [values[name] for name in places]
         rises = np.diff([values[name] for name in sizes], prepend=0.0)
-        passed = 0.5 * (1.0 + np.tanh(past / (2.0 * width)))
+        way = np.clip(past / width + 0.5, 0.0, 1.0)
+        passed = way**2 * (3.0 - 2.0 * way)
         return np.asarray(passed @ rises)
 
     return step

@@ -1,5 +1,7 @@
 """A straight line: a slot follows a covariate, drifts along the run, or follows a product."""
 
+from dataclasses import replace
+
 from stepblocks.lawsearch.law import Law, SizedChange
 from stepblocks.rig.effects.grammar.covariates import RUN, CovariateRange
 from stepblocks.rig.effects.grammar.parts import (
@@ -8,16 +10,23 @@ from stepblocks.rig.effects.grammar.parts import (
     make_amplitude,
     name_covariate,
 )
-from stepblocks.rig.effects.grammar.slots import JUMPING_SLOTS, SLOT_MOVES
+from stepblocks.rig.effects.grammar.slots import JUMPING_SLOTS, MAIN_SLOTS, SLOT_MOVES
 
 
 def list_lines(slot: str, covariate: CovariateRange) -> list[Law]:
-    """List the line of a slot over a covariate."""
+    """List the line of a slot over a covariate.
+
+    Over a covariate that is laid out by its logarithm that is a power, and the line over its
+    numbers stands beside it.
+    """
     if covariate.labels or covariate.is_grouped:
         return []
     if is_nearly_binary(covariate) and not covariate.pair:
         return []
-    return [_make_line(slot, covariate)]
+    laws = [_make_line(slot, covariate)]
+    if covariate.log and slot in MAIN_SLOTS and covariate.distinct > 2:
+        laws.append(_make_line_over_numbers(slot, replace(covariate, log=False)))
+    return laws
 
 
 def _make_line(slot: str, covariate: CovariateRange) -> Law:
@@ -28,6 +37,12 @@ def _make_line(slot: str, covariate: CovariateRange) -> Law:
     description = ""
     if is_drift:
         description = f"{move.words} drifts along the run, by ln"
+    elif covariate.log:
+        shape = "power"
+        description = (
+            f"{move.words} follows a power of the {name_covariate(covariate)}: by ln, over half "
+            "the range of the power"
+        )
     elif not covariate.pair:
         shape = "line"
         description = f"{move.words} follows the {name_covariate(covariate)} along a line, slope"
@@ -43,3 +58,9 @@ def _make_line(slot: str, covariate: CovariateRange) -> Law:
         description=description,
         shape=shape,
     )
+
+
+def _make_line_over_numbers(slot: str, covariate: CovariateRange) -> Law:
+    """Let a slot follow the numbers of a covariate whose power is another law."""
+    line = _make_line(slot, covariate)
+    return replace(line, id=f"{line.id}~line", rank=11)

@@ -18,11 +18,8 @@ _PLACES = 8  # along the run, between any two of which a search looks for a puls
 
 
 def list_pulses(slot: str, covariate: CovariateRange) -> list[Law]:
-    """List the pulse of a slot along the run.
-
-    What scatters from trial to trial goes from level to level, of which a pulse is a case.
-    """
-    if covariate.name != RUN or slot not in MAIN_SLOTS or slot in JUMPING_SLOTS:
+    """List the pulse of a slot along the run."""
+    if covariate.name != RUN or slot not in MAIN_SLOTS:
         return []
     if not has_places(covariate):
         return []
@@ -54,7 +51,7 @@ def _make_pulse(slot: str, covariate: CovariateRange) -> Law:
         move.slot,
         covariate.name,
         list_step_shapes(covariate, (_FROM, _UNTIL), stretches),
-        named=False,
+        named=slot in JUMPING_SLOTS,
         rank=15,
         description=f"{move.words} changes for a stretch of the run: by {{}}, from trial {{}} to "
         "{}",

@@ -1,0 +1,160 @@
+"""What some traces of a session say of its declaration, before it is measured as a whole."""
+
+import hashlib
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from stepblocks.bench.declared import USUAL_RING
+from stepblocks.bench.examine import TrialResult
+from stepblocks.bench.faults import TraceError
+from stepblocks.bench.measure import Progress, check_output, check_pilots, measure_pilots
+from stepblocks.bench.session import Session, open_session
+from stepblocks.bench.signal.screening import RATE_TOLERANCE, compute_rate
+from stepblocks.bench.traces import Traces
+from stepblocks.bench.trials import open_trials
+from stepblocks.errors import BenchError
+from stepblocks.files.atomic import replace_text
+from stepblocks.files.layout import UNDECLARED, TableLayout
+from stepblocks.lawsearch.forward_model import Floats
+from stepblocks.loop.calibration_check import check_quantity, find_declared
+from stepblocks.loop.declared_checks import CalibrationCheck, Declared, RateCheck, SessionCheck
+from stepblocks.loop.record import SCHEMA, convert_to_plain, format_document
+from stepblocks.loop.session_table import estimate_unloaded_zeros
+
+_FEWEST_SAMPLES = 2  # of a record that has a rate
+_FEWEST_RINGS = 3  # trials that must have rung before anything is said of the ring
+
+
+def check_session(
+    session: str | Path,
+    output: str | Path | None = None,
+    *,
+    layout: TableLayout = UNDECLARED,
+    progress: Progress | None = None,
+) -> SessionCheck:
+    """Hold some trials of a session against what it declares.
+
+    The same trials are measured that every run over the session begins with.
+
+    Parameters
+    ----------
+    session : str or Path
+        Folder with a ``session.toml``; it is only read.
+    output : str or Path, optional
+        File that the result is also written to, JSON.
+    layout : TableLayout
+        How the table of trials and traces in text are written.
+    progress : callable, optional
+        Called after each trial with the number of trials that are done and the number of all.
+
+    Returns
+    -------
+    SessionCheck
+        What is shown over what is declared, with 95 % intervals, and the likely slip where they
+        contradict each other.
+
+    Raises
+    ------
+    BenchError
+        If the session as a whole cannot be read.
+    PipelineError
+        If the output cannot be written.
+    """
+    if output is not None:
+        check_output(Path(session), Path(output))
+    check = _hold_against_declaration(Path(session), layout, progress)
+    if output is not None:
+        document = {"schema": SCHEMA, **convert_to_plain(check)}
+        replace_text(Path(output), format_document(document))
+    return check
+
+
+def _hold_against_declaration(
+    session: Path, layout: TableLayout, progress: Progress | None
+) -> SessionCheck:
+    """Measure some trials of a session, and hold them against what it declares."""
+    declared = open_session(session, layout)
+    digest = hashlib.sha256((session / "session.toml").read_bytes()).hexdigest()
+    table = open_trials(declared)
+    slip = ""
+    with Traces(declared) as traces:
+        results = measure_pilots(traces, table, progress)
+        rate = _check_rate(traces, results)
+        try:
+            check_pilots(traces, results)
+        except BenchError as error:
+            slip = str(error)
+    measured = [result for result in results if result.fault is None]
+    ring = _find_ring(measured)
+    lowest, highest = USUAL_RING
+    faults = [result.fault for result in results if result.fault is not None]
+    reason = ""
+    if faults:
+        reason = str(faults[0])
+    return SessionCheck(
+        looked_at=len(results),
+        measured=len(measured),
+        reason=reason,
+        spring_constant=declared.probe.spring_constant,
+        spring=_check_quantity(Declared.SPRING, declared, measured),
+        load=_check_quantity(Declared.LOAD, declared, measured),
+        rate=rate,
+        ring_frequency=ring,
+        rings_as_usual=ring is not None and lowest <= ring <= highest,
+        slip=slip,
+        digest=digest,
+    )
+
+
+def _check_quantity(
+    quantity: Declared, declared: Session, measured: Sequence[TrialResult]
+) -> CalibrationCheck | None:
+    """Hold what measured trials show of one quantity against the session; None of too few."""
+    if not measured:
+        return None
+    spring_constant = declared.probe.spring_constant
+    features = pd.DataFrame([result.features for result in measured])
+    loads = np.array([result.trial.load for result in measured])
+    known = {**estimate_unloaded_zeros(features), **declared.calibration.list_known()}
+    shown = _read_feature(measured, "normal_load_n") / loads
+    if quantity is Declared.SPRING:
+        shown = _read_feature(measured, "spring_constant_n_per_m") / spring_constant
+    value = find_declared(quantity, known, spring_constant, float(np.median(loads)))
+    return check_quantity(quantity, shown, value)
+
+
+def _read_feature(measured: Sequence[TrialResult], name: str) -> Floats:
+    """Read one feature of measured trials, of shape (n,)."""
+    return np.array([result.features[name] for result in measured], dtype=np.float64)
+
+
+def _check_rate(traces: Traces, results: Sequence[TrialResult]) -> RateCheck | None:
+    """Hold the clock of the traces against the declared rate; None where they have no clock."""
+    acquisition = traces.session.acquisition
+    if acquisition.channels.time is None:
+        return None
+    ratios = []
+    for result in results:
+        try:
+            time = traces.read(result.trial.record or result.trial.name).time
+        except TraceError:
+            continue
+        if time.size >= _FEWEST_SAMPLES:
+            ratios.append(compute_rate(time) / acquisition.sample_rate)
+    if not ratios:
+        return None
+    shown = float(np.median(ratios))
+    contradicts = abs(shown - 1.0) > RATE_TOLERANCE
+    return RateCheck(acquisition.sample_rate, shown, min(ratios), max(ratios), contradicts)
+
+
+def _find_ring(measured: Sequence[TrialResult]) -> float | None:
+    """Find the frequency at which the tool rings [Hz]; None where too few trials rang."""
+    rings = _read_feature(measured, "ring_frequency_hz")
+    rings = rings[np.isfinite(rings)]
+    if rings.size < _FEWEST_RINGS:
+        return None
+    return float(np.median(rings))

@@ -1,0 +1,174 @@
+"""Notes of the jobs of a folder: they outlive the window that started them, and the system's start.
+
+They lie where this system keeps the state of programs of a user, never in the folder itself.
+"""
+
+import hashlib
+import json
+import os
+import re
+import shutil
+import stat
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import psutil
+from pydantic import TypeAdapter, ValidationError
+
+from stepblocks.files.locks import LockState, try_lock
+from stepblocks.window.command_line import ShownCommand
+
+_PROGRAM, _PART = "stepblocks", "window"
+_BEGIN = "stepblocks-window-"  # of the name of notes; behind it which folder they are of
+_NAME = re.compile(rf"{_BEGIN}[0-9a-f]{{16}}-\w+")
+_LOCK = "window.lock"  # held by the window that the jobs of a folder belong to
+_WRITTEN_BY_OTHERS = stat.S_IWGRP | stat.S_IWOTH
+_OWN = 0o700  # mode of a folder that is a user's alone
+_OLD = 90 * 24 * 3600.0  # age from which notes of a folder that nobody opened are forgotten [s]
+
+
+@dataclass(frozen=True)
+class JobRecord:
+    """What is kept of a job for the next window on the folder.
+
+    Attributes
+    ----------
+    command : ShownCommand
+    process : int
+        Number of its process.
+    begun : float
+        When that began, as its system says to a hundredth [s].
+    noted : int
+        When this was noted, by which jobs are in order [ns].
+    """
+
+    command: ShownCommand
+    process: int
+    begun: float
+    noted: int
+
+
+_RECORD = TypeAdapter(JobRecord)
+
+
+class JobNotes:
+    """Where the jobs of a folder leave their notes and what they print.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder of the window.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        digest = hashlib.sha256(os.fsencode(folder.resolve())).hexdigest()
+        self._prefix = f"{_BEGIN}{digest[:16]}-"
+        self._locks = ExitStack()
+        self._held: list[Path] = []
+        self._place: Path | None = None
+
+    def find(self) -> list[tuple[JobRecord, Path]]:
+        """Find the notes of windows on the folder that were killed, in the order of their jobs.
+
+        Returns
+        -------
+        list of JobRecord and Path
+            Each with the file of what the job printed.
+        """
+        state = _find_state_folder()
+        records: list[tuple[JobRecord, Path]] = []
+        for place in _list_places(state):
+            is_here = place.name.startswith(self._prefix)
+            if not is_here and not _is_old(place):
+                continue
+            if self._locks.enter_context(try_lock(place / _LOCK)) is not LockState.OURS:
+                continue  # of a window that is open
+            self._held.append(place)
+            if is_here:
+                records += _read_records(place)
+        return sorted(records, key=lambda found: found[0].noted)
+
+    def get_place(self) -> Path:
+        """Return the folder for the jobs of this window, which is made with the first of them."""
+        if self._place is None:
+            self._place = Path(tempfile.mkdtemp(prefix=self._prefix, dir=_find_state_folder()))
+            self._held.append(self._place)
+            self._locks.enter_context(try_lock(self._place / _LOCK))
+        return self._place
+
+    def forget(self) -> None:
+        """Take all notes away that are this window's or were found by it."""
+        self._locks.close()
+        for place in self._held:
+            shutil.rmtree(place, ignore_errors=True)
+        self._held = []
+        self._place = None
+
+
+def _find_state_folder() -> Path:
+    """Return the folder of this user's state, made where it is not; else that of temporary files.
+
+    Only where a user's own folder can be written to, notes are there after the system's next start.
+    """
+    import platformdirs
+
+    folder = platformdirs.user_state_path(_PROGRAM, appauthor=False) / _PART
+    with suppress(OSError):
+        folder.mkdir(mode=_OWN, parents=True, exist_ok=True)
+        if _is_own(folder) and os.access(folder, os.W_OK):
+            return folder
+    return Path(tempfile.gettempdir())
+
+
+def keep_record(command: ShownCommand, process: int, output: Path) -> None:
+    """Keep what the next window needs to find a job; without it, it is not found."""
+    with suppress(OSError, psutil.Error):
+        begun = psutil.Process(process).create_time()
+        record = JobRecord(command, process, begun, time.time_ns())
+        text = json.dumps(asdict(record))
+        output.with_suffix(".json").write_text(text, encoding="utf-8", newline="\n")
+
+
+def _read_records(place: Path) -> list[tuple[JobRecord, Path]]:
+    """Read the records of a folder, each with the file of its output; a damaged one is none."""
+    records = []
+    for path in place.glob("*.json"):
+        with suppress(OSError, ValidationError):
+            records.append((_RECORD.validate_json(path.read_bytes()), path.with_suffix(".txt")))
+    return records
+
+
+def _is_own(place: Path) -> bool:
+    """Tell whether a folder is one of this user, into which nobody else can write."""
+    try:
+        found = place.lstat()
+    except OSError:
+        return False
+    is_own = stat.S_ISDIR(found.st_mode)
+    if sys.platform != "win32":  # there each user has a folder of temporary files
+        is_own &= found.st_uid == os.getuid() and not found.st_mode & _WRITTEN_BY_OTHERS
+    return is_own
+
+
+def _list_places(state: Path) -> Iterator[Path]:
+    """Yield the folders of notes that are this user's alone."""
+    try:
+        found = sorted(state.iterdir())
+    except OSError:
+        return
+    for place in found:
+        if _NAME.fullmatch(place.name) and _is_own(place):
+            yield place
+
+
+def _is_old(place: Path) -> bool:
+    """Tell whether nobody wrote notes there for a long time."""
+    try:
+        return time.time() - place.stat().st_mtime > _OLD
+    except OSError:
+        return False
