@@ -5,12 +5,22 @@ import math
 import numpy as np
 import pytest
 
-from oracles.softgauge import correlated_map, correlated_noise, edge_gauge, stylus_trace
-from stepblocks.inspect.budget import Instrument
+from oracles.softgauge import (
+    correlated_map,
+    correlated_noise,
+    edge_gauge,
+    flank_gauge,
+    stylus_trace,
+)
+from stepblocks.declaration.set import StimulusSet
+from stepblocks.errors import PipelineError
+from stepblocks.inspect.budget import Bound, Instrument
 from stepblocks.inspect.conformity import Outcome
 from stepblocks.inspect.evaluation import EvaluationOptions
+from stepblocks.inspect.report import write_inspection
 from stepblocks.inspect.run import inspect_scan
 from stepblocks.parts.kinds.step_block import StepBlock
+from stepblocks.predict.run import predict_set
 from stepblocks.scans.scan import HeightMap
 
 UM = 1e-6
@@ -75,19 +85,36 @@ def test_what_fails_beside_or_in_a_relief_fails_alone(shape, key):
     assert abs(measured.value - true) <= measured.expanded()
 
 
-def test_a_stylus_proves_the_depth_and_leaves_the_width_open():
+def trace_by_stylus(**shape):
+    """Trace a relief by a stylus of 2 um and 60 deg, in steps of 1 um."""
     fine = np.arange(-3000, 1500, 0.2) * UM
-    z = stylus_trace(fine, draw(fine), 2 * UM, math.radians(60.0))
+    z = stylus_trace(fine, draw(fine, **shape), 2 * UM, math.radians(60.0))
     x = np.arange(-2900, 1400) * UM
-    z = np.interp(x, fine, z) + correlated_noise(
-        len(x), UM, 5e-9, 20e-9, 3 * UM, np.random.default_rng(3)
-    )
-    options = EvaluationOptions(stylus_radius=2 * UM, stylus_cone=math.radians(60.0))
-    result, found = judge((x, z), options)
+    random = np.random.default_rng(3)
+    return x, np.interp(x, fine, z) + correlated_noise(len(x), UM, 5e-9, 20e-9, 3 * UM, random)
+
+
+STYLUS = EvaluationOptions(stylus_radius=2 * UM, stylus_cone=math.radians(60.0))
+
+
+def test_a_stylus_proves_the_depth_and_bounds_the_width_from_below():
+    result, found = judge(trace_by_stylus(), STYLUS)
     assert found["relief_depth"].verdict is Outcome.CONFORMS
     assert found["step_height"].value == pytest.approx(HEIGHT, abs=0.05 * UM)
-    assert "stylus" in result.evaluation.missing["relief_width"]
-    assert "relief_width" not in found
+    width = result.evaluation.values["relief_width"]
+    assert width.bound is Bound.AT_LEAST
+    # half the cone hides (H + D / 2) tan 30 deg at the riser, D / 2 of it at the wall
+    hidden = (HEIGHT + DEPTH) * math.tan(math.radians(30.0))
+    assert WIDTH - hidden - 6 * UM < width.value < WIDTH
+    assert found["relief_width"].verdict is Outcome.NOT_PROVEN
+
+
+def test_a_relief_that_a_stylus_shows_too_wide_does_not_conform():
+    _, found = judge(trace_by_stylus(width=420 * UM), STYLUS)
+    assert found["relief_width"].verdict is Outcome.DOES_NOT_CONFORM
+    # of what the stylus hides as much may be missing
+    _, found = judge(trace_by_stylus(width=340 * UM), STYLUS)
+    assert found["relief_width"].verdict is Outcome.NOT_PROVEN
 
 
 def test_a_map_that_is_turned_shows_the_relief_across_the_edge():
@@ -112,3 +139,21 @@ def test_a_part_without_its_relief_is_not_proven():
     assert found["step_height"].verdict is Outcome.CONFORMS
     assert "no relief" in result.evaluation.missing["relief_depth"]
     assert result.verdict is not Outcome.CONFORMS or result.is_open
+
+
+def draw_slope(x):
+    """Draw a step of 50 um whose riser slopes by 60 deg, with a relief before it."""
+    z = flank_gauge(x, HEIGHT, math.radians(60.0), 0.0)
+    return np.where((x > -WIDTH) & (x < 0.0) & (z < 1e-9), -DEPTH, z)
+
+
+def test_a_sloped_riser_beside_a_relief_has_no_prediction_for_a_ball_that_sinks(tmp_path):
+    x = np.arange(-3000, 1500) * UM
+    noise = correlated_noise(len(x), UM, 5e-9, 30e-9, 3 * UM, np.random.default_rng(4))
+    result, _ = judge((x, draw_slope(x) + noise))
+    assert not result.evaluation.arc
+    assert "relief before a sloped riser has no prediction" in result.energy_statement
+    write_inspection(result, tmp_path)
+    stimuli = StimulusSet.declare("own", step_block=[PART])
+    with pytest.raises(PipelineError, match="whose riser slopes beside its relief, got 125 um"):
+        predict_set(stimuli, dragged=False, as_built=[tmp_path])

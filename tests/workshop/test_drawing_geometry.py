@@ -81,6 +81,22 @@ BODIES = {
         "edge_radius": "5 um",
         "second_step": {"height": "105 um", "distance": "2 mm", "direction": "down"},
     },
+    # deviations one over the other between the arrows of a dimension
+    "uneven": {
+        "body": {
+            "thickness": {"nominal": "12 mm", "tolerance": "+0.1 mm / -0 mm"},
+            "length": {"nominal": "30 mm", "tolerance": "+0.2 mm / -0.1 mm"},
+            "mounting": {
+                "thread": "M2",
+                "depth": {"nominal": "3 mm", "tolerance": "+0.2 mm / -0 mm"},
+            },
+        },
+    },
+    # the balloon of a shallow hole stands high, and the scale of a low step is long
+    "two steps, shallow holes": {
+        "body": {"thickness": "12 mm", "mounting": {"thread": "M2", "depth": "3 mm"}},
+        "second_step": {"height": "8 um", "distance": "7 mm", "direction": "down"},
+    },
     "two steps far apart": {
         "body": {"length": "60 mm", "width": "20 mm", "thickness": "12 mm", "mounting": "none"},
         "second_step": {"height": "12.5 um", "distance": "20 mm", "edge_radius": "12.5 um"},

@@ -129,6 +129,16 @@ def test_the_assembly_drawing_lists_every_item(folder):
     for said in ("DRAG-RIG", "front 1:2", "top 1:2", "left 1:2", *map(str, range(1, 33))):
         assert f">{said}</text>" in text, said
     assert all(f">{part.title}</text>" in text for part in COMPONENTS)
+    # a number of EN 10027-2 is no decimal fraction
+    assert ">X5CrNi18-10 (1.4301)</text>" in text
+    assert "1,4301" not in text
+
+
+def test_a_fit_in_a_bore_is_measured_by_what_goes_into_it():
+    (arm,) = (part for part in SET.stimuli if part.id == "arm")
+    for size in arm.characteristics():
+        if size.kind == "diameter" and size.lower == 0.0:
+            assert size.method == "pin gauges", size.label
 
 
 def test_a_kit_whose_parts_are_in_each_others_way_is_refused_before_anything_is_written(

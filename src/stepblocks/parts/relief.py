@@ -1,6 +1,7 @@
 """Relief at the root of a riser: a groove in the lower face along the whole of it."""
 
 from collections.abc import Iterator
+from typing import ClassVar
 
 from stepblocks.contact.relieved_step import RelievedStep, describe_least_riding_ball
 from stepblocks.parts.body import Body
@@ -23,10 +24,19 @@ _MOST_WIDTH = 0.1
 _MOST_DEPTH = 0.1
 # least width and depth [m]: of less the kernel loses faces
 _LEAST = 0.5e-6
+# why a relief has no such field
+_UPRIGHT = (
+    "walls and floor of a relief are square; nothing predicts what a ball feels that sinks into a "
+    "sloped or a round one"
+)
 
 
 class Relief(Table):
     """A groove in the lower face, between it and the riser, so that tools run out at the root."""
+
+    not_declared: ClassVar[dict[str, str]] = dict.fromkeys(
+        ("angle", "flank_angle", "wall_angle", "slope", "flank", "radius"), _UPRIGHT
+    )
 
     width: PositiveLength = declare_default(otherwise="0.05 mm")  # from the riser along x [m]
     # below the lower face [m]

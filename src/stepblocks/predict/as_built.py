@@ -8,8 +8,10 @@ from functools import cache
 from stepblocks.contact.counterface import FurtherStep, find_scanned_angle
 from stepblocks.contact.energy import Release, find_release
 from stepblocks.contact.energy_change import find_energy_change
+from stepblocks.contact.relieved_step import RelievedStep, describe_least_riding_ball
 from stepblocks.contact.uncertainty import Interval
 from stepblocks.declaration.set import StimulusSet
+from stepblocks.errors import PipelineError
 from stepblocks.parts.kind import Part
 from stepblocks.parts.second_step import SECOND, SecondStep
 from stepblocks.parts.tolerance import Dimension
@@ -203,10 +205,22 @@ def predict_from_surfaces(
         if release is None:
             yield prediction
             continue
+        _refuse_relief_before_slope(prediction)
         interval = prediction.interval
         if interval is not None:
             interval = _shift_interval(interval, release)
         yield replace(prediction, release=release, interval=interval)
+
+
+def _refuse_relief_before_slope(prediction: Prediction) -> None:
+    """Refuse a ball that sinks into a relief before a riser that was measured to slope."""
+    face = prediction.face
+    if isinstance(face, RelievedStep) and prediction.point.ball_radius < face.least_riding_ball:
+        raise PipelineError(
+            f"a ball must have {describe_least_riding_ball(face)} to be predicted from the record "
+            f"of {prediction.stimulus}, whose riser slopes beside its relief, got "
+            f"{prediction.point.ball_radius * 1e6:g} um"
+        )
 
 
 def _shift_interval(interval: Interval, release: Release) -> Interval:

@@ -27,7 +27,8 @@ _RELIEF_IN_STEP = (7.0, 4.0)  # of the relief where it is shown to no scale
 _SECOND_DETAIL: Point = (346.0, 214.0)  # of detail E of a block with two steps
 _MARGIN_DETAIL: Point = (280.0, 214.0)
 _DETAIL_HEIGHT = 44.0  # of a step in its detail, at most
-_CAPTION_LEFT = 10.0  # of the middle of a detail
+# by which a caption stands left of its detail, below whose right half a hole is shown
+_CLEAR_OF_HOLE = 12.0
 _EDGE_LENGTH = 10.0  # of the edge radius in the detail, at most
 _SMALLEST_EDGE = 0.1  # edge radius that chooses the scale of the detail, at least [mm of the part]
 _GROOVE_LENGTH = 30.0
@@ -265,10 +266,12 @@ def _draw_step_detail(sheet: Sheet, edge: _DrawnEdge) -> None:
     else:
         _draw_face_demands(sheet, top, edge.face_count)
     caption = f"{edge.letter}   {_describe_scales(sheet, length_scale, height_scale)}"
+    if edge.prefix:  # a section of a hole stands below its right half
+        _caption_detail(sheet, (x - _CLEAR_OF_HOLE, lower - 33.0), caption)
+        return
     if not sheet.letters:
         caption += f" (heights exaggerated {height_scale / length_scale:g} times)"
-    middle = x + 0.5 * (edge.right - edge.left) - _CAPTION_LEFT
-    _caption_detail(sheet, (middle, lower - 33.0), caption)
+    _caption_detail(sheet, (x, lower - 33.0), caption)
 
 
 def _draw_step_outline(sheet: Sheet, edge: _DrawnEdge, step: _StepOnPaper) -> None:
@@ -408,7 +411,7 @@ def _draw_feature_detail(sheet: Sheet, block: StepBlock, feature: MetrologyFeatu
         f"{feature.kind}_width", (x - half, top), (x + half, top), (x, top + 8.0), length_scale
     )
     caption = f"E   {_describe_scales(sheet, length_scale, height_scale)}"
-    _caption_detail(sheet, (x, low - 33.0), caption)
+    _caption_detail(sheet, (x - _CLEAR_OF_HOLE, low - 33.0), caption)
 
 
 def _draw_relief_detail(sheet: Sheet, relief: Relief) -> None:

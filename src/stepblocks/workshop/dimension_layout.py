@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from stepblocks.workshop.paper import Point
 
 _ARROWS = 10.0  # room for both arrows beside a text between them
+_STACKED_ROOM = 3.0  # for the balloon beside deviations that stand one over the other, besides
 _ARROW_ROOM = 3.0  # from an end of the line to a text beside it
 _BALLOON_ROOM = 6.0  # from a text before the line to its start, where the balloon stands
 _TEXT_OFFSET = 2.2  # of the middle of a text from its line, as ISO 129-1 writes it
@@ -50,10 +51,14 @@ class DimensionLine:
             return x - across, y + along
         return x + along, y + across
 
-    def has_room(self, text_width: float, text_share: float) -> bool:
-        """Tell whether a text fits between the arrows, its middle at a share of the length."""
+    def has_room(self, text_width: float, text_share: float, *, stacked: bool) -> bool:
+        """Tell whether a text fits between the arrows, its middle at a share of the length.
+
+        The balloon of unequal deviations, which are `stacked`, stands further out.
+        """
         shorter_share = min(text_share, 1.0 - text_share)
-        needed = max(text_width + _ARROWS, 0.5 * text_width / shorter_share)
+        arrows = _ARROWS + _STACKED_ROOM if stacked else _ARROWS
+        needed = max(text_width + arrows, 0.5 * text_width / shorter_share)
         return self.end - self.start >= needed
 
 
@@ -67,11 +72,19 @@ class DimensionLayout:
     extension: tuple[Point, Point] | None = None
 
 
-def lay_out_inside(line: DimensionLine, text_width: float, text_share: float) -> DimensionLayout:
-    """Lay the text between the arrows, its middle at a share of the length of the line."""
-    text = line.place(line.start + text_share * (line.end - line.start))
-    balloon = line.shift(text, 0.5 * text_width + 2.2, 4.6)
-    return DimensionLayout(text, balloon)
+def lay_out_inside(
+    line: DimensionLine, text_width: float, text_share: float, *, stacked: bool
+) -> DimensionLayout:
+    """Lay the text between the arrows, its middle at a share of the length of the line.
+
+    Unequal deviations are `stacked`.
+    """
+    middle = line.place(line.start + text_share * (line.end - line.start))
+    offset, beyond = _TEXT_OFFSET, 2.2
+    if stacked:
+        offset, beyond = _STACKED_OFFSET, 3.7
+    balloon = line.shift(middle, 0.5 * text_width + beyond, 4.6)
+    return DimensionLayout(line.shift(middle, 0.0, offset), balloon)
 
 
 def lay_out_beside(

@@ -15,6 +15,8 @@ from stepblocks.workshop.paper import (
 )
 from stepblocks.workshop.sheet import Sheet
 
+_DEPTH_BESIDE = 8.0  # of the section of a hole, the line of its depth
+_UNEVEN_DEPTH_BESIDE = 12.0  # the same of unequal deviations
 _SECTION_VIEW: Point = (360.0, 131.0)  # middle of the base in the section through a hole
 _SECTION_HEIGHT = 36.0  # of the section on the paper, at most
 _SECTION_WIDTH = 34.0
@@ -186,12 +188,16 @@ def _draw_section(sheet: Sheet, body: Body, mounting: Mounting) -> None:
         low, high = top - section.depth, top
         floor = low
     drill = section.drill
+    beside = _DEPTH_BESIDE
+    depth = sheet.listed["hole_depth"].characteristic
+    if depth.upper != -depth.lower:  # which stand one over the other
+        beside = _UNEVEN_DEPTH_BESIDE
     sheet.draw_line((x - drill, floor), (x + drill, floor))
     sheet.draw_dimension(
         "hole_depth",
         (x + drill, low),
         (x + drill, high),
-        (x + half + 8.0, base),
+        (x + half + beside, base),
         section.scale,
         upright=True,
     )

@@ -135,8 +135,10 @@ def draw_assembly_views(paper: Paper, components: Sequence[Component]) -> None:
     _number_components(paper, views[0], components)
     rows = [("item", "name", "material, or what it is ordered by")]
     for number, component in enumerate(components, start=1):
-        ordered = component.designation or component.material.order_text
-        rows.append((str(number), component.title, use_decimal_comma(ordered)))
+        ordered = component.material.order_text  # a number such as 1.4301 has no decimals
+        if component.designation:
+            ordered = use_decimal_comma(component.designation)
+        rows.append((str(number), component.title, ordered))
     paper.write_table(_LIST_CORNER, rows, _LIST_WIDTHS)
 
 

@@ -246,16 +246,17 @@ class Sheet(Paper):
         dimension = self._add_dimension(key, start, end, through, scale, upright)
         line = DimensionLine.between(start, end, through, upright)
         text_width = self._measure_dimension(key)
-        if line.has_room(text_width, text_share):
-            layout = lay_out_inside(line, text_width, text_share)
-            if text_share != 0.5:
-                x, y = layout.text
-                dimension.set_location(Vec2(x - 2.2, y), leader=False)
+        stacked = characteristic.upper != -characteristic.lower
+        if line.has_room(text_width, text_share, stacked=stacked):
+            layout = lay_out_inside(line, text_width, text_share, stacked=stacked)
+            # ezdxf centres a single line of text over the middle of the line by itself
+            if stacked or text_share != 0.5:
+                dimension.set_location(Vec2(layout.text), leader=False)
         else:
             layout = lay_out_beside(
                 line,
                 text_width,
-                stacked=characteristic.upper != -characteristic.lower,
+                stacked=stacked,
                 before=before,
                 clearance=clearance,
             )

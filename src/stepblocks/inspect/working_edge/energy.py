@@ -84,6 +84,11 @@ def _describe_edge(
         f"(tip {point.ball_radius * 1e6:g} um, {point.normal_load:g} N, friction "
         f"{point.friction:g})"
     )
+    if not result.evaluation.arc and _reaches_relief(edge.asked, point):
+        return (
+            f"{verdict}; the edge is no arc, and a ball that sinks into the relief before a sloped "
+            f"riser has no prediction {conditions}"
+        )
     causes = edge.list_causes()
     nominal = edge.asked.release(point)
     as_built = edge.as_built.release(point)
@@ -108,6 +113,11 @@ def _describe_edge(
         f"{verdict}{clause}; together {change * 100:+.1f} %, to {_format_energy(as_built)} "
         f"{conditions}"
     )
+
+
+def _reaches_relief(asked: Counterface, point: OperatingPoint) -> bool:
+    """Tell whether a ball sinks into the relief of a step, if it has one."""
+    return isinstance(asked, RelievedStep) and point.ball_radius < asked.least_riding_ball
 
 
 def _collect_edge(result: InspectionResult, prefix: str = "") -> _MeasuredEdge | None:

@@ -8,7 +8,13 @@ import numpy as np
 
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.attempts import evaluate_each
-from stepblocks.inspect.budget import Instrument, Measured, ScalePowers, average_profiles
+from stepblocks.inspect.budget import (
+    Bound,
+    Instrument,
+    Measured,
+    ScalePowers,
+    average_profiles,
+)
 from stepblocks.inspect.edge import find_largest_edge, fit_step
 from stepblocks.inspect.evaluation import EvaluationOptions
 from stepblocks.inspect.found_edges import FoundEdge, find_edges
@@ -122,8 +128,12 @@ def cover_relief(
     )
     if options.stylus_radius == 0.0 and options.stylus_cone == 0.0:
         covered.values["relief_width"] = _average_width(found, places, instrument)
-    else:
+        return covered
+    least = _average_least_width(found, places, instrument)
+    if least is None:
         covered.missing["relief_width"] = NotMeasuredReason.WALLS_OF_RELIEF.describe()
+    else:
+        covered.values["relief_width"] = least
     return covered
 
 
@@ -209,6 +219,51 @@ def _average_width(
     for relief in found:
         widths.append(Estimate(relief.width * turn, std * turn))
     return average_profiles("width of the relief", widths, instrument, powers=_WIDTH_POWERS)
+
+
+def _average_least_width(
+    found: Sequence[_ReliefOfRow], places: _Places, instrument: Instrument
+) -> Measured | None:
+    """Average the least width that the traces of a stylus prove; None where they show none.
+
+    A trace is the surface dilated by the stylus (ISO 16610-40), and nowhere below it: where it
+    lies below half the depth, the relief is at least as deep. So it is at least so wide.
+    """
+    slant = float(places.riser.deriv()(0.0))
+    turn = 1.0 / np.hypot(1.0, slant)
+    std = found[0].row.spacing / np.sqrt(6.0)  # one interval at either end, rectangular
+    widths = []
+    for relief in found:
+        width = _measure_width_at_half_depth(relief)
+        if width > 0.0:
+            widths.append(Estimate(width * turn, std * turn))
+    if len(widths) < LEAST_SHARE * len(found):
+        return None
+    measured = average_profiles("width of the relief", widths, instrument, powers=_WIDTH_POWERS)
+    return replace(measured, bound=Bound.AT_LEAST)
+
+
+def _measure_width_at_half_depth(relief: _ReliefOfRow) -> float:
+    """Return how far a profile lies below half the depth of its relief [m]; 0 where nowhere."""
+    position = relief.row.position
+    height = relief.row.height
+    sign = 1.0 if relief.riser.rise > 0.0 else -1.0
+    across = sign * (position - relief.riser.position)
+    width = relief.width
+    face = (across < -(1.0 + _WALL) * width) & (across > -width - max(_FACE, _FACE_WIDTHS * width))
+    face &= np.isfinite(height)
+    if face.sum() < LEAST_FACE:
+        return 0.0
+    lower = _fit_face(position[face], height[face])(position)
+    is_below = height < lower - 0.5 * relief.depth.value  # nowhere where nothing was measured
+    middle = int(np.argmin(np.abs(across + 0.5 * width)))
+    if not is_below[middle]:
+        return 0.0
+    # from the middle on, so that a spike elsewhere adds nothing
+    not_below = np.flatnonzero(~is_below)
+    first = int(not_below[not_below < middle].max(initial=-1)) + 1
+    last = int(not_below[not_below > middle].min(initial=len(is_below))) - 1
+    return abs(float(position[last] - position[first]))
 
 
 def _find_relief_points(

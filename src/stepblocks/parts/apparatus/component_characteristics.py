@@ -94,6 +94,7 @@ def _list_cylinder(
         _find_diameter(cylinder),
         face,
         label=f"{label}, along {cylinder.axis}{_describe_bore(component, cylinder)}",
+        method=_choose_method(component, cylinder),
     )
     for axis in cylinder.cross_axis_indices:
         low = component.bounding_box.low[axis]
@@ -103,6 +104,13 @@ def _list_cylinder(
             side = describe_plane(axis, low)
             name = f"{label} from the {_SIDES[axis]}"
             yield make_location(f"{key}_{AXES[axis]}", name, offset, side, face)
+
+
+def _choose_method(component: Component, cylinder: Cylinder) -> str:
+    """Choose pin gauges for a fit in a bore, into which no micrometer goes; else the usual one."""
+    if cylinder in component.rods or cylinder.deviations is None:
+        return ""
+    return "pin gauges"
 
 
 def _find_diameter(cylinder: Cylinder) -> Dimension:
