@@ -28,13 +28,14 @@ PLAN = (
 SIMULATE = ("simulate-session", "plan.toml", "-o", "bench")
 DESIGN = ("study", "design", "mine.toml", "--seed=1", "-o", "study", "--participants=2")
 ANSWER = ("study", "simulate", "study", "mine.toml", "--output=study/answers.csv", "--seed=1")
+INSPECT = ("inspect", "scan.csv", "--stimulus", "low", "--stimuli", "mine.toml", "-o", "out")
 # a kind of job: the commands that go before it, and its own
 JOBS = {
     "design-set": ((), ("design-set", "even.toml", "--targets=2 uJ", "--model=formula")),
     "build": ((), ("build", "mine.toml", "-o", "out")),
     "workshop": ((), ("workshop", "mine.toml", "-o", "out")),
     "export": ((), ("export", "mine.toml", "--for", "forcelaw", "-o", "out")),
-    "inspect": ((), ("inspect", "scan.csv", "--stimulus=mine.toml/low", "-o", "out")),
+    "inspect": ((), INSPECT),
     "simulate-session": ((), SIMULATE),
     "measure": ((SIMULATE,), ("measure", "bench", "-o", "out/features.csv")),
     "check": ((SIMULATE,), ("measure", "bench", "--check", "out/check.json")),
@@ -45,6 +46,7 @@ JOBS = {
 }
 QUICK = ("design-set",)
 SHARES = (0.5, 0.8, 0.95)  # of the time of an undisturbed run, after which it is killed
+ONCE = ("design-set", "loop")  # quick, or of minutes
 WITHOUT_BYTES = (".pdf", ".xlsx")  # say when they were written
 KINDS = [
     pytest.param(name, marks=() if name in QUICK else pytest.mark.long, id=name) for name in JOBS
@@ -128,7 +130,7 @@ def test_a_kill_in_a_job_leaves_whole_files_and_the_next_window_runs_it_again(ki
     put_files(tmp_path / "whole", before)
     seconds = run_command(tmp_path / "whole", words)
     whole = list_files(tmp_path / "whole")
-    shares = SHARES[:1] if kind in QUICK else SHARES
+    shares = SHARES[:1] if kind in ONCE else SHARES
     for number, share in enumerate(shares):
         folder = tmp_path / f"killed-{number}" / "whole"  # a name that files may hold
         folder.parent.mkdir()
