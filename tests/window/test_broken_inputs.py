@@ -16,9 +16,12 @@ from nicegui import ElementFilter, ui
 from nicegui.elements.upload_files import SmallFileUpload
 from nicegui.testing.user_simulation import user_simulation
 
+from stepblocks.declaration.read import load_set
 from stepblocks.errors import StepblocksError
 from stepblocks.quantities import format_units
 from stepblocks.scans.read import read_scan
+from stepblocks.window.draft import Draft
+from stepblocks.window.session_files import SessionDraft
 from stepblocks.window.window import Window
 
 GARBAGE = bytes(range(256)) * 40
@@ -92,6 +95,8 @@ SESSIONS = {
     "locked.zip": encrypt(pack({"session.toml": DECLARED})),
     "both.zip": pack({"b": "0", "b/c": "1", "session.toml": ""}),
     "session.rar": b"Rar!",
+    "nothing.zip": pack({}),
+    "folders.zip": pack({"a/": "", "a/b/": ""}),
     "..zip": pack({"session.toml": ""}),
     "no-toml.zip": pack({"session.toml": "[[["}),
     "no-text.zip": pack({"session.toml": b"\xff\xfe\x00"}),
@@ -242,3 +247,124 @@ def test_a_wrong_name_or_entry_is_a_message_where_it_was_typed_and_saves_nothing
     assert [name for name, found in messages.items() if not found[0]] == []
     assert not any("Traceback" in text for found in messages.values() for text in found)
     assert list_files(tmp_path) == before
+
+
+SETTINGS = """schema = 1
+[probe]
+spring_constant = "9.81 N/mm"
+tip_radius = "125 um"
+[acquisition]
+sample_rate = "10 kHz"
+traces = "t/{trial}.csv"
+[acquisition.channels]
+tangential = "fx_n"
+normal = "fy_n"
+"""
+BRACKETS = "[" * 3000 + "]" * 3000
+# a session that lies in the folder: its files, and what the page says of it
+FOUND = {
+    "header-alone": ({"session.toml": SETTINGS, "t/1.csv": "time_s,fx_n\n"}, "named columns"),
+    "without-log": ({"session.toml": SETTINGS}, ""),
+    "latin": ({"session.toml": "title = 'Pr\xfcfung'".encode("latin-1")}, "UTF-8"),
+    "deep": ({"session.toml": f"a = {BRACKETS}"}, "must be TOML"),
+    "folder-as-file": ({"session.toml/a.txt": ""}, "must be a file, got a folder"),
+    "folder-as-trace": ({"session.toml": SETTINGS, "t/1.csv/a.txt": ""}, "directory"),
+    "damaged-check": ({"session.toml": SETTINGS, "../out/damaged-check-check.json": "[]"}, "check"),
+    "damaged-loop": (
+        {
+            "session.toml": SETTINGS,
+            "../out/damaged-loop-loop/result.json": '{"next_experiment": {"separates": 5}}',
+        },
+        "result of a loop",
+    ),
+}
+
+
+def put_files(folder, files):
+    for name, content in files.items():
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+
+
+async def open_found(folder):
+    """Open each session, and then every page; return their messages and labels."""
+    messages = {}
+    labels = []
+    async with user_simulation(root=Window(folder).build) as user:
+        for name, (_, message) in FOUND.items():
+            await user.open(f"/bench?session={name}")
+            if message:
+                messages[name] = await wait_for_message(user)
+            if name in ("header-alone", "without-log"):
+                await user.should_see(marker="acquisition.channels.tangential", retries=50)
+        for page in ("/", "/declare?file=deep.toml", "/build", "/study", "/set"):
+            await user.open(page)
+            await asyncio.sleep(0.2)
+            with user:
+                labels += [label.text for label in ElementFilter(kind=ui.label)]
+    return messages, labels
+
+
+def test_whatever_lies_in_the_folder_every_page_opens_and_says_what_is_wrong(tmp_path):
+    """Thousands of brackets in one file of the folder once ended every page."""
+    folder = tmp_path / "lab"
+    for name, (files, _) in FOUND.items():
+        put_files(folder / name, files)
+    (folder / "deep.toml").write_text(f'[[step_block]]\nid = "a"\nheight = {BRACKETS}\n')
+    (folder / "zero.toml").touch()
+    messages, labels = asyncio.run(open_found(folder))
+    for name, found in messages.items():
+        assert FOUND[name][1] in " ".join(found), name
+    assert not any("500" in text or "Traceback" in text for text in labels)
+    assert any("nested too deeply" in text for text in labels)
+
+
+def test_a_stimulus_file_with_a_mark_at_its_begin_stays_the_same_bytes(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_bytes(b"\xef\xbb\xbf" + DECLARED.encode())
+    draft = Draft(path)
+    (place,) = draft.list_stanzas()
+    draft.write_field(place, ("height",), "30 um")
+    draft.save()
+    assert path.read_bytes() == b"\xef\xbb\xbf" + DECLARED.replace("25", "30").encode()
+    assert load_set(path).stimuli[0].id == "low"
+    session = tmp_path / "session.toml"
+    session.write_bytes(b"\xef\xbb\xbf" + SETTINGS.encode())
+    draft = SessionDraft(tmp_path)
+    draft.save()
+    assert session.read_bytes() == b"\xef\xbb\xbf" + SETTINGS.encode()
+
+
+async def say(folder, path, answers):
+    """Type one answer after another into a form; return what the page says to each."""
+    messages = {}
+    async with user_simulation(root=Window(folder).build) as user:
+        for name, answer in answers:
+            await user.open(path)
+            field = next(iter(user.find(marker=name).elements))
+            field.set_value(answer)
+            messages[answer] = await wait_for_message(user)
+    return messages
+
+
+@pytest.mark.parametrize(
+    ("path", "names"), [("/set", ("file", "plot")), ("/study", ("folder", "answers", "report"))]
+)
+def test_no_form_gives_a_command_that_writes_outside_the_folder(path, names, tmp_path):
+    folder = tmp_path / "lab"
+    folder.mkdir()
+    (folder / "mine.toml").write_text(DECLARED)
+    (folder / "study").mkdir()
+    (folder / "study" / "design.csv").touch()
+    answers = [(name, f"../{name}") for name in names]
+    messages = asyncio.run(say(folder, path, answers))
+    assert all("must lie in the folder" in found[0] for found in messages.values())
+
+
+def test_a_wrong_answer_of_a_set_is_a_message_that_names_it(tmp_path):
+    answers = [("number", "1e9"), ("friction", "low"), ("load", "nan N"), ("targets", "5 kg")]
+    messages = asyncio.run(say(tmp_path, "/set", answers))
+    assert "number must be a whole number" in messages["1e9"][0]
+    assert "friction must be a number" in messages["low"][0]
+    assert "must be a force" in messages["nan N"][0]

@@ -15,6 +15,7 @@ pytest.importorskip("nicegui")
 from oracles.loop_folder import write_explained_session
 from oracles.window_browser import Clicker, open_browser, serve
 from stepblocks.cli import main
+from stepblocks.declaration.read import load_set
 from stepblocks.rehearse.run import simulate_session
 
 pytestmark = pytest.mark.long
@@ -76,6 +77,61 @@ def test_a_set_of_eight_blocks_one_jnd_apart(page, tmp_path, monkeypatch):
     repeat([line], typed, monkeypatch)
     assert list_bytes(folder) == list_bytes(typed)
     assert (folder / "even.toml").read_text(encoding="utf-8").count("[[step_block]]") == 8
+
+
+def drag(driver, selector, share):
+    """Drag an element along by a share of the width of what holds it, as a hand does."""
+    begin, end, height = driver.execute_script(
+        "const found = document.querySelector(arguments[0]);"
+        "found.scrollIntoView({block: 'center'});"
+        "const box = found.getBoundingClientRect();"
+        "const wide = found.closest('.axis').getBoundingClientRect().width;"
+        "const begin = box.left + box.width / 2;"
+        "return [begin, begin + arguments[1] * wide, box.top + 8];",
+        selector,
+        share,
+    )
+    hand = {"button": "left", "y": height, "buttons": 1, "clickCount": 1}
+    press = {**hand, "type": "mousePressed", "x": begin}
+    driver.execute_cdp_cmd("Input.dispatchMouseEvent", press)
+    for step in range(1, 6):
+        place = begin + (end - begin) * step / 5
+        driver.execute_cdp_cmd(
+            "Input.dispatchMouseEvent", {**hand, "type": "mouseMoved", "x": place}
+        )
+        time.sleep(0.2)
+    driver.execute_cdp_cmd("Input.dispatchMouseEvent", {**hand, "type": "mouseReleased", "x": end})
+
+
+def test_targets_that_a_hand_drags_are_those_of_the_command_and_its_file(
+    page, tmp_path, monkeypatch
+):
+    from selenium.webdriver.common.action_chains import ActionChains
+    from selenium.webdriver.common.keys import Keys
+
+    user, folder = page
+    user.click("Set")
+    user.find("[data-target='7']")
+    user.see("As the command designs it.")
+    drag(user.driver, "[data-target='7']", 0.1)
+    dragged = user.see("--targets=")
+    targets = [float(word.split("=")[1].split()[0]) for word in shlex.split(dragged)[3:-1]]
+    assert len(targets) == 8
+    assert targets[:7] == pytest.approx([2 * 10 ** (0.15 * n) for n in range(7)], rel=0.01)
+    assert targets[7] > 1.2 * 2 * 10 ** (0.15 * 7)
+    user.driver.execute_script("document.querySelector(\"[data-target='0']\").focus()")
+    ActionChains(user.driver).send_keys(Keys.ARROW_RIGHT).perform()
+    line = user.see("'--targets=2.05 uJ'")
+    user.see("As the command designs it.")
+    sizes = [found.text for found in user.driver.find_elements("css selector", ".axis-block")]
+    user.click("Run: Design a set")
+    user.see("Change the set in a form")
+    typed = tmp_path / "typed"
+    typed.mkdir()
+    repeat([line], typed, monkeypatch)
+    assert list_bytes(folder) == list_bytes(typed)
+    made = [part.height.nominal for part in load_set(folder / "even.toml").stimuli]
+    assert sizes == [f"{1e6 * height:.3g} µm" for height in made]
 
 
 def test_a_study_of_six_simulated_participants_to_its_table(page, tmp_path, monkeypatch):
@@ -221,11 +277,16 @@ def test_a_session_with_an_undeclared_effect_to_its_finding_and_a_corrected_pred
     user.click("Bench")
     user.drop(archive)
     user.see("First trace; its columns: time_s, fx_n, fy_n")
-    lines = [user.see("stepblocks loop sessions/b1")]
+    lines = [user.see("stepblocks measure sessions/b1 --check")]
+    user.click("Run: Hold some trials")
+    user.see("16 of 16 trials could be measured.")
+    user.see("spring constant")
+    lines.append(user.see("stepblocks loop sessions/b1"))
     user.click("Run: Find what the model lacks")
     user.see("Friction runs in")
     user.see("Error on trials held out, before and after")
     user.see("Held apart: none")
+    user.see("The next experiment")
     user.find("canvas")
     time.sleep(1.0)  # the chart draws itself
     click_point(user.driver, "7")

@@ -104,15 +104,21 @@ class BenchForm:
             if not folder.is_dir():
                 raise PipelineError(f"a session must be a folder, got none [{name}]")
             draft = SessionDraft(folder)
-            trace = draft.find_first_trace()
-            picture = None
-            if trace is not None:
-                picture = await run.io_bound(draw_trace, trace)
         except StepblocksError as error:
             with self._place:
                 show_mistake(error)
             return
+        trace = draft.find_first_trace()
+        picture = None
+        unread = None
+        try:
+            if trace is not None:
+                picture = await run.io_bound(draw_trace, trace)
+        except StepblocksError as error:  # the settings may say why
+            unread = error
         with self._place:
+            if unread is not None:
+                show_mistake(unread)
             self._show_settings(draft, picture, name)
             for command in suggest_commands(Entry(name, Kind.SESSION)):
                 Runnable(command, self._folder, self._jobs, self._show_result)

@@ -43,6 +43,8 @@ class Question:
         Whether the command stands only when it is answered.
     is_of_function : bool
         Whether the function takes it, too.
+    is_name : bool
+        Whether it names a file or folder, which must lie in that of the window.
     """
 
     name: str
@@ -54,6 +56,7 @@ class Question:
     read: Callable[[str], object] = str
     is_required: bool = False
     is_of_function: bool = True
+    is_name: bool = False
 
     def make_words(self, answer: str) -> list[str]:
         """Return the words of the command for an answer."""
@@ -207,7 +210,11 @@ class CommandForm:
         self._place.clear()
         with self._place:
             try:
-                command = self._command.make_command(self.read_answers())
+                answers = self.read_answers()
+                for question in self._command.questions:
+                    if question.is_name:
+                        self._folder.resolve(answers[question.name].strip())
+                command = self._command.make_command(answers)
             except StepblocksError as error:
                 show_mistake(error)
                 return

@@ -1,7 +1,6 @@
 """A stimulus file while it is changed in the window: its comments and its order stay."""
 
 import re
-import tomllib
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -11,7 +10,6 @@ from typing import Any, get_args
 import tomlkit
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
-from tomlkit.exceptions import TOMLKitError
 from tomlkit.items import Item, String
 
 from stepblocks.declaration.read import read_set
@@ -22,6 +20,13 @@ from stepblocks.files.locks import LockState, try_lock
 from stepblocks.files.text import is_file
 from stepblocks.mistakes import Mistake
 from stepblocks.parts.material import Material
+from stepblocks.window.toml_text import (
+    BYTE_ORDER_MARK,
+    MalformedTomlError,
+    read_document,
+    read_tables,
+    read_value,
+)
 
 # a line with the header of a table, or of one of a list of tables
 _HEADER = re.compile(r"\s*(?P<list>\[)?\[\s*(?P<name>[A-Za-z0-9_.\-]+)\s*\]{1,2}\s*(#.*)?$")
@@ -151,7 +156,11 @@ class Draft:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._before = _read_text(path)
-        self._pieces = _split_text(self._before or "")
+        text = self._before or ""
+        self._mark = ""
+        if text.startswith(BYTE_ORDER_MARK):
+            self._mark = BYTE_ORDER_MARK
+        self._pieces = _split_text(text.removeprefix(self._mark))
         if self._before is not None and _parse_pieces(self._pieces) != self._parse():
             raise StimulusError(
                 f"the form cannot tell the stanzas of this file apart: change it as text [{path}]"
@@ -160,13 +169,13 @@ class Draft:
     @property
     def text(self) -> str:
         """The file as it would be written."""
-        return "".join(piece.text for piece in self._pieces)
+        return self._mark + "".join(piece.text for piece in self._pieces)
 
     def _parse(self) -> dict[str, Any]:
         """Return the tables of the file as it would be written."""
         try:
-            return tomllib.loads(self.text)
-        except tomllib.TOMLDecodeError as error:
+            return read_tables(self.text.removeprefix(self._mark))
+        except MalformedTomlError as error:
             raise StimulusError(f"a stimulus file must be TOML: {error} [{self.path}]") from error
 
     def list_stanzas(self) -> dict[StanzaPlace, str]:
@@ -285,7 +294,7 @@ class _Piece:
     def stanza(self) -> Any:
         """The table of a stanza, which may be changed."""
         if self._document is None:
-            self._document = tomlkit.parse(self._text)
+            self._document = read_document(self._text)
         stanzas: Any = self._document[self.kind]
         return stanzas[0]
 
@@ -315,11 +324,11 @@ def _parse_pieces(pieces: Iterable[_Piece]) -> dict[str, Any] | None:
     try:
         for piece in pieces:
             if piece.kind:
-                stanzas.setdefault(piece.kind, []).extend(tomllib.loads(piece.text)[piece.kind])
+                stanzas.setdefault(piece.kind, []).extend(read_tables(piece.text)[piece.kind])
             else:
                 between += piece.text
-        return {**tomllib.loads(between), **stanzas}
-    except tomllib.TOMLDecodeError:
+        return {**read_tables(between), **stanzas}
+    except MalformedTomlError:
         return None
 
 
@@ -340,8 +349,8 @@ def _parse_entry(entry: str) -> Item:
     if len(line) > _LONGEST_ENTRY:
         raise StimulusError(f"a field must have at most {_LONGEST_ENTRY} letters, got {len(line)}")
     try:
-        return tomlkit.value(line)
-    except (TOMLKitError, ValueError):
+        return read_value(line)
+    except MalformedTomlError:
         return tomlkit.string(line)
 
 

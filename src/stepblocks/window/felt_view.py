@@ -16,6 +16,7 @@ from stepblocks.window.draft import StanzaPlace
 from stepblocks.window.felt import Felt, draw_profile
 from stepblocks.window.frame import show_message
 
+_MOST_MISTAKES = 20  # that are shown at once
 _LEARNED = "learned"  # the column by the model of a session
 
 
@@ -45,8 +46,11 @@ class FeltView:
         self._results.set_visibility(False)
         self._mistakes.clear()
         with self._mistakes:
-            for place, text in mistakes:
-                show_message(f"{text} [{place}]" if place else text)
+            lines = list(dict.fromkeys(map(_write_mistake, mistakes)))
+            for line in lines[:_MOST_MISTAKES]:
+                show_message(line)
+            if len(lines) > _MOST_MISTAKES:
+                show_message(texts.MORE_MISTAKES.format(count=len(lines) - _MOST_MISTAKES))
 
     def show_felt(self, felt: Sequence[Felt], model: str, *, is_dragged: bool) -> None:
         """Show what is felt of every part, by the model of a session too where one is named."""
@@ -101,6 +105,14 @@ class FeltView:
             return self._built == (part, order)
 
         await show_solid_and_drawing(part, order, self._place, is_wanted)
+
+
+def _write_mistake(mistake: Mistake) -> str:
+    """Write a mistake with its place, where it has one."""
+    place, text = mistake
+    if not place:
+        return text
+    return f"{text} [{place}]"
 
 
 def _find_part(stimuli: StimulusSet, place: StanzaPlace | None, identity: str) -> Part | None:

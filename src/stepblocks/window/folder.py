@@ -2,7 +2,6 @@
 
 import os
 import secrets
-import tomllib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -192,6 +191,7 @@ def _find_kind_of_folder(path: Path) -> Kind | None:
 def _list_declared_kinds(path: Path) -> set[str]:
     """List the kinds of stimuli that a file of TOML declares; a broken one may mean them."""
     from stepblocks.declaration.set import list_kinds
+    from stepblocks.window.toml_text import MalformedTomlError, read_tables
 
     try:
         if path.stat().st_size > _LARGEST_DECLARATION:
@@ -200,6 +200,6 @@ def _list_declared_kinds(path: Path) -> set[str]:
     except (OSError, UnicodeDecodeError):
         return set()
     try:
-        return set(tomllib.loads(text)).intersection(list_kinds())
-    except tomllib.TOMLDecodeError:
+        return set(read_tables(text)).intersection(list_kinds())
+    except MalformedTomlError:
         return {kind for kind in list_kinds() if f"[{kind}]" in text}

@@ -10,7 +10,6 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 import tomlkit
-from tomlkit.exceptions import TOMLKitError
 
 from stepblocks.errors import BenchError, PipelineError
 from stepblocks.files.atomic import make_draft_folder, move_into_place, replace_text
@@ -18,6 +17,7 @@ from stepblocks.files.packed import unpack_folder
 from stepblocks.files.text import is_file
 from stepblocks.mistakes import shorten_value
 from stepblocks.window import texts
+from stepblocks.window.toml_text import BYTE_ORDER_MARK, MalformedTomlError, read_document
 
 SESSION_FILE = "session.toml"
 # what a damaged archive ends in, a compression that is not known (a RuntimeError), and a password
@@ -101,6 +101,8 @@ def unpack_session(content: bytes, folder: Path) -> None:
     try:
         with zipfile.ZipFile(BytesIO(content)) as archive:
             entries = [entry for entry in archive.infolist() if not entry.is_dir()]
+            if not entries:
+                raise PipelineError("an archive must hold the files of a session, got none")
             if len(entries) > _MOST_FILES:
                 raise PipelineError(
                     f"an archive must have at most {_MOST_FILES} files, got {len(entries)}"
@@ -151,12 +153,15 @@ class SessionDraft:
         self._path = folder / SESSION_FILE
         self._before = self._read()
         try:
-            self._document = tomlkit.parse(self._before or "schema = 1\n")
-        except TOMLKitError as error:
+            text = self._before or "schema = 1\n"
+            self._document = read_document(text.removeprefix(BYTE_ORDER_MARK))
+        except MalformedTomlError as error:
             raise BenchError(f"{SESSION_FILE} must be TOML: {error}") from error
 
     def _read(self) -> str | None:
         """Return the file as it stands; None where there is none."""
+        if self._path.is_dir():
+            raise BenchError(f"{SESSION_FILE} must be a file, got a folder")
         if not is_file(self._path):
             return None
         try:
@@ -207,6 +212,8 @@ class SessionDraft:
                 f"the file was changed since it was opened here: open it again [{SESSION_FILE}]"
             )
         text = tomlkit.dumps(self._document)
+        if self._before is not None and self._before.startswith(BYTE_ORDER_MARK):
+            text = BYTE_ORDER_MARK + text
         replace_text(self._path, text)
         self._before = text
 

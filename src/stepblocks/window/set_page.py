@@ -7,7 +7,7 @@ from urllib.parse import quote
 
 from nicegui import background_tasks, run, ui
 
-from stepblocks.errors import StepblocksError
+from stepblocks.errors import PipelineError, StepblocksError
 from stepblocks.files.text import is_file
 from stepblocks.window import texts
 from stepblocks.window.command_form import CommandForm, FormCommand, Question
@@ -32,7 +32,7 @@ class _SetDesignCommand(FormCommand):
         said = {name: text.strip() for name, text in answers.items() if text.strip()}
         try:
             request = read_request(answers)
-        except ValueError:
+        except PipelineError:
             return ""
         options = dict(request.options)
         if request.route:
@@ -52,7 +52,7 @@ class _SetDesignCommand(FormCommand):
 def make_set_design(stimuli: list[str]) -> FormCommand:
     """Make the command that designs a set."""
     questions = (
-        Question("file", texts.SET_FILE, default=_FIRST_FILE, is_required=True),
+        Question("file", texts.SET_FILE, default=_FIRST_FILE, is_required=True, is_name=True),
         _TargetsQuestion("targets", texts.TARGETS),
         Question("lowest", texts.LOWEST, "--lowest", default="2 uJ"),
         Question("highest", texts.HIGHEST, "--highest"),
@@ -63,7 +63,7 @@ def make_set_design(stimuli: list[str]) -> FormCommand:
         Question("load", texts.SET_LOAD, "--load"),
         Question("friction", texts.SET_FRICTION, "--friction"),
         Question("step", texts.SET_STEP, "--step"),
-        Question("plot", texts.SET_PLOT, "--plot", default=_FIRST_PICTURE),
+        Question("plot", texts.SET_PLOT, "--plot", default=_FIRST_PICTURE, is_name=True),
     )
     return _SetDesignCommand(texts.DESIGN_SET, ("design-set",), "design_set", questions)
 

@@ -1,11 +1,12 @@
 """What the answers of the page of a set ask of `design_set`, and what that finds for its axis."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, Any
 
 from stepblocks.errors import PipelineError
+from stepblocks.mistakes import shorten_value
 from stepblocks.quantities import format_number
 from stepblocks.window import texts
 from stepblocks.window.command_form import split_list
@@ -47,16 +48,16 @@ def read_request(answers: Mapping[str, str]) -> SetRequest:
 
     Raises
     ------
-    ValueError
+    PipelineError
         If an answer that must be a number is none.
     """
     said = {name: text.strip() for name, text in answers.items() if text.strip()}
     options: dict[str, Any] = {name: said[name] for name in _AS_GIVEN if name in said}
     if "number" in said:
-        options["number"] = int(said["number"])
+        options["number"] = _read_number(said, "number", int)
     conditions: dict[str, object] = {}
     if "friction" in said:
-        conditions["frictions"] = [float(said["friction"])]
+        conditions["frictions"] = [_read_number(said, "friction", float)]
     if "load" in said:
         conditions["normal_loads"] = [said["load"]]
     if conditions:
@@ -70,6 +71,17 @@ def read_request(answers: Mapping[str, str]) -> SetRequest:
     if "targets" in said:
         targets = split_list(said["targets"])
     return SetRequest(PurePosixPath(said.get("file", "")).stem, targets, options, route)
+
+
+def _read_number(
+    said: Mapping[str, str], name: str, read: Callable[[str], int | float]
+) -> int | float:
+    """Read an answer that must be a number; `read` is that of its type."""
+    try:
+        return read(said[name])
+    except ValueError as error:
+        what = "a whole number" if read is int else "a number"
+        raise PipelineError(f"{name} must be {what}, got {shorten_value(said[name])}") from error
 
 
 @dataclass(frozen=True)
@@ -119,10 +131,7 @@ def find_marks(answers: Mapping[str, str], folder: Folder, *, is_quick: bool) ->
     from stepblocks.predict.set_design.route import MakingRoute
     from stepblocks.predict.set_design.run import design_set
 
-    try:
-        request = read_request(answers)
-    except ValueError as error:
-        raise PipelineError(f"an answer must be a number: {error}") from error
+    request = read_request(answers)
     options = dict(request.options)
     if "base" in options:
         options["base"] = folder.resolve(options["base"])

@@ -9,13 +9,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import tomlkit
 from nicegui import events, ui
-from tomlkit.exceptions import TOMLKitError
 
 from stepblocks.errors import QuantityError
 from stepblocks.quantities import format_units, parse_quantity
 from stepblocks.window import texts
+from stepblocks.window.toml_text import MalformedTomlError, read_value
 
 _ENTRY = re.compile(r"\s*(?P<number>[0-9.]+(e-?[0-9]+)?)\s*(?P<unit>[A-Za-zµ]+)\s*")
 _LOWEST, _HIGHEST = 0.2, 2.0  # ends of the slider, in the entry that it begins with [1]
@@ -189,8 +188,8 @@ def add_slider(
 def _parse(entry: str) -> Any:
     """Read an entry as a value of TOML; None where it is none."""
     try:
-        return tomlkit.value(entry)
-    except (TOMLKitError, ValueError):
+        return read_value(entry)
+    except MalformedTomlError:
         return None
 
 

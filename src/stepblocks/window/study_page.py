@@ -20,7 +20,14 @@ def make_design(stimuli: list[str]) -> FormCommand:
     """Make the command that designs a study with a stimulus file of the folder."""
     questions = (
         Question("file", texts.STUDY_FILE, choices=stimuli, is_required=True),
-        Question("folder", texts.STUDY_FOLDER, "--output", default=_FIRST_FOLDER, is_required=True),
+        Question(
+            "folder",
+            texts.STUDY_FOLDER,
+            "--output",
+            default=_FIRST_FOLDER,
+            is_required=True,
+            is_name=True,
+        ),
         Question("seed", texts.SEED, "--seed", "seed", "1", read=int, is_required=True),
         Question(
             "experiment",
@@ -94,7 +101,7 @@ def make_simulation(studies: list[str], stimuli: list[str]) -> FormCommand:
     questions = (
         _ask_study(studies),
         Question("file", texts.STUDY_FILE, choices=stimuli, is_required=True),
-        Question("answers", texts.ANSWERS_TO_WRITE, "--output", is_required=True),
+        Question("answers", texts.ANSWERS_TO_WRITE, "--output", is_required=True, is_name=True),
         Question("seed", texts.SEED, "--seed", "seed", "1", read=int, is_required=True),
     )
     return FormCommand(texts.SIMULATE_STUDY, ("study", "simulate"), "simulate_study", questions)
@@ -109,8 +116,10 @@ def make_analysis(studies: list[str]) -> FormCommand:
 
     questions = (
         _ask_study(studies),
-        Question("answers", texts.ANSWERS, read=lambda text: [text], is_required=True),
-        Question("report", texts.REPORT_FOLDER, "--output", "output"),
+        Question(
+            "answers", texts.ANSWERS, read=lambda text: [text], is_required=True, is_name=True
+        ),
+        Question("report", texts.REPORT_FOLDER, "--output", "output", is_name=True),
         Question("reference", texts.REFERENCE, "--reference", "reference"),
     )
     return FormCommand(texts.ANALYSE, ("study", "analyse"), "analyse_study", questions, name_page)

@@ -64,6 +64,7 @@ DEFAULT = "Left out: {value}."
 REQUIRED = "Must be given."
 SAVE = "Save"
 SAVED = "{name} is saved"
+MORE_MISTAKES = "... and {count} more"
 FELT = "What is felt"
 FELT_COLUMNS = {
     "part": "stimulus",

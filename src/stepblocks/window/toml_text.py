@@ -1,0 +1,63 @@
+"""TOML as a user wrote it: whatever is wrong with it, thousands of brackets too, is one error."""
+
+import tomllib
+from typing import Any
+
+import tomlkit
+from tomlkit.exceptions import TOMLKitError
+from tomlkit.items import Item
+
+BYTE_ORDER_MARK = "\ufeff"  # that some editors begin a file with; it is kept
+_TOO_DEEP = "its brackets are nested too deeply"
+
+
+class MalformedTomlError(ValueError):
+    """A text that is no TOML; its message says why."""
+
+
+def read_tables(text: str) -> dict[str, Any]:
+    """Return the tables of a text.
+
+    Raises
+    ------
+    MalformedTomlError
+        If it is no TOML.
+    """
+    try:
+        return tomllib.loads(text)
+    except RecursionError as error:
+        raise MalformedTomlError(_TOO_DEEP) from error
+    except ValueError as error:  # of the parser, and of whole numbers of thousands of digits
+        raise MalformedTomlError(str(error).partition(";")[0]) from error
+
+
+def read_document(text: str) -> tomlkit.TOMLDocument:
+    """Return a text as a document that can be changed; comments and order stay.
+
+    Raises
+    ------
+    MalformedTomlError
+        If it is no TOML.
+    """
+    try:
+        return tomlkit.parse(text)
+    except RecursionError as error:
+        raise MalformedTomlError(_TOO_DEEP) from error
+    except (TOMLKitError, ValueError) as error:
+        raise MalformedTomlError(str(error).partition(";")[0]) from error
+
+
+def read_value(text: str) -> Item:
+    """Return a text as one value.
+
+    Raises
+    ------
+    MalformedTomlError
+        If it is none.
+    """
+    try:
+        return tomlkit.value(text)
+    except RecursionError as error:
+        raise MalformedTomlError(_TOO_DEEP) from error
+    except (TOMLKitError, ValueError) as error:
+        raise MalformedTomlError(str(error).partition(";")[0]) from error
