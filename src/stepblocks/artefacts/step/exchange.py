@@ -1,6 +1,7 @@
 """The instances of a Part 21 file (ISO 10303-21), looked up by entity and by reference."""
 
 import json
+import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -23,6 +24,7 @@ _SHAPE_ENTITIES = (
     "B_SPLINE_CURVE_WITH_KNOTS",
     "CARTESIAN_POINT",
     "CIRCLE",
+    "COORDINATES_LIST",
     "DEFINITIONAL_REPRESENTATION",
     "DIRECTION",
     "EDGE_CURVE",
@@ -33,6 +35,7 @@ _SHAPE_ENTITIES = (
     "PCURVE",
     "PLANE",
     "SURFACE_CURVE",
+    "TESSELLATED_CURVE_SET",
     "VECTOR",
     "VERTEX_POINT",
 )
@@ -72,10 +75,13 @@ class _DataSection:
         Text of each instance by its reference, in the order of the file.
     holders : dict of str to list of str
         References of the instances that name an entity.
+    names : dict of str to tuple of str
+        The entities of an instance of several, by its text, which many share.
     """
 
     texts: dict[str, str] = field(default_factory=dict)
     holders: dict[str, list[str]] = field(default_factory=dict)
+    names: dict[str, tuple[str, ...]] = field(default_factory=dict)
 
     def add(self, ref: str, entity: str, arguments: str) -> None:
         """Add an instance; without an entity before its arguments it holds several entities."""
@@ -83,7 +89,10 @@ class _DataSection:
         if entity:
             self.holders.setdefault(entity.upper(), []).append(ref)
             return
-        for name in dict.fromkeys(_ENTITY.findall(_STRING.sub("", arguments))):
+        if arguments not in self.names:
+            found = _ENTITY.findall(_STRING.sub("", arguments))
+            self.names[arguments] = tuple(dict.fromkeys(found))
+        for name in self.names[arguments]:
             self.holders.setdefault(name.upper(), []).append(ref)
 
     def get_last(self) -> str:
@@ -235,6 +244,15 @@ _TOKEN = re.compile(
     r"""|(?P<name>\#\d++|\.\w++\.|"[0-9A-F]*+"|[$*])|(?P<mark>[(),])|\s++|(?P<unknown>.)""",
     re.IGNORECASE,
 )
+# an instance without a name, of references, enumerations, numbers with a point, and lists of these:
+# most of a file
+_NUMBER = r"[-+]?\d++\.\d*+(?:E[-+]?\d++)?+"
+_ATOM = rf"(?:\#\d++|\.[A-Z]\w*+\.|{_NUMBER})"
+_PLAIN = re.compile(
+    rf"(?P<entity>[A-Z_][A-Z0-9_]*+)\(''(?P<items>"
+    rf"(?:,\s*+(?:{_ATOM}|\({_ATOM}(?:,\s*+{_ATOM})*+\)))++)\)"
+)
+_PLAIN_ITEM = re.compile(r",\s*+(?:\((?P<list>[^)]++)\)|(?P<atom>[^,(\s]++))")
 _EXTENDED = re.compile(r"\\X(?P<bytes>[24])\\(?P<digits>[0-9A-F]*+)\\X0\\")
 _ENCODING_BY_BYTES = {"2": "utf-16-be", "4": "utf-32-be"}
 
@@ -301,7 +319,37 @@ def _find_fault(text: str, position: int, last: str) -> ValueError:
 
 
 def _parse_instance(text: str) -> dict[str, Parameters]:
-    """Read the entities of an instance with their parameters.
+    """Read the entities of an instance with their parameters."""
+    plain = _PLAIN.fullmatch(text)
+    if plain is not None:
+        return {plain["entity"]: _read_plain_items(plain["items"])}
+    return _parse_any_instance(text)
+
+
+def _read_plain_items(items: str) -> Parameters:
+    """Read the parameters of a plain instance behind its empty name."""
+    parameters: list[object] = [""]
+    for values, atom in _PLAIN_ITEM.findall(items):
+        if atom:
+            parameters.append(_read_atom(atom))
+        else:
+            parameters.append(tuple(map(_read_atom, values.split(","))))
+    return tuple(parameters)
+
+
+def _read_atom(text: str) -> str | float:
+    """Read a reference, an enumeration or a number with a point."""
+    text = text.strip()
+    if text[0] in "#.":
+        return text
+    number = float(text)
+    if math.isinf(number):
+        raise ValueError(f"no parameter: {text[:20]!r}")
+    return number
+
+
+def _parse_any_instance(text: str) -> dict[str, Parameters]:
+    """Read the entities of an instance, however deep their parameters are.
 
     The text is turned into JSON, whose parser is strict: an entity or a typed value is an object
     with one key, a list is a list.
