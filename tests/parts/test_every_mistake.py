@@ -260,7 +260,7 @@ def test_what_a_series_repeats_is_said_once_and_unknown_names_come_first(tmp_pat
     assert head == f"2 mistakes [{path}]"
     assert first == (
         "  color is not a known field, got 'red'; known are body, edge_radius, height, id, "
-        "material, metrology, relief, stock, tolerance, working_faces "
+        "material, metrology, relief, second_step, stock, tolerance, working_faces "
         "[step_block 's-010' and 9 more]"
     )
     assert second.startswith("  material: must be one of steel, aluminium")
