@@ -20,7 +20,7 @@ from stepblocks.window.draft import Checked, Draft, FormField, StanzaPlace, find
 from stepblocks.window.felt import predict_felt
 from stepblocks.window.felt_view import FeltView
 from stepblocks.window.folder import OUTPUT, Folder, Kind
-from stepblocks.window.frame import show_command, show_heading, show_mistake
+from stepblocks.window.frame import is_gone, show_command, show_heading, show_mistake
 from stepblocks.window.model_choice import ModelChoice
 from stepblocks.window.size_slider import MOST_SLIDERS, Size, add_slider, list_sizes
 
@@ -241,6 +241,8 @@ class DeclarationForm:
                 if self._has_changed(shown):
                     continue
                 await asyncio.sleep(_QUIET)
+                if is_gone(self._form):
+                    return
                 if self._has_changed(shown):
                     continue
                 self._view.make_part()
@@ -278,7 +280,8 @@ class DeclarationForm:
         except StepblocksError as error:
             self._view.show_mistakes([("", str(error))])
             return False
-        if felt is None or self._has_changed(number):  # closed, or somebody typed on
+        # closed, or somebody typed on
+        if felt is None or self._has_changed(number) or is_gone(self._form):
             return False
         self._view.show_felt(felt, self._model.name, is_dragged=dragged)
         if not dragged:

@@ -173,3 +173,11 @@ def add_quiet_button(label: str, on_click: Callable[[], object]) -> ui.button:
     """Add a button without a ground of its own."""
     button = ui.button(label, on_click=on_click, color=None)
     return button.props("flat no-caps").classes("quiet")
+
+
+def is_gone(element: ui.element) -> bool:
+    """Tell whether the page of an element was closed: what was computed for it is not shown."""
+    try:
+        return element.is_deleted or element.client.is_deleted
+    except RuntimeError:  # the framework keeps closed pages by no strong reference
+        return True

@@ -13,7 +13,7 @@ from stepblocks.window import texts
 from stepblocks.window.command_form import CommandForm, FormCommand, Question
 from stepblocks.window.command_line import write_call, write_object
 from stepblocks.window.folder import Folder, Kind
-from stepblocks.window.frame import show_heading, show_message
+from stepblocks.window.frame import is_gone, show_heading, show_message
 from stepblocks.window.jobs import Job, JobList
 from stepblocks.window.set_request import FIRST_KIND, find_marks, format_target, read_request
 from stepblocks.window.target_axis import TargetAxis
@@ -142,6 +142,8 @@ class SetForm:
                 shown = self._changes
                 is_sound = await self._design(is_quick=True)
                 await asyncio.sleep(_QUIET)
+                if is_gone(self._state):
+                    return
                 if is_sound and shown == self._changes and not self._axis.is_held:
                     await self._design(is_quick=False)
         finally:
@@ -159,7 +161,7 @@ class SetForm:
             )
         except StepblocksError as error:
             problems = [str(error)]
-        if number != self._changes:  # somebody moved on
+        if number != self._changes or is_gone(self._state):  # somebody moved on
             return False
         if marks is not None:
             self._axis.show(marks)
