@@ -246,9 +246,10 @@ def workshop(
     )
     refresh_links(files or None, output)
     files_written = sum(len(order.files) for order in orders)
-    parts = "part" if len(orders) <= 1 else "parts"
+    count = sum(not order.is_of_set for order in orders)
+    parts = "part" if count == 1 else "parts"
     return Outcome(
-        f"{files_written} files of {len(orders)} {parts} in {output}",
+        f"{files_written} files for {count} {parts} in {output}",
         notes=_list_order_notes(orders),
         tables={"Routes": tabulate_routes(orders)},
         record={order.name: [str(path) for path in order.files] for order in orders},

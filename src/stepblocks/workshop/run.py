@@ -67,12 +67,12 @@ GROUND = "2 um"  # deviation of a height in one piece that is ground, not lapped
 
 @dataclass(frozen=True)
 class PartOrder:
-    """What was written for one part.
+    """What was written for one part, or for a set as a whole.
 
     Attributes
     ----------
     name : str
-        ``"set/id"``.
+        ``"set/id"``; of a set ``"set/series"``, ``"set/masks"`` or ``"set/quotation"``.
     files : tuple of Path
         Drawings, for a step block also of the two-piece variant, and sheets.
     routes : tuple of Route
@@ -80,12 +80,15 @@ class PartOrder:
     note : str
         Which block of the set has the same sizes, and why a part has no setup sheet or routes, or
         a step block no gauge-block drawing.
+    is_of_set : bool
+        Whether it belongs to a set as a whole and to none of its parts.
     """
 
     name: str
     files: tuple[Path, ...] = field(repr=False)
     routes: tuple[Route, ...] = field(repr=False)
     note: str = ""
+    is_of_set: bool = False
 
 
 def order_parts(
@@ -183,7 +186,7 @@ def _order_masks(blocks: Sequence[StepBlock], output: Path, stimuli: StimulusSet
     """Write the masks of the silicon blocks of a set."""
     folder = _make_folder(output, stimuli.name)
     written = write_masks(folder / f"{stimuli.name}.masks.gds", blocks)
-    return PartOrder(f"{stimuli.name}/masks", tuple(written), ())
+    return PartOrder(f"{stimuli.name}/masks", tuple(written), (), is_of_set=True)
 
 
 def _read_capability(capability: str | float | None) -> float:
@@ -214,7 +217,7 @@ def _order_series(series: Sequence[StepBlock], output: Path, stimuli: StimulusSe
     """Write the drawing of a series."""
     folder = _make_folder(output, stimuli.name)
     drawings = write_series_drawing(folder, stimuli.name, series, stimuli.order)
-    return PartOrder(f"{stimuli.name}/series", tuple(drawings), ())
+    return PartOrder(f"{stimuli.name}/series", tuple(drawings), (), is_of_set=True)
 
 
 def _order_bundle(parts: Sequence[Part], output: Path, stimuli: StimulusSet) -> PartOrder:
@@ -223,14 +226,14 @@ def _order_bundle(parts: Sequence[Part], output: Path, stimuli: StimulusSet) -> 
     alike = stimuli.describe_alike()
     ordered = [OrderedPart(part, folder / part.id, alike.get(part.id, "")) for part in parts]
     written = write_bundle(folder, stimuli, ordered)
-    return PartOrder(f"{stimuli.name}/quotation", tuple(written), ())
+    return PartOrder(f"{stimuli.name}/quotation", tuple(written), (), is_of_set=True)
 
 
 def _order_kit(kit: Apparatus, output: Path, stimuli: StimulusSet) -> PartOrder:
     """Write what a kit has beside its parts: assembly, lists, loads and pictures."""
     folder = _make_folder(output, stimuli.name)
     written = write_kit(folder, kit, stimuli.order)
-    return PartOrder(f"{stimuli.name}/{kit.id}", tuple(written), ())
+    return PartOrder(f"{stimuli.name}/{kit.id}", tuple(written), (), is_of_set=True)
 
 
 def _make_folder(output: Path, name: str) -> Path:
