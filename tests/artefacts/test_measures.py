@@ -339,12 +339,8 @@ def test_samples_keep_clear_of_a_corner_that_would_lie_on_one(tmp_path):
 def test_no_shift_helps_where_corners_lie_closer_than_the_samples():
     class Crowded:
         id = "crowded"
-
-        def counterface(self):
-            from stepblocks.contact.counterface import Profile
-
-            x = np.linspace(-1e-6, 1e-6, 41)
-            return Profile(x, np.zeros_like(x))
+        surface_corners = tuple(np.linspace(-1e-6, 1e-6, 41))
+        last_edge = 0.0
 
     with pytest.raises(HapticsError, match="cannot keep clear of the corners of crowded"):
         sample_height_field(Crowded())
