@@ -196,7 +196,7 @@ def test_it_is_drawn_with_every_characteristic(pins, tmp_path):
     # a kind without views of its own says everything in words
     drawing = ezdxf.readfile(folder / "collar-050.drawing.dxf").modelspace()
     said = {one.dxf.text.split("  ")[-1] for one in drawing.query("TEXT")}
-    assert {"length: 9,0 ±0,2", "diameter: 3,0 ±0,1"} <= said
+    assert {"length: 9,0 ±0,2", "diameter: ⌀3,0 ±0,1"} <= said
     sheet = (folder / "collar-050.inspection-sheet.csv").read_text()
     assert all(name in sheet for name in ("diameter", "length", "collar diameter"))
 
