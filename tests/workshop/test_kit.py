@@ -8,6 +8,7 @@ import tomllib
 from pathlib import Path
 from xml.etree import ElementTree
 
+import ezdxf
 import pytest
 
 from oracles.complete import find_missing
@@ -212,6 +213,10 @@ def test_a_part_of_the_kit_is_complete_on_paper_in_step_and_on_its_sheet(name, t
     assert len(order.files) == len(endings)
     drawing, sheet = folder / f"{name}.drawing.dxf", folder / f"{name}.inspection-sheet.csv"
     assert find_missing(PARTS[name], drawing, None, sheet) == []
+    # the letter beside a rod or bore is explained
+    shown = {text.dxf.text for text in ezdxf.readfile(drawing).modelspace().query("TEXT")}
+    for label in shown & {"B1", "R1"}:
+        assert any(text.startswith(f"{label} stands at ") for text in shown)
 
 
 def test_no_tip_is_dragged_over_the_apparatus_and_the_message_says_so(tmp_path, capsys):

@@ -112,6 +112,8 @@ def draw_kit_part_views(sheet: Sheet, part: KitPart) -> list[str]:
     notes = ["Break all edges by 0,3 mm; no burr."]
     if component.bores:
         notes.append("B1 stands at bore 1, B2 at bore 2, and so on.")
+    if component.rods:
+        notes.append("R1 stands at rod 1, R2 at rod 2, and so on.")
     threads = sorted({bore.thread for bore in component.bores if bore.thread})
     if threads:
         named = use_decimal_comma(", ".join(threads))
