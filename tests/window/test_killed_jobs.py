@@ -149,6 +149,8 @@ def test_a_kill_in_a_job_leaves_whole_files_and_the_next_window_runs_it_again(ki
             wait_for_end(job)
             assert job.state in (JobState.LOST, *ENDED)
             assert "run it again" in JobState.LOST.value
+            if list_files(folder) == whole:  # killed between its last file and its end
+                continue
             again = jobs.start(job.command)
             again.wait(3600)
             assert again.state in ENDED, again.output

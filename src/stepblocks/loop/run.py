@@ -232,9 +232,10 @@ class _SessionFolder:
                     tool=tool,
                     layout=layout,
                 )
-            sizes = self._find_block_sizes(features)
+            with_conditions = insert_conditions(features, conditions)
+            sizes = self._find_block_sizes(with_conditions)
             explain_table = partial(self._explain, sizes=sizes, jobs=jobs, announce=announce)
-            result = explain_table(insert_conditions(features, conditions))
+            result = explain_table(with_conditions)
             if self.whole_record:
                 rows = fit_session_records(self.folder, jobs, layout, tool)
                 if output is not None:
