@@ -20,7 +20,14 @@ from stepblocks.window.jobs import JobList, JobState
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="its processes end otherwise")
 
-BLOCK = '[[step_block]]\nid = "low"\nheight = "25 um"\n'
+BLOCKS = """\
+[[step_block]]
+id = "low"
+height = "25 um"
+[[step_block]]
+id = "high"
+height = "50 um"
+"""
 PLAN = (
     'schema = 1\nseed = 3\nformat = "csv"\n[design]\nheights = ["20 um", "40 um"]\n'
     'loads = ["0.5 N", "0.9 N"]\nspeeds = ["5 mm/s"]\ntrials = 16\ndays = 1\n'
@@ -57,7 +64,7 @@ KINDS = [
 def put_files(folder, before):
     """The files of a user, and what the commands before have made of them."""
     folder.mkdir()
-    (folder / "mine.toml").write_text(BLOCK)
+    (folder / "mine.toml").write_text(BLOCKS)
     (folder / "plan.toml").write_text(PLAN)
     rows = [f"{place},{25 * (place > 0)}" for place in range(-1000, 1000, 4)]
     (folder / "scan.csv").write_text("\n".join(["x_um,z_um", *rows]) + "\n")
