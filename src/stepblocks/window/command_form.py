@@ -212,8 +212,9 @@ class CommandForm:
             try:
                 answers = self.read_answers()
                 for question in self._command.questions:
-                    if question.is_name:
-                        self._folder.resolve(answers[question.name].strip())
+                    answer = answers[question.name].strip()
+                    if question.is_name and answer:
+                        self._folder.resolve(answer)
                 command = self._command.make_command(answers)
             except StepblocksError as error:
                 show_mistake(error)
