@@ -426,7 +426,7 @@ PARTS = [
     ),
     Part(
         "loop-false-alarms",
-        "python benchmarks/null_sessions.py --sessions 100 --first 53000 "
+        "python benchmarks/null_sessions.py --sessions 8 --first 53000 "
         "--record out/null-sessions.jsonl",
         {"false-alarms-none": (r"\| all \| (\d+ of \d+) ", "{}")},
         90,
