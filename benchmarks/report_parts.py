@@ -429,7 +429,7 @@ PARTS = [
         "python benchmarks/null_sessions.py --sessions 8 --first 53000 "
         "--record out/null-sessions.jsonl",
         {"false-alarms-none": (r"\| all \| (\d+ of \d+) ", "{}")},
-        90,
+        8,
     ),
     Part(
         "loop-matrix",

@@ -190,6 +190,25 @@ def test_features_that_are_measured_already_are_explained_as_they_are(tmp_path, 
     assert taken[0].loc[2, "reason"] == "the bench was knocked"
 
 
+def test_blocks_are_found_under_the_name_that_a_session_gives_their_column(
+    tmp_path, monkeypatch, worn
+):
+    folder = tmp_path / "session"
+    write_session(folder, Plan(trials=6), 1)
+    trials = (folder / "trials.csv").read_text(encoding="utf-8")
+    renamed = trials.replace("block", "specimen", 1)
+    (folder / "trials.csv").write_text(renamed, encoding="utf-8", newline="\n")
+    with (folder / "session.toml").open("a", encoding="utf-8", newline="\n") as declaration:
+        declaration.write('\n[trials.columns]\nblock = "specimen"\n')
+    taken = []
+    monkeypatch.setattr(run, "analyse_features", lambda *one, **_: taken.append(one) or worn[2])
+    loop_session(folder, features=measure_session(folder, jobs=1))
+    (table, _, _, scans) = taken[0]
+    blocks = set(table["block"])
+    assert blocks <= set(pd.read_csv(folder / "trials.csv")["specimen"])
+    assert set(scans) == blocks
+
+
 def test_a_table_of_features_is_explained_without_a_session(tmp_path, monkeypatch, worn):
     features = pd.DataFrame({"trial": ["1"]})
     taken = []

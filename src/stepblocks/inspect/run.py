@@ -37,7 +37,7 @@ from stepblocks.inspect.working_edge.roughness import add_roughness
 from stepblocks.parts.characteristics import Characteristic
 from stepblocks.parts.conditions import NO_ORDER, OrderSpec, PredictionGrid
 from stepblocks.parts.kind import Part
-from stepblocks.parts.second_step import SecondStep
+from stepblocks.parts.kinds.step_block import find_second_step
 from stepblocks.scans.read import Scan, load_scan
 from stepblocks.scans.scan import HeightMap, ScannedProfile
 
@@ -67,12 +67,6 @@ class _AskedPart:
     prediction: PredictionGrid
     beside: tuple[Part, ...]  # other parts of its set
     characteristics: tuple[Characteristic, ...]
-
-    @property
-    def second_step(self) -> SecondStep | None:
-        """Second step of the part; None where it has none."""
-        second: SecondStep | None = getattr(self.part, "second_step", None)
-        return second
 
     @property
     def keys_by_name(self) -> dict[str, str]:
@@ -188,7 +182,7 @@ def _evaluate_part(
     options: EvaluationOptions,
 ) -> Evaluation:
     """Evaluate a scan of a part; of a block with two steps at the edges that it shows."""
-    second = asked.second_step
+    second = find_second_step(asked.part)
     if second is None:
         options = replace(options, layout=find_layout(asked.characteristics))
         return evaluate_scan(main.key, scan, instrument, main, options, _OF_ONE_STEP)
@@ -204,7 +198,7 @@ def _refuse_feature_of_other_parts(asked: _AskedPart, scanned: ScannedFeature) -
     """Refuse a feature that a part has not: a second edge, or a groove beside one."""
     features: Collection[ScannedFeature] = _OF_ONE_STEP
     whose = "a part with one working edge"
-    if asked.second_step is not None:
+    if find_second_step(asked.part) is not None:
         features = _WANTED_EDGES
         whose = "a block with two steps"
     if scanned not in features:

@@ -6,15 +6,17 @@ from enum import Enum
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stepblocks.inspect.budget import Measured
 from stepblocks.inspect.evaluation import Evaluation, Extent, Mark, Shown
 from stepblocks.inspect.layout import DeclaredLayout, Wall
-from stepblocks.inspect.noise import Array, Mask
+from stepblocks.inspect.noise import Mask
 from stepblocks.inspect.notes import NotMeasuredReason
 from stepblocks.parts.second_step import SECOND, SecondStep
 
 _Value = TypeVar("_Value", Measured, Extent)
+_Scalar = TypeVar("_Scalar", bound=np.generic)
 
 _NAMES = ("first edge", "second edge")
 _FLATNESS = {"up": "flatness_upper", "down": "flatness_lower"}  # of the face behind its edge
@@ -173,23 +175,16 @@ def _join_shown(first: Shown, second: Shown, offset: float) -> Shown:
         position=np.concatenate([left.position[before], right.position[behind]]),
         height=np.concatenate([left.height[before], right.height[behind]]),
         windows=(*left.windows, *right.windows),
-        fitted=_join_arrays(left.fitted, right.fitted, before, behind),
-        dropped=_join_masks(left.dropped, right.dropped, before, behind),
+        fitted=_join(left.fitted, right.fitted, before, behind),
+        dropped=_join(left.dropped, right.dropped, before, behind),
         marks=tuple(marks),
     )
 
 
-def _join_arrays(
-    left: Array | None, right: Array | None, before: Mask, behind: Mask
-) -> Array | None:
-    """Join two arrays where they are known both."""
-    if left is None or right is None:
-        return None
-    return np.concatenate([left[before], right[behind]])
-
-
-def _join_masks(left: Mask | None, right: Mask | None, before: Mask, behind: Mask) -> Mask | None:
-    """Join two masks where they are known both."""
+def _join(
+    left: NDArray[_Scalar] | None, right: NDArray[_Scalar] | None, before: Mask, behind: Mask
+) -> NDArray[_Scalar] | None:
+    """Join what is known of two profiles at chosen points; None where one of them lacks it."""
     if left is None or right is None:
         return None
     return np.concatenate([left[before], right[behind]])

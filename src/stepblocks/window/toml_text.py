@@ -1,6 +1,8 @@
 """TOML as a user wrote it: whatever is wrong with it, thousands of brackets too, is one error."""
 
 import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import tomlkit
@@ -15,6 +17,17 @@ class MalformedTomlError(ValueError):
     """A text that is no TOML; its message says why."""
 
 
+@contextmanager
+def _refuse_malformed() -> Iterator[None]:
+    """Raise `MalformedTomlError` for whatever the parsers of the block refuse."""
+    try:
+        yield
+    except RecursionError as error:
+        raise MalformedTomlError(_TOO_DEEP) from error
+    except (TOMLKitError, ValueError) as error:  # also whole numbers of thousands of digits
+        raise MalformedTomlError(str(error).partition(";")[0]) from error
+
+
 def read_tables(text: str) -> dict[str, Any]:
     """Return the tables of a text.
 
@@ -23,12 +36,8 @@ def read_tables(text: str) -> dict[str, Any]:
     MalformedTomlError
         If it is no TOML.
     """
-    try:
+    with _refuse_malformed():
         return tomllib.loads(text)
-    except RecursionError as error:
-        raise MalformedTomlError(_TOO_DEEP) from error
-    except ValueError as error:  # of the parser, and of whole numbers of thousands of digits
-        raise MalformedTomlError(str(error).partition(";")[0]) from error
 
 
 def read_document(text: str) -> tomlkit.TOMLDocument:
@@ -39,12 +48,8 @@ def read_document(text: str) -> tomlkit.TOMLDocument:
     MalformedTomlError
         If it is no TOML.
     """
-    try:
+    with _refuse_malformed():
         return tomlkit.parse(text)
-    except RecursionError as error:
-        raise MalformedTomlError(_TOO_DEEP) from error
-    except (TOMLKitError, ValueError) as error:
-        raise MalformedTomlError(str(error).partition(";")[0]) from error
 
 
 def read_value(text: str) -> Item:
@@ -55,9 +60,5 @@ def read_value(text: str) -> Item:
     MalformedTomlError
         If it is none.
     """
-    try:
+    with _refuse_malformed():
         return tomlkit.value(text)
-    except RecursionError as error:
-        raise MalformedTomlError(_TOO_DEEP) from error
-    except (TOMLKitError, ValueError) as error:
-        raise MalformedTomlError(str(error).partition(";")[0]) from error

@@ -242,9 +242,10 @@ def _list_missed_at_edge(block: StepBlock, process: Process, deviation: float) -
 
 def _find_second_edge(block: StepBlock) -> StepBlock | None:
     """Return the block that stands for the second edge of a block; None of one without."""
-    for edge in block.list_felt_edges()[1:]:
-        return edge
-    return None
+    if block.second_step is None:
+        return None
+    _, second = block.list_felt_edges()
+    return second
 
 
 def _find_deviation(process: Process, height: float, variant: _Variant) -> float:

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from stepblocks.parts.body import Block, Mounting
-from stepblocks.parts.kinds.step_block import StepBlock
+from stepblocks.parts.kinds.step_block import find_second_step
 from stepblocks.parts.stock import compute_stock
 from stepblocks.parts.tolerance import GUARD_FACTOR, Dimension
 
@@ -178,7 +178,7 @@ def _find_drops(block: Block) -> _Drops:
     low, high = height.limits
     left = Band(max(low, 0.0), max(high, 0.0))
     right = Band(max(-high, 0.0), max(-low, 0.0))
-    second = block.second_step if isinstance(block, StepBlock) else None
+    second = find_second_step(block)
     if second is None:
         return _Drops(left, right)
     further = Band.from_dimension(second.height)

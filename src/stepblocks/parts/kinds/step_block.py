@@ -53,6 +53,7 @@ from stepblocks.parts.kind import (
     Finding,
     Manifold,
     MeasuredMesh,
+    Part,
     Verdict,
     choose_exaggeration,
 )
@@ -613,6 +614,13 @@ class StepBlock(Block):
         if lane >= half_width:
             rule = "leave more than half the width to the drag"
             yield describe_breach("metrology.lane", rule, half_width, lane)
+
+
+def find_second_step(part: Part) -> SecondStep | None:
+    """Find the second step of a part; None of a part that has one edge or none."""
+    if isinstance(part, StepBlock):
+        return part.second_step
+    return None
 
 
 def _list_rounding_points(height: float, radius: float) -> list[Point]:
