@@ -88,7 +88,7 @@ class PartOrder:
     files: tuple[Path, ...] = field(repr=False)
     routes: tuple[Route, ...] = field(repr=False)
     note: str = ""
-    is_of_set: bool = False
+    is_of_set: bool = field(default=False, repr=False)
 
 
 def order_parts(
