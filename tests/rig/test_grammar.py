@@ -277,6 +277,10 @@ def test_over_a_decade_a_line_stands_beside_the_power():
     column = np.array([["A", "2"], ["A", "11"], ["B", "20"]])
     values = {f"slope[{label}]": 0.1 for label in "ABC"} | {"level[B]": 0.0, "level[C]": 0.0}
     assert of_labels.apply.size(column, values) == pytest.approx([-0.1, 0.0, 0.1])
+    # each is written by what it is straight over
+    for stem in ("trend_stiffness_speed_mm_s", "trend_stiffness_operator * speed_mm_s"):
+        assert "g a straight line over ln speed_mm_s" in laws[stem].form
+        assert "g a straight line over speed_mm_s" in laws[f"{stem}~line"].form
 
 
 def test_a_number_acts_under_each_label_by_itself(composed):

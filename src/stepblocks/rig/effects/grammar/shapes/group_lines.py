@@ -30,12 +30,13 @@ def _make_group_lines(slot: str, covariate: CovariateRange) -> Law:
     move = SLOT_MOVES[slot]
     groups, number = covariate.pair
     curve = "a power of it" if number.log else "a line"
+    followed = f"ln {number.name}" if number.log else number.name
     slopes = [f"slope[{label}]" for label in groups.labels]
     levels = [f"level[{label}]" for label in groups.labels[1:]]
     names = (*slopes, *levels)
     return Law(
         f"trend_{slot}_{covariate.name}",
-        f"{move.form}, g a straight line over {number.name} for each {groups.name}",
+        f"{move.form}, g a straight line over {followed} for each {groups.name}",
         tuple(make_amplitude(name) for name in names),
         SizedChange(move.change, follow_columns(covariate.build_group_lines, names)),
         move.slot,

@@ -33,6 +33,7 @@ def _make_line(slot: str, covariate: CovariateRange) -> Law:
     """Let a slot follow a covariate along a line, from -1 to 1 times the slope over its range."""
     move = SLOT_MOVES[slot]
     is_drift = covariate.name == RUN and slot in JUMPING_SLOTS
+    followed = f"ln {covariate.name}" if covariate.log else covariate.name
     shape = ""
     description = ""
     if is_drift:
@@ -48,7 +49,7 @@ def _make_line(slot: str, covariate: CovariateRange) -> Law:
         description = f"{move.words} follows the {name_covariate(covariate)} along a line, slope"
     return Law(
         f"trend_{slot}_{covariate.name}",
-        f"{move.form}, g a straight line over {covariate.name}",
+        f"{move.form}, g a straight line over {followed}",
         (make_amplitude("slope"),),
         SizedChange(move.change, follow_columns(covariate.build_line, ("slope",))),
         move.slot,
