@@ -265,6 +265,9 @@ def run(machine: Machine, cell: str) -> dict[str, Any]:
     started = time.monotonic()
     if cell == PORTABLE:
         good, found = portable.check_commands(python, settings)
+        pages_good, pages = portable.check_pages(python, settings)
+        good = good and pages_good
+        found = {count: found[count] + pages[count] for count in found}
     elif cell == WHEELS:
         good, found = portable.resolve_wheels()
     elif cell == BYTES:

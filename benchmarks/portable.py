@@ -1,21 +1,27 @@
 """Run every command as on another system, and resolve the wheels of other systems.
 
-``python benchmarks/portable.py commands [WORD ...]`` runs the commands that hold a word without
-fcntl, resource, pwd, grp and termios, without fork, affinity, O_DIRECTORY, O_NOFOLLOW, SIGKILL and
-the like (see lacking/sitecustomize.py), on a console that writes cp1252 in the locale C. ``python
-benchmarks/portable.py wheels`` asks pip whether every dependency has a wheel for Windows, macOS and
-Linux on ARM. Exit code 1 where one fails. ``make everywhere STAGES="portable wheels"`` runs both.
+- ``python benchmarks/portable.py commands [WORD ...]`` runs the commands that hold a word without
+  fcntl, resource, pwd, grp and termios, without fork, affinity, O_DIRECTORY, O_NOFOLLOW, SIGKILL
+  and the like (see lacking/sitecustomize.py), on a console that writes cp1252 in the locale C.
+- ``python benchmarks/portable.py pages`` opens the window and the page of a study there.
+- ``python benchmarks/portable.py wheels`` resolves every dependency, those of the extras too, as
+  wheels for Windows, macOS and Linux on ARM.
+
+Exit code 1 where one fails. ``make everywhere STAGES="portable wheels"`` runs all three.
 """
 
 from __future__ import annotations
 
 import os
+import re
 import shlex
 import subprocess
 import sys
 import tempfile
-import tomllib
+import threading
+import urllib.request
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +47,7 @@ normal_load = "0.5 N"
 friction = 0.1
 """
 TABLE = "block,height_um,load_n,friction,edge_radius_um\na,25,1,0.15,0\n"
-# in their order: some read what those before them wrote; only `study run` waits for a person
+# in their order: some read what those before them wrote
 COMMANDS = (
     "new --shipped stimuli",
     "new block mine.toml",
@@ -55,6 +61,7 @@ COMMANDS = (
     "predict stimuli/paper-four.toml -o out/t.csv --plots out/plots",
     "predict table.csv -o out/p.csv",
     "sweep s.toml -o out/sweep --jobs 2",
+    "design-set even.toml --lowest '2 uJ' --apart '1 JND' --number 4",
     "drag '25 um' --load '0.5 N' --friction 0.15 -o out/drag",
     "export stimuli/paper-four.toml --for mujoco -o out/scenes --only apparatus-050",
     "export --list-devices",
@@ -69,21 +76,47 @@ COMMANDS = (
     "study simulate out/study stimuli/paper-four.toml --seed 2 -o out/answers.csv",
     "study analyse out/study out/answers.csv -o out/report",
     "study share out/study out/answers.csv --as bids -o out/data",
+    "study heights --least '20 um' --most '90 um' --step '10 um' --target exponent",
     "study power --heights 20,40 --damping bare=1,soft=0.5 --participants 2 --repetitions 2 "
     "--runs 10 --seed 1 -o out/power.csv",
 )
-# systems, as pip names them
-SYSTEMS = {
-    "Windows x86-64": ["win_amd64"],
-    "macOS arm64": [
-        f"macosx_{version}_arm64" for version in ("11_0", "12_0", "13_0", "14_0", "15_0")
-    ],
-    "Linux aarch64": [
-        f"manylinux_2_{version}_aarch64" for version in (17, 24, 26, 27, 28, 31, 34, 35)
-    ]
-    + ["manylinux2014_aarch64"],
-}
-ARM_LINUX = "Linux aarch64"
+# what waits for a person at a page, by the command that serves it
+PAGES = (
+    "app --no-open",
+    "study run out/study stimuli/paper-four.toml --participant 1 --no-open",
+)
+BEFORE_PAGES = (
+    "new --shipped stimuli",
+    "study design stimuli/paper-four.toml --seed 1 --participants 1 --repetitions 1 -o out/study",
+)
+PAGE_SECONDS = 120.0  # until a page has its address
+EXTRAS = ("app", "cluster", "masks", "sim", "sweep", "xarray")
+
+
+@dataclass(frozen=True)
+class System:
+    """A system for which wheels are resolved.
+
+    Attributes
+    ----------
+    name : str
+    platform : str
+        As uv calls it.
+    lacking : tuple of str
+        Extras of which a library has no wheel there.
+    """
+
+    name: str
+    platform: str
+    lacking: tuple[str, ...] = ()
+
+
+LEAST_MACOS = "14.0"
+SYSTEMS = (
+    System("Windows x86-64", "x86_64-pc-windows-msvc"),
+    System(f"macOS {LEAST_MACOS} arm64", "aarch64-apple-darwin"),
+    System("Linux aarch64, glibc 2.31", "aarch64-manylinux_2_31", lacking=("masks",)),
+)
 
 
 def prepare(folder: Path) -> None:
@@ -150,44 +183,88 @@ def check_commands(
     return failed == 0, {"passed": len(lines) - failed, "failed": failed}
 
 
-def list_requirements(system: str) -> list[str]:
-    """Return the dependencies that are asked for on a system.
+def check_pages(
+    python: str = sys.executable, settings: Mapping[str, str] = os.environ
+) -> tuple[bool, dict[str, Any]]:
+    """Open every page that waits for a person; return whether all answer, and how many did."""
+    failed = 0
+    with tempfile.TemporaryDirectory(prefix="stepblocks-portable-") as work:
+        folder = Path(work)
+        for line in (
+            "new --shipped stimuli",
+            *(line for line in COMMANDS if "study design" in line),
+        ):
+            run_command(python, line, folder, settings)
+        for line in PAGES:
+            fault = open_page(python, line, folder, settings)
+            print("FAIL" if fault else "ok  ", line, flush=True)
+            if fault:
+                failed += 1
+                print(fault, file=sys.stderr)
+    return failed == 0, {"passed": len(PAGES) - failed, "failed": failed}
 
-    pip judges the markers of what it is given by the machine that it runs on, so they are taken
-    away here.
-    """
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    asked = []
-    for requirement in project["dependencies"]:
-        name, _, marker = requirement.partition(";")
-        if not (marker and system == ARM_LINUX):
-            asked.append(name.strip())
-    return asked
+
+def open_page(python: str, line: str, folder: Path, settings: Mapping[str, str]) -> str:
+    """Start a command that serves a page, and load the page; return what went wrong, or nothing."""
+    with subprocess.Popen(
+        [python, "-m", "stepblocks", *shlex.split(line)],
+        cwd=folder,
+        env={**describe_system(settings), "PYTHONUNBUFFERED": "1"},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+    ) as server:
+        ending = threading.Timer(PAGE_SECONDS, server.kill)
+        ending.start()
+        try:
+            return load_announced_page(server)
+        finally:
+            ending.cancel()
+            server.kill()
+
+
+def load_announced_page(server: subprocess.Popen[bytes]) -> str:
+    """Load the page whose address a server prints; return what went wrong, or nothing."""
+    said = []
+    for printed in server.stdout or ():
+        said.append(printed.decode("cp1252", "replace"))
+        address = re.search(r"http://\S+", said[-1])
+        if address is None:
+            continue
+        # the token of an address becomes a cookie
+        opener = urllib.request.build_opener(urllib.request.HTTPCookieProcessor())
+        try:
+            with opener.open(address[0], timeout=PAGE_SECONDS) as page:
+                page.read()
+        except OSError as error:
+            return f"{address[0]}: {error}"
+        return ""
+    return f"no address within {PAGE_SECONDS:g} s: {''.join(said)[-2000:]}"
 
 
 def resolve_wheels() -> tuple[bool, dict[str, Any]]:
-    """Ask pip for wheels of all dependencies, for each system; return whether all have one."""
+    """Resolve all dependencies as wheels for each system; return whether all have one.
+
+    uv judges the markers of requirements by the system that is asked for, and pip by its own.
+    """
     failed = 0
-    for system, platforms in SYSTEMS.items():
-        named = [word for platform in platforms for word in ("--platform", platform)]
+    for system in SYSTEMS:
         command = [
-            *(sys.executable, "-m", "pip", "install", "--dry-run", "--ignore-installed"),
-            *("--disable-pip-version-check", "--quiet", "--only-binary=:all:"),
-            *(
-                "-c",
-                str(ROOT / "constraints.txt"),
-                "--target",
-                "nowhere",
-                "--python-version",
-                "3.12",
-                "--implementation",
-                "cp",
-            ),
-            *named,
-            *list_requirements(system),
+            *(sys.executable, "-m", "uv", "pip", "compile", "--quiet", "pyproject.toml"),
+            *("--only-binary", ":all:", "--no-header", "-c", "constraints.txt"),
+            *("--python-version", "3.12", "--python-platform", system.platform),
         ]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        print("ok  " if done.returncode == 0 else "FAIL", system, flush=True)
+        for extra in EXTRAS:
+            if extra not in system.lacking:
+                command += ["--extra", extra]
+        done = subprocess.run(
+            command,
+            cwd=ROOT,
+            env={**os.environ, "MACOSX_DEPLOYMENT_TARGET": LEAST_MACOS},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        print("ok  " if done.returncode == 0 else "FAIL", system.name, flush=True)
         if done.returncode:
             failed += 1
             print(done.stderr[-2000:], file=sys.stderr)
@@ -200,6 +277,8 @@ def main(argv: Sequence[str]) -> int:
         passes, _ = resolve_wheels()
     elif argv[:1] == ["commands"]:
         passes, _ = check_commands(words=argv[1:])
+    elif argv[:1] == ["pages"]:
+        passes, _ = check_pages()
     else:
         print(__doc__)
         return 2

@@ -12,6 +12,7 @@ POSIX_MODULES = {"fcntl", "resource", "pwd", "grp", "termios", "msvcrt"}
 POSIX_CALLS = {
     *("fork", "killpg", "setsid", "sched_getaffinity", "O_DIRECTORY", "O_NOFOLLOW", "mkfifo"),
     *("SIGKILL", "SIGXCPU", "SIGHUP", "SIGPIPE", "SIGALRM", "cpu_count", "fsync", "flock"),
+    *("getuid", "geteuid", "getgid", "chown", "statvfs"),
 }
 
 

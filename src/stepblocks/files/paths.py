@@ -1,12 +1,14 @@
 """Paths on three systems: how long they may be, where they lead, and what an error says of them."""
 
 import os
+import stat
 from pathlib import Path
 
 # the longest path that Windows opens unless it was set up for longer ones [characters]
 # (Microsoft Learn, Maximum Path Length Limitation: MAX_PATH is 260 with its closing zero)
 _LONGEST_ON_WINDOWS = 259
 _SYSTEM_HAS_SHORT_PATHS = os.name == "nt"
+_WRITTEN_BY_OTHERS = stat.S_IWGRP | stat.S_IWOTH
 
 
 def describe_system_error(error: OSError, path: Path) -> str:
@@ -37,3 +39,19 @@ def resolve_inside(folder: Path, name: str) -> Path | None:
         if path.is_symlink():
             return None
     return path
+
+
+def is_private_folder(place: Path) -> bool:
+    """Tell whether a folder is one of this user, into which nobody else can write.
+
+    Where users have no numbers, as on Windows, each has a folder of temporary files.
+    """
+    try:
+        found = place.lstat()
+    except OSError:
+        return False
+    if not stat.S_ISDIR(found.st_mode):
+        return False
+    if not hasattr(os, "getuid"):
+        return True
+    return found.st_uid == os.getuid() and not found.st_mode & _WRITTEN_BY_OTHERS

@@ -8,8 +8,6 @@ import json
 import os
 import re
 import shutil
-import stat
-import sys
 import tempfile
 import time
 from collections.abc import Iterator
@@ -21,13 +19,13 @@ import psutil
 from pydantic import TypeAdapter, ValidationError
 
 from stepblocks.files.locks import LockState, try_lock
+from stepblocks.files.paths import is_private_folder
 from stepblocks.window.command_line import ShownCommand
 
 _PROGRAM, _PART = "stepblocks", "window"
 _BEGIN = "stepblocks-window-"  # of the name of notes; behind it which folder they are of
 _NAME = re.compile(rf"{_BEGIN}[0-9a-f]{{16}}-\w+")
 _LOCK = "window.lock"  # held by the window that the jobs of a folder belong to
-_WRITTEN_BY_OTHERS = stat.S_IWGRP | stat.S_IWOTH
 _OWN = 0o700  # mode of a folder that is a user's alone
 _OLD = 90 * 24 * 3600.0  # age from which notes of a folder that nobody opened are forgotten [s]
 
@@ -120,7 +118,7 @@ def _find_state_folder() -> Path:
     folder = platformdirs.user_state_path(_PROGRAM, appauthor=False) / _PART
     with suppress(OSError):
         folder.mkdir(mode=_OWN, parents=True, exist_ok=True)
-        if _is_own(folder) and os.access(folder, os.W_OK):
+        if is_private_folder(folder) and os.access(folder, os.W_OK):
             return folder
     return Path(tempfile.gettempdir())
 
@@ -143,18 +141,6 @@ def _read_records(place: Path) -> list[tuple[JobRecord, Path]]:
     return records
 
 
-def _is_own(place: Path) -> bool:
-    """Tell whether a folder is one of this user, into which nobody else can write."""
-    try:
-        found = place.lstat()
-    except OSError:
-        return False
-    is_own = stat.S_ISDIR(found.st_mode)
-    if sys.platform != "win32":  # there each user has a folder of temporary files
-        is_own &= found.st_uid == os.getuid() and not found.st_mode & _WRITTEN_BY_OTHERS
-    return is_own
-
-
 def _list_places(state: Path) -> Iterator[Path]:
     """Yield the folders of notes that are this user's alone."""
     try:
@@ -162,7 +148,7 @@ def _list_places(state: Path) -> Iterator[Path]:
     except OSError:
         return
     for place in found:
-        if _NAME.fullmatch(place.name) and _is_own(place):
+        if _NAME.fullmatch(place.name) and is_private_folder(place):
             yield place
 
 
