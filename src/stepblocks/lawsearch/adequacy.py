@@ -170,7 +170,8 @@ def build_smooth_columns(trials: Trials, name: str) -> Floats | None:
     if powers == 0 or not float(np.std(numbers)) < np.inf:
         return None
     x = (stats.rankdata(numbers) / len(numbers) - 0.5) * 2.0
-    return np.stack([x ** (i + 1) for i in range(powers)], axis=1)
+    columns = [x**power for power in range(1, powers + 1)]
+    return np.stack(columns, axis=1)
 
 
 def compute_smooth_p(residual: Floats, columns: Floats) -> float:
@@ -224,7 +225,10 @@ def compare_with_replicates(
     """
     seen = np.isfinite(residual)
     values = residual[seen]
-    labels = [str(cell) for cell, known in zip(cells, seen, strict=True) if known]
+    labels = []
+    for cell, is_seen in zip(cells, seen, strict=True):
+        if is_seen:
+            labels.append(str(cell))
     _, number = np.unique(labels, return_inverse=True)
     counts = np.bincount(number)
     dof = int(len(values) - len(counts))

@@ -96,9 +96,9 @@ def choose_candidate(
         None where no candidate improves the criterion.
     """
     tried = list(known)
+    rival_cost = min([base.cost, *(fitted.cost for fitted in known)])
     by_gain = sorted(_select_scores(opened.scores, most), key=lambda score: -score.gain)
     for coarse_score in by_gain:
-        rival_cost = min([base.cost, *(fitted.cost for fitted in tried)])
         score = coarse_score
         if not is_hopeless(_GAIN_BY_PLACE * score.gain, base.cost - rival_cost):
             score = _score_at_best_places(problem, base, score)
@@ -108,6 +108,7 @@ def choose_candidate(
         fitted = _fit_candidate(problem, base, score, rival_cost)
         if fitted is not None and not _is_at_bound(score.effect, fitted):
             tried.append(fitted)
+            rival_cost = min(rival_cost, fitted.cost)
     tried.sort(key=lambda fitted: (fitted.criterion, fitted.effects[-1].rank))
     if not tried or tried[0].criterion >= base.criterion:
         return None
@@ -125,7 +126,8 @@ def _prefer_named_law(tried: Sequence[Fit], tie: float) -> Fit:
             named.append(fitted)
     if not named:
         return best
-    close = [f for f in named if f.criterion <= named[0].criterion + _CLOSE]
+    most_criterion = named[0].criterion + _CLOSE
+    close = [fitted for fitted in named if fitted.criterion <= most_criterion]
     return min(close, key=lambda fitted: (fitted.effects[-1].rank, fitted.criterion))
 
 
@@ -134,16 +136,21 @@ def _select_scores(scores: Sequence[Score], most: int) -> list[Score]:
 
     Beside the best smooths, the best of each further place stands for that place.
     """
-    named = [score for score in scores if score.effect.named][:most]
-    smooth = [score for score in scores if not score.effect.named]
-    leading = smooth[:most]
-    places = {score.effect.place for score in leading}
-    further = []
-    for score in smooth:
-        if score.effect.place not in places:
-            places.add(score.effect.place)
+    named: list[Score] = []
+    smooth: list[Score] = []
+    further: list[Score] = []
+    places = set()
+    for score in scores:
+        place = score.effect.place
+        if score.effect.named:
+            named.append(score)
+        elif len(smooth) < most:
+            smooth.append(score)
+            places.add(place)
+        elif place not in places:
             further.append(score)
-    return [*named, *leading, *further[: most // 2]]
+            places.add(place)
+    return [*named[:most], *smooth, *further[: most // 2]]
 
 
 def _is_at_bound(effect: Law, fitted: Fit) -> bool:
@@ -181,7 +188,7 @@ def _fit_candidate(problem: Problem, base: Fit, score: Score, rival: float) -> F
         start[p.name] = base.values[p.name] - of_constant
     steps = dict(zip(effect.amplitudes, step.tolist(), strict=True))
     for p in effect.parameters:
-        name = f"{effect.id}.{p.name}"
+        name = effect.name_in_fit(p.name)
         if p.name in steps:
             start[name] = p.start + steps[p.name] * p.scale
         else:
@@ -203,7 +210,7 @@ def _try_further_places(problem: Problem, found: Fit, effect: Law) -> Fit:
     """
     starts, costs = [], []
     for shape in effect.shapes:
-        start = found.values | {f"{effect.id}.{name}": place for name, place in shape.items()}
+        start = found.values | effect.name_values(shape)
         starts.append(start)
         costs.append(_compute_cost(problem, found, start))
     order = np.argsort(np.round(costs, _COST_DIGITS), kind="stable")
@@ -300,7 +307,8 @@ def select_likeliest(rivals: Sequence[Rival], always: Sequence[Rival]) -> tuple[
     always : sequence of Rival
         Those among them that are kept however unlikely.
     """
-    odds = np.exp([-0.5 * rival.behind for rival in rivals])
+    behind = np.array([rival.behind for rival in rivals])
+    odds = np.exp(-0.5 * behind)
     # chance of the effect and all rivals before each one
     chance_before = (1.0 + np.cumsum(odds) - odds) / (1.0 + odds.sum())
     kept = []

@@ -7,7 +7,7 @@ import numpy as np
 from scipy import stats
 
 from stepblocks.lawsearch.adequacy import compare_with_replicates
-from stepblocks.lawsearch.findings import Doubt, Explanation, Finding, Verdict
+from stepblocks.lawsearch.findings import Doubt, Explanation, Finding, Verdict, list_effects
 from stepblocks.lawsearch.fit import fit
 from stepblocks.lawsearch.forward_model import Floats
 from stepblocks.lawsearch.holdout import (
@@ -16,7 +16,7 @@ from stepblocks.lawsearch.holdout import (
     ListCandidates,
     Rows,
 )
-from stepblocks.lawsearch.law import Law
+from stepblocks.lawsearch.law import Law, name_family
 from stepblocks.lawsearch.noise import Noise
 from stepblocks.lawsearch.structure import Hint
 
@@ -88,10 +88,10 @@ def _find_lacking_channel(explanation: Explanation, cells: Sequence[object]) -> 
 
 def _judge_by_folds(finding: Finding, folds: Sequence[Sequence[str]]) -> Finding:
     """Judge a law by the choices of the folds, each of which has fewer trials."""
-    family = finding.effect.id.split("~")[0]
+    family = name_family(finding.effect.id)
     blind, contradicting = False, False
     for names in folds:
-        families = [name.split("~")[0] for name in names]
+        families = [name_family(name) for name in names]
         if family in families:
             continue
         # a fold that chooses nothing is blind to the law; one that chooses another contradicts it
@@ -219,7 +219,7 @@ def _drop_worsening(
     findings = explanation.findings
     kept = {law.id for law in of_specimens}
     while len(findings) > len(kept):
-        effects = [finding.effect for finding in findings]
+        effects = list_effects(findings)
         errors = predictor.compute_errors(effects, explanation.extended.values)
         if not _is_worse(explanation.problem.noise, base, errors):
             return findings, errors
@@ -234,18 +234,21 @@ def _refit_with_kept_findings(
     explanation: Explanation, findings: tuple[Finding, ...]
 ) -> Explanation:
     """Deliver the model with the effects of some findings, and say which claims had to go."""
-    effects = [finding.effect for finding in findings]
+    effects = list_effects(findings)
     delivered = {law.id for law in effects}
     dropped = []
-    for finding in explanation.findings:
-        if finding.effect.id not in delivered:
-            dropped.append(finding.effect)
+    claimed = []
+    for law in list_effects(explanation.findings):
+        if law.id in delivered:
+            continue
+        dropped.append(law)
+        if law.id not in explanation.walks:
+            claimed.append(_name_claim(law))
     if not dropped:
         return explanation
     start: Mapping[str, float] = explanation.extended.values
     extended = fit(explanation.problem, effects, start)
     explanation = replace(explanation, findings=findings, extended=extended)
-    claimed = [_name_claim(law) for law in dropped if law.id not in explanation.walks]
     if not claimed:
         return explanation
     names = " and ".join(claimed).replace("_", " ").replace("~", " ")

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.lawsearch.forward_model import Floats
-from stepblocks.lawsearch.law import Law, SizedChange
+from stepblocks.lawsearch.law import Law, SizedChange, list_starts
 from stepblocks.lawsearch.objective import differentiate_size
 from stepblocks.lawsearch.problem import Fit, Problem
 
@@ -96,7 +96,8 @@ def compute_directions(
     """
     shaped = []
     for law in effects:
-        shaped += [_ShapedLaw(law, shape) for shape in law.shapes]
+        for shape in law.shapes:
+            shaped.append(_ShapedLaw(law, shape))
     slopes: _Slopes = {}
     directions: list[Direction] = []
     for first in range(0, len(shaped), BATCH):
@@ -113,8 +114,8 @@ def _compute_changes(
     `slopes` keeps the slopes that are known.
     """
     effect = shaped.law
-    neutral = {p.name: p.start for p in effect.parameters} | dict(shaped.shape)
-    amplitudes = [p for p in effect.parameters if p.name in effect.amplitudes]
+    neutral = list_starts(effect.parameters) | dict(shaped.shape)
+    amplitudes = effect.amplitude_parameters
     if isinstance(effect.apply, SizedChange):
         step = _STEP * amplitudes[0].scale
         slope, column = _find_size_slope(problem, base, effect, neutral, step, slopes)
@@ -124,17 +125,12 @@ def _compute_changes(
             changes.append(slope * size[:, None])
         return changes
     effects = [*base.effects, effect]
-    values = base.values | _name_values(effect, neutral)
+    values = base.values | effect.name_values(neutral)
     changes = []
     for p in amplitudes:
-        moved = values | {f"{effect.id}.{p.name}": p.start + _STEP * p.scale}
+        moved = values | {effect.name_in_fit(p.name): p.start + _STEP * p.scale}
         changes.append((problem.predict(effects, moved) - base.predicted) / _STEP)
     return changes
-
-
-def _name_values(effect: Law, values: Mapping[str, float]) -> dict[str, float]:
-    """Name the values of a law's parameters as a fit does, ``law.parameter``."""
-    return {f"{effect.id}.{name}": value for name, value in values.items()}
 
 
 def _find_size_slope(
@@ -177,7 +173,7 @@ def _find_size_slope(
         key = apply.change, step, effect.covariate
     if key not in slopes:
         effects = [*base.effects, effect]
-        values = base.values | _name_values(effect, neutral)
+        values = base.values | effect.name_values(neutral)
         slopes[key] = differentiate_size(problem, effects, values, apply, base.predicted, step)
     slope, followed = slopes[key]
     if column is None:
@@ -189,8 +185,12 @@ def _compute_batch(
     problem: Problem, base: Fit, batch: Sequence[_ShapedLaw], known: Floats, slopes: _Slopes
 ) -> list[Direction]:
     """Find the directions of some laws in one product of matrices; see `compute_directions`."""
-    changes = [_compute_changes(problem, base, shaped, slopes) for shaped in batch]
-    columns = [column for of_law in changes for column in of_law]
+    changes = []
+    columns = []
+    for shaped in batch:
+        of_law = _compute_changes(problem, base, shaped, slopes)
+        changes.append(of_law)
+        columns += of_law
     if not columns:
         return []
     white = problem.noise.whiten(np.stack(columns, axis=2))
@@ -256,4 +256,5 @@ def _is_one_sided(law: Law) -> bool:
     """Tell whether the only amplitude of a law cannot be negative."""
     if len(law.amplitudes) != 1:
         return False
-    return any(p.name in law.amplitudes and p.low >= p.start for p in law.parameters)
+    amplitude = law.amplitude_parameters[0]
+    return amplitude.low >= amplitude.start

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from stepblocks.lawsearch.forward_model import Floats, Trials
-from stepblocks.lawsearch.law import Parameter
+from stepblocks.lawsearch.law import Parameter, list_starts
 from stepblocks.lawsearch.objective import STEP
 from stepblocks.lawsearch.problem import Fit, Problem
 
@@ -83,7 +83,7 @@ def rank_settings(
         None where no setting separates the models.
     """
     model = problem.model
-    starts = {p.name: p.start for p in model.parameters(grid)}
+    starts = list_starts(model.parameters(grid))
     ahead = model.predict(grid, starts | first.values, first.active_effects)
     difference = ahead - model.predict(grid, starts | second.values, second.active_effects)
     scatter = _compute_scatter(problem, first, grid)
@@ -120,7 +120,7 @@ def _describe_setting(grid: Trials, row: int, shown: Sequence[str], gain: Floats
 def _compute_scatter(problem: Problem, fitted: Fit, grid: Trials) -> Floats:
     """Compute the covariance of one trial at each setting of a grid, shape (m, c, c)."""
     scatter = problem.noise.scatter
-    starts = {p.name: p.start for p in problem.model.parameters(grid)}
+    starts = list_starts(problem.model.parameters(grid))
     responses = problem.model.responses(grid, starts | fitted.values, fitted.active_effects)
     std = np.where(problem.trials.seen, problem.trials.std, np.nan)
     typical = np.nan_to_num(np.nanmedian(std, axis=0), nan=1.0)
@@ -183,7 +183,7 @@ def _compute_width_after(
         out.
     """
     new = _list_new_parameters(problem, fitted, setting)
-    values = {p.name: p.start for p in new} | fitted.values
+    values = list_starts(new) | fitted.values
     ahead = replace(problem, trials=setting)
     base = ahead.predict(fitted.effects, values)[0]
     rows = []
@@ -194,17 +194,19 @@ def _compute_width_after(
         rows.append((moved - base) / step)
     slopes = np.array(rows)
     # the height of a block that is yet to be made is known by its prior alone
-    before = block_diag(fitted.covariance, np.diag([p.prior_std**2 for p in new]))
+    prior_std = np.array([p.prior_std for p in new])
+    before = block_diag(fitted.covariance, np.diag(prior_std**2))
     gained = before @ slopes
     after = before - gained @ np.linalg.solve(slopes.T @ gained + scatter, gained.T)
     shares = np.sqrt(np.diag(after) / np.maximum(np.diag(before), 1e-300))
-    names = [p.name for p in fitted.parameters]
-    share_of = dict(zip(names, shares[: len(names)].tolist(), strict=True))
+    share_of = {}
+    for p, share in zip(fitted.parameters, shares[: len(fitted.parameters)].tolist(), strict=True):
+        share_of[p.name] = share
     widths = {}
     for law in fitted.effects:
         for name, share in law.pick_own_values(share_of).items():
             if name not in law.steps:
-                widths[f"{law.id}.{name}"] = share
+                widths[law.name_in_fit(name)] = share
     return widths
 
 

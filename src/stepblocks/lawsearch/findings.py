@@ -1,5 +1,6 @@
 """What a search comes to: verdict, findings with their rivals, and the rules for claims."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import NamedTuple
@@ -98,6 +99,11 @@ class Finding:
     leading_trial: Share = _NO_SHARE
     leading_channel: Share = _NO_SHARE
     reason: str = ""
+
+
+def list_effects(findings: Sequence[Finding]) -> list[Law]:
+    """List the effects of findings."""
+    return [finding.effect for finding in findings]
 
 
 class BadTrial(NamedTuple):

@@ -7,7 +7,7 @@ from scipy.optimize import least_squares
 
 from stepblocks.errors import PipelineError
 from stepblocks.lawsearch.forward_model import ForwardModel, Trials
-from stepblocks.lawsearch.law import Law
+from stepblocks.lawsearch.law import Law, list_starts
 from stepblocks.lawsearch.objective import Objective
 from stepblocks.lawsearch.problem import Fit, Problem, build_noise_without_model
 from stepblocks.lawsearch.scatter import TRIALS_PER_SPECIMEN
@@ -65,14 +65,13 @@ def fit(
     root = np.linalg.pinv(np.linalg.qr(jacobian, mode="r"), rcond=_SINGULAR)
     covariance = (root @ root.T) * np.outer(objective.scale, objective.scale)
     std = np.sqrt(np.diag(covariance)).tolist()
-    names = [p.name for p in objective.parameters]
     count = problem.trials.values.size
     values = objective.name_values(solution.x)
     return Fit(
         effects=objective.effects,
         parameters=objective.parameters,
         values=values,
-        std=dict(zip(names, std, strict=True)),
+        std=dict(zip(objective.names, std, strict=True)),
         cost=float(residual @ residual),
         residual=residual[:count],
         departure=residual[count:],
@@ -101,7 +100,7 @@ def build_problem(model: ForwardModel, trials: Trials) -> Problem:
             f"at least {FEWEST_TRIALS} trials are needed to explain a session, got {len(trials)}"
         )
     systematics = model.systematics(trials)
-    start = {p.name: p.start for p in model.parameters(trials)}
+    start = list_starts(model.parameters(trials))
     for _ in range(_WEIGHTINGS):
         # the responses depend on the constants, the constants a little on the weights
         responses = model.responses(trials, start)

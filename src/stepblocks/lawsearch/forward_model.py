@@ -124,7 +124,10 @@ class Trials:
         labels_beside_first = np.unique(column)[1:]
         if len(labels_beside_first) >= most:
             return []
-        return [(column == label).astype(np.float64) for label in labels_beside_first]
+        dummies = []
+        for label in labels_beside_first:
+            dummies.append((column == label).astype(np.float64))
+        return dummies
 
 
 @dataclass(frozen=True)

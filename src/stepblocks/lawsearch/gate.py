@@ -110,8 +110,10 @@ def score_candidates(
     null, _ = _compute_gains(directions, _draw_noise(problem, base, draws, seed))
     # among directions of equal freedom the least p of a draw is that of the largest gain
     kinds = np.unique(freedom)
-    largest = np.stack([null[freedom == kind].max(axis=0) for kind in kinds])
-    least_log_p = _compute_log_p(largest, kinds, dof).min(axis=0)
+    largest = []
+    for kind in kinds:
+        largest.append(null[freedom == kind].max(axis=0))
+    least_log_p = _compute_log_p(np.stack(largest), kinds, dof).min(axis=0)
     level = np.exp(np.quantile(least_log_p, alpha))
     least_gain = float(stats.f.isf(level, 1.0, dof)) * variance
     as_small = np.sum(least_log_p <= log_p.min())
@@ -163,7 +165,8 @@ def _compute_gains(directions: Sequence[Direction], vectors: Floats) -> tuple[Fl
     projected: list[Floats] = []
     for first in range(0, len(directions), BATCH):
         bases = [direction.basis for direction in directions[first : first + BATCH]]
-        ends = np.cumsum([basis.shape[1] for basis in bases[:-1]])
+        widths = [basis.shape[1] for basis in bases]
+        ends = np.cumsum(widths[:-1])
         projected += np.split(np.concatenate(bases, axis=1).T @ vectors, ends)
     gains = np.stack([np.sum(along**2, axis=0) for along in projected])
     for direction, gain, along in zip(directions, gains, projected, strict=True):
@@ -229,7 +232,7 @@ def compute_detectable(
     found: dict[str, float] = {}
     for direction in compute_directions(problem, base, considered, known):
         law = direction.effect
-        scale = next(p.scale for p in law.parameters if p.name == law.amplitudes[0])
-        size = root_gain * float(np.linalg.norm(direction.root)) * scale
+        amplitude = law.amplitude_parameters[0]
+        size = root_gain * float(np.linalg.norm(direction.root)) * amplitude.scale
         found[law.id] = min(size, found.get(law.id, np.inf))
     return found

@@ -151,7 +151,7 @@ def select_effects_without(
     chosen = tuple(law.id for law in found.extended.effects)
     of_all_trials = {}
     for law in laws:
-        if f"{law.id}.{law.parameters[0].name}" in values:
+        if law.name_in_fit(law.parameters[0].name) in values:
             of_all_trials[law.id] = law
     if not set(chosen) - set(of_all_trials):
         return chosen
@@ -311,7 +311,7 @@ def _hold_places(law: Law, values: Mapping[str, float]) -> Law:
     parameters = []
     for p in law.parameters:
         if p.name in law.steps:
-            place = values[f"{law.id}.{p.name}"]
+            place = values[law.name_in_fit(p.name)]
             parameters.append(replace(p, low=place - _PLACE_SLACK, high=place + _PLACE_SLACK))
         else:
             parameters.append(p)

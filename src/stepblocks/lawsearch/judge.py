@@ -16,8 +16,8 @@ from stepblocks.lawsearch.findings import (
     Verdict,
 )
 from stepblocks.lawsearch.fit import fit, fit_without
-from stepblocks.lawsearch.law import Law
-from stepblocks.lawsearch.problem import Fit, Problem
+from stepblocks.lawsearch.law import Law, name_family
+from stepblocks.lawsearch.problem import Fit, Problem, pair_with_values
 from stepblocks.lawsearch.search import choose_in_place_of
 
 # share of the whole gain below which an effect only stands in for what is left
@@ -37,11 +37,8 @@ def judge_search(found: SearchResult, candidates: Sequence[Law], rules: Rules) -
     findings = tuple(_judge_effect(found, law, candidates, rules) for law in current.effects)
     checks = check_residuals(problem, current)
     gate_is_open = found.last_gate_p <= rules.alpha
-    verdict = min(
-        (finding.verdict for finding in findings),
-        key=_WEAKEST_FIRST.index,
-        default=Verdict.NONE,
-    )
+    verdicts = [finding.verdict for finding in findings]
+    verdict = min(verdicts, key=_WEAKEST_FIRST.index, default=Verdict.NONE)
     reason = ""
     if verdict is Verdict.EFFECT and (gate_is_open or not checks.adequate):
         # it improves the fit, not the explanation
@@ -183,9 +180,10 @@ def _is_special_case(problem: Problem, current: Fit, effect: Law, rival: Fit) ->
     only_amplitudes = len(wider.parameters) == len(wider.amplitudes)
     if len(sizes) != 1 or len(wider.parameters) < 2 or not only_amplitudes:
         return False
-    alike = (wider, {p.name: sizes[0] for p in wider.parameters})
-    other_effects = [(law, values) for law, values in current.active_effects if law is not effect]
-    predicted = problem.model.predict(problem.trials, current.values, [*other_effects, alike])
+    alike = dict.fromkeys(wider.amplitudes, sizes[0])
+    beside = tuple(law for law in current.effects if law is not effect)
+    active = [*pair_with_values(beside, current.values), (wider, alike)]
+    predicted = problem.model.predict(problem.trials, current.values, active)
     return np.allclose(predicted, current.predicted, rtol=1e-9, atol=1e-12, equal_nan=True)
 
 
@@ -200,4 +198,4 @@ def _name_family(effect: Law) -> str:
     """Return the name without the mark of the variant; specimens are no variants of one law."""
     if effect.covariate == "block":
         return effect.id
-    return effect.id.split("~")[0]
+    return name_family(effect.id)

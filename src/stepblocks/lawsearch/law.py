@@ -148,11 +148,15 @@ class Law:
         vars(self).update(cloudpickle.loads(state))
 
     @cached_property
+    def amplitude_parameters(self) -> tuple[Parameter, ...]:
+        """Parameters at whose start the effect vanishes."""
+        shape_parameters = self.shapes[0]
+        return tuple(p for p in self.parameters if p.name not in shape_parameters)
+
+    @cached_property
     def amplitudes(self) -> tuple[str, ...]:
         """Names of the parameters at whose start the effect vanishes."""
-        shape_parameters = self.shapes[0]
-        names = [parameter.name for parameter in self.parameters]
-        return tuple(name for name in names if name not in shape_parameters)
+        return tuple(p.name for p in self.amplitude_parameters)
 
     @property
     def place(self) -> tuple[str, str]:
@@ -167,12 +171,31 @@ class Law:
         values : Mapping[str, float]
             Values of a fit, which calls the parameters of a law ``law.parameter``.
         """
-        return {
-            parameter.name: values[f"{self.id}.{parameter.name}"] for parameter in self.parameters
-        }
+        own_values = {}
+        for parameter in self.parameters:
+            own_values[parameter.name] = values[self.name_in_fit(parameter.name)]
+        return own_values
+
+    def name_in_fit(self, name: str) -> str:
+        """Return what a fit calls a parameter of the law, ``law.parameter``."""
+        return f"{self.id}.{name}"
+
+    def name_values(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Name values of the law's own parameters as a fit does, ``law.parameter``."""
+        return {self.name_in_fit(name): value for name, value in values.items()}
 
 
 Active = Sequence[tuple[Law, Mapping[str, float]]]  # effects with the values of their parameters
+
+
+def list_starts(parameters: Sequence[Parameter]) -> dict[str, float]:
+    """List where parameters start, by their names."""
+    return {p.name: p.start for p in parameters}
+
+
+def name_family(law_id: str) -> str:
+    """Return the name of a law without the mark of its variant."""
+    return law_id.split("~")[0]
 
 
 def correct_by_holm(p_values: Sequence[float]) -> NDArray[np.float64]:

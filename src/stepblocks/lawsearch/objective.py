@@ -3,6 +3,7 @@
 All parameters are in units of their scales here.
 """
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
 from stepblocks.lawsearch.forward_model import Floats
-from stepblocks.lawsearch.law import Law, Parameter, SizedChange
+from stepblocks.lawsearch.law import Law, Parameter, SizedChange, list_starts
 from stepblocks.lawsearch.problem import Problem
 
 # step of finite differences, in units of a parameter's scale: an integrated motion is smooth to
@@ -69,12 +70,14 @@ class Objective:
         self.rival = rival
         self.steps_taken = 0
         self.parameters = _list_parameters(problem, effects)
+        self.names = [p.name for p in self.parameters]
         self.scale = np.array([p.scale for p in self.parameters])
         self.start = np.array([p.start for p in self.parameters]) / self.scale
         self.prior = np.array([p.scale / p.prior_std for p in self.parameters])
         self.with_prior = np.flatnonzero(self.prior > 0.0)
-        ends = np.array([(p.low, p.high) for p in self.parameters]).T / self.scale
-        self.bounds = tuple(ends)
+        low = np.array([p.low for p in self.parameters]) / self.scale
+        high = np.array([p.high for p in self.parameters]) / self.scale
+        self.bounds = low, high
         self._plan_differences()
         self._prepare_censored_values()
         self._last_x = np.full(len(self.parameters), np.nan)
@@ -94,18 +97,22 @@ class Objective:
         moves_all = blocks == ""
         # shape (n, p): which trials each parameter moves
         self.moved = moves_all | (self.problem.trials.block[:, None] == blocks)
-        sized = [False] * (len(blocks) - sum(len(law.parameters) for law in self.effects))
+        of_laws: list[bool] = []
         for law in self.effects:
-            sized += [isinstance(law.apply, SizedChange)] * len(law.parameters)
-        self.sized = np.array(sized)
+            of_laws += [isinstance(law.apply, SizedChange)] * len(law.parameters)
+        of_model = [False] * (len(blocks) - len(of_laws))
+        self.sized = np.array(of_model + of_laws)
         moved_alone = moves_all & ~self.sized
-        names = blocks.tolist()
-        earlier_of_block = np.array([names[:i].count(block) for i, block in enumerate(names)])
+        met: Counter[str] = Counter()
+        earlier_of_block = []
+        for block in blocks.tolist():
+            earlier_of_block.append(met[block])
+            met[block] += 1
         # shape (p,): number of the difference that shows each parameter
         self.layer = np.where(
             moves_all,
             np.maximum(np.cumsum(moved_alone) - 1, 0),
-            moved_alone.sum() + earlier_of_block,
+            moved_alone.sum() + np.array(earlier_of_block),
         )
 
     def _prepare_censored_values(self) -> None:
@@ -124,7 +131,7 @@ class Objective:
         self.spread = np.zeros(0)
         if not self.floor.size:
             return
-        start = {p.name: p.start for p in self.parameters}
+        start = list_starts(self.parameters)
         responses = self.problem.model.responses(trials, start)
         known = np.maximum(np.isfinite(trials.std).sum(axis=0), 1)
         measured = np.nansum(trials.std**2, axis=0) / known
@@ -134,7 +141,7 @@ class Objective:
     def name_values(self, x: Floats) -> dict[str, float]:
         """Return the values of all parameters by name, in their units."""
         values = (x * self.scale).tolist()
-        return {p.name: value for p, value in zip(self.parameters, values, strict=True)}
+        return dict(zip(self.names, values, strict=True))
 
     def predict(self, x: Floats) -> Floats:
         """Predict all channels, shape (n, c)."""
@@ -230,7 +237,8 @@ def _list_parameters(problem: Problem, effects: Sequence[Law]) -> tuple[Paramete
     """List the parameters of the model, then those of the effects as ``law.parameter``."""
     parameters = [*problem.model.parameters(problem.trials)]
     for law in effects:
-        parameters += [replace(p, name=f"{law.id}.{p.name}") for p in law.parameters]
+        for p in law.parameters:
+            parameters.append(replace(p, name=law.name_in_fit(p.name)))
     return tuple(parameters)
 
 

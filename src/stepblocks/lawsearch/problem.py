@@ -61,6 +61,11 @@ class Fit:
     covariance: Floats
 
     @property
+    def effect_ids(self) -> set[str]:
+        """Names of the effects."""
+        return {law.id for law in self.effects}
+
+    @property
     def active_effects(self) -> Active:
         """Effects with their fitted values."""
         return pair_with_values(self.effects, self.values)
@@ -88,8 +93,11 @@ class Fit:
         ``p`` is the number of parameters of the effects. The place of a sudden change counts twice
         (Zhang and Siegmund 2007).
         """
-        count = sum(len(law.parameters) + len(law.steps) for law in self.effects)
-        evidence = sum(law.evidence for law in self.effects)
+        count = 0
+        evidence = 0.0
+        for law in self.effects:
+            count += len(law.parameters) + len(law.steps)
+            evidence += law.evidence
         penalty = float(np.log(len(self.predicted))) * count
         return self.cost - evidence + penalty
 

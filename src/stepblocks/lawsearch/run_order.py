@@ -162,10 +162,10 @@ def bound_jump_place(
     low, high : float
         In the unit of the column.
     """
-    parameter = f"{effect.id}.{name}"
+    parameter = effect.name_in_fit(name)
     seen = np.unique(np.asarray(column, dtype=np.float64))
-    moving = [i for i, p in enumerate(fitted.parameters) if p.name != parameter]
-    basis, _ = np.linalg.qr(fitted.jacobian[:, moving])
+    is_moving = [p.name != parameter for p in fitted.parameters]
+    basis, _ = np.linalg.qr(fitted.jacobian[:, is_moving])
     costs = np.empty(len(seen) - 1)
     for i, place in enumerate(0.5 * (seen[1:] + seen[:-1])):
         predicted = problem.predict(fitted.effects, fitted.values | {parameter: float(place)})

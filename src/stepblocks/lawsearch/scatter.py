@@ -97,7 +97,9 @@ def build_flexible_columns(
     """
     first, standardised = _list_levels_and_standardised(trials)
     columns = [*first]
-    columns += [term.column for term in shared if term.column.ndim == 1]
+    for term in shared:
+        if term.column.ndim == 1:
+            columns.append(term.column)
     columns += _list_polynomials(standardised)
     unit_columns = []
     for column in columns:
@@ -144,7 +146,8 @@ def _list_polynomials(standardised: Sequence[Floats]) -> list[Floats]:
     columns = [*standardised]
     columns += [column**2 for column in standardised]
     for i, column in enumerate(standardised):
-        columns += [column * later for later in standardised[i + 1 :]]
+        for later in standardised[i + 1 :]:
+            columns.append(column * later)
     columns += [column**3 for column in standardised]
     columns += [column**4 for column in standardised]
     for squared in standardised[:_INTERACTING]:
@@ -355,7 +358,11 @@ def compute_least_scatter(scatters: Sequence[Scatter], responses: Floats) -> Sca
     # what a channel scatters alone is hardly separable from what a quantity adds that moves little
     # else: the least of either part alone would come to less than any estimate saw
     shown = np.mean(responses**2, axis=0)
-    quantities = np.min([scatter.quantities for scatter in scatters], axis=0)
+    in_quantities, in_channels = [], []
+    for scatter in scatters:
+        in_quantities.append(scatter.quantities)
+        in_channels.append(scatter.channels + shown @ scatter.quantities)
+    quantities = np.min(in_quantities, axis=0)
+    whole = np.min(in_channels, axis=0)
     dof = min(scatter.dof for scatter in scatters)
-    whole = np.min([scatter.channels + shown @ scatter.quantities for scatter in scatters], axis=0)
     return Scatter(quantities, whole - shown @ quantities, dof)

@@ -19,10 +19,10 @@ from stepblocks.lawsearch.run_order import (
 )
 from stepblocks.lawsearch.structure import (
     Hint,
-    HintKind,
     check_neighbours,
     estimate_errors_in_order,
     find_hints,
+    list_wandering,
     make_wandering_hint,
 )
 
@@ -97,8 +97,11 @@ def search_effects_and_structure(
 
 def _list_jumping_quantities(found: SearchResult) -> set[str]:
     """List the quantities that a found effect changes suddenly."""
-    slots = {law.slot for law in found.extended.effects if law.steps}
-    return slots & set(found.problem.model.quantities)
+    quantities = set()
+    for law in found.extended.effects:
+        if law.steps and law.slot in found.problem.model.quantities:
+            quantities.add(law.slot)
+    return quantities
 
 
 def find_residual_structure(found: SearchResult) -> ResidualStructure:
@@ -109,8 +112,8 @@ def find_residual_structure(found: SearchResult) -> ResidualStructure:
     for quantity in sorted(explained_by_walk - hinted):
         if _errs_with_neighbours(found, quantity):
             hints = (*hints, make_wandering_hint(quantity))
-    neighbours = {hint.quantity for hint in hints if hint.kind == HintKind.NEIGHBOURS}
-    return ResidualStructure(hints, explained_by_walk, explained_by_walk | neighbours)
+    wandering = explained_by_walk | list_wandering(hints)
+    return ResidualStructure(hints, explained_by_walk, wandering)
 
 
 def _errs_with_neighbours(found: SearchResult, quantity: str) -> bool:
@@ -160,14 +163,17 @@ def _add_changes_along_run(
     """
     for slot in sorted(slots):
         current = fit(problem, found.extended.effects, found.extended.values)
-        along_run = [
-            law for law in candidates if law.slot == slot and follows_run_order(problem, law)
-        ]
-        flexible = [law for law in along_run if law.steps or not law.named]
+        along_run = []
+        flexible = []
+        for law in candidates:
+            if law.slot != slot or not follows_run_order(problem, law):
+                continue
+            along_run.append(law.id)
+            if law.steps or not law.named:
+                flexible.append(law)
         opened = score_candidates(problem, current, flexible, draws=0)
         choice = choose_candidate(problem, current, opened, most=_EXCHANGE_FITS)
-        present = {law.id for law in current.effects}
-        if choice is None or any(law.id in present for law in along_run):
+        if choice is None or not current.effect_ids.isdisjoint(along_run):
             continue
         extended = fit(found.problem, (*current.effects, choice.effect), choice.lead.values)
         found = replace(found, extended=extended, walks=found.walks | {choice.effect.id})
@@ -231,7 +237,7 @@ def _describe_step(candidates: Sequence[Law], current: Fit) -> str:
 
 def _list_untried(candidates: Sequence[Law], current: Fit) -> list[Law]:
     """List the candidates that are no effect of a fit."""
-    present = {law.id for law in current.effects}
+    present = current.effect_ids
     return [law for law in candidates if law.id not in present]
 
 
@@ -273,8 +279,9 @@ def add_or_replace_effect(
             better.append(fitted)
     if better:
         return min(better, key=lambda fitted: fitted.criterion)
-    only_smooths = not added.named and not any(law.named for law in same_place)
-    return chosen if only_smooths else None
+    if added.named or any(law.named for law in same_place):
+        return None
+    return chosen
 
 
 def _exchange_effects(problem: Problem, grown: Fit, candidates: Sequence[Law], added: Law) -> Fit:

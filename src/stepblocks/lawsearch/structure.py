@@ -142,13 +142,22 @@ def find_hints(problem: Problem, fitted: Fit) -> tuple[Hint, ...]:
 
 def _select_plainest(found: Sequence[Hint]) -> tuple[Hint, ...]:
     """Drop the groups of quantities that wander, since a walk shows groups, too."""
-    wandering = {hint.quantity for hint in found if hint.kind == HintKind.NEIGHBOURS}
+    wandering = list_wandering(found)
     kept = []
     for hint in found:
         if hint.kind == HintKind.NEIGHBOURS or hint.quantity not in wandering:
             kept.append(hint)
     quantities = [hint.quantity for hint in found]
     return tuple(sorted(kept, key=lambda hint: quantities.index(hint.quantity)))
+
+
+def list_wandering(hints: Sequence[Hint]) -> set[str]:
+    """List the quantities whose neighbouring errors hints connect."""
+    quantities = set()
+    for hint in hints:
+        if hint.kind == HintKind.NEIGHBOURS:
+            quantities.add(hint.quantity)
+    return quantities
 
 
 def find_groups(name: str, errors: OrderedErrors) -> Hint | None:

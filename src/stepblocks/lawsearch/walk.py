@@ -86,4 +86,8 @@ def split_into_levels(values: Floats) -> list[NDArray[np.intp]]:
 
     level_limit = min(_MOST_LEVELS, len(values) // _SHORTEST_LEVEL)
     search = KernelCPD(kernel="linear", min_size=_SHORTEST_LEVEL).fit(values)
-    return [np.array(search.predict(n_bkps=count)[:-1]) for count in range(1, level_limit)]
+    splits = []
+    for count in range(1, level_limit):
+        ends = search.predict(n_bkps=count)
+        splits.append(np.array(ends[:-1]))
+    return splits

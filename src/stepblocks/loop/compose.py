@@ -13,7 +13,7 @@ from stepblocks.lawsearch.forward_model import Floats, Trials
 from stepblocks.lawsearch.gate import compute_detectable
 from stepblocks.lawsearch.holdout import Holdout
 from stepblocks.lawsearch.identifiability import compare_directions
-from stepblocks.lawsearch.law import Law
+from stepblocks.lawsearch.law import Law, name_family
 from stepblocks.lawsearch.problem import Fit, Problem
 from stepblocks.lawsearch.run_order import bound_jump_place
 from stepblocks.lawsearch.scatter import Residual, compute_flexible_residual
@@ -289,7 +289,7 @@ def _list_rivals(explanation: Explanation) -> list[EffectRecord]:
 
 def _describe_rival(rival: Rival, effect: Law, problem: Problem) -> EffectRecord:
     """Describe an effect that may stand for another one."""
-    evidence = RivalEvidence(rival.behind, instead_of=effect.id.split("~")[0])
+    evidence = RivalEvidence(rival.behind, instead_of=name_family(effect.id))
     return _describe_effect(rival.effect, rival.fitted, evidence, problem)
 
 
@@ -298,7 +298,7 @@ def _describe_effect(
 ) -> EffectRecord:
     """Describe an effect with its fitted parameters and their 95 % intervals."""
     return EffectRecord(
-        id=effect.id.split("~")[0],
+        id=name_family(effect.id),
         variant=effect.id,
         slot=effect.slot,
         covariate=effect.covariate,
