@@ -181,8 +181,7 @@ def _fit_candidate(problem: Problem, base: Fit, score: Score, rival: float) -> F
     step = np.clip(score.step, -_FIRST_STEP, _FIRST_STEP)
     # the constants give way to first order, so that the fit begins near its valley
     change = compute_tangent(problem, base, effect, score.shape) @ step
-    scales = [p.scale for p in base.parameters]
-    shift = base.covariance @ (base.jacobian[: len(change)].T @ change / scales)
+    shift = base.covariance @ (base.jacobian[: len(change)].T @ change / base.scales)
     start = {}
     for p, of_constant in zip(base.parameters, shift.tolist(), strict=True):
         start[p.name] = base.values[p.name] - of_constant

@@ -100,6 +100,12 @@ class Finding:
     leading_channel: Share = _NO_SHARE
     reason: str = ""
 
+    @property
+    def laws(self) -> list[Law]:
+        """The effect, then its rivals."""
+        rivals = [rival.effect for rival in self.rivals]
+        return [self.effect, *rivals]
+
 
 def list_effects(findings: Sequence[Finding]) -> list[Law]:
     """List the effects of findings."""
@@ -147,6 +153,11 @@ class SearchResult:
     needed: float = field(repr=False)
     hints: tuple[Hint, ...] = field(default=(), repr=False)
     walks: frozenset[str] = field(default=frozenset(), repr=False)
+
+    @property
+    def hint_sentences(self) -> list[str]:
+        """Sentences of the hints."""
+        return [hint.sentence for hint in self.hints]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,7 +17,7 @@ from stepblocks.lawsearch.findings import (
 )
 from stepblocks.lawsearch.fit import fit, fit_without
 from stepblocks.lawsearch.law import Law, name_family
-from stepblocks.lawsearch.problem import Fit, Problem, pair_with_values
+from stepblocks.lawsearch.problem import Fit, Problem
 from stepblocks.lawsearch.search import choose_in_place_of
 
 # share of the whole gain below which an effect only stands in for what is left
@@ -181,8 +181,7 @@ def _is_special_case(problem: Problem, current: Fit, effect: Law, rival: Fit) ->
     if len(sizes) != 1 or len(wider.parameters) < 2 or not only_amplitudes:
         return False
     alike = dict.fromkeys(wider.amplitudes, sizes[0])
-    beside = tuple(law for law in current.effects if law is not effect)
-    active = [*pair_with_values(beside, current.values), (wider, alike)]
+    active = [*current.list_effects_beside(effect), (wider, alike)]
     predicted = problem.model.predict(problem.trials, current.values, active)
     return np.allclose(predicted, current.predicted, rtol=1e-9, atol=1e-12, equal_nan=True)
 

@@ -70,6 +70,16 @@ class Fit:
         """Effects with their fitted values."""
         return pair_with_values(self.effects, self.values)
 
+    def list_effects_beside(self, effect: Law) -> Active:
+        """List all effects but one, with their fitted values."""
+        beside = [law for law in self.effects if law is not effect]
+        return pair_with_values(beside, self.values)
+
+    @property
+    def scales(self) -> Floats:
+        """Scales of the parameters, shape (p,)."""
+        return np.array([p.scale for p in self.parameters])
+
     def count_freedom(self, leverage_beside: float | Floats = 0.0) -> int:
         """Count the trials less what the fit took of the channel that gave most, by leverage.
 

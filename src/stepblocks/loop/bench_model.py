@@ -73,8 +73,13 @@ def _find_design(
     trials: Trials, spring_constant: float, laws: tuple[tuple[str, Any], ...]
 ) -> BenchDesign:
     """Build what was set on the bench, once for each table of trials."""
-    known_laws = {kind: dict(numbers) for kind, numbers in laws}
+    known_laws = thaw_laws(laws)
     return forward.build_bench_design(trials.block, trials.covariates, spring_constant, known_laws)
+
+
+def thaw_laws(laws: tuple[tuple[str, Any], ...]) -> dict[str, dict[str, Any]]:
+    """Turn the known laws of a model from pairs into numbers by the kind of the law."""
+    return {kind: dict(numbers) for kind, numbers in laws}
 
 
 @dataclass(frozen=True)
@@ -111,6 +116,11 @@ class SessionModel:
     own: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     quantities: ClassVar = ("friction", "normal_load", "conversion")
 
+    @property
+    def known_values(self) -> dict[str, float]:
+        """Values of the constants of the gauges that are known."""
+        return {name: value for name, (value, _) in self.known.items()}
+
     def order(self, trials: Trials) -> Floats:
         """Order in time, shape (n,): the run order where there is one, else that of the table."""
         run_order = None
@@ -141,11 +151,13 @@ class SessionModel:
         constants += self._list_bench_constants()
         if not self.own:
             return tuple(constants)
-        of_a_day = []
+        of_a_day, common = [], []
         for p in constants:
-            if p.name in OF_A_DAY:
-                of_a_day += [replace(p, name=f"{p.name}[{session}]") for session in self.own]
-        common = [p for p in constants if p.name not in OF_A_DAY]
+            if p.name not in OF_A_DAY:
+                common.append(p)
+                continue
+            for session in self.own:
+                of_a_day.append(replace(p, name=name_in_session(p.name, session)))
         return (*of_a_day, *common)
 
     def _take_certified_spring(self, parameter: Parameter) -> Parameter:
@@ -153,8 +165,9 @@ class SessionModel:
         spring = self.known.get("spring_constant")
         if spring is None or parameter.name != "stiffness_ratio":
             return parameter
-        ratio, std = (figure / self.tool.stiffness for figure in spring)
-        return replace(parameter, start=ratio, prior_std=std)
+        stiffness, std = spring
+        nominal = self.tool.stiffness
+        return replace(parameter, start=stiffness / nominal, prior_std=std / nominal)
 
     def _list_bench_constants(self) -> list[Parameter]:
         """List the constants of damper, edges and weights beside those of the contact."""
@@ -189,7 +202,9 @@ class SessionModel:
             for column in (*columns, middle):
                 if np.any(column):
                     # a relative error; all channels but the ramp are logarithms
-                    shown = column * ramp if channel == _RAMP else column
+                    shown = column
+                    if channel == _RAMP:
+                        shown = column * ramp
                     errors.append(Systematic(channel, shown, COMMON_ERRORS[channel]))
         return errors
 
@@ -197,9 +212,7 @@ class SessionModel:
         self, trials: Trials, values: Mapping[str, float | Floats], effects: Active = ()
     ) -> DragState:
         """Fill all slots, effects applied; of several sessions with the constants of each."""
-        constants: dict[str, float | Floats] = {
-            name: known[0] for name, known in self.known.items()
-        }
+        constants: dict[str, float | Floats] = {**self.known_values}
         if self.own:
             sessions = trials.covariates["session"].tolist()
             values = {**values, **_spread_values_of_a_day(values, sessions)}
@@ -270,12 +283,17 @@ def _smooth_ramp(trials: Trials) -> Floats:
     if "ln_peak_force" not in trials.channels:
         return smooth
     force = trials.values[:, trials.channels.index("ln_peak_force")]
-    both = known & np.isfinite(force)
-    if both.sum() < _LEAST_PER_COLUMN * _RAMP_COLUMNS:
+    is_whole = known & np.isfinite(force)
+    if is_whole.sum() < _LEAST_PER_COLUMN * _RAMP_COLUMNS:
         return smooth
-    powers = np.vander(force[both] - force[both].mean(), _RAMP_COLUMNS)
-    smooth[both] = powers @ np.linalg.lstsq(powers, ramp[both], rcond=None)[0]
+    powers = np.vander(force[is_whole] - force[is_whole].mean(), _RAMP_COLUMNS)
+    smooth[is_whole] = powers @ np.linalg.lstsq(powers, ramp[is_whole], rcond=None)[0]
     return smooth
+
+
+def name_in_session(constant: str, session: str) -> str:
+    """Return what a constant of one session among several is called."""
+    return f"{constant}[{session}]"
 
 
 def _spread_values_of_a_day(
@@ -284,7 +302,8 @@ def _spread_values_of_a_day(
     """Give each trial the values of its session of the constants that are those of a day."""
     spread: dict[str, float | Floats] = {}
     for name in OF_A_DAY:
-        spread[name] = np.array([values[f"{name}[{session}]"] for session in sessions])
+        of_trials = [values[name_in_session(name, session)] for session in sessions]
+        spread[name] = np.array(of_trials)
     return spread
 
 
@@ -363,8 +382,12 @@ def _pair_readings(ranges: Sequence[CovariateRange]) -> list[CovariateRange]:
 
 def _group_numbers(ranges: Sequence[CovariateRange]) -> list[CovariateRange]:
     """Let what is set, and the run, act under each label of a column by itself."""
-    groups = [where for where in ranges if where.labels and len(where.labels) <= _MOST_GROUPS]
-    numbers = [where for where in ranges if where.name in _GROUPED and where.distinct > 2]
+    groups, numbers = [], []
+    for where in ranges:
+        if where.labels and len(where.labels) <= _MOST_GROUPS:
+            groups.append(where)
+        if where.name in _GROUPED and where.distinct > 2:
+            numbers.append(where)
     grouped = []
     for labels in groups[:_MOST_GROUPINGS]:
         for number in numbers:
@@ -401,7 +424,9 @@ def _list_exchanges(trials: Trials, blocks: Sequence[str]) -> list[Law]:
     if not 1 < len(blocks) <= _MOST_EXCHANGED or "height_um" not in trials.covariates:
         return []
     stated = np.asarray(trials.covariates["height_um"], dtype=np.float64) * 1e-6
-    heights = {block: float(np.median(stated[trials.block == block])) for block in blocks}
+    heights = {}
+    for block in blocks:
+        heights[block] = float(np.median(stated[trials.block == block]))
     laws = []
     for first, second in combinations(blocks, 2):
         difference = heights[second] - heights[first]

@@ -3,12 +3,16 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from stepblocks.errors import StepblocksError
 from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.files.text import is_file
+
+if TYPE_CHECKING:
+    from stepblocks.inspect.noise import Estimate
 
 # per block: height_m, height_std_m, and where known edge_radius_m, edge_radius_std_m
 Scans = Mapping[str, Mapping[str, float]]
@@ -75,14 +79,23 @@ def _measure_scan(path: Path, layout: TableLayout) -> dict[str, float]:
     if path.suffix.lower() in TEXT_ENDINGS:
         declared = layout
     scan = read_scan(path, layout=declared)
-    edges = [fit_edge(line.position, line.height) for line in list_profiles(scan)]
-    heights = np.array([edge.height.value for edge in edges])
-    height_stds = np.array([edge.height.std for edge in edges])
-    radii = np.array([edge.radius.value for edge in edges])
-    radius_stds = np.array([edge.radius.std for edge in edges])
+    heights, radii = [], []
+    for line in list_profiles(scan):
+        edge = fit_edge(line.position, line.height)
+        heights.append(edge.height)
+        radii.append(edge.radius)
+    height, height_std = _average(heights)
+    radius, radius_std = _average(radii)
     return {
-        "height_m": float(np.mean(heights)),
-        "height_std_m": float(np.sqrt(np.sum(height_stds**2)) / len(edges)),
-        "edge_radius_m": float(np.mean(radii)),
-        "edge_radius_std_m": float(np.sqrt(np.sum(radius_stds**2)) / len(edges)),
+        "height_m": height,
+        "height_std_m": height_std,
+        "edge_radius_m": radius,
+        "edge_radius_std_m": radius_std,
     }
+
+
+def _average(estimates: Sequence["Estimate"]) -> tuple[float, float]:
+    """Average independent estimates; the result is the mean and its standard uncertainty."""
+    values = np.array([estimate.value for estimate in estimates])
+    stds = np.array([estimate.std for estimate in estimates])
+    return float(np.mean(values)), float(np.sqrt(np.sum(stds**2)) / len(estimates))

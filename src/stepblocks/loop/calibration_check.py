@@ -135,14 +135,20 @@ def weigh_calibration(
         declaration is contradicted.
     checks : tuple of CalibrationCheck
     """
-    weighed = tuple(_look_for_cause(check, explanation, knows_laws) for check in checks)
-    spring = next((c for c in weighed if c.quantity is Declared.SPRING), None)
+    weighed = []
+    spring = None
+    is_open = False
+    for unweighed in checks:
+        check = _look_for_cause(unweighed, explanation, knows_laws)
+        weighed.append(check)
+        is_open = is_open or check.is_open
+        if spring is None and check.quantity is Declared.SPRING:
+            spring = check
     explanation = _widen_by_gain(explanation, spring)
-    is_open = any(check.is_open for check in weighed)
     if is_open and explanation.verdict is Verdict.NONE:
         # which of the suspects it is, these trials cannot tell
         explanation = replace(explanation, verdict=Verdict.AMBIGUOUS)
-    return explanation, weighed
+    return explanation, tuple(weighed)
 
 
 def _look_for_cause(
@@ -168,7 +174,7 @@ def _widen_by_gain(explanation: Explanation, spring: CalibrationCheck | None) ->
     """
     model = explanation.problem.model
     assert isinstance(model, SessionModel)
-    if any(law.id in ("sensor_gain", "instrument") for law in explanation.extended.effects):
+    if not explanation.extended.effect_ids.isdisjoint(("sensor_gain", "instrument")):
         return explanation
     gain_std = 0.0
     if "ln_gain" in model.known:
@@ -191,15 +197,15 @@ def _add_unknown_gain(problem: Problem, fitted: Fit, gain_std: float) -> Fit:
     leave the gain and by the gain that they would ask for, which the fit leaves out.
     """
     law = _find_gain_law()
-    name = law.parameters[0].name
+    gain = law.parameters[0].name
     step = STEP * law.parameters[0].scale
-    active = [*fitted.active_effects, (law, {name: step})]
+    active = [*fitted.active_effects, (law, {gain: step})]
     shifted = problem.model.predict(problem.trials, fitted.values, active)
     white = problem.noise.whiten((shifted - fitted.predicted) / step)
     change = np.zeros(fitted.jacobian.shape[0])
     change[: white.size] = white
     # the columns of the Jacobian are in units of the scales of the parameters
-    scale = np.array([p.scale for p in fitted.parameters])
+    scale = fitted.scales
     scaled_covariance = fitted.covariance / np.outer(scale, scale)
     answer = scaled_covariance @ (fitted.jacobian.T @ change)
     unanswered = change - fitted.jacobian @ answer
@@ -208,10 +214,10 @@ def _add_unknown_gain(problem: Problem, fitted: Fit, gain_std: float) -> Fit:
     variance += asked**2
     answer = answer * scale
     covariance = fitted.covariance + variance * np.outer(answer, answer)
-    names = [p.name for p in fitted.parameters]
     std = dict(fitted.std)
-    for parameter, moved in zip(names, answer.tolist(), strict=True):
-        std[parameter] = float(np.hypot(std[parameter], np.sqrt(variance) * moved))
+    for parameter, moved in zip(fitted.parameters, answer.tolist(), strict=True):
+        name = parameter.name
+        std[name] = float(np.hypot(std[name], np.sqrt(variance) * moved))
     return replace(fitted, covariance=covariance, std=std)
 
 

@@ -193,11 +193,19 @@ def derive_covariates(features: pd.DataFrame) -> dict[str, NDArray[np.generic]]:
         column = pd.Series(read_numbers(run, name)).replace([np.inf, -np.inf], np.nan)
         derived[f"previous_{name}"] = column.shift().fillna(column.median())
     derived["passes_of_block"] = run.groupby("block").cumcount().astype(np.float64)
-    clocks = [column for column in features.columns if column.endswith(_CLOCK)]
-    if clocks:
-        derived |= _derive_pauses(run, clocks[0])
+    clock = _find_clock(features)
+    if clock is not None:
+        derived |= _derive_pauses(run, clock)
     back = np.argsort(rows)
     return {name: column.to_numpy()[back] for name, column in derived.items()}
+
+
+def _find_clock(features: pd.DataFrame) -> str | None:
+    """Find the column of times since the start [s]; None where there is none."""
+    for column in features.columns:
+        if column.endswith(_CLOCK):
+            return str(column)
+    return None
 
 
 def _derive_pauses(run: pd.DataFrame, clock: str) -> dict[str, "pd.Series[Any]"]:
@@ -232,11 +240,11 @@ def describe_clock(features: pd.DataFrame) -> list[str]:
     list of str
         A sentence for each jump.
     """
-    clocks = [column for column in features.columns if column.endswith(_CLOCK)]
-    if not clocks:
+    clock = _find_clock(features)
+    if clock is None:
         return []
     run = features.iloc[np.argsort(_read_order(features), kind="stable")]
-    gaps = np.diff(read_numbers(run, clocks[0]))
+    gaps = np.diff(read_numbers(run, clock))
     if not np.isfinite(gaps).any():
         return []
     usual = float(np.nanmedian(gaps))

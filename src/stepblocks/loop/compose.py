@@ -20,7 +20,12 @@ from stepblocks.lawsearch.scatter import Residual, compute_flexible_residual
 from stepblocks.lawsearch.structure import Hint
 from stepblocks.loop.apart import describe_trial
 from stepblocks.loop.apart_trial import ApartTrial
-from stepblocks.loop.bench_model import find_column, list_candidates, list_covariate_ranges
+from stepblocks.loop.bench_model import (
+    SessionModel,
+    find_column,
+    list_candidates,
+    list_covariate_ranges,
+)
 from stepblocks.loop.block_scans import Scans
 from stepblocks.loop.channels import ENERGY, JUDGED, PEAK_FORCE
 from stepblocks.loop.declared_checks import CalibrationCheck
@@ -51,6 +56,7 @@ from stepblocks.loop.record import (
 from stepblocks.loop.session_table import SessionTable
 from stepblocks.loop.words import find_slope_unit, find_unit
 from stepblocks.records.model import WIDE
+from stepblocks.rig.effects.grammar.covariates import CovariateRange
 
 # degrees of freedom from which the scatter among replicates is known to a sixth
 _LEAST_REPLICATE_FREEDOM = 20
@@ -113,9 +119,7 @@ def compose_record(
         rivals=_list_rivals(explanation),
         hints=hints,
         unwritten=hints,
-        known_of_the_gauges={
-            name: KnownConstant(value, std) for name, (value, std) in table.model.known.items()
-        },
+        known_of_the_gauges=_list_known_constants(table.model),
         could_have_shown=_list_detectable(explanation),
         excluded=table.excluded,
         flagged=[trial for trial in table.excluded if trial.is_mislabelled],
@@ -138,6 +142,14 @@ def compose_record(
         finding=write_sentence(explanation, record),
         headline=write_headline(explanation, record, table),
     )
+
+
+def _list_known_constants(model: SessionModel) -> dict[str, KnownConstant]:
+    """List the constants of the gauges that are certified or tared, by their names."""
+    constants = {}
+    for name, (value, std) in model.known.items():
+        constants[name] = KnownConstant(value, std)
+    return constants
 
 
 def _describe_check(check: CalibrationCheck) -> CalibrationRecord:
@@ -197,8 +209,9 @@ def _list_errors(
     """List the errors on held-out trials of the nominal and of the extended model."""
     energy, force = within.rms(ENERGY), within.rms(PEAK_FORCE)
     energy_blocks, force_blocks = between.rms(ENERGY), between.rms(PEAK_FORCE)
-    errors = zip(energy, force, energy_blocks, force_blocks, strict=True)
-    nominal, extended = (ModelErrors(*of_model, noise_floor=floor) for of_model in errors)
+    of_nominal, of_extended = zip(energy, force, energy_blocks, force_blocks, strict=True)
+    nominal = ModelErrors(*of_nominal, noise_floor=floor)
+    extended = ModelErrors(*of_extended, noise_floor=floor)
     return nominal, extended
 
 
@@ -316,8 +329,7 @@ def _describe_parameters(effect: Law, fitted: Fit, problem: Problem) -> dict[str
         scale, unit = 1.0, p.unit
         if effect.id.startswith("trend_") and p.name.startswith("slope"):
             # the law has its slope per half range
-            ranges = {where.name: where for where in list_covariate_ranges(problem.trials)}
-            scale, unit = find_slope_unit(ranges[effect.covariate])
+            scale, unit = find_slope_unit(_find_range(problem.trials, effect.covariate))
         estimates[p.name] = _estimate_interval(scale * values[p.name], unit, scale * std[p.name])
     for name in effect.steps:
         column = find_column(problem.trials, fitted.predicted, effect.covariate)
@@ -328,11 +340,20 @@ def _describe_parameters(effect: Law, fitted: Fit, problem: Problem) -> dict[str
     return estimates
 
 
+def _find_range(trials: Trials, covariate: str) -> CovariateRange:
+    """Find the range of a covariate that varies."""
+    for where in list_covariate_ranges(trials):
+        if where.name == covariate:
+            return where
+    raise KeyError(covariate)
+
+
 def _describe_hint(hint: Hint, table: SessionTable) -> HintRecord:
     """Describe a difference that no column describes, with the names of its trials."""
     groups = []
     for rows in hint.clusters:
-        groups.append([str(table.names[row]) for row in rows])
+        names = [str(table.names[row]) for row in rows]
+        groups.append(names)
     return HintRecord(
         kind=str(hint.kind),
         quantity=hint.quantity,
@@ -359,7 +380,7 @@ def _list_detectable(explanation: Explanation) -> list[DetectableEffect]:
         size = sizes.get(law.id, np.nan)
         if law.slot in by_slot or not np.isfinite(size):
             continue
-        (amplitude,) = (p for p in law.parameters if p.name in law.amplitudes)
+        (amplitude,) = law.amplitude_parameters
         text = law.id.replace("_", " ")
         by_slot[law.slot] = DetectableEffect(
             id=law.id,

@@ -120,15 +120,16 @@ def propose_experiment(
     NextExperiment or None
         None where nothing is open.
     """
-    weighings = tuple(check.quantity.advice for check in checks if check.is_open)
+    open_checks = [check for check in checks if check.is_open]
+    weighings = tuple(check.quantity.advice for check in open_checks)
     models = _choose_models(explanation)
     if models is None:
         if weighings and not explanation.hints:
-            suspects = tuple(check.sentence for check in checks if check.is_open)
+            suspects = tuple(check.sentence for check in open_checks)
             return NextExperiment(suspects, weighings, _WEIGH_FIRST)
         if not explanation.hints:
             return None
-        sentences = tuple(hint.sentence for hint in explanation.hints)
+        sentences = tuple(explanation.hint_sentences)
         return NextExperiment(sentences, weighings or None, _WRITE_DOWN)
     separates = models.effect.id, models.rival
     checks_of_doubt = _list_checks_of_doubt(explanation)
@@ -215,7 +216,7 @@ def _list_moves(explanation: Explanation) -> tuple[str, ...]:
     """List once each what to do on the bench to decide among the effects and their rivals."""
     moves: dict[str, None] = {}
     for finding in explanation.findings:
-        for law in (finding.effect, *(rival.effect for rival in finding.rivals)):
+        for law in finding.laws:
             if law.how_to_decide:
                 moves[law.how_to_decide] = None
     return tuple(moves)

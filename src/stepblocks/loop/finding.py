@@ -49,7 +49,7 @@ def write_sentence(explanation: Explanation, record: LoopRecord) -> str:
             f"No effect beyond noise was found{_describe_detectable(record)}; error of E_v "
             f"{errors.before}, noise {errors.noise}"
         )
-    parts = [check.text for check in record.calibration if check.text]
+    parts = record.list_calibration_texts()
     parts += _list_parts(explanation, record)
     text = "; ".join(dict.fromkeys(parts))
     if not text:
@@ -85,7 +85,7 @@ def describe_apart(count: int) -> str:
 
 def _list_parts(explanation: Explanation, record: LoopRecord) -> list[str]:
     """List what is said of the hints, the findings and the whole."""
-    sentences = [hint.sentence for hint in explanation.hints]
+    sentences = explanation.hint_sentences
     parts = [*sentences]
     first_rival = 0
     for finding, entry in zip(explanation.findings, record.effects, strict=True):

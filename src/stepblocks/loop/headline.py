@@ -48,8 +48,8 @@ def write_headline(
         Contradictions of the calibration, hints, findings, what remains, the error before and
         after.
     """
-    lines = [check.text for check in record.calibration if check.text]
-    lines += [hint.sentence for hint in explanation.hints]
+    lines = record.list_calibration_texts()
+    lines += explanation.hint_sentences
     lines += _write_findings(explanation, record, table)
     if not lines:
         lines.append("No effect beyond noise was found")
@@ -60,13 +60,13 @@ def write_headline(
 def _write_findings(explanation: Explanation, record: LoopRecord, table: SessionTable) -> list[str]:
     """Write a line for each finding, with its rivals."""
     lines = []
-    said = [hint.sentence for hint in explanation.hints]
+    sentences = explanation.hint_sentences
     first_rival = 0
     for finding, entry in zip(explanation.findings, record.effects, strict=True):
         last_rival = first_rival + len(finding.rivals)
         rivals = record.rivals[first_rival:last_rival]
         first_rival = last_rival
-        lines.append(_write_finding(finding, entry, rivals, said, table))
+        lines.append(_write_finding(finding, entry, rivals, sentences, table))
     return lines
 
 
@@ -74,11 +74,11 @@ def _write_finding(
     finding: Finding,
     entry: EffectRecord,
     rivals: Sequence[EffectRecord],
-    said: Sequence[str],
+    sentences: Sequence[str],
     table: SessionTable,
 ) -> str:
     """Write what was found, how much, how sure, and on how many trials it rests."""
-    text = describe_finding(finding, entry, rivals, said)
+    text = describe_finding(finding, entry, rivals, sentences)
     chance = f"{finding.gate_p:.2g}"
     if finding.gate_p < _LEAST_SHOWN_P:
         chance = f"less than {_LEAST_SHOWN_P:g}"

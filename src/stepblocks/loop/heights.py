@@ -48,16 +48,16 @@ def add_height_errors(explanation: Explanation, table: SessionTable) -> Explanat
     for law, block in zip(laws, beyond, strict=True):
         name = f"{law.id}.height_error_m"
         start[name] = fitted.values.get(name, 0.0) + fitted.values[format_height_name(block)]
-    named = {law.id for law in fitted.effects}
-    added = {}
+    named = fitted.effect_ids
+    new_laws, p_values = [], []
     for law, p_value in zip(laws, beyond.values(), strict=True):
         if law.id not in named:
-            added[law.id] = p_value
-    new_laws = [law for law in laws if law.id in added]
+            new_laws.append(law)
+            p_values.append(p_value)
     extended = fit(problem, (*fitted.effects, *new_laws), start)
     findings = [*explanation.findings]
-    for law in new_laws:
-        findings.append(_judge_height(problem, extended, law, added[law.id]))
+    for law, p_value in zip(new_laws, p_values, strict=True):
+        findings.append(_judge_height(problem, extended, law, p_value))
     verdict = explanation.verdict
     if verdict is Verdict.NONE:
         verdict = Verdict.EFFECT
@@ -77,7 +77,7 @@ def _find_blocks_beyond_tolerance(fitted: Fit, table: SessionTable) -> dict[str,
     has named.
     """
     scanned = table.model.scanned or {}
-    named = {law.id for law in fitted.effects}
+    named = fitted.effect_ids
     tolerance = _TOLERANCE * table.model.height_std
     found: dict[str, float] = {}
     for block in np.unique(table.trials.block).tolist():

@@ -259,7 +259,7 @@ def compute_change(explanation: Explanation, effect: Law) -> EffectChange:
     The uncertainty follows to first order from that of the parameters of the effect.
     """
     problem, fitted = explanation.problem, explanation.extended
-    other_effects = [(law, values) for law, values in fitted.active_effects if law is not effect]
+    other_effects = fitted.list_effects_beside(effect)
 
     def predict_change(values: Mapping[str, float]) -> Floats:
         active = [*other_effects, (effect, effect.pick_own_values(values))]

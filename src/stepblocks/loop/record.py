@@ -300,9 +300,13 @@ class LoopRecord:
     error_by_block: Sequence[BlockError] = ()
     record_choice: RecordChoice | None = None  # None where whole records were not asked for
 
+    def list_calibration_texts(self) -> list[str]:
+        """List what is said of the calibration, where something is."""
+        return [check.text for check in self.calibration if check.text]
+
     def as_document(self) -> dict[str, Any]:
         """Return the record in its form in JSON, without the number of the schema."""
-        return {field.name: convert_to_plain(getattr(self, field.name)) for field in fields(self)}
+        return _convert_fields(self)
 
 
 @runtime_checkable
@@ -320,7 +324,7 @@ def convert_to_plain(value: object) -> Any:
     if isinstance(value, _HasJsonForm):
         return convert_to_plain(value.as_json())
     if is_dataclass(value):
-        return {field.name: convert_to_plain(getattr(value, field.name)) for field in fields(value)}
+        return _convert_fields(value)
     if isinstance(value, ExcludedTrial):
         return value._asdict()
     if isinstance(value, Mapping):
@@ -330,6 +334,14 @@ def convert_to_plain(value: object) -> Any:
     if isinstance(value, Enum):
         return value.value
     return value
+
+
+def _convert_fields(record: Any) -> dict[str, Any]:
+    """Turn the fields of a dataclass into plain values by their names."""
+    plain = {}
+    for field in fields(record):
+        plain[field.name] = convert_to_plain(getattr(record, field.name))
+    return plain
 
 
 def format_document(document: Mapping[str, object]) -> str:

@@ -87,10 +87,14 @@ def _hold_against_declaration(
             check_pilots(traces, results)
         except BenchError as error:
             slip = str(error)
-    measured = [result for result in results if result.fault is None]
+    measured, faults = [], []
+    for result in results:
+        if result.fault is None:
+            measured.append(result)
+        else:
+            faults.append(result.fault)
     ring = _find_ring(measured)
     lowest, highest = USUAL_RING
-    faults = [result.fault for result in results if result.fault is not None]
     reason = ""
     if faults:
         reason = str(faults[0])

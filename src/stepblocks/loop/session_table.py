@@ -125,8 +125,10 @@ def build_session_table(
     if usable.sum() < _FEWEST_TRIALS:
         raise PipelineError(_describe_shortage(usable, selection.excluded))
     table = features.loc[usable]
-    derived = {name: column[usable] for name, column in derive_covariates(features).items()}
-    covariates = read_covariates(table) | derived | {"tip_radius_um": radius_um[usable]}
+    covariates = dict(read_covariates(table))
+    for name, column in derive_covariates(features).items():
+        covariates[name] = column[usable]
+    covariates["tip_radius_um"] = radius_um[usable]
     trials = _build_trials(table, covariates, spring_constant)
     names = table["trial"].to_numpy()
     outlying = find_outliers(trials)
@@ -296,7 +298,9 @@ def read_trial_table(session: Path, layout: TableLayout = UNDECLARED) -> pd.Data
     from stepblocks.bench.trials import open_trials
 
     declared = open_session(session, layout)
-    rows = [{"trial": row.name, **row.cells} for row in open_trials(declared)]
+    rows = []
+    for row in open_trials(declared):
+        rows.append({"trial": row.name, **row.cells})
     table = pd.DataFrame(rows).assign(**{FIRST_FIGURE: np.nan})
     table = insert_conditions(table, read_conditions(declared))
     return table.assign(**derive_covariates(table))

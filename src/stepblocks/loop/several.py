@@ -24,7 +24,7 @@ from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.lawsearch.findings import Rules
 from stepblocks.lawsearch.forward_model import Floats, Trials
 from stepblocks.lawsearch.problem import Fit
-from stepblocks.loop.bench_model import OF_A_DAY, SessionModel
+from stepblocks.loop.bench_model import OF_A_DAY, SessionModel, name_in_session
 from stepblocks.loop.block_scans import Scans
 from stepblocks.loop.record import SCHEMA, convert_to_plain, format_document
 from stepblocks.loop.result import LoopResult
@@ -153,7 +153,8 @@ def join_tables(tables: Mapping[str, SessionTable]) -> SessionTable:
     names: list[str] = []
     regimes: Counter[str] = Counter()
     for session, table in tables.items():
-        names += [f"{session}/{name}" for name in table.names]
+        for name in table.names:
+            names.append(f"{session}/{name}")
         for trial in table.excluded:
             excluded.append(ExcludedTrial(f"{session}/{trial.trial}", trial.reason))
         regimes.update(table.regimes)
@@ -178,13 +179,16 @@ def _join_models(tables: Mapping[str, SessionTable]) -> SessionModel:
         _check_scans_agree(block, models)
     # what one session knows of a gauge is taken for that of a session which does not
     known: dict[str, tuple[float, float]] = {}
-    for name in dict.fromkeys(name for model in models.values() for name in model.known):
-        certificates = [model.known[name] for model in models.values() if name in model.known]
+    certificates_of: dict[str, list[tuple[float, float]]] = {}
+    for model in models.values():
+        for name, certificate in model.known.items():
+            certificates_of.setdefault(name, []).append(certificate)
+    for name, certificates in certificates_of.items():
         value, std = np.mean(certificates, axis=0).tolist()
         known[name] = value, std
     own = {}
     for session, model in models.items():
-        own[session] = {name: value for name, (value, _) in model.known.items()}
+        own[session] = model.known_values
     first = next(iter(models.values()))
     return replace(first, scanned=scanned, known=known, own=own)
 
@@ -229,8 +233,11 @@ def _join_trials(tables: Mapping[str, SessionTable], model: SessionModel) -> Tri
 
 def _join_run_orders(orders: Sequence[Floats]) -> Floats:
     """Let each session go on where the one before has ended; each order has the shape (n,)."""
-    ends = np.cumsum([0.0, *(order.max() for order in orders[:-1])])
-    shifted = [order + end for order, end in zip(orders, ends, strict=True)]
+    shifted = []
+    end = 0.0
+    for order in orders:
+        shifted.append(order + end)
+        end += order.max()
     return np.concatenate(shifted)
 
 
@@ -310,15 +317,17 @@ def list_shared(fitted: Fit, sessions: Sequence[str]) -> dict[str, PooledParamet
         Names of the sessions.
     """
     shared: dict[str, PooledParameter] = {}
-    row_of = {name: row for row, name in enumerate(fitted.values)}
+    names_of_fit = list(fitted.values)
     for parameter in fitted.parameters:
         plain_name = parameter.name.partition("[")[0]
         if plain_name in OF_A_DAY:
-            names = {session: f"{plain_name}[{session}]" for session in sessions}
+            names = {session: name_in_session(plain_name, session) for session in sessions}
         else:
             names = {"": parameter.name}
-        rows = [row_of[name] for name in names.values()]
-        values = {session: fitted.values[name] for session, name in names.items()}
+        rows, values = [], {}
+        for session, name in names.items():
+            rows.append(names_of_fit.index(name))
+            values[session] = fitted.values[name]
         pooled = _pool_by_nature(
             plain_name, parameter.unit, values, fitted.covariance[np.ix_(rows, rows)]
         )
@@ -384,7 +393,7 @@ def _put_day_differences_first(
     record = result.record
     finding = record.finding[0].lower() + record.finding[1:]
     text = "; ".join([*sentences, finding])
-    lines = (*[begin_sentence(sentence) for sentence in sentences], *record.headline)
+    lines = (*map(begin_sentence, sentences), *record.headline)
     return replace(result, record=replace(record, finding=begin_sentence(text), headline=lines))
 
 
@@ -528,8 +537,11 @@ def _check_probes(folders: Mapping[str, Path]) -> None:
     stated = {}
     for name, folder in folders.items():
         probe = open_session(folder).probe
-        laws = [str(law) for law in (probe.friction, probe.contact) if law]
-        stated[name] = ", ".join([f"{probe.spring_constant:g} N/m", *laws])
+        parts = [f"{probe.spring_constant:g} N/m"]
+        for law in (probe.friction, probe.contact):
+            if law:
+                parts.append(str(law))
+        stated[name] = ", ".join(parts)
     if len(set(stated.values())) <= 1:
         return
     texts = [f"{probe} in {name}" for name, probe in stated.items()]
