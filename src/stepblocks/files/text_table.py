@@ -155,6 +155,14 @@ class TextTable:
         except IndexError:
             return ["".join(row[column : column + 1]) for row in self.rows]
 
+    def find_columns(self, names: Iterable[str]) -> list[int]:
+        """Find the places of columns by their names; all of them must be there."""
+        return [self.names.index(name) for name in names]
+
+    def get_named_cells(self, name: str) -> list[str]:
+        """Return the cells of a column by its name, as `get_cells` does."""
+        return self.get_cells(self.names.index(name))
+
     def read_numbers(self, column: int) -> FillFound:
         """Read a column of numbers, shape (rows,); NaN where one is missing.
 

@@ -53,11 +53,12 @@ def list_condition_files(
         trials[participant] = [_list_variables(row, kind) for row in rows]
     files = {}
     if program == "jspsych":
-        files["trials.js"] = _write_script(kind, trials, plan)
+        files[f"{program}/trials.js"] = _write_script(kind, trials, plan)
     else:
         for participant, variables in trials.items():
-            files[f"participant-{participant}.csv"] = format_csv(variables)
+            files[f"{program}/participant-{participant}.csv"] = format_csv(variables)
     first = next(iter(trials.values()))[0]
+    codes = [name for name in first if name.endswith("code")]
     readme = render_page(
         "stepblocks.study",
         f"{program}.txt",
@@ -65,16 +66,19 @@ def list_condition_files(
         answers=kind.answers,
         columns=[*first],
         plan=plan,
-        codes=[name for name in first if name.endswith("code")],
+        codes=codes,
     )
-    files["README.md"] = html.unescape(readme)
-    return {f"{program}/{name}": text for name, text in files.items()}
+    files[f"{program}/README.md"] = html.unescape(readme)
+    return files
 
 
 def _list_variables(row: Row, kind: Experiment) -> dict[str, str]:
     """Return the variables of a trial: what a run sheet shows, under names that nobody else has."""
-    shown = [name for name in row if name not in kind.answers]
-    return {f"{PREFIX}{name}": row[name] for name in shown}
+    variables = {}
+    for name, text in row.items():
+        if name not in kind.answers:
+            variables[f"{PREFIX}{name}"] = text
+    return variables
 
 
 def _write_script(kind: Experiment, trials: Mapping[str, Sequence[Row]], plan: Plan) -> str:

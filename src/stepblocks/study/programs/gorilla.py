@@ -31,8 +31,9 @@ def _unfold(table: TextTable) -> Records:
     response = names.index("Response")
     rows = []
     for cells, column in zip(answers.rows, columns, strict=True):
-        added = [cells[response] if known == column else "" for known in channels]
-        rows.append([*cells, *added])
+        by_channel = dict.fromkeys(channels, "")
+        by_channel[column] = cells[response]
+        rows.append([*cells, *by_channel.values()])
     table = replace(answers, names=(*names, *channels), rows=rows)
     return Records(table, list(channels.values()))
 

@@ -1,7 +1,7 @@
 """jsPsych: a record for every trial of a plugin, as JSON or CSV, answers as JSON within a cell."""
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 
 from stepblocks.errors import StudyError
@@ -26,14 +26,25 @@ def _unfold(table: TextTable) -> Records:
         for name in _RESPONSES:
             record.pop(name, None)
         records.append(record)
-    names = tuple(dict.fromkeys(name for record in records for name in record))
-    rows = [[record.get(name, "") for name in names] for record in records]
+    names = _list_names(records)
+    rows = []
+    for record in records:
+        cells = [record.get(name, "") for name in names]
+        rows.append(cells)
     return Records(replace(table, names=names, rows=rows), list(channels.values()))
+
+
+def _list_names(records: Iterable[Mapping[str, object]]) -> tuple[str, ...]:
+    """List the names of all records, each once, in the order in which they come up."""
+    names = dict[str, None]()
+    for record in records:
+        names.update(dict.fromkeys(record))
+    return tuple(names)
 
 
 def _list_answers(record: Mapping[str, str]) -> Iterator[tuple[Channel, str]]:
     """Yield the answers of a record: of a form those to its questions, else the one there is."""
-    text = next((record[name] for name in _RESPONSES if record.get(name, "")), "")
+    text = _find_response(record)
     if text in _NOTHING:
         return
     answers = _read_object(text)
@@ -50,6 +61,14 @@ def _list_answers(record: Mapping[str, str]) -> Iterator[tuple[Channel, str]]:
     yield Channel(f"response of {kind}", kind, "rt", is_position), _unquote(text)
 
 
+def _find_response(record: Mapping[str, str]) -> str:
+    """Return the text of the response of a record; empty where there is none."""
+    for name in _RESPONSES:
+        if record.get(name, ""):
+            return record[name]
+    return ""
+
+
 def _read_object(text: str) -> dict[str, str]:
     """Read the members of a JSON object as texts; none where the text is no object."""
     if not text.startswith("{"):
@@ -58,7 +77,7 @@ def _read_object(text: str) -> dict[str, str]:
         document = json.loads(text)
     except (ValueError, RecursionError):
         return {}
-    return {str(name): write_json_value(value) for name, value in document.items()}
+    return {name: write_json_value(value) for name, value in document.items()}
 
 
 def _unquote(text: str) -> str:
@@ -103,10 +122,11 @@ def read_json_records(text: str, file: str) -> TextTable:
         raise StudyError(f"records must be JSON: {error!s:.80} [{file}]") from error
     if not isinstance(document, list) or not all(isinstance(item, dict) for item in document):
         raise StudyError(f"records must be a JSON list of objects, one for each trial [{file}]")
-    names = tuple(dict.fromkeys(str(name) for record in document for name in record))
+    names = _list_names(document)
     rows = []
     for record in document:
-        rows.append([write_json_value(record.get(name)) for name in names])
+        cells = [write_json_value(record.get(name)) for name in names]
+        rows.append(cells)
     return TextTable(names, rows, range(1, len(rows) + 1), file)
 
 

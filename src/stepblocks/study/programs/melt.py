@@ -50,16 +50,19 @@ def melt_table(table: TextTable, pattern: str, search: AnswerSearch) -> TextTabl
     kept = [column for column in range(len(table.names)) if column not in known]
     rows, places = [], []
     for cells, place in zip(table.rows, table.places, strict=True):
+        kept_cells = [cells[column] for column in kept]
         trials = dict[tuple[str, ...], dict[str, str]]()
         for column, found in known.items():
-            trial = trials.setdefault(tuple(found[name] for name in fields), {})
+            levels = tuple(found[name] for name in fields)
+            trial = trials.setdefault(levels, {})
             answer = found.get(_ANSWER, answers[0])
             trial[answer] = cells[column]
         for levels, trial in trials.items():
             given = [trial.get(answer, "") for answer in answers]
-            rows.append([*(cells[column] for column in kept), *levels, *given])
+            rows.append([*kept_cells, *levels, *given])
             places.append(place)
-    names = (*(table.names[column] for column in kept), *fields, *answers)
+    kept_names = [table.names[column] for column in kept]
+    names = (*kept_names, *fields, *answers)
     return replace(table, names=names, rows=rows, places=places, units=())
 
 
@@ -72,7 +75,8 @@ def _find_columns(table: TextTable, pattern: str) -> dict[int, Mapping[str, str]
         if fitted is not None:
             texts = fitted.groupdict()
             for field, text in texts.items():
-                texts[field] = text.replace(",", ".") if _is_length(field) else text
+                if _is_length(field):
+                    texts[field] = text.replace(",", ".")
             found[column] = texts
     if not found:
         shown = ", ".join(table.names[:6])
@@ -95,16 +99,20 @@ def _write_expression(pattern: str) -> re.Pattern[str]:
         If it has no field, or one that is no name or stands twice.
     """
     fields = _FIELD.findall(pattern)
-    is_clear = len(set(fields)) == len(fields) and all(field.isidentifier() for field in fields)
-    if not fields or not is_clear:
+    stand_once = len(set(fields)) == len(fields)
+    if not fields or not stand_once or not all(map(str.isidentifier, fields)):
         raise StudyError(
             "wide must name columns in braces, each once, such as "
             f"{{condition}}_{{height_um}}_{{repetition}}, got {pattern!r:.80}"
         )
     expression = ""
     parts = _FIELD.split(pattern)
-    ends = "".join(re.escape(between[:1]) for between in parts[::2])
-    letter = f"[^{ends}]" if ends else "."
+    ends = ""
+    for between in parts[::2]:
+        ends += re.escape(between[:1])
+    letter = "."
+    if ends:
+        letter = f"[^{ends}]"
     for number, part in enumerate(parts):
         is_field = number % 2 == 1
         if not is_field:

@@ -79,16 +79,22 @@ class Program:
 
     def recognises(self, names: Sequence[str]) -> bool:
         """Return whether a table with such columns is a record of the program."""
-        return any(all(any_name_matches(names, mark) for mark in group) for group in self.marks)
+        return any(_all_match(names, group) for group in self.marks)
 
     def is_administrative(self, name: str) -> bool:
         """Return whether a column is one that the program writes for itself."""
-        return any(fnmatchcase(name, pattern) for pattern in (*self.administrative, *self.people))
+        patterns = (*self.administrative, *self.people)
+        return any(fnmatchcase(name, pattern) for pattern in patterns)
 
 
 def any_name_matches(names: Sequence[str], pattern: str) -> bool:
     """Return whether a name matches a pattern."""
     return any(fnmatchcase(name, pattern) for name in names)
+
+
+def _all_match(names: Sequence[str], patterns: Sequence[str]) -> bool:
+    """Return whether each pattern matches a name."""
+    return all(any_name_matches(names, pattern) for pattern in patterns)
 
 
 def keep_rows(table: TextTable, kept: Sequence[int]) -> TextTable:

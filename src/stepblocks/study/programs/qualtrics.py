@@ -17,14 +17,16 @@ def _unfold(table: TextTable) -> Records:
     for number, cells in enumerate(table.rows[:_HEADERS]):
         if any(_IMPORT in cell for cell in cells):
             headers = number + 1
-    rows = range(headers, len(table.rows))
-    kept = [*rows]
+    kept = [*range(headers, len(table.rows))]
+    left_out = 0
     if "Status" in table.names:
-        column = table.names.index("Status")
-        kept = [row for row in rows if table.rows[row][column].lower() not in _NO_PARTICIPANT]
+        statuses = table.get_named_cells("Status")
+        responses = kept
+        kept = [row for row in responses if statuses[row].lower() not in _NO_PARTICIPANT]
+        left_out = len(responses) - len(kept)
     notes = [*table.notes]
-    if len(kept) < len(rows):
-        notes.append(f"{len(rows) - len(kept)} previews and tests are left out")
+    if left_out:
+        notes.append(f"{left_out} previews and tests are left out")
     return Records(replace(keep_rows(table, kept), notes=tuple(notes)), ())
 
 

@@ -146,7 +146,7 @@ def _name_planned_columns(columns: Mapping[str, list[str]]) -> dict[str, list[st
     for name, cells in columns.items():
         if name.startswith(PREFIX):
             named[name.removeprefix(PREFIX)] = cells
-    named["trial"] = [_write_whole(text) for text in named["trial"]]
+    named["trial"] = list(map(_write_whole, named["trial"]))
     return named
 
 
@@ -157,8 +157,11 @@ def _keep_trials(records: Records, search: AnswerSearch) -> Records:
     marks = [name for name in known if name in table.names]
     if not marks:
         return records
-    cells = table.get_cells(table.names.index(marks[0]))
-    kept = [row for row, cell in enumerate(cells) if cell and cell not in _NOTHING]
+    cells = table.get_named_cells(marks[0])
+    kept = []
+    for row, cell in enumerate(cells):
+        if cell and cell not in _NOTHING:
+            kept.append(row)
     return Records(keep_rows(table, kept), records.channels)
 
 
@@ -233,7 +236,8 @@ def _find_filled_channels(records: Records, answer: str, search: AnswerSearch) -
         texts = list(filter(None, _clean_answers(records.table, channel.column)))
         if texts:
             filled.append(channel)
-        if texts and all(_may_answer(answer, text) for text in texts):
+        all_may_answer = all(_may_answer(answer, text) for text in texts)
+        if texts and all_may_answer:
             fitting.append(channel)
     return fitting or filled
 
@@ -265,7 +269,7 @@ def _find_people(program: Program, table: TextTable) -> dict[str, list[str]]:
     for name in program.people:
         if name not in table.names:
             continue
-        cells = table.get_cells(table.names.index(name))
+        cells = table.get_named_cells(name)
         if any(cells):
             return {"participant": cells}
     return {}
@@ -276,21 +280,26 @@ def _read_reactions(program: Program, table: TextTable, channel: Channel) -> dic
     if channel.reaction not in table.names:
         return {}
     seconds = []
-    for cell in table.get_cells(table.names.index(channel.reaction)):
+    for cell in table.get_named_cells(channel.reaction):
         value = read_number(_clean_answer(cell))
-        seconds.append("" if math.isnan(value) else f"{value * program.seconds:.9g}")
+        text = ""
+        if not math.isnan(value):
+            text = f"{value * program.seconds:.9g}"
+        seconds.append(text)
     return {_REACTION: seconds}
 
 
 def _clean_answers(table: TextTable, column: str) -> list[str]:
     """Return the answers of a column; empty where nobody answered."""
-    return [_clean_answer(cell) for cell in table.get_cells(table.names.index(column))]
+    return list(map(_clean_answer, table.get_named_cells(column)))
 
 
 def _clean_answer(cell: str) -> str:
     """Return an answer: out of a list of one, and nothing for a word that says so."""
     listed = _LISTED.fullmatch(cell)
-    text = listed[2] if listed else cell
+    text = cell
+    if listed:
+        text = listed[2]
     if text in _NOTHING:
         return ""
     return text
@@ -306,7 +315,7 @@ def _write_whole(text: str) -> str:
 
 def _build_table(table: TextTable, columns: Mapping[str, Sequence[str]]) -> TextTable:
     """Return a table of other columns in the same rows."""
-    rows = [list(cells) for cells in zip(*columns.values(), strict=True)]
+    rows = list(map(list, zip(*columns.values(), strict=True)))
     return replace(table, names=tuple(columns), rows=rows, units=())
 
 
@@ -314,7 +323,7 @@ def _leave_out_unanswered(table: TextTable, answers: Sequence[str]) -> TextTable
     """Leave out events without an answer, such as a fixation: a missed trial has no row then."""
     if not answers:
         return table
-    columns = [table.names.index(name) for name in answers]
+    columns = table.find_columns(answers)
     kept = []
     for number, cells in enumerate(table.rows):
         if any(cells[column] for column in columns):
@@ -328,7 +337,7 @@ def _join_events(table: TextTable, answers: Sequence[str], keys: Sequence[str]) 
     Rows belong together that agree in `keys`, or without keys in everything but the answers. An
     answer that stands in both begins another trial.
     """
-    columns = [table.names.index(name) for name in answers]
+    columns = table.find_columns(answers)
     varying = [*columns]
     if _REACTION in table.names:
         varying.append(table.names.index(_REACTION))
@@ -338,7 +347,7 @@ def _join_events(table: TextTable, answers: Sequence[str], keys: Sequence[str]) 
     for number, cells in enumerate(table.rows):
         key = tuple(cells[column] for column in compared)
         joined = open_rows.get(key)
-        if joined is None or any(joined[column] and cells[column] for column in columns):
+        if joined is None or _share_answer(joined, cells, columns):
             open_rows[key] = cells
             kept.append(number)
             continue
@@ -347,10 +356,15 @@ def _join_events(table: TextTable, answers: Sequence[str], keys: Sequence[str]) 
     return keep_rows(table, kept)
 
 
+def _share_answer(first: Sequence[str], second: Sequence[str], columns: Sequence[int]) -> bool:
+    """Return whether two rows hold an answer in the same one of some columns."""
+    return any(first[column] and second[column] for column in columns)
+
+
 def _list_compared_columns(
     table: TextTable, varying: Sequence[int], keys: Sequence[str]
 ) -> list[int]:
     """List the places of the columns in which rows of one trial agree."""
     if keys:
-        return [table.names.index(key) for key in keys if key in table.names]
+        return table.find_columns(key for key in keys if key in table.names)
     return [number for number in range(len(table.names)) if number not in varying]
