@@ -1,7 +1,7 @@
 """A component of the kit: made or bought, fixed or moving with the probe."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -92,42 +92,44 @@ class Component:
     @property
     def centre(self) -> Point3:
         """Centre of mass in closed form [m]."""
-        shares = list(self._list_shares())
         volume = self.volume
-        x, y, z = (
-            math.fsum(share.volume * share.centre[axis] for share in shares) / volume
-            for axis in range(3)
-        )
+        x = self._sum_moments(0) / volume
+        y = self._sum_moments(1) / volume
+        z = self._sum_moments(2) / volume
         return x, y, z
 
     @property
     def bounding_box(self) -> Box:
         """The box around it."""
-        boxes = [*self.boxes, *(rod.box for rod in self.rods)]
-        low_x, low_y, low_z = (min(box.low[axis] for box in boxes) for axis in range(3))
-        high_x, high_y, high_z = (max(box.high[axis] for box in boxes) for axis in range(3))
-        return Box((low_x, low_y, low_z), (high_x, high_y, high_z))
+        boxes = [*self.boxes]
+        for rod in self.rods:
+            boxes.append(rod.box)
+        low_x, low_y, low_z = zip(*[box.low for box in boxes], strict=True)
+        high_x, high_y, high_z = zip(*[box.high for box in boxes], strict=True)
+        low = min(low_x), min(low_y), min(low_z)
+        return Box(low, (max(high_x), max(high_y), max(high_z)))
 
     def move(self, by: Point3) -> "Component":
         """Return it elsewhere [m], with the faces of its held distances."""
-        return replace(
-            self,
-            boxes=tuple(box.move(by) for box in self.boxes),
-            rods=tuple(rod.move(by) for rod in self.rods),
-            bores=tuple(bore.move(by) for bore in self.bores),
-            held=tuple(_move_characteristic(held, by) for held in self.held),
-        )
+        boxes = tuple(box.move(by) for box in self.boxes)
+        held = tuple(_move_characteristic(distance, by) for distance in self.held)
+        rods, bores = _move_cylinders(self.rods, by), _move_cylinders(self.bores, by)
+        return replace(self, boxes=boxes, rods=rods, bores=bores, held=held)
 
     def build(self) -> cad.door.Body:
         """Build it as a solid."""
-        bodies = [box.build() for box in self.boxes]
-        bodies += [rod.build() for rod in self.rods]
+        bodies = [solid.build() for solid in (*self.boxes, *self.rods)]
         body = bodies[0]
         if len(bodies) > 1:
             body = cad.kernel.fuse(bodies)
         if self.bores:
-            body = cad.kernel.cut(body, [bore.build() for bore in self.bores])
+            bores = [bore.build() for bore in self.bores]
+            body = cad.kernel.cut(body, bores)
         return body
+
+    def _sum_moments(self, axis: int) -> float:
+        """Sum volumes times the coordinates of their centres along an axis [m^4]."""
+        return math.fsum(share.volume * share.centre[axis] for share in self._list_shares())
 
     def _list_shares(self) -> Iterator[_Share]:
         """Yield what it is made of with its sign."""
@@ -137,6 +139,11 @@ class Component:
             yield _Share(rod.volume, rod.centre)
         for bore in self.bores:
             yield _Share(-bore.volume, bore.centre)
+
+
+def _move_cylinders(cylinders: Iterable[Cylinder], by: Point3) -> tuple[Cylinder, ...]:
+    """Return cylinders elsewhere [m]."""
+    return tuple(cylinder.move(by) for cylinder in cylinders)
 
 
 def _move_characteristic(characteristic: Characteristic, by: Point3) -> Characteristic:

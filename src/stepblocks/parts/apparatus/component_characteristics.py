@@ -99,8 +99,8 @@ def _list_cylinder(
     for axis in cylinder.cross_axis_indices:
         low = component.bounding_box.low[axis]
         offset = cylinder.start[axis] - low
-        has_side = any(abs(box.low[axis] - low) < _SAME for box in component.boxes)
-        if has_side and offset > _LEAST_OFFSET:
+        sides = [box.low[axis] for box in component.boxes]
+        if _is_among(low, sides) and offset > _LEAST_OFFSET:
             side = describe_plane(axis, low)
             name = f"{label} from the {_SIDES[axis]}"
             yield make_location(f"{key}_{AXES[axis]}", name, offset, side, face)

@@ -14,7 +14,7 @@ from stepblocks.parts.apparatus.frame import (
     SCREWS_OF_THE_SHANK_CLAMP,
     SCREWS_OF_THE_SHEATH_JAW,
 )
-from stepblocks.parts.apparatus.solids import Deviations, make_bore, make_box
+from stepblocks.parts.apparatus.solids import Deviations, make_bore, make_box, make_pattern
 from stepblocks.parts.characteristics import MICROMETER, FaceRule, make_characteristic
 from stepblocks.parts.tolerance import Dimension
 
@@ -64,7 +64,8 @@ def _make_lower_half(clamp: _Clamp) -> Component:
     """Make the half that stands on the base, with the threads of the screws."""
     start, end = clamp.middle - clamp.half_length, clamp.middle + clamp.half_length
     groove = make_bore("x", (start, _AXIS_Y, 0.0), clamp.groove, end - start)
-    bores = [make_bore("z", (clamp.middle, y, -30.0), 3.3, 30.0, "M4") for y in SCREWS_OF_THE_JAWS]
+    thread = make_bore("z", (clamp.middle, 0.0, -30.0), 3.3, 30.0, "M4")
+    bores = make_pattern(thread, "y", SCREWS_OF_THE_JAWS)
     bores.append(replace(groove, deviations=_GROOVE, inward=(0.0, 0.0, -1.0)))
     return Component(
         f"{clamp.name}-lower",
@@ -79,7 +80,8 @@ def _make_upper_half(clamp: _Clamp) -> Component:
     """Make the half that is screwed on; that of the jaw has a pocket for the pressure sensor."""
     start, end = clamp.middle - clamp.half_length, clamp.middle + clamp.half_length
     groove = make_bore("x", (start, _AXIS_Y, 0.0), clamp.groove, end - start)
-    bores = [make_bore("z", (clamp.middle, y, 0.0), 4.5, 12.0) for y in SCREWS_OF_THE_JAWS]
+    hole = make_bore("z", (clamp.middle, 0.0, 0.0), 4.5, 12.0)
+    bores = make_pattern(hole, "y", SCREWS_OF_THE_JAWS)
     if clamp.has_sensor:
         bores.append(make_bore("z", (clamp.middle, _AXIS_Y, 10.0), _SENSOR_POCKET, 2.0))
     bores.append(replace(groove, deviations=_GROOVE, inward=(0.0, 0.0, 1.0)))

@@ -3,10 +3,17 @@
 All sizes are in millimetres; x runs along the drag, y along the edge, z up from the tip.
 """
 
+import itertools
 from collections.abc import Iterator
 
 from stepblocks.parts.apparatus.component import Component
-from stepblocks.parts.apparatus.solids import Cylinder, Deviations, make_bore, make_box, make_rod
+from stepblocks.parts.apparatus.solids import (
+    Deviations,
+    make_bore,
+    make_box,
+    make_pattern,
+    make_rod,
+)
 
 SHAFT_RISE = 11.0  # of the axes of the shafts over the lower face of the carriage
 SHAFTS = {"left": -30.0, "right": 30.0}  # y of their axes
@@ -45,20 +52,23 @@ def _make_base() -> Component:
     """Make the plate that carries everything, with a hole for each screw from below."""
     screws = [*_SEAT_SCREWS, *SCREWS_OF_THE_BRACKET, RELEASE_SCREW]
     for x in _PORTALS.values():
-        screws += [(x + 6.0, y) for y in _FEET_OF_THE_PORTALS]
-    for x in (SCREWS_OF_THE_SHANK_CLAMP, SCREWS_OF_THE_SHEATH_JAW):
-        screws += [(x, y) for y in SCREWS_OF_THE_JAWS]
+        screws += itertools.product([x + 6.0], _FEET_OF_THE_PORTALS)
+    clamps = (SCREWS_OF_THE_SHANK_CLAMP, SCREWS_OF_THE_SHEATH_JAW)
+    screws += itertools.product(clamps, SCREWS_OF_THE_JAWS)
     bores = [make_bore("z", (x, y, -40.0), 4.5, 10.0) for x, y in screws]
     # through which the screws of the block are reached
-    bores += [make_bore("z", (x, 0.0, -40.0), 7.0, 10.0) for x in _BLOCK_SCREWS]
+    access = make_bore("z", (0.0, 0.0, -40.0), 7.0, 10.0)
+    bores += make_pattern(access, "x", _BLOCK_SCREWS)
     plate = make_box((-130.0, -60.0, -40.0), (80.0, 100.0, -30.0))
     return Component("base", "Base plate", "aluminium", boxes=(plate,), bores=tuple(bores))
 
 
 def _make_seat() -> Component:
     """Make the seat: a block lies on it against a stop, and is screwed on from below."""
-    bores = [make_bore("z", (x, 0.0, -24.0), 3.4, 16.0) for x in _BLOCK_SCREWS]
-    bores += [make_bore("z", (x, 0.0, -30.0), 6.5, 6.0) for x in _BLOCK_SCREWS]
+    hole = make_bore("z", (0.0, 0.0, -24.0), 3.4, 16.0)
+    counterbore = make_bore("z", (0.0, 0.0, -30.0), 6.5, 6.0)
+    bores = make_pattern(hole, "x", _BLOCK_SCREWS)
+    bores += make_pattern(counterbore, "x", _BLOCK_SCREWS)
     bores += [make_bore("z", (x, y, -30.0), 3.3, 12.0, "M4") for x, y in _SEAT_SCREWS]
     body = make_box((-17.0, -14.0, -30.0), (12.0, 14.0, -8.0))
     stop = make_box((-17.0, -14.0, -8.0), (-10.0, 14.0, -2.0))
@@ -76,12 +86,13 @@ def _make_portal(name: str, x: float, shaft_height: float) -> Component:
     """Make a portal whose two columns hold the ends of the shafts."""
     top = shaft_height + SHAFT_RISE
     foot = make_box((x, -50.0, -30.0), (x + 12.0, 50.0, -18.0))
-    columns = [make_box((x, y - 8.0, -18.0), (x + 12.0, y + 8.0, top)) for y in SHAFTS.values()]
-    bores: list[Cylinder] = []
+    columns = []
     for y in SHAFTS.values():
-        bores.append(make_bore("x", (x, y, shaft_height), _SHAFT, 12.0, "H7"))
-    for y in _FEET_OF_THE_PORTALS:
-        bores.append(make_bore("z", (x + 6.0, y, -30.0), 3.3, 10.0, "M4"))
+        columns.append(make_box((x, y - 8.0, -18.0), (x + 12.0, y + 8.0, top)))
+    seat = make_bore("x", (x, 0.0, shaft_height), _SHAFT, 12.0, "H7")
+    thread = make_bore("z", (x + 6.0, 0.0, -30.0), 3.3, 10.0, "M4")
+    bores = make_pattern(seat, "y", SHAFTS.values())
+    bores += make_pattern(thread, "y", _FEET_OF_THE_PORTALS)
     return Component(
         f"portal-{name}",
         f"Portal of the shafts, {name}",
@@ -94,7 +105,8 @@ def _make_portal(name: str, x: float, shaft_height: float) -> Component:
 
 def make_stand_in_block() -> Component:
     """Make the place of a step block, which the set of the blocks declares."""
-    bores = [make_bore("z", (x, 0.0, -8.0), 2.5, 5.0, "M3") for x in _BLOCK_SCREWS]
+    thread = make_bore("z", (0.0, 0.0, -8.0), 2.5, 5.0, "M3")
+    bores = make_pattern(thread, "x", _BLOCK_SCREWS)
     return Component(
         "block",
         "Step block",

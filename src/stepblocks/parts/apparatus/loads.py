@@ -5,9 +5,11 @@ over the square root of 3.
 """
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
 
+from stepblocks.parts.apparatus.component import Component
 from stepblocks.parts.apparatus.declared import Apparatus
 from stepblocks.parts.apparatus.layout import list_components
 from stepblocks.parts.apparatus.probe_arm import ARM, PIVOT_BORE
@@ -91,22 +93,28 @@ def compute_normal_load(kit: Apparatus, mass: float) -> Load:
     gravity = kit.gravity.value
     force = mass * gravity
     carried = [part for part in list_components(kit, mass) if part.is_on_pivot]
-    counterweight = next(part for part in carried if part.name == "counterweight")
+    counterweight = _find_component(carried, "counterweight")
     pressing = gravity * math.fsum(part.mass for part in carried)
     _, offset = kit.weight_offset.limits
     _, off_balance = kit.balance.limits
+    unbalanced = counterweight.mass * gravity * off_balance / ARM
+    pivot = kit.friction.pivot.value * pressing * 0.5 * PIVOT_BORE / ARM
     budget = (
         ErrorComponent(ErrorSource.MASS, kit.weight_tolerance.value * force),
         ErrorComponent(ErrorSource.GRAVITY, kit.gravity_tolerance.value * force),
         ErrorComponent(ErrorSource.ARM, force * offset / ARM),
-        ErrorComponent(ErrorSource.BALANCE, counterweight.mass * gravity * off_balance / ARM),
-        ErrorComponent(
-            ErrorSource.PIVOT,
-            kit.friction.pivot.value * pressing * 0.5 * PIVOT_BORE / ARM,
-            is_common=False,
-        ),
+        ErrorComponent(ErrorSource.BALANCE, unbalanced),
+        ErrorComponent(ErrorSource.PIVOT, pivot, is_common=False),
     )
     return Load(mass, force, budget)
+
+
+def _find_component(components: Iterable[Component], name: str) -> Component:
+    """Find a component by its name."""
+    for component in components:
+        if component.name == name:
+            return component
+    raise LookupError(name)
 
 
 def compute_pull(kit: Apparatus, mass: float) -> Load:
@@ -116,7 +124,7 @@ def compute_pull(kit: Apparatus, mass: float) -> Load:
     """
     gravity = kit.gravity.value
     components = list_components(kit)
-    hanger = next(part for part in components if part.name == "weight-hanger")
+    hanger = _find_component(components, "weight-hanger")
     weight = (mass + hanger.mass) * gravity
     ratio = PULLEY_BORE / PULLEY_DIAMETER
     pulley = math.sqrt(2.0) * weight * kit.friction.pulley.value * ratio

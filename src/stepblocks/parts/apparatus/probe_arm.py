@@ -16,6 +16,7 @@ from stepblocks.parts.apparatus.solids import (
     Deviations,
     make_bore,
     make_box,
+    make_pattern,
     make_rod,
 )
 from stepblocks.parts.characteristics import (
@@ -70,9 +71,12 @@ def list_carriage(low: float) -> Iterator[Component]:
     Its lower face lies at a height [mm].
     """
     axis_height = low + SHAFT_RISE
-    bores = [make_bore("x", (-63.0, y, axis_height), 15.0, 46.0, "H7") for y in SHAFTS.values()]
-    bores += [make_bore("z", (x, 0.0, low), 3.4, 22.0) for x in _SCREWS]
-    bores += [make_bore("x", (-23.0, y, low + 6.0), 2.5, 6.0, "M3") for y in _HOOK_SCREWS]
+    bearing = make_bore("x", (-63.0, 0.0, axis_height), 15.0, 46.0, "H7")
+    hole = make_bore("z", (0.0, 0.0, low), 3.4, 22.0)
+    thread = make_bore("x", (-23.0, 0.0, low + 6.0), 2.5, 6.0, "M3")
+    bores = make_pattern(bearing, "y", SHAFTS.values())
+    bores += make_pattern(hole, "x", _SCREWS)
+    bores += make_pattern(thread, "y", _HOOK_SCREWS)
     yield Component(
         "carriage",
         "Carriage",
@@ -103,7 +107,8 @@ def _make_hook(low: float) -> Component:
     flange = make_box((-17.0, -14.0, low + 2.0), (-13.0, 14.0, low + 10.0))
     beam = make_box((-13.0, -4.0, low + 2.0), (29.0, 4.0, low + 10.0))
     post = make_box((21.0, -4.0, -4.0), (29.0, 4.0, low + 2.0))
-    bores = [make_bore("x", (-17.0, y, low + 6.0), 3.4, 4.0) for y in _HOOK_SCREWS]
+    hole = make_bore("x", (-17.0, 0.0, low + 6.0), 3.4, 4.0)
+    bores = make_pattern(hole, "y", _HOOK_SCREWS)
     bores.append(make_bore("x", (21.0, 0.0, 0.0), 1.5, 8.0))
     return Component(
         "hook",
@@ -125,7 +130,8 @@ def make_flexure(leaf: Flexure) -> Component:
         ends.append(
             make_box((_PIVOT - _HALF_END, -10.0, low), (_PIVOT + _HALF_END, 10.0, low + _END))
         )
-        screws += [make_bore("z", (x, 0.0, low), 2.5, _END, "M3") for x in _SCREWS]
+        thread = make_bore("z", (0.0, 0.0, low), 2.5, _END, "M3")
+        screws += make_pattern(thread, "x", _SCREWS)
     return Component(
         "flexure",
         "Flexure with strain gauges",
@@ -186,9 +192,12 @@ def list_yoke() -> Iterator[Component]:
     flange = make_box((-56.0, -11.0, 28.0), (-24.0, 11.0, 36.0))
     left_ear = make_box((-48.0, -11.0, -6.0), (-32.0, -5.0, 28.0))
     right_ear = make_box((-48.0, 5.0, -6.0), (-32.0, 11.0, 28.0))
-    bores = [make_bore("z", (x, 0.0, 28.0), 3.4, 8.0) for x in _SCREWS]
-    bores += [make_bore("y", (_PIVOT, y, 0.0), 10.0, 4.0, "H7") for y in (-11.0, 7.0)]
-    bores += [make_bore("y", (_PIVOT, y, 0.0), 7.0, 2.0) for y in (-7.0, 5.0)]
+    hole = make_bore("z", (0.0, 0.0, 28.0), 3.4, 8.0)
+    bearing = make_bore("y", (_PIVOT, 0.0, 0.0), 10.0, 4.0, "H7")
+    relief = make_bore("y", (_PIVOT, 0.0, 0.0), 7.0, 2.0)
+    bores = make_pattern(hole, "x", _SCREWS)
+    bores += make_pattern(bearing, "y", (-11.0, 7.0))
+    bores += make_pattern(relief, "y", (-7.0, 5.0))
     yield Component(
         "yoke",
         "Yoke of the pivot",
@@ -239,7 +248,8 @@ def _list_arm() -> Iterator[Component]:
         is_moving=True,
         is_on_pivot=True,
     )
-    holes = [make_bore("x", (0.0, y, _ARM_HEIGHT), 2.9, 5.0) for y in (-5.0, 5.0)]
+    hole = make_bore("x", (0.0, 0.0, _ARM_HEIGHT), 2.9, 5.0)
+    holes = make_pattern(hole, "y", (-5.0, 5.0))
     holes.append(replace(grip, inward=(1.0, 0.0, 0.0)))
     yield Component(
         "explorer-clamp",

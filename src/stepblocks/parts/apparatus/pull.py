@@ -7,7 +7,13 @@ from collections.abc import Iterator
 
 from stepblocks.parts.apparatus.component import Component
 from stepblocks.parts.apparatus.frame import SCREWS_OF_THE_BRACKET
-from stepblocks.parts.apparatus.solids import Deviations, make_bore, make_box, make_rod
+from stepblocks.parts.apparatus.solids import (
+    Deviations,
+    make_bore,
+    make_box,
+    make_pattern,
+    make_rod,
+)
 
 PULLEY_DIAMETER = 20e-3  # [m]
 PULLEY_BORE = 3e-3  # of its bearing [m]
@@ -46,7 +52,8 @@ def _make_bracket() -> Component:
     left = make_box((64.0, -8.0, -30.0), (80.0, -4.0, -2.0))
     right = make_box((64.0, 4.0, -30.0), (80.0, 8.0, -2.0))
     foot = make_box((64.0, -4.0, -30.0), (80.0, 4.0, -24.0))
-    bores = [make_bore("y", (x, y, z), 1e3 * PULLEY_BORE, 4.0, "H7") for y in (-8.0, 4.0)]
+    bearing = make_bore("y", (x, 0.0, z), 1e3 * PULLEY_BORE, 4.0, "H7")
+    bores = make_pattern(bearing, "y", (-8.0, 4.0))
     for screw_x, screw_y in SCREWS_OF_THE_BRACKET:
         bores.append(make_bore("z", (screw_x, screw_y, -30.0), 3.3, 10.0, "M4"))
     return Component(

@@ -1,6 +1,7 @@
 """Boxes and cylinders along the axes, of which the components are made, in closed form."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple, TypeAlias
 
@@ -39,7 +40,9 @@ class Box:
     @property
     def volume(self) -> float:
         """Its volume [m^3]."""
-        return math.prod(b - a for a, b in zip(self.low, self.high, strict=True))
+        low_x, low_y, low_z = self.low
+        high_x, high_y, high_z = self.high
+        return (high_x - low_x) * (high_y - low_y) * (high_z - low_z)
 
     @property
     def centre(self) -> Point3:
@@ -92,7 +95,9 @@ class Cylinder:
     @property
     def cross_axis_indices(self) -> tuple[int, int]:
         """Numbers of the axes that it is square to."""
-        first, second = (k for k in range(3) if k != self.along)
+        indices = [0, 1, 2]
+        indices.remove(self.along)
+        first, second = indices
         return first, second
 
     @property
@@ -142,8 +147,7 @@ class Cylinder:
         if self.inward is None:
             return self.middle
         offset = 2.0 * self.diameter / (3.0 * math.pi)
-        x, y, z = (a + offset * b for a, b in zip(self.middle, self.inward, strict=True))
-        return x, y, z
+        return add_points(self.middle, _scale_point(self.inward, offset))
 
     def move(self, by: Point3) -> "Cylinder":
         """Return it elsewhere [m]."""
@@ -152,20 +156,27 @@ class Cylinder:
     def build(self) -> cad.door.Body:
         """Build it as a solid."""
         radius = 0.5 * self.diameter
-        u, v = (_shift((0.0, 0.0, 0.0), k, radius) for k in self.cross_axis_indices)
+        first, second = self.cross_axis_indices
+        u = _shift((0.0, 0.0, 0.0), first, radius)
+        v = _shift((0.0, 0.0, 0.0), second, radius)
         circle = cad.kernel.outline_circle(self.start, u, v)
         return cad.kernel.extrude(circle, _shift((0.0, 0.0, 0.0), self.along, self.length))
 
 
 def add_points(point: Point3, by: Point3) -> Point3:
     """Add two points, coordinate by coordinate."""
-    x, y, z = (a + b for a, b in zip(point, by, strict=True))
-    return x, y, z
+    return point[0] + by[0], point[1] + by[1], point[2] + by[2]
+
+
+def _scale_point(point: Point3, factor: float) -> Point3:
+    """Multiply each coordinate of a point by a factor."""
+    x, y, z = point
+    return factor * x, factor * y, factor * z
 
 
 def _find_middle(low: Point3, high: Point3) -> Point3:
-    x, y, z = (0.5 * (a + b) for a, b in zip(low, high, strict=True))
-    return x, y, z
+    """Find the point halfway between two others."""
+    return _scale_point(add_points(low, high), 0.5)
 
 
 def _shift(point: Point3, axis: int, by: float) -> Point3:
@@ -178,8 +189,8 @@ def _shift(point: Point3, axis: int, by: float) -> Point3:
 
 def convert_millimetres(point: Point3) -> Point3:
     """Convert a point from millimetres to metres."""
-    x, y, z = (_MILLIMETRE * coordinate for coordinate in point)
-    return x, y, z
+    x, y, z = point
+    return _MILLIMETRE * x, _MILLIMETRE * y, _MILLIMETRE * z
 
 
 def make_box(low: Point3, high: Point3) -> Box:
@@ -221,7 +232,23 @@ def make_bore(axis: Axis, start: Point3, diameter: float, length: float, fit: st
     )
 
 
+def make_pattern(bore: Cylinder, axis: Axis, places: Iterable[float]) -> list[Cylinder]:
+    """Make equal bores beside one another.
+
+    They differ from `bore` in the coordinate along an axis, which is one of `places` [mm].
+    """
+    bores = []
+    for place in places:
+        coordinates = dict(zip(AXES, bore.start, strict=True))
+        coordinates[axis] = _MILLIMETRE * place
+        start = coordinates["x"], coordinates["y"], coordinates["z"]
+        bores.append(replace(bore, start=start))
+    return bores
+
+
 def find_h7(diameter: float) -> Deviations:
     """Find the deviations of a bore H7 of a diameter up to 18 mm [m]."""
-    row = next(row for row in _H7 if diameter <= row.up_to)
-    return Deviations(row.upper, 0.0)
+    for row in _H7:
+        if diameter <= row.up_to:
+            return Deviations(row.upper, 0.0)
+    raise ValueError(f"H7 must be for a diameter up to {_H7[-1].up_to} m, got {diameter}")
