@@ -91,6 +91,7 @@ def _make_settling_law(
 
     It settles over so many `trials`, and over `least` at least.
     """
+    shapes = tuple({"settling_trials": trials * factor} for factor in (0.3, 0.8, 2.0, 8.0))
     return _friction(
         name,
         form,
@@ -100,7 +101,7 @@ def _make_settling_law(
         ),
         _settle,
         covariate=covariate,
-        shapes=tuple({"settling_trials": trials * factor} for factor in (0.3, 0.8, 2.0, 8.0)),
+        shapes=shapes,
         description=description,
         how_to_decide=how_to_decide,
     )

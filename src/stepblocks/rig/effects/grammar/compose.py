@@ -33,13 +33,16 @@ def _make_added_load_law(covariate: CovariateRange) -> Law:
 
     def add(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
         labels = np.asarray(column)
-        is_label = [labels == label for label in covariate.labels]
-        return np.select(is_label, [values[name] for name in names], 0.0)
+        added = np.zeros(len(labels))
+        for label, name in zip(covariate.labels, names, strict=True):
+            added[labels == label] = values[name]
+        return added
 
+    parameters = tuple(Parameter(name, "N", 0.0, -0.3, 0.6, 0.01) for name in names)
     return Law(
         f"added_load_{covariate.name}",
         f"F_py + b, by {covariate.name}",
-        tuple(Parameter(name, "N", 0.0, -0.3, 0.6, 0.01) for name in names),
+        parameters,
         SizedChange(make_shift("load", "sensed_offset", by=1.0), add),
         "normal_load",
         covariate.name,

@@ -94,7 +94,7 @@ class CovariateRange:
         groups, number = self.pair
         lines = number.build_line(column[:, 1].astype(np.float64))
         labels = column[:, 0].astype(str)
-        is_label = np.stack([labels == label for label in groups.labels], axis=1)
+        is_label = labels[:, None] == np.array(groups.labels)
         return np.hstack([is_label * lines, is_label[:, 1:]])
 
     def build_basis(self, column: NDArray[np.generic]) -> Floats:
@@ -107,7 +107,8 @@ class CovariateRange:
         if self.labels:
             # a label that the data did not have is taken for the mean of all
             mean = ~np.isin(column, self.labels) / len(self.labels)
-            return np.stack([(column == label) + mean for label in self.labels[1:]], axis=1)
+            is_label = [column == label for label in self.labels[1:]]
+            return np.stack(is_label, axis=1) + mean[:, None]
         if self.smooth_column_count < PIECES:
             return self.build_line(column) ** np.arange(1, self.smooth_column_count + 1)
         # a constant belongs to the nominal model: one spline goes, the rest vanish in the middle

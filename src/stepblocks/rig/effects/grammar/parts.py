@@ -21,6 +21,16 @@ def make_amplitude(name: str) -> Parameter:
     return Parameter(name, "1", 0.0, -3.0, 3.0, 0.1)
 
 
+def make_amplitudes(names: Names) -> tuple[Parameter, ...]:
+    """Make the amplitudes of a shape of several columns or labels."""
+    return tuple(make_amplitude(name) for name in names)
+
+
+def take_values(values: Mapping[str, float], names: Names) -> Floats:
+    """Return the values of some parameters, shape (len(names),)."""
+    return np.array([values[name] for name in names])
+
+
 def follow_columns(basis: Callable[[NDArray[np.generic]], Floats], names: Names) -> Size:
     """Size of a change that is a sum of columns, each by its amplitude.
 
@@ -34,7 +44,7 @@ def follow_columns(basis: Callable[[NDArray[np.generic]], Floats], names: Names)
         nonlocal last_column, columns
         if last_column is not column:
             last_column, columns = column, basis(column)
-        return np.asarray(columns @ np.array([values[name] for name in names]))
+        return np.asarray(columns @ take_values(values, names))
 
     return follow
 

@@ -18,7 +18,9 @@ def _make_scaling(between: tuple[float, float] | None = None, **powers: float) -
     """Multiply each slot by a power of exp g, where g may be held between two bounds."""
 
     def scale(state: DragState, g: Floats) -> DragState:
-        held = g if between is None else np.clip(g, *between)
+        held = g
+        if between is not None:
+            held = np.clip(g, *between)
         slots = {}
         for slot, power in powers.items():
             slots[slot] = getattr(state, slot) * np.exp(power * held)
@@ -31,7 +33,9 @@ def make_shift(*slots: str, by: float = 0.1) -> Change:
     """Add `by` times g to each slot, in its unit."""
 
     def shift(state: DragState, g: Floats) -> DragState:
-        shifted = {slot: getattr(state, slot) + by * g for slot in slots}
+        shifted = {}
+        for slot in slots:
+            shifted[slot] = getattr(state, slot) + by * g
         return state.changed(**shifted)
 
     return shift

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from stepblocks.lawsearch.law import Law, SizedChange
 from stepblocks.rig.effects.grammar.covariates import CovariateRange
-from stepblocks.rig.effects.grammar.parts import follow_columns, make_amplitude, name_covariate
+from stepblocks.rig.effects.grammar.parts import follow_columns, make_amplitudes, name_covariate
 from stepblocks.rig.effects.grammar.slots import MAIN_SLOTS, SLOT_MOVES
 
 
@@ -29,22 +29,27 @@ def _make_group_lines(slot: str, covariate: CovariateRange) -> Law:
     """Let a slot follow a number along a line for each label."""
     move = SLOT_MOVES[slot]
     groups, number = covariate.pair
-    curve = "a power of it" if number.log else "a line"
-    followed = f"ln {number.name}" if number.log else number.name
+    curve, followed = "a line", number.name
+    if number.log:
+        curve, followed = "a power of it", f"ln {number.name}"
     slopes = [f"slope[{label}]" for label in groups.labels]
     levels = [f"level[{label}]" for label in groups.labels[1:]]
     names = (*slopes, *levels)
+    change = SizedChange(move.change, follow_columns(covariate.build_group_lines, names))
+    description = (
+        f"{move.words} follows the {name_covariate(number)} along {curve} for each "
+        f"{groups.name}, slopes, and levels above the first:"
+    )
     return Law(
         f"trend_{slot}_{covariate.name}",
         f"{move.form}, g a straight line over {followed} for each {groups.name}",
-        tuple(make_amplitude(name) for name in names),
-        SizedChange(move.change, follow_columns(covariate.build_group_lines, names)),
+        make_amplitudes(names),
+        change,
         move.slot,
         covariate.name,
         named=False,
         rank=16,
-        description=f"{move.words} follows the {name_covariate(number)} along {curve} for each "
-        f"{groups.name}, slopes, and levels above the first:",
+        description=description,
         shape="group_lines",
         refines=(groups.name, number.name),
     )

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from stepblocks.lawsearch.law import Law, Parameter, SizedChange
 from stepblocks.rig.effects.grammar.covariates import RUN, CovariateRange
-from stepblocks.rig.effects.grammar.parts import STEP_SHAPES, Names, Size, has_places
+from stepblocks.rig.effects.grammar.parts import STEP_SHAPES, Names, Size, has_places, take_values
 from stepblocks.rig.effects.grammar.slots import (
     JUMPING_SLOTS,
     MAIN_SLOTS,
@@ -28,8 +28,10 @@ def list_jumps(slot: str, covariate: CovariateRange) -> list[Law]:
     if slot == "radius" and is_run:
         return [_make_chip(covariate)]
     if slot in JUMPING_SLOTS and is_run:
-        levels = [_make_levels(slot, covariate, count) for count in range(3, len(_LEVELS) + 2)]
-        return [_make_jump(slot, covariate), *levels]
+        laws = [_make_jump(slot, covariate)]
+        for count in range(3, len(_LEVELS) + 2):
+            laws.append(_make_levels(slot, covariate, count))
+        return laws
     if slot in MAIN_SLOTS:
         return [_make_jump(slot, covariate)]
     return []
@@ -46,8 +48,8 @@ def make_step_size(covariate: CovariateRange, sizes: Names, places: Names) -> Si
 
     def step(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
         numbers = np.asarray(column, dtype=np.float64)
-        past = numbers[:, None] - [values[name] for name in places]
-        rises = np.diff([values[name] for name in sizes], prepend=0.0)
+        past = numbers[:, None] - take_values(values, places)
+        rises = np.diff(take_values(values, sizes), prepend=0.0)
         way = np.clip(past / width + 0.5, 0.0, 1.0)
         passed = way**2 * (3.0 - 2.0 * way)
         return np.asarray(passed @ rises)
@@ -57,7 +59,9 @@ def make_step_size(covariate: CovariateRange, sizes: Names, places: Names) -> Si
 
 def make_step_place(covariate: CovariateRange) -> Parameter:
     """Make the place along a covariate at which something changes at once."""
-    name = "at_trial" if covariate.name == RUN else "at"
+    name = "at"
+    if covariate.name == RUN:
+        name = "at_trial"
     reach = covariate.high - covariate.low
     middle = covariate.low + 0.5 * reach
     return Parameter(name, "1", middle, covariate.low, covariate.high, 0.02 * reach)
@@ -83,18 +87,22 @@ def _make_jump(slot: str, covariate: CovariateRange) -> Law:
     place = make_step_place(covariate)
     size = Parameter("step", "1", 0.0, -3.0, 3.0, 0.1)
     shares = np.arange(0.5, STEP_SHAPES)[:, None] / STEP_SHAPES
-    words = "" if covariate.name == RUN else f"a {covariate.name.replace('_', ' ')} of "
+    words = ""
+    if covariate.name != RUN:
+        words = f"a {covariate.name.replace('_', ' ')} of "
+    change = SizedChange(move.change, make_step_size(covariate, (size.name,), (place.name,)))
+    description = f"{move.words} changes at once: by {{}} in ln, from {words}{{}} on"
     return Law(
         f"step_{slot}_{covariate.name}",
         f"{move.form}, g from one value of {covariate.name} on",
         (size, place),
-        SizedChange(move.change, make_step_size(covariate, (size.name,), (place.name,))),
+        change,
         move.slot,
         covariate.name,
         list_step_shapes(covariate, (place.name,), shares),
         named=slot in JUMPING_SLOTS,
         rank=15,
-        description=f"{move.words} changes at once: by {{}} in ln, from {words}{{}} on",
+        description=description,
         steps=(place.name,),
         shape="jump",
     )
@@ -133,16 +141,19 @@ def _make_levels(slot: str, covariate: CovariateRange, levels: int) -> Law:
         parameters += [replace(size, name=sizes[-1]), replace(place, name=places[-1])]
     # where a search begins
     shares = np.arange(1, levels)[None] / levels
+    change = SizedChange(move.change, make_step_size(covariate, tuple(sizes), tuple(places)))
+    description = (
+        f"{move.words} goes from level to level along the run, by ln above the first and from:"
+    )
     return Law(
         f"step_{slot}_{covariate.name}~{levels}",
         f"{move.form}, g from one value of {covariate.name} on",
         tuple(parameters),
-        SizedChange(move.change, make_step_size(covariate, tuple(sizes), tuple(places))),
+        change,
         move.slot,
         covariate.name,
         list_step_shapes(covariate, tuple(places), shares),
         rank=15,
-        description=f"{move.words} goes from level to level along the run, by ln above the first "
-        "and from:",
+        description=description,
         steps=tuple(places),
     )

@@ -34,15 +34,17 @@ def _make_power(slot: str, covariate: CovariateRange) -> Law:
         inside = np.clip(np.asarray(column, dtype=np.float64), covariate.low, covariate.high)
         return np.log(inside / middle)[:, None]
 
+    change = SizedChange(move.change, follow_columns(take_logarithm, ("exponent",)))
+    description = f"{move.words} follows a power of the {name_covariate(covariate)}: exponent"
     return Law(
         f"trend_{slot}_{covariate.name}~power",
         f"{move.form}, g = p ln({covariate.name} / {middle:.3g})",
         (Parameter("exponent", "1", 0.0, -3.0, 3.0, 0.05),),
-        SizedChange(move.change, follow_columns(take_logarithm, ("exponent",))),
+        change,
         move.slot,
         covariate.name,
         named=False,
         rank=11,
-        description=f"{move.words} follows a power of the {name_covariate(covariate)}: exponent",
+        description=description,
         shape="power",
     )

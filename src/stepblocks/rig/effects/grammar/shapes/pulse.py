@@ -43,18 +43,19 @@ def _make_pulse(slot: str, covariate: CovariateRange) -> Law:
     )
     places = np.arange(0.5, _PLACES) / _PLACES
     stretches = np.array(list(combinations(places.tolist(), 2)))
+    change = SizedChange(move.change, pulse)
+    description = f"{move.words} changes for a stretch of the run: by {{}}, from trial {{}} to {{}}"
     return Law(
         f"step_{slot}_{covariate.name}~pulse",
         f"{move.form}, g over a stretch of the run",
         (Parameter("step", "1", 0.0, -3.0, 3.0, 0.1), begin, end),
-        SizedChange(move.change, pulse),
+        change,
         move.slot,
         covariate.name,
         list_step_shapes(covariate, (_FROM, _UNTIL), stretches),
         named=slot in JUMPING_SLOTS,
         rank=15,
-        description=f"{move.words} changes for a stretch of the run: by {{}}, from trial {{}} to "
-        "{}",
+        description=description,
         steps=(_FROM, _UNTIL),
         shape="pulse",
     )

@@ -31,16 +31,20 @@ def _make_reciprocal(slot: str, covariate: CovariateRange) -> Law:
         inside = np.clip(np.asarray(column, dtype=np.float64), covariate.low, covariate.high)
         return (middle / inside - 1.0)[:, None]
 
+    change = SizedChange(move.change, follow_columns(invert, ("share",)))
+    description = (
+        f"{move.words} has a part that falls with the {name_covariate(covariate)} as "
+        "its reciprocal: share"
+    )
     return Law(
         f"trend_{slot}_{covariate.name}~reciprocal",
         f"{move.form}, g = s ({middle:.3g} / {covariate.name} - 1)",
         (make_amplitude("share"),),
-        SizedChange(move.change, follow_columns(invert, ("share",))),
+        change,
         move.slot,
         covariate.name,
         named=False,
         rank=12,
-        description=f"{move.words} has a part that falls with the {name_covariate(covariate)} as "
-        "its reciprocal: share",
+        description=description,
         shape="reciprocal",
     )

@@ -41,6 +41,7 @@ def _make_settling(slot: str, covariate: CovariateRange) -> Law:
         _LARGEST_SHARE * reach,
         0.02 * reach,
     )
+    shapes = tuple({duration.name: share * reach} for share in _SHARES)
     return Law(
         f"trend_{slot}_{covariate.name}~settling",
         f"{move.form}, g = s exp(-n / n0)",
@@ -48,7 +49,7 @@ def _make_settling(slot: str, covariate: CovariateRange) -> Law:
         SizedChange(move.change, settle),
         move.slot,
         covariate.name,
-        tuple({"settling_trials": share * reach} for share in _SHARES),
+        shapes,
         named=False,
         rank=13,
         description=f"{move.words} settles along the run: excess at first {{}}, trials to settle "

@@ -2,7 +2,7 @@
 
 from stepblocks.lawsearch.law import Law, SizedChange
 from stepblocks.rig.effects.grammar.covariates import CovariateRange
-from stepblocks.rig.effects.grammar.parts import follow_columns, make_amplitude
+from stepblocks.rig.effects.grammar.parts import follow_columns, make_amplitudes
 from stepblocks.rig.effects.grammar.slots import JUMPING_SLOTS, SLOT_MOVES
 
 
@@ -19,17 +19,21 @@ def _make_levels(slot: str, covariate: CovariateRange) -> Law:
     """Let a slot take a level for each label."""
     move = SLOT_MOVES[slot]
     names = tuple(f"g[{label}]" for label in covariate.labels[1:])
+    change = SizedChange(move.change, follow_columns(covariate.build_basis, names))
+    description = (
+        f"{move.words} has a level for each {covariate.name}, by ln above that of "
+        f"{covariate.labels[0]}:"
+    )
     return Law(
         f"smooth_{slot}_{covariate.name}",
         f"{move.form}, g a level for each {covariate.name}",
-        tuple(make_amplitude(name) for name in names),
-        SizedChange(move.change, follow_columns(covariate.build_basis, names)),
+        make_amplitudes(names),
+        change,
         move.slot,
         covariate.name,
         named=slot in JUMPING_SLOTS,
         rank=20,
-        description=f"{move.words} has a level for each {covariate.name}, by ln above that of "
-        f"{covariate.labels[0]}:",
+        description=description,
         shape="levels",
     )
 
@@ -41,7 +45,7 @@ def _make_smooth(slot: str, covariate: CovariateRange) -> Law:
     return Law(
         f"smooth_{slot}_{covariate.name}",
         f"{move.form}, g smooth over {covariate.name}",
-        tuple(make_amplitude(name) for name in names),
+        make_amplitudes(names),
         SizedChange(move.change, follow_columns(covariate.build_basis, names)),
         move.slot,
         covariate.name,

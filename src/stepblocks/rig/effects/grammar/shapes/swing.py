@@ -42,9 +42,12 @@ def _make_swing(slot: str, covariate: CovariateRange) -> Law:
         return np.asarray(values["cosine"] * np.cos(phase) + values["sine"] * np.sin(phase))
 
     # half a turn over the whole run apart, so that a fit begins within its own valley
-    most_turns = _MOST_TURNS if is_named else _MOST_TURNS_BESIDE
+    most_turns = _MOST_TURNS_BESIDE
+    if is_named:
+        most_turns = _MOST_TURNS
     last_turn = min(int(2.0 * reach / _SHORTEST_PERIOD), most_turns)
-    turns = np.arange(3, last_turn + 1)
+    periods = 2.0 * reach / np.arange(3, last_turn + 1)
+    shapes = tuple({period.name: duration} for duration in periods.tolist())
     return Law(
         f"periodic_{slot}_{covariate.name}",
         f"{move.form}, g = a cos(2 pi n / P) + b sin(2 pi n / P)",
@@ -52,7 +55,7 @@ def _make_swing(slot: str, covariate: CovariateRange) -> Law:
         SizedChange(move.change, swing),
         move.slot,
         covariate.name,
-        tuple({"period_trials": float(2.0 * reach / turn)} for turn in turns),
+        shapes,
         named=is_named,
         rank=12,
         description=f"{move.words} swings along the run: cosine {{}}, sine {{}}, every {{}} trials",

@@ -56,18 +56,22 @@ def _make_threshold(slot: str, covariate: CovariateRange) -> Law:
         inside = np.clip(np.asarray(column, dtype=np.float64), place, high)
         return np.asarray(values["rise"] * (inside - place) / (high - place))
 
+    change = SizedChange(move.change, rise)
+    description = (
+        f"{move.words} changes by {{}} up to the end of the range, "
+        f"{_say_from_where(covariate)} {{}} on"
+    )
     return Law(
         f"trend_{slot}_{covariate.name}~threshold",
         f"{move.form}, g = s (x - x0) / ({high:.3g} - x0) above x0, x the {covariate.name}",
         (make_amplitude("rise"), _make_place(covariate)),
-        SizedChange(move.change, rise),
+        change,
         move.slot,
         covariate.name,
         _list_shapes(covariate),
         named=False,
         rank=14,
-        description=f"{move.words} changes by {{}} up to the end of the range, "
-        f"{_say_from_where(covariate)} {{}} on",
+        description=description,
         shape="threshold",
     )
 
@@ -82,18 +86,21 @@ def _make_saturation(slot: str, covariate: CovariateRange) -> Law:
         inside = np.clip(np.asarray(column, dtype=np.float64), low, place)
         return np.asarray(values["rise"] * (inside - low) / (place - low))
 
+    change = SizedChange(move.change, rise)
+    description = (
+        f"{move.words} changes by {{}} until it stays, {_say_from_where(covariate)} {{}} on"
+    )
     return Law(
         f"trend_{slot}_{covariate.name}~saturation",
         f"{move.form}, g = s (x - {low:.3g}) / (x0 - {low:.3g}) up to x0, x the {covariate.name}",
         (make_amplitude("rise"), _make_place(covariate)),
-        SizedChange(move.change, rise),
+        change,
         move.slot,
         covariate.name,
         _list_shapes(covariate),
         named=False,
         rank=14,
-        description=f"{move.words} changes by {{}} until it stays, "
-        f"{_say_from_where(covariate)} {{}} on",
+        description=description,
         shape="saturation",
     )
 
