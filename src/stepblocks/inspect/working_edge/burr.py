@@ -83,7 +83,9 @@ def find_burr(across: Array, height: Array, step: float, exclusion: float) -> Bu
         std = float(np.std(usual, ddof=1)) / np.sqrt(len(usual))
     # a face that bows lies off its median there
     near = upper[quiet_upper & known]
-    bow = np.median(near) if near.size else 0.0
+    bow = 0.0
+    if near.size:
+        bow = float(np.median(near))
     # between two points the sides of a peak may go on rising as they do beside it; what lies below
     # the face is no side of a burr but the riser
     rise = _GOES_ON * max(peak.height - max(peak.beside, 0.0), 0.0)

@@ -101,7 +101,8 @@ def _find_edges_of_row(row: ScannedProfile, layout: DeclaredLayout) -> _EdgesOfR
         edges += _find_edges_beside(row, edges, layout)
     kept: list[FoundEdge] = []
     for edge in sorted(edges, key=lambda candidate: -abs(candidate.rise)):
-        if all(abs(edge.position - greater.position) > _SAME_EDGE for greater in kept):
+        distances = [abs(edge.position - greater.position) for greater in kept]
+        if min(distances, default=np.inf) > _SAME_EDGE:
             kept.append(edge)
     kept.sort(key=lambda edge: edge.position)
     return _EdgesOfRow(row, tuple(kept))
@@ -116,9 +117,13 @@ def _find_edges_beside(
     any declared one is left out: dust and scratches are no edges of the part.
     """
     margin = _MARGIN * row.spacing
-    begins = [-np.inf, *(edge.end + margin for edge in edges)]
-    ends = [*(edge.begin - margin for edge in edges), np.inf]
-    least = (1.0 - _PLAUSIBLE) * min(layout.step, *(abs(wall.rise) for wall in layout.walls))
+    begins, ends = [-np.inf], []
+    for edge in edges:
+        ends.append(edge.begin - margin)
+        begins.append(edge.end + margin)
+    ends.append(np.inf)
+    rises = [abs(wall.rise) for wall in layout.walls]
+    least = (1.0 - _PLAUSIBLE) * min(layout.step, *rises)
     beside: list[FoundEdge] = []
     for begin, end in zip(begins, ends, strict=True):
         inside = (row.position > begin) & (row.position < end)
@@ -135,13 +140,18 @@ def _find_edges_of_stretch(stretch: ScannedProfile) -> list[FoundEdge]:
 
 def _choose_edge(edges: _EdgesOfRow, layout: DeclaredLayout) -> int | None:
     """Return the index of the working edge; None where several are as likely."""
-    fits = [_fit_layout(edges, index, layout) for index in range(len(edges.edges))]
+    fits = _fit_layouts(edges, layout)
     best = max(fits)
     if not best.is_possible or fits.count(best) > 1:
         return None
     if not best.explained and not best.is_plausible:
         return None
     return fits.index(best)
+
+
+def _fit_layouts(edges: _EdgesOfRow, layout: DeclaredLayout) -> list[_Fit]:
+    """Compare the edges of a profile with a layout, each in turn as the working edge."""
+    return [_fit_layout(edges, index, layout) for index in range(len(edges.edges))]
 
 
 def _fit_layout(edges: _EdgesOfRow, index: int, layout: DeclaredLayout) -> _Fit:
@@ -196,8 +206,7 @@ def _lacks_wall(
 def _describe_doubt(edges: _EdgesOfRow, layout: DeclaredLayout) -> MetrologyError:
     """Say why no edge can be taken for the working edge."""
     upside_down = layout.invert()
-    inverted = [_fit_layout(edges, index, upside_down) for index in range(len(edges.edges))]
-    best = max(inverted)
+    best = max(_fit_layouts(edges, upside_down))
     fits_upside_down = best.is_possible and best.explained == len(layout.walls) > 0
     if layout.needs_neighbours:
         reading = ""
@@ -221,7 +230,9 @@ def _describe_doubt(edges: _EdgesOfRow, layout: DeclaredLayout) -> MetrologyErro
 
 def _describe_missing_edge(found: Sequence[_EdgesOfRow], layout: DeclaredLayout) -> MetrologyError:
     """Say that a scan shows one edge where the part has several."""
-    shown = found[0].describe() if found else ""
+    shown = ""
+    if found:
+        shown = found[0].describe()
     return MetrologyError(
         f"scan must show both edges of the part, got {shown or 'none'}: {_NAME_ONE}"
     )
@@ -253,5 +264,5 @@ def _find_common_stretch(
             "across them: give a part that holds it alone by --from, --to or --area"
         )
     first, chosen = decided[0]
-    others = [edge for number, edge in enumerate(first.edges) if number != chosen]
-    return Stretch(begin, end, _EdgesOfRow(first.row, tuple(others)).describe())
+    beside = first.edges[:chosen] + first.edges[chosen + 1 :]
+    return Stretch(begin, end, _EdgesOfRow(first.row, beside).describe())

@@ -92,7 +92,9 @@ def _describe_edge(
     causes = edge.list_causes()
     nominal = edge.asked.release(point)
     as_built = edge.as_built.release(point)
-    releases = [nominal, as_built, *(step.release(point) for step in causes.values())]
+    releases = [nominal, as_built]
+    for step in causes.values():
+        releases.append(step.release(point))
     if any(release.status is not Status.RELEASES for release in releases):
         return (
             f"{verdict}; nominal {nominal.status.value}, as built {as_built.status.value} "

@@ -75,7 +75,9 @@ def measure_faces(
     MeasuredFaces
     """
     # a form of degree three needs no more points
-    thin_y, thin_x = (max(size // _MOST_ACROSS, 1) for size in scan.height.shape)
+    rows, columns = scan.height.shape
+    thin_y = max(rows // _MOST_ACROSS, 1)
+    thin_x = max(columns // _MOST_ACROSS, 1)
     x = scan.x[::thin_x]
     y = scan.y[::thin_y]
     height = scan.height[::thin_y, ::thin_x]
@@ -103,7 +105,9 @@ def measure_faces(
         _UPPER: Extent(float(np.ptp(side[on_upper & known])), float(y[-1])),
     }
     covered[_PARALLELISM] = min(covered.values())
-    values = {key: _measure_zone(zone, instrument, drift) for key, zone in zones.items()}
+    values = {}
+    for key, zone in zones.items():
+        values[key] = _measure_zone(zone, instrument, drift)
     return MeasuredFaces(values, covered)
 
 
@@ -111,7 +115,8 @@ def _describe_zones(zones: list[_Zone], degree: int) -> Note:
     """Say how zones are defined, and those of all points."""
     listed = []
     for zone in zones:
-        width = zone.compute(*[face.points for face in zone.faces]) * 1e6
+        points = [face.points for face in zone.faces]
+        width = zone.compute(*points) * 1e6
         listed.append(f"{zone.name} {width:.3g} um")
     return NoteKind.FORM_OF_FACES.describe(degree=degree, zones=", ".join(listed))
 

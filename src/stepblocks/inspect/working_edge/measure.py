@@ -232,8 +232,11 @@ def _find_slant(rows: list[ScannedProfile]) -> float:
     rising: list[tuple[float, float]] = []
     falling: list[tuple[float, float]] = []
     for success in attempts.evaluated:
-        wall = rising if success.result.rising else falling
-        wall.append((success.item.offset, success.result.position))
+        place = success.item.offset, success.result.position
+        if success.result.rising:
+            rising.append(place)
+        else:
+            falling.append(place)
     places = np.array(max(rising, falling, key=len))
     if len(places) < _LEAST_SLANT_ROWS:
         return 0.0
@@ -373,11 +376,20 @@ def _measure_between_steps(
     """
     middle = crossing.edge.middle
     position = crossing.row.position
-    before = max([step for step in beside.steps if step < middle], default=position[0])
-    behind = min([step for step in beside.steps if step > middle], default=position[-1])
+    before, behind = position[0], position[-1]
+    for step in sorted(beside.steps):
+        if step < middle:
+            before = step
+        elif step > middle:
+            behind = step
+            break
     part = replace(options, begin=before / turned.turn, end=behind / turned.turn, layout=None)
     narrow = _measure_along_rows(turned.scan, instrument, part).values
-    return {key: narrow[key] for key in narrow if key in values and key in _OF_THE_EDGE}
+    kept = {}
+    for key, measured in narrow.items():
+        if key in values and key in _OF_THE_EDGE:
+            kept[key] = measured
+    return kept
 
 
 def _locate_points_across_edge(turned: _TurnedProfiles, crossed: CrossedEdges) -> LevelledPoints:
@@ -387,8 +399,10 @@ def _locate_points_across_edge(turned: _TurnedProfiles, crossed: CrossedEdges) -
         points = crossed.first.levelled
         return LevelledPoints(points.across[np.newaxis], points.level[np.newaxis])
     y = np.array([crossing.row.offset for crossing in crossed.crossings])
-    middle = _interpolate_line(y, [edge.middle for edge in crossed.edges], scan.y)
-    offset = _interpolate_line(y, [edge.offset for edge in crossed.edges], scan.y)
+    middles = [edge.middle for edge in crossed.edges]
+    offsets = [edge.offset for edge in crossed.edges]
+    middle = _interpolate_line(y, middles, scan.y)
+    offset = _interpolate_line(y, offsets, scan.y)
     x = scan.x * turned.turn
     tilt = float(np.median([edge.tilt for edge in crossed.edges]))
     return LevelledPoints(
@@ -421,7 +435,9 @@ def _has_valley_at_foot(points: LevelledPoints, crossed: CrossedEdges, burr: Bur
     valley = find_burr(-across, step - points.level + line(across), step, exclusion)
     if valley is None:
         return False
-    standing = 0.0 if burr is None else burr.height.value
+    standing = 0.0
+    if burr is not None:
+        standing = burr.height.value
     surely = valley.height.value - _SURE * float(np.hypot(valley.height.std, valley.noise))
     return surely > _VALLEY + _DEEPER * standing
 
@@ -429,7 +445,9 @@ def _has_valley_at_foot(points: LevelledPoints, crossed: CrossedEdges, burr: Bur
 def _describe_burr(burr: Burr, instrument: Instrument, notes: list[Note]) -> Measured:
     """Return the height of a burr with its budget; `notes` takes what is said of spikes."""
     if burr.spikes:
-        kind = NoteKind.SPIKES_AT_EDGE if burr.spikes > 1 else NoteKind.SPIKE_AT_EDGE
+        kind = NoteKind.SPIKE_AT_EDGE
+        if burr.spikes > 1:
+            kind = NoteKind.SPIKES_AT_EDGE
         notes.append(kind.describe(spikes=burr.spikes, highest=burr.highest_spike * 1e6))
     components = [
         Component(Source.NOISE, burr.height.std, how="valleys of the face and the lower face"),
@@ -474,7 +492,9 @@ def _build_shown(crossing: CrossedEdge, is_sloped: bool) -> Shown:
     before = edge.middle - edge.exclusion
     behind = edge.middle + edge.exclusion
     level = row.height - edge.tilt * x
-    lower = (x < before) if edge.rising else (x > behind)
+    lower = x > behind
+    if edge.rising:
+        lower = x < before
     corner = 0.0
     if not is_sloped:
         corner = max(edge.radius.value, 0.0)

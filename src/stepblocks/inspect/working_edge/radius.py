@@ -65,13 +65,17 @@ def average_radius(
     stylus = _describe_stylus(stylus_radius)
     if stylus is not None:
         components.append(stylus)
-    without_tip = [Estimate(corner.value - tip, single, corner.dof) for corner in corners]
+    without_tip = []
+    for corner in corners:
+        without_tip.append(Estimate(corner.value - tip, single, corner.dof))
     measured = average_profiles("edge radius", without_tip, instrument, components, _RADIUS_POWERS)
     if measured.value + measured.expanded() < 0.0:
         seen = measured.value + tip
         notes.append(NoteKind.STYLUS_TOO_LARGE.describe(radius=tip * 1e6, seen=seen * 1e6))
         return replace(measured, value=seen, bound=Bound.AT_MOST)
-    bound = Bound.AT_MOST if stylus_radius is None else Bound.NONE
+    bound = Bound.NONE
+    if stylus_radius is None:
+        bound = Bound.AT_MOST
     if tip > 0.0:
         note = NoteKind.STYLUS_TAKEN_OFF
         if _may_be_cone(crossed, measured.value + tip):
@@ -84,7 +88,12 @@ def average_radius(
 def _list_corners(crossed: CrossedEdges) -> list[Estimate]:
     """Return the radii of the profiles that show what most of them do, an arc or a flank."""
     is_sloped = crossed.is_sloped
-    return [edge.radius for edge in crossed.edges if (edge.flank is not None) == is_sloped]
+    corners = []
+    for edge in crossed.edges:
+        has_flank = edge.flank is not None
+        if has_flank == is_sloped:
+            corners.append(edge.radius)
+    return corners
 
 
 def _is_sharp(crossed: CrossedEdges, corners: list[Estimate]) -> bool:
@@ -104,8 +113,10 @@ def _describe_sampling(crossed: CrossedEdges, single: float) -> Component:
         return Component(Source.SAMPLING, math.hypot(single, 0.0), how=how, bounded=True)
     how = f"noise of one row, and one interval, which a pixel averages; {how}"
     pixel = crossed.spacing / math.sqrt(12.0)
-    wanders = float(np.std([edge.middle for edge in crossed.edges])) > pixel
-    between = max(single, pixel) if wanders else math.hypot(single, pixel)
+    middles = [edge.middle for edge in crossed.edges]
+    between = math.hypot(single, pixel)
+    if float(np.std(middles)) > pixel:
+        between = max(single, pixel)
     return Component(Source.SAMPLING, between, how=how, bounded=True)
 
 

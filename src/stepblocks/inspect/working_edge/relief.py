@@ -192,14 +192,19 @@ def _find_relief_beside(
 def _locate(found: Sequence[_ReliefOfRow]) -> _Places:
     """Lay lines through the places of riser and wall over the rows of a map."""
     offsets = np.array([relief.row.offset for relief in found])
-    degree = 1 if np.ptp(offsets) > 0.0 else 0
+    degree = 0
+    if np.ptp(offsets) > 0.0:
+        degree = 1
     risers = np.array([relief.riser.position for relief in found])
     walls = np.array([relief.wall for relief in found])
-    rising = sum(relief.riser.rise > 0.0 for relief in found)
+    rises = np.array([relief.riser.rise for relief in found])
+    sign = -1.0
+    if 2 * np.sum(rises > 0.0) > len(found):
+        sign = 1.0
     return _Places(
         riser=np.polynomial.Polynomial.fit(offsets, risers, degree),
         wall=np.polynomial.Polynomial.fit(offsets, walls, degree),
-        sign=1.0 if 2 * rising > len(found) else -1.0,
+        sign=sign,
     )
 
 

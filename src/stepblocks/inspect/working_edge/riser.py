@@ -50,7 +50,8 @@ def measure_riser(
     if not crossed.is_sloped:
         return _make_unmeasured_riser(NotMeasuredReason.UPRIGHT_RISER.describe())
     flanks = crossed.all_flanks
-    angle = float(np.mean([flank.angle for flank in flanks]))
+    angles = [flank.angle for flank in flanks]
+    angle = float(np.mean(angles))
     std = float(np.mean([flank.angle_std for flank in flanks]))
     slope = f"{math.degrees(angle):.1f} +-{math.degrees(2.0 * std):.1f} deg"
     if not is_flank_of_surface(angle, std, stylus_cone):
@@ -62,7 +63,7 @@ def measure_riser(
             NotMeasuredReason.STYLUS_CONE.describe(cone=cone, slope=slope)
         )
     notes.append(NoteKind.NO_ARC.describe(slope=slope))
-    scatter = np.std([flank.angle for flank in flanks])
+    scatter = np.std(angles)
     values = {
         ANGLE: _describe_angle(angle, math.hypot(std, scatter), instrument),
         STRAIGHTNESS: _measure_straightness(crossed, angle, instrument),
@@ -78,11 +79,12 @@ def _make_unmeasured_riser(reason: str) -> Riser:
 def _describe_angle(angle: float, noise: float, instrument: Instrument) -> Measured:
     """Return the angle of a riser with its budget [rad]."""
     vertical = instrument.calibration_std
+    if vertical is None:
+        vertical = UNSTATED_SCALE
     lateral = instrument.lateral_std
-    scales = math.hypot(
-        UNSTATED_SCALE if vertical is None else vertical,
-        UNSTATED_SCALE if lateral is None else lateral,
-    )
+    if lateral is None:
+        lateral = UNSTATED_SCALE
+    scales = math.hypot(vertical, lateral)
     calibration = 0.5 * math.sin(2.0 * angle) * scales
     components = (
         Component(Source.NOISE, noise, how="covariance of the fit of the flank"),
