@@ -110,16 +110,21 @@ def build_scene(
     solids = []
     for solid in build_solids(surface):
         solids.append(frame.transform_mesh(mesh_solid(surface, *solid), magnification))
-    pieces = build_convex_pieces(surface)
     path = surface.counterface().centre_path(point.ball_radius)
+    pieces = []
+    for piece in build_convex_pieces(surface):
+        pieces.append(frame.transform_mesh(piece, magnification))
+    stimulus = contact.stimulus
+    if stimulus.ball is None:
+        stimulus = surface
     return Scene(
-        stimulus=surface if contact.stimulus.ball is None else contact.stimulus,
+        stimulus=stimulus,
         surface=surface,
         point=point,
         scale=magnification,
         frame=frame,
         whole=_join_meshes(surface.id, solids),
-        pieces=tuple(frame.transform_mesh(piece, magnification) for piece in pieces),
+        pieces=tuple(pieces),
         path=path.scaled(magnification),
         events=contact.events,
         plan=plan,
@@ -143,7 +148,8 @@ def lay_out_teeth(scenes: Sequence[Scene], folder: Path) -> Iterator[tuple[Mesh,
         first_scene, first_margin = stations[0]
         scan = first_margin.read_tooth(folder, first_scene.scale)
         width = _OVERLAP * apart
-        yield scan, [_place_section(scene, margin, width) for scene, margin in stations]
+        sections = [_place_section(scene, margin, width) for scene, margin in stations]
+        yield scan, sections
 
 
 def _place_section(scene: Scene, margin: ScannedMargin, width: float) -> Scene:
@@ -233,9 +239,10 @@ def apply_learned_model(
 ) -> tuple[Part, OperatingPoint, Events]:
     """Apply a learned model to a surface, its operating point and its events."""
     known = _predict_with_model(learned, surface, point, 1)
-    learned_point = replace(
-        point, friction=point.friction if keep_friction else known.friction, tool=known.tool
-    )
+    friction = known.friction
+    if keep_friction:
+        friction = point.friction
+    learned_point = replace(point, friction=friction, tool=known.tool)
     edge = surface.sizes.get("edge_radius")
     if edge is not None and known.edge_radius > 0.0:
         edge = replace(edge, nominal=min(known.edge_radius, surface.counterface().far_side))

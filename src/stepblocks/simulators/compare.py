@@ -172,7 +172,9 @@ def _predict_event(stimulus: Path, overrides: dict[str, float], backward: bool) 
     events = list_vibration_events(part.counterface(step_height), point, part.id)
     event = events[int(backward)]
     if event.status is not Status.RELEASES:
-        advice = "" if backward else "; --backward takes the drag towards -x"
+        advice = ""
+        if not backward:
+            advice = "; --backward takes the drag towards -x"
         raise HapticsError(
             f"the stimulus must release the probe to be compared, it is {event.status.value}"
             f"{advice} [{stimulus}]"
@@ -257,7 +259,9 @@ def _find_release(force: Array, rate: float, event: VibrationEvent) -> int:
     near = slice(max(start - cycle, 0), start + cycle)
     sharpest = near.start + int(np.argmax(np.abs(changes[near])))
     after = np.abs(changes[sharpest + 1 : sharpest + 1 + cycle])
-    return sharpest + 1 if abs(changes[sharpest]) > 2.0 * after.max(initial=0.0) else start
+    if abs(changes[sharpest]) > 2.0 * after.max(initial=0.0):
+        return sharpest + 1
+    return start
 
 
 def _measure_ring(

@@ -2,6 +2,7 @@
 
 import errno
 import os
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -168,9 +169,9 @@ def _split_edges(stimuli: StimulusSet) -> StimulusSet:
     parts: list[Part] = []
     for part in stimuli.stimuli:
         parts += part.split_edges()
-    names = [part.id for part in parts]
-    if len(set(names)) < len(names):
-        repeated = sorted({name for name in names if names.count(name) > 1})
+    counts = Counter(part.id for part in parts)
+    repeated = [name for name, count in sorted(counts.items()) if count > 1]
+    if repeated:
         raise PipelineError(
             "the edges of a block with two steps must have names that no other stimulus of "
             f"{stimuli.name} has, got {', '.join(repeated)} twice"
@@ -204,7 +205,9 @@ class _Order:
 
 def _find_formats(simulator: str | Sequence[str]) -> tuple[SceneFormat, ...]:
     """Find the formats of one or several simulators, each once, in the order in which they came."""
-    names = [simulator] if isinstance(simulator, str) else list(simulator)
+    names = list(simulator)
+    if isinstance(simulator, str):
+        names = [simulator]
     known = ", ".join(SCENE_FORMATS)
     if not names:
         raise PipelineError(f"--for must be one of {known}, got none")
@@ -251,10 +254,10 @@ def _build_scenes(batch: _Batch, order: _Order) -> dict[str, Scene]:
     """Build the scenes that are meant; the loudest ring of the set is the full scale of all."""
     loudness = [find_full_scale_force(contact.events) for contact in batch.contacts]
     full_scale = max(loudness, default=0.0)
-    return {
-        identity: build_scene(contact, order.device, batch.scale, full_scale=full_scale)
-        for identity, contact in batch.meant.items()
-    }
+    scenes = {}
+    for identity, contact in batch.meant.items():
+        scenes[identity] = build_scene(contact, order.device, batch.scale, full_scale=full_scale)
+    return scenes
 
 
 def _write_whole_set(
@@ -274,7 +277,9 @@ def _write_set(folder: Path, scenes: list[Scene], form: SceneFormat, name: str) 
     """Write what holds all stimuli of a set, where the format has it and their probes allow it."""
     if form.write_set is None or len(scenes) < 2:
         return
-    probes = {(scene.ball_radius, scene.stiffness, scene.point.friction) for scene in scenes}
+    probes = set()
+    for scene in scenes:
+        probes.add((scene.ball_radius, scene.stiffness, scene.point.friction))
     if len(probes) > 1 and form.shares_probe:
         return
     folder.mkdir(parents=True)
@@ -307,7 +312,10 @@ def _resolve_set(
 def _move_into_place(draft: Path, output: Path) -> None:
     """Move prepared files into their places, after it is sure that each can have its own."""
     sync_folder(draft)
-    files = [path.relative_to(draft) for path in sorted(draft.rglob("*")) if path.is_file()]
+    files = []
+    for path in sorted(draft.rglob("*")):
+        if path.is_file():
+            files.append(path.relative_to(draft))
     for file in files:
         _require_free_place(output / file)
     for file in files:

@@ -149,7 +149,9 @@ class Scene:
         notch = trigger * self.scale
         before = (trigger - _APPROACH) * self.scale
         slope = self.path.slope_end[np.searchsorted(self.path.x, before) - 1]
-        x = before if abs(slope) <= self.point.friction else notch
+        x = notch
+        if abs(slope) <= self.point.friction:
+            x = before
         return x, float(np.interp(x, self.path.x, self.path.z))
 
     def parameters(self) -> dict[str, object]:
@@ -223,13 +225,16 @@ def write_scene(folder: Path, scene: Scene, form: SceneFormat) -> None:
     for event in scene.events:
         if event.status is Status.RELEASES:
             _write_ring(folder, event, scene.full_scale or find_largest_force(event))
-    files = [path for path in folder.rglob("*") if path.is_file()]
+    names = []
+    for path in folder.rglob("*"):
+        if path.is_file():
+            names.append(path.relative_to(folder).as_posix())
     write_from_template(
         folder / "README.md",
         scene=scene,
         form=form,
         in_time=_predict_in_time(scene),
-        names=sorted(path.relative_to(folder).as_posix() for path in files),
+        names=sorted(names),
         math=math,
         Status=Status,
     )
@@ -251,8 +256,7 @@ def _write_ring(folder: Path, event: VibrationEvent, full_scale: float) -> None:
 
     Full scale of the WAV files is in N.
     """
-    direction = "up" if event.direction > 0 else "down"
-    stem = f"ring-{direction}"
+    stem = f"ring-{name_direction(event)}"
     energies = {}
     for rate in WAV_RATES:
         energy = compute_ring_energy(compute_ring_force(event, rate), rate, event.tool)
@@ -269,6 +273,13 @@ def _write_ring(folder: Path, event: VibrationEvent, full_scale: float) -> None:
     write_ahap(folder / f"{stem}.ahap", event)
     if fits_mpeg_haptics(event):
         write_hjif(folder / f"{stem}.hjif", event)
+
+
+def name_direction(event: VibrationEvent) -> str:
+    """Name the way of a drag in the name of a file: up the step, or down."""
+    if event.direction > 0:
+        return "up"
+    return "down"
 
 
 def write_tooth(folder: Path, scan: Mesh, stations: Sequence[Scene], form: SceneFormat) -> None:

@@ -23,9 +23,11 @@ def _write(folder: Path, scene: Scene) -> None:
 
 def _write_set(folder: Path, scenes: Sequence[Scene], name: str) -> None:
     """Write a program that switches the blocks of a set."""
-    if any(scene.stimulus.ball for scene in scenes):  # a tip drags over a step of its own
-        return
-    files = {f"../{scene.stimulus.id}/{name}/block.obj": scene for scene in scenes}
+    files = {}
+    for scene in scenes:
+        if scene.stimulus.ball:  # a tip drags over a step of its own
+            return
+        files[f"../{scene.stimulus.id}/{name}/block.obj"] = scene
     _write_program(folder, folder.parent.name, files)
 
 

@@ -10,7 +10,7 @@ from stepblocks.contact.energy import Status
 from stepblocks.contact.event import VibrationEvent
 from stepblocks.haptics import proxy_kernel
 from stepblocks.haptics.renderer import Renderer
-from stepblocks.simulators.scene import Scene, SceneFormat, write_from_template
+from stepblocks.simulators.scene import Scene, SceneFormat, name_direction, write_from_template
 
 _ROWS = 2000
 _PATH = {
@@ -30,7 +30,8 @@ def _write(folder: Path, scene: Scene) -> None:
     for event in scene.events:
         _write_force(folder, scene, renderer, event)
     knots = renderer.knots
-    _write_columns(folder / "path.csv", {column: knots[name] for column, name in _PATH.items()})
+    columns = {column: knots[name] for column, name in _PATH.items()}
+    _write_columns(folder / "path.csv", columns)
     source = _read_tick_source()
     for name in ("force_law.py", "force_law.h", "force_law_path.h", "force_law_demo.c"):
         write_from_template(
@@ -47,7 +48,7 @@ def _write_force(folder: Path, scene: Scene, renderer: Renderer, event: Vibratio
     travel = 1.3 * force / scene.stiffness + scene.ball_radius
     record = renderer.drag(load, travel, float(event.direction), 1e-3 * scene.scale)
     kept = np.unique(np.linspace(0, len(record.hand) - 1, _ROWS).astype(int))
-    direction = "up" if event.direction > 0 else "down"
+    direction = name_direction(event)
     columns = {
         "hand_along_drag_m": record.hand[kept],
         "pulling_force_n": record.pull[kept],
@@ -60,8 +61,11 @@ def _read_tick_source() -> str:
     """Read the source of the compiled tick, as it runs uncompiled."""
     source = inspect.getsource(proxy_kernel)
     tick = source[source.index("@numba") : source.index("@numba.njit(cache=True)\ndef drag")]
-    lines = tick.splitlines(keepends=True)
-    return "".join(line for line in lines if not line.startswith("@numba"))
+    uncompiled = ""
+    for line in tick.splitlines(keepends=True):
+        if not line.startswith("@numba"):
+            uncompiled += line
+    return uncompiled
 
 
 def _write_columns(path: Path, columns: dict[str, Array]) -> None:

@@ -22,15 +22,19 @@ ENGINE_FROM_PART: dict[str, tuple[str, float, Array]] = {
 
 def _write(folder: Path, scene: Scene) -> None:
     """Write the block and its convex pieces, and what engines must know of them."""
-    pieces = {f"{piece.name}.glb": piece for piece in scene.pieces}
+    pieces = []
     write_glb(folder / "block.glb", scene.whole)
-    for name, piece in pieces.items():
+    for piece in scene.pieces:
+        name = f"{piece.name}.glb"
         write_glb(folder / name, piece)
-    engines = {name: _describe_engine(scene, *engine) for name, engine in ENGINE_FROM_PART.items()}
+        pieces.append(name)
+    engines = {}
+    for name, engine in ENGINE_FROM_PART.items():
+        engines[name] = _describe_engine(scene, *engine)
     content = {
         **scene.parameters(),
         "whole": "block.glb",
-        "convex_pieces": list(pieces),
+        "convex_pieces": pieces,
         "contact_gap_m": 1e-6 * scene.scale,
         "engines": engines,
     }

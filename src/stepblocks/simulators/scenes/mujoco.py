@@ -24,7 +24,8 @@ def _write(folder: Path, scene: Scene) -> None:
 def _write_set(folder: Path, scenes: Sequence[Scene], _: str) -> None:
     """Write one scene with all blocks of a set side by side; each has its tip."""
     first = scenes[0]
-    spacing = 1.2 * max(float(np.ptp(scene.whole.vertices[:, 1])) for scene in scenes)
+    widths = [float(np.ptp(scene.whole.vertices[:, 1])) for scene in scenes]
+    spacing = 1.2 * max(widths)
     blocks = []
     for number, scene in enumerate(scenes):
         prefix = f"{scene.stimulus.id}-"
