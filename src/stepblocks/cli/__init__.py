@@ -105,7 +105,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
     _set_up_streams_and_signals()
     try:
-        code = _run_command(sys.argv[1:] if argv is None else argv)
+        if argv is None:
+            argv = sys.argv[1:]
+        code = _run_command(argv)
         sys.stdout.flush()
         return code
     except typer.Exit as done:  # --help, --version
@@ -140,7 +142,8 @@ def _set_up_streams_and_signals() -> None:
         os.environ.setdefault(library, "1")
     if threading.current_thread() is threading.main_thread():
         # asked to end, a command takes its workers with it and leaves no draft behind
-        for number in (getattr(signal, name, None) for name in _ENDING_SIGNALS):
+        for name in _ENDING_SIGNALS:
+            number = getattr(signal, name, None)
             if number is None:
                 continue
             is_default = signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler)
@@ -156,7 +159,9 @@ def _describe_error(error: Exception) -> tuple[str, int]:
     if isinstance(error, StepblocksError):
         return f"error: {format_units(error)}", error.exit_code
     if isinstance(error, OSError):  # a file that vanished, or that nobody may read
-        place = "" if error.filename is None else f" [{error.filename}]"
+        place = ""
+        if error.filename is not None:
+            place = f" [{error.filename}]"
         return f"error: {error.strerror or error}{place}", 2
     if isinstance(error, MemoryError):
         return "error: this needs more memory than there is", 2
@@ -189,4 +194,6 @@ def _exit_on_signal(number: int, _: object) -> NoReturn:
     late = threading.Timer(_GRACE, os._exit, (128 + number,))
     late.daemon = True
     late.start()
-    raise KeyboardInterrupt if number == signal.SIGINT else SystemExit(128 + number)
+    if number == signal.SIGINT:
+        raise KeyboardInterrupt
+    raise SystemExit(128 + number)

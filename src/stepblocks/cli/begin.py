@@ -92,9 +92,11 @@ def new(
         raise PipelineError("--jobs and --on divide rehearsals: give the session's plan by --plan")
     if kind is None:
         return _copy_shipped(shipped or Path("stimuli"), force=force)
-    file = file or Path(f"my-{kind}" if kind == "session" else f"my-{kind}.toml")
     if kind == "session":
-        folder = file.parent if file.name == "session.toml" else file
+        file = file or Path("my-session")
+        folder = file
+        if file.name == "session.toml":
+            folder = file.parent
         place = folder / "session.toml"
         text, then = compose_starter_file(kind, folder)
         if plan is not None:
@@ -102,7 +104,9 @@ def new(
             return _plan_session(folder, plan, rehearse, then, force=force)
         texts = {place: text, folder / "trials.csv": _TRIALS}
     else:
-        place = file.with_suffix(".toml") if file.name else file
+        place = file or Path(f"my-{kind}.toml")
+        if place.name:
+            place = place.with_suffix(".toml")
         text, then = compose_starter_file(kind, place)
         texts = {place: text}
     _write_new(texts, force=force)
@@ -140,7 +144,8 @@ def _plan_session(
 
     planned = read_plan(plan)
     # what a bench shows and nobody sets is no part of a plan
-    rows = [row | {"temperature_c": "", "humidity_pct": ""} for row in planned.list_trial_rows()]
+    shown_by_bench = {"temperature_c": "", "humidity_pct": ""}
+    rows = [row | shown_by_bench for row in planned.list_trial_rows()]
     texts = {
         folder / "session.toml": format_session(planned),
         folder / "trials.csv": format_csv(rows),
@@ -184,11 +189,12 @@ def _write_new(texts: Mapping[Path, str], *, force: bool) -> None:
 def _copy_shipped(folder: Path, *, force: bool) -> Outcome:
     """Copy the shipped stimuli from where a wheel puts them, or from the checkout."""
     installed = Path(sysconfig.get_path("data")) / "share" / "stepblocks" / "stimuli"
-    source = installed if installed.is_dir() else Path(__file__).parents[3] / "stimuli"
-    texts = {
-        folder / path.name: path.read_text(encoding="utf-8")
-        for path in sorted(source.glob("*.toml"))
-    }
+    source = installed
+    if not installed.is_dir():
+        source = Path(__file__).parents[3] / "stimuli"
+    texts = {}
+    for path in sorted(source.glob("*.toml")):
+        texts[folder / path.name] = path.read_text(encoding="utf-8")
     if not texts:
         raise PipelineError(
             f"the shipped stimuli must lie in the installation, found none [{installed}]"
@@ -219,7 +225,9 @@ def compose_starter_file(kind: str, place: Path) -> tuple[str, str]:
             "away.\n"
         )
         defaults = _format_defaults(list_kinds()[name], f"defaults.{name}")
-        text += "".join(f"# {line}\n" for line in defaults) + "\n"
+        for line in defaults:
+            text += f"# {line}\n"
+        text += "\n"
     return text.rstrip() + "\n", head.partition(": ")[2]
 
 
@@ -234,8 +242,9 @@ def _format_defaults(model: "type[BaseModel]", table: str) -> Iterator[str]:
         if isinstance(default, str):
             yield f'{name} = "{default}"'
         elif default and isinstance(default, dict):
-            pairs = ", ".join(f'{key} = "{value}"' for key, value in default.items())
-            yield f"{name} = {{ {pairs.replace('otherwise', 'tolerance')} }}"
+            pairs = [f'{key} = "{value}"' for key, value in default.items()]
+            inline = ", ".join(pairs).replace("otherwise", "tolerance")
+            yield f"{name} = {{ {inline} }}"
     for name in tables_below:
         # of a table that may be left out, the table itself comes first
         below = model.model_fields[name].annotation

@@ -18,7 +18,7 @@ from stepblocks.cli.options import (
     Stimuli,
     make_quantity_option,
 )
-from stepblocks.cli.outcome import Outcome, make_progress
+from stepblocks.cli.outcome import Outcome, format_count, make_progress, name_first
 from stepblocks.errors import PipelineError
 
 if TYPE_CHECKING:
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from stepblocks.workshop.run import PartOrder
 
 app = typer.Typer()
+
+_STEP_ENDINGS = {".step", ".stp", ".p21"}
 
 
 @command(
@@ -93,7 +95,7 @@ def build(
         notes=notes,
         page=Path(report.output) / "index.html",
         record=vars(report),
-        code=1 if report.failures else 0,
+        code=int(bool(report.failures)),
         failures=report.failures,
     )
 
@@ -141,7 +143,8 @@ def check(
         return _report_verdicts(check_files(files, stimulus, stimuli or "stimuli"), verbose=verbose)
     if stimuli is not None:
         raise PipelineError("--stimuli is for --stimulus, which is not given")
-    if files and all(path.suffix.lower() in (".step", ".stp", ".p21") for path in files):
+    endings = {path.suffix.lower() for path in files}
+    if endings and endings <= _STEP_ENDINGS:
         return _check_step_files(files)
     return _report_verdicts(check_output(files, built, only=only), verbose=verbose)
 
@@ -154,15 +157,20 @@ def _report_verdicts(checked: "Iterable[tuple[str, list[Verdict]]]", *, verbose:
     notes: list[str] = []
     for name, verdicts in checked:
         count += 1
-        wrong = [verdict for verdict in verdicts if not verdict.passed]
-        if wrong:
+        passed = 0
+        details = []
+        for verdict in verdicts:
+            passed += verdict.passed
+            records.append(verdict.as_record() | {"path": name})
+            if verbose or not verdict.passed:
+                details.append(f"       {verdict}")
+        word = "ok  "
+        if passed < len(verdicts):
+            word = "FAIL"
             failed.append(name)
-        records += [verdict.as_record() | {"path": name} for verdict in verdicts]
-        word = "FAIL" if wrong else "ok  "
-        within = f"{len(verdicts) - len(wrong)} of {len(verdicts)}"
+        within = f"{passed} of {len(verdicts)}"
         notes.append(f"{word} {name}: {within} measurements within tolerance")
-        for verdict in verdicts if verbose else wrong:
-            notes.append(f"       {verdict}")
+        notes += details
     summary = f"{count} artefacts, all within tolerance"
     if failed:
         summary = f"{len(failed)} of {count} artefacts out of tolerance: {', '.join(failed)}"
@@ -170,7 +178,7 @@ def _report_verdicts(checked: "Iterable[tuple[str, list[Verdict]]]", *, verbose:
         summary,
         notes=notes,
         record={"artefacts": count, "failed": failed, "measurements": records},
-        code=1 if failed else 0,
+        code=int(bool(failed)),
     )
 
 
@@ -187,8 +195,8 @@ def _check_step_files(paths: list[Path]) -> Outcome:
         code = 3
     return Outcome(
         f"{sum(passed)} of {len(paths)} STEP files hold what they say",
-        notes=["\n\n".join(format_step_table(report) for report in reports)],
-        record={"files": {str(path): good for path, good in zip(paths, passed, strict=True)}},
+        notes=["\n\n".join(map(format_step_table, reports))],
+        record={"files": dict(zip(map(str, paths), passed, strict=True))},
         code=code,
     )
 
@@ -245,14 +253,18 @@ def workshop(
         announce=lambda one: progress(name=f"{one.name}: {len(one.files)} files"),
     )
     refresh_links(files or None, output)
-    files_written = sum(len(order.files) for order in orders)
-    count = sum(not order.is_of_set for order in orders)
-    parts = "part" if count == 1 else "parts"
+    files_written = 0
+    count = 0
+    record = {}
+    for order in orders:
+        files_written += len(order.files)
+        count += not order.is_of_set
+        record[order.name] = list(map(str, order.files))
     return Outcome(
-        f"{files_written} files for {count} {parts} in {output}",
+        f"{files_written} files for {format_count(count, 'part')} in {output}",
         notes=_list_order_notes(orders),
         tables={"Routes": tabulate_routes(orders)},
-        record={order.name: [str(path) for path in order.files] for order in orders},
+        record=record,
     )
 
 
@@ -264,8 +276,5 @@ def _list_order_notes(orders: "Sequence[PartOrder]") -> list[str]:
             names.setdefault(order.note, []).append(order.name)
     notes = []
     for note, parts in names.items():
-        more = ""
-        if len(parts) > 1:
-            more = f" and {len(parts) - 1} more"
-        notes.append(f"{parts[0]}{more}: {note}")
+        notes.append(f"{name_first(parts)}: {note}")
     return notes

@@ -88,7 +88,9 @@ def _spread_values(
             yield word
         elif word in options:
             option = options[word]
-            open_option = word if option.multiple else ""
+            open_option = ""
+            if option.multiple:
+                open_option = word
             if _may_lack_value(option) and (following is None or following.startswith("-")):
                 yield f"{word}={option.show_default}"
                 continue
@@ -134,8 +136,8 @@ def command(
     def register(function: Function) -> Function:
         signature = inspect.signature(function, eval_str=True)
         common = inspect.signature(_declare_common_options, eval_str=True).parameters
-        asked = [option for name, option in signature.parameters.items() if name != _LAYOUT]
-        added = [common[name] for name in common if name not in signature.parameters]
+        asked = [option for option in signature.parameters.values() if option.name != _LAYOUT]
+        added = [option for option in common.values() if option.name not in signature.parameters]
         of_tables = inspect.signature(make_layout, eval_str=True).parameters
         reads_tables = _LAYOUT in signature.parameters
         if reads_tables:
@@ -162,12 +164,15 @@ def command(
 
         parameters = [*asked, *added]
         run.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+        epilog = "Examples:"
+        for example in examples:
+            epilog += f"\n  stepblocks {example}"
         app.command(
             name,
             cls=Command,
             help=_join_lines(inspect.getdoc(function) or ""),
             rich_help_panel=panel,
-            epilog="\n".join(["Examples:", *(f"  stepblocks {example}" for example in examples)]),
+            epilog=epilog,
         )(run)
         return function
 
@@ -176,7 +181,10 @@ def command(
 
 def _join_lines(text: str) -> str:
     """Return a docstring with each paragraph in one line."""
-    return "\n\n".join(" ".join(paragraph.split()) for paragraph in text.split("\n\n"))
+    paragraphs = []
+    for paragraph in text.split("\n\n"):
+        paragraphs.append(" ".join(paragraph.split()))
+    return "\n\n".join(paragraphs)
 
 
 def _declare_common_options(

@@ -1,5 +1,6 @@
 """``stepblocks design-set``: from what is to be felt to a stimulus file."""
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -325,15 +326,19 @@ def _build_outcome(found: "SetDesign", output: Path, plot: Path | None) -> Outco
     from stepblocks.predict.set_design.result import MISSED
 
     tables = found.tabulate()
-    shown = {title: rows for title, rows in tables.items() if title != MISSED}
+    shown: dict[str, Sequence[Mapping[str, object]]] = dict(tables)
+    shown.pop(MISSED, None)
     sentences = [f"no block gives {miss.describe()}" for miss in found.missed]
     missed = ""
     if found.missed:
         missed = f", {len(found.missed)} of {len(found.blocks) + len(found.missed)} targets missed"
     summary = f"{output}: {len(found.blocks)} blocks{missed}"
+    written = [str(output)]
+    if plot is not None:
+        written.append(str(plot))
     return Outcome(
         summary,
-        dict(shown),
+        shown,
         notes=[*sentences, *found.notes],
         page=plot,
         record={
@@ -342,6 +347,6 @@ def _build_outcome(found: "SetDesign", output: Path, plot: Path | None) -> Outco
             "jnd_db": found.difference,
             **tables,
             "notes": list(found.notes),
-            "written": [str(path) for path in (output, plot) if path is not None],
+            "written": written,
         },
     )

@@ -22,7 +22,7 @@ from stepblocks.cli.options import (
     make_quantity_option,
     require_one,
 )
-from stepblocks.cli.outcome import Outcome, make_progress
+from stepblocks.cli.outcome import Outcome, format_count, make_progress
 from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.files.table_rows import list_rows
 
@@ -149,17 +149,19 @@ def export(
             friction=friction,
         ),
     )
-    folders = "folder" if len(written) == 1 else "folders"
     notes = []
     record = {}
     for scene in written:
         plan = str(scene.plan or "")
-        key = scene.name if len(wanted) == 1 else f"{scene.name}/{scene.folder.name}"
+        key = scene.name
+        if len(wanted) != 1:
+            key = f"{scene.name}/{scene.folder.name}"
         record[key] = {"folder": str(scene.folder), "plan": plan}
         notes.append(f"{scene.name}: {scene.folder}")
         if plan:
             notes[-1] += f"\n  {plan}"
-    return Outcome(f"{len(written)} {folders} for {', '.join(wanted)}", notes=notes, record=record)
+    summary = f"{format_count(len(written), 'folder')} for {', '.join(wanted)}"
+    return Outcome(summary, notes=notes, record=record)
 
 
 def _list_devices(own: Path | None) -> Outcome:
@@ -168,7 +170,9 @@ def _list_devices(own: Path | None) -> Outcome:
 
     rows = []
     for device in load_devices(own):
-        limit = device.stiffness_limit
+        limit_n_mm = None
+        if device.stiffness_limit is not None:
+            limit_n_mm = device.stiffness_limit.value * 1e-3
         rows.append(
             {
                 "device": device.id,
@@ -176,7 +180,7 @@ def _list_devices(own: Path | None) -> Outcome:
                 "maker": device.maker,
                 "resolution_mm": device.position_resolution.value * 1e3,
                 "peak_force_n": device.peak_force.value,
-                "stiffness_limit_n_mm": None if limit is None else limit.value * 1e-3,
+                "stiffness_limit_n_mm": limit_n_mm,
                 "update_rate_hz": device.update_rate.value,
             }
         )
@@ -199,14 +203,15 @@ def feel(
     """
     from stepblocks.haptics.feel_page import write_feel_page
 
-    page = output.with_suffix(output.suffix or ".html") if output.name else output
+    page = output
+    if output.name:
+        page = output.with_suffix(output.suffix or ".html")
     count = write_feel_page(files or [], page)
     if not no_open:
         import webbrowser
 
         webbrowser.open(page.resolve().as_uri())
-    blocks = "block" if count == 1 else "blocks"
-    return Outcome(f"{page}: {count} {blocks}", page=page)
+    return Outcome(f"{page}: {format_count(count, 'block')}", page=page)
 
 
 @command(

@@ -258,8 +258,11 @@ def inspect(
     scan = scans[0]
     if list_channels:
         return _list_channels(scan)
-    laboratory = None if lab is None else read_laboratory(lab)
-    device = {} if laboratory is None else laboratory.instrument.model_dump()
+    laboratory = None
+    device: dict[str, Any] = {}
+    if lab is not None:
+        laboratory = read_laboratory(lab)
+        device = laboratory.instrument.model_dump()
     options = EvaluationOptions(
         degree=LEVELS.get(level or ""),
         edges=edges,
@@ -282,7 +285,10 @@ def inspect(
     declared = keep_given_options(stimuli=stimuli, characteristics=characteristics)
     if len(scans) > 1 or scan.is_dir() or is_table(scans):
         arguments |= keep_given_options(stimulus=stimulus, standard=standard)
-        arguments |= declared if standard is None else keep_given_options(tolerance=tolerance)
+        if standard is None:
+            arguments |= declared
+        else:
+            arguments |= keep_given_options(tolerance=tolerance)
         return _inspect_many(scans, arguments, output, laboratory)
     if stimulus is not None:
         arguments |= declared
@@ -293,7 +299,9 @@ def inspect(
 
 def _prefer(option: float | None, known: float | None) -> float | None:
     """Return an option that was given; else what the laboratory says of its instrument."""
-    return known if option is None else option
+    if option is None:
+        return known
+    return option
 
 
 def _make_instrument(
@@ -322,14 +330,17 @@ def _inspect_many(
     from stepblocks.inspect.many import inspect_many, write_many
 
     together = inspect_many(scans, **arguments)
-    written = [] if output is None else write_many(together, output, laboratory)
-    pages = [path for path in written if path.suffix == ".html"]
+    page = None
+    if output is not None:
+        written = write_many(together, output, laboratory)
+        pages = [path for path in written if path.suffix == ".html"]
+        page = next(iter(pages), None)
     notes = [f"{serial}: {report.conclusion}" for serial, report in together.reports.items()]
     return Outcome(
         "",
         together.table_rows,
         [*notes, *together.left_out],
-        pages[0] if pages else None,
+        page,
         together.verdict.exit_code,
         together.as_record(),
     )
@@ -355,12 +366,10 @@ def _inspect_one(
         result = inspect_scan(scan, stimulus, **arguments)
     if output is not None:
         write_inspection(result, output, laboratory)
-    return Outcome(
-        "",
-        notes=[str(result)],
-        record=result.as_record(),
-        code=0 if result.verdict is None else result.verdict.exit_code,
-    )
+    code = 0
+    if result.verdict is not None:
+        code = result.verdict.exit_code
+    return Outcome("", notes=[str(result)], record=result.as_record(), code=code)
 
 
 def _list_channels(scan: Path) -> Outcome:

@@ -71,10 +71,15 @@ class Numbers(tuple[int, ...]):
     """Whole numbers, separated by commas on the command line."""
 
 
+def split_at_commas(text: str) -> list[str]:
+    """Split a text at its commas, without the blanks around its parts."""
+    return [part.strip() for part in text.split(",")]
+
+
 def read_numbers(text: str) -> Numbers:
     """Read whole numbers separated by commas."""
     read = make_whole_number_reader(1, 100_000)
-    return Numbers(read(part.strip()) for part in text.split(","))
+    return Numbers(map(read, split_at_commas(text)))
 
 
 @dataclass(frozen=True)

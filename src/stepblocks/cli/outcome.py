@@ -22,7 +22,7 @@ from stepblocks.files.store import names_object_store
 from stepblocks.quantities import format_column, format_column_label, format_units
 
 if TYPE_CHECKING:
-    from rich.console import RenderableType
+    from rich.console import JustifyMethod, RenderableType
 
 _WIDTH = 100  # letters of a line where the environment names no width
 _UNLIMITED = 10_000  # letters of a line that is never broken
@@ -43,8 +43,7 @@ class ReadingNote:
 
     def __str__(self) -> str:
         """Name the first file, and count the others."""
-        more = f" and {len(self.files) - 1} more" if len(self.files) > 1 else ""
-        return f"note: {self.note} [{self.files[0]}{more}]"
+        return f"note: {self.note} [{name_first(self.files)}]"
 
     def as_record(self) -> dict[str, object]:
         """Return plain data."""
@@ -88,6 +87,20 @@ class Outcome:
     reading: "Sequence[ReadingNote] | None" = None
 
 
+def name_first(names: Sequence[str]) -> str:
+    """Name the first of several, and count the others."""
+    if len(names) == 1:
+        return names[0]
+    return f"{names[0]} and {len(names) - 1} more"
+
+
+def format_count(count: int, noun: str) -> str:
+    """Write how many there are of what a noun names, such as "2 parts"."""
+    if count == 1:
+        return f"1 {noun}"
+    return f"{count} {noun}s"
+
+
 def show(
     outcome: Outcome, written: Sequence[Path], *, quiet: bool, as_json: bool, wide: bool
 ) -> None:
@@ -97,7 +110,8 @@ def show(
         if record is None:
             record = _build_record(outcome, written)
         if outcome.reading and isinstance(record, Mapping):
-            record = {**record, "reading": [note.as_record() for note in outcome.reading]}
+            reading = [note.as_record() for note in outcome.reading]
+            record = {**record, "reading": reading}
         print(json.dumps(record, indent=1, allow_nan=False, default=str))
         return
     if not quiet:
@@ -112,7 +126,7 @@ def _build_record(outcome: Outcome, written: Sequence[Path]) -> dict[str, object
         "summary": outcome.summary,
         "said": outcome.summary,  # the old name, until version 2
         **outcome.tables,
-        "written": [str(path) for path in written],
+        "written": list(map(str, written)),
     }
 
 
@@ -125,7 +139,10 @@ def _print_outcome(outcome: Outcome, written: Sequence[Path], *, wide: bool) -> 
     for note in outcome.notes:
         _print(note)
     if outcome.summary:
-        _print(outcome.summary, "bold" if outcome.code == 0 else "bold red")
+        style = "bold"
+        if outcome.code != 0:
+            style = "bold red"
+        _print(outcome.summary, style)
     if written:
         _print(_describe_written(written), "dim")
     if outcome.page is not None:
@@ -183,19 +200,19 @@ def print_table(title: str, rows: Sequence[Mapping[str, object]], *, wide: bool 
     if not rows:
         return
     columns = [_make_column(name, rows) for name in rows[0]]
-    shared: list[_Column] = []
-    if len(rows) > 1 and not wide:
-        shared = [column for column in columns if len(set(column.cells)) == 1]
-    width = _UNLIMITED if wide else _find_width()
-    varying = [column for column in columns if column not in shared]
+    width = _UNLIMITED
+    if not wide:
+        width = _find_width()
+    constants, varying = [], []
+    for column in columns:
+        is_shared = len(rows) > 1 and not wide and len(set(column.cells)) == 1
+        if not is_shared:
+            varying.append(column)
+        elif column.cells[0] not in _EMPTY_CELLS:
+            constants.append(f"{column.head.replace(',', '')} {column.cells[0]}")
     shown = _choose_columns(varying, width)
     if title:
         _print(title, "bold")
-    constants = [
-        f"{column.head.replace(',', '')} {column.cells[0]}"
-        for column in shared
-        if column.cells[0] not in _EMPTY_CELLS
-    ]
     if constants:
         _print(", ".join(constants), "dim")
     _print(_lay_out_table(shown), width=width)
@@ -206,7 +223,8 @@ def print_table(title: str, rows: Sequence[Mapping[str, object]], *, wide: bool 
 def _make_column(name: str, rows: Sequence[Mapping[str, object]]) -> _Column:
     # a limit is what was agreed, not a figure to be rounded
     is_limit = name.startswith(("lower", "upper"))
-    return _Column(name, format_column([row.get(name) for row in rows], exact=is_limit))
+    values = [row.get(name) for row in rows]
+    return _Column(name, format_column(values, exact=is_limit))
 
 
 def _find_width() -> int:
@@ -232,13 +250,13 @@ def _lay_out_table(columns: Sequence[_Column]) -> "RenderableType":
 
     table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, _GAP, 0, 0))
     for column in columns:
-        table.add_column(
-            Text(column.head.replace(" ", "\n")),
-            justify="right" if column.is_number else "left",
-            no_wrap=True,
-            vertical="bottom",
-        )
-    for cells in zip(*(column.cells for column in columns), strict=True):
+        justify: JustifyMethod = "left"
+        if column.is_number:
+            justify = "right"
+        head = Text(column.head.replace(" ", "\n"))
+        table.add_column(head, justify=justify, no_wrap=True, vertical="bottom")
+    cells_of_columns = [column.cells for column in columns]
+    for cells in zip(*cells_of_columns, strict=True):
         table.add_row(*map(Text, cells))
     return table
 
@@ -253,8 +271,10 @@ def make_progress(label: str, *, quiet: bool, lines: int = 0) -> Callable[..., N
     file = os.environ.get(PROGRESS_FILE)
     if file:
         return _make_progress_file(label, Path(file))
-    if quiet or not sys.stderr.isatty():
-        return _make_progress_lines(label, 0 if quiet else lines)
+    if quiet:
+        return _make_progress_lines(label, 0)
+    if not sys.stderr.isatty():
+        return _make_progress_lines(label, lines)
     return _make_progress_bar(label)
 
 
@@ -283,7 +303,9 @@ def _make_progress_lines(label: str, lines: int) -> Callable[..., None]:
         done = done or next(number)
         if not lines or not _is_due(done, total, lines):
             return
-        of_total = "" if total is None else f"/{total}"
+        of_total = ""
+        if total is not None:
+            of_total = f"/{total}"
         print(f"[{done}{of_total}] {label} {name}".rstrip(), file=sys.stderr, flush=True)
 
     return print_line
@@ -393,12 +415,16 @@ def protect_output(place: object, *, force: bool) -> Iterator[list[Path]]:
 def _find_folder(place: Path) -> Path:
     """Return the folder that a place names; of a file, written or to be written, its folder."""
     is_file = place.is_file() or (place.suffix and not place.is_dir())
-    return place.parent if is_file else place
+    if is_file:
+        return place.parent
+    return place
 
 
 def _list_files(place: Path) -> list[Path]:
     """List the files at a place, but for our own note of what was written there."""
-    paths = place.rglob("*") if place.is_dir() else [place]
+    paths = [place]
+    if place.is_dir():
+        paths = list(place.rglob("*"))
     return [path for path in paths if path.is_file() and path.name != _MEMORY]
 
 

@@ -143,7 +143,9 @@ def _choose_speed(given: float | None) -> float:
     """Return the speed of the handle [m/s], by default the paper's."""
     from stepblocks.contact.operating_point import PAPER
 
-    return PAPER.speed if given is None else given
+    if given is None:
+        return PAPER.speed
+    return given
 
 
 def _refuse_perception(perception: Path | None, discrimination: Path | None) -> None:
@@ -185,7 +187,9 @@ def _predict_sets(
         predicted = _predict_as_built(sets, records, asked)
     else:
         predicted = _predict_as_declared(sets, asked)
-    rows = [format_row(row) for found in predicted for row in found.rows]
+    rows: list[dict[str, str]] = []
+    for found in predicted:
+        rows += map(format_row, found.rows)
     if not rows:
         raise PipelineError(
             "a prediction needs a stimulus that is felt, got parts of the apparatus alone"
@@ -205,7 +209,9 @@ def _predict_sets(
     columns: Sequence[str] = list(rows[0])
     if not wide:
         columns = choose_terminal_columns(columns)
-    shown = [{name: row[name] for name in columns} for row in rows]
+    shown = []
+    for row in rows:
+        shown.append({name: row[name] for name in columns})
     return Outcome("", {"": shown, **rings}, notes=notes, record=record)
 
 
@@ -221,10 +227,11 @@ def _predict_as_declared(sets: "list[StimulusSet]", asked: _Asked) -> "list[Pred
     """Predict sets at their nominal sizes."""
     from stepblocks.predict.as_built import predict_as_declared
 
-    return [
-        predict_as_declared(stimuli, asked.in_time, asked.speed, asked.discrimination)
-        for stimuli in sets
-    ]
+    predicted = []
+    for stimuli in sets:
+        found = predict_as_declared(stimuli, asked.in_time, asked.speed, asked.discrimination)
+        predicted.append(found)
+    return predicted
 
 
 def _predict_as_built(
@@ -242,7 +249,9 @@ def _predict_as_built(
             if of_block is None:
                 continue
             for sentence in as_built.describe_energy_changes(of_block, records):
-                begin = f"{serial}: " if serial else ""
+                begin = ""
+                if serial:
+                    begin = f"{serial}: "
                 print(f"{begin}{format_units(sentence)}", file=sys.stderr)
     predicted: list[PredictedSet] = []
     for stimuli in sets:
@@ -334,7 +343,9 @@ def _require_one_table(files: list[Path], model: Path | None) -> Path:
         is_session = model is not None and files[0].is_dir()
         if is_session or is_table_name(files[0]):
             return files[0]
-    wanted = "a trials.csv or the folder of one session" if model else "one table (CSV, Excel)"
+    wanted = "one table (CSV, Excel)"
+    if model:
+        wanted = "a trials.csv or the folder of one session"
     got = ", ".join(map(str, files)) or "none"
     raise PipelineError(f"expected {wanted}, got {got}")
 

@@ -19,6 +19,7 @@ from stepblocks.cli.options import (
     WholeRange,
     keep_given_options,
     read_whole_range,
+    split_at_commas,
 )
 from stepblocks.cli.outcome import Outcome, make_progress
 from stepblocks.errors import PipelineError
@@ -74,7 +75,9 @@ def simulate_session(
     from stepblocks.rehearse.run import simulate_session
 
     summary = simulate_session(plan, output)
-    locked = f", {summary.locked} locked" if summary.locked else ""
+    locked = ""
+    if summary.locked:
+        locked = f", {summary.locked} locked"
     return Outcome(
         f"{summary.planned - summary.locked} trials of {summary.planned}{locked} -> {output}",
         record={
@@ -182,7 +185,9 @@ def measure(
     if plots is not None:
         from stepblocks.bench.figures import draw_trials
 
-        chosen = [name.strip() for name in trials.split(",")] if trials else None
+        chosen = None
+        if trials:
+            chosen = split_at_commas(trials)
         draw_trials(session, plots, chosen, layout=layout)
     reasons = dict(sorted(summary.reasons.items(), key=lambda item: -item[1]))
     notes = [f"excluded {count}: {reason}" for reason, count in reasons.items()]
@@ -197,10 +202,11 @@ def measure(
         from stepblocks.bench.whole_records import compare_whole_records
 
         compared = compare_whole_records(session, whole_record, jobs, layout)
-        shapes = ", ".join(f"{shape} {count}" for shape, count in compared.shapes.items())
+        counts = [f"{shape} {count}" for shape, count in compared.shapes.items()]
+        shapes = ", ".join(counts) or "none"
         notes.append(
             f"whole records: {compared.fitted} of {compared.total} fitted, {compared.differing} "
-            f"differ from a feature; releases by shape: {shapes or 'none'} -> {whole_record}"
+            f"differ from a feature; releases by shape: {shapes} -> {whole_record}"
         )
         record["whole_record"] = asdict(compared)
     return Outcome(
@@ -330,11 +336,12 @@ def _summarise_sessions(document: Document, output: Path) -> Outcome:
             "among sessions": parameter["among_sessions_std"],
         }
         rows.append(row | parameter["next"])
-    sessions = document["sessions"]
-    verdicts = "; ".join(f"{name}: {sessions[name]['verdict']}" for name in sessions)
+    verdicts = []
+    for name, session in document["sessions"].items():
+        verdicts.append(f"{name}: {session['verdict']}")
     together = "{finding} ({verdict})".format(**document["together"])
     return Outcome(
-        f"{together}; by themselves {verdicts}",
+        f"{together}; by themselves {'; '.join(verdicts)}",
         {"in the next session, 95 %": rows},
         page=output / "report.html",
         record=document,

@@ -45,8 +45,10 @@ _OBSERVER = "Simulated participants"
 
 
 def _read_trials(text: str) -> dict[str, int]:
+    """Read numbers of trials by block, as ``block=trials``."""
     read = make_whole_number_reader(1, 10_000)
-    return {name: read(value) for name, value in read_pairs(text, "block=trials").items()}
+    pairs = read_pairs(text, "block=trials")
+    return {block: read(count) for block, count in pairs.items()}
 
 
 def _read_shares(text: str) -> dict[str, float]:
@@ -55,10 +57,9 @@ def _read_shares(text: str) -> dict[str, float]:
         from stepblocks.predict.sheaths import find_energy_shares
 
         return find_energy_shares(text)
-    return {
-        name: make_quantity_reader("ratio")(value)
-        for name, value in read_pairs(text, "name=share").items()
-    }
+    read = make_quantity_reader("ratio")
+    pairs = read_pairs(text, "name=share")
+    return {condition: read(share) for condition, share in pairs.items()}
 
 
 Damping = Annotated[

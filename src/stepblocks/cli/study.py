@@ -20,6 +20,7 @@ from stepblocks.cli.options import (
     keep_given_options,
     make_quantity_option,
     make_whole_number_reader,
+    split_at_commas,
 )
 from stepblocks.cli.outcome import Outcome
 from stepblocks.cli.study_options import (
@@ -115,7 +116,7 @@ Covariate = Annotated[
 
 def _read_anchors(text: str) -> tuple[str, ...]:
     """Read what the lowest and the highest rating mean."""
-    words = tuple(word.strip() for word in text.split(","))
+    words = tuple(split_at_commas(text))
     if len(words) != 2:
         raise ValueError(f"must be LOW,HIGH, got {text!r:.60}")
     return words
@@ -124,7 +125,7 @@ def _read_anchors(text: str) -> tuple[str, ...]:
 def _read_factor(text: str) -> tuple[str, tuple[str, ...]]:
     """Read the name of a factor and its levels."""
     name, _, written_levels = text.partition("=")
-    levels = tuple(level.strip() for level in written_levels.split(","))
+    levels = tuple(split_at_commas(written_levels))
     if not name.strip() or not all(levels):
         raise ValueError(f"must be NAME=LEVEL,LEVEL,..., got {text!r:.60}")
     return name.strip(), levels
@@ -256,7 +257,9 @@ def design(
     )
     trials = len(plan.trials)
     people = int(plan.trials[-1]["participant"])
-    chosen = "to choose from " if plan.experiment == "adaptive" else ""
+    chosen = ""
+    if plan.experiment == "adaptive":
+        chosen = "to choose from "
     return Outcome(
         f"{output / 'design.csv'}: {trials} trials {chosen}of {people} participants; "
         f"{plan.balance}",

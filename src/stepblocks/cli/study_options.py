@@ -5,7 +5,11 @@ from typing import Annotated
 
 import typer
 
-from stepblocks.cli.options import make_quantity_reader, make_whole_number_reader
+from stepblocks.cli.options import (
+    make_quantity_reader,
+    make_whole_number_reader,
+    split_at_commas,
+)
 from stepblocks.errors import PipelineError
 
 
@@ -19,7 +23,10 @@ def _read_heights(text: str) -> Heights:
     heights = []
     for part in text.split(","):
         has_unit = bool(part.strip(" 0123456789."))
-        heights.append(read(part if has_unit else f"{part} um"))
+        if has_unit:
+            heights.append(read(part))
+        else:
+            heights.append(read(f"{part} um"))
     return Heights(heights)
 
 
@@ -29,20 +36,25 @@ class Names(tuple[str, ...]):
 
 def read_names(text: str) -> Names:
     """Read names separated by commas."""
-    found = Names(part.strip() for part in text.split(","))
-    if not all(name and name.replace("-", "").isalnum() for name in found):
-        raise ValueError(
-            f"must be names of letters, digits and hyphens, separated by commas, got {text!r:.60}"
-        )
+    found = Names(split_at_commas(text))
+    for name in found:
+        if not name.replace("-", "").isalnum():
+            raise ValueError(
+                "must be names of letters, digits and hyphens, separated by commas, got "
+                f"{text!r:.60}"
+            )
     return found
 
 
 def read_pairs(text: str, form: str = "name=value") -> dict[str, str]:
     """Read name=value, separated by commas."""
-    parts = [part.strip().partition("=") for part in text.split(",")]
-    if not all(name and equals and value for name, equals, value in parts):
-        raise ValueError(f"must be {form}, separated by commas, got {text!r:.60}")
-    return {name: value for name, _, value in parts}
+    pairs = {}
+    for part in split_at_commas(text):
+        name, _, value = part.partition("=")
+        if not name or not value:
+            raise ValueError(f"must be {form}, separated by commas, got {text!r:.60}")
+        pairs[name] = value
+    return pairs
 
 
 HeightsOption = Annotated[
@@ -90,5 +102,7 @@ def choose_source(file: Path | None, heights: Heights | None) -> Path | Heights:
         return file
     if heights is not None and file is None:
         return heights
-    number = "neither" if heights is None else "both"
+    number = "both"
+    if heights is None:
+        number = "neither"
     raise PipelineError(f"a stimulus FILE or --heights must be given, got {number}")
