@@ -119,9 +119,8 @@ def select_recorded(stimuli: StimulusSet, serial: str, records: Records) -> Stim
 
 def replace_nominals(stimuli: StimulusSet, records: Records) -> StimulusSet:
     """Replace the nominal of every step that has a record by what was measured."""
-    return stimuli.with_parts(
-        _replace_nominal(part, records.get(part.id)) for part in stimuli.stimuli
-    )
+    parts = [_replace_nominal(part, records.get(part.id)) for part in stimuli.stimuli]
+    return stimuli.with_parts(parts)
 
 
 def _replace_nominal(part: Part, record: AsBuilt | None) -> Part:
@@ -280,14 +279,16 @@ def describe_energy_changes(stimuli: StimulusSet, records: Records) -> Iterator[
             sentence = _describe_block(edge, records[part.id])
             sentence += _describe_changes(changes)
             over_surface = []
-            for before, _ in changes:
+            switched = 0
+            for before, after in changes:
                 release = release_over_surface(before)
                 if release is not None:
                     over_surface.append((before, release))
+                if before.release.status is not after.status:
+                    switched += 1
             surface_change = _format_energy_change(over_surface)
             if surface_change:
                 sentence += f"; by the scanned surface itself {surface_change}"
-            switched = sum(before.release.status is not after.status for before, after in changes)
             if switched:
                 sentence += f"; {switched} conditions change between releasing and locking"
             yield sentence
@@ -328,8 +329,12 @@ def _describe_block(edge: Part, record: AsBuilt) -> str:
         measured, contact = record.second_height, record.second_contact_height
     if measured is not None and contact != measured.value:
         with_burr = " with its burr"
-    name = f"{edge.id}, second step" if is_second else edge.id
-    known = f" ({', '.join(verdicts)})" if verdicts else ""
+    name = edge.id
+    if is_second:
+        name = f"{edge.id}, second step"
+    known = ""
+    if verdicts:
+        known = f" ({', '.join(verdicts)})"
     return (
         f"{name}{known}: as built, {height:.2f} um{with_burr} and an edge radius of "
         f"{radius:.2g} um, "

@@ -58,7 +58,9 @@ def _tabulate_release(prediction: Prediction) -> dict[str, Cell]:
 
     def read_energy(at_limit: Release) -> float:
         """Return the vibration energy at a limit [uJ]; NaN where the nominal is beyond a limit."""
-        return math.nan if is_beyond_limit else at_limit.vibration_energy * 1e6
+        if is_beyond_limit:
+            return math.nan
+        return at_limit.vibration_energy * 1e6
 
     return {
         "critical_angle_deg": math.degrees(release.angle),
@@ -83,7 +85,9 @@ def _tabulate_interval(prediction: Prediction) -> dict[str, Cell]:
     is_beyond_limit = prediction.release.status.is_beyond_limit
 
     def read_force(end: str) -> float:
-        return math.nan if interval is None else float(getattr(interval, end))
+        if interval is None:
+            return math.nan
+        return float(getattr(interval, end))
 
     def read_energy(end: str) -> float:
         if interval is None or is_beyond_limit:
@@ -92,7 +96,9 @@ def _tabulate_interval(prediction: Prediction) -> dict[str, Cell]:
 
     agreement = ""
     if interval is not None and not is_beyond_limit:
-        agreement = "yes" if interval.agrees else "no"
+        agreement = "no"
+        if interval.agrees:
+            agreement = "yes"
     return {
         "peak_force_95_low_n": read_force("force_low"),
         "peak_force_95_high_n": read_force("force_high"),
@@ -142,8 +148,11 @@ def _tabulate_drag(prediction: Prediction) -> dict[str, Cell]:
 def _tabulate_felt(prediction: Prediction) -> dict[str, Cell]:
     """Say what is felt, and by which model."""
     power = prediction.felt_energy / prediction.point.tool.ring_duration
+    felt_by = ""
+    if not math.isnan(power):
+        felt_by = prediction.felt_model.value
     return {
-        "felt_by": "" if math.isnan(power) else prediction.felt_model.value,
+        "felt_by": felt_by,
         "felt_energy_uj": prediction.felt_energy * 1e6,
         "felt_power_uw": power * 1e6,
     }
@@ -219,6 +228,8 @@ _HIDDEN_COLUMNS = (
 
 def choose_terminal_columns(columns: Sequence[str]) -> tuple[str, ...]:
     """Choose the columns that fit a terminal: status, force and energy by formula and drag."""
-    return tuple(
-        name for name in columns if "energy_95" in name or not name.endswith(_HIDDEN_COLUMNS)
-    )
+    shown = []
+    for name in columns:
+        if "energy_95" in name or not name.endswith(_HIDDEN_COLUMNS):
+            shown.append(name)
+    return tuple(shown)

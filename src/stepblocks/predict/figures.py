@@ -75,13 +75,13 @@ def _plot_steps(
     """Draw the energy against the height for the edge and the tolerances of a set's first step."""
     grid = stimuli.prediction
     first = next(part for part in stimuli.stimuli if part.id in steps)
-    uncertainty = collect_uncertainties(
-        first, grid, find_tip(grid, point.ball_radius), point.normal_load
-    )
+    tip = find_tip(grid, point.ball_radius)
+    uncertainty = collect_uncertainties(first, grid, tip, point.normal_load)
     heights = [step.height for step in steps.values()]
     top = 1.25 * max(heights)
     edge_radius = steps[first.id].edge_radius
-    curve = [Step(height, edge_radius) for height in np.linspace(0.02 * top, top, 80)]
+    drawn_heights = np.linspace(0.02 * top, top, 80)
+    curve = [Step(height, edge_radius) for height in drawn_heights]
     draw_energy_of_height(curve, point, uncertainty, path, heights)
 
 
@@ -171,8 +171,8 @@ def draw_margin_map(
     figure, axes = make_figure(1, 2, width=9.0, height=4.0)
     to_tooth, to_crown = compute_margin_map(gaps, discrepancies, point)
     across, along = discrepancies * 1e6, gaps * 1e6
-    caught = [force[np.isfinite(force) & (force > 0)] for force in (to_tooth, to_crown)]
-    finite = np.concatenate(caught)
+    forces = np.concatenate([to_tooth.ravel(), to_crown.ravel()])
+    finite = forces[np.isfinite(forces) & (forces > 0)]
     norm = LogNorm(max(float(finite.min()), 1e-2), min(float(finite.max()), 50.0))
     marked_gaps, marked_discrepancies = 1e6 * np.array(marks).reshape(-1, 2).T
     for axis, force, name in (

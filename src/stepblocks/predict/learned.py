@@ -168,9 +168,9 @@ class _Conditions:
 
 def _read_conditions(table: pd.DataFrame, learned: LearnedModel) -> _Conditions:
     """Read the columns that a model needs from a table of trials."""
-    covariates = {
-        name for law in learned.extended.laws for name in list_covariate_columns(law.covariate)
-    }
+    covariates: set[str] = set()
+    for law in learned.extended.laws:
+        covariates.update(list_covariate_columns(law.covariate))
     needed = ("trial", "block", *_POSITIVE, *sorted(covariates))
     missing = [name for name in needed if name not in table.columns]
     if missing:
@@ -229,7 +229,10 @@ def _predict_channels(
     )
     for unseen in _list_unseen_variances(design, fitted, learned, mean):
         variance += unseen
-    known_blocks = [block for block in learned.blocks if format_height_name(block) in fitted.values]
+    known_blocks = []
+    for block in learned.blocks:
+        if format_height_name(block) in fitted.values:
+            known_blocks.append(block)
     is_unknown = ~np.isin(design.block, known_blocks)
     if np.any(is_unknown):
         # the height of a block that was never measured is as uncertain as its prior
@@ -331,7 +334,9 @@ def make_learned_drag(
         frequency=float(np.exp(shown["ln_ring_frequency"])),
         decay_time=float(np.exp(shown["ln_decay_time"])),
     )
-    force, energy = (_read_with_ends(found, figure) for figure in _FIGURES)
+    force_figure, energy_figure = _FIGURES
+    force = _read_with_ends(found, force_figure)
+    energy = _read_with_ends(found, energy_figure)
     return LearnedDrag(
         status=str(found["status"]),
         peak_force=force,
@@ -376,7 +381,8 @@ def format_learned_columns(prediction: Prediction, learned: LearnedModel) -> dic
         angle, radius = prediction.release.angle, prediction.point.ball_radius
         height = float(compute_height_at_angle(angle, radius))
     drag = make_learned_drag(learned, prediction.edge_name, float(height), prediction.point)
-    return _format_learned(drag.status, drag.peak_force, (1e6 * energy for energy in drag.energy))
+    energy_uj = [1e6 * energy for energy in drag.energy]
+    return _format_learned(drag.status, drag.peak_force, energy_uj)
 
 
 def _format_learned(status: str, force: Iterable[float], energy: Iterable[float]) -> dict[str, str]:

@@ -260,10 +260,10 @@ def _list_pairs_of_condition(
         if energy > 0.0:
             ringing.append((prediction, energy))
     ringing.sort(key=lambda found: _find_order(*found))
-    draws = [
-        _draw_log_energies(stimuli, parts[prediction.stimulus], prediction, place)
-        for place, (prediction, _) in enumerate(ringing)
-    ]
+    draws = []
+    for place, (prediction, _) in enumerate(ringing):
+        part = parts[prediction.stimulus]
+        draws.append(_draw_log_energies(stimuli, part, prediction, place))
     for first, second in combinations(range(len(ringing)), 2):
         are_neighbours = second == first + 1
         if only_neighbours and not are_neighbours:
@@ -326,7 +326,9 @@ def _draw_log_energies(
     normal = dict(zip(_SHARED, shared, strict=True))
     dimensions = [name for name in uncertainties if name not in _SHARED]
     normal |= dict(zip(dimensions, alone, strict=False))
-    deviations = {name: width * normal[name] for name, width in uncertainties.items()}
+    deviations = {}
+    for name, width in uncertainties.items():
+        deviations[name] = width * normal[name]
     _, energies = compute_deviated_releases(
         make_middle_face(edge, None), point, deviations, prediction.backward
     )

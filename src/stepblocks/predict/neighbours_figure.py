@@ -48,12 +48,17 @@ def draw_neighbours(pairs: list[Pair], path: Path, title: str) -> None:
     figure, axis = make_figure(width=max(7.0, 0.9 * len(places)))
     shifts = np.linspace(-0.5, 0.5, len(series) + 2)[1:-1] * _SPREAD
     for shift, ((friction, load), members) in zip(shifts, series.items(), strict=True):
-        jnds = np.array([pair.distance.jnd for pair in members])
-        ends = np.array([(pair.distance.low, pair.distance.high) for pair in members])
+        x, jnds, below, above = [], [], [], []
+        for pair in members:
+            distance = pair.distance
+            x.append(places[_name_pair(pair)] + shift)
+            jnds.append(distance.jnd)
+            below.append(distance.jnd - distance.low)
+            above.append(distance.high - distance.jnd)
         axis.errorbar(
-            [places[_name_pair(pair)] + shift for pair in members],
+            x,
             jnds,
-            yerr=[jnds - ends[:, 0], ends[:, 1] - jnds],
+            yerr=[below, above],
             fmt="o",
             ms=4,
             lw=1,

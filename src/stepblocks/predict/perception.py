@@ -267,7 +267,9 @@ def read_discrimination(
     fractions: list[WeberFraction] = []
     mistakes: list[Mistake] = []
     for row, place in enumerate(places):
-        figures = {name: float(column[row]) for name, column in columns.items()}
+        figures = {}
+        for name, column in columns.items():
+            figures[name] = float(column[row])
         with collect_mistakes(mistakes, place):
             fractions.append(_make_fraction(figures))
     if mistakes:
@@ -278,7 +280,7 @@ def read_discrimination(
 
 def _make_fraction(figures: dict[str, float]) -> WeberFraction:
     """Make a Weber fraction of a row's figures; one without an interval is taken as known."""
-    fraction, low, high = (figures[name] for name in ("fraction", "low", "high"))
+    fraction, low, high = figures["fraction"], figures["low"], figures["high"]
     if math.isnan(low) != math.isnan(high):
         raise PipelineError("both ends of the interval must be given, or none")
     if math.isnan(low):

@@ -135,9 +135,11 @@ def predict_and_drag_set(
         dragged = len(predictions) <= MOST_DRAGGED
     if not dragged:
         return predictions
-    return tuple(
-        replace(prediction, in_time=_measure_drag(prediction, speed)) for prediction in predictions
-    )
+    with_drags = []
+    for prediction in predictions:
+        in_time = _measure_drag(prediction, speed)
+        with_drags.append(replace(prediction, in_time=in_time))
+    return tuple(with_drags)
 
 
 def predict_drag(face: Counterface, point: OperatingPoint, backward: bool = False) -> Prediction:
@@ -202,7 +204,7 @@ def _predict_under_ball(
     # the tolerance of a tip of the setting is no limit of the part
     radii = (ball.nominal,) if part.ball is None else ball.limits
     nominal_angles = faces[0].angles(ball.nominal)
-    corner_angles = [face.angles(radius) for face in faces for radius in radii]
+    corner_angles = [face.angles(radius) for face, radius in product(faces, radii)]
     middle = make_middle_face(part, step_height)
     worn = _compute_stiffness_tolerance(stimuli, part)
     for backward in range(len(faces[0].ways)):
@@ -338,7 +340,9 @@ def describe_felt(predictions: Iterable[Prediction]) -> list[str]:
     by_drag = sum(prediction.felt_model is Model.DRAG for prediction in predictions)
     if not by_drag:
         return []
-    rows = "row is" if by_drag == 1 else "rows are"
+    rows = "rows are"
+    if by_drag == 1:
+        rows = "row is"
     return [
         f"{by_drag} of {len(predictions)} {rows} felt by the drag: felt_energy_uj is "
         "drag_vibration_energy_uj",

@@ -85,14 +85,16 @@ def predict_conditions(stimuli: StimulusSet) -> list[Condition]:
 
 def _predict_condition(probe: ProbeSpec, use: Use, sheath: Sheath | None = None) -> Condition:
     """Ring of a probe in one use, with a sheath or bare."""
-    worn = None if sheath is None else _wear_sheath(sheath, use)
+    name, mass, worn = "", 0.0, None
+    if sheath is not None:
+        name, mass, worn = sheath.id, sheath.mass, _wear_sheath(sheath, use)
     rod = probe.rod()
     ring = compute_rod_ring(rod, worn)
     modes = compute_modes(rod, worn)
     return Condition(
-        sheath="" if sheath is None else sheath.id,
+        sheath=name,
         use=use,
-        mass=0.0 if sheath is None else sheath.mass,
+        mass=mass,
         ring=ring,
         sensed=compute_sensed_energy(modes),
         finger=compute_finger_share(rod, ring.stiffness, modes),
@@ -184,9 +186,9 @@ def tabulate_decay_test(stimuli: StimulusSet) -> list[dict[str, str]]:
         row = {"sheath": condition.sheath or "none", "use": condition.use.value}
         for name, digits in _TEST_DIGITS.items():
             row[name] = f"{test[name]:{digits}}"
-        row["releases_to_tell_from_bare"] = (
-            "" if bare is None else _format_release_count(bare, test)
-        )
+        row["releases_to_tell_from_bare"] = ""
+        if bare is not None:
+            row["releases_to_tell_from_bare"] = _format_release_count(bare, test)
         bare = bare or test
         rows.append(row)
     return rows

@@ -224,11 +224,10 @@ def _find_ends(columns: dict[str, Array], angle: Array) -> IntervalEnds:
     for name in STEP_INPUTS:
         is_uncertain |= columns[f"u_{name}"] > 0.0
     if is_uncertain.any():
-        drawn = estimate_ends_of_steps(
-            {name: values[is_uncertain] for name, values in inputs.items()},
-            {name: columns[f"u_{name}"][is_uncertain] for name in STEP_INPUTS},
-            limit,
-            draws=_DRAWS,
-        )
+        middles, stds = {}, {}
+        for name, values in inputs.items():
+            middles[name] = values[is_uncertain]
+            stds[name] = columns[f"u_{name}"][is_uncertain]
+        drawn = estimate_ends_of_steps(middles, stds, limit, draws=_DRAWS)
         ends[:, is_uncertain] = astuple(drawn)
     return IntervalEnds(*ends)

@@ -118,7 +118,8 @@ class Component:
 
     def build(self) -> cad.door.Body:
         """Build it as a solid."""
-        bodies = [solid.build() for solid in (*self.boxes, *self.rods)]
+        solids: list[Box | Cylinder] = [*self.boxes, *self.rods]
+        bodies = [solid.build() for solid in solids]
         body = bodies[0]
         if len(bodies) > 1:
             body = cad.kernel.fuse(bodies)

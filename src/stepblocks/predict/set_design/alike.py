@@ -25,7 +25,9 @@ def select_models(base: StimulusSet | None, like: str | Sequence[str]) -> list[P
     PipelineError
         If there is no base, or a pattern means none of its blocks.
     """
-    patterns = [like] if isinstance(like, str) else list(like)
+    patterns = list(like)
+    if isinstance(like, str):
+        patterns = [like]
     if not patterns:
         return []
     if base is None:
@@ -35,14 +37,17 @@ def select_models(base: StimulusSet | None, like: str | Sequence[str]) -> list[P
     for pattern in patterns:
         if not isinstance(pattern, str):
             raise PipelineError(f"like must be names of blocks, got {shorten_value(pattern)}")
-        meant = [part for part in crossed if matches_pattern(pattern, base.name, part.id)]
+        meant = {}
+        for part in crossed:
+            if matches_pattern(pattern, base.name, part.id):
+                meant[part.id] = part
         if not meant:
             names = ", ".join(part.id for part in crossed[:_SHOWN])
             raise PipelineError(
                 f"like must name a block of the base, got {shorten_value(pattern)}; there are "
                 f"{names}"
             )
-        selected |= {part.id: part for part in meant}
+        selected |= meant
     if len(selected) > MOST_TARGETS:
         raise PipelineError(f"like must mean at most {MOST_TARGETS} blocks, got {len(selected)}")
     return list(selected.values())

@@ -50,9 +50,10 @@ class _Set:
     def energies(self) -> Array:
         """Energies without a deviation [J], shape (blocks, 1)."""
         nothing = np.zeros(1)
-        return np.array(
-            [self._compute_energies(block, "friction", nothing) for block in self.blocks]
-        )
+        energies = []
+        for block in self.blocks:
+            energies.append(self._compute_energies(block, "friction", nothing))
+        return np.array(energies)
 
     def change_distances(self, name: str, moved: Sequence[int], deviations: Array) -> Array:
         """Greatest change of a distance [JND] for each deviation [SI] of an input of some blocks.

@@ -188,9 +188,9 @@ def compare_neighbours(
     compared = []
     for index in range(len(blocks) - 1):
         weaker, stronger = blocks[index], blocks[index + 1]
-        both = spreads[index], spreads[index + 1]
-        drawn = compute_distances(both[0].all, both[1].all, difference)
-        made = compute_distances(both[0].making, both[1].making, difference)
+        weaker_spread, stronger_spread = spreads[index], spreads[index + 1]
+        drawn = compute_distances(weaker_spread.all, stronger_spread.all, difference)
+        made = compute_distances(weaker_spread.making, stronger_spread.making, difference)
         low, high = np.quantile(drawn, _TAILS, method="inverted_cdf")
         nominal = 10.0 * math.log10(stronger.energy / weaker.energy) / difference
         compared.append(

@@ -158,14 +158,15 @@ def _explain_miss(
     target: Target, curve: EnergyCurve, sizes: SizeRange, found: tuple[float, ...]
 ) -> MissedTarget:
     """Say why no size that is made gives a target; `found` are sizes that cannot be made [m]."""
-    least, most = (format_quantity(size, "length") for size in (sizes.least, sizes.most))
+    smallest = format_quantity(sizes.least, "length")
+    largest = format_quantity(sizes.most, "length")
     if found:
         wanted = format_quantity(found[0], "length", 3)
         if found[0] < sizes.least:
-            return MissedTarget(
-                target, Obstacle.BELOW_LEAST, f"it takes {wanted}, the least is {least}"
-            )
-        return MissedTarget(target, Obstacle.ABOVE_MOST, f"it takes {wanted}, the most is {most}")
+            detail = f"it takes {wanted}, the least is {smallest}"
+            return MissedTarget(target, Obstacle.BELOW_LEAST, detail)
+        detail = f"it takes {wanted}, the most is {largest}"
+        return MissedTarget(target, Obstacle.ABOVE_MOST, detail)
     tool = curve.point.tool
     pull = math.sqrt(2.0 * tool.stiffness * target.energy / tool.conversion)
     limit = tool.limits.first
@@ -267,7 +268,9 @@ def _shorten(present: float, factor: float, reaches: Callable[[float], bool]) ->
     """Write the value at a factor with few digits, away from the present one, if that reaches."""
     value = present * factor
     unit = 10.0 ** (math.floor(math.log10(value)) - _DIGITS + 1)
-    multiple = math.ceil(value / unit) if factor > 1.0 else math.floor(value / unit)
+    multiple = math.floor(value / unit)
+    if factor > 1.0:
+        multiple = math.ceil(value / unit)
     short = float(f"{multiple * unit:.{_DIGITS}g}")
     if reaches(short / present):
         return short

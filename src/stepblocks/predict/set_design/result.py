@@ -186,7 +186,8 @@ _UNITS = {"friction": ("", 1.0), "normal_load": ("N", 1.0)}
 def _tabulate_allowance(allowance: Allowance) -> Row:
     """Put an allowance into a row, with its unit beside it."""
     unit, factor = _UNITS.get(allowance.name, ("um", 1e6))
-    down, up = (_format_deviation(factor * side) for side in (allowance.down, allowance.up))
+    down = _format_deviation(factor * allowance.down)
+    up = _format_deviation(factor * allowance.up)
     return {"input": allowance.name.replace("_", " "), "down": down, "up": up, "unit": unit}
 
 
@@ -209,7 +210,9 @@ def _tabulate_miss(miss: MissedTarget) -> Row:
 def _list_labels(design: SetDesign) -> list[str]:
     """Name the rows of the picture: blocks, then targets that are missed."""
     labels = [block.id for block in design.blocks]
-    return [*labels, *(f"{miss.target.wanted}: {miss.obstacle}" for miss in design.missed)]
+    for miss in design.missed:
+        labels.append(f"{miss.target.wanted}: {miss.obstacle}")
+    return labels
 
 
 def _draw_blocks(axis: Axes, blocks: tuple[DesignedBlock, ...]) -> None:

@@ -116,7 +116,7 @@ class SizedBlock:
 
     def make_part(self, size: float, identity: str = "sought") -> Part:
         """Make the block at a size [m], or raise what is wrong with it."""
-        fields = {name: getattr(self.example, name) for name in type(self.example).model_fields}
+        fields = _read_fields(self.example)
         fields["id"] = identity
         fields[self.field] = replace(fields[self.field], nominal=size)
         return type(self.example)(**fields)
@@ -196,8 +196,13 @@ def _collect_fields(sought: _Sought, base: StimulusSet | None) -> dict[str, obje
         return {}
     for part in base.stimuli:
         if type(part) is sought.kind:
-            return {name: getattr(part, name) for name in sought.kind.model_fields}
+            return _read_fields(part)
     return {}
+
+
+def _read_fields(part: Part) -> dict[str, Any]:
+    """Return the declared fields of a part by their names."""
+    return {name: getattr(part, name) for name in type(part).model_fields}
 
 
 def find_size_range(block: SizedBlock, route: MakingRoute) -> SizeRange:
@@ -208,35 +213,35 @@ def find_size_range(block: SizedBlock, route: MakingRoute) -> SizeRange:
     PipelineError
         If there is none.
     """
-    least, most = _find_declarable_range(block)
+    smallest, largest = _find_declarable_range(block)
     assert isinstance(route.step, float)
     step = route.step
     if isinstance(route.least, float):
-        least = max(least, route.least)
+        smallest = max(smallest, route.least)
     if isinstance(route.most, float):
-        most = min(most, route.most)
-    least = math.ceil(least / step - _ROUNDING) * step
-    most = math.floor(most / step + _ROUNDING) * step
-    if least > most:
+        largest = min(largest, route.most)
+    smallest = math.ceil(smallest / step - _ROUNDING) * step
+    largest = math.floor(largest / step + _ROUNDING) * step
+    if smallest > largest:
         raise PipelineError(
             f"a route must make at least one size, got none between "
-            f"{format_quantity(least, 'length')} and {format_quantity(most, 'length')} by steps of "
-            f"{format_quantity(step, 'length')}"
+            f"{format_quantity(smallest, 'length')} and {format_quantity(largest, 'length')} by "
+            f"steps of {format_quantity(step, 'length')}"
         )
-    return SizeRange(least, most, step)
+    return SizeRange(smallest, largest, step)
 
 
 def _find_declarable_range(block: SizedBlock) -> tuple[float, float]:
     """Find the smallest and the largest size [m] at which a block can be declared."""
-    declarable = [size for size in _TRIED.tolist() if _is_declarable(block, size)]
-    least, most = declarable[0], declarable[-1]
-    below = [size for size in _TRIED.tolist() if size < least]
-    above = [size for size in _TRIED.tolist() if size > most]
-    if below:
-        least = _refine(block, below[-1], least)
-    if above:
-        most = _refine(block, above[0], most)
-    return least, most
+    tried = _TRIED.tolist()
+    declarable = [size for size in tried if _is_declarable(block, size)]
+    smallest, largest = declarable[0], declarable[-1]
+    first, last = tried.index(smallest), tried.index(largest)
+    if first > 0:
+        smallest = _refine(block, tried[first - 1], smallest)
+    if last + 1 < len(tried):
+        largest = _refine(block, tried[last + 1], largest)
+    return smallest, largest
 
 
 def _refine(block: SizedBlock, refused: float, taken: float) -> float:

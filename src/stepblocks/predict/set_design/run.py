@@ -289,20 +289,26 @@ def _build_set_design(
     difference: float,
 ) -> SetDesign:
     """Make the set of the blocks that were found, and say what they give."""
-    placements = [placed for placed in found if isinstance(placed, Placement)]
-    missed = [placed for placed in found if isinstance(placed, MissedTarget)]
+    placements: list[Placement] = []
+    missed: list[MissedTarget] = []
+    for answer in found:
+        if isinstance(answer, Placement):
+            placements.append(answer)
+        else:
+            missed.append(answer)
     if not placements:
         raise PipelineError(f"no target can be reached; {missed[0].describe()}")
-    parts = [block.make_part(placed.made_size, _name_block(block, placed)) for placed in placements]
+    parts, felt = [], []
+    for placed in placements:
+        part = block.make_part(placed.made_size, _name_block(block, placed))
+        energy = curve.compute_energy(placed.made_size)
+        parts.append(part)
+        felt.append(Felt(part, part.counterface(), energy))
     stimuli = conditions.with_parts(parts)
-    felt = []
-    for part, placed in zip(parts, placements, strict=True):
-        face = part.counterface()
-        felt.append(Felt(part, face, curve.compute_energy(placed.made_size)))
     spreads = draw_energies(felt, stimuli.prediction, curve.point, curve.backward, curve.model)
     designed = []
-    for placed, one, spread in zip(placements, felt, spreads, strict=True):
-        designed.append(_describe_block(placed, one, spread, curve.point))
+    for placed, felt_block, spread in zip(placements, felt, spreads, strict=True):
+        designed.append(_describe_block(placed, felt_block, spread, curve.point))
     size = block.dimension
     return SetDesign(
         stimuli=stimuli,
@@ -319,7 +325,9 @@ def _build_set_design(
 
 def _name_block(block: SizedBlock, placed: Placement) -> str:
     """Name a block by its kind and size in micrometres, ``step-024p3``."""
-    begin = "step" if block.dimension == "height" else "gap"
+    begin = "gap"
+    if block.dimension == "height":
+        begin = "step"
     whole, _, decimals = f"{placed.made_size * 1e6:.9g}".partition(".")
     name = f"{begin}-{whole.zfill(3)}"
     if decimals:

@@ -129,7 +129,9 @@ def read_targets(
         return _space_targets(spacing, difference, tool)
     if len(listed) > MOST_TARGETS:
         raise PipelineError(f"targets must be at most {MOST_TARGETS}, got {len(listed)}")
-    read = [_read_target(f"target {number}", raw, tool) for number, raw in enumerate(listed, 1)]
+    read = []
+    for number, raw in enumerate(listed, start=1):
+        read.append(_read_target(f"target {number}", raw, tool))
     return tuple(sorted(read, key=lambda target: target.energy))
 
 
@@ -152,7 +154,9 @@ def _read_target(name: str, raw: str | float, tool: Tool) -> Target:
 
 def _match_number(raw: object, pattern: re.Pattern[str]) -> float | None:
     """Read the number of a text of this pattern; None where it is none."""
-    match = pattern.fullmatch(raw) if isinstance(raw, str) and len(raw) < 64 else None
+    if not isinstance(raw, str) or len(raw) >= 64:
+        return None
+    match = pattern.fullmatch(raw)
     if match is None:
         return None
     return float(match[1])

@@ -194,9 +194,10 @@ class _PlanReader:
             dimensions = {"height", "edge_radius", "vertical_discrepancy"}
             taken = set(self.stimuli[0].values) | dimensions
         with collect_mistakes(self.mistakes, "[laws]"):
-            build_laws({kind: _read_section(self.laws, kind) for kind in self.laws})
+            sections = {kind: _read_section(self.laws, kind) for kind in self.laws}
+            build_laws(sections)
         # a law of friction gives the coefficient
-        open_names = [name for name in names if name not in taken and name not in self.laws]
+        open_names = [name for name in names if name not in {*taken, *self.laws}]
         known = [*open_names]
         if self.stimuli:
             known.insert(0, "stimulus")
@@ -224,12 +225,17 @@ class _PlanReader:
         if isinstance(raw, dict):
             self._read_range(name, raw, dimension)
             return
-        listed = raw if isinstance(raw, list) else [raw]
+        listed = [raw]
+        if isinstance(raw, list):
+            listed = raw
         if not 0 < len(listed) <= _MOST_VALUES:
             raise PipelineError(
                 f"{name} must list 1 to {_MOST_VALUES} values, got {len(listed)} [parameters]"
             )
-        self.values[name] = [_read_quantity(name, item, dimension, "parameters") for item in listed]
+        values = []
+        for item in listed:
+            values.append(_read_quantity(name, item, dimension, "parameters"))
+        self.values[name] = values
 
     def _read_range(self, name: str, raw: Section, dimension: str) -> None:
         """Read a range: drawn from in a random design, divided evenly in a grid."""
@@ -282,11 +288,9 @@ class _PlanReader:
         if any(spread < 0.0 for spread in self.spreads.values()):
             self._note("[draws]", "standard uncertainties must not be negative")
         for name in self.spreads:
+            self.shares.pop(name, None)
             if not self._can_be_drawn(name):
                 self._note("[draws]", f"{name} cannot be drawn about a value that is not given")
-        self.shares = {
-            name: share for name, share in self.shares.items() if name not in self.spreads
-        }
 
     def _can_be_drawn(self, name: str) -> bool:
         """Whether a parameter has a value, and one that is a number, to draw about."""
@@ -349,7 +353,8 @@ def read_sweep_stimuli(
 ) -> tuple[str, list[SweepStimulus], PredictionGrid]:
     """Read the stimuli that a sweep goes over: their surface, each of them, and their setting."""
     stimuli = load_set(path)
-    parts = _choose_parts({part.id: part for part in stimuli.stimuli}, identities, path)
+    known = {part.id: part for part in stimuli.stimuli}
+    parts = _choose_parts(known, identities, path)
     surface = _find_common_surface(parts, path)
     tool = stimuli.prediction.as_tool()
     points = [_make_sweep_stimulus(part, surface, with_tolerances, tool) for part in parts]
@@ -393,7 +398,9 @@ def _find_surface(part: Part) -> str:
     if not part.is_felt:
         return part.kind_name
     if not part.crossed:
-        return "sheath" if part.ball is None else "tip"
+        if part.ball is None:
+            return "sheath"
+        return "tip"
     for surface, columns in SURFACES.items():
         if set(part.sizes) <= set(columns):
             return surface
@@ -417,12 +424,14 @@ def _make_sweep_stimulus(
         if with_tolerances:
             values[column] = find_zone_middle(dimension)
             half_widths[column] = find_half_width(dimension)
-    fields = vars(part.counterface())
+    face = dict(vars(part.counterface()))
+    for name in columns:
+        face.pop(name, None)
     tissue = part.tissue(tool)
     return SweepStimulus(
         id=part.id,
         values=values,
         spreads=convert_half_widths(half_widths),
-        face={name: size for name, size in fields.items() if name not in columns},
+        face=face,
         tissue=[tissue.stiffness, tissue.damping * tool.frequency, tissue.friction],
     )

@@ -55,7 +55,8 @@ def compute_table(plan: SweepPlan, rows: range) -> pa.Table:
     if "friction" in laws:
         law = laws["friction"]
         loads = inputs["normal_load"].tolist()
-        inputs["friction"] = np.array([law.coefficient(0.0, load, 0.0, 0.0) for load in loads])
+        coefficients = [law.coefficient(0.0, load, 0.0, 0.0) for load in loads]
+        inputs["friction"] = np.array(coefficients)
     is_backward = inputs.get("direction", np.zeros(len(rows))) > 0.0
     columns = _list_input_columns(plan, rows, inputs, is_backward)
     columns |= _predict_rows(plan, inputs, is_backward, laws)
@@ -64,7 +65,10 @@ def compute_table(plan: SweepPlan, rows: range) -> pa.Table:
     arrays = {}
     for name, column in columns.items():
         is_text = column.dtype.kind in "UO"
-        arrays[name] = _encode_texts(column) if is_text else pa.array(column)
+        if is_text:
+            arrays[name] = _encode_texts(column)
+        else:
+            arrays[name] = pa.array(column)
     return pa.table(arrays)
 
 
@@ -111,9 +115,10 @@ def draw_inputs(plan: SweepPlan, rows: range) -> dict[str, Array]:
         if plan.kind == "random":
             which = (uniform[:, -1] * len(plan.stimuli)).astype(int)
         inputs["stimulus"] = which.astype(np.float64)
-        values = [stimulus.values for stimulus in plan.stimuli]
-        inputs |= _take_stimuli(values, which, math.nan)
-        spreads = _take_stimuli([stimulus.spreads for stimulus in plan.stimuli], which, 0.0)
+        of_values = [stimulus.values for stimulus in plan.stimuli]
+        of_spreads = [stimulus.spreads for stimulus in plan.stimuli]
+        inputs |= _take_stimuli(of_values, which, math.nan)
+        spreads = _take_stimuli(of_spreads, which, 0.0)
     for name, spread in plan.spreads.items():
         spreads[name] = np.full(len(rows), spread)
     for name, share in plan.shares.items():
@@ -164,7 +169,9 @@ def _draw_within_tolerances(
         if name not in inputs:
             continue
         drawn = inputs[name] + spread * ndtri(uniform[:, names.index(name)])
-        inputs[name] = drawn if name in _SIGNED else np.maximum(drawn, 0.0)
+        if name not in _SIGNED:
+            drawn = np.maximum(drawn, 0.0)
+        inputs[name] = drawn
 
 
 def _draw_uniform(seed: int, stream: int, rows: range, columns: int) -> Array:
@@ -286,9 +293,10 @@ def _make_condition(
         limits=Limits(**plan.limits),
         overtones=laws.get("tool", ()),
     )
-    stimulus = plan.stimuli[int(values["stimulus"])] if plan.stimuli else None
+    stimulus = None
     tissue = Tissue()
-    if stimulus is not None:
+    if plan.stimuli:
+        stimulus = plan.stimuli[int(values["stimulus"])]
         stiffness, damping, friction = stimulus.tissue
         tissue = Tissue(stiffness, damping / tool.frequency, friction)
     point = OperatingPoint(
@@ -312,8 +320,10 @@ def _make_counterface(surface: str, sizes: Mapping[str, float]) -> Counterface:
     """Make a step or a margin; the end of a crown is square where no opening is given."""
     if surface == "step":
         return Step(**sizes)
-    kind = ProfiledMargin if "crown_slope" in sizes else Margin
-    return kind(**{"opening": sizes["gap"], **sizes})
+    margin = {"opening": sizes["gap"], **sizes}
+    if "crown_slope" in sizes:
+        return ProfiledMargin(**margin)
+    return Margin(**margin)
 
 
 def _drag_rows(
@@ -348,4 +358,7 @@ def _drag_rows(
             figures["vibration_energy_uj"][row] = ring.energy * 1e6
             figures["conversion"][row] = ring.share
             figures["ring_s"][row] = ring.duration
-    return {"drag_status": status} | {f"drag_{name}": figures[name] for name in _DRAG_FIGURES}
+    dragged: dict[str, Column] = {"drag_status": status}
+    for name, column in figures.items():
+        dragged[f"drag_{name}"] = column
+    return dragged

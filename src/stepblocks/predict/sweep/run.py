@@ -110,7 +110,9 @@ class SweepResult:
         if x is not None and not isinstance(x, str):
             return self.plot(None, y, x)
         if x is None:
-            x = "height_um" if self.plan.surface == "step" else "marginal_gap_um"
+            x = "marginal_gap_um"
+            if self.plan.surface == "step":
+                x = "height_um"
         table = self.read([x, y])
         axes = take_axes(ax)
         axes.plot(table[x], table[y], ".", markersize=3.0)
@@ -274,11 +276,12 @@ def _is_partition_complete(plan: SweepPlan, number: int, store: ResultStore) -> 
 def _format_parquet(table: pa.Table) -> bytes:
     """Write a table as the bytes of its file."""
     stream = io.BytesIO()
+    columns_of_texts = [field.name for field in table.schema if field.type == "string"]
     pq.write_table(
         table,
         stream,
         compression="zstd",
-        use_dictionary=[field.name for field in table.schema if field.type == "string"],
+        use_dictionary=columns_of_texts,
         write_page_checksum=True,
     )
     return stream.getvalue()
