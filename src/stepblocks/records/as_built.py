@@ -291,8 +291,10 @@ def _list_record_files(paths: Sequence[Path]) -> list[tuple[str, Path]]:
         if not path.is_dir():
             files.append(("", path))
             continue
-        files += [("", file) for file in sorted(path.glob(_RECORDS))]
-        files += [(file.parent.name, file) for file in sorted(path.glob(f"*/{_RECORDS}"))]
+        for file in sorted(path.glob(_RECORDS)):
+            files.append(("", file))
+        for file in sorted(path.glob(f"*/{_RECORDS}")):
+            files.append((file.parent.name, file))
     return files
 
 

@@ -5,7 +5,6 @@ certificate is a draft that says so in each place. It is not signed: the signer'
 XML signature (XMLDSig) to the file.
 """
 
-import dataclasses
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
@@ -135,8 +134,7 @@ class CertificateContent:
 
     def render(self, template: str) -> str:
         """Fill a template of this room."""
-        fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        return render_page("stepblocks.records", template, **fields)
+        return render_page("stepblocks.records", template, **vars(self))
 
 
 def write_certificate(
@@ -252,7 +250,9 @@ def _find_obstacle(entry: JudgedRecord) -> str:
 
 def _format_bound(entry: JudgedRecord) -> str:
     """Write the value of a bound with its expanded uncertainty, limits and verdict."""
-    factor, unit = (_DEGREES, "deg") if entry.unit == "rad" else (1e6, "um")
+    factor, unit = 1e6, "um"
+    if entry.unit == "rad":
+        factor, unit = _DEGREES, "deg"
     low, high = entry.interval_95
     half = 0.5 * (high - low) * factor
     limits = []
@@ -298,11 +298,14 @@ def _certify(number: int, entry: JudgedRecord) -> CertifiedCharacteristic:
             budget.append(CertifiedComponent(part.name, _format_decimal(part.std)))
         if part.assumed:
             assumed.append(f"{part.name} {part.how}")
+    unit = "\\metre"
+    if entry.unit == "rad":
+        unit = "\\radian"
     return CertifiedCharacteristic(
         number=number,
         label=entry.label,
         verdict=entry.verdict,
-        unit="\\radian" if entry.unit == "rad" else "\\metre",
+        unit=unit,
         value=_format_decimal(entry.value),
         expanded=_format_decimal(0.5 * (high - low)),
         nominal=_format_decimal(entry.nominal),
@@ -332,7 +335,9 @@ def _find_conformity(entry: JudgedRecord) -> Conformity:
 def _format_decimal(size: float) -> str:
     """Write a size to a tenth of a pico unit, in the notation that D-SI takes for decimals."""
     text = f"{size:.13f}".rstrip("0").rstrip(".")
-    return "0" if text in ("", "-0") else text
+    if text in ("", "-0"):
+        return "0"
+    return text
 
 
 def write_pdf(path: Path, content: CertificateContent) -> None:
@@ -340,11 +345,13 @@ def write_pdf(path: Path, content: CertificateContent) -> None:
     from matplotlib.backends.backend_pdf import PdfPages
 
     lines = _wrap_lines(unescape(content.render("certificate.txt.j2")).splitlines())
-    rows = [format_row(result) for result in content.results]
-    tables = [rows[first : first + _ROWS] for first in range(0, len(rows), _ROWS)] or [[]]
+    rows = list(map(format_row, content.results))
+    pages = []
+    for first in range(0, max(len(rows), 1), _ROWS):
+        pages.append((lines, rows[first : first + _ROWS]))
     annex = _wrap_lines(_list_annex_lines(content))
-    chapters = [annex[first : first + _LINES] for first in range(0, len(annex), _LINES)]
-    pages = [(lines, table) for table in tables] + [(chapter, []) for chapter in chapters]
+    for first in range(0, len(annex), _LINES):
+        pages.append((annex[first : first + _LINES], []))
     # in memory, since on a full disk the library ends in an error of its compressor
     with BytesIO() as file:
         with PdfPages(file, metadata={"CreationDate": None, "ModDate": None}) as document:
@@ -420,7 +427,9 @@ def format_row(result: CertifiedCharacteristic) -> list[str]:
     The uncertainty has two digits, and the value as many decimals (JCGM 100, 7.2.6).
     """
     factor, unit = _choose_unit(result)
-    ends = {limit.side: f"{float(limit.size) * factor:.7g}" for limit in result.limits}
+    ends = {}
+    for limit in result.limits:
+        ends[limit.side] = f"{float(limit.size) * factor:.7g}"
     limits = f"{ends.get('lower', '')} to {ends.get('upper', '')}".strip()
     half = float(result.expanded) * factor
     exponent = int(f"{half:e}".partition("e")[2])

@@ -21,12 +21,16 @@ _SIZES = (
 
 def _name_in_metres(field: str) -> str:
     """Return the key of a field of a length."""
-    return f"{field}_m" if field in _SIZES else field
+    if field in _SIZES:
+        return f"{field}_m"
+    return field
 
 
 def _name_in_radians(field: str) -> str:
     """Return the key of a field of an angle."""
-    return f"{field}_rad" if field in _SIZES else field
+    if field in _SIZES:
+        return f"{field}_rad"
+    return field
 
 
 _LENGTH = ConfigDict(frozen=True, populate_by_name=True, alias_generator=_name_in_metres)

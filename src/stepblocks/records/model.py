@@ -209,12 +209,15 @@ def _build_model_file(learned: LearnedModel) -> ModelFile:
 
 def _build_fit_part(fitted: LearnedFit) -> FitPart:
     """Turn a fit into its part of the file."""
+    effects = []
+    for law in fitted.laws:
+        effects.append(EffectPart(law.id, law.slot, law.covariate, law.form))
     return FitPart(
         names=list(fitted.values),
         units=fitted.units,
         values=list(fitted.values.values()),
         covariance=fitted.covariance.tolist(),
-        effects=[EffectPart(law.id, law.slot, law.covariate, law.form) for law in fitted.laws],
+        effects=effects,
     )
 
 
@@ -255,7 +258,7 @@ def read_model(path: str | Path) -> LearnedModel:
 def _describe_damage(error: ValidationError) -> str:
     """Say what is wrong with the first value that is."""
     finding = error.errors(include_url=False)[0]
-    place = ".".join(str(step) for step in finding["loc"])
+    place = ".".join(map(str, finding["loc"]))
     if finding["type"] == "missing":
         return f"{place} is missing"
     return f"{place}: {finding['msg']}"
@@ -313,19 +316,23 @@ def _parse_fit(name: str, part: FitPart, laws: Mapping[str, Law], path: Path) ->
     numbers = _parse_numbers(f"values of {name}", part.values, (count,))
     values = dict(zip(part.names, numbers.tolist(), strict=True))
     covariance = _parse_numbers(f"covariance of {name}", part.covariance, (count, count))
-    unknown = [effect.id for effect in part.effects if effect.id not in laws]
+    effects, unknown = [], []
+    for effect in part.effects:
+        if effect.id in laws:
+            effects.append(laws[effect.id])
+        else:
+            unknown.append(effect.id)
     if unknown:
         raise PipelineError(
             f"model has the law {', '.join(unknown)}, which is not known: give its file by --laws, "
             f"or install the package that offers it [{path}]"
         )
-    effects = tuple(laws[effect.id] for effect in part.effects)
     for constant in _list_constants():
         _check_value(name, constant.name, constant, values)
     for law in effects:
         for parameter in law.parameters:
-            _check_value(name, f"{law.id}.{parameter.name}", parameter, values)
-    return LearnedFit(values, tuple(part.units), covariance, effects)
+            _check_value(name, law.name_in_fit(parameter.name), parameter, values)
+    return LearnedFit(values, tuple(part.units), covariance, tuple(effects))
 
 
 def _check_value(part: str, name: str, parameter: Parameter, values: Mapping[str, float]) -> None:
@@ -346,8 +353,8 @@ def _list_constants() -> tuple[Parameter, ...]:
     A single trial adds the height of its block, which comes last and is left out.
     """
     columns = ("height_um", "load_n", "speed_mm_s", "tip_radius_um")
-    ones = {name: np.ones(1) for name in columns}
-    return list_constants(build_bench_design(np.array(["block"]), ones, 1.0))[:-1]
+    trial = dict.fromkeys(columns, np.ones(1))
+    return list_constants(build_bench_design(np.array(["block"]), trial, 1.0))[:-1]
 
 
 def _parse_numbers(name: str, raw: object, shape: tuple[int, ...]) -> Floats:

@@ -92,7 +92,9 @@ def write_qif(
     order = order or OrderSpec()
     characteristics = list(part.characteristics())
     measurements = _list_measurements(characteristics, measured or {})
-    statuses = {_STATUS_BY_VERDICT[verdict] for _, _, verdict in (measured or {}).values()}
+    statuses = set()
+    for _, _, verdict in (measured or {}).values():
+        statuses.add(_STATUS_BY_VERDICT[verdict])
     text = render_page(
         "stepblocks.records",
         "qif.xml.j2",
@@ -133,7 +135,9 @@ def _list_measurements(
 
 def _name_document(part: Part, measured: Values | None) -> uuid.UUID:
     """Return the identity of a document, which follows from its content alone."""
-    kind = "plan" if measured is None else "results"
+    kind = "results"
+    if measured is None:
+        kind = "plan"
     content = repr((part.record(), sorted((measured or {}).items())))
     return uuid.uuid5(_SPACE, f"stepblocks/{part.id}/{kind}/{content}")
 
@@ -177,6 +181,10 @@ def _format_scaled(size: float, characteristic: Characteristic) -> str:
     It has no exponent, which decimals of XML Schema may not have.
     """
     is_angle = characteristic.quantity == "angle"
-    scaled = math.degrees(size) if is_angle else size * 1e3
+    scaled = size * 1e3
+    if is_angle:
+        scaled = math.degrees(size)
     text = f"{scaled:.{_DECIMALS}f}".rstrip("0").rstrip(".")
-    return "0" if text == "-0" else text
+    if text == "-0":
+        return "0"
+    return text

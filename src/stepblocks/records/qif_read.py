@@ -67,9 +67,11 @@ class _Reader:
         """Parse the document and read its units."""
         self.path = path
         self.root = _parse_root(path)
-        self.elements = {
-            element.get("id"): element for element in self.root.iter("{*}*") if element.get("id")
-        }
+        self.elements = {}
+        for element in self.root.iter("{*}*"):
+            identity = element.get("id")
+            if identity:
+                self.elements[identity] = element
         self.units = self._read_units()
 
     def read_results(self) -> list[QifResult]:
@@ -107,7 +109,9 @@ class _Reader:
 
     def _find_factor(self, value: etree._Element, kind: str) -> float:
         """Return how many SI units make the unit of a value."""
-        usual = self.units[_ANGULAR if kind in _ANGULAR_KINDS else _LINEAR]
+        usual = self.units[_LINEAR]
+        if kind in _ANGULAR_KINDS:
+            usual = self.units[_ANGULAR]
         named = value.get("linearUnit") or value.get("angularUnit") or ""
         return self.units.get(named, usual)
 
