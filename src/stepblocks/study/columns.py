@@ -24,10 +24,20 @@ class PairOrder(StrEnum):
     STANDARD_FIRST = "standard-first"
     STANDARD_SECOND = "standard-second"
 
+    @classmethod
+    def list_names(cls) -> list[str]:
+        """List the names of the orders."""
+        return [order.value for order in cls]
+
 
 def name_setting(row: Row) -> str:
     """Return the levels of a trial's declared factors, joined by slashes."""
-    return "/".join(level for name, level in row.items() if name.startswith(FACTOR))
+    return "/".join(row[name] for name in list_factors(row))
+
+
+def list_factors(names: Iterable[str]) -> list[str]:
+    """List the columns of declared factors among some columns."""
+    return [name for name in names if name.startswith(FACTOR)]
 
 
 def list_levels(row: Row) -> set[str]:

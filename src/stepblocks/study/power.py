@@ -343,8 +343,8 @@ class _Question:
         self.check_standard()
         trials = dict(self.trials)
         if not trials:
-            others = [name for name in self.heights if name != self.standard]
-            trials = dict.fromkeys(others, 2 * repetitions)  # in either order
+            trials = dict.fromkeys(self.heights, 2 * repetitions)  # in either order
+            del trials[self.standard]
         plan = plan_comparing(self.heights, self.energies, self.standard, trials, self.observer)
         return plan.compare_intervals(self.measure, self.runs, self.seed)
 
@@ -372,8 +372,10 @@ class _Question:
 
     def assess(self, participants: int, repetitions: int) -> dict[str, object]:
         """Return the power of one size, as a row."""
-        shares = [(name, self.damping.get(name, 1.0)) for name in self.conditions]
-        noise = [self.noise.get(name, 1.0) for name in self.conditions]
+        shares, noise = [], []
+        for name in self.conditions:
+            shares.append((name, self.damping.get(name, 1.0)))
+            noise.append(self.noise.get(name, 1.0))
         study = SimulatedStudy(
             participants=participants,
             repetitions=repetitions,
@@ -391,7 +393,9 @@ class _Question:
         power = estimate_power(
             study, self.analysis, self.runs, self.seed, self.jobs, on=self.cluster
         )
-        analysis = "ordinal" if self.measure == REALISM else self.analysis
+        analysis = self.analysis
+        if self.measure == REALISM:
+            analysis = "ordinal"
         return {
             "measure": self.measure,
             "analysis": analysis,

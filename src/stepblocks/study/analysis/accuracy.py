@@ -31,7 +31,7 @@ from stepblocks.study.analysis.repeated import (
     average_participants,
     compare_participants,
 )
-from stepblocks.study.columns import FACTOR, ORDER
+from stepblocks.study.columns import FACTOR, ORDER, list_factors
 
 BIAS = "bias"
 ANSWER = "absolute error"  # the measure that answers the paper's question
@@ -286,7 +286,7 @@ def assess_declared_factors(data: Table, complete: Table) -> tuple[Term, ...]:
     tuple of Term
         Empty unless at least two factors are crossed and there are three participants.
     """
-    names = [name for name in list_names(data) if name.startswith(FACTOR)]
+    names = list_factors(list_names(data))
     if len(names) < 2 or len(complete) < 3:
         return ()
     most_levels = data.groupby("participant")[names].nunique().max()
@@ -294,7 +294,9 @@ def assess_declared_factors(data: Table, complete: Table) -> tuple[Term, ...]:
     if len(within) < 2:
         return ()
     cells = data.groupby("condition")[within].first().reindex(complete.columns)
-    levels = {name.removeprefix(FACTOR): sorted(cells[name].unique()) for name in within}
+    levels = {}
+    for name in within:
+        levels[name.removeprefix(FACTOR)] = sorted(cells[name].unique())
     if math.prod(map(len, levels.values())) != len(cells):
         return ()
     crossed = cells.sort_values(within).index

@@ -198,7 +198,9 @@ def _fit_factors(data: Table, letters: Sequence[str], interaction: bool) -> Any:
     """Fit a linear model of ``y`` with sum contrasts; return the results of statsmodels."""
     import statsmodels.formula.api as smf
 
-    joined = " * " if interaction else " + "
+    joined = " + "
+    if interaction:
+        joined = " * "
     predictors = joined.join(f"C({letter}, Sum)" for letter in letters)
     fit = smf.ols(f"y ~ {predictors}", data).fit()
     if not (fit.df_resid >= 1 and fit.ssr > _NO_ERROR):
@@ -357,4 +359,8 @@ def find_mean_rows(model: Any, data: Table, levels: Sequence[str]) -> list[Array
     factors = [letter for letter in ("a", "b") if letter in data]
     cells = data.reset_index(drop=True).drop_duplicates(factors)
     exog = np.asarray(model.exog)
-    return [exog[cells.index[cells["a"] == level]].mean(axis=0) for level in levels]
+    rows = []
+    for level in levels:
+        of_level = cells.index[cells["a"] == level]
+        rows.append(exog[of_level].mean(axis=0))
+    return rows

@@ -120,14 +120,18 @@ class Comparisons:
     def leave_out(self, who: str) -> "Comparisons":
         """Return what all others say; what the group of all says is not among it."""
         assert self.model is not None
-        kept = [place for place, member in enumerate(self.people) if member.participant != who]
-        return replace(
-            self,
-            equal=None,
-            spread=None,
-            people=tuple(self.people[place] for place in kept),
-            model=Population(self.model.likelihood[kept], self.model.axes),
-        )
+        kept, people = [], []
+        for place, member in enumerate(self.people):
+            if member.participant != who:
+                kept.append(place)
+                people.append(member)
+        model = Population(self.model.likelihood[kept], self.model.axes)
+        return replace(self, equal=None, spread=None, people=tuple(people), model=model)
+
+    @property
+    def participants(self) -> list[str]:
+        """Names of the people, in their order."""
+        return [member.participant for member in self.people]
 
 
 def fit_setting(setting: str, judgements: Table, standard: float) -> Comparisons:
@@ -229,8 +233,7 @@ def _compare_models(axis: int, first: Comparisons, second: Comparisons) -> Estim
     model, facing = first.model, second.model
     assert model is not None
     assert facing is not None
-    people = [member.participant for member in first.people]
-    facing_people = [member.participant for member in second.people]
+    people, facing_people = first.participants, second.participants
     common = sorted(set(people) & set(facing_people))
     if len(common) < 2 or not np.array_equal(model.axes[axis], facing.axes[axis]):
         return compare_between(model.estimate(axis), facing.estimate(axis))

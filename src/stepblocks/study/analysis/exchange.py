@@ -11,7 +11,7 @@ from stepblocks.errors import StudyError
 from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.study.analysis.foreign import DESCRIPTIONS
 from stepblocks.study.analysis.judgements import STAMPS
-from stepblocks.study.columns import FACTOR, Row, group_by_participant
+from stepblocks.study.columns import Row, group_by_participant, list_factors
 from stepblocks.study.design.plan import Plan, read_plan
 from stepblocks.study.design.read import SheetRow, TrialKey, read_all_answers, read_design
 from stepblocks.study.design.sheet import write_new_files
@@ -226,7 +226,7 @@ def _choose_columns(trial: Row) -> list[str]:
     for name in DESCRIPTIONS:
         if name in trial and (paired or not name.startswith("standard")):
             columns.append(name)
-    columns += [name for name in trial if name.startswith(FACTOR)]
+    columns += list_factors(trial)
     return columns
 
 

@@ -9,7 +9,16 @@ from pathlib import Path
 from stepblocks.errors import StudyError
 from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.study.analysis.judgements import Judgement, Judgements, join_rows
-from stepblocks.study.columns import FACTOR, MICROMETRES, RATINGS, NamedColumns, Row, read_number
+from stepblocks.study.columns import (
+    FACTOR,
+    MICROMETRES,
+    RATINGS,
+    NamedColumns,
+    Row,
+    list_factors,
+    name_setting,
+    read_number,
+)
 from stepblocks.study.design.read import SheetRow, find_sheets, read_rows
 from stepblocks.study.experiments.registry import ALIASES, EXPERIMENTS
 from stepblocks.study.programs.records import AnswerSearch
@@ -112,7 +121,7 @@ def _number_rows(rows: Sequence[SheetRow], experiment: str) -> Iterator[SheetRow
         _check_cells(cells, row.place, experiment)
         cells.setdefault("stimulus", f"step-{read_number(cells['height_um']):03.6g}")
         trials[cells["participant"]] += 1
-        setting = "/".join(cells[name] for name in cells if name.startswith(FACTOR))
+        setting = name_setting(cells)
         cell = (cells["participant"], f"{cells['condition']} {setting}", cells["stimulus"])
         repetitions[cell] += 1
         numbered = {
@@ -137,17 +146,17 @@ def _translate(row: SheetRow, names: NamedColumns) -> SheetRow:
 
 def _read_factors(row: Row, names: NamedColumns) -> dict[str, str]:
     """Read the levels of declared factors: of columns named so, and of those that are mapped."""
-    levels = {name: text for name, text in row.items() if name.startswith(FACTOR)}
+    levels = {name: row[name] for name in list_factors(row)}
     taken = set(names.named.values())
     if PROBE in row and PROBE not in taken:
         levels[FACTOR + PROBE] = row[PROBE]
-    for ours, theirs in names.named.items():
-        if theirs not in row:
+    for name, column in names.named.items():
+        if column not in row:
             continue
-        if ours == PROBE:
-            levels[FACTOR + PROBE] = row[theirs]
-        elif ours.startswith(FACTOR):
-            levels[ours] = row[theirs]
+        if name == PROBE:
+            levels[FACTOR + PROBE] = row[column]
+        elif name.startswith(FACTOR):
+            levels[name] = row[column]
     return levels
 
 
@@ -205,8 +214,7 @@ def _join_condition(row: SheetRow, factors: Sequence[str]) -> SheetRow:
 
 def _list_factors_within(rows: Sequence[SheetRow]) -> list[str]:
     """List the factors of which some participant meets several levels."""
-    factors = [name for name in rows[0].cells if name.startswith(FACTOR)]
-    return [name for name in factors if _varies_within(rows, name)]
+    return [name for name in list_factors(rows[0].cells) if _varies_within(rows, name)]
 
 
 def _varies_within(rows: Sequence[SheetRow], name: str) -> bool:
@@ -227,10 +235,12 @@ def _is_held(rows: Sequence[SheetRow], name: str) -> bool:
 
 def _describe_unused(rows: Sequence[SheetRow], names: NamedColumns) -> Iterator[str]:
     """Name columns that split the judgements and are in no model."""
-    used = {names.name(ours) for ours in DESCRIPTIONS} | set(names.named.values()) | {PROBE}
-    for ours in DESCRIPTIONS:
-        stem = ours.removesuffix("_um")
-        used |= {names.name(f"{stem}_{unit}") for unit in MICROMETRES}
+    used = {PROBE, *names.named.values()}
+    for name in DESCRIPTIONS:
+        used.add(names.name(name))
+        stem = name.removesuffix("_um")
+        for unit in MICROMETRES:
+            used.add(names.name(f"{stem}_{unit}"))
     levels = dict[str, dict[str, int]]()
     for row in rows:
         for name, text in row.cells.items():
@@ -254,7 +264,10 @@ def _check_cells(cells: Row, place: str, experiment: str) -> None:
     """
     answers = EXPERIMENTS[experiment].answers
     needed = ["participant", "condition", "height_um", *answers]
-    lacking = [name for name in ("participant", "condition", "height_um") if not cells.get(name)]
+    lacking = []
+    for name in ("participant", "condition", "height_um"):
+        if not cells.get(name):
+            lacking.append(name)
     lacking += [name for name in answers if name not in cells]
     if lacking:
         raise StudyError(

@@ -108,7 +108,8 @@ def tabulate_exponents(analysis: Analysis) -> Table:
     """Return the exponent of each participant (rows) in each condition (columns)."""
     columns = {}
     for law in analysis.power_laws:
-        columns[law.condition] = {
-            person.participant: person.exponent for person in law.by_participant
-        }
+        exponents = {}
+        for person in law.by_participant:
+            exponents[person.participant] = person.exponent
+        columns[law.condition] = exponents
     return pd.DataFrame(columns)

@@ -1,7 +1,6 @@
 """Judgements of a study: answers put to their trials, checked, as one tidy table."""
 
 import math
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,7 +15,15 @@ from stepblocks.files.tables import Table
 from stepblocks.mistakes import format_mistakes
 from stepblocks.study.analysis.people import describe_unlike_participants
 from stepblocks.study.analysis.results import StudyResult
-from stepblocks.study.columns import FACTOR, ORDER, RATINGS, WHEN, PairOrder, Row, read_number
+from stepblocks.study.columns import (
+    ORDER,
+    RATINGS,
+    WHEN,
+    PairOrder,
+    Row,
+    list_factors,
+    read_number,
+)
 from stepblocks.study.design.read import SheetRow, TrialKey, index_by_trial, read_rows
 from stepblocks.study.design.sheet import blind_row
 from stepblocks.study.experiments.kind import Experiment
@@ -88,8 +95,11 @@ class Judgements:
 
     def _describe_missing(self) -> str:
         """Name the missing judgements."""
-        shown = ", ".join(f"{key.participant}/{key.trial}" for key in self.missing[:_SHOWN])
-        ending = " and more" if len(self.missing) > _SHOWN else ""
+        names = [f"{key.participant}/{key.trial}" for key in self.missing[:_SHOWN]]
+        shown = ", ".join(names)
+        ending = ""
+        if len(self.missing) > _SHOWN:
+            ending = " and more"
         return (
             f"{len(self.missing)} missing judgements (participant/trial {shown}{ending}); the "
             "models are fitted to the others, which is right if they are missing at random."
@@ -268,22 +278,24 @@ def join_rows(
     planned = asked or _index_planned(pairs)
     answered = _read_all_values(kind, pairs, ratings, mistakes)
     left = _find_left_out(planned, answered)
-    stayed = {key: row for key, row in planned.items() if key.participant not in left}
-    missing = tuple(key for key in stayed if key not in answered)
     columns = _choose_columns(planned)
+    missing = list[TrialKey]()
     rows = list[Values]()
-    for key, row in stayed.items():
-        if key in answered:
-            trial = {name: row[name] for name in columns}
-            height = read_number(row["height_um"]) / 1e6
-            rows.append({**trial, "height": height, **answered[key]})
+    for key, row in planned.items():
+        if key.participant in left:
+            continue
+        if key not in answered:
+            missing.append(key)
+            continue
+        trial = {name: row[name] for name in columns}
+        height = read_number(row["height_um"]) / 1e6
+        rows.append({**trial, "height": height, **answered[key]})
     frame = pd.DataFrame(rows)
     if frame.empty:
         raise StudyError("at least one participant must have answered in every condition, got none")
     _refuse_empty_cells(planned, frame)
-    return Judgements(
-        experiment, separate_factors_between_participants(frame), missing, tuple(left)
-    )
+    frame = separate_factors_between_participants(frame)
+    return Judgements(experiment, frame, tuple(missing), tuple(left))
 
 
 def _index_planned(pairs: Sequence[Judgement]) -> dict[TrialKey, Row]:
@@ -338,7 +350,9 @@ def _list_mistakes(mistakes: Sequence[Mistake]) -> str:
     files = list(dict.fromkeys(mistake.row.file for mistake in mistakes))
     placed = []
     for row, text in mistakes:
-        place = f"{row.unit} {row.line}" if len(files) == 1 else row.place
+        place = row.place
+        if len(files) == 1:
+            place = f"{row.unit} {row.line}"
         placed.append((place, text))
     return format_mistakes(placed, ", ".join(files))
 
@@ -352,16 +366,17 @@ def _find_left_out(
     share conditions with the participant met it: a trial that was never run may have an empty row
     or none.
     """
-    answers = Counter((key.participant, planned[key]["condition"]) for key in answered)
     asked = dict[str, set[str]]()
+    met = dict[str, set[str]]()
     for key, row in planned.items():
         asked.setdefault(key.participant, set()).add(row["condition"])
-    expected = _expect_conditions(asked)
-    return [
-        participant
-        for participant, conditions in expected.items()
-        if not all(answers[participant, condition] for condition in conditions)
-    ]
+        if key in answered:
+            met.setdefault(key.participant, set()).add(row["condition"])
+    left = []
+    for participant, conditions in _expect_conditions(asked).items():
+        if not conditions <= met.get(participant, set()):
+            left.append(participant)
+    return left
 
 
 def _expect_conditions(asked: Mapping[str, set[str]]) -> dict[str, set[str]]:
@@ -386,7 +401,9 @@ def _expect_conditions(asked: Mapping[str, set[str]]) -> dict[str, set[str]]:
         complete = [participant for participant in people if asked[participant] == met]
         is_incomplete_design = 2 * len(complete) < len(people)
         for participant in people:
-            expected[participant] = asked[participant] if is_incomplete_design else met
+            expected[participant] = met
+            if is_incomplete_design:
+                expected[participant] = asked[participant]
     return {participant: expected[participant] for participant in asked}
 
 
@@ -394,7 +411,7 @@ def _choose_columns(planned: Mapping[TrialKey, Row]) -> list[str]:
     """Return the columns of planned trials that the tidy table keeps."""
     known = next(iter(planned.values()), {})
     columns = [name for name in (*WHEN, "stimulus", "group") if name in known]
-    columns += [name for name in known if name.startswith(FACTOR)]
+    columns += list_factors(known)
     return columns
 
 
@@ -414,14 +431,14 @@ def separate_factors_between_participants(frame: Table) -> Table:
 
     Where nothing else varies, a group is the condition of its participants.
     """
-    names = [name for name in list_names(frame) if name.startswith(FACTOR)]
+    names = list_factors(list_names(frame))
     by_participant = frame.groupby("participant")
-    most_levels = {name: by_participant[name].nunique().max() for name in names}
     between, dropped = [], []
     for name in names:
-        if most_levels[name] == 1 and frame[name].nunique() > 1:
+        most_levels = by_participant[name].nunique().max()
+        if most_levels == 1 and frame[name].nunique() > 1:
             between.append(name)
-        if most_levels[name] == 1 or frame[name].equals(frame["condition"]):
+        if most_levels == 1 or frame[name].equals(frame["condition"]):
             dropped.append(name)
     if between and "group" not in frame:
         frame = frame.assign(group=frame[between].agg("/".join, axis=1))
@@ -429,6 +446,6 @@ def separate_factors_between_participants(frame: Table) -> Table:
     if "group" not in frame or frame["condition"].nunique() != 1:
         return frame
     # the orders of a pair are no conditions that anybody compares
-    if frame["condition"].iloc[0] in [order.value for order in PairOrder]:
+    if frame["condition"].iloc[0] in PairOrder.list_names():
         return frame
     return frame.assign(condition=frame["group"]).drop(columns="group")

@@ -79,7 +79,9 @@ def _split_table(result: StudyResult) -> Iterator[_PageTable]:
     """Yield the table of a result by measure and analysis, figures as texts."""
     table = result.table()
     for name in FIGURES:
-        digits = _DIGITS_OF_FREEDOM if name.startswith("df") else _DIGITS
+        digits = _DIGITS
+        if name.startswith("df"):
+            digits = _DIGITS_OF_FREEDOM
         table[name] = [_format_figure(value, digits) for value in table[name]]
     for (measure, analysis), rows in table.groupby(["measure", "analysis"], sort=False):
         name = str(analysis)

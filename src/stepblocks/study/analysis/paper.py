@@ -69,7 +69,9 @@ def describe_cells(measure: Measure) -> Iterator[Cell]:
     for cell, values in by_participant.groupby(level=keys):
         names = cell if isinstance(cell, tuple) else (cell,)
         block = str(names[1]) if len(names) > 1 else ""
-        deviation = float(values.std()) if len(values) > 1 else math.nan
+        deviation = math.nan
+        if len(values) > 1:
+            deviation = float(values.std())
         yield Cell(str(names[0]), block, float(values.mean()), deviation, len(values))
 
 
@@ -108,14 +110,18 @@ def _list_log_errors(errors: Sequence[LogError]) -> PaperTable:
 
 def _name_unit(measure: Measure) -> str:
     """Name the unit in which a measure is printed."""
-    return "ln(m)" if measure.is_logarithmic else "µm"
+    if measure.is_logarithmic:
+        return "ln(m)"
+    return "µm"
 
 
 def _format_value(value: float, measure: Measure) -> str:
     """Write a value of a measure [SI] in its unit."""
     if math.isnan(value):
         return ""
-    size = value if measure.is_logarithmic else value * _MICROMETRE
+    size = value
+    if not measure.is_logarithmic:
+        size = value * _MICROMETRE
     return f"{size:.2f}".replace("-", "−")
 
 
@@ -123,7 +129,8 @@ def _tabulate_cells(measure: Measure) -> PaperTable:
     """Lay out M, SD and n of every cell."""
     rows = []
     for cell in describe_cells(measure):
-        mean, deviation = (_format_value(v, measure) for v in (cell.mean, cell.deviation))
+        mean = _format_value(cell.mean, measure)
+        deviation = _format_value(cell.deviation, measure)
         rows.append((cell.condition, cell.block, mean, deviation, str(cell.people)))
     return PaperTable(
         f"Descriptives of the {measure.name} ({_name_unit(measure)})",
@@ -175,11 +182,12 @@ def _write_pair(interval: Interval, measure: Measure) -> tuple[str, ...]:
     t = interval.difference / interval.error
     people = interval.df + 1.0
     low, high = compute_effect_interval(t, people)
-    bounds = ", ".join(_format_value(v, measure) for v in (interval.low, interval.high))
+    lower_bound = _format_value(interval.low, measure)
+    upper_bound = _format_value(interval.high, measure)
     return (
         f"{interval.first} − {interval.second}",
         _format_value(interval.difference, measure),
-        f"[{bounds}]",
+        f"[{lower_bound}, {upper_bound}]",
         f"t({format_df(interval.df)}) = {t:.2f}".replace("-", "−"),
         format_apa_p(interval.p).removeprefix("= "),
         f"{interval.effect_size:.2f}".replace("-", "−"),
@@ -195,7 +203,8 @@ def format_markdown(tables: Sequence[PaperTable]) -> str:
         lines += [f"**Table {number}**", "", f"*{table.title}*", ""]
         lines.append(f"| {' | '.join(table.heads)} |")
         lines.append(f"|{'---|' * len(table.heads)}")
-        lines += [f"| {' | '.join(row)} |" for row in table.rows]
+        for row in table.rows:
+            lines.append(f"| {' | '.join(row)} |")
         lines += ["", f"*Note.* {table.note}", ""]
     return "\n".join(lines)
 
@@ -213,7 +222,7 @@ def format_latex(tables: Sequence[PaperTable]) -> str:
             _write_latex_row(table.heads),
             r"\midrule",
         ]
-        lines += [_write_latex_row(row) for row in table.rows]
+        lines += map(_write_latex_row, table.rows)
         lines += [r"\bottomrule", r"\end{tabular}", "", rf"\textit{{Note.}} {_escape(table.note)}"]
         lines.append(r"\end{table}")
     return "\n".join(lines) + "\n"

@@ -194,8 +194,9 @@ class Population:
 
     def _average_along(self, index: int) -> Array:
         """Return the mean of each participant's likelihood along an axis, shape (participants,)."""
-        summed = tuple(n for n in range(1, self.likelihood.ndim) if n != index + 1)
-        profiles = self.likelihood.sum(axis=summed)
+        summed = list(range(1, self.likelihood.ndim))
+        summed.remove(index + 1)
+        profiles = self.likelihood.sum(axis=tuple(summed))
         return np.asarray(profiles @ self.axes[index] / profiles.sum(axis=1))
 
     def _weigh(self, point: Array, index: int) -> Array:
@@ -357,9 +358,10 @@ def compare_within(first: Array, second: Array, axis: Array) -> Estimate:
     # The mean of a participant's two values is free: it is summed over the whole axis. A lapse rate
     # is the participant's in both conditions: with one for each condition, what that of all takes
     # in one of them from the spread of everybody would count as a difference.
-    likelihood = np.array(
-        [_correlate_lapses(*participant) for participant in zip(first, second, strict=True)]
-    ).swapaxes(1, 2)
+    correlated = []
+    for of_first, of_second in zip(first, second, strict=True):
+        correlated.append(_correlate_lapses(of_first, of_second))
+    likelihood = np.array(correlated).swapaxes(1, 2)
     steps = (axis[1] - axis[0]) * np.arange(1 - len(axis), len(axis))
     scaled = likelihood / likelihood.max(axis=(1, 2), keepdims=True)
     return Population(scaled, (steps, _LAPSES)).estimate(0)

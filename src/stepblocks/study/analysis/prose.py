@@ -1,7 +1,7 @@
 """The headline of a report: its findings in sentences."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 from stepblocks.quantities import format_units
 from stepblocks.study.analysis.accuracy import Measure, assess_equivalence
@@ -37,7 +37,8 @@ def write_headline(result: StudyResult) -> str:
         elif finding.corrected < _LEVEL:
             text = _describe_finding(finding, result.reference)
             sentences.append(f"secondary, corrected for their number, {finding.name}: {text}")
-    return format_units(" ".join(f"{text[0].upper()}{text[1:]}." for text in sentences))
+    begun = [f"{text[0].upper()}{text[1:]}." for text in sentences]
+    return format_units(" ".join(begun))
 
 
 def _describe_finding(finding: Finding, reference: str) -> str:
@@ -93,6 +94,11 @@ def _is_compared(interval: Interval, reference: str) -> bool:
     return not reference or interval.involves(reference)
 
 
+def _list_compared(intervals: Iterable[Interval], reference: str) -> list[Interval]:
+    """List the differences against the reference; without one, all of them."""
+    return [interval for interval in intervals if _is_compared(interval, reference)]
+
+
 def _describe_p(finding: Finding) -> str:
     """Write the corrected probability of a finding."""
     return f"p {format_apa_p(finding.corrected)}"
@@ -100,10 +106,8 @@ def _describe_p(finding: Finding) -> str:
 
 def _describe_measure(measure: Measure, finding: Finding, reference: str) -> str:
     """Describe how conditions differ in a measure, or by how little."""
-    paired = [interval for interval in measure.paired if _is_compared(interval, reference)]
-    modelled = [
-        interval for interval in measure.mixed.intervals if _is_compared(interval, reference)
-    ]
+    paired = _list_compared(measure.paired, reference)
+    modelled = _list_compared(measure.mixed.intervals, reference)
     p = _describe_p(finding)
     if not finding.corrected < _LEVEL:
         return _describe_no_difference(measure, paired, modelled, p)
@@ -135,12 +139,14 @@ def _describe_no_difference(
     text = f"no difference between conditions was found ({p}); they differ by less than {less}"
     if not paired:
         return text
-    factors = [
-        compute_bayes_factor(interval.difference / interval.error, interval.df + 1.0)
-        for interval in paired
-    ]
+    factors = []
+    for interval in paired:
+        t = interval.difference / interval.error
+        factors.append(compute_bayes_factor(t, interval.df + 1.0))
     smallest, largest = f"{min(factors):.2g}", f"{max(factors):.2g}"
-    times = smallest if smallest == largest else f"{smallest} to {largest}"
+    times = smallest
+    if largest != smallest:
+        times = f"{smallest} to {largest}"
     return f"{text}; no difference is {times} times as likely as one"
 
 

@@ -67,8 +67,11 @@ def complete_prior(stated: Mapping[str, object]) -> Prior:
         if name not in known:
             raise StudyError(f"prior must name {', '.join(known)}, got {name!r}")
         number = read_number(str(value))
-        lowest = 1.0 if name.endswith("factor") or name == "trials" else 0.0
-        highest = _MOST_TRIALS if name == "trials" else _LARGEST
+        lowest, highest = 0.0, _LARGEST
+        if name.endswith("factor"):
+            lowest = 1.0
+        elif name == "trials":
+            lowest, highest = 1.0, _MOST_TRIALS
         if not lowest < number < highest:
             raise StudyError(
                 f"{name} of a prior must be between {lowest:g} and {highest:g}, got {value!r:.40}"
@@ -163,8 +166,10 @@ class _Placement:
         standard = float(planned[0]["standard_height_um"])
         self._precision = prior.precision
         self._heights = sorted({row["height_um"] for row in planned}, key=float)
-        levels = tuple(math.log(float(height) / standard) for height in self._heights)
-        self._table = tabulate_prior(levels, prior)
+        levels = []
+        for height in self._heights:
+            levels.append(math.log(float(height) / standard))
+        self._table = tabulate_prior(tuple(levels), prior)
         self._beliefs = {name_setting(row): self._table.probability for row in planned}
         self._counts = dict.fromkeys(self._beliefs, 0)  # answered trials of each setting
 
@@ -204,7 +209,8 @@ class _Placement:
             """Return what is least of the best trial."""
             return row["height_um"] == last_height, expected[row["height_um"]]
 
-        return min((row for row in trials if name_setting(row) == turn), key=rank)
+        in_turn = [row for row in trials if name_setting(row) == turn]
+        return min(in_turn, key=rank)
 
 
 def order_trials(planned: Sequence[Row], answers: Sequence[Row], prior: Prior) -> list[Row]:
@@ -236,7 +242,9 @@ def order_trials(planned: Sequence[Row], answers: Sequence[Row], prior: Prior) -
     limit = int(prior.trials) * placement.setting_count
     if len(done) >= limit or placement.is_precise():
         return done
-    last_height = done[-1]["height_um"] if done else ""
+    last_height = ""
+    if done:
+        last_height = done[-1]["height_um"]
     best = placement.choose(list(left.values()), last_height)
-    unused = [row for row in left.values() if row is not best]
-    return [*done, best, *unused][:limit]
+    left.pop(best["trial"])
+    return [*done, best, *left.values()][:limit]

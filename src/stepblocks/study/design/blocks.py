@@ -202,12 +202,15 @@ def _make_sharp_blocks(heights: Sequence[float], felt: Mapping[str, float]) -> B
         lengths = np.atleast_1d(read_array(heights, "length")).tolist()
     except (QuantityError, TypeError, ValueError) as error:
         raise PipelineError(f"heights {error}") from error
-    height_of = {f"step-{height * 1e6:03.6g}": height for height in lengths}
-    items = [Item(name, name.upper(), height) for name, height in height_of.items()]
-    faces = {name: Step(height) for name, height in height_of.items()}
+    items = {}
+    faces = {}
+    for height in lengths:
+        name = f"step-{height * 1e6:03.6g}"
+        items[name] = Item(name, name.upper(), height)
+        faces[name] = Step(height)
     # heights alone state no limits, and are asked for what the equations say
     changes: dict[str, Any] = {"tool": replace(PAPER.tool, limits=Limits()), **felt}
-    return Blocks(tuple(items), faces, replace(PAPER, **changes))
+    return Blocks(tuple(items.values()), faces, replace(PAPER, **changes))
 
 
 def _choose_declared_blocks(
@@ -219,10 +222,15 @@ def _choose_declared_blocks(
         if only is None or matches_pattern(only, stimuli.name, block.id):
             blocks.append(block)
     if not blocks:
-        chosen = f" that match {only!r}" if only else ""
+        chosen = ""
+        if only:
+            chosen = f" that match {only!r}"
         raise PipelineError(f"a study needs step blocks; the set {stimuli.name} has none{chosen}")
-    items = [Item(block.id, block.id.upper(), block.height.nominal) for block in blocks]
-    faces = {block.id: block.counterface() for block in blocks}
+    items = []
+    faces = {}
+    for block in blocks:
+        items.append(Item(block.id, block.id.upper(), block.height.nominal))
+        faces[block.id] = block.counterface()
     return Blocks(tuple(items), faces, _choose_point(stimuli, felt))
 
 

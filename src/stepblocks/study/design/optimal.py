@@ -313,10 +313,10 @@ def _find_trials_for_width(expectation: _Expectation, shape: _Shape, width: floa
     for _ in range(_MOST_TURNS):
         best = _find_best(expectation, trials, shape)
         needed = expectation.find_needed_trials(best / best.sum(), width, shape.multiple)
-        most = shape.multiple * (_MOST_TRIALS // shape.multiple)
+        most_trials = shape.multiple * (_MOST_TRIALS // shape.multiple)
         # shares for few trials may tell too little of the lapses for any number of trials
-        if needed is None or needed > most:
-            needed = most
+        if needed is None or needed > most_trials:
+            needed = most_trials
         needed = shape.round_up(needed)
         if needed == trials:
             break
@@ -396,12 +396,12 @@ def _list_candidates(
 
 def _list_made_heights(route: MakingRoute) -> list[float]:
     """Return the whole multiples of the step of a route from its least to its most [m]."""
-    least, most, step = route.least, route.most, route.step
+    lowest, highest, step = route.least, route.most, route.step
     # a route has read its lengths
-    if not (isinstance(least, float) and isinstance(most, float) and isinstance(step, float)):
+    if not (isinstance(lowest, float) and isinstance(highest, float) and isinstance(step, float)):
         raise StudyError("a route must state the least and the most height, got one without")
-    first = math.ceil(least / step - _ROUNDING)
-    last = math.floor(most / step + _ROUNDING)
+    first = math.ceil(lowest / step - _ROUNDING)
+    last = math.floor(highest / step + _ROUNDING)
     number = last - first + 1
     if number > _MOST_CANDIDATES:
         raise StudyError(

@@ -68,14 +68,24 @@ class Plan:
 
 def _check_words(name: str, words: Sequence[str], number: int) -> None:
     """Reject words that a participant cannot read, or another number of them."""
-    readable = [isinstance(text, str) and text.strip() and text.isprintable() for text in words]
-    short = all(len(str(text)) <= _LONGEST_WORDS for text in words)
-    if len(words) != number or len(set(words)) < number or not all(readable) or not short:
-        shown = ", ".join(map(repr, words))
-        raise StudyError(
-            f"{name} must be {number} different text{'s' if number > 1 else ''} of at most "
-            f"{_LONGEST_WORDS} letters, got {shown:.120}"
-        )
+    are_different = len(words) == number and len(set(words)) == number
+    if are_different and all(map(_is_readable, words)):
+        return
+    texts = "text"
+    if number > 1:
+        texts = "texts"
+    shown = ", ".join(map(repr, words))
+    raise StudyError(
+        f"{name} must be {number} different {texts} of at most {_LONGEST_WORDS} letters, got "
+        f"{shown:.120}"
+    )
+
+
+def _is_readable(text: object) -> bool:
+    """Return whether a participant can read a text, which is not too long."""
+    if not isinstance(text, str) or len(text) > _LONGEST_WORDS:
+        return False
+    return bool(text.strip()) and text.isprintable()
 
 
 def read_plan(folder: Path) -> Plan:

@@ -121,11 +121,11 @@ def read_answers(
     """
     named = NamedColumns(columns)
     search = AnswerSearch(EXPERIMENTS[experiment].answers, named)
-    ours = list_answer_columns(experiment)
-    wanted = [named.name(name) for name in ours]
+    columns_of_answers = list_answer_columns(experiment)
+    wanted = [named.name(name) for name in columns_of_answers]
     names = [named.name(name) for name in _NAMES]
     rows = read_rows(path, wanted, empty=True, names=names, search=search, layout=layout)
-    return [_translate_row(row, ours, named) for row in rows]
+    return [_translate_row(row, columns_of_answers, named) for row in rows]
 
 
 def _translate_row(row: SheetRow, ours: Sequence[str], named: NamedColumns) -> SheetRow:
@@ -243,13 +243,24 @@ def read_rows(
         if name not in names:
             cells = _clean_cells(table, number)
         cleaned[name] = cells
-    file = f"{path}, {table.sheet}" if table.sheet else str(path)
-    unit = "record" if is_json(path) else "line"
+    file = str(path)
+    if table.sheet:
+        file = f"{path}, {table.sheet}"
+    unit = "line"
+    if is_json(path):
+        unit = "record"
     rows = []
     for row, line in enumerate(table.places):
         cells_of_row = {name: cells[row] for name, cells in cleaned.items()}
         rows.append(SheetRow(cells_of_row, file, line, unit))
     return rows
+
+
+def _empty_if_missing(cell: str) -> str:
+    """Return a cell, empty where it says that a value is missing."""
+    if cell in _MISSING:
+        return ""
+    return cell
 
 
 def _clean_cells(table: TextTable, column: int) -> list[str]:
@@ -259,7 +270,7 @@ def _clean_cells(table: TextTable, column: int) -> list[str]:
     """
     cells = table.get_cells(column)
     if not table.holds_numbers(column):
-        return ["" if cell in _MISSING else cell for cell in cells]
+        return list(map(_empty_if_missing, cells))
     found = table.read_sound_numbers(column, StudyError)
     found = replace(found, words=())  # the notes of a study count the missing answers
     warn_of_notes(filter(None, [found.describe(table.names[column])]), table.file)

@@ -118,13 +118,14 @@ class Comparing:
         reach = Z975 * self.expect_errors(curve)[Target(measure)]
         if measure == Target.THRESHOLD:
             value, name, unit = 1e6 * math.exp(curve.middle), "threshold", "um"
-            simulated = [1e6 * math.exp(end) for end in (low[0], high[0])]
+            simulated = [1e6 * math.exp(low[0]), 1e6 * math.exp(high[0])]
             expected = [value * math.exp(-reach), value * math.exp(reach)]
         else:
             value, name, unit = compute_weber(curve.log_spread), "jnd", "ratio"
-            simulated = [compute_weber(end) for end in (low[1], high[1])]
-            log_ratio = math.log1p(value)
-            expected = [math.expm1(log_ratio * math.exp(sign * reach)) for sign in (-1.0, 1.0)]
+            simulated = [compute_weber(low[1]), compute_weber(high[1])]
+            lowest = math.log1p(value) * math.exp(-reach)
+            highest = math.log1p(value) * math.exp(reach)
+            expected = [math.expm1(lowest), math.expm1(highest)]
         return {
             "measure": measure,
             "judgements": int(self.trials.sum()),

@@ -93,7 +93,9 @@ class Staircase:
         """Take an answer to the next pair, and return whether it was right."""
         right = is_right(trial.row, answer)
         setting = name_setting(trial.row)
-        step = _HARDER if right else -_EASIER
+        step = -_EASIER
+        if right:
+            step = _HARDER
         self._rungs[setting] = min(max(self._rungs[setting] + step, 0), self.level_count - 1)
         self._counts[setting] += 1
         return right

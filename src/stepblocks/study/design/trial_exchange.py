@@ -80,9 +80,9 @@ class Criterion:
         gain = growth - np.log1p(added * _compute_forms(beside, slopes[..., self.nuisances]))
         if self.spread is not None:
             beside_spread = self._list_places_beside((self.spread,))
-            others = _select(information, beside_spread)
+            of_spread = _select(information, beside_spread)
             log_variance = _compute_log_variance(information, beside_spread)[:, np.newaxis]
-            forms = _compute_forms(others, slopes[..., beside_spread])
+            forms = _compute_forms(of_spread, slopes[..., beside_spread])
             less = log_variance - growth + np.log1p(added * forms)
             gain += np.log1p(_SECOND_ORDER * np.exp(log_variance))
             gain -= np.log1p(_SECOND_ORDER * np.exp(less))
@@ -163,7 +163,9 @@ def merge_heights(criterion: Criterion, units: Array, unit: int, fewest: int) ->
     merged = units
     while np.count_nonzero(merged) > fewest:
         shorter = _list_merged(merged)
-        losses = [round(criterion.assess(unit * shares), 9) for shares in shorter]
+        losses = []
+        for shares in shorter:
+            losses.append(round(criterion.assess(unit * shares), 9))
         best = int(np.argmin(losses))
         if losses[best] > limit:
             break

@@ -2,7 +2,8 @@
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -114,7 +115,7 @@ class _Plan:
     def list_conditions(self, setting: int) -> list[str]:
         """Return the conditions of a setting: of pairs, which block is given first."""
         if self.standards:
-            return [order.value for order in PairOrder]
+            return PairOrder.list_names()
         return ["/".join(self.settings[setting])]
 
 
@@ -171,16 +172,22 @@ def design_trials(
     """
     _check_names(items, factors, between, standard)
     within = [name for name in factors if name not in between]
-    settings = list(itertools.product(*(factors[name] for name in within)))
-    groups = list(itertools.product(*(factors[name] for name in between)))
-    pair_orders = len(PairOrder) if standard else 1
+    settings = _cross_levels(factors, within)
+    groups = _cross_levels(factors, between)
+    pair_orders = 1
+    if standard:
+        pair_orders = len(PairOrder)
     trials_of_each = len(settings) * len(items) * repetitions * pair_orders
     _check_size(participants, repetitions, seed, len(groups), trials_of_each)
     generator = np.random.default_rng(seed)
     group = generator.permutation(participants) % len(groups)
     orders = _order_settings(group, len(groups), len(settings), generator)
-    judged = [item for item in items if item.identity != standard]
-    standards = [item for item in items if item.identity == standard]
+    judged, standards = [], []
+    for item in items:
+        if item.identity == standard:
+            standards.append(item)
+        else:
+            judged.append(item)
     plan = _Plan(
         experiment,
         judged,
@@ -201,6 +208,12 @@ def design_trials(
         trials += _list_trials(plan, str(person + 1), codes, orders[person], levels, generator)
     balance = replace(measure_balance(orders), interleaved=interleaved, groups=len(groups))
     return Design(experiment, trials, blocks, balance)
+
+
+def _cross_levels(factors: Factors, names: Iterable[str]) -> list[tuple[str, ...]]:
+    """Return all combinations of the levels of some factors."""
+    levels = [factors[name] for name in names]
+    return list(itertools.product(*levels))
 
 
 def _check_names(
@@ -225,12 +238,14 @@ def _check_names(
 
 def _check_levels(name: str, levels: Sequence[str]) -> None:
     """Reject a factor, or the blocks, whose names cannot stand in a design."""
-    label = "conditions" if name == "probe" else name
+    label = name
+    if name == "probe":
+        label = "conditions"
     if not levels:
         raise StudyError(f"{label} must be at least one, got none")
-    repeated = sorted(level for level in set(levels) if list(levels).count(level) > 1)
-    if repeated:
-        raise StudyError(f"{label} must differ from each other, got {repeated[0]!r} twice")
+    for level, count in sorted(Counter(levels).items()):
+        if count > 1:
+            raise StudyError(f"{label} must differ from each other, got {level!r} twice")
     for level in levels:
         if not level or level.strip() != level or "/" in level:
             raise StudyError(
@@ -368,10 +383,20 @@ def _shuffle(cells: Sequence[_Cell], last: str, generator: np.random.Generator) 
 
     `last` is the code of the block before the set.
     """
-    several = len({cell.code for cell in cells}) > 1
-    for _ in range(_SHUFFLES if several else 1):
+    attempts = 1
+    if len({cell.code for cell in cells}) > 1:
+        attempts = _SHUFFLES
+    for _ in range(attempts):
         shuffled = [cells[index] for index in generator.permutation(len(cells))]
-        codes = [last, *(cell.code for cell in shuffled)]
-        if all(code != following for code, following in itertools.pairwise(codes)):
+        if not _has_repetition(shuffled, last):
             break
     return shuffled
+
+
+def _has_repetition(cells: Sequence[_Cell], last: str) -> bool:
+    """Return whether a block follows itself; `last` is the code of the block before the first."""
+    for cell in cells:
+        if cell.code == last:
+            return True
+        last = cell.code
+    return False

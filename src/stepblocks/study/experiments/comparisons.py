@@ -24,7 +24,7 @@ from stepblocks.study.experiments.kind import Experiment, Texts
 
 def read_comparison(planned: Row, answer: Row, ratings: tuple[int, int]) -> dict[str, float]:
     """Read whether a block was called higher than the standard (0 or 1), and its height [m]."""
-    orders = [order.value for order in PairOrder]
+    orders = PairOrder.list_names()
     if planned["condition"] not in orders:
         raise StudyError(
             f"condition must be one of {', '.join(orders)}, got {planned['condition']!r}"
@@ -49,7 +49,9 @@ def _simulate_comparisons(
     for energy, standard, order in pairs:
         higher = simulate_comparison(energy, standard, observer, generator)
         second_is_higher = higher == (order == PairOrder.STANDARD_FIRST)
-        text = "y" if second_is_higher else "n"
+        text = "n"
+        if second_is_higher:
+            text = "y"
         texts.append((text,))
     return texts
 
@@ -71,8 +73,8 @@ def _analyse_comparisons(frame: Table, margin: float) -> Analysis:
     """
     standards = sorted(frame["standard"].unique())
     if len(standards) != 1:
-        heights = ", ".join(f"{height * 1e6:g} um" for height in standards)
-        raise StudyError(f"pairs of one study must have one standard, got {heights}")
+        heights = [f"{height * 1e6:g} um" for height in standards]
+        raise StudyError(f"pairs of one study must have one standard, got {', '.join(heights)}")
     settings = []
     for name, judgements in frame.groupby(name_settings(frame)):
         settings.append(fit_setting(str(name), judgements, float(standards[0])))
@@ -93,7 +95,9 @@ def _analyse_comparisons(frame: Table, margin: float) -> Analysis:
 def _describe_constant(settings: Sequence[Comparisons]) -> Iterator[str]:
     """Name participants who always gave the same answer, and say that no mean has them."""
     for setting in settings:
-        where = f" with {setting.setting}" if setting.setting else ""
+        where = ""
+        if setting.setting:
+            where = f" with {setting.setting}"
         for name in setting.constant:
             yield (
                 f"Participant {name} always gave the same answer{where}, which says nothing of a "
