@@ -137,7 +137,9 @@ def measure_dots(
     kept = _select_asked_dots(kept, options.edges)
     notes = [counted]
     name = key.replace("_", " ")
-    found = [Estimate(float(depths.depths[i]), float(depths.stds[i]), depths.dof) for i in kept]
+    found = []
+    for depth, std in zip(depths.depths[kept].tolist(), depths.stds[kept].tolist(), strict=True):
+        found.append(Estimate(depth, std, depths.dof))
     changes = depths.list_changes(kept)
     average_noise = float(np.sqrt(np.mean(depths.stds[kept] ** 2) / len(kept)))
     average_form = _bound_form(changes.mean(axis=1), average_noise)

@@ -248,8 +248,10 @@ def _compute_likelihood_gain(t: Array, z: Array, fit: Fit, terms: int, together:
     `together` that of the points that are not independent.
     """
     kept = fit.used
-    cosines = [np.cos(0.5 * np.pi * k * (t + 1.0)) for k in range(terms)]
-    smooth = np.stack([t, *cosines])
+    curves = [t]
+    for k in range(terms):
+        curves.append(np.cos(0.5 * np.pi * k * (t + 1.0)))
+    smooth = np.stack(curves)
     solution = np.linalg.lstsq(smooth[:, kept].T, z[kept], rcond=None)[0]
     beside_smooth = z - solution @ smooth
     floor = LEAST_SCATTER**2 * kept.sum()

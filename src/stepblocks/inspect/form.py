@@ -349,7 +349,9 @@ def _list_powers(degree_x: int, degree_y: int) -> list[_Powers]:
 def _evaluate_terms(x: Array, y: Array, powers: list[_Powers]) -> Array:
     """Return products of Legendre's polynomials at positions from -1 to 1, one row a term [1]."""
     basis = np.polynomial.Legendre.basis
-    terms = [np.asarray(basis(term.x)(x) * basis(term.y)(y)) for term in powers]
+    terms = []
+    for term in powers:
+        terms.append(np.asarray(basis(term.x)(x) * basis(term.y)(y)))
     return np.stack(terms)
 
 
@@ -374,12 +376,13 @@ def estimate_zone(width: Callable[..., float], *faces: FaceForm) -> Estimate:
     # second growth is the first times the root of two; where several do, it grows with a higher
     # power, and the power follows from the two. Either way it is followed back to no noise.
     random = np.random.default_rng(1101)
-    draws = list(zip(*(face.draws(random) for face in faces), strict=True))
-    once, twice = (
-        np.array([_compute_drawn_zone(width, faces, draw, scale) for draw in draws])
-        for scale in _SCALES
-    )
-    zone = float(width(*(face.compute_points() for face in faces)))
+    draws_of_faces = [face.draws(random) for face in faces]
+    draws = list(zip(*draws_of_faces, strict=True))
+    scale_once, scale_twice = _SCALES
+    once = _compute_drawn_zones(width, faces, draws, scale_once)
+    twice = _compute_drawn_zones(width, faces, draws, scale_twice)
+    points = [face.compute_points() for face in faces]
+    zone = float(width(*points))
     first_growth = float(once.mean()) - zone
     second_growth = float(twice.mean() - once.mean())
     ratio = np.sqrt(2.0)
@@ -391,12 +394,20 @@ def estimate_zone(width: Callable[..., float], *faces: FaceForm) -> Estimate:
     return Estimate(zone - growth, std, min(face.dof for face in faces))
 
 
-def _compute_drawn_zone(
+def _compute_drawn_zones(
     width: Callable[..., float],
     faces: tuple[FaceForm, ...],
-    draw: tuple[Array, ...],
+    draws: list[tuple[Array, ...]],
     scale: float,
-) -> float:
-    """Return the zone of faces with a draw of noise, times `scale`, on their coefficients [m]."""
-    shapes = [face.compute_points(scale * noise) for face, noise in zip(faces, draw, strict=True)]
-    return width(*shapes)
+) -> Array:
+    """Return the zone of faces [m] for each draw of noise on their coefficients, times `scale`.
+
+    The shape is (draws,).
+    """
+    zones = []
+    for draw in draws:
+        shapes = []
+        for face, noise in zip(faces, draw, strict=True):
+            shapes.append(face.compute_points(scale * noise))
+        zones.append(width(*shapes))
+    return np.array(zones)

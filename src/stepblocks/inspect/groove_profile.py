@@ -147,10 +147,11 @@ def measure_profile(
     extent = _measure_extent(x, z)
     features = []
     for index in chosen:
-        changes = tuple(
-            float(heights[index]) - levels.features[index].height.value for heights in other_heights
-        )
-        measured = _measure_feature(x, z, levels, levels.features[index], changes, options)
+        feature = levels.features[index]
+        changes = []
+        for heights in other_heights:
+            changes.append(float(heights[index]) - feature.height.value)
+        measured = _measure_feature(x, z, levels, feature, tuple(changes), options)
         height = abs(measured.feature.height.value)
         if height > (1.0 + _LEVEL) * extent:
             raise MetrologyError(

@@ -155,7 +155,10 @@ def _measure_by_rows(scan: ScannedProfile | HeightMap, asked: _Asked) -> Evaluat
     measurements = _unwrap_profiles(evaluate_each(measure, crossings.evaluated, most_refused))
     kind = _find_usual_kind(measurements.results)
     alike = _select_usual_features(measurements.evaluated, kind)
-    crossing_others = sum(len(profile.features) > kind.features for profile in measurements.results)
+    crossing_others = 0
+    for profile in measurements.results:
+        if len(profile.features) > kind.features:
+            crossing_others += 1
     if crossing_others:
         notes.append(
             NoteKind.OTHER_FEATURES_CROSSED.describe(

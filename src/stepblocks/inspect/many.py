@@ -89,8 +89,12 @@ class ManyScans:
 
         Limits are not rounded, values to five digits, uncertainties to three.
         """
-        shown = {name: format_rows(table) for name, table in self.tables.items()}
-        return {name: rows for name, rows in shown.items() if rows}
+        shown: dict[str, Sequence[Mapping[str, object]]] = {}
+        for name, table in self.tables.items():
+            rows = format_rows(table)
+            if rows:
+                shown[name] = rows
+        return shown
 
     def __repr__(self) -> str:
         return f"ManyScans({len(self.reports)} blocks: {self.verdict.value})"
@@ -103,7 +107,9 @@ class ManyScans:
         }
         for name, table in self.tables.items():
             record[name] = json.loads(table.to_json(orient="records", double_precision=15))
-        reports = {serial: report.as_record() for serial, report in self.reports.items()}
+        reports = {}
+        for serial, report in self.reports.items():
+            reports[serial] = report.as_record()
         return record | {"reports": reports}
 
 

@@ -26,9 +26,11 @@ def is_periodic(z: Array) -> bool:
     """
     known = np.isfinite(z)
     level = np.where(known, level_map(z, known, 2), 0.0)
-    tapers = [np.hanning(size + 2)[1:-1] for size in z.shape]
+    tapers, frequencies = [], []
+    for size in z.shape:
+        tapers.append(np.hanning(size + 2)[1:-1])
+        frequencies.append(np.fft.fftfreq(size) * size)
     power = np.abs(np.fft.fft2(level * np.outer(*tapers))) ** 2
-    frequencies = [np.fft.fftfreq(size) * size for size in z.shape]
     periods = np.hypot(*np.meshgrid(*frequencies, indexing="ij"))
     strongest = np.unravel_index(int(np.argmax(power)), z.shape)
     to_corner = [_NEAR_WAVE - index for index in strongest]
@@ -44,7 +46,8 @@ def level_map(z: Array, reference: Mask, degree: int) -> Array:
 
     All arrays have the shape (ny, nx); heights in m.
     """
-    x, y = np.meshgrid(*(np.linspace(-1.0, 1.0, size) for size in z.shape[::-1]))
+    rows, columns = z.shape
+    x, y = np.meshgrid(np.linspace(-1.0, 1.0, columns), np.linspace(-1.0, 1.0, rows))
     terms = []
     for power_x in range(degree + 1):
         for power_y in range(degree + 1 - power_x):

@@ -71,9 +71,12 @@ def compute_change(refits: Sequence[Refit], allowed: float) -> float:
     if not refits:
         return 0.0
     # a fit through fewer of the same points differs by what its variance has grown
-    growths = [max(refit.fewer.std**2 - refit.all_points.std**2, 0.0) for refit in refits]
+    growths, changes = [], []
+    for refit in refits:
+        growths.append(max(refit.fewer.std**2 - refit.all_points.std**2, 0.0))
+        changes.append(refit.fewer.value - refit.all_points.value)
     noise = sum(growths) / len(refits) ** 2
-    change = float(np.mean([refit.fewer.value - refit.all_points.value for refit in refits]))
+    change = float(np.mean(changes))
     return float(np.sqrt(max(change**2 - allowed**2 * noise, 0.0) / 3.0))
 
 

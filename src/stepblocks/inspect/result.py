@@ -230,7 +230,14 @@ def _align_columns(rows: list[Row]) -> list[str]:
     columns = []
     for key in rows[0]:
         cells = [format_column_label(key)]
-        cells += ["-" if row[key] is None else str(row[key]) for row in rows]
-        width = max(len(cell) for cell in cells)
+        for row in rows:
+            cell = "-"
+            if row[key] is not None:
+                cell = str(row[key])
+            cells.append(cell)
+        width = max(map(len, cells))
         columns.append([cell.ljust(width) for cell in cells])
-    return ["  ".join(line).rstrip() for line in zip(*columns, strict=True)]
+    lines = []
+    for cells_of_line in zip(*columns, strict=True):
+        lines.append("  ".join(cells_of_line).rstrip())
+    return lines

@@ -144,7 +144,9 @@ def _thin_scan(scan: ScannedProfile | HeightMap) -> _Cloud:
     if isinstance(scan, ScannedProfile):
         x = scan.position[np.newaxis, :]
         return _Cloud(x, np.zeros_like(x), scan.height[np.newaxis, :], scan.source)
-    thin_y, thin_x = (max(size // _MOST_ACROSS, 1) for size in scan.height.shape)
+    rows, columns = scan.height.shape
+    thin_y = max(rows // _MOST_ACROSS, 1)
+    thin_x = max(columns // _MOST_ACROSS, 1)
     x, y = np.meshgrid(scan.x[::thin_x], scan.y[::thin_y])
     return _Cloud(x, y, scan.height[::thin_y, ::thin_x], scan.source)
 

@@ -106,7 +106,9 @@ def _find_frequency(faces: _Faces, fit: Fit) -> float | None:
         return None
     frequencies = np.fft.rfftfreq(_PADDED * len(residuals), faces.spacing)
     power = np.abs(np.fft.rfft(residuals, _PADDED * len(residuals))) ** 2
-    shorter = min(np.ptp(faces.x[fit.used & side]) for side in (faces.is_upper, ~faces.is_upper))
+    upper_length = np.ptp(faces.x[fit.used & faces.is_upper])
+    lower_length = np.ptp(faces.x[fit.used & ~faces.is_upper])
+    shorter = min(upper_length, lower_length)
     is_sought = frequencies > _LEAST_PERIODS / shorter
     is_sought &= frequencies < 1.0 / (_FINEST * faces.spacing)
     if not is_sought.any():
