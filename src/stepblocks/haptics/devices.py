@@ -213,8 +213,10 @@ class RenderingPlan:
         fields["reasons"] = list(self.reasons)
         record = {}
         for name, value in replace_nan_by_none(fields).items():
-            unit = _UNITS.get(name)
-            record[name if unit is None else f"{name}_{unit}"] = value
+            key = name
+            if name in _UNITS:
+                key = f"{name}_{_UNITS[name]}"
+            record[key] = value
         return record
 
     def __str__(self) -> str:
@@ -300,12 +302,16 @@ def require_renderable(plans: Iterable[RenderingPlan | None]) -> None:
 
 def _replace_if_not_finite(value: float, otherwise: float) -> float:
     """Return a value, or another where it is infinite or not a number."""
-    return value if math.isfinite(value) else otherwise
+    if math.isfinite(value):
+        return value
+    return otherwise
 
 
 def _take_value_or_infinity(figure: Figure | None) -> float:
     """Take the value of a figure; a limit that is not known is none."""
-    return math.inf if figure is None else figure.value
+    if figure is None:
+        return math.inf
+    return figure.value
 
 
 def _find_smallest_force(event: VibrationEvent, point: OperatingPoint) -> float:
@@ -328,8 +334,8 @@ def _choose_scale(device: Device, event: VibrationEvent, point: OperatingPoint) 
     for_spring = stiffness / _take_value_or_infinity(device.stiffness_limit)
     wanted = max(for_positions, for_spring)
     pulled_force = _replace_if_not_finite(event.critical_force, device.peak_force.value)
-    most = 0.5 * _take_value_or_infinity(device.travel) * stiffness / pulled_force
-    fitting = [scale for scale in _SCALES if scale <= most] or [_SCALES[0]]
+    largest = 0.5 * _take_value_or_infinity(device.travel) * stiffness / pulled_force
+    fitting = [scale for scale in _SCALES if scale <= largest] or [_SCALES[0]]
     for scale in fitting:
         if scale >= wanted * (1.0 - _ROUNDING):
             return scale

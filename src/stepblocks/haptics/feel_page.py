@@ -94,7 +94,10 @@ def _describe_stimulus(stimuli: StimulusSet, part: Part, place: str) -> dict[str
     point = choose_operating_point(stimuli, part, {})
     tool = point.tool
     limiter, limit = tool.limits.first
-    steps = (None,) if part.crossed else stimuli.prediction.step_heights
+    steps: Sequence[float | None] = stimuli.prediction.step_heights
+    if part.crossed:
+        steps = (None,)
+    variants = [_describe_outline(part.counterface(step), step) for step in steps]
     return {
         "name": part.id,
         "set": stimuli.name,
@@ -108,7 +111,7 @@ def _describe_stimulus(stimuli: StimulusSet, part: Part, place: str) -> dict[str
         "decay": tool.decay_time,
         "limit": min(limit, _LARGEST_LIMIT),
         "limiter": _LIMITERS[limiter],
-        "variants": [_describe_outline(part.counterface(step), step) for step in steps],
+        "variants": variants,
     }
 
 
@@ -118,8 +121,11 @@ def _describe_outline(face: Counterface, step: float | None) -> dict[str, object
     edges = np.array(face.breakpoints)
     between = np.linspace(edges[0], edges[-1], 30)
     x = np.unique(np.concatenate([[-_WIDE, _WIDE], edges - _BESIDE, edges + _BESIDE, between]))
+    label = ""
+    if step is not None:
+        label = f"{step * 1e6:g} µm"
     return {
-        "label": "" if step is None else f"{step * 1e6:g} µm",
+        "label": label,
         "discs": discs,
         "lines": [(*start, *stop) for start, stop in lines],
         "profile": np.column_stack([x, face.heights(x)]).tolist(),

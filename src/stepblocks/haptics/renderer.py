@@ -99,10 +99,14 @@ class Renderer:
         self.scale = scale
         self.period = 1.0 / rate
         self.stiffness = point.tool.stiffness / scale
-        self.wall = self.stiffness if wall is None else wall
+        self.wall = self.stiffness
+        if wall is not None:
+            self.wall = wall
         self.force: Array = np.zeros(3)
         self._good: Array = np.zeros(3)  # last force that was meant [N]
-        ring_ratio = math.sqrt(point.tool.conversion) if event else 0.0
+        ring_ratio = 0.0
+        if event:
+            ring_ratio = math.sqrt(point.tool.conversion)
         self._settings = np.zeros(1, kernel.SETTING)
         self._settings["stiffness"] = self.stiffness
         self._settings["wall"] = self.wall
@@ -174,7 +178,9 @@ class Renderer:
         approach = _APPROACH * self.scale
         step = direction * float(speed) * self.period
         start = notch - direction * approach
-        ticks = (approach + travel) / abs(step) if step else math.inf
+        ticks = math.inf
+        if step:
+            ticks = (approach + travel) / abs(step)
         if not (load >= 0.0 and 0.0 < ticks <= _MOST_TICKS):
             raise HapticsError(
                 f"a drag must have a load, and 1 to {_MOST_TICKS} ticks, got {load:g} N, and "

@@ -182,7 +182,10 @@ class Servo(threading.Thread):
         row[1:-1] = (*position, *force, *applied, pull, is_felt, self.renderer.events)
         # after the log: a virtual hand moves its own position here, and keeps its load by what is
         # rendered, not by what is left of it
-        self.hand.apply(applied if self.hand.motors else force)
+        if self.hand.motors:
+            self.hand.apply(applied)
+        else:
+            self.hand.apply(force)
         return ""
 
     def _doubt_hand(self, position: Array) -> str:
@@ -226,10 +229,10 @@ class Servo(threading.Thread):
         """Shorten a force to what the hand may bear, and to how fast it may have grown [N]."""
         size = float(np.linalg.norm(force))
         size_before = float(np.linalg.norm(before))
-        most = min(self.limits.force, size_before + self.limits.growth * self._period)
-        if size <= most:
+        limit = min(self.limits.force, size_before + self.limits.growth * self._period)
+        if size <= limit:
             return force.copy()
-        return force * (most / size)
+        return force * (limit / size)
 
     def stop(self) -> None:
         """End the loop and wait for it."""
@@ -247,10 +250,13 @@ class Servo(threading.Thread):
         The lateness is its 99.9 % quantile [s].
         """
         late = self._log[: self.ticks, -1]
+        late_999 = 0.0
+        if self.ticks:
+            late_999 = float(np.quantile(late, 0.999))
         return {
             "ticks": self.ticks,
             "late_ticks": int((late > self.limits.late).sum()),
-            "late_999_s": float(np.quantile(late, 0.999)) if self.ticks else 0.0,
+            "late_999_s": late_999,
         }
 
 
