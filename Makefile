@@ -36,8 +36,8 @@ test: $(VENV)/ready-dev graphics ## the tests of every room and every promise, i
 
 test-all: test test-long ## all tests, and the examples of docstrings
 
-test-long: $(VENV)/ready-dev graphics ## what `make test` leaves out: many seeds, formats, engines; and the examples
-	$(PYTEST) -m long
+test-long: $(VENV)/ready-dev graphics ## what `make test` leaves out: many seeds, formats, engines, examples; and those of docstrings
+	$(PYTEST) -m "long or hypothesis"
 	$(BIN)/python -m pytest --doctest-modules src/stepblocks
 
 check: $(VENV)/ready-dev ## lint, types, and the quick tests of the rooms that the working tree changed

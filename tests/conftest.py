@@ -12,8 +12,8 @@ from hypothesis import settings
 from stepblocks.parts.kind import Part
 
 # the same examples on every machine, however slow it is
-settings.register_profile("same-everywhere", derandomize=True, deadline=None)
-settings.load_profile("same-everywhere")
+settings.register_profile("quick", derandomize=True, deadline=None, max_examples=20)
+settings.register_profile("long", derandomize=True, deadline=None, max_examples=100)
 
 # as the command line does, before numpy is loaded: threads of the linear algebra only wait for each
 # other
@@ -21,6 +21,16 @@ for library in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
     os.environ.setdefault(library, "1")
 
 ROOT = Path(__file__).resolve().parent.parent
+
+
+def pytest_configure(config):
+    """Try few examples of each property in the quick run, and many in the long one."""
+    settings.load_profile("long" if runs_long_tests(config) else "quick")
+
+
+def runs_long_tests(config):
+    """Tell whether the tests that are marked long are asked for, not all others."""
+    return config.option.markexpr.startswith("long")
 
 
 # files of the long tests that take a minute or so: begun first, so that no process waits for
@@ -50,7 +60,6 @@ BEGUN_FIRST = (
 # what the quick tests build: a part of each kind and of each form that has an artefact of its own,
 # and the parts that single tests open
 QUICKLY_BUILT = {
-    "apparatus-050",
     "crown-chamfer-over",
     "gap-050-under-020",
     "hook",
@@ -136,7 +145,7 @@ def shipped_output(make_once, request):
     from stepblocks.declaration.select import find_stimulus_files
 
     sets = [load_set(path) for path in find_stimulus_files([ROOT / "stimuli"])]
-    if request.config.option.markexpr != "long":
+    if not runs_long_tests(request.config):
         sets = [select_quickly_built(shipped) for shipped in sets]
 
     def build(folder):

@@ -27,7 +27,7 @@ FRICTIONS, BALLS = st.floats(0.0, 0.4), st.floats(100e-6, 300e-6)
 SCALES = st.floats(0.2, 20.0)
 TEXTURES = st.lists(st.floats(-8e-6, 8e-6), min_size=12, max_size=40)
 FEW = settings(max_examples=12, deadline=None)
-MANY = settings(max_examples=100, deadline=None)
+MANY = settings(deadline=None)
 
 
 def profile_of(heights, scale=1.0):

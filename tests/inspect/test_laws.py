@@ -25,7 +25,7 @@ EXACT = Instrument(0.0, 0.0, 0.0)
 OPTICAL = EvaluationOptions(stylus_radius=0.0, stylus_cone=0.0)
 NOISE = np.random.default_rng(7).normal(0.0, 8e-9, len(X))
 FEW = settings(max_examples=8, deadline=None, derandomize=True)
-MANY = settings(max_examples=60, deadline=None, derandomize=True)
+MANY = settings(deadline=None, derandomize=True)
 sizes = st.floats(8.0, 90.0)
 
 

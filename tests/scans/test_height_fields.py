@@ -32,6 +32,7 @@ def test_a_height_field_reads_back_with_its_spacing(ending, written):
         read_scan(path, "um")
 
 
+@pytest.mark.long
 def test_a_height_field_is_as_high_as_its_part(written):
     optical = EvaluationOptions(stylus_radius=0.0, stylus_cone=0.0)
     known = Instrument(1e-4, 0.0, 1e-4)

@@ -264,7 +264,9 @@ def test_missing_files_are_named(tmp_path):
 
 
 @settings(
-    max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=3 * settings.default.max_examples,
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
 @given(
     name=st.sampled_from(["a.sdf", "b.sdf", "c.sur", "g.nid", "h.opdx"]),

@@ -88,7 +88,9 @@ def test_heights_in_text_resolve_no_more_than_the_last_digit_they_are_printed_wi
 
 
 @settings(
-    max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=3 * settings.default.max_examples,
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
 @given(
     raw=st.one_of(

@@ -197,7 +197,7 @@ def test_a_record_that_cannot_be_compared_is_refused_with_the_reason(tmp_path, c
         compare_record(frame, STEP)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=settings.default.max_examples // 4, deadline=None)
 @given(gain=st.floats(0.05, 20.0), sign=st.sampled_from([-1.0, 1.0]), late=st.integers(0, 500))
 def test_neither_sign_nor_place_of_a_ring_matters_and_its_energy_goes_with_the_square(
     gain, sign, late

@@ -118,7 +118,7 @@ def test_the_tip_can_be_changed_while_it_runs(world, radius):
         )
 
 
-@settings(max_examples=40, deadline=None)
+@settings(deadline=None)
 @given(load=st.floats(0.05, 3.0), friction=st.floats(0.0, 0.6), share=st.floats(0.02, 0.9))
 def test_load_and_friction_act_as_equation_1_says(binding, folder, load, friction, share):
     radius = 100e-6
@@ -142,7 +142,7 @@ def test_load_and_friction_act_as_equation_1_says(binding, folder, load, frictio
             assert found.energy == pytest.approx(0.2 * force**2 / (2 * 9.81e3), rel=1e-9)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(deadline=None)
 @given(scale=st.floats(0.1, 500.0), seed=st.integers(0, 1000))
 def test_magnifying_all_lengths_keeps_every_force(binding, folder, scale, seed):
     with binding.World(folder / "blocks.txt") as one, binding.World(folder / "blocks.txt") as other:
@@ -160,7 +160,7 @@ def test_magnifying_all_lengths_keeps_every_force(binding, folder, scale, seed):
             )
 
 
-@settings(max_examples=25, deadline=None)
+@settings(deadline=None)
 @given(seed=st.integers(0, 1000))
 def test_a_mirrored_block_gives_mirrored_forces(binding, folder, seed):
     """What is felt towards +x over a block is felt towards -x over its mirror image."""
@@ -187,7 +187,7 @@ def test_a_mirrored_block_gives_mirrored_forces(binding, folder, seed):
                 )
 
 
-@settings(max_examples=40, deadline=None)
+@settings(deadline=None)
 @given(values=st.lists(st.floats(1e-9, 1e9), min_size=7, max_size=7), height=st.floats(1e-7, 9e-5))
 def test_what_a_file_of_blocks_says_is_what_the_library_holds(
     binding, folder, tmp_path_factory, values, height
