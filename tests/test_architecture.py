@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 from collections import defaultdict
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -18,9 +19,14 @@ NOUNS = {
     *("declaration", "parts", "cad", "contact", "rig", "lawsearch", "scans", "artefacts"),
     *("records", "files", "compute"),
 }
-TREES = {path: ast.parse(path.read_text()) for path in SOURCES}
 # what people write and read as a program or a page, also as a template
 WRITTEN = (".py", ".pyi", ".js", ".css", ".html", ".c", ".h", ".cpp", ".cs", ".sh")
+
+
+@cache
+def read_trees():
+    """Read the syntax trees of all sources, once for all tests."""
+    return {path: ast.parse(path.read_text()) for path in SOURCES}
 
 
 def module_of(path):
@@ -43,7 +49,7 @@ def imported(tree):
 
 
 def ours(path):
-    return {name for name in imported(TREES[path]) if name in MODULES}
+    return {name for name in imported(read_trees()[path]) if name in MODULES}
 
 
 def test_data_walks_downhill():
@@ -91,7 +97,7 @@ def test_rooms_import_each_other_along_the_arrows_that_the_page_draws_and_along_
 def test_only_the_kernel_imports_the_cad_library():
     users = {
         path.relative_to(HOUSE).parts[0]
-        for path, tree in TREES.items()
+        for path, tree in read_trees().items()
         for name in imported(tree)
         if name.split(".")[0] in {"cadquery", "OCP"}
     }
@@ -129,7 +135,7 @@ def test_nothing_takes_more_than_six_positional_arguments():
     }
     found = [
         f"{module_of(path)}.{node.name}"
-        for path, tree in TREES.items()
+        for path, tree in read_trees().items()
         for node in ast.walk(tree)
         if isinstance(node, ast.FunctionDef) and too_many(node)
     ]
@@ -202,7 +208,7 @@ def test_every_function_is_reached_by_name_from_a_command_or_the_public_face():
     what is named is not proven to run.
     """
     says = defaultdict(set)
-    for tree in TREES.values():
+    for tree in read_trees().values():
         for node in ast.walk(tree):
             if isinstance(node, Definition):
                 says[node.name] |= set(words_of(node))
@@ -218,7 +224,7 @@ def test_every_function_is_reached_by_name_from_a_command_or_the_public_face():
         word for path in doors for word in re.findall(r"[A-Za-z_]\w*", path.read_text())
     } | HOOKS
     public = set(re.findall(r" as (\w+)", (HOUSE / "__init__.pyi").read_text()))
-    for path, tree in TREES.items():
+    for path, tree in read_trees().items():
         if module_of(path) in {
             "stepblocks.cli",
             "stepblocks.__main__",
@@ -244,7 +250,7 @@ def test_every_function_is_reached_by_name_from_a_command_or_the_public_face():
         waiting |= says[word] - reached
     dead = [
         f"{module_of(path)}.{node.name}"
-        for path, tree in TREES.items()
+        for path, tree in read_trees().items()
         for node in ast.walk(tree)
         if isinstance(node, Definition)
         and node.name not in reached
@@ -257,7 +263,10 @@ def logical_lines(path):
     """Lines of code without comments, docstrings and imports, white space folded, with their
     numbers.
     """
-    text, tree = path.read_text().splitlines(), TREES.get(path) or ast.parse(path.read_text())
+    text, tree = (
+        path.read_text().splitlines(),
+        read_trees().get(path) or ast.parse(path.read_text()),
+    )
     out = set()
     for node in ast.walk(tree):
         skip = isinstance(node, ast.Import | ast.ImportFrom)
@@ -295,7 +304,7 @@ def test_there_is_no_drawer_of_oddments():
 
 
 def test_nothing_is_read_by_pickle_or_eval():
-    for path, tree in TREES.items():
+    for path, tree in read_trees().items():
         names = {
             node.func.id
             for node in ast.walk(tree)

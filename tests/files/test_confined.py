@@ -84,7 +84,7 @@ def test_arrays_and_values_come_back_as_they_were(file):
     assert call(file, "number") == call(file, "number") != {"pid": os.getpid()}
 
 
-@pytest.fixture(params=["kernel", "psutil"])
+@pytest.fixture
 def limited_by(request, tmp_path, monkeypatch):
     """How a reader is limited: by the kernel; or watched, as on systems whose kernel cannot."""
     if request.param == "psutil":
@@ -95,19 +95,28 @@ def limited_by(request, tmp_path, monkeypatch):
     return request.param
 
 
-@pytest.mark.parametrize(
-    ("reader", "words"),
-    [
-        ("loops", r"got: it must be readable within 0 s \[x.bin\]"),
-        ("sleeps", r"got: it must be readable within 0 s \[x.bin\]"),
-        ("fills", r"got: it needs more than 2 GiB of memory \[x.bin\]"),
-        ("dies", r"got: its reader ended with -11 \[x.bin\]"),
-        ("leaves", r"file must be a sound BIN file, got: 3 \[x.bin\]"),
-        ("fails", r"file must be a sound BIN file, got: .* \[x.bin\]"),
-        ("objects", r"got: objects where numbers should be \[x.bin\]"),
-        ("says", r"^height must be given \[x.bin\]$"),
-    ],
-)
+WORDS = {
+    "loops": r"got: it must be readable within 0 s \[x.bin\]",
+    "sleeps": r"got: it must be readable within 0 s \[x.bin\]",
+    "fills": r"got: it needs more than 2 GiB of memory \[x.bin\]",
+    "dies": r"got: its reader ended with -11 \[x.bin\]",
+    "leaves": r"file must be a sound BIN file, got: 3 \[x.bin\]",
+    "fails": r"file must be a sound BIN file, got: .* \[x.bin\]",
+    "objects": r"got: objects where numbers should be \[x.bin\]",
+    "says": r"^height must be given \[x.bin\]$",
+}
+
+
+def list_readers():
+    """Every reader limited in either way; the quick run watches that alone which never ends."""
+    for limit in ("kernel", "psutil"):
+        for reader, words in WORDS.items():
+            is_repeated = limit == "psutil" and reader != "loops"
+            marks = [pytest.mark.long] if is_repeated else []
+            yield pytest.param(limit, reader, words, marks=marks, id=f"{limit}-{reader}")
+
+
+@pytest.mark.parametrize(("limited_by", "reader", "words"), list_readers(), indirect=["limited_by"])
 def test_whatever_a_reader_does_is_one_line_and_the_next_file_is_read(
     reader, words, limited_by, file, monkeypatch
 ):

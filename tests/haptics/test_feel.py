@@ -124,6 +124,7 @@ def test_the_pages_own_renderer_follows_the_formula_and_locks(browser):
     assert (locked["events"], locked["status"], locked["formula"]) == (0, "locked", None)
 
 
+@pytest.mark.long
 @pytest.mark.browser
 def test_each_stimulus_of_all_sets_slips_at_the_force_of_its_own_file(whole):
     """Paper blocks under R 125 um and 0.3 N, not the first file's 60 um; expected: the events."""
@@ -143,6 +144,7 @@ def test_each_stimulus_of_all_sets_slips_at_the_force_of_its_own_file(whole):
                 assert found["status"] == event.status.value.split("-hand")[0]
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize(
     ("load", "friction", "tip"), [(0.12, 0.155, 62.5), (0.013, 0.72, 17.2634), (2.6, 0.0, 125.0)]
 )
@@ -241,10 +243,11 @@ def test_a_mouse_drags_the_probe_over_the_edge(browser):
 
     browser.execute_script("document.getElementById('block').value = 0; choose('block')")
     scene = browser.find_element("id", "scene")
-    ActionChains(browser).move_to_element_with_offset(scene, -200, 0).click_and_hold().perform()
+    drag = ActionChains(browser, duration=30)  # of each move [ms]
+    drag.move_to_element_with_offset(scene, -200, 0).click_and_hold()
     for _ in range(15):
-        ActionChains(browser).move_by_offset(30, 0).perform()
-    ActionChains(browser).release().perform()
+        drag.move_by_offset(30, 0)
+    drag.release().perform()
     WebDriverWait(browser, 30).until(
         lambda window: "last release at 0.18" in window.find_element("id", "state").text
     )

@@ -23,7 +23,7 @@ def _analyse(folder):
     features = features_of(bench_trials(columns, 3, truth))
     features.loc[5, ["status", "reason"]] = ["excluded", "truncated"]
     scans = {b: {"height_m": v, "height_std_m": s} for b, (v, s) in block_scans(columns, 3).items()}
-    result = analyse_features(features, 9810.0, 125e-6, scans, rules=Rules(draws=200))
+    result = analyse_features(features, 9810.0, 125e-6, scans, rules=Rules(draws=200, fits=2))
     write_loop(result, folder)
     return columns, truth, result
 

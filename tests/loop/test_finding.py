@@ -186,6 +186,7 @@ def test_what_an_effect_follows_is_said_in_words():
     assert describe_covariate("clock_elapsed_s") == "clock elapsed"
 
 
+@pytest.mark.long
 def test_none_names_the_smallest_effect_of_each_slot_and_such_an_effect_is_seen():
     columns = design_columns(60, 40)
     result = analyse_features(

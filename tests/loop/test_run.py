@@ -67,6 +67,20 @@ def test_a_result_is_read_without_files(quiet):
     assert np.sqrt(np.nanmean(wrong**2)) < 0.1
 
 
+def test_none_names_the_smallest_effect_of_each_slot(quiet):
+    document = quiet[1].document
+    assert {entry["slot"] for entry in document["could_have_shown"]} == {
+        "contact_geometry",
+        "friction",
+        "normal_load",
+        "stiffness",
+        "conversion",
+        "drag",
+        "sensor",
+    }
+    assert "No effect beyond noise was found (what would have shown: " in document["finding"]
+
+
 def test_a_notebook_shows_the_verdict_and_the_errors(quiet):
     html = replace(quiet[1], title="<i>second batch")._repr_html_()
     assert "&lt;i&gt;second batch" in html
@@ -190,6 +204,7 @@ def test_features_that_are_measured_already_are_explained_as_they_are(tmp_path, 
     assert taken[0].loc[2, "reason"] == "the bench was knocked"
 
 
+@pytest.mark.long
 def test_blocks_are_found_under_the_name_that_a_session_gives_their_column(
     tmp_path, monkeypatch, worn
 ):

@@ -42,12 +42,22 @@ def write(name, folder, scene):
     return folder
 
 
+class Scenes(dict):
+    """The ten blocks and a gap at their size, one block for a Touch; each when it is asked for."""
+
+    def __missing__(self, name):
+        if name == "touch":
+            device = find_device("touch", load_devices())
+            self[name] = assemble_scene(TEN[4], POINT, device=device)
+        else:
+            (block,) = (block for block in (*TEN, GAP) if block.id == name)
+            self[name] = assemble_scene(block, POINT)
+        return self[name]
+
+
 @pytest.fixture(scope="module")
 def scenes():
-    """The ten blocks and a gap at their size, one block for a Touch."""
-    made = {block.id: assemble_scene(block, POINT) for block in (*TEN, GAP)}
-    made["touch"] = assemble_scene(TEN[4], POINT, device=find_device("touch", load_devices()))
-    return made
+    return Scenes()
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +98,7 @@ def test_a_probe_that_the_formula_locks_stays_locked_in_mujoco(tmp_path, block):
     assert result["peak_force_n"] > 9.0 * LOAD
 
 
-@pytest.mark.repeats
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "arguments"),
     [
@@ -108,6 +118,7 @@ def test_mujoco_feels_a_crown_as_the_section_through_its_axis(tmp_path, name, ar
     assert result["crossed"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["hook-125"])
 def test_a_declared_tip_drags_its_own_ball_in_mujoco(tmp_path, name):
     mujoco = pytest.importorskip("mujoco")
@@ -138,6 +149,7 @@ def test_the_force_law_in_c_is_the_one_in_python(folders, tmp_path):
     assert float(printed.split()[1]) == pytest.approx(paper_force(50e-6), rel=5e-3)
 
 
+@pytest.mark.long
 def test_mujoco_feels_a_gap_in_both_directions(scenes, tmp_path):
     pytest.importorskip("mujoco")
     folder = write("mujoco", tmp_path / "scene", scenes["gap-100"])
