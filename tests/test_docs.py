@@ -262,6 +262,7 @@ def test_every_page_is_in_the_contents_of_the_site():
     assert [page for page in pages if page not in contents] == []
 
 
+@pytest.mark.long
 def test_the_python_of_every_page_fits_the_types_of_the_library(tmp_path):
     # a page of a field that is gone is among them, so that what finds nothing is known to look
     wrong = tmp_path / "wrong.md"

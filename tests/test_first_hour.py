@@ -108,6 +108,7 @@ def look_at(browser, page):
     return browser.find_element("tag name", "body").text
 
 
+@pytest.mark.long
 @pytest.mark.browser
 def test_the_machinist_gets_a_drawing_a_sheet_and_a_verdict(tmp_path, monkeypatch, browser):
     walk("The machinist", tmp_path, monkeypatch)
@@ -169,6 +170,7 @@ def test_the_page_of_an_inspection_opens_with_its_finding_and_shows_every_budget
     assert "lateral calibration" in text
 
 
+@pytest.mark.long
 @pytest.mark.browser
 def test_the_psychophysicist_gets_run_sheets_and_a_report(tmp_path, monkeypatch, browser):
     walk("The psychophysicist", tmp_path, monkeypatch)

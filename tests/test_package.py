@@ -77,6 +77,7 @@ def test_the_wheel_and_the_sdist_hold_every_file_of_the_package_and_the_shipped_
     assert ours() - names == set()
 
 
+@pytest.mark.long
 def test_the_wheel_is_the_same_bytes_when_it_is_built_again_elsewhere(built, tmp_path):
     wheel, sdist = built
     with tarfile.open(sdist) as archive:
@@ -92,6 +93,7 @@ def test_the_version_is_the_same_wherever_it_stands():
     assert f"## {version} (" in (ROOT / "CHANGELOG.md").read_text()
 
 
+@pytest.mark.long
 def test_the_bill_of_materials_names_every_package_and_resolves_every_reference(tmp_path):
     script = ROOT / "benchmarks" / "bill_of_materials.py"
     for name in ("a.cdx.json", "b.cdx.json"):

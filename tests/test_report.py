@@ -154,6 +154,7 @@ def test_a_mutant_changes_the_expression_that_it_names_and_nothing_else(mutation
             assert mutant.before != mutant.after
 
 
+@pytest.mark.long
 def test_the_core_offers_more_mutants_than_are_asked_for_and_each_has_tests(mutations):
     for room in mutations.ROOMS:
         found = mutations.find_mutants(ROOT, room)

@@ -75,6 +75,7 @@ def rewrite(form, path, vertices, triangles):
     MESH_FORMATS[form](path, Mesh("changed", vertices, triangles))
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("form", MESH_FORMATS)
 def test_a_flipped_triangle_is_caught(form, folder, block):
     path = folder / f"{block.id}{form}"
@@ -84,6 +85,7 @@ def test_a_flipped_triangle_is_caught(form, folder, block):
     assert "edges without exactly one neighbour" in failures(block, path)
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("form", MESH_FORMATS)
 def test_an_inward_winding_is_caught(form, folder, block):
     path = folder / f"{block.id}{form}"
@@ -92,6 +94,7 @@ def test_an_inward_winding_is_caught(form, folder, block):
     assert "volume" in failures(block, path)
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("form", MESH_FORMATS)
 def test_two_nanometres_too_high_are_caught(form, folder, block):
     path = folder / f"{block.id}{form}"
@@ -160,6 +163,7 @@ def test_an_empty_picture_is_caught(folder, block):
     assert failures(block, path) == ["something is drawn"]
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize(
     "artefact", [path.name for path in list_checkable_files(SETS["paper-ten"].stimuli[4], Path())]
 )

@@ -240,6 +240,7 @@ def crowded(path):
             file.write(f'{tail}<build><item objectid="1"/></build></model>'.encode())
 
 
+@pytest.mark.long
 def test_a_small_mesh_file_that_unpacks_without_end_is_one_line_and_no_memory(
     tmp_path, monkeypatch
 ):

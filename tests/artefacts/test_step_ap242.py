@@ -260,6 +260,7 @@ def crown(tmp_path, finish, vertical):
     return stimulus
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize(
     ("finish", "vertical"),
     [("shoulder", "80 um"), ("chamfer", "-60 um")],

@@ -86,6 +86,7 @@ def test_swapped_trials_show_what_the_session_would_show_in_order(whole, session
     )
 
 
+@pytest.mark.long
 def test_excluded_trials_are_left_out_and_change_no_other_row(whole, session):
     _declare(session, "exclude = [2, 7]")
     before, after = whole[1], measure_session(session, jobs=1)

@@ -67,7 +67,7 @@ def test_each_slip_is_refused_before_the_session_is_measured(session, old, new, 
         measure_session(folder, jobs=1)
 
 
-@pytest.mark.repeats
+@pytest.mark.long
 @pytest.mark.parametrize(("declared_rate", "times"), [("5 kHz", "0.5"), ("20 kHz", "2")])
 def test_a_rate_that_is_off_by_two_is_named_with_the_ring_that_speaks_for_it(
     session, declared_rate, times
@@ -82,7 +82,7 @@ def test_a_rate_that_is_off_by_two_is_named_with_the_ring_that_speaks_for_it(
         measure_session(folder, jobs=1)
 
 
-@pytest.mark.repeats
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "slip"),
     [
@@ -105,6 +105,7 @@ def test_each_slip_of_an_engineer_s_records_is_refused_and_no_table_is_written(
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.long
 def test_a_slip_is_said_before_heights_that_are_missing(session, tmp_path, monkeypatch):
     folder, _, declared = session
     copy = tmp_path / "copy"

@@ -57,7 +57,7 @@ def pulls(rig: Rig, count: int, seed: int, truth: Truth = PLAIN) -> dict[str, np
     return {name: np.array(values) for name, values in found.items()}
 
 
-@pytest.mark.repeats
+@pytest.mark.long
 @pytest.mark.parametrize("name", RIGS)
 def test_no_disturbance_biases_a_feature_and_uncertainties_are_honest(name):
     count = 40

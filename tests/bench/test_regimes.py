@@ -63,6 +63,7 @@ def test_pulls_of_the_ring_s_amplitude_are_those_of_its_stated_uncertainty():
     assert 0.6 < np.std(pulls) < 1.5
 
 
+@pytest.mark.long
 def test_a_tip_that_comes_down_slowly_counts_by_its_first_dip_wherever_noise_lets_it_lie():
     pulls = []
     for seed in range(10):

@@ -43,6 +43,7 @@ def measure(folder, tmp_path, jobs=1, name="features.csv"):
     return pd.read_csv(tmp_path / name)
 
 
+@pytest.mark.long
 def test_four_formats_of_one_session_say_the_same(tmp_path):
     tables = [
         measure(simulate(tmp_path, "csv"), tmp_path),
@@ -64,6 +65,7 @@ def test_four_formats_of_one_session_say_the_same(tmp_path):
     assert tuple(tables[0].columns[-len(FEATURE_COLUMNS) :]) == FEATURE_COLUMNS
 
 
+@pytest.mark.long
 def test_any_number_of_workers_writes_the_same_bytes(tmp_path):
     folder = simulate(tmp_path, "hdf5", trials=16)
     measure(folder, tmp_path, jobs=1, name="one.csv")
@@ -71,6 +73,7 @@ def test_any_number_of_workers_writes_the_same_bytes(tmp_path):
     assert (tmp_path / "one.csv").read_bytes() == (tmp_path / "two.csv").read_bytes()
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("kind", ["csv", "hdf5"])
 def test_the_same_plan_gives_the_same_bytes(kind, tmp_path):
     (tmp_path / "a").mkdir()
@@ -307,6 +310,7 @@ def test_figures_show_any_trial_even_an_excluded_one(make_session, tmp_path, cap
 
 # Origin: the shared sessions as their README declares them: k = 9810 N/m, normal load set by
 # weights.
+@pytest.mark.long
 def test_a_shared_session_is_read_whole(shared_bench, tmp_path):
     table = measure(shared_bench / "quiet", tmp_path, jobs=1)
     assert len(table) == 45
@@ -319,6 +323,7 @@ def test_a_shared_session_is_read_whole(shared_bench, tmp_path):
     pd.testing.assert_frame_equal(written[list(declared.columns)], declared)
 
 
+@pytest.mark.long
 def test_a_rig_whose_tip_rubs_is_measured(shared_bench, tmp_path):
     folder = tmp_path / "part"
     folder.mkdir()

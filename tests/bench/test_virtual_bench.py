@@ -103,6 +103,7 @@ def test_static_friction_makes_the_tip_stick_and_slip_before_the_edge():
     assert made(height=10e-6, load=0.3, speed=10e-3)[3]["regime"] == "snap"
 
 
+@pytest.mark.long
 def test_a_session_is_one_that_the_program_reads_and_the_same_seed_gives_the_same(tmp_path):
     plan = Plan(Bench(conversion=0.2), trials=24, operator_load={"B": 0.07})
     told = write_session(tmp_path / "a", plan, 5)

@@ -23,6 +23,7 @@ def inspect(*arguments):
     return main(["inspect", *arguments, "--set", STIMULI])
 
 
+@pytest.mark.long
 def test_prediction_takes_the_record_and_says_how_far_the_energy_moved(tmp_path, capsys):
     path = write_edge_scan(tmp_path / "a.csv", 50.0e-6, 14e-6)
     inspect(path, "--stimulus", "step-050", *OPTICAL, "-o", str(tmp_path / "out"))

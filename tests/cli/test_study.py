@@ -46,6 +46,7 @@ def folder(tmp_path, capsys):
     return tmp_path / "s"
 
 
+@pytest.mark.long
 def test_from_the_block_set_to_the_report(folder, capsys):
     code, out, _ = run(capsys, "sheet", folder)
     assert (code, len(list((folder / "sheets").iterdir()))) == (0, 6)
@@ -128,7 +129,7 @@ def test_filled_in_sheets_are_analysed_and_never_overwritten(folder, capsys):
     assert (code, "must occur once" in err, len(err.splitlines())) == (2, True, 1)
 
 
-@pytest.mark.repeats
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("options", "figures", "quantity"),
     [
@@ -164,6 +165,7 @@ def test_every_experiment_goes_all_the_way(tmp_path, capsys, options, figures, q
     assert quantity in {row["quantity"] for row in table(tmp_path / "report" / "results.csv")}
 
 
+@pytest.mark.long
 def test_power_rises_with_the_damping(tmp_path, capsys):
     common = [
         FOUR,

@@ -155,6 +155,7 @@ def test_power_does_not_depend_on_where_the_studies_are_simulated(site):
     assert together.equals(alone)
 
 
+@pytest.mark.long
 def test_rehearsals_on_a_cluster_are_those_of_one_machine(site, tmp_path, monkeypatch):
     path = tmp_path / "plan.toml"
     path.write_text(REHEARSAL, encoding="utf-8")

@@ -68,6 +68,7 @@ def drag_summary(tmp_path, *arguments):
     return json.loads((out / "drag.json").read_text())
 
 
+@pytest.mark.long
 def test_a_declared_block_is_dragged_over_under_the_conditions_of_its_set(tmp_path):
     # Origin: paper-ten declares 125 um, 0.3 N and mu 0.15 first; equation (1) by hand.
     found = drag_summary(tmp_path, "paper-ten/step-050")
@@ -121,6 +122,7 @@ def test_down_a_step_nothing_catches(tmp_path):
     assert drag_summary(tmp_path, "50 um", "--backward")["status"] == "no-catch"
 
 
+@pytest.mark.long
 def test_the_same_drag_leaves_the_same_bytes(tmp_path):
     for name in ("a", "b"):
         assert main(["drag", "25 um", "--speed", "40 mm/s", "-o", str(tmp_path / name)]) == 0

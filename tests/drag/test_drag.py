@@ -67,6 +67,7 @@ def test_contact_compliance_lowers_the_peak_in_proportion_to_the_indentation():
     assert loss[1] / loss[2] == pytest.approx(2.0, rel=0.25)
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize(
     ("height", "load", "mu"), [(10e-6, 1.3, 0.0), (40e-6, 0.6, 0.17), (100e-6, 0.075, 0.1)]
 )
@@ -436,6 +437,7 @@ def test_a_hard_spring_leaves_the_peak_where_it_is_stores_less_and_keeps_the_led
     assert rates[1] == pytest.approx(10e-3, rel=0.03)
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("contact", [PAPER_DRAG.contact_stiffness, 1e5])
 @pytest.mark.parametrize("factor", [0.04, 30.0])
 def test_the_time_step_knows_no_unit_of_force(factor, contact):

@@ -31,6 +31,7 @@ def follow_an_elastic_ball(done: Drag, corners: list[tuple[float, float]]) -> np
     )
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("load", [0.25, 1.0])
 @pytest.mark.parametrize("height", [0.05e-6, 0.1e-6, 0.3e-6, 0.5e-6, 1e-6, 10e-6])
 def test_a_step_of_any_height_on_steel_asks_the_pull_of_floor_and_edge_together(height, load):

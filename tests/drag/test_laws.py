@@ -23,6 +23,7 @@ def test_a_constant_function_is_coulomb_friction():
     assert own.ring.energy == pytest.approx(plain.ring.energy, rel=1e-6)
 
 
+@pytest.mark.long
 def test_stribeck_as_an_object_is_stribeck_in_the_settings():
     law = Stribeck(0.12, 0.2, speed=2e-3, viscous=0.3)
     as_object = drag_over("25 um", friction=law, speed=20e-3)

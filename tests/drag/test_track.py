@@ -130,7 +130,7 @@ def test_where_a_contact_presses_a_rough_track_flat_its_energy_has_no_jump():
         assert (at - end).min() > 2.499e-6
 
 
-@pytest.mark.repeats
+@pytest.mark.long
 @pytest.mark.parametrize(("number", "hard"), [(44, True), (89, False), (179, False)])
 def test_over_real_ground_texture_the_ledger_closes_where_it_did_not(number, hard):
     # Origin: profiles 44, 89 and 179 of benchmarks/drag_profiles.py, refused before: 2 to 6 % open

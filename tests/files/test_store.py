@@ -31,6 +31,7 @@ def read_files(folder):
     return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
 
 
+@pytest.mark.long
 def test_an_object_store_gets_the_bytes_of_a_folder_and_its_table_is_read(plan, tmp_path):
     alone = stepblocks.run_sweep(plan, tmp_path / "alone")
     address = (tmp_path / "bucket" / "sweep").as_uri()

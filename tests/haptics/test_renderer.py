@@ -71,6 +71,7 @@ def test_a_rounded_edge_has_the_angle_of_the_larger_circle():
     )
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("block", TEN, ids=lambda block: block.id)
 def test_peak_force_is_that_of_the_formula(block):
     record, renderer = drag_over(block)

@@ -201,6 +201,7 @@ def test_holes_of_real_gratings_hold_their_independently_known_depth(name, depth
     assert abs(found.value - depth) < found.expanded() < 6 * NM
 
 
+@pytest.mark.long
 def test_the_noise_of_one_dot_holds_what_the_lines_of_its_rows_leave():
     # rows that cross dots have little to be levelled on: their lines err, and together where the
     # roughness is correlated. Exact is w C w, C the covariance that the gauge was drawn with.

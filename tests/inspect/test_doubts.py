@@ -134,6 +134,7 @@ def trench(turn=0.0):
     return HeightMap(z + np.random.default_rng(2).normal(0.0, 5e-9, z.shape), UM, UM)
 
 
+@pytest.mark.long
 def test_faces_are_those_of_the_part_of_a_map_that_is_asked_for():
     asked = EvaluationOptions(begin=200 * UM)  # one wall of the two
     found = measure_edge(trench(), Instrument(0.0, 0.0, 0.0), asked)

@@ -59,7 +59,7 @@ def test_without_drift_nothing_is_said_of_it():
     assert not any("share a form" in note for note in result.evaluation.notes)
 
 
-@pytest.mark.repeats
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(2))
 def test_an_instrument_that_wanders_from_line_to_line_fails_no_part(seed):
     result = inspect_map(seed, walk=3.0 * UM)

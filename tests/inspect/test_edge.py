@@ -49,6 +49,7 @@ def test_a_profile_without_noise_gives_its_height_exactly(height, radius):
     assert edge.radius.value == pytest.approx(radius, abs=0.5e-6)
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("seed", range(12))
 def test_the_radius_of_an_edge_that_is_not_resolved_does_not_hang_on_last_bits(seed):
     x, z = draw(seed, 40e-6, 0.5e-6)
@@ -61,6 +62,7 @@ def test_the_radius_of_an_edge_that_is_not_resolved_does_not_hang_on_last_bits(s
     assert other.position == pytest.approx(one.position, abs=1e-15)
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize(("height", "radius", "seed"), [(50e-6, 14e-6, 34), (25e-6, 5e-6, 19)])
 def test_the_radius_is_that_of_the_posterior_summed_over_a_dense_grid(
     height, radius, seed, monkeypatch
@@ -86,7 +88,7 @@ def holds(errors, stds, dof):
     return np.mean(np.abs(errors) < stats.t.ppf(0.975, dof) * stds)
 
 
-@pytest.mark.repeats
+@pytest.mark.long
 @pytest.mark.parametrize(("height", "radius"), [(25e-6, 5e-6), (50e-6, 14e-6), (10e-6, 14e-6)])
 def test_height_and_radius_are_unbiased_and_their_stated_intervals_cover_at_their_rate(
     height, radius
@@ -128,6 +130,7 @@ def test_a_spike_on_the_arc_does_not_make_the_edge_sharper(place):
     assert edge.radius.std < 0.4e-6
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("missing", [[-3], [0], [1], [0, 1]], ids=str)
 @pytest.mark.parametrize("spike", [None, -28, -31], ids=str)
 def test_the_radius_bears_missing_points_at_its_start_and_a_spike_at_the_windows_end(
@@ -222,6 +225,7 @@ def bench_scans(session):
         yield float(path.stem.removeprefix("step-")) * 1e-6, fit_edge(x * 1e-6, z * 1e-6)
 
 
+@pytest.mark.long
 def test_the_blunt_session_has_edges_rounded_by_14_um():
     # shared/bench/README.md: "The block edges came out rounded by 14 um"
     edges = [edge for _, edge in bench_scans("blunt")]
@@ -229,6 +233,7 @@ def test_the_blunt_session_has_edges_rounded_by_14_um():
     assert abs(np.median([edge.radius.value for edge in edges]) - 14e-6) < 0.2e-6
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("session", ["quiet", "unexplained-a", "unexplained-b"])
 def test_scans_of_sharp_edges_say_so_and_give_heights_near_nominal(session):
     for nominal, edge in bench_scans(session):

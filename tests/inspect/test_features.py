@@ -60,6 +60,7 @@ def test_four_ridges_have_four_heights_a_mean_and_a_pitch():
     assert "groove_depth_1" not in chosen
 
 
+@pytest.mark.long
 def test_a_film_on_a_bowed_wafer_is_levelled_by_the_bow_and_its_height_is_held():
     x = np.arange(5000) * UM
     found = []
@@ -119,6 +120,7 @@ def test_a_map_of_few_points_repeats_nothing(side):
         measure_groove(ScannedProfile(np.arange(8) * UM, np.full(8, -1.427 * UM)), EXACT)
 
 
+@pytest.mark.long
 def test_sheets_under_debris_are_as_high_as_they_are_and_grains_are_no_reference():
     random = np.random.default_rng(3)
     true = sheets_gauge(200, 3, 3.5 * NM, 0.1 * NM, random)
@@ -226,6 +228,7 @@ def test_a_narrow_border_is_measured_in_every_row_whatever_lies_behind_or_beside
     assert not [note for note in found.notes if "refused" in note or "beyond" in note]
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("begin", [27e-3, 32.8e-3])
 def test_the_shadow_of_a_wall_hides_no_edge_of_a_groove_and_is_in_its_width(begin):
     random = np.random.default_rng(3)
@@ -259,6 +262,7 @@ def test_the_walls_of_a_feature_stand_within_the_flanks_that_a_cone_shows(sign, 
     assert unstated.expanded() > 1.5 * width.expanded()
 
 
+@pytest.mark.long
 def test_unlike_grooves_beside_each_other_have_each_its_own_depth_and_no_mean():
     # the land between two of them had been the feature, 46 +- 52 um, and a row dropped the third
     x, true = np.arange(3000) * 2 * UM, [25.5 * UM, 195 * UM, 387 * UM]

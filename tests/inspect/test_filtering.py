@@ -69,6 +69,7 @@ def make_wavy_edge(seed, length, amplitude=0.5e-6, radius=0.0, spacing=1e-6, rea
     return x, edge_gauge(x, 50e-6, radius) + waves
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "length",
     [

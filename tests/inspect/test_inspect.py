@@ -263,6 +263,7 @@ def test_a_strange_file_is_refused_in_one_line_that_says_what_would_do(
     assert captured.err.count("\n") == 1
 
 
+@pytest.mark.long
 def test_a_rectangle_of_a_map_is_judged_by_itself_and_the_whole_map_by_all_of_it(tmp_path):
     # 25 um on the lower 150 um of the map, 40 um on the others, whose edge lies elsewhere
     x, y = np.meshgrid(np.arange(600) * 2e-6, np.arange(30) * 10e-6)

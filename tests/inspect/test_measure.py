@@ -55,6 +55,7 @@ def test_an_edge_gives_height_and_radius_and_a_map_of_it_its_faces_too():
     assert both.values["step_height"].value == pytest.approx(40e-6, abs=10e-9)
 
 
+@pytest.mark.long
 def test_a_falling_edge_has_the_same_faces_below_and_above():
     bow = 100e-9 * (X[X > 20e-6] / X[-1]) ** 2
     rows = edge_rows(8)
@@ -97,6 +98,7 @@ def test_a_step_in_less_than_half_of_the_rows_of_a_map_is_no_edge(stepped):
         measure_edge(HeightMap(rows, 1e-6, 50e-6), EXACT)
 
 
+@pytest.mark.long
 def test_an_edge_may_slant_over_a_map_but_not_change_its_height_from_row_to_row():
     places = np.linspace(-60e-6, 60e-6, 20)[:, np.newaxis]
     noise = 20e-9 * np.random.default_rng(4).normal(size=(20, len(X)))
@@ -229,6 +231,7 @@ def test_a_tip_is_a_sphere_through_its_cap_and_spikes_on_it_are_said():
         measure_tip(HeightMap(np.zeros((101, 101)), 2e-6, 2e-6), EXACT, nominal=125e-6)
 
 
+@pytest.mark.long
 def test_form_of_a_ball_is_no_spike_and_widens_its_interval():
     grid, held = np.arange(-40, 41) * 1.1e-6, 0
     for seed in range(20):

@@ -96,6 +96,7 @@ def test_what_fits_in_two_ways_or_upside_down_is_refused(trace, rule):
         inspect_scan(trace, PART, **OPTICAL)
 
 
+@pytest.mark.long
 def test_a_perfect_part_is_flat_on_a_map_that_shows_its_groove_too():
     x = np.arange(-300, 560) * 5 * UM
     profile = np.where(x > 0.0, HEIGHT, 0.0) - np.where((x > NEAR) & (x < FAR), HEIGHT, 0.0)
@@ -146,7 +147,7 @@ def test_soft_gauges_with_a_neighbour_have_no_false_verdict():
     assert rejected <= 0.05 * judged
 
 
-@pytest.mark.repeats
+@pytest.mark.long
 @pytest.mark.parametrize("angle", [-12.0, 3.0, 8.0])
 def test_the_turn_of_an_edge_over_a_map_is_stated_to_a_quarter_of_a_degree(angle):
     y, x = np.mgrid[:60, :300] * 1.5 * UM

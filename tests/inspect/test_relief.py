@@ -117,6 +117,7 @@ def test_a_relief_that_a_stylus_shows_too_wide_does_not_conform():
     assert found["relief_width"].verdict is Outcome.NOT_PROVEN
 
 
+@pytest.mark.long
 def test_a_map_that_is_turned_shows_the_relief_across_the_edge():
     turn = math.radians(10.0)
     step = 3 * UM

@@ -143,6 +143,7 @@ def test_features_that_a_part_does_not_have_are_refused():
         inspect(draw(), plain, "second-edge")
 
 
+@pytest.mark.long
 def test_a_map_judges_the_form_of_all_three_faces_but_parallelism_to_a():
     x = np.arange(-500, 800) * 10 * UM
     profile = np.where(x > 0.0, 50 * UM, 0.0) + np.where(x > DISTANCE, 30 * UM, 0.0)

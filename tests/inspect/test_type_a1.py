@@ -43,6 +43,7 @@ def test_without_noise_the_depth_is_exact_at_any_tilt_and_offset(depth, tilt):
     assert result.depth.value == pytest.approx(depth, abs=1e-15)
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("flank", [0.0, 20e-6, 60e-6, 150e-6])
 @pytest.mark.parametrize("tilt", [0.0, 1e-3, 3e-3, -2e-3, 1e-2])
 def test_rounding_is_neither_spike_nor_noise(flank, tilt):
@@ -68,7 +69,7 @@ def noisy(seed, length, missing=0, spikes=0):
     return with_faults(z, random, spikes=spikes, spike_height=20e-6, missing=missing)
 
 
-@pytest.mark.repeats
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("length", "missing", "spikes"),
     [(0.0, 0, 0), (1.5e-6, 0, 0), (3e-6, 200, 20), (8e-6, 0, 0)],
@@ -188,6 +189,7 @@ def test_a_map_of_holes_gives_their_depth_and_levelling_does_not_see_them():
     )
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize(
     ("name", "depth"), [("squares_holes", 500.0e-9), ("circles_holes", 499.5e-9)]
 )
@@ -272,6 +274,7 @@ def test_budgets_over_profiles_cover_at_their_rate_for_any_number_and_scatter(co
     assert hits / 600 == pytest.approx(0.95, abs=0.0267)
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize(("count", "least"), [(12, 0.90), (60, 0.92)])
 def test_profiles_whose_neighbours_err_together_do_not_count_as_independent(count, least):
     # correlation 0.4 from row to row: the mean has 2.3 times the variance of independent rows, by

@@ -165,6 +165,7 @@ def test_the_noise_of_a_straight_riser_is_no_form(seed):
 # 3. Part for whole
 
 
+@pytest.mark.long
 def test_a_patch_says_nothing_of_the_parallelism_and_flatness_of_whole_faces():
     result = inspected(map_of(block, size=(400, 40)), OPTICAL)
     keys = {one.key for one, _ in result.judged}
@@ -173,6 +174,7 @@ def test_a_patch_says_nothing_of_the_parallelism_and_flatness_of_whole_faces():
     assert "0.183 x 0.039 mm of 9.7 x 23.4 mm" in reason["flatness_upper"]
 
 
+@pytest.mark.long
 def test_a_patch_that_is_less_flat_than_the_face_may_be_does_not_conform():
     def bent(x):
         return block(x) + np.where(x > 0.0, 4 * UM * (x / (200 * UM)) ** 2, 0.0)
@@ -202,6 +204,7 @@ def test_a_part_conforms_only_when_all_is_measured_or_the_order_names_what_it_as
         inspected(scan, characteristics=(1, 99))
 
 
+@pytest.mark.long
 def test_no_paper_of_a_part_that_was_measured_in_part_says_that_it_passed(tmp_path):
     scan = profile_of(block)
     for instrument, asked, status in (
@@ -288,7 +291,7 @@ def test_the_energy_of_a_ramp_that_was_seen_does_not_depend_on_the_length_of_the
     assert np.ptp([float(one) for one in said]) < 2.0  # the noise of four scans
 
 
-@pytest.mark.repeats
+@pytest.mark.long
 @pytest.mark.parametrize("step", [0.25 * UM, UM])
 def test_a_good_map_changes_no_energy_however_fine_it_is(step):
     said = inspected(map_of(block, step=step), OPTICAL).energy_statement
@@ -299,7 +302,7 @@ def test_a_good_map_changes_no_energy_however_fine_it_is(step):
 # 7. Edge radius
 
 
-@pytest.mark.repeats
+@pytest.mark.long
 @pytest.mark.parametrize("degrees", [0.0, 3.0, 20.0])
 @pytest.mark.parametrize("radius", [0.0, 3 * UM])
 def test_the_edge_radius_of_a_map_bears_what_its_pixels_average(degrees, radius):
@@ -458,7 +461,7 @@ def test_the_cone_of_a_stylus_over_a_low_step_is_no_rounded_edge(spacing, bound)
         assert abs(found.value - 0.8 * UM) < found.expanded()
 
 
-@pytest.mark.repeats
+@pytest.mark.long
 @pytest.mark.parametrize("degrees", [20.0, -12.0, 90.0, 70.0])
 def test_a_turned_map_is_evaluated_across_its_edge(degrees):
     scan = map_of(block, degrees, size=(150, 150))

@@ -204,6 +204,7 @@ def test_a_gauge_that_shows_too_little_is_no_pivot_for_what_rubs_never_lifts():
     assert "pivot_friction" in {high.effect.id, *(r.effect.id for r in high.rivals)}
 
 
+@pytest.mark.long
 def test_a_clock_is_what_the_constants_imitate_and_a_certificate_corrects_them():
     features, scans = _planted("clock", ln_clock=0.02)
     found = _explained((features, scans), None)

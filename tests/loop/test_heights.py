@@ -48,6 +48,7 @@ def test_a_height_is_named_where_it_is_beyond_its_tolerance_and_not_within_it(er
     assert found.extended.cost < nothing.extended.cost
 
 
+@pytest.mark.long
 def test_a_height_that_a_search_has_named_is_known_as_well_as_one_that_it_has_not():
     # what a block may be off by beside the law belongs to the law: a micrometre was left out of it
     table = build_session_table(_features(6e-6), 9810.0, 125e-6)
@@ -94,6 +95,7 @@ def test_the_finding_names_the_block_and_its_height_error_and_the_energies_are_r
     assert np.sqrt(np.nanmean(unseen**2)) > 3.0 * 0.07
 
 
+@pytest.mark.long
 def test_the_interval_of_a_height_knows_that_nobody_has_scanned_the_edges():
     # edges of a radius that passes for sharp [m]; as if sharp, heights came out 0.5 um too small
     true = 6e-6 + block_errors(_COLUMNS, 3)["step-040"]
@@ -106,6 +108,7 @@ def test_the_interval_of_a_height_knows_that_nobody_has_scanned_the_edges():
     assert found.std[name] < 0.4e-6
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scanned", [False, True])
 def test_what_a_micrometre_of_a_block_decides_is_no_error_of_the_model(scanned):
     # equation (1) at friction 0.16: 1 um changes the force by 19 to 24 % at 100 um and by 4 % at 80

@@ -61,6 +61,7 @@ def test_three_days_of_unequal_length_are_found_each_with_its_first_trial_and_it
     assert left < 0.02  # of ln F_px; 0.05 with the days in it
 
 
+@pytest.mark.long
 def test_a_day_that_the_log_names_has_a_level_of_its_own():
     days = np.select([_DAYS == 1.0, _DAYS == 1.25], ["mon", "tue"], "wed")
     found, left = _explain(_DAYS, 1, day=days)
@@ -73,6 +74,7 @@ def test_a_day_that_the_log_names_has_a_level_of_its_own():
     assert left < 0.02
 
 
+@pytest.mark.long
 def test_a_jump_and_a_drift_of_friction_are_taken_out():
     found, left = _explain(np.where(_RUN < 37, 1.0, 1.2), 1)
     assert [f.effect.id for f in found.findings] == ["step_friction_run_order"]
@@ -112,6 +114,7 @@ def test_friction_that_falls_by_a_quarter_after_a_rest_and_comes_back_is_no_wand
     assert left < 0.02  # of ln F_px; 0.035 with the rests in it
 
 
+@pytest.mark.long
 def test_friction_of_the_first_trial_after_a_rest_alone_changes_with_the_pause():
     found, left = _explain(np.where(_SINCE == 0.0, 0.75, 1.0), 2, **_RESTS)
     (finding,) = found.findings
@@ -162,6 +165,7 @@ def _ranges(**columns):
     return list_covariate_ranges(replace(trials, covariates={**trials.covariates, **covariates}))
 
 
+@pytest.mark.long
 def test_the_noise_beside_a_cause_that_goes_with_the_hour_is_what_the_bench_scatters_by():
     # origin: the same drags of the bench without scatter. A regression of fourth order in the run
     # cannot follow two and a half periods

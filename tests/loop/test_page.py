@@ -92,7 +92,7 @@ def test_trials_held_apart_stand_in_a_table_with_what_they_look_like(result):
     assert "Look at the records of the trials that were held apart" in page.split("<nav")[0]
 
 
-@pytest.mark.repeats
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "covariate", "shown", "heading"),
     [

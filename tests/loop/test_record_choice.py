@@ -55,6 +55,7 @@ def choose(result, records):
     return choose_records(result, build_session_table(records, _SPRING, _RADIUS), seed=0)
 
 
+@pytest.mark.long
 def test_values_that_scatter_less_about_the_model_stand_whichever_they_are(sharp):
     features, result = sharp
     noisy = make_noisy(features)

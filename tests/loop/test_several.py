@@ -62,6 +62,7 @@ def test_an_error_that_all_days_share_does_not_average_out():
     assert pooled.among_sessions_std == 0.0
 
 
+@pytest.mark.long
 def test_the_next_session_lies_in_its_interval_as_often_as_stated():
     random = np.random.default_rng(4)
     inside = 0
@@ -95,6 +96,7 @@ def fit_rounding(table):
     return fit(build_problem(table.model, table.trials), [ROUNDED])
 
 
+@pytest.mark.long
 def test_three_days_of_80_trials_give_what_one_of_240_gives():
     days, tables, scans = measure_days((0.16, 0.16, 0.16))
     whole = fit_rounding(

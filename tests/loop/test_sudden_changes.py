@@ -30,6 +30,7 @@ def _search(columns, seed, slot, size):
     return found, [finding.effect.id for finding in found.findings]
 
 
+@pytest.mark.long
 def test_a_jump_of_the_stiffness_leaves_nothing_to_explain_beside_it():
     columns = design_columns(96, 11)
     run = columns["run_order"]

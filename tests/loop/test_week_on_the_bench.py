@@ -179,6 +179,7 @@ def test_a_cause_of_a_real_week_is_named_alone_and_taken_out(planted, name, plac
     assert after < 0.095  # of ln E_v
 
 
+@pytest.mark.long
 def test_trials_that_went_wrong_are_held_apart_each_with_what_it_looks_like():
     rounded = _plant(lambda state: state.changed(radius=state.radius + 16e-6), "contact_geometry")
     trials = bench_trials(_DESIGN, _SEED, rounded)

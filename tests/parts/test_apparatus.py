@@ -194,6 +194,7 @@ def solve_leaf():
     return force, mass, abs(ends[1] - ends[0]) / (2.0 * step) / force
 
 
+@pytest.mark.long
 def test_stiffness_and_first_frequency_of_the_flexure_agree_with_finite_elements():
     # scikit-fem in three dimensions
     stiffness, mass, _ = solve_leaf()

@@ -26,6 +26,7 @@ def cylinder(height):
     return np.full_like(height, RADIUS)
 
 
+@pytest.mark.long
 def test_a_known_profile_is_found_at_fifty_stations_within_the_noise_of_a_bad_scan(tmp_path):
     # Origin: the outline that the mesh was made from, 20 um off at every point, with holes, flipped
     # triangles and debris.
@@ -109,6 +110,7 @@ def test_a_bad_scan_goes_from_its_file_to_solids_meshes_page_and_scenes(built, t
         assert len(export_scenes([path], form, tmp_path / form)) == 1
 
 
+@pytest.mark.long
 def test_it_is_dragged_over_in_both_directions(built, tmp_path):
     for way in ([], ["--backward"]):
         out = tmp_path / f"drag{len(way)}"

@@ -24,6 +24,7 @@ def test_a_set_of_tips_has_no_curve_of_its_own(tmp_path):
     assert list(write_plots(load_set(STIMULI / "probe-tips.toml"), tmp_path)) == []
 
 
+@pytest.mark.long
 def test_the_same_predictions_are_the_same_picture(tmp_path):
     steps = [Step(height) for height in np.linspace(5e-6, 100e-6, 9)]
     axes = np.linspace(0.0, 100e-6, 9), np.linspace(-30e-6, 30e-6, 7)

@@ -186,6 +186,7 @@ def test_readers_of_tables_take_the_folder_as_it_is(tmp_path):
         done.read(["height"])
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("library", ["polars", "dask.dataframe"])
 def test_polars_and_dask_read_a_sweep_as_pandas_does(library, tmp_path):
     reader = pytest.importorskip(library)

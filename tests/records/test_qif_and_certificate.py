@@ -320,6 +320,7 @@ def test_a_page_says_when_it_is_issued_for_whom_and_has_a_line_to_sign(tmp_path)
     assert [one.budget for one in content.results] != [()]
 
 
+@pytest.mark.long
 def test_a_page_that_the_disk_has_no_room_for_is_an_error_of_the_disk(tmp_path):
     xml = certificate_of(tmp_path)
     page = xml.with_name(xml.name.replace(".dcc.xml", ".certificate.pdf"))

@@ -44,6 +44,7 @@ def record(path, seed, noise=0.0, kind="sweep", column="force_n", scale=1.0):
     return path
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize(("kind", "end"), [("sweep", "csv"), ("impulse", "csv"), ("sweep", "wav")])
 def test_gain_and_inverse_of_a_known_actuator_are_right_within_one_percent(tmp_path, kind, end):
     found = calibrate_actuator(

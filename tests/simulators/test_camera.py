@@ -33,6 +33,7 @@ def test_the_camera_rides_with_the_tip_and_looks_at_it(tmp_path):
         assert np.linalg.norm(towards) > model.vis.map.znear * model.stat.extent
 
 
+@pytest.mark.long
 def test_one_scene_holds_all_blocks_of_a_set_and_each_tip_slips_at_the_force_of_its_own(tmp_path):
     """Expected: equation (1), as `event.json` of each block says it."""
     mujoco = pytest.importorskip("mujoco")
@@ -134,7 +135,7 @@ def test_nothing_moves_at_the_keyframe_of_any_scene_in_a_gap_neither(all_margins
         assert data.qpos == pytest.approx(home, abs=1e-7), name
 
 
-@pytest.mark.repeats
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["step-100", "gap-100", "gap-050-under-020", "gap-050-bevelled"])
 def test_the_readme_of_the_extremes_runs_as_it_stands_too(name, tmp_path):
     """The greatest force, 5.71 N, and the three gaps whose flank is steeper than friction."""

@@ -282,6 +282,7 @@ int main(int, char** arguments)
 """
 
 
+@pytest.mark.long
 def test_the_log_by_itself_writes_a_session_that_measure_reads(tmp_path):
     """Records of a rehearsed bench, whose truth is known, written by the delivered header."""
     compiler = shutil.which("c++") or shutil.which("g++")

@@ -314,6 +314,7 @@ def plays(case, language):
     return not (language in WITHOUT_RISE and case.get("rise"))
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_every_language_gives_a_hand_what_the_table_of_states_says(folder, tmp_path, language):
     drive, loaded = language(folder, tmp_path), language in WITHOUT_HEIGHT
@@ -347,6 +348,7 @@ def list_drag(speed, phase, rate=1e3):
     return rest + [(place, z, 1.0 / rate) for place in x]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("language", [one for one in LANGUAGES if one not in (in_chai3d, in_servo)])
 def test_a_release_is_that_of_the_formula_at_a_kilohertz_and_any_speed(folder, tmp_path, language):
     """Equations (1) and (2): 0.9271 N; 1 % of the energy is 0.5 % of the force."""

@@ -27,6 +27,7 @@ def test_the_command_line_offers_every_simulator():
     assert option.type_descriptor.choices == tuple(SCENE_FORMATS)
 
 
+@pytest.mark.long
 def test_a_folder_is_written_for_a_device_and_runs_from_elsewhere(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     arguments = [
@@ -102,6 +103,7 @@ def test_what_is_not_asked_for_is_the_first_of_the_sets_prediction(tmp_path):
     )
 
 
+@pytest.mark.long
 def test_a_sheath_changes_how_the_probe_rings(tmp_path):
     """The event rings as the sheathed rod does; the soft sheath ends its ring sooner."""
     stimuli, decays = load_set(ROOT / "stimuli" / "sheaths.toml"), {}
@@ -145,7 +147,7 @@ def test_files_of_the_user_survive_a_second_export(tmp_path):
     assert not list(folder.parent.glob(".partial*"))
 
 
-@pytest.mark.repeats
+@pytest.mark.long
 @pytest.mark.parametrize("simulator", SCENE_FORMATS)
 @pytest.mark.parametrize(
     ("name", "only"), [("crown-margins", "crown-shoulder"), ("probe-tips", "hook-125")]

@@ -89,7 +89,7 @@ def test_sections_of_neighbours_meet_and_those_across_the_tooth_do_not_reach_the
         assert local[:, 2].min() == pytest.approx(-0.6e-3)  # under the gap, not through the tooth
 
 
-@pytest.mark.repeats
+@pytest.mark.long
 @pytest.mark.parametrize("number", [1, 2, 4])
 def test_mujoco_drags_over_the_margin_at_the_force_of_its_own_section(folders, number):
     pytest.importorskip("mujoco")
@@ -299,6 +299,7 @@ def test_blocks_without_a_place_are_no_tooth(binding, folders):
             world.place(0, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 0.0, 0.1))
 
 
+@pytest.mark.long
 def test_a_loose_island_over_the_margin_never_answers_for_the_tooth(tmp_path):
     """A patch of many triangles 0.3 mm outside, over 1/12 of the line: stations stay the same."""
     import trimesh

@@ -151,7 +151,7 @@ def plan(share=1.0, noise=1.0, measure="bias"):
     )
 
 
-@pytest.mark.repeats
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("change", "seen"), [({"noise": 2.5}, (0, 1, 1)), ({"share": 0.8}, (1, 1, 0)), ({}, (0, 0, 0))]
 )
@@ -168,6 +168,7 @@ def test_noise_bias_and_neither_are_distinguished(change, seen):
         assert share >= 0.9 if there else share <= 0.2
 
 
+@pytest.mark.long
 def test_power_is_of_the_statistic_that_is_asked_for():
     for name, low, high in (("bias", 0.0, 0.3), ("absolute error", 0.9, 1.0), ("spread", 0.9, 1.0)):
         assert (

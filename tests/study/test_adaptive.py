@@ -35,6 +35,7 @@ def believe(prior, answers):
     return posterior / posterior.sum(), higher, axes
 
 
+@pytest.mark.long
 def test_the_posterior_is_that_of_direct_integration():
     # Bayes' rule with scipy's adaptive quadrature; lapse rates as the grid has them
     prior = complete_prior({"equal": "1.1", "weber": 0.25})

@@ -244,6 +244,7 @@ def test_a_run_in_the_browser_that_is_killed_on_the_way_ends_as_planned(virtual,
     assert len(list((virtual / "runs" / "participant-1").glob("trial-*.h5"))) == 4
 
 
+@pytest.mark.long
 @pytest.mark.browser
 def test_experiment_one_is_led_the_same_way_with_real_blocks(real, window):
     assert whole_run(window, real, "1", []) == [1, 2, 3, 4]

@@ -37,6 +37,7 @@ def estimate(runs, **effect):
     return table.iloc[0]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "runs",
     [40, pytest.param(600, marks=pytest.mark.long)],

@@ -44,6 +44,7 @@ def result(study):
     return analyse_study(study, [study / "sheets"])
 
 
+@pytest.mark.long
 def test_a_table_of_somebody_else_is_read_with_its_names_and_decimal_commas(
     study, result, tmp_path
 ):
@@ -171,6 +172,7 @@ def test_only_the_primary_outcome_opens_the_headline(tmp_path):
         analyse_study(tmp_path, [tmp_path / "answers.csv"], reference="c")
 
 
+@pytest.mark.long
 def test_groups_of_participants_are_compared(study, tmp_path):
     people = tmp_path / "people.csv"
     people.write_text(

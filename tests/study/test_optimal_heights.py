@@ -240,6 +240,7 @@ def test_the_determinant_follows_every_added_trial():
         assert value == pytest.approx(criterion.assess(more), abs=1e-8)
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize(
     ("target", "width", "fewer"),
     [("threshold", "4 um", 4e-6), ("jnd", 0.05, 0.05), ("threshold", "40 um", 40e-6)],
@@ -294,12 +295,14 @@ def check_scatter(placement, fits):
     assert fits.std(axis=0, ddof=1) / errors == pytest.approx([1.0, 1.0], abs=4.0 * sampling)
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("target", ["jnd", "threshold"])
 def test_simulated_participants_scatter_as_the_interval_says(target):
     design = place(target, trials=400, number=5, lapse=0.03)
     check_scatter(design.optimal, simulate_errors(design.optimal, 0.03, 100, 1))
 
 
+@pytest.mark.long
 def test_a_certain_threshold_is_known_better_than_from_equal_heights_by_simulation():
     design = place("threshold", trials=60)
     (found, _), (equal, _) = [
@@ -332,6 +335,7 @@ def compare_with_simulation(target, seed, runs):
     return widths
 
 
+@pytest.mark.long
 def test_power_finds_by_simulation_the_interval_of_a_threshold_that_a_design_expects():
     widths = compare_with_simulation("threshold", 1, 80)
     for simulated, expected in widths.values():
@@ -372,6 +376,7 @@ def test_power_expects_what_a_design_does_where_energy_is_a_power_of_the_height(
     assert row[f"expected_high_95_{unit}"] == pytest.approx(scale * bounds.high, rel=1e-3)
 
 
+@pytest.mark.long
 def test_a_jnd_from_three_heights_scatters_as_its_design_expects():
     """Fitted as `analyse_study` fits, of participants whose curve is the expected one."""
     design = place("jnd", trials=600, lapse=0.02)

@@ -64,6 +64,7 @@ def test_with_two_categories_it_is_the_logit_of_statsmodels_with_its_clustered_e
     assert ours == pytest.approx(logit.cov_params().to_numpy()[1:, 1:], rel=1e-5)
 
 
+@pytest.mark.long
 def test_errors_over_participants_are_those_of_leaving_each_out():
     # jackknife of Tukey (1958): how far the estimates without each participant are apart
     rating, exog = parts(frame := ratings(7, 30, 6, 0.6))
@@ -131,7 +132,7 @@ def test_too_few_participants_are_refused():
         )
 
 
-@pytest.mark.repeats
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(6))
 def test_ratings_that_meet_in_one_category_have_no_finite_odds(seed):
     # 2 to 4 without and 4 to 6 with: the likelihood rises with the odds for ever

@@ -59,6 +59,7 @@ def write(path, rows, drop=(), rename=None):
     return path
 
 
+@pytest.mark.long
 def test_a_dropout_is_left_out_whether_its_trials_have_empty_rows_or_none(tmp_path):
     rows = list_estimates()
     gone = [row for row in rows if (row["participant"], row["condition"]) == ("p9", "soft")]
@@ -99,6 +100,7 @@ def test_a_further_factor_is_in_the_model_as_analysis_of_variance_has_it(tmp_pat
     assert "Of its factors: " in write_headline(result)
 
 
+@pytest.mark.long
 def test_factors_without_a_condition_are_the_condition(tmp_path):
     rows = list_estimates(loads=("light", "heavy"))
     names = {"condition": "factor_probe", "load": "factor_load"}
@@ -108,6 +110,7 @@ def test_factors_without_a_condition_are_the_condition(tmp_path):
     }
 
 
+@pytest.mark.long
 def test_a_column_that_splits_the_judgements_and_is_in_no_model_is_named(tmp_path):
     rows = list_estimates(loads=("light", "heavy"))
     result = analyse_study(None, [write(tmp_path / "a.csv", rows)])
@@ -148,6 +151,7 @@ def list_comparisons(people=3, seed=1, constant=None):
     return rows
 
 
+@pytest.mark.long
 def test_two_probes_of_comparisons_are_two_settings(tmp_path):
     path = write(tmp_path / "a.csv", list_comparisons())
     result = analyse_study(None, [path], experiment="constant")
@@ -159,6 +163,7 @@ def test_two_probes_of_comparisons_are_two_settings(tmp_path):
     assert set(told.frame["factor_probe"]) == {"bare", "soft"}
 
 
+@pytest.mark.long
 def test_a_participant_who_always_says_yes_is_named_and_in_no_mean(tmp_path):
     rows = list_comparisons(constant=2)
     with_them = analyse_study(None, [write(tmp_path / "a.csv", rows)], experiment="constant")

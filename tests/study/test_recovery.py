@@ -151,6 +151,7 @@ def test_closed_form_power_is_the_textbook_s_and_begins_at_the_level():
     assert closed_form_power({"a": 0.0, "b": 1e-4}, 64, 1.0, 126) == pytest.approx(0.05, abs=1e-5)
 
 
+@pytest.mark.long
 def test_power_of_the_f_test_is_that_of_the_noncentral_f():
     # Energy in proportion to height without sensory noise: condition "b" lowers every estimate by a
     # tenth

@@ -231,6 +231,7 @@ def test_every_participant_lies_within_the_axes(estimates, virtual):
             assert np.ptp(axes.get_xlim()) > 1.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("experiment", "options"),
     [

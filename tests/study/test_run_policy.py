@@ -109,6 +109,7 @@ def test_a_request_that_does_not_say_its_length_is_refused(server, length):
     assert statuses(send(server, "POST /begin HTTP/1.1", *lines, body=b"2\r\n{}\r\n")) == [411]
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize(
     ("size", "status"),
     [

@@ -272,7 +272,7 @@ def test_several_factors_are_crossed_and_each_is_tested(tmp_path):
     assert "declared factors" in render_study(result)
 
 
-@pytest.mark.repeats
+@pytest.mark.long
 @pytest.mark.parametrize("experiment", ["estimates", "virtual", "magnitude"])
 def test_groups_alone_are_compared_by_their_participants(tmp_path, experiment):
     # estimates of groups alone once had no analysis, and magnitudes were pooled over the groups

@@ -31,6 +31,7 @@ def designed(name, participants=4, repetitions=2):
     return crossed(name, participants, BLOCKS, repetitions, 1)
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("name", ["estimates", "virtual", "constant", "magnitude"])
 def test_every_experiment_goes_round(name, tmp_path):
     (tmp_path / "design.csv").write_text(format_csv(designed(name).trials))
@@ -157,6 +158,7 @@ def test_vibration_raises_ratings_also_where_other_factors_cross_it():
     assert ratings[shown].mean() - ratings[~shown].mean() > 2.0
 
 
+@pytest.mark.long
 def test_the_power_of_ratings_is_that_of_the_ordinal_model_and_the_level_without_a_gain():
     given = {"measure": "realism", "participants": 8, "repetitions": 4}
     strong = estimate_power(plan(**given, observer=Observer(realism_gain=3.0)), runs=10)
@@ -172,6 +174,7 @@ def test_the_power_of_ratings_is_that_of_the_ordinal_model_and_the_level_without
     assert compute_p_value(far, "mixed", 1) == 1.0
 
 
+@pytest.mark.long
 def test_power_is_that_of_the_test_that_the_analysis_reads():
     three = plan(
         participants=6,

@@ -154,6 +154,7 @@ def test_what_training_cannot_do_is_refused(study, tmp_path_factory):
         stepblocks.open_training(folder, "1")
 
 
+@pytest.mark.long
 def test_the_page_serves_a_training_until_the_sitting_is_done(study):
     training = stepblocks.open_training(study, "2", 1)
     server = RunServer(training)

@@ -217,6 +217,7 @@ async def open_checked(folder):
         return [label.text for label in user.find(kind=ui.label).elements]
 
 
+@pytest.mark.long
 def test_a_check_of_another_declaration_is_said_to_be_old(tmp_path):
     unpack_session(pack(FILES), tmp_path / "b1")
     (tmp_path / "out").mkdir()

@@ -186,6 +186,7 @@ def drop_scans(base, files):
     }
 
 
+@pytest.mark.long
 def test_a_broken_scan_in_text_is_a_message_of_the_command(tmp_path):
     drop_scans(tmp_path, TEXTS)
 
@@ -195,6 +196,7 @@ def test_a_broken_file_of_an_instrument_is_a_message_of_the_command(tmp_path):
     drop_scans(tmp_path, INSTRUMENTS)
 
 
+@pytest.mark.long
 def test_a_broken_archive_of_a_session_is_a_message_and_leaves_no_part(tmp_path):
     folder = tmp_path / "lab"
     folder.mkdir()
@@ -235,6 +237,7 @@ async def open_all(folder):
     return messages
 
 
+@pytest.mark.long
 def test_a_wrong_name_or_entry_is_a_message_where_it_was_typed_and_saves_nothing(tmp_path):
     folder = tmp_path / "lab"
     (folder / "folder.toml").mkdir(parents=True)
@@ -348,6 +351,7 @@ async def say(folder, path, answers):
     return messages
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize(
     ("path", "names"), [("/set", ("file", "plot")), ("/study", ("folder", "answers", "report"))]
 )

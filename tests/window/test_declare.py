@@ -217,6 +217,7 @@ async def open_file(folder, name):
         return [label.text for label in user.find(kind=ui.label).elements]
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("name", ["../secret.toml", "/etc/x.toml", "a/../../secret.toml", "a.txt"])
 def test_a_name_outside_the_folder_is_not_opened(name, tmp_path):
     folder = tmp_path / "lab"
@@ -303,6 +304,7 @@ def test_a_set_of_which_one_part_is_changed_is_felt_as_if_it_were_new():
             assert felt == predict_felt(stimuli, dragged=dragged)
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("name", ["paper-ten", "crown-margins", "sheaths"])
 def test_one_size_is_followed_within_a_tenth_of_a_second_and_a_second_by_the_drag(name):
     """By processor time, which another program of the machine does not lengthen."""

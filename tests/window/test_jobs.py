@@ -225,6 +225,7 @@ async def look_at_lost(folder, record):
         return job
 
 
+@pytest.mark.long
 @needs_state
 def test_a_job_that_ended_with_its_window_is_shown_and_run_again(tmp_path, state):
     (tmp_path / "lab").mkdir()

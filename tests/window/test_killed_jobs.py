@@ -132,6 +132,7 @@ def is_visible(name):
     return not any(part.startswith(".") for part in Path(name).parts)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_kill_in_a_job_leaves_whole_files_and_the_next_window_runs_it_again(kind, tmp_path):
     before, words = JOBS[kind]

@@ -172,6 +172,7 @@ async def open_with_model(folder, name):
         return shown, [column["name"] for column in table.columns]
 
 
+@pytest.mark.long
 def test_the_page_to_declare_shows_the_command_that_predicts_by_the_model(lab):
     (lab / "mine.toml").write_text('[[step_block]]\nid = "a"\nheight = "40 um"\n')
     shown, columns = asyncio.run(open_with_model(lab, "out/b1-loop/model.json"))

@@ -45,6 +45,7 @@ def test_the_parts_list_numbers_counts_and_revises_each_part(tmp_path):
     assert all("no STEP file yet" in row["note"] for row in rows)  # nothing was built
 
 
+@pytest.mark.long
 def test_the_archive_holds_drawings_sheets_and_solids_and_is_the_same_bytes_again(tmp_path):
     first = write_order(tmp_path, "one") / "own.quotation.zip"
     with zipfile.ZipFile(first) as archive:

@@ -161,6 +161,7 @@ def apart(a, b, by=0.05):
     )
 
 
+@pytest.mark.long
 def test_letters_stay_letters_in_svg_and_pdf(tmp_path):
     _, svg, pdf = write_drawing(tmp_path, STIMULI["step-010"])
     text = svg.read_text(encoding="utf-8")

@@ -105,6 +105,7 @@ def test_ten_microns_are_never_printed_as_a_hundredth_or_as_nothing():
     assert choose_decimals(1.0005e-3) == 4
 
 
+@pytest.mark.long
 def test_svg_and_pdf_come_out_the_same_twice(tmp_path):
     first = write_drawing(tmp_path, STIMULI["step-010"], ("dxf", "svg", "pdf"))
     content = [path.read_bytes() for path in first]

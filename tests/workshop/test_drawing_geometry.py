@@ -172,6 +172,7 @@ def test_nothing_on_the_drawing_of_a_step_block_strikes_anything(height, body):
     assert list(overlaps_on(draw_part_sheet(block, ORDER))) == []
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("body", ["usual", "short", "long"])
 def test_a_text_beside_its_arrows_stands_over_its_dimension_line(body):
     # ISO 129-1: where there is no room between the arrows the line is drawn on, under the value
@@ -223,6 +224,7 @@ def test_lines_are_of_one_group_and_the_title_block_stands_in_its_corner():
     assert any(one.size.x == pytest.approx(180.0) for one in corner)
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("body", BODIES)
 def test_scales_letters_frame_and_threads_are_those_of_the_standards(body):
     # ISO 5455: 1, 2 or 5 times a power of ten; ISO 5457: 20 mm for filing, 10 mm elsewhere;
@@ -273,6 +275,7 @@ def test_the_straightness_of_the_riser_stands_in_a_frame_that_points_at_it():
     assert any((tip.x, tip.y) == pytest.approx((riser, level)) for tip in tips)
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("opening", [None, "80 um", "-60 um", "20 um"])
 def test_nothing_on_the_drawing_of_a_margin_block_strikes_anything(opening):
     sizes = {} if opening is None else {"vertical_discrepancy": opening}

@@ -40,6 +40,7 @@ def read_texts(path):
     return [entity.dxf.text for entity in ezdxf.readfile(path).modelspace().query("TEXT")]
 
 
+@pytest.mark.long
 def test_the_order_of_a_block_of_gauge_block_steel_has_the_drawing(tmp_path):
     (tmp_path / "mine.toml").write_text(
         '[defaults.step_block.body]\nmounting = "none"\nengraving = "none"\n'

@@ -99,6 +99,7 @@ def test_a_base_that_the_stock_has_no_room_for_is_said_on_the_setup_sheet(tmp_pa
         assert ("needs a larger stock than the block in one piece" in text) is said
 
 
+@pytest.mark.long
 def test_the_workshop_command_writes_everything_and_prints_the_routes(tmp_path, capsys):
     arguments = [
         "workshop",
@@ -131,6 +132,7 @@ def test_the_workshop_command_writes_everything_and_prints_the_routes(tmp_path, 
     assert main([*arguments[:-2], "-o", str(tmp_path), "--only", "nothing"]) == 2
 
 
+@pytest.mark.long
 def test_what_is_said_of_several_parts_stands_once_and_counts_them(capsys, tmp_path):
     two = tmp_path / "two.toml"
     two.write_text(

@@ -117,6 +117,7 @@ def test_a_folder_that_is_a_link_is_not_written_through(linked, tmp_path):
     assert main(["workshop", str(STIMULI / "sheaths.toml"), "-o", str(output)]) == 2
 
 
+@pytest.mark.long
 def test_the_table_of_routes_has_a_line_for_each_with_its_note(tmp_path):
     orders = order_parts(STIMULI / "paper-ten.toml", tmp_path, only="step-010")
     lines = tabulate_routes([*orders, PartOrder("a/tip", (), ())])

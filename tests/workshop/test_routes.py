@@ -146,6 +146,7 @@ def test_routes_whose_cost_class_is_published_come_first_the_cheaper_before():
     assert not any(costs[len(known) :])
 
 
+@pytest.mark.long
 def test_the_command_prints_what_is_felt_and_leaves_a_table_with_the_sources(tmp_path, capsys):
     arguments = [
         "workshop",

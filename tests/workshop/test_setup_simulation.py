@@ -186,6 +186,7 @@ def test_a_block_made_by_its_sheet_is_the_drawn_one(name, tmp_path):
     check_solid(block, sheet)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", QUICK[:2])
 def test_holes_and_edge_breaks_of_a_solid_at_the_corners_stay_within_the_drawing(name, tmp_path):
     block = leave_out(BLOCKS[name], "metrology")
@@ -226,6 +227,7 @@ def test_a_relief_is_cut_by_the_sheet_as_it_is_drawn(tmp_path):
     assert sum(one.Volume() for one in made.cut(drawn).Solids()) * 1e-9 < NOTHING
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("direction", ["up", "down"])
 def test_both_steps_are_lapped_by_the_sheet_as_they_are_drawn(direction, tmp_path):
     block = StepBlock(
