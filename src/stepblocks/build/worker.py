@@ -43,5 +43,5 @@ with pause_collector():
     for library in _LIBRARIES:
         with suppress(ImportError):
             import_module(library)
-# all of it stays, and a collector that touched it would copy its memory for every fork
-gc.freeze()
+    # all of it stays, and a collector that touched it would copy its memory for every fork
+    gc.freeze()

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def pause_collector() -> Iterator[None]:
-    """Let the collector rest while libraries are loaded.
+    """Let the collector rest while libraries are loaded, and take what is there for old.
 
     The CAD kernel and its neighbours make half a million objects, all of which stay; the collector
     would look through them again and again, for a sixth of the time that they take to load.
@@ -19,4 +19,8 @@ def pause_collector() -> Iterator[None]:
     try:
         yield
     finally:
+        if gc.get_freeze_count() == 0:
+            # moved to the oldest generation, which is searched when as many new ones have survived
+            gc.freeze()
+            gc.unfreeze()
         gc.enable()

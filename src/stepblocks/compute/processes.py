@@ -122,13 +122,12 @@ class _ForkServer:
 
     def start(self, module: str) -> None:
         """Start it, where this process can; it loads a module while this process goes on."""
-        if sys.platform != "linux" or not _is_command_line():
-            return
-        from multiprocessing import forkserver
+        if sys.platform == "linux" and _is_command_line():
+            from multiprocessing import forkserver
 
-        forkserver.set_forkserver_preload([module])
-        forkserver.ensure_running()
-        self.is_running = True
+            forkserver.set_forkserver_preload([module])
+            forkserver.ensure_running()
+            self.is_running = True
 
     def get_context(self) -> "BaseContext":
         """Return what starts processes by it."""
