@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from stepblocks.errors import PipelineError
 
 if TYPE_CHECKING:
+    from concurrent.futures import Future
     from multiprocessing.context import BaseContext
 
 R = TypeVar("R")
@@ -19,6 +20,7 @@ R = TypeVar("R")
 _OURS = "STEPBLOCKS_"  # how the environment variables begin that a worker needs
 _PARENT_DIED = 1  # PR_SET_PDEATHSIG of prctl(2)
 _KILL = 9  # the number of SIGKILL, which not every system names
+_LATEST_END = 1.0  # of a process that was killed [s]
 _WORKER_DIED = (
     "a worker process died: it was ended from outside, ran out of memory, or found no "
     "OpenGL (libGL, libEGL); run it again, and it goes on"
@@ -100,14 +102,27 @@ def _run_in_forks(
         initializer=_begin_worker,
         initargs=(collect_settings(),),
     )
-    are_done = False
+    futures: list[Future[R]] = []
     try:
-        futures = [pool.submit(function, *call) for call in calls]
+        for call in calls:
+            futures.append(pool.submit(function, *call))
         for future in futures if in_order else as_completed(futures):
             yield future.result()
-        are_done = True
     finally:
-        pool.shutdown(kill_workers=not are_done)
+        if not all(future.done() for future in futures):
+            _kill_forks(futures)
+        pool.shutdown()
+
+
+def _kill_forks(futures: "Iterable[Future[Any]]") -> None:
+    """Kill the workers that make calls of which nobody wants the results; wait for their ends."""
+    import multiprocessing
+
+    for future in futures:
+        future.cancel()
+    for worker in multiprocessing.active_children():
+        worker.kill()
+        worker.join()
 
 
 class _ForkServer:
@@ -222,10 +237,16 @@ def _end_with_process(pid: int) -> None:
 
 
 def kill_workers() -> None:
-    """Kill every process below this one; trackers of shared memory end by themselves."""
+    """Kill every process below this one, and wait for their ends.
+
+    Trackers of shared memory end by themselves.
+    """
     import psutil
 
+    killed = []
     for child in psutil.Process().children(recursive=True):
         with suppress(psutil.Error):  # it has ended meanwhile
             if "resource_tracker" not in " ".join(child.cmdline()):
                 child.kill()
+                killed.append(child)
+    psutil.wait_procs(killed, timeout=_LATEST_END)
