@@ -33,6 +33,8 @@ from stepblocks.parts.kind import Part
 if TYPE_CHECKING:
     from distributed import Client
 
+    # loaded by the process of which workers are forks, by its name
+    from stepblocks.build import worker as worker
     from stepblocks.declaration.set import StimulusSet
     from stepblocks.predict.predictions import Prediction
 
