@@ -12,6 +12,8 @@ interpreter; without it, it is said to be missing.
 from __future__ import annotations
 
 import argparse
+import contextlib
+import ctypes
 import os
 import statistics
 import subprocess
@@ -22,6 +24,7 @@ from functools import partial
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
+BECOME_SUBREAPER = 36  # PR_SET_CHILD_SUBREAPER of prctl(2)
 
 CADQUERY = """
 import sys, cadquery as cq
@@ -68,14 +71,29 @@ for stimulus in load_set(Path(sys.argv[2])).stimuli:
 """
 
 
+def adopt_orphans() -> None:
+    """Let this process wait for what a command leaves behind, such as the server of its workers."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(BECOME_SUBREAPER, 1, 0, 0, 0)
+
+
 def measure(command: list[str]) -> tuple[float, float, float]:
-    """Wall and CPU seconds and peak resident MiB (largest process) of a command."""
+    """Wall and CPU seconds and peak resident MiB (largest process) of a command.
+
+    The CPU seconds are those of all its processes.
+    """
     started = time.perf_counter()
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     _, status, usage = os.wait4(process.pid, 0)
+    wall = time.perf_counter() - started
     if status:
         raise SystemExit(f"failed: {' '.join(command)[:200]}")
-    return time.perf_counter() - started, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024
+    usages = [usage]
+    with contextlib.suppress(ChildProcessError):  # until none is left
+        while True:
+            usages.append(os.wait4(-1, 0)[2])
+    cpu = sum(usage.ru_utime + usage.ru_stime for usage in usages)
+    return wall, cpu, max(usage.ru_maxrss for usage in usages) / 1024
 
 
 def main() -> None:
@@ -86,6 +104,7 @@ def main() -> None:
         "--build123d", metavar="PYTHON", help="interpreter of an environment with build123d"
     )
     arguments = parser.parse_args()
+    adopt_orphans()
     runs = arguments.runs
     stimuli = str(ROOT / "stimuli" / "paper-ten.toml")
     python = sys.executable

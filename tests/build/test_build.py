@@ -57,6 +57,16 @@ def test_two_builds_in_two_places_are_the_same_bytes(first, tmp_path):
     assert tree(tmp_path / "out") == tree(first)
 
 
+def test_the_command_line_builds_the_same_bytes_in_forks_of_one_process(first, source, tmp_path):
+    output = tmp_path / "out"
+    words = ["build", str(source), "-o", str(output), "--jobs", "2", "--quiet"]
+    done = subprocess.run(
+        [sys.executable, "-m", "stepblocks", *words], capture_output=True, text=True, check=True
+    )
+    assert done.stderr == ""
+    assert tree(output) == tree(first)
+
+
 def test_the_manifest_lists_every_file_with_its_hash(first):
     manifest = json.loads((first / "manifest.json").read_text())
     files = tree(first)
@@ -164,22 +174,27 @@ def held(*arguments):
         yield next(results)
         signal.pause()
 make.build_stimuli = held
-# under nohup the process that runs the tests ignores them
-for number in (signal.SIGTERM, signal.SIGHUP):
-    signal.signal(number, signal.SIG_DFL)
-signal.signal(signal.SIGINT, signal.default_int_handler)
-sys.exit(main(sys.argv[1:]))
+if __name__ == "__main__":
+    # under nohup the process that runs the tests ignores them
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_DFL)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    sys.exit(main(sys.argv[1:]))
 """
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT, signal.SIGKILL])
+# workers of the command line are forks on Linux, and others start from nothing
+@pytest.mark.parametrize("name", ["stepblocks", "script.py"])
 def test_a_build_that_is_asked_to_end_or_killed_takes_its_workers_along_and_leaves_no_draft(
-    number, tmp_path
+    name, number, tmp_path
 ):
     output = tmp_path / "out"
     paper = str(ROOT / "stimuli" / "paper-ten.toml")
+    script = tmp_path / name
+    script.write_text(HELD)
     process = subprocess.Popen(
-        [sys.executable, "-c", HELD, "build", paper, "-o", str(output), "--jobs", "2"],
+        [sys.executable, str(script), "build", paper, "-o", str(output), "--jobs", "2"],
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stepblocks.artefacts.step.callout import draw_callout, format_callout
+from stepblocks.artefacts.step.callout import draw_callout, format_callout, measure_box
 from stepblocks.artefacts.step.conform import make_conforming
 from stepblocks.cad.kernel import Face
 from stepblocks.cli import main
@@ -103,18 +103,18 @@ FACES = [
 
 
 def test_a_callout_lies_in_one_plane_before_the_part_and_leads_to_its_face():
-    text, leader = draw_callout("1  step", 0, FACES, FACES[1])
+    text, leader = draw_callout("1  step", 0, measure_box(FACES), FACES[1])
     points = np.concatenate(text)
     assert np.ptp(points[:, 1]) == 0.0
     assert points[0, 1] < -0.01  # in front of everything
     assert points[:, 0].min() > 0.01  # to the right of everything
     assert leader[1] == pytest.approx((0.005, 0.0, 0.0025))
-    above, _ = draw_callout("1  step", 1, FACES, FACES[1])
+    above, _ = draw_callout("1  step", 1, measure_box(FACES), FACES[1])
     assert np.concatenate(above)[:, 2].min() > points[:, 2].max()
 
 
 def test_outlines_of_letters_are_closed():
-    outlines, _ = draw_callout("8", 0, FACES, FACES[0])
+    outlines, _ = draw_callout("8", 0, measure_box(FACES), FACES[0])
     assert len(outlines) == 3  # the outline and either hole
     for outline in outlines:
         # each corner once: the line back to the first is none of no length

@@ -1,13 +1,14 @@
 """Stimuli from their specifications to folders of checked artefacts, one by one or in parallel."""
 
 import json
-import operator
 import tempfile
 import time
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from stepblocks.artefacts.meshes.write import MESH_FORMATS, write_pieces
 from stepblocks.build.manifest import (
@@ -21,6 +22,7 @@ from stepblocks.build.manifest import (
     write_sealed,
 )
 from stepblocks.compute.cores import count_cores
+from stepblocks.compute.processes import prepare_workers
 from stepblocks.compute.seam import run_calls
 from stepblocks.files.atomic import make_draft_folder, move_into_place, sync_folder
 from stepblocks.files.confined import read_own_files
@@ -31,6 +33,8 @@ from stepblocks.parts.kind import Part
 if TYPE_CHECKING:
     from distributed import Client
 
+    # loaded by the process of which workers are forks, by its name
+    from stepblocks.build import worker as worker
     from stepblocks.declaration.set import StimulusSet
     from stepblocks.predict.predictions import Prediction
 
@@ -97,8 +101,8 @@ def build_stimuli(
 ) -> "Generator[BuiltStimulus | PredictedSet]":
     """Make stimuli here, in as many processes as there are cores, or on a cluster.
 
-    Each is given when its files are in place. Sets are predicted beside them, in this process where
-    a cluster makes the stimuli.
+    Each is given when its files are in place. Sets are predicted in this process, beside them where
+    others make them.
     """
     if cluster is not None:
         yield from _build_on_cluster(outdated, output, cluster)
@@ -106,13 +110,26 @@ def build_stimuli(
         return
     processes = min(jobs or count_cores(), max(len(outdated), 1))
     # workers of an earlier build have the working folder of that time
-    calls: list[tuple[Any, ...]]
-    calls = [(build_stimulus, output.absolute(), stimulus) for stimulus in outdated]
-    predictions = [(predict_declared_set, stimuli) for stimuli in predicted]
-    # behind the first stimuli, which show that it goes on, and not at the end, where they would be
-    # all that is left to do
-    calls = [*calls[:processes], *predictions, *calls[processes:]]
-    yield from run_calls(operator.call, calls, jobs=processes, in_order=False)
+    calls = [(output.absolute(), stimulus) for stimulus in outdated]
+    if processes == 1:
+        yield from run_calls(build_stimulus, calls, jobs=1, in_order=False)
+        yield from map(predict_declared_set, predicted)
+        return
+    prepare_workers("stepblocks.build.worker")
+    with _predict_beside(predicted) as predictions:
+        yield from run_calls(build_stimulus, calls, jobs=processes, in_order=False)
+        for prediction in predictions:
+            yield prediction.result()
+
+
+@contextmanager
+def _predict_beside(predicted: "Sequence[StimulusSet]") -> "Iterator[list[Future[PredictedSet]]]":
+    """Predict sets in a thread of this process, which only waits for its workers."""
+    thread = ThreadPoolExecutor(1)
+    try:
+        yield [thread.submit(predict_declared_set, stimuli) for stimuli in predicted]
+    finally:
+        thread.shutdown(cancel_futures=True)
 
 
 def predict_declared_set(stimuli: "StimulusSet") -> PredictedSet:

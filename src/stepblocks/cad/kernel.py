@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import cadquery as cq
 import numpy as np
@@ -32,6 +33,8 @@ _FLAT = 1e-6  # extent of a face square to an axis, along it [m]
 _PICOMETRES = 1e12  # in a metre: points of a mesh that share one are the same
 _WIDE_ANGLE = 1.0  # between neighbouring triangles [rad], so that the chordal error alone decides
 _SMALLEST_TRIANGLE = 1e-7  # [mm]
+# faces of the bodies that are in use: whoever writes, meshes and judges a body asks for them
+_described: WeakKeyDictionary[Body, tuple[Face, ...]] = WeakKeyDictionary()
 # threads of the kernel would be missing in a fork of this process, which waits for them for ever
 OSD_ThreadPool.DefaultPool_s().Init(1)
 
@@ -192,8 +195,13 @@ def compute_common_volume(body: Body, obstacle: Body) -> float:
 
 
 def describe_faces(body: Body) -> tuple[Face, ...]:
-    """Describe the faces of a body, in the order of the kernel."""
-    return tuple(_describe_face(face) for face in body.Faces())
+    """Describe the faces of a body, in the order of the kernel, as they were before it was meshed.
+
+    The box of a face that has triangles is another one in its last bits.
+    """
+    if body not in _described:
+        _described[body] = tuple(_describe_face(face) for face in body.Faces())
+    return _described[body]
 
 
 def _describe_face(face: cq.Face) -> Face:
@@ -235,7 +243,7 @@ def tessellate(body: Body, deflection: Callable[[Face], float]) -> Tessellation:
         Every point once, triangles without an extent left out.
     """
     faces = body.Faces()
-    described = tuple(_describe_face(face) for face in faces)
+    described = describe_faces(body)
     _mesh_faces(body, faces, [deflection(face) for face in described])
     pieces = [_read_triangulation(face) for face in faces]
     points = np.concatenate([piece.points for piece in pieces])

@@ -5,6 +5,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -24,7 +25,7 @@ from OCP.TDataStd import TDataStd_Name
 from OCP.TDF import TDF_AttributeIterator, TDF_Label, TDF_LabelSequence
 from OCP.TDocStd import TDocStd_Document
 from OCP.TopLoc import TopLoc_Location
-from OCP.TopoDS import TopoDS_Compound
+from OCP.TopoDS import TopoDS_Compound, TopoDS_Wire
 from OCP.XCAFDoc import (
     XCAFDoc_Datum,
     XCAFDoc_Dimension,
@@ -38,6 +39,7 @@ from stepblocks.errors import SolidError
 _MM = 1e3
 # An edge that is shorter is none to the kernel [mm]
 _SHORTEST_EDGE = 1e-6
+_MOST_POLYGONS = 4096  # outlines of letters that are kept
 PmiKind = Literal[
     "distance",
     "to_outer",
@@ -372,17 +374,26 @@ def _set_presentation(
     builder = BRep_Builder()
     builder.MakeCompound(compound)
     for outline in callout.outlines:
-        polygon = BRepBuilderAPI_MakePolygon()
-        for x, y, z in (outline * _MM).tolist():
-            polygon.Add(gp_Pnt(x, y, z))
-        polygon.Close()
-        builder.Add(compound, polygon.Wire())
+        builder.Add(compound, _make_polygon(outline.tobytes()))
     begin, end = map(_make_point, callout.leader)
     if begin.Distance(end) > _SHORTEST_EDGE:
         builder.Add(compound, BRepBuilderAPI_MakeEdge(begin, end).Edge())
     content.SetPresentation(compound, TCollection_HAsciiString(callout.text))
     content.SetPlane(gp_Ax2(begin, gp_Dir(0.0, -1.0, 0.0)))
     content.SetPointTextAttach(begin)
+
+
+@lru_cache(maxsize=_MOST_POLYGONS)
+def _make_polygon(corners: bytes) -> TopoDS_Wire:
+    """Make a closed polygon of the bytes of its corners, shape (n, 3) [m].
+
+    Most callouts of a set spell the same letters in the same places.
+    """
+    polygon = BRepBuilderAPI_MakePolygon()
+    for x, y, z in (np.frombuffer(corners).reshape(-1, 3) * _MM).tolist():
+        polygon.Add(gp_Pnt(x, y, z))
+    polygon.Close()
+    return polygon.Wire()
 
 
 def _make_point(point: Point) -> gp_Pnt:

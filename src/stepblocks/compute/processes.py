@@ -1,19 +1,30 @@
 """Work in several processes; each ends with the one that started it, also when that is killed."""
 
 import os
+import sys
 import threading
 import warnings
 from collections.abc import Callable, Generator, Iterable, Mapping
 from contextlib import suppress
-from typing import Any, TypeVar
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from stepblocks.errors import PipelineError
+
+if TYPE_CHECKING:
+    from concurrent.futures import Future
+    from multiprocessing.context import BaseContext
 
 R = TypeVar("R")
 
 _OURS = "STEPBLOCKS_"  # how the environment variables begin that a worker needs
 _PARENT_DIED = 1  # PR_SET_PDEATHSIG of prctl(2)
 _KILL = 9  # the number of SIGKILL, which not every system names
+_LATEST_END = 1.0  # of a process that was killed [s]
+_WORKER_DIED = (
+    "a worker process died: it was ended from outside, ran out of memory, or found no "
+    "OpenGL (libGL, libEGL); run it again, and it goes on"
+)
 
 
 def run_in_processes(
@@ -48,26 +59,121 @@ def run_in_processes(
     PipelineError
         If a worker died.
     """
-    from joblib import Parallel, delayed
-    from joblib.externals.loky.process_executor import TerminatedWorkerError
-
     # the pool replaces a worker that has grown much and goes on; where warnings are errors, this
     # one would end the thread that does so, and nobody would start the work that waits
     warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
-    settings = collect_settings()
+    from joblib.externals.loky.process_executor import TerminatedWorkerError
+
+    run = _run_in_pool
+    if jobs > 1 and _fork_server.is_running:
+        run = _run_in_forks
+    try:
+        yield from run(function, calls, jobs, in_order)
+    except TerminatedWorkerError as error:
+        raise PipelineError(_WORKER_DIED) from error
+
+
+def _run_in_pool(
+    function: Callable[..., R], calls: Iterable[tuple[Any, ...]], jobs: int, in_order: bool
+) -> Generator[R]:
+    """Make calls in a pool of processes that start from nothing, and stay for the next calls."""
+    from joblib import Parallel, delayed
+
     parallel = Parallel(
         n_jobs=jobs,
         return_as="generator" if in_order else "generator_unordered",
         initializer=_begin_worker,
-        initargs=(settings,),  # workers of other settings are not used again
+        initargs=(collect_settings(),),  # workers of other settings are not used again
     )
+    yield from parallel(delayed(function)(*call) for call in calls)
+
+
+def _run_in_forks(
+    function: Callable[..., R], calls: Iterable[tuple[Any, ...]], jobs: int, in_order: bool
+) -> Generator[R]:
+    """Make calls in forks of the fork server, which end with the last call."""
+    from concurrent.futures import as_completed
+
+    from joblib.externals.loky import ProcessPoolExecutor
+
+    pool = ProcessPoolExecutor(
+        jobs,
+        context=_fork_server.get_context(),
+        initializer=_begin_worker,
+        initargs=(collect_settings(),),
+    )
+    futures: list[Future[R]] = []
     try:
-        yield from parallel(delayed(function)(*call) for call in calls)
-    except TerminatedWorkerError as error:
-        raise PipelineError(
-            "a worker process died: it was ended from outside, ran out of memory, or found no "
-            "OpenGL (libGL, libEGL); run it again, and it goes on"
-        ) from error
+        for call in calls:
+            futures.append(pool.submit(function, *call))
+        for future in futures if in_order else as_completed(futures):
+            yield future.result()
+    finally:
+        if not all(future.done() for future in futures):
+            _kill_forks(futures)
+        pool.shutdown()
+
+
+def _kill_forks(futures: "Iterable[Future[Any]]") -> None:
+    """Kill the workers that make calls of which nobody wants the results; wait for their ends."""
+    import multiprocessing
+
+    for future in futures:
+        future.cancel()
+    for worker in multiprocessing.active_children():
+        worker.kill()
+        worker.join()
+
+
+class _ForkServer:
+    """The process that loads modules once, and is forked for every worker.
+
+    Only Linux forks a process that has loaded much, and only the command line may be loaded again
+    by a worker as its main module: it does nothing then.
+    """
+
+    def __init__(self) -> None:
+        self.is_running = False
+
+    def start(self, module: str) -> None:
+        """Start it, where this process can; it loads a module while this process goes on."""
+        if sys.platform == "linux" and _is_command_line():
+            from multiprocessing import forkserver
+
+            forkserver.set_forkserver_preload([module])
+            forkserver.ensure_running()
+            self.is_running = True
+
+    def get_context(self) -> "BaseContext":
+        """Return what starts processes by it."""
+        import multiprocessing
+
+        return multiprocessing.get_context("forkserver")
+
+
+_fork_server = _ForkServer()
+
+
+def prepare_workers(module: str) -> None:
+    """Begin to load a module for the workers of the calls that follow, where they can be forked.
+
+    It is loaded once and beside what this process does meanwhile, and not in every worker.
+    Elsewhere workers load what they need by themselves.
+
+    Parameters
+    ----------
+    module : str
+        Its name; it imports what the workers need.
+    """
+    _fork_server.start(module)
+
+
+def _is_command_line() -> bool:
+    """Tell whether this process is ``stepblocks`` or ``python -m stepblocks``."""
+    main = sys.modules["__main__"]
+    if main.__spec__ is not None:
+        return main.__spec__.name == "stepblocks.__main__"
+    return Path(getattr(main, "__file__", None) or "").name == "stepblocks"
 
 
 def collect_settings() -> dict[str, str]:
@@ -131,10 +237,16 @@ def _end_with_process(pid: int) -> None:
 
 
 def kill_workers() -> None:
-    """Kill every process below this one; trackers of shared memory end by themselves."""
+    """Kill every process below this one, and wait for their ends.
+
+    Trackers of shared memory end by themselves.
+    """
     import psutil
 
+    killed = []
     for child in psutil.Process().children(recursive=True):
         with suppress(psutil.Error):  # it has ended meanwhile
             if "resource_tracker" not in " ".join(child.cmdline()):
                 child.kill()
+                killed.append(child)
+    psutil.wait_procs(killed, timeout=_LATEST_END)

@@ -1,13 +1,16 @@
 """Tables at the border: a column's unit stands in its name, ``height_um`` or ``speed_mm_s``."""
 
+import csv
 import difflib
+import io
+import itertools
 import math
 import re
 import warnings
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -487,6 +490,8 @@ def format_csv(
     table: object, columns: Sequence[str] | None = None, float_format: str | None = None
 ) -> str:
     """Write a table, or rows as mappings, as the text of a CSV."""
+    if columns is None and _are_rows_of_text(table):
+        return _format_rows_of_text(table)
     import pandas as pd
 
     rows: Any = table
@@ -500,6 +505,29 @@ def format_csv(
             escaped[str(name)] = frame[name].map(escape_formula)
     frame = frame.assign(**escaped).rename(columns=escape_formula)
     return str(frame.to_csv(index=False, lineterminator="\n", float_format=float_format))
+
+
+def _are_rows_of_text(table: object) -> TypeGuard[list[Mapping[str, str]]]:
+    """Tell whether a table is rows as mappings that hold nothing but text."""
+    if not isinstance(table, list) or not table:
+        return False
+    for row in table:
+        if not isinstance(row, Mapping):
+            return False
+        if not all(isinstance(cell, str) for cell in row.values()):
+            return False
+    return True
+
+
+def _format_rows_of_text(rows: Sequence[Mapping[str, str]]) -> str:
+    """Write rows of text as a CSV; pandas, which would do the same, takes long to load."""
+    names = list(dict.fromkeys(itertools.chain.from_iterable(rows)))
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([escape_formula(name) for name in names])
+    for row in rows:
+        writer.writerow([escape_formula(row.get(name, "")) for name in names])
+    return text.getvalue()
 
 
 def write_table(frame: "pd.DataFrame", path: Path, float_format: str | None = None) -> None:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from stepblocks.compute.collector import pause_collector
 from stepblocks.files.archives import pin_archive
 from stepblocks.parts.shapes import Mesh
 
@@ -22,7 +23,8 @@ GLB_FROM_PART = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 
 def _build_trimesh(mesh: Mesh, scale: float) -> Any:
     """Build a mesh of the library, its lengths in metres times a scale."""
-    import trimesh
+    with pause_collector():
+        import trimesh
 
     return trimesh.Trimesh(mesh.vertices * scale, mesh.triangles, process=False, validate=False)
 

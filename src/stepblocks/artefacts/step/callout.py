@@ -2,12 +2,13 @@
 
 import itertools
 from collections.abc import Sequence
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.cad import door
-from stepblocks.cad.pmi import Callout
+from stepblocks.cad import door, pmi
 from stepblocks.parts.characteristics import Characteristic
 from stepblocks.parts.lettering import compute_text_width, outline_text
 from stepblocks.parts.on_paper import format_limits, format_zone
@@ -21,16 +22,30 @@ _TEXT_HEIGHT = 0.03  # of a callout, as a part of the longest side of the part [
 _BESIDE = 4.0
 _BEFORE = 2.0
 _LINE_SPACING = 2.0
+_MOST_TEXTS = 512  # that are kept drawn: most parts of a set have the same in the same places
 _SIGNS = {"diameter": "dia. ", "radius": "R "}
+
+
+class Box(NamedTuple):
+    """The box of a part, by its corners [m]."""
+
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+
+
+def measure_box(faces: Sequence[door.Face]) -> Box:
+    """Measure the box that holds all faces of a part."""
+    low = np.min([face.low for face in faces], axis=0)
+    return Box(low, np.max([face.high for face in faces], axis=0))
 
 
 def make_callout(
     characteristic: Characteristic,
     number: int,
     place: int,
-    faces: Sequence[door.Face],
+    box: Box,
     target: door.Face,
-) -> Callout:
+) -> pmi.Callout:
     """Make the callout of a characteristic.
 
     Parameters
@@ -41,14 +56,14 @@ def make_callout(
         Its number on all papers.
     place : int
         Which of the callouts, from below.
-    faces : sequence of Face
-        All faces of the part, beside which the callout stands.
+    box : Box
+        That of the part, beside which the callout stands.
     target : Face
         The face to which its leader points.
     """
     text = format_callout(characteristic, number)
-    outlines, leader = draw_callout(text, place, faces, target)
-    return Callout(text.replace("±", "+-"), outlines, leader)  # Part 21 holds ASCII
+    outlines, leader = draw_callout(text, place, box, target)
+    return pmi.Callout(text.replace("±", "+-"), outlines, leader)  # Part 21 holds ASCII
 
 
 def format_callout(characteristic: Characteristic, number: int) -> str:
@@ -63,8 +78,8 @@ def format_callout(characteristic: Characteristic, number: int) -> str:
 
 
 def draw_callout(
-    text: str, place: int, faces: Sequence[door.Face], target: door.Face
-) -> tuple[list[Outline], Line]:
+    text: str, place: int, box: Box, target: door.Face
+) -> tuple[tuple[Outline, ...], Line]:
     """Draw a text in the plane before the front of a part, and a leader to a face.
 
     Parameters
@@ -73,32 +88,39 @@ def draw_callout(
         What to draw.
     place : int
         Which of the callouts it is, from below.
-    faces : sequence of Face
-        All faces of the part.
+    box : Box
+        That of the part.
     target : Face
         Where the leader ends.
 
     Returns
     -------
-    outlines : list of array, shape (n, 3)
+    outlines : tuple of array, shape (n, 3)
         Closed outlines of the letters [m].
     leader : (point, point)
         Ends of the leader [m].
     """
-    low = np.min([face.low for face in faces], axis=0)
-    high = np.max([face.high for face in faces], axis=0)
-    size = _TEXT_HEIGHT * float(np.max(high - low))
-    left = float(high[0]) + _BESIDE * size
-    y = float(low[1]) - _BEFORE * size
-    bottom = float(low[2]) + (_LINE_SPACING * place + 1.0) * size
+    size = _TEXT_HEIGHT * float(np.max(box.high - box.low))
+    left = float(box.high[0]) + _BESIDE * size
+    y = float(box.low[1]) - _BEFORE * size
+    bottom = float(box.low[2]) + (_LINE_SPACING * place + 1.0) * size
+    start = (left, y, bottom)
+    return _draw_text(text, size, start), ((left - size, y, bottom), _find_middle(target))
+
+
+@lru_cache(maxsize=_MOST_TEXTS)
+def _draw_text(text: str, size: float, start: Point) -> tuple[Outline, ...]:
+    """Draw a text of a height from a point on along x, as closed outlines [m]."""
+    left, y, bottom = start
     middle = left + 0.5 * compute_text_width(text, size)
     outlines = []
     for ring in itertools.chain.from_iterable(outline_text(text, size)):
         outline = np.full((len(ring), 3), y)
         outline[:, 0] = middle + ring[:, 0]
         outline[:, 2] = bottom + ring[:, 1]
+        outline.flags.writeable = False  # the next part of the set gets the same
         outlines.append(outline)
-    return outlines, ((left - size, y, bottom), _find_middle(target))
+    return tuple(outlines)
 
 
 def _find_middle(face: door.Face) -> Point:

@@ -18,7 +18,37 @@ _PINNED_TIME = "2000-01-01T00:00:00"  # in every header: equal stimuli give equa
 _HEADER = re.compile(r"FILE_NAME\((?:'[^']*'|[^';])*\);")
 # an instance begins with its entity, or with the parenthesis before several of them
 _INSTANCE = re.compile(r"\s*+(#\d++)\s*+=\s*+((\w*+)(?:[^';]++|'[^']*+')*+);")
+# entities of pure shape, the most frequent first
+_SHAPE_ENTITIES = (
+    "CARTESIAN_POINT",
+    "DIRECTION",
+    "VECTOR",
+    "LINE",
+    "PCURVE",
+    "DEFINITIONAL_REPRESENTATION",
+    "ORIENTED_EDGE",
+    "EDGE_CURVE",
+    "SURFACE_CURVE",
+    "B_SPLINE_CURVE_WITH_KNOTS",
+    "VERTEX_POINT",
+    "AXIS2_PLACEMENT_3D",
+    "PLANE",
+    "EDGE_LOOP",
+    "FACE_BOUND",
+    "ADVANCED_FACE",
+    "CIRCLE",
+)
+# instances of pure shape, and the plane of the parameters of a curve, as the kernel writes them
+_SHAPE_INSTANCE = (
+    rf"#\d++ = (?:(?:{'|'.join(_SHAPE_ENTITIES)})\(''[^';]*+"
+    r"|\( GEOMETRIC_REPRESENTATION_CONTEXT\(2\)(?:[^';]++|'[^']*+')*+)"
+)
+# instances one behind the other, whose text stays as it is; or one that may be changed
+_RUN_OR_INSTANCE = re.compile(
+    rf"\n(?P<run>{_SHAPE_INSTANCE}(?:;\n{_SHAPE_INSTANCE})*+);|{_INSTANCE.pattern}"
+)
 _REFERENCE = re.compile(r"#\d+")
+_NUMBER = re.compile(r"#(\d++)(?: = |\Z)")
 _LINE_BREAK = re.compile(r"\s*\n\s*")
 _LIMIT = re.compile(r"MEASURE_WITH_UNIT\(\s*([-+0-9.Ee]+)\s*,\s*(#\d+)\s*\)")
 _POSITIVE_ZERO = re.compile(r"POSITIVE_LENGTH_MEASURE\(0\.(?:E[-+]?\d+)?\)")
@@ -134,13 +164,18 @@ class _Data:
     Attributes
     ----------
     bodies : dict of str to str
-        Text of each instance by its reference, in the order of the file.
+        Text of each instance by its reference, in the order of the file; instances of pure shape
+        that follow each other stand under the reference of the first.
     by_entity : dict of str to list of str
         References of the instances of one entity; those of several stand under the empty name.
+        Instances of pure shape stand nowhere.
+    last : int
+        Number of the last instance.
     """
 
     bodies: dict[str, str] = field(default_factory=dict)
     by_entity: dict[str, list[str]] = field(default_factory=dict)
+    last: int = 0
 
     def list_simple(self, entity: str) -> list[str]:
         """List the instances of one entity."""
@@ -155,8 +190,8 @@ class _Data:
 
     def append(self, body: str) -> str:
         """Add an instance under the next number; return its reference."""
-        last = next(reversed(self.bodies))
-        ref = f"#{int(last[1:]) + 1}"
+        self.last += 1
+        ref = f"#{self.last}"
         self.bodies[ref] = body
         return ref
 
@@ -164,9 +199,17 @@ class _Data:
 def _read_instances(section: str) -> _Data:
     """Read the instances of a data section, by reference and by entity."""
     data = _Data()
-    for ref, body, entity in _INSTANCE.findall(section):
-        data.bodies[ref] = body
-        data.by_entity.setdefault(entity, []).append(ref)
+    last = ""
+    for run, ref, body, entity in _RUN_OR_INSTANCE.findall(section):
+        last = run or ref
+        if run:
+            first, _, rest = run.partition(" = ")
+            data.bodies[first] = rest
+        else:
+            data.bodies[ref] = body
+            data.by_entity.setdefault(entity, []).append(ref)
+    if last:
+        data.last = int(_NUMBER.findall(last)[-1])
     return data
 
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from stepblocks.artefacts.step.callout import make_callout
+from stepblocks.artefacts.step.callout import make_callout, measure_box
 from stepblocks.artefacts.step.conform import make_conforming
 from stepblocks.cad import door, kernel
 from stepblocks.cad.pmi import (
@@ -164,7 +164,7 @@ def _make_pmi_material(material: Material) -> PmiMaterial:
 
 def _list_content(part: Part, described: Sequence[tuple[door.Face, ...]]) -> _Content:
     """List dimensions, tolerances and notes of a part, whose bodies have the described faces."""
-    everything = [face for faces in described for face in faces]
+    box = measure_box([face for faces in described for face in faces])
     content = _Content()
     for number, characteristic in enumerate(part.characteristics(), start=1):
         if characteristic.kind == "roughness":  # the texture of the faces is written apart
@@ -178,7 +178,7 @@ def _list_content(part: Part, described: Sequence[tuple[door.Face, ...]]) -> _Co
         )
         last = items[-1]
         target = described[last.body][last.face]
-        callout = make_callout(characteristic, number, content.callout_count, everything, target)
+        callout = make_callout(characteristic, number, content.callout_count, box, target)
         if characteristic.kind == "flatness":
             (face,) = items
             content.tolerances.append(
