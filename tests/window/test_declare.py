@@ -2,6 +2,7 @@
 
 import asyncio
 import io
+import threading
 import time
 import tomllib
 from pathlib import Path
@@ -11,7 +12,7 @@ import trimesh
 
 pytest.importorskip("nicegui")
 
-from nicegui import ui
+from nicegui import core, ui
 from nicegui.testing.user_simulation import user_simulation
 
 from stepblocks.declaration.read import load_set
@@ -21,6 +22,7 @@ from stepblocks.predict.kept import KeptPredictions
 from stepblocks.predict.run import predict_set
 from stepblocks.window.draft import Draft, StanzaPlace, find_field, list_fields
 from stepblocks.window.felt import draw_profile, predict_felt
+from stepblocks.window.latest_work import LatestWork
 from stepblocks.window.part_view import make_in_worker
 from stepblocks.window.size_slider import list_sizes, read_range
 from stepblocks.window.window import Window
@@ -290,6 +292,107 @@ def test_what_is_felt_follows_a_slider_by_the_formula_and_the_drag_and_nothing_i
     path.write_text(WRITTEN.replace("25 um", "30 um"))
     (expected,) = predict_felt(load_set(path), dragged=True)
     assert row == vars(expected)
+
+
+async def slide_while_slow_work_hangs(folder, is_let, monkeypatch):
+    """Move a slider three times while drag and kernel never end; return what stands each time."""
+    begun = []
+
+    def drag(*_, dragged=False, **__):
+        assert dragged
+        begun.append("drag")
+        is_let.wait(60.0)
+        return []
+
+    def build(*_):
+        begun.append("solid")
+        is_let.wait(60.0)
+        raise PipelineError("not built")
+
+    monkeypatch.setattr("stepblocks.window.declare_page.predict_felt", drag)
+    monkeypatch.setattr("stepblocks.window.part_view.make_in_worker", build)
+    seen = []
+    try:
+        async with user_simulation(root=Window(folder).build) as user:
+            await user.open("/declare?file=mine.toml")
+            await user.should_see(marker="felt", retries=200)
+            (slider,) = user.find(marker="slider").elements
+            (table,) = user.find(marker="felt").elements
+            (solid,) = user.find(marker="show-part").elements
+            solid.set_value(True)
+            for _ in range(600):
+                if {"drag", "solid"} <= set(begun):
+                    break
+                await asyncio.sleep(0.05)
+            slow = len(begun)
+            for value in (26.0, 28.0, 30.0):
+                before = table.rows[0]["energy"]
+                slider.set_value(value)
+                for _ in range(600):
+                    if table.rows[0]["energy"] != before:
+                        break
+                    await asyncio.sleep(0.02)
+                seen.append(table.rows[0]["energy"])
+            slow = len(begun) - slow
+            is_let.set()
+    finally:
+        is_let.set()
+    return seen, slow
+
+
+def test_the_formula_follows_a_slider_without_waiting_for_the_drag_or_the_kernel(
+    tmp_path, monkeypatch
+):
+    """Both hang here for good: nothing of them lies on the way of the formula."""
+    path = tmp_path / "mine.toml"
+    path.write_text(WRITTEN)
+    seen, slow = asyncio.run(slide_while_slow_work_hangs(tmp_path, threading.Event(), monkeypatch))
+    expected = []
+    for height in (26, 28, 30):
+        path.write_text(WRITTEN.replace("25 um", f"{height} um"))
+        expected.append(predict_felt(load_set(path))[0].energy)
+    assert seen == expected
+    assert slow == 0
+
+
+def test_what_is_passed_over_is_left_out_and_the_last_value_is_always_followed(monkeypatch):
+    done = []
+    monkeypatch.setattr(core, "loop", None)
+
+    async def follow():
+        core.loop = asyncio.get_running_loop()
+        stands = 0
+
+        async def do():
+            value = stands
+            await asyncio.sleep(0.01)
+            done.append(value)
+
+        work = LatestWork(do)
+        for number in range(1, 6):
+            stands = number
+            work.ask()
+            await asyncio.sleep(0.0)
+        for _ in range(200):
+            if done and done[-1] == 5:
+                break
+            await asyncio.sleep(0.01)
+
+    asyncio.run(follow())
+    assert done[-1] == 5
+    assert len(done) < 5
+
+
+def test_a_drag_that_nobody_wants_any_more_ends_before_its_next_part():
+    stimuli = load_set(ROOT / "stimuli" / "paper-four.toml").keep_felt()
+    kept = KeptPredictions()
+    wanted = iter([True, False])
+    speed = 5e-3
+    assert kept.predict(stimuli, False, speed, lambda: next(wanted)) is None
+    # the part that was predicted until then is kept: those behind it alone are asked about
+    wanted = iter([True] * (len(stimuli.stimuli) - 1))
+    found = kept.predict(stimuli, False, speed, lambda: next(wanted))
+    assert len(found.rows) == len(KeptPredictions().predict(stimuli, False, speed).rows)
 
 
 def test_a_set_of_which_one_part_is_changed_is_felt_as_if_it_were_new():

@@ -1,6 +1,6 @@
 """Predictions of a set that somebody is changing: what stays as it was is not predicted again."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from stepblocks.declaration.set import StimulusSet
 from stepblocks.parts.kind import Part
@@ -20,24 +20,36 @@ class KeptPredictions:
         self._conditions: object = None
         self._by_part: dict[Part, Sequence[Prediction]] = {}
 
-    def predict(self, stimuli: StimulusSet, dragged: bool, speed: float) -> PredictedSet:
-        """Predict a set as `predict_as_declared` does, at a speed [m/s]."""
+    def predict(
+        self,
+        stimuli: StimulusSet,
+        dragged: bool,
+        speed: float,
+        is_wanted: Callable[[], bool] = lambda: True,
+    ) -> PredictedSet | None:
+        """Predict a set as `predict_as_declared` does, at a speed [m/s].
+
+        `is_wanted` tells before each part whether the rest is wanted still. The result is None
+        where it is not; the parts that were predicted until then are kept.
+        """
         conditions = (stimuli.name, stimuli.prediction, stimuli.probe, dragged, speed)
-        known = self._by_part
         if conditions != self._conditions:
-            known = {}
+            self._by_part = {}
+        self._conditions = conditions
         kept: dict[Part, Sequence[Prediction]] = {}
         predictions: list[Prediction] = []
         for part in stimuli.stimuli:
             found = None
             if _can_be_kept(part):
-                found = known.get(part)
+                found = self._by_part.get(part)
+            if found is None and not is_wanted():
+                self._by_part |= kept
+                return None
             if found is None:
                 found = predict_and_drag_set(stimuli.with_parts([part]), dragged, speed)
             if _can_be_kept(part):
                 kept[part] = found
             predictions += found
-        self._conditions = conditions
         self._by_part = kept
         rows = tabulate_predictions(stimuli, predictions)
         return PredictedSet(stimuli, tuple(predictions), rows)

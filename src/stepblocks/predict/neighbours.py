@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import combinations
 from pathlib import Path
 from typing import TypeAlias
@@ -46,6 +47,7 @@ _SHARED = ("ball_radius", "friction", "normal_load", "stiffness", "conversion")
 _MOST_DIMENSIONS = 8  # of a stimulus that deviate by themselves
 _FEWEST_DRAWS = 100  # in which both stimuli ring, for an interval
 _MOST_PAIRS = 100_000
+_KEPT_DRAWS = 32  # stimuli whose draws are kept, of 64 kB each
 _PAIR_COLUMNS = (
     "set",
     "drag",
@@ -322,7 +324,7 @@ def _draw_log_energies(
     ball = find_tip(grid, point.ball_radius)
     uncertainties = collect_uncertainties(edge, grid, ball, point.normal_load)
     shared = draw_standard_normal(len(_SHARED), DRAWS, seed=0)
-    alone = draw_standard_normal(_MOST_DIMENSIONS, DRAWS, seed=place + 1)
+    alone = _draw_dimensions(place)
     normal = dict(zip(_SHARED, shared, strict=True))
     dimensions = [name for name in uncertainties if name not in _SHARED]
     normal |= dict(zip(dimensions, alone, strict=False))
@@ -335,3 +337,9 @@ def _draw_log_energies(
     with np.errstate(divide="ignore"):
         logs: Array = np.log(np.broadcast_to(energies, DRAWS))
     return np.where(np.isfinite(logs), logs, math.nan)
+
+
+@lru_cache(maxsize=_KEPT_DRAWS)
+def _draw_dimensions(place: int) -> Array:
+    """Draw standard normal numbers for the dimensions of the stimulus at a place of its order."""
+    return draw_standard_normal(_MOST_DIMENSIONS, DRAWS, seed=place + 1)

@@ -2,12 +2,12 @@
 
 import asyncio
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from itertools import islice
 from urllib.parse import quote
 
-from nicegui import background_tasks, run, ui
+from nicegui import run, ui
 
 from stepblocks.declaration.set import list_kinds
 from stepblocks.errors import PipelineError, StepblocksError
@@ -17,10 +17,11 @@ from stepblocks.quantities import format_units
 from stepblocks.window import texts
 from stepblocks.window.command_line import ShownCommand, write_call, write_name
 from stepblocks.window.draft import Checked, Draft, FormField, StanzaPlace, find_field, list_fields
-from stepblocks.window.felt import predict_felt
+from stepblocks.window.felt import CheckedAndFelt, check_and_predict, predict_felt
 from stepblocks.window.felt_view import FeltView
 from stepblocks.window.folder import OUTPUT, Folder, Kind
 from stepblocks.window.frame import is_gone, show_command, show_heading, show_mistake
+from stepblocks.window.latest_work import LatestWork
 from stepblocks.window.model_choice import ModelChoice
 from stepblocks.window.size_slider import MOST_SLIDERS, Size, add_slider, list_sizes
 
@@ -92,9 +93,11 @@ class DeclarationForm:
         self._refused: dict[str, str] = {}  # entries that are none, by field: what is wrong
         self._sizes: dict[tuple[str, str], Size] = {}  # with a slider each
         self._changes = 0
-        # by whether they were dragged in time
-        self._kept = {False: KeptPredictions(), True: KeptPredictions()}
-        self._is_updating = False
+        self._kept_by_formula, self._kept_in_time = KeptPredictions(), KeptPredictions()
+        self._formula = LatestWork(self._follow_by_formula)
+        self._beside = LatestWork(self._follow_beside)
+        # what was predicted last, and of which change
+        self._predicted: tuple[int, CheckedAndFelt] = 0, CheckedAndFelt(Checked(None))
 
     def build(self) -> None:
         """Make the form: stanzas to choose from, fields, and what follows from them."""
@@ -166,8 +169,7 @@ class DeclarationForm:
     def _offer_sliders(self) -> None:
         """Offer sliders for the sizes of the stanza, where those offered do not fit any more."""
         sizes = self._list_sizes()
-        is_same = sizes.keys() == self._sizes.keys()
-        if is_same and all(size.range.holds(sizes[key].range) for key, size in self._sizes.items()):
+        if _hold(self._sizes, sizes):
             return
         self._sizes = sizes
         self._slide.clear()
@@ -175,6 +177,16 @@ class DeclarationForm:
             for (name, _), size in sizes.items():
                 box = self._inputs[name]
                 add_slider(name, size, partial(_read_entry, box), box.set_value)
+
+    def _offer_sliders_of(self, field: FormField) -> None:
+        """Offer sliders anew where the entry of a field does not fit those that are there."""
+        if len(field.path) > 1:
+            return
+        entry = _read_entry(self._inputs[field.name])
+        shown = {key: size for key, size in self._sizes.items() if key[0] == field.name}
+        sizes = {(field.name, size.name): size for size in list_sizes(entry)}
+        if not _hold(shown, sizes):
+            self._offer_sliders()
 
     def _list_sizes(self) -> dict[tuple[str, str], Size]:
         """List the sizes that the fields of the stanza hold, by the names of field and size."""
@@ -214,7 +226,7 @@ class DeclarationForm:
                 self._refused.pop(field.name, None)
             except StepblocksError as error:
                 self._refused[field.name] = format_units(error)
-            self._offer_sliders()
+            self._offer_sliders_of(field)
             self._update_soon()
 
         return write
@@ -227,66 +239,64 @@ class DeclarationForm:
     def _update_soon(self) -> None:
         """Check the draft and predict, without making the page wait."""
         self._changes += 1
-        if not self._is_updating:
-            self._is_updating = True
-            background_tasks.create(self._update_until_quiet())
+        self._formula.ask()
 
-    async def _update_until_quiet(self) -> None:
-        """Update until nothing has changed meanwhile: what a slider passes over is left out."""
-        try:
-            shown = -1
-            while shown != self._changes:
-                shown = self._changes
-                is_felt = await self._update()
-                if self._has_changed(shown):
-                    continue
-                await asyncio.sleep(_QUIET)
-                if is_gone(self._form):
-                    return
-                if self._has_changed(shown):
-                    continue
-                self._view.make_part()
-                if is_felt:
-                    await self._update(dragged=True)
-        finally:
-            self._is_updating = False
-
-    def _has_changed(self, number: int) -> bool:
-        """Tell whether anything was changed since."""
-        return number != self._changes
-
-    async def _update(self, *, dragged: bool = False) -> bool:
+    async def _follow_by_formula(self) -> None:
         """Show mistakes at their fields; without any, what is felt and the working edge.
 
-        Returns whether anything is felt.
+        What has changed meanwhile is followed behind it: of many moves each result is shown.
         """
         number = self._changes
         options = self._name_stanzas()
         if options != self._choice.options:
             self._choice.set_options(options)
-        checked = self._draft.check()
-        self._show_mistakes(checked)
-        if checked.stimuli is None:
-            self._view.show_mistakes(checked.mistakes)
-            return False
-        try:
-            felt = await run.io_bound(
-                predict_felt,
-                checked.stimuli,
-                self._model.learned,
-                dragged=dragged,
-                kept=self._kept[dragged],
-            )
-        except StepblocksError as error:
-            self._view.show_mistakes([("", str(error))])
-            return False
-        # closed, or somebody typed on
-        if felt is None or self._has_changed(number) or is_gone(self._form):
-            return False
-        self._view.show_felt(felt, self._model.name, is_dragged=dragged)
-        if not dragged:
-            self._view.show_part(checked.stimuli, self._place, self._find_identity())
-        return bool(felt)
+        found = await run.io_bound(
+            check_and_predict,
+            self._draft.text,
+            self._draft.path,
+            self._model.learned,
+            self._kept_by_formula,
+        )
+        if found is None or is_gone(self._form):  # closed
+            return
+        self._predicted = number, found
+        self._show_mistakes(found.checked)
+        if found.checked.stimuli is None or found.reason:
+            self._view.show_mistakes([*found.checked.mistakes, *found.reason])
+            return
+        self._view.show_felt(found.felt, self._model.name, is_dragged=False)
+        self._view.show_part(found.checked.stimuli, self._place, self._find_identity())
+        self._beside.ask()
+
+    async def _follow_beside(self) -> None:
+        """Make the part and drag all parts in time, once nothing has changed for a moment."""
+        number = -1
+        while self._has_changed(number):
+            number = self._changes
+            await asyncio.sleep(_QUIET)
+        if is_gone(self._form):
+            return
+        predicted, found = self._predicted
+        if predicted != number or found.checked.stimuli is None:
+            return  # the formula asks again when it has followed
+        self._view.make_part()
+        if not found.felt:
+            return
+        felt = await run.io_bound(
+            predict_felt,
+            found.checked.stimuli,
+            self._model.learned,
+            dragged=True,
+            kept=self._kept_in_time,
+            is_wanted=lambda: not self._has_changed(number),
+        )
+        if not felt or self._has_changed(number) or is_gone(self._form):
+            return
+        self._view.show_felt(felt, self._model.name, is_dragged=True)
+
+    def _has_changed(self, number: int) -> bool:
+        """Tell whether anything was changed since."""
+        return number != self._changes
 
     def _find_identity(self) -> str:
         """Return the identity of the stanza that is shown, as it is declared."""
@@ -326,6 +336,13 @@ class DeclarationForm:
         with self._commands:
             for command in make_predictions(self._name, self._model.name):
                 show_command(command)
+
+
+def _hold(shown: Mapping[tuple[str, str], Size], sizes: Mapping[tuple[str, str], Size]) -> bool:
+    """Tell whether sliders that are shown go over these sizes, and over no others."""
+    if shown.keys() != sizes.keys():
+        return False
+    return all(size.range.holds(sizes[key].range) for key, size in shown.items())
 
 
 def _read_entry(box: ui.input) -> str:

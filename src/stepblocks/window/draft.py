@@ -139,6 +139,24 @@ def find_field(text: str, fields: Iterable[FormField]) -> FormField | None:
     return found
 
 
+def check_text(text: str, path: Path) -> Checked:
+    """Validate the text of a stimulus file, which is at a place or will be written there."""
+    mistakes: list[Mistake] = []
+    try:
+        stimuli = read_set(_parse_text(text, path), path, mistakes)
+    except StimulusError as error:
+        return Checked(None, tuple(mistakes) or (("", str(error)),))
+    return Checked(stimuli)
+
+
+def _parse_text(text: str, path: Path) -> dict[str, Any]:
+    """Return the tables of the text of a stimulus file."""
+    try:
+        return read_tables(text.removeprefix(BYTE_ORDER_MARK))
+    except MalformedTomlError as error:
+        raise StimulusError(f"a stimulus file must be TOML: {error} [{path}]") from error
+
+
 class Draft:
     """A stimulus file that is being changed.
 
@@ -173,10 +191,7 @@ class Draft:
 
     def _parse(self) -> dict[str, Any]:
         """Return the tables of the file as it would be written."""
-        try:
-            return read_tables(self.text.removeprefix(self._mark))
-        except MalformedTomlError as error:
-            raise StimulusError(f"a stimulus file must be TOML: {error} [{self.path}]") from error
+        return _parse_text(self.text, self.path)
 
     def list_stanzas(self) -> dict[StanzaPlace, str]:
         """List the stanzas with their identities, in the order of the file."""
@@ -242,12 +257,7 @@ class Draft:
 
     def check(self) -> Checked:
         """Validate the draft as the file would be."""
-        mistakes: list[Mistake] = []
-        try:
-            stimuli = read_set(self._parse(), self.path, mistakes)
-        except StimulusError as error:
-            return Checked(None, tuple(mistakes) or (("", str(error)),))
-        return Checked(stimuli)
+        return check_text(self.text, self.path)
 
     def save(self) -> None:
         """Write the file.

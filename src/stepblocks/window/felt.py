@@ -1,16 +1,20 @@
 """What the declare page shows beside a form: what is felt, and the working edge as it is."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from html import escape
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stepblocks.declaration.set import StimulusSet
+from stepblocks.errors import StepblocksError
+from stepblocks.mistakes import Mistake
 from stepblocks.parts.kind import Part
 from stepblocks.quantities import format_number
 from stepblocks.window import texts
+from stepblocks.window.draft import Checked, check_text
 
 if TYPE_CHECKING:
     from stepblocks.predict.kept import KeptPredictions
@@ -58,12 +62,45 @@ class Felt:
     learned: str = ""
 
 
+@dataclass(frozen=True)
+class CheckedAndFelt:
+    """What a draft declares, and what is felt of it by the formula.
+
+    Attributes
+    ----------
+    checked : Checked
+    felt : tuple of Felt
+        Empty where nothing is felt, or something is wrong.
+    reason : tuple of Mistake
+        Why a sound declaration cannot be predicted; empty where it can.
+    """
+
+    checked: Checked
+    felt: tuple[Felt, ...] = ()
+    reason: tuple[Mistake, ...] = ()
+
+
+def check_and_predict(
+    text: str, path: Path, learned: "LearnedModel | None", kept: "KeptPredictions"
+) -> CheckedAndFelt:
+    """Validate the text of a stimulus file, and predict by the formula what is felt of it."""
+    checked = check_text(text, path)
+    if checked.stimuli is None:
+        return CheckedAndFelt(checked)
+    try:
+        felt = predict_felt(checked.stimuli, learned, kept=kept)
+    except StepblocksError as error:
+        return CheckedAndFelt(checked, reason=(("", str(error)),))
+    return CheckedAndFelt(checked, tuple(felt))
+
+
 def predict_felt(
     stimuli: StimulusSet,
     learned: "LearnedModel | None" = None,
     *,
     dragged: bool = False,
     kept: "KeptPredictions | None" = None,
+    is_wanted: Callable[[], bool] = lambda: True,
 ) -> list[Felt]:
     """Predict every part that is felt in the first condition of a set.
 
@@ -76,6 +113,8 @@ def predict_felt(
         Whether each part is dragged in time, too; by the formula alone takes milliseconds.
     kept : KeptPredictions, optional
         Predictions of what the set was before; what stays as it was is taken from them.
+    is_wanted : callable
+        Tells before each part whether the rest is wanted still; nothing is returned where not.
     """
     # loaded late: the first page needs no tables
     from stepblocks.contact.energy import Status
@@ -90,7 +129,9 @@ def predict_felt(
         felt = put_learned_constants(felt, learned)
     if kept is None:
         kept = KeptPredictions()
-    predicted = kept.predict(_keep_first_condition(felt), dragged, PAPER.speed)
+    predicted = kept.predict(_keep_first_condition(felt), dragged, PAPER.speed, is_wanted)
+    if predicted is None:
+        return []
     rows = []
     for row, prediction in zip(predicted.rows, predicted.predictions, strict=True):
         angle, force, energy, distance = (_format_figure(row, *names) for names in _COLUMNS)

@@ -27,7 +27,6 @@ class FeltView:
         self._mistakes = ui.column()
         self._shown: tuple[Part, OrderSpec] | None = None
         self._built: tuple[Part, OrderSpec] | None = None  # which the solid shows, or will
-        self._rows: dict[tuple[str, str], str] = {}
         with ui.column().classes("w-full") as self._results:
             self._edge = ui.label()
             self._picture = ui.html("", sanitize=False).classes("w-full")
@@ -61,10 +60,12 @@ class FeltView:
         labels = dict(texts.FELT_COLUMNS)
         if model:
             labels[_LEARNED] = texts.FELT_LEARNED
-        self._table.columns = [
+        columns = [
             {"name": name, "label": label, "field": name, "align": "left"}
             for name, label in labels.items()
         ]
+        if columns != self._table.columns:
+            self._table.columns = columns
         self._table.rows = [vars(row) for row in felt]
         sentences = [texts.FELT_CONDITION]
         if model:

@@ -1,0 +1,37 @@
+"""Work that follows what a user changes: what is asked while it is done is done once, behind it."""
+
+from collections.abc import Awaitable, Callable
+
+from nicegui import background_tasks
+
+
+class LatestWork:
+    """A piece of work that is done again until nothing has been asked meanwhile.
+
+    What a hand passes over is left out; the last is always done.
+
+    Parameters
+    ----------
+    do : callable
+        Does it once, for what stands then.
+    """
+
+    def __init__(self, do: Callable[[], Awaitable[None]]) -> None:
+        self._do = do
+        self._is_asked = False
+        self._is_running = False
+
+    def ask(self) -> None:
+        """Let it be done soon, of the page that calls."""
+        self._is_asked = True
+        if not self._is_running:
+            self._is_running = True
+            background_tasks.create(self._do_until_done())
+
+    async def _do_until_done(self) -> None:
+        try:
+            while self._is_asked:
+                self._is_asked = False
+                await self._do()
+        finally:
+            self._is_running = False
