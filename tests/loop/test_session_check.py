@@ -7,6 +7,8 @@ import pytest
 
 from oracles.virtual_bench import Bench
 from oracles.virtual_session import Plan, write_session
+from stepblocks.bench.signal.features import measure_trace
+from stepblocks.bench.traces import Traces
 from stepblocks.cli import main
 from stepblocks.loop.session_check import check_session
 
@@ -64,6 +66,37 @@ def test_a_spring_off_by_a_twentieth_and_a_rate_off_by_two_are_told_with_their_s
     assert check.rate.slip == 2.0
     assert "acquisition.sample_rate" in check.contradictions[-1]
     assert check.spring is None
+
+
+def test_a_rate_off_by_two_takes_few_measurements_more_and_reads_no_trace_twice(
+    session, monkeypatch
+):
+    """A long record takes seconds to read and to measure: a slip is told about as fast as none."""
+    folder, path, declared = session
+    tried = []
+    read = []
+
+    def measure(trace, *arguments):
+        tried.append(trace)
+        return measure_trace(trace, *arguments)
+
+    def read_once(traces, trial):
+        read.append(trial)
+        return original(traces, trial)
+
+    original = Traces.read
+    monkeypatch.setattr("stepblocks.bench.declared.measure_trace", measure)
+    monkeypatch.setattr(Traces, "read", read_once)
+    path.write_text(declared.replace("10 kHz", "5 kHz"))
+    assert check_session(folder).rate.slip == 2.0
+    assert sorted(read) == sorted(set(read))
+    assert tried == []
+    without_clock = declared.replace('time = "time_s", ', "").replace("10 kHz", "20 kHz")
+    path.write_text(without_clock)
+    check = check_session(folder)
+    assert "`acquisition.sample_rate` is 2 times the right one" in check.slip
+    # of four slips the signs of what was measured exclude three; two traces exclude the last
+    assert len(tried) <= 2
 
 
 @pytest.mark.long

@@ -1,7 +1,7 @@
 """Compares a session with its declarations first: sign, channels, gain, spring, speed, rate."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from enum import Enum
 from typing import NamedTuple
 
@@ -25,6 +25,7 @@ _FAR = 1.8
 _HIGHEST_FRICTION = 3.0
 _FEWEST = 3  # trials that must be measured before a declaration is called wrong
 _TRIED = 4  # trials in which each likely slip is tried
+_TRIED_FIRST = 2  # of them, neither of which is plausible where a slip is not the right one
 _CLEARLY = 0.5  # share of the misfit that a gain must leave to be named instead of the spring
 _UNIT_DECADES = 2.0  # powers of ten from which on a wrong spring is a matter of units
 # [Hz] in which the tools of the paper ring
@@ -116,7 +117,7 @@ def check_declarations(traces: Traces, pilots: Sequence[Pilot]) -> None:
         agreement = _compare_with_declared(session, measured)
         if agreement.is_plausible():
             return
-    slip = _find_slip(traces, pilots)
+    slip = _find_slip(traces, pilots, measured if is_enough else [])
     if slip is not None:
         raise BenchError(f"{slip.value}: once corrected, the traces agree [{session.folder}]")
     if agreement is not None:
@@ -130,32 +131,80 @@ def _check_tip_radii(session: Session, pilots: Sequence[Pilot]) -> None:
         read_tip_radii(labels, 1e6 * session.probe.tip_radius, f" [{session.table}]")
 
 
-def _find_slip(traces: Traces, pilots: Sequence[Pilot]) -> Slip | None:
-    """Find the slip without which the trials agree with session.toml."""
-    least = min(len(pilots), _TRIED)
+def _find_slip(traces: Traces, pilots: Sequence[Pilot], measured: Sequence[Pilot]) -> Slip | None:
+    """Find the slip without which the trials agree with session.toml.
+
+    A slip that the `measured` of the trials speak against is not tried, and one that explains
+    neither of two traces is tried in no more of them: a long record takes seconds to measure.
+    """
+    stride = max(len(pilots) // _TRIED, 1)
+    trials = [pilot.trial for pilot in pilots[::stride][:_TRIED]]
+    read = _read_traces(traces, trials)
     for slip in Slip:
-        corrected = _measure_corrected(traces, pilots, slip.correct)
-        if len(corrected) * 2 > least:
-            agreement = _compare_with_declared(traces.session, corrected)
-            if agreement.is_plausible():
-                return slip
+        if _is_spoken_against(slip, measured):
+            continue
+        begin = _measure_corrected(traces.session, trials[:_TRIED_FIRST], read, slip.correct)
+        if not any(
+            _compare_with_declared(traces.session, [pilot]).is_plausible() for pilot in begin
+        ):
+            continue
+        rest = _measure_corrected(traces.session, trials[_TRIED_FIRST:], read, slip.correct)
+        corrected = begin + rest
+        if len(corrected) * 2 <= len(trials):
+            continue
+        if _compare_with_declared(traces.session, corrected).is_plausible():
+            return slip
     return None
 
 
-def _measure_corrected(
-    traces: Traces, pilots: Sequence[Pilot], correct: Callable[[Trace], Trace]
-) -> list[Pilot]:
-    """Measure some of the trials again, with corrected traces; those that fail are left out."""
-    spring_constant = traces.session.probe.spring_constant
-    stride = max(len(pilots) // _TRIED, 1)
-    measured = []
-    for pilot in pilots[::stride][:_TRIED]:
-        trial = pilot.trial
+def _is_spoken_against(slip: Slip, measured: Sequence[Pilot]) -> bool:
+    """Tell whether trials as measured exclude a slip by their signs.
+
+    Where the normal force presses as it should, reversing it would pull; where friction holds back
+    as well, reversing the tangential force would push.
+    """
+    presses = _is_positive(measured, "normal_load_n")
+    if slip in (Slip.NORMAL_SIGN, Slip.BOTH_SIGNS):
+        return presses
+    if slip is Slip.TANGENTIAL_SIGN:
+        return presses and _is_positive(measured, "sliding_friction")
+    return False
+
+
+def _is_positive(measured: Sequence[Pilot], name: str) -> bool:
+    """Tell whether the median of a feature is known and positive."""
+    values = np.array([pilot.features[name] for pilot in measured], dtype=float)
+    known = values[np.isfinite(values)]
+    return bool(known.size) and float(np.median(known)) > 0.0
+
+
+def _read_traces(traces: Traces, trials: Sequence[Trial]) -> dict[str, Trace]:
+    """Read the traces of some trials, by their names; those that cannot be read are left out."""
+    read = {}
+    for trial in trials:
         try:
-            trace = correct(traces.read(trial.name))
-            if not has_ascending_time(trace):
-                continue
-            features = measure_trace(trace, spring_constant, trial.speed).features
+            read[trial.name] = traces.read(trial.name)
+        except MEASURING_ERRORS:
+            continue
+    return read
+
+
+def _measure_corrected(
+    session: Session,
+    trials: Sequence[Trial],
+    read: Mapping[str, Trace],
+    correct: Callable[[Trace], Trace],
+) -> list[Pilot]:
+    """Measure trials again, with corrected traces; those that fail are left out."""
+    measured = []
+    for trial in trials:
+        if trial.name not in read:
+            continue
+        trace = correct(read[trial.name])
+        if not has_ascending_time(trace):
+            continue
+        try:
+            features = measure_trace(trace, session.probe.spring_constant, trial.speed).features
         except MEASURING_ERRORS:
             continue
         measured.append(Pilot(trial, features))

@@ -12,6 +12,7 @@ from stepblocks.bench.examine import TrialResult
 from stepblocks.bench.faults import TraceError
 from stepblocks.bench.measure import Progress, check_output, check_pilots, measure_pilots
 from stepblocks.bench.session import Session, open_session
+from stepblocks.bench.signal import Trace
 from stepblocks.bench.signal.screening import RATE_TOLERANCE, compute_rate
 from stepblocks.bench.traces import Traces
 from stepblocks.bench.trials import open_trials
@@ -80,7 +81,7 @@ def _hold_against_declaration(
     digest = hashlib.sha256((session / "session.toml").read_bytes()).hexdigest()
     table = open_trials(declared)
     slip = ""
-    with Traces(declared) as traces:
+    with _ClockedTraces(declared) as traces:
         results = measure_pilots(traces, table, progress)
         rate = _check_rate(traces, results)
         try:
@@ -135,19 +136,40 @@ def _read_feature(measured: Sequence[TrialResult], name: str) -> Floats:
     return np.array([result.features[name] for result in measured], dtype=np.float64)
 
 
-def _check_rate(traces: Traces, results: Sequence[TrialResult]) -> RateCheck | None:
+class _ClockedTraces(Traces):
+    """Traces that keep the rate of each record that was read, so that none is read twice for it."""
+
+    def __init__(self, session: Session) -> None:
+        super().__init__(session)
+        self._rates: dict[str, float] = {}  # of records that have one [Hz]
+
+    def read(self, trial: str) -> Trace:
+        """Read one trace in SI, and keep its rate."""
+        trace = super().read(trial)
+        if trace.time.size >= _FEWEST_SAMPLES:
+            self._rates[trial] = compute_rate(trace.time)
+        return trace
+
+    def find_rate(self, trial: str) -> float | None:
+        """Return the rate of a trace [Hz]; None where it has none or cannot be read."""
+        if trial not in self._rates:
+            try:
+                self.read(trial)
+            except TraceError:
+                return None
+        return self._rates.get(trial)
+
+
+def _check_rate(traces: _ClockedTraces, results: Sequence[TrialResult]) -> RateCheck | None:
     """Hold the clock of the traces against the declared rate; None where they have no clock."""
     acquisition = traces.session.acquisition
     if acquisition.channels.time is None:
         return None
     ratios = []
     for result in results:
-        try:
-            time = traces.read(result.trial.record or result.trial.name).time
-        except TraceError:
-            continue
-        if time.size >= _FEWEST_SAMPLES:
-            ratios.append(compute_rate(time) / acquisition.sample_rate)
+        rate = traces.find_rate(result.trial.record or result.trial.name)
+        if rate is not None:
+            ratios.append(rate / acquisition.sample_rate)
     if not ratios:
         return None
     shown = float(np.median(ratios))
