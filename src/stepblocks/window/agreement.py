@@ -139,12 +139,12 @@ def read_finding(output: Path) -> LoopFinding:
     """
     path = output / RESULT_FILE
     document = read_document(
-        path, "result of a loop", PipelineError, most=_LARGEST_RESULT, form="JSON"
+        path, texts.LOOP_RESULT, PipelineError, most=_LARGEST_RESULT, form="JSON"
     )
     try:
         return _FINDING.validate_python(document)
     except ValidationError as error:
-        raise PipelineError(f"result of a loop must be one that `loop` wrote [{path}]") from error
+        raise PipelineError(texts.NO_LOOP_RESULT.format(path=path)) from error
 
 
 def list_agreements(session: Path, output: Path) -> list[TrialAgreement]:

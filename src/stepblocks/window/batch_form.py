@@ -74,7 +74,7 @@ def write_list(folder: Folder, name: str, scans: Sequence[ListedScan]) -> None:
         with path.open(encoding="utf-8", errors="replace") as file:
             first = file.readline().strip()
         if first != ",".join(_COLUMNS):
-            raise PipelineError(f"there is such a file already, which is kept [{name}]")
+            raise PipelineError(texts.FILE_IS_THERE.format(name=name))
     replace_text(path, text)
 
 

@@ -91,7 +91,7 @@ class BenchForm:
         name = PurePosixPath(given.replace("\\", "/"))
         stem = name.stem
         if name.suffix.lower() != ".zip" or not stem or stem.startswith("."):
-            raise PipelineError(f"ending of a session must be .zip [{name.name}]")
+            raise PipelineError(texts.NO_ARCHIVE.format(name=name.name))
         self._folder.resolve(f"{_SESSIONS}/{stem}")
         return f"{_SESSIONS}/{stem}"
 
@@ -102,7 +102,7 @@ class BenchForm:
         try:
             folder = self._folder.resolve(name)
             if not folder.is_dir():
-                raise PipelineError(f"a session must be a folder, got none [{name}]")
+                raise PipelineError(texts.NO_SESSION.format(name=name))
             draft = SessionDraft(folder)
         except StepblocksError as error:
             with self._place:

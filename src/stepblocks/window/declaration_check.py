@@ -56,13 +56,11 @@ def read_check(path: Path) -> SessionCheck:
     PipelineError
         If the file is none that the check writes.
     """
-    document = read_document(path, "check of a session", PipelineError, most=_LARGEST, form="JSON")
+    document = read_document(path, texts.CHECK_RESULT, PipelineError, most=_LARGEST, form="JSON")
     try:
         return _RESULT.validate_python(document)
     except ValidationError as error:
-        raise PipelineError(
-            f"check of a session must be one that `measure --check` wrote [{path}]"
-        ) from error
+        raise PipelineError(texts.NO_CHECK_RESULT.format(path=path)) from error
 
 
 def list_rows(check: SessionCheck) -> list[CheckRow]:
@@ -209,4 +207,6 @@ class DeclarationCheck:
         try:
             return hashlib.sha256(path.read_bytes()).hexdigest()
         except OSError as error:
-            raise BenchError(f"{SESSION_FILE} cannot be read: {error.strerror}") from error
+            raise BenchError(
+                texts.CANNOT_BE_READ.format(name=SESSION_FILE, reason=error.strerror)
+            ) from error

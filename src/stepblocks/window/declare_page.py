@@ -65,7 +65,7 @@ class DeclarePage:
             try:
                 path = self._folder.resolve(name.strip())
                 if path.suffix != _ENDING:
-                    raise PipelineError(f"a stimulus file must end in {_ENDING}, got {name!r}")
+                    raise PipelineError(texts.WRONG_ENDING.format(ending=_ENDING, name=repr(name)))
                 DeclarationForm(Draft(path), name.strip(), model).build()
             except StepblocksError as error:
                 show_mistake(error)

@@ -20,6 +20,7 @@ from stepblocks.files.locks import LockState, try_lock
 from stepblocks.files.text import is_file
 from stepblocks.mistakes import Mistake
 from stepblocks.parts.material import Material
+from stepblocks.window import texts
 from stepblocks.window.toml_text import (
     BYTE_ORDER_MARK,
     MalformedTomlError,
@@ -154,7 +155,7 @@ def _parse_text(text: str, path: Path) -> dict[str, Any]:
     try:
         return read_tables(text.removeprefix(BYTE_ORDER_MARK))
     except MalformedTomlError as error:
-        raise StimulusError(f"a stimulus file must be TOML: {error} [{path}]") from error
+        raise StimulusError(texts.STIMULI_NO_TOML.format(reason=error, path=path)) from error
 
 
 class Draft:
@@ -180,9 +181,7 @@ class Draft:
             self._mark = BYTE_ORDER_MARK
         self._pieces = _split_text(text.removeprefix(self._mark))
         if self._before is not None and _parse_pieces(self._pieces) != self._parse():
-            raise StimulusError(
-                f"the form cannot tell the stanzas of this file apart: change it as text [{path}]"
-            )
+            raise StimulusError(texts.STANZAS_MIXED.format(path=path))
 
     @property
     def text(self) -> str:
@@ -233,7 +232,9 @@ class Draft:
                 table[name] = tomlkit.inline_table()
             table = table[name]
             if not isinstance(table, Mapping):
-                raise StimulusError(f"{name} must be a table to hold {path[-1]} [{self.path}]")
+                raise StimulusError(
+                    texts.NO_TABLE.format(name=name, field=f"{path[-1]} [{self.path}]")
+                )
         if entry.strip():
             table[path[-1]] = _parse_entry(entry)
         elif path[-1] in table:
@@ -272,12 +273,9 @@ class Draft:
         read_set(self._parse(), self.path, [])
         with try_lock(self.path.with_name(f".{self.path.name}.lock")) as state:
             if state is LockState.TAKEN:
-                raise PipelineError(f"another window is saving this file [{self.path.name}]")
+                raise PipelineError(texts.BEING_SAVED.format(name=self.path.name))
             if _read_text(self.path) != self._before:
-                raise PipelineError(
-                    "the file was changed since it was opened here: open it again "
-                    f"[{self.path.name}]"
-                )
+                raise PipelineError(texts.WAS_CHANGED.format(name=self.path.name))
             replace_text(self.path, self.text)
         self._before = self.text
 
@@ -350,14 +348,14 @@ def _read_text(path: Path) -> str | None:
         # line ends as they stand: what nobody changed stays the same bytes
         return path.read_bytes().decode("utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise StimulusError(f"a stimulus file must be UTF-8 text: {error} [{path}]") from error
+        raise StimulusError(texts.STIMULI_NO_TEXT.format(reason=error, path=path)) from error
 
 
 def _parse_entry(entry: str) -> Item:
     """Read what was typed: a value of TOML as it stands, anything else as text."""
     line = " ".join(entry.split())
     if len(line) > _LONGEST_ENTRY:
-        raise StimulusError(f"a field must have at most {_LONGEST_ENTRY} letters, got {len(line)}")
+        raise StimulusError(texts.ENTRY_TOO_LONG.format(most=_LONGEST_ENTRY, count=len(line)))
     try:
         return read_value(line)
     except MalformedTomlError:

@@ -12,6 +12,7 @@ from urllib.parse import quote
 from stepblocks.errors import PipelineError
 from stepblocks.files.paths import describe_system_error, resolve_inside
 from stepblocks.mistakes import shorten_value
+from stepblocks.window import texts
 
 OUTPUT = "out"  # folder that builds of a window are written to
 _DEEPEST = 4  # folders that are looked into
@@ -69,12 +70,14 @@ class Folder:
 
     def __init__(self, path: Path) -> None:
         if not path.is_dir():
-            raise PipelineError(f"folder must be there, got none [{path}]")
+            raise PipelineError(texts.NO_FOLDER.format(path=path))
         try:
             next(path.iterdir(), None)
         except OSError as error:
             reason = describe_system_error(error, path)
-            raise PipelineError(f"folder cannot be read: {reason} [{path}]") from error
+            raise PipelineError(
+                texts.FOLDER_CANNOT_BE_READ.format(reason=reason, path=path)
+            ) from error
         self.path = path.resolve()
         # a report runs without the cookie of the window: what its pictures are found by is secret
         self.address = f"/folder/{secrets.token_urlsafe(16)}/"
@@ -92,12 +95,10 @@ class Folder:
         except OSError as error:  # too long a name, say
             reason = describe_system_error(error, Path(name))
             raise PipelineError(
-                f"a name must be one that the system takes, got {shorten_value(name)}: {reason}"
+                texts.NO_NAME_OF_SYSTEM.format(name=shorten_value(name), reason=reason)
             ) from error
         if path is None:
-            raise PipelineError(
-                f"a name must lie in the folder of the window, got {shorten_value(name)}"
-            )
+            raise PipelineError(texts.NAME_OUTSIDE.format(name=shorten_value(name)))
         return path
 
     def make_link(self, name: str) -> str:

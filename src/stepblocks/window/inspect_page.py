@@ -193,10 +193,10 @@ class InspectForm:
         """
         name = PurePosixPath(given.replace("\\", "/")).name
         if PurePosixPath(name).suffix.lower() not in FORMATS:
-            raise PipelineError(f"ending of a scan must be one of {', '.join(FORMATS)} [{name}]")
+            raise PipelineError(texts.NO_SCAN.format(endings=", ".join(FORMATS), name=name))
         target = f"{_SCANS}/{name}"
         if name.startswith(".") or self._folder.resolve(target).exists():
-            raise PipelineError(f"there is such a file already, which is kept [{target}]")
+            raise PipelineError(texts.FILE_IS_THERE.format(name=target))
         return target
 
     async def _look(self) -> None:

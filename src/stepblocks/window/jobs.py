@@ -261,8 +261,7 @@ class JobList:
         running = [job for job in self._jobs if job.state is JobState.RUNNING]
         if len(running) >= _MOST_AT_ONCE:
             raise PipelineError(
-                f"at most {_MOST_AT_ONCE} commands run at once, got {len(running) + 1}: wait for "
-                "one, or cancel it"
+                texts.TOO_MANY_JOBS.format(most=_MOST_AT_ONCE, count=len(running) + 1)
             )
         number = self._next_number
         output = self._notes.get_place() / f"{number}.txt"
@@ -270,7 +269,7 @@ class JobList:
             process = _start_process(command, self._folder, output)
         except OSError as error:
             reason = describe_system_error(error, output)
-            raise PipelineError(f"the command cannot be started: {reason}") from error
+            raise PipelineError(texts.CANNOT_START.format(reason=reason)) from error
         keep_record(command, process.pid, output)
         job = Job(number, command, output, StartedProcess(process))
         ended = [job for job in self._jobs if job not in running]

@@ -64,7 +64,7 @@ def show_next_experiment(finding: LoopFinding, output: str) -> None:
     with ui.element("ul").classes("moves"):
         for move in list_moves(asked, output):
             with ui.element("li"):
-                ui.label(f"{format_units(move)}.")
+                ui.label(texts.NEXT_OPEN.format(sentence=format_units(move)))
     if asked.block is not None:
         ui.link(texts.DECLARE_BLOCK, f"/declare?file={quote(f'{output}/{_BLOCK_FILE}')}")
     if asked.trials and not asked.note:

@@ -97,29 +97,25 @@ def unpack_session(content: bytes, folder: Path) -> None:
         If it is no archive, holds too much, leads out of the folder, or the folder is there.
     """
     if folder.exists():
-        raise PipelineError(f"there is such a folder already, which is kept [{folder.name}]")
+        raise PipelineError(texts.FOLDER_IS_THERE.format(name=folder.name))
     try:
         with zipfile.ZipFile(BytesIO(content)) as archive:
             entries = [entry for entry in archive.infolist() if not entry.is_dir()]
             if not entries:
-                raise PipelineError("an archive must hold the files of a session, got none")
+                raise PipelineError(texts.EMPTY_ARCHIVE)
             if len(entries) > _MOST_FILES:
                 raise PipelineError(
-                    f"an archive must have at most {_MOST_FILES} files, got {len(entries)}"
+                    texts.TOO_MANY_FILES.format(most=_MOST_FILES, count=len(entries))
                 )
             size = sum(entry.file_size for entry in entries)
             if size > _MOST_BYTES:
-                raise PipelineError(
-                    f"files of an archive must have at most {_MOST_BYTES} bytes, got {size}"
-                )
+                raise PipelineError(texts.TOO_MANY_BYTES.format(most=_MOST_BYTES, size=size))
             files = {entry.filename: archive.read(entry) for entry in entries}
     except _UNSOUND as error:
-        raise PipelineError(f"an archive must be a sound zip file: {error}") from error
+        raise PipelineError(texts.UNSOUND_ARCHIVE.format(reason=error)) from error
     for name in files:
         if "\\" in name or ".." in PurePosixPath(name).parts or name.startswith("/"):
-            raise PipelineError(
-                f"a name in an archive must lie in its folder, got {shorten_value(name)}"
-            )
+            raise PipelineError(texts.ARCHIVED_OUTSIDE.format(name=shorten_value(name)))
     with make_draft_folder(folder) as draft:
         unpack_folder(_strip_common_folder(files), draft)
         move_into_place(draft, folder)
@@ -156,18 +152,18 @@ class SessionDraft:
             text = self._before or "schema = 1\n"
             self._document = read_document(text.removeprefix(BYTE_ORDER_MARK))
         except MalformedTomlError as error:
-            raise BenchError(f"{SESSION_FILE} must be TOML: {error}") from error
+            raise BenchError(texts.NO_TOML.format(name=SESSION_FILE, reason=error)) from error
 
     def _read(self) -> str | None:
         """Return the file as it stands; None where there is none."""
         if self._path.is_dir():
-            raise BenchError(f"{SESSION_FILE} must be a file, got a folder")
+            raise BenchError(texts.FOLDER_FOR_FILE.format(name=SESSION_FILE))
         if not is_file(self._path):
             return None
         try:
             return self._path.read_bytes().decode("utf-8")
         except (OSError, UnicodeDecodeError) as error:
-            raise BenchError(f"{SESSION_FILE} must be UTF-8 text: {error}") from error
+            raise BenchError(texts.NO_TEXT.format(name=SESSION_FILE, reason=error)) from error
 
     def read_setting(self, setting: Setting) -> str:
         """Return what the file says of a setting; empty where it says nothing or holds a table."""
@@ -193,7 +189,7 @@ class SessionDraft:
                 table[name] = tomlkit.table()
             table = table[name]
             if not isinstance(table, Mapping):
-                raise BenchError(f"{name} must be a table to hold {setting.path[-1]}")
+                raise BenchError(texts.NO_TABLE.format(name=name, field=setting.path[-1]))
         if setting.part is None:
             table[setting.path[-1]] = text
         else:
@@ -208,9 +204,7 @@ class SessionDraft:
             If somebody changed it meanwhile, or it cannot be written.
         """
         if self._read() != self._before:
-            raise PipelineError(
-                f"the file was changed since it was opened here: open it again [{SESSION_FILE}]"
-            )
+            raise PipelineError(texts.WAS_CHANGED.format(name=SESSION_FILE))
         text = tomlkit.dumps(self._document)
         if self._before is not None and self._before.startswith(BYTE_ORDER_MARK):
             text = BYTE_ORDER_MARK + text
@@ -248,7 +242,7 @@ def _write_part(channels: Any, setting: Setting, part: ChannelPart, text: str) -
             channels[name] = text
             return
         if channel is None:
-            raise BenchError(f"{name} must have a column before it has a {part.value}")
+            raise BenchError(texts.NO_COLUMN.format(name=name, part=part.value))
         table = tomlkit.inline_table()
         table[ChannelPart.COLUMN.value] = channel
         channels[name] = table

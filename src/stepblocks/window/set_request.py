@@ -80,8 +80,10 @@ def _read_number(
     try:
         return read(said[name])
     except ValueError as error:
-        what = "a whole number" if read is int else "a number"
-        raise PipelineError(f"{name} must be {what}, got {shorten_value(said[name])}") from error
+        what = texts.WHOLE_NUMBER if read is int else texts.ANY_NUMBER
+        raise PipelineError(
+            texts.NO_NUMBER.format(name=name, what=what, value=shorten_value(said[name]))
+        ) from error
 
 
 @dataclass(frozen=True)

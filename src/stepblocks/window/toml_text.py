@@ -9,8 +9,9 @@ import tomlkit
 from tomlkit.exceptions import TOMLKitError
 from tomlkit.items import Item
 
+from stepblocks.window import texts
+
 BYTE_ORDER_MARK = "\ufeff"  # that some editors begin a file with; it is kept
-_TOO_DEEP = "its brackets are nested too deeply"
 
 
 class MalformedTomlError(ValueError):
@@ -23,7 +24,7 @@ def _refuse_malformed() -> Iterator[None]:
     try:
         yield
     except RecursionError as error:
-        raise MalformedTomlError(_TOO_DEEP) from error
+        raise MalformedTomlError(texts.TOO_DEEP) from error
     except (TOMLKitError, ValueError) as error:  # also whole numbers of thousands of digits
         raise MalformedTomlError(str(error).partition(";")[0]) from error
 

@@ -47,7 +47,7 @@ def draw_trace(path: Path) -> TracePicture:
         if table.holds_numbers(number):
             columns[name] = table.read_numbers(number).values
     if not columns:
-        raise BenchError(f"trace must have named columns of numbers, got none [{path.name}]")
+        raise BenchError(texts.NO_COLUMNS.format(name=path.name))
     drawn = list(columns)[:_MOST_COLUMNS]
     figure = Figure(figsize=(_WIDTH, _HEIGHT * len(drawn)), layout="constrained")
     all_axes = np.atleast_1d(figure.subplots(len(drawn), 1, sharex=True))

@@ -136,7 +136,7 @@ def serve_window(window: Window, port: int, announce: Callable[[str], None]) -> 
     try:
         listener = socket.create_server(("127.0.0.1", port))
     except OSError as error:
-        raise PipelineError(f"port must be free, got {port}: {error.strerror}") from error
+        raise PipelineError(texts.PORT_IS_TAKEN.format(port=port, reason=error.strerror)) from error
     with listener:
         port = listener.getsockname()[1]
         token = secrets.token_urlsafe(32)
