@@ -27,6 +27,7 @@ from stepblocks.window.size_slider import MOST_SLIDERS, Size, add_slider, list_s
 
 _ENDING = ".toml"
 _UNITS = re.compile(r" \[[^\]]*\]")  # of a value of the library; a field takes any with its name
+_LITERAL = "``"  # around what is typed as it stands, in the reference
 _DEBOUNCE = 150  # a form is checked when nobody has typed for so long [ms]
 _QUIET = 0.25  # parts are dragged in time, and built, when nothing has changed for so long [s]
 
@@ -200,7 +201,7 @@ class DeclarationForm:
     def _add_input(self, field: FormField) -> None:
         """Add a field, with what it is and what counts where it is left out."""
         assert self._place is not None
-        hints = [_UNITS.sub("", field.help)]
+        hints = [_UNITS.sub("", field.help).replace(_LITERAL, "")]
         if field.default:
             hints.append(texts.DEFAULT.format(value=format_units(field.default)))
         if field.is_required:

@@ -16,11 +16,11 @@ from stepblocks.declaration.read import read_set
 from stepblocks.declaration.set import StimulusSet, list_kinds
 from stepblocks.errors import PipelineError, StimulusError
 from stepblocks.files.atomic import replace_text
-from stepblocks.files.locks import LockState, try_lock
 from stepblocks.files.text import is_file
 from stepblocks.mistakes import Mistake
 from stepblocks.parts.material import Material
 from stepblocks.window import texts
+from stepblocks.window.saving import hold_for_saving
 from stepblocks.window.toml_text import (
     BYTE_ORDER_MARK,
     MalformedTomlError,
@@ -271,9 +271,7 @@ class Draft:
             If it was changed since it was opened here, or cannot be written.
         """
         read_set(self._parse(), self.path, [])
-        with try_lock(self.path.with_name(f".{self.path.name}.lock")) as state:
-            if state is LockState.TAKEN:
-                raise PipelineError(texts.BEING_SAVED.format(name=self.path.name))
+        with hold_for_saving(self.path):
             if _read_text(self.path) != self._before:
                 raise PipelineError(texts.WAS_CHANGED.format(name=self.path.name))
             replace_text(self.path, self.text)

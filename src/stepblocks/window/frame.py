@@ -19,8 +19,13 @@ _STYLE = """
   .skip { position: absolute; left: -999px; }
   .skip:focus { left: 8px; top: 8px; z-index: 9999; background: #fff; padding: 4px 8px; }
   .window-content { max-width: 1240px; margin: 0 auto; width: 100%; padding: 12px; }
-  .window-content h1 { font-size: 26px; line-height: 1.2; margin: 8px 0 4px; }
-  .window-content h2 { font-size: 20px; line-height: 1.2; margin: 16px 0 4px; }
+  .window-content h1 { font-size: 26px; font-weight: 500; line-height: 1.2; margin: 8px 0 4px; }
+  .window-content h2 { font-size: 20px; font-weight: 500; line-height: 1.2; margin: 16px 0 4px; }
+  .q-field--with-bottom { padding-bottom: 12px; }
+  .q-field__bottom--animated { position: static; transform: none; }
+  .body--dark .q-slider, .body--dark .q-linear-progress { color: #7cc4de; }
+  .q-uploader__subtitle { display: none; }
+  .q-table__card { box-shadow: none; border: 1px solid #8a8a8a66; }
   .command { font-family: ui-monospace, monospace; white-space: pre-wrap; word-break: break-word; }
   .mistake { color: #b3261e; white-space: pre-wrap; }
   .body--dark .mistake { color: #ff9b86; }
@@ -47,9 +52,13 @@ _STYLE = """
   .axis-target::after { content: ""; position: absolute; left: 11px; top: 16px; height: 26px;
     border-left: 2px solid #b0506a; }
   .axis-missed::before { background: #fff; border: 3px solid #b3261e; }
-  .axis-block { top: 82px; font-size: 13px; white-space: nowrap; z-index: 1; }
-  .axis-block::before { content: ""; position: absolute; left: 50%; top: -16px; height: 14px;
-    border-left: 4px solid #2f6f9f; }
+  .axis-block { top: calc(82px + 1.5em * var(--row)); font-size: 13px; white-space: nowrap;
+    z-index: 1; }
+  .axis-block span { position: relative; background: #fff; }
+  .body--dark .axis-block span { background: var(--q-dark-page); }
+  .axis-block::before { content: ""; position: absolute; left: 50%;
+    top: calc(-17px - 1.5em * var(--row)); height: calc(17px + 1.5em * var(--row));
+    border-left: 3px solid #2f6f9f; }
   .body--dark .axis-block::before { border-color: #7cc4de; }
   .report { width: 100%; height: 720px; border: 1px solid #8a8a8a; background: #fff; }
   .q-header .nicegui-link { color: #fff; padding: 2px 6px; border-radius: 4px; }

@@ -251,7 +251,7 @@ class JobList:
             self._jobs.append(Job(self._next_number, record.command, output, process))
 
     def start(self, command: ShownCommand) -> Job:
-        """Start a command.
+        """Start a command; where the same one runs already, as after a double click, return that.
 
         Raises
         ------
@@ -259,6 +259,9 @@ class JobList:
             If too many run already, or the system starts no more.
         """
         running = [job for job in self._jobs if job.state is JobState.RUNNING]
+        for job in running:
+            if job.command.words == command.words:
+                return job
         if len(running) >= _MOST_AT_ONCE:
             raise PipelineError(
                 texts.TOO_MANY_JOBS.format(most=_MOST_AT_ONCE, count=len(running) + 1)

@@ -19,7 +19,7 @@ from stepblocks.window import texts
 from stepblocks.window.frame import show_mistake
 
 _WIDTH, _HEIGHT = 560, 360  # of the scene [pixels]
-_FAR = 1.3  # distance of the camera, in the length of the part [1]
+_FAR = 1.7  # distance of the camera, in the length of the part [1]
 _COLOURS = ("#9fb3c8", "#d9c48a")  # of the bodies
 _SVG_SIZE = re.compile(r'(<svg[^>]*?) width="[^"]*" height="[^"]*"')
 

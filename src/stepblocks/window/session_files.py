@@ -17,6 +17,7 @@ from stepblocks.files.packed import unpack_folder
 from stepblocks.files.text import is_file
 from stepblocks.mistakes import shorten_value
 from stepblocks.window import texts
+from stepblocks.window.saving import hold_for_saving
 from stepblocks.window.toml_text import BYTE_ORDER_MARK, MalformedTomlError, read_document
 
 SESSION_FILE = "session.toml"
@@ -203,12 +204,13 @@ class SessionDraft:
         PipelineError
             If somebody changed it meanwhile, or it cannot be written.
         """
-        if self._read() != self._before:
-            raise PipelineError(texts.WAS_CHANGED.format(name=SESSION_FILE))
         text = tomlkit.dumps(self._document)
         if self._before is not None and self._before.startswith(BYTE_ORDER_MARK):
             text = BYTE_ORDER_MARK + text
-        replace_text(self._path, text)
+        with hold_for_saving(self._path):
+            if self._read() != self._before:
+                raise PipelineError(texts.WAS_CHANGED.format(name=SESSION_FILE))
+            replace_text(self._path, text)
         self._before = text
 
     def find_first_trace(self) -> Path | None:

@@ -6,7 +6,7 @@ from nicegui import ui
 
 from stepblocks.window import texts
 from stepblocks.window.folder import Entry, Folder, Kind
-from stepblocks.window.frame import show_heading
+from stepblocks.window.frame import add_quiet_button, show_heading
 from stepblocks.window.job_view import Runnable
 from stepblocks.window.jobs import JobList
 from stepblocks.window.suggestions import suggest_beginnings, suggest_commands
@@ -30,9 +30,11 @@ class StartPage:
     def build(self) -> None:
         """Make the page."""
         show_heading(texts.START)
-        ui.label(texts.FOLDER.format(path=self._folder.path))
+        with ui.row().classes("items-center"):
+            ui.label(texts.FOLDER.format(path=self._folder.path))
+            again = add_quiet_button(texts.REFRESH, lambda: self._show_entries(content))
+        again.props("dense")
         content = ui.column().classes("w-full")
-        ui.button(texts.REFRESH, on_click=lambda: self._show_entries(content)).props("no-caps")
         self._show_entries(content)
 
     def _show_entries(self, place: ui.element) -> None:

@@ -6,6 +6,7 @@ Every target is reached by the keyboard, and moved by its arrows.
 import math
 from collections import Counter
 from collections.abc import Callable, Sequence
+from html import escape
 
 from nicegui import events, ui
 
@@ -169,10 +170,11 @@ class TargetAxis:
         self._blocks.clear()
         with self._blocks:
             for number, block in enumerate(blocks):
-                shown = ui.label(block.label).classes("axis-block").props("role=listitem")
-                top = 1.5 * (number % _ROWS)
                 place = 100.0 * self._find_place(block.energy)
-                shown.style(f"left: {place:.2f}%; margin-top: {top}em")
+                shown = ui.element("div").classes("axis-block").props("role=listitem")
+                shown.style(f"left: {place:.2f}%; --row: {number % _ROWS}")
+                with shown:
+                    ui.html(escape(block.label), tag="span", sanitize=False)
 
     def _grab(self, event: events.GenericEventArguments) -> None:
         """Hold the target that a hand has come down on."""

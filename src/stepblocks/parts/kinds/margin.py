@@ -52,7 +52,7 @@ class MarginBlock(CrownMargin, Block):
     horizontal_discrepancy : Dimension
         Height h of the crown over the tooth; positive where it is overextended [m].
     vertical_discrepancy : Dimension or None
-        Distance v of the crown's margin along the path of draw [m]; None means that it is the gap.
+        Distance v of the crown's margin along the path of draw [m]; left out, it is the gap.
     gum : Gum or None
         Gum beside the margin; None where the file does not say.
     material : Material
@@ -62,7 +62,7 @@ class MarginBlock(CrownMargin, Block):
     body : Body
         Size of the block and its mounting.
     stock : tuple of float or None
-        Stock that the workshop has, along x, y and z [m]; None lets the setup sheet choose it.
+        Stock that the workshop has, along x, y and z [m]; left out, the setup sheet chooses it.
     working_faces : WorkingFaces or None
         Demands on the faces of tooth and crown; None where the file states none.
     """

@@ -84,7 +84,7 @@ class ScannedMargin(CrownMargin):
     horizontal_discrepancy : Dimension
         Height h of the crown over the tooth; positive where it is overextended [m].
     vertical_discrepancy : Dimension or None
-        Distance v of the crown's margin along the path of draw [m]; None means that it is the gap.
+        Distance v of the crown's margin along the path of draw [m]; left out, it is the gap.
     gum : Gum or None
         Gum beside the margin; None where the file does not say.
     material : Material

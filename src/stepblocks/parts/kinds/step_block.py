@@ -105,7 +105,7 @@ class StepBlock(Block):
     body : Body
         Size of the block and its mounting.
     stock : tuple of float or None
-        Stock that the workshop has, along x, y and z [m]; None lets the setup sheet choose it.
+        Stock that the workshop has, along x, y and z [m]; left out, the setup sheet chooses it.
     metrology : MetrologyFeature or None
         Groove or ridge that ISO 5436-1 type A1 can evaluate; None where it is left out.
     relief : Relief or None

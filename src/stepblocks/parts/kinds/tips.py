@@ -180,7 +180,7 @@ class StraightTip(Tip):
     length : Dimension
         From the contact point to the end of the shank [m].
     runout : Dimension or None
-        Circular run-out of the ball about the shank [m]; 0.02 mm where None.
+        Circular run-out of the ball about the shank [m]; left out, it is 0.02 mm.
     """
 
     if TYPE_CHECKING:  # a field holds what was read of what is given
