@@ -91,14 +91,24 @@ Offset = Annotated[
 
 
 class Mounting(Table):
-    """Two holes on the block's long axis."""
+    """Two holes on the block's long axis.
 
-    # ``"tapped"``: blind from below, the working faces stay whole; ``"clearance"``: through,
-    # counterbored from above
+    Attributes
+    ----------
+    kind : str
+        ``"tapped"``: blind from below, the working faces stay whole; ``"clearance"``: through,
+        counterbored from above.
+    thread : str
+        Metric coarse, ``"M2"``, ``"M2.5"``, ``"M3"`` or ``"M4"``.
+    spacing : Dimension
+        Distance of the holes along x [m].
+    depth : Dimension
+        Depth of the full core hole from the base, or of the counterbore [m].
+    """
+
     kind: Literal["tapped", "clearance"] = "tapped"
-    thread: Literal["M2", "M2.5", "M3", "M4"] = "M3"  # metric coarse
-    spacing: PositiveLength = declare_default("12 mm")  # of the holes along x [m]
-    # of the full core hole from the base, or of the counterbore [m]
+    thread: Literal["M2", "M2.5", "M3", "M4"] = "M3"
+    spacing: PositiveLength = declare_default("12 mm")
     depth: PositiveLength = declare_default("5 mm")
 
     @property
@@ -124,13 +134,24 @@ class Mounting(Table):
 
 
 class Engraving(Table):
-    """Letters cut into the front side of the block."""
+    """Letters cut into the front side of the block.
 
-    text: EngravedText = ""  # the identity in capitals where none is stated
-    # of the middle of the letters from that of the front, along x and z [m]
+    Attributes
+    ----------
+    text : str
+        What is engraved; left out, the identity in capitals.
+    offset : tuple of float
+        From the middle of the front to that of the letters, along x and z [m].
+    height : Dimension
+        Height of a capital letter [m].
+    depth : Dimension
+        Depth of the cut [m].
+    """
+
+    text: EngravedText = ""
     offset: Offset = (0.0, 0.0)
-    height: PositiveLength = declare_default("1.3 mm")  # of a capital letter [m]
-    depth: PositiveLength = declare_default("0.15 mm", otherwise="0.05 mm")  # of the cut [m]
+    height: PositiveLength = declare_default("1.3 mm")
+    depth: PositiveLength = declare_default("0.15 mm", otherwise="0.05 mm")
 
     def choose_text(self, identity: str) -> str:
         """Choose what is engraved in a block of this identity."""
@@ -150,14 +171,27 @@ class Engraving(Table):
 
 
 class Body(Table):
-    """The block without its stimulus; the origin lies on the working edge."""
+    """The block without its stimulus; the origin lies on the working edge.
 
-    # the usual one fits a 24 mm vice
-    length: PositiveLength = declare_default("20 mm")  # along x, across the working edge [m]
-    width: PositiveLength = declare_default("24 mm")  # along y [m]
-    # from the base to the lower working face [m]
+    Attributes
+    ----------
+    length : Dimension
+        Length along x, across the working edge [m].
+    width : Dimension
+        Width along y [m]; the usual one fits a 24 mm vice.
+    thickness : Dimension
+        Thickness from the base to the lower working face [m].
+    edge_break : Dimension
+        Leg of the chamfer on all edges but the working ones [m].
+    mounting : Mounting or None
+        Two holes to hold it.
+    engraving : Engraving or None
+        Letters on its front.
+    """
+
+    length: PositiveLength = declare_default("20 mm")
+    width: PositiveLength = declare_default("24 mm")
     thickness: PositiveLength = declare_default("8 mm")
-    # leg of the chamfer on all edges but the working ones [m]
     edge_break: Length = declare_default("0.3 mm", otherwise="0.1 mm")
     mounting: Annotated[Mounting | None, BeforeValidator(read_none)] = declare_default({})
     engraving: Annotated[Engraving | None, BeforeValidator(read_none)] = declare_default({})

@@ -146,14 +146,24 @@ class PredictionGrid(Table):
 
 
 class Gum(Table):
-    """Gum beside the margin: a Kelvin-Voigt wall that the flank of the tool presses."""
+    """Gum beside the margin: a Kelvin-Voigt wall that the flank of the tool presses.
 
-    indentation: Annotated[float, read_positive("length")] = (
-        0.2e-3  # by the tool; a gentle touch, assumed [m]
-    )
-    contact: Annotated[float, read_positive("length")] = (
-        1e-3  # of the flank with the gum along the tool; assumed [m]
-    )
+    Attributes
+    ----------
+    indentation : float
+        Indentation by the tool [m]; a gentle touch is assumed.
+    contact : float
+        Length of the contact of the flank with the gum along the tool [m]; assumed.
+    shear_modulus : Sourced
+        Shear modulus [Pa], in a table with its source.
+    loss_factor : Sourced
+        Loss factor [1], in a table with its source.
+    friction : Sourced
+        Coefficient of friction on the gum [1], in a table with its source.
+    """
+
+    indentation: Annotated[float, read_positive("length")] = 0.2e-3
+    contact: Annotated[float, read_positive("length")] = 1e-3
     shear_modulus: Annotated[Sourced, make_sourced_validator("pressure")] = Sourced(
         83e3,
         "pressure",

@@ -267,17 +267,35 @@ def _read_zone(raw: object, info: ValidationInfo) -> Dimension:
 Zone = Annotated[Dimension, BeforeValidator(_read_zone)]
 
 
-class WorkingFaces(Table):
-    """What is asked of the faces beside the working edge; what is left out takes its default."""
+class WorkedOut:
+    """Marks a field that the program finds, and that no file states."""
 
-    flatness: Zone | None = None  # of either face; default a quarter of the height's tolerance band
-    parallelism: Zone | None = (
-        None  # of the upper face to the lower one, datum A; default half of that band
-    )
-    roughness: Zone | None = None  # largest Ra; default a twentieth of that band, at least 0.05 um
-    base_flatness: Zone | None = None  # of the base; default 5 um
-    base_parallelism: Zone | None = None  # of the lower face to the base; default 10 um
-    burr: Zone | None = None  # over the upper face near the edge; default the upper deviation
+
+class WorkingFaces(Table):
+    """What is asked of the faces beside the working edge; what is left out takes its default.
+
+    Attributes
+    ----------
+    flatness : Dimension or None
+        Flatness of either face; left out, a quarter of the height's tolerance band.
+    parallelism : Dimension or None
+        Parallelism of the upper face to the lower one, datum A; left out, half of that band.
+    roughness : Dimension or None
+        Largest Ra; left out, a twentieth of that band, at least 0.05 um.
+    base_flatness : Dimension or None
+        Flatness of the base; left out, 5 um.
+    base_parallelism : Dimension or None
+        Parallelism of the lower face to the base; left out, 10 um.
+    burr : Dimension or None
+        Height of a burr over the upper face near the edge; left out, the upper deviation.
+    """
+
+    flatness: Zone | None = None
+    parallelism: Zone | None = None
+    roughness: Zone | None = None
+    base_flatness: Zone | None = None
+    base_parallelism: Zone | None = None
+    burr: Zone | None = None
 
 
 # flatness, parallelism and roughness of the working faces in force

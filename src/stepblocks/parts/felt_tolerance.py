@@ -20,7 +20,7 @@ from stepblocks.contact.felt_limits import (
 from stepblocks.contact.operating_point import WEBER_FRACTION, OperatingPoint
 from stepblocks.errors import ContactError, StimulusError
 from stepblocks.parts.conditions import PredictionGrid, Ratio
-from stepblocks.parts.declared import Table, make_rules_validator, read_positive
+from stepblocks.parts.declared import Table, WorkedOut, make_rules_validator, read_positive
 from stepblocks.parts.kind import Part
 from stepblocks.parts.tolerance import Dimension
 
@@ -58,18 +58,28 @@ class FeltVerdict:
 
 
 class FeltTolerance(Table):
-    """What the ring of a part may change by; limits of its sizes follow from it."""
+    """What the ring of a part may change by; limits of its sizes follow from it.
 
-    # of E_v to either side [1]
+    Attributes
+    ----------
+    energy : float or None
+        Share of the vibration energy to either side [1].
+    jnd : float or None
+        Just noticeable differences to either side [1].
+    weber_fraction : float
+        Share of the energy that makes a just noticeable difference [1].
+    friction : Dimension or None
+        Deviation of the coefficient of friction to either side, spent first; left out, friction
+        has a share [1].
+    verdict : FeltVerdict or None
+        Found for the set, never written in a file.
+    """
+
     energy: Annotated[float, read_positive("ratio")] | None = None
-    # just noticeable differences to either side [1]
     jnd: Annotated[float, read_positive("ratio")] | None = None
-    # that makes a just noticeable difference of the energy [1]
     weber_fraction: Annotated[float, read_positive("ratio")] = WEBER_FRACTION
-    # of the coefficient to either side, spent first; left out, friction has a share [1]
     friction: Ratio | None = None
-    # found for the set
-    verdict: InstanceOf[FeltVerdict] | None = Field(None, exclude=True)
+    verdict: Annotated[InstanceOf[FeltVerdict] | None, WorkedOut()] = Field(None, exclude=True)
 
     @make_rules_validator
     def _check_one_is_given(self) -> Iterator[str]:

@@ -32,14 +32,21 @@ _UPRIGHT = (
 
 
 class Relief(Table):
-    """A groove in the lower face, between it and the riser, so that tools run out at the root."""
+    """A groove in the lower face, between it and the riser, so that tools run out at the root.
+
+    Attributes
+    ----------
+    width : Dimension
+        Width from the riser along x [m].
+    depth : Dimension
+        Depth below the lower face [m].
+    """
 
     not_declared: ClassVar[dict[str, str]] = dict.fromkeys(
         ("angle", "flank_angle", "wall_angle", "slope", "flank", "radius"), _UPRIGHT
     )
 
-    width: PositiveLength = declare_default(otherwise="0.05 mm")  # from the riser along x [m]
-    # below the lower face [m]
+    width: PositiveLength = declare_default(otherwise="0.05 mm")
     depth: PositiveLength = declare_default(otherwise="0.02 mm")
 
     @property

@@ -38,13 +38,24 @@ SECOND = "second_"
 
 
 class SecondStep(Table):
-    """A step along the whole width, which begins on the upper face of the first one."""
+    """A step along the whole width, which begins on the upper face of the first one.
 
-    height: PositiveLength = declare_default(otherwise="1 um")  # between the faces beside it [m]
-    distance: PositiveLength = declare_default(otherwise="0.1 mm")  # from the working edge [m]
-    # radius of the edge at its higher side; 0 is sharp [m]
+    Attributes
+    ----------
+    height : Dimension
+        Height between the faces beside it [m].
+    distance : Dimension
+        Distance from the working edge [m].
+    edge_radius : Dimension
+        Radius of the edge at its higher side [m]; 0 is sharp.
+    direction : str
+        ``"up"``, away from the first edge, or ``"down"``, so that the face between both stands
+        out.
+    """
+
+    height: PositiveLength = declare_default(otherwise="1 um")
+    distance: PositiveLength = declare_default(otherwise="0.1 mm")
     edge_radius: Length = declare_default("0 um", otherwise="+2 um / -0 um")
-    # ``"up"``, away from the first edge, or ``"down"``, so that the face between both stands out
     direction: Literal["up", "down"] = "up"
 
     @property

@@ -18,7 +18,9 @@ from stepblocks.errors import PipelineError, StimulusError
 from stepblocks.files.atomic import replace_text
 from stepblocks.files.text import is_file
 from stepblocks.mistakes import Mistake
+from stepblocks.parts.declared import Sourced, WorkedOut
 from stepblocks.parts.material import Material
+from stepblocks.quantities import DIMENSIONS, format_number, format_quantity
 from stepblocks.window import texts
 from stepblocks.window.saving import hold_for_saving
 from stepblocks.window.toml_text import (
@@ -32,6 +34,7 @@ from stepblocks.window.toml_text import (
 # a line with the header of a table, or of one of a list of tables
 _HEADER = re.compile(r"\s*(?P<list>\[)?\[\s*(?P<name>[A-Za-z0-9_.\-]+)\s*\]{1,2}\s*(#.*)?$")
 _DEEPEST = 3  # tables within a stanza
+_METRES = "[m]"
 _LONGEST_ENTRY = 2000  # letters of a field
 
 
@@ -83,15 +86,18 @@ def list_fields(kind: str) -> list[FormField]:
 
 
 def _walk_fields(model: type[BaseModel], begin: tuple[str, ...]) -> Iterable[FormField]:
-    helps = _read_attribute_helps(model.__doc__ or "")
+    helps = _read_helps(model)
     for name, field in model.model_fields.items():
+        if any(isinstance(mark, WorkedOut) for mark in field.metadata):
+            continue
         path = (*begin, name)
         below = _find_table(field.annotation)
         if below is not None and len(path) < _DEEPEST:
             yield from _walk_fields(below, path)
             continue
         is_required = field.is_required()
-        yield FormField(path, _format_default(field.default), is_required, helps.get(name, ""))
+        help_ = helps.get(name, "")
+        yield FormField(path, _format_default(field.default, help_), is_required, help_)
 
 
 def _find_table(annotation: object) -> type[BaseModel] | None:
@@ -102,16 +108,37 @@ def _find_table(annotation: object) -> type[BaseModel] | None:
     return None
 
 
-def _format_default(default: object) -> str:
-    """Write a default as a file states it."""
+def _format_default(default: object, help_: str) -> str:
+    """Write a default as a file states it; the help of its field names the unit of a number."""
     if default is None or default is PydanticUndefined:
         return ""
+    if isinstance(default, Sourced):
+        return f"{format_number(default.value)} {DIMENSIONS[default.quantity]}".strip()
+    if isinstance(default, float):
+        return _format_number(default, help_)
+    if isinstance(default, tuple) and all(isinstance(value, float) for value in default):
+        return ", ".join(_format_number(value, help_) for value in default)
     if isinstance(default, Mapping):
         stated = {
             "tolerance" if name == "otherwise" else name: text for name, text in default.items()
         }
         return ", ".join(str(text) for name, text in stated.items() if name != "source")
     return str(default)
+
+
+def _format_number(value: float, help_: str) -> str:
+    """Write a number with the unit that the help of its field names."""
+    if _METRES in help_:
+        return format_quantity(value, "length")
+    return format_number(value)
+
+
+def _read_helps(model: type[BaseModel]) -> dict[str, str]:
+    """Read what the fields of a model are, those that it has from others among them."""
+    helps: dict[str, str] = {}
+    for kind in reversed(model.__mro__):
+        helps |= _read_attribute_helps(kind.__doc__ or "")
+    return helps
 
 
 def _read_attribute_helps(docstring: str) -> dict[str, str]:

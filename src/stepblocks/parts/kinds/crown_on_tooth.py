@@ -57,11 +57,18 @@ _CROWN = 1
 
 
 class FinishLine(Table):
-    """How the preparation ends."""
+    """How the preparation ends.
 
-    # a square ledge, a quarter round, or no ledge
+    Attributes
+    ----------
+    kind : str
+        A square ledge (``"shoulder"``), a quarter round (``"chamfer"``), or no ledge
+        (``"feather-edge"``).
+    width : Dimension
+        Width of the ledge, or radius of the quarter round [m]; 0 for the feather edge.
+    """
+
     kind: FinishKind = "shoulder"
-    # of the ledge, or radius of the quarter round [m]; 0 for the feather edge
     width: Length = declare_default("1 mm", "0.05 mm")
 
     @make_rules_validator

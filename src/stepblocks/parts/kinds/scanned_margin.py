@@ -20,6 +20,7 @@ from stepblocks.parts import margin_line
 from stepblocks.parts.characteristics import Characteristic, describe_plane, make_characteristic
 from stepblocks.parts.declared import (
     Table,
+    WorkedOut,
     declare_default,
     describe_breach,
     make_rules_validator,
@@ -59,17 +60,32 @@ def _is_line(points: NDArray[np.float64]) -> bool:
 
 
 class Station(Table):
-    """What a scan says at one place of the margin; worked out, never written in a file."""
+    """What a scan says at one place of the margin; worked out, never written in a file.
+
+    Attributes
+    ----------
+    number : int
+        Number of the place.
+    place_m : tuple of float
+        Place in the frame of the mesh.
+    across, outward : tuple of float
+        Unit vectors there: along the tooth towards the crown, and outwards.
+    tooth_curvature_per_m, crown_curvature_per_m : float
+        Curvatures there, negative where a surface bulges.
+    crown_slope_rad : float
+        Slope of the crown against the tooth.
+    scatter_m : float
+        Scatter of the scan about these.
+    """
 
     number: int = 1
-    place_m: tuple[float, ...] = (0.0, 0.0, 0.0)  # in the frame of the mesh
-    # unit vectors there: along the tooth towards the crown, and outwards
+    place_m: tuple[float, ...] = (0.0, 0.0, 0.0)
     across: tuple[float, ...] = (1.0, 0.0, 0.0)
     outward: tuple[float, ...] = (0.0, 0.0, 1.0)
-    tooth_curvature_per_m: float = 0.0  # negative where it bulges
-    crown_slope_rad: float = 0.0  # against the tooth
+    tooth_curvature_per_m: float = 0.0
+    crown_slope_rad: float = 0.0
     crown_curvature_per_m: float = 0.0
-    scatter_m: float = 0.0  # of the scan about these
+    scatter_m: float = 0.0
 
 
 class ScannedMargin(CrownMargin):
@@ -129,7 +145,7 @@ class ScannedMargin(CrownMargin):
         1.0,
     )
     shows: Literal["tooth", "crown", "both"] = "both"
-    station: Station = Station()
+    station: Annotated[Station, WorkedOut()] = Station()
     gap_depth: PositiveLength = declare_default("0.4 mm", otherwise="0.05 mm")
     length: PositiveLength = declare_default("4 mm")
     width: PositiveLength = declare_default("2 mm")

@@ -46,10 +46,22 @@ _WIDEST_CLOSE_UP = 4.9e-3  # [m]
 
 
 class SheathMaterial(Material):
-    """A material that bends and damps; modulus and ratios at the frequency of the ring."""
+    """A material that bends and damps; modulus and ratios at the frequency of the ring.
+
+    Attributes
+    ----------
+    density : Sourced
+        Mass density [kg/m^3], in a table with its source.
+    modulus : Sourced
+        Young's modulus [Pa], in a table with its source.
+    poisson : Sourced
+        Poisson's ratio [1], in a table with its source.
+    loss_factor : Sourced
+        Loss factor [1], in a table with its source.
+    """
 
     density: Annotated[Sourced, make_sourced_validator("density")]
-    modulus: Annotated[Sourced, make_sourced_validator("pressure")]  # Young's
+    modulus: Annotated[Sourced, make_sourced_validator("pressure")]
     poisson: Annotated[Sourced, make_sourced_validator("ratio")]
     loss_factor: Annotated[Sourced, make_sourced_validator("ratio")]
 

@@ -72,15 +72,24 @@ _LONGEST_STEM = 28  # letters of an identity that are kept in the name of one of
 
 
 class MetrologyFeature(Table):
-    """A groove or ridge that ISO 5436-1 type A1 can evaluate; a single edge cannot be."""
+    """A groove or ridge that ISO 5436-1 type A1 can evaluate; a single edge cannot be.
 
-    # ``"groove"`` in the upper face, its floor level with the lower face; or ``"ridge"`` on the
-    # lower, level with the upper
+    Attributes
+    ----------
+    kind : str
+        ``"groove"`` in the upper face, its floor level with the lower face; or ``"ridge"`` on the
+        lower, level with the upper.
+    width : Dimension
+        Width W between its edges along x [m]; a plane face of at least W lies on either side.
+    lane : Dimension
+        Length of the lane along y, from the back side of the block [m].
+    distance : Dimension
+        Distance of its nearer edge from the working edge [m].
+    """
+
     kind: Literal["groove", "ridge"] = "groove"
-    # W between its edges along x [m]; a plane face of at least W lies on either side
     width: PositiveLength = declare_default("0.6 mm", "0.05 mm")
-    lane: PositiveLength = declare_default("6 mm")  # along y, from the back side of the block [m]
-    # from the working edge to its nearer edge [m]
+    lane: PositiveLength = declare_default("6 mm")
     distance: PositiveLength = declare_default("2 mm", "0.1 mm")
 
     @property
