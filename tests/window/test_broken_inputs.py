@@ -21,6 +21,7 @@ from stepblocks.errors import StepblocksError
 from stepblocks.quantities import format_units
 from stepblocks.scans.read import read_scan
 from stepblocks.window.draft import Draft
+from stepblocks.window.scan_picture import draw_scan
 from stepblocks.window.session_files import SessionDraft
 from stepblocks.window.window import Window
 
@@ -189,6 +190,55 @@ def drop_scans(base, files):
 @pytest.mark.long
 def test_a_broken_scan_in_text_is_a_message_of_the_command(tmp_path):
     drop_scans(tmp_path, TEXTS)
+
+
+async def drop_too_large(folder):
+    """Hand in what the browser itself refuses for its size; return what each page says of it."""
+    messages = []
+    async with user_simulation(root=Window(folder).build) as user:
+        for path in ("/inspect", "/bench"):
+            await user.open(path)
+            user.find(marker="drop").trigger("rejected")
+            messages += await wait_for_message(user)
+    return messages
+
+
+def test_a_file_that_is_too_large_is_refused_with_a_message(tmp_path):
+    expected = "a file that is handed in must have at most 256 MB"
+    assert asyncio.run(drop_too_large(tmp_path)) == [expected, expected]
+
+
+async def drop_many(folder, number):
+    """Drop scans one behind another, and one that is none; return the name that is looked at."""
+    async with user_simulation(root=Window(folder).build) as user:
+        await user.open("/inspect")
+        upload = next(iter(user.find(marker="drop").elements))
+        content = b"x_um,z_um\n" + b"".join(b"%d,%d\n" % (row, row % 3) for row in range(50))
+        files = [SmallFileUpload(f"s{place}.csv", "", content) for place in range(number)]
+        files.insert(3, SmallFileUpload("none.exe", "", b""))
+        await upload.handle_uploads(files)
+        await user.should_see(marker="description", retries=200)
+        for _ in range(100):
+            if len(list((folder / "scans").glob("*.csv"))) == number:
+                break
+            await asyncio.sleep(0.05)
+        await asyncio.sleep(0.5)
+        with user:
+            return list_messages()
+
+
+def test_of_many_dropped_scans_all_are_taken_and_few_are_drawn(tmp_path, monkeypatch):
+    drawn = []
+
+    def draw(path, *arguments):
+        drawn.append(path.name)
+        return draw_scan(path, *arguments)
+
+    monkeypatch.setattr("stepblocks.window.inspect_page.draw_scan", draw)
+    messages = asyncio.run(drop_many(tmp_path, 30))
+    assert len(list((tmp_path / "scans").glob("*.csv"))) == 30
+    assert len(drawn) < 10
+    assert [text.partition(" ")[0] for text in messages] == ["ending"]
 
 
 @pytest.mark.long

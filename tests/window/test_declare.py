@@ -25,6 +25,8 @@ from stepblocks.window.draft import Draft, StanzaPlace, find_field, list_fields
 from stepblocks.window.felt import draw_profile, predict_felt
 from stepblocks.window.latest_work import LatestWork
 from stepblocks.window.part_view import make_in_worker
+from stepblocks.window.saving import hold_for_saving
+from stepblocks.window.session_files import SessionDraft
 from stepblocks.window.size_slider import list_sizes, read_range
 from stepblocks.window.window import Window
 
@@ -450,3 +452,47 @@ def test_the_part_is_shown_as_the_kernel_builds_it_with_its_drawing():
     # the step of 25 um, stretched, stands over the lower face at z = 0
     assert mesh.bounds[1, 2] == pytest.approx(25e-3 * view.exaggeration, rel=1e-3)
     assert "apparatus-025" in view.drawing.lower()
+
+
+async def leave_and_come_back(folder):
+    """Type without saving, leave the page, come back; return what the field says each time."""
+    async with user_simulation(root=Window(folder).build) as user:
+        said = []
+
+        def find():
+            return next(iter(user.find(marker="height", kind=ui.input).elements))
+
+        await user.open("/declare?file=mine.toml")
+        find().set_value("44 um")
+        await user.open("/build")
+        await user.open("/declare?file=mine.toml")
+        await user.should_see("left unsaved")
+        said.append(find().value)
+        user.find("Discard them").click()
+        await user.should_not_see("left unsaved")
+        said.append(find().value)
+        find().set_value("45 um")
+        user.find("Save").click()
+        await user.should_see("mine.toml is saved")
+        await user.open("/build")
+        await user.open("/declare?file=mine.toml")
+        await user.should_not_see("left unsaved")
+        said.append(find().value)
+        return said
+
+
+def test_what_was_typed_and_not_saved_is_there_again_when_the_page_is_opened_anew(tmp_path):
+    (tmp_path / "mine.toml").write_text(WRITTEN)
+    assert asyncio.run(leave_and_come_back(tmp_path)) == ["44 um", "25 um", "45 um"]
+    assert (tmp_path / "mine.toml").read_text() == WRITTEN.replace("25 um", "45 um")
+
+
+def test_a_session_and_a_stimulus_file_are_saved_by_one_window_at_a_time(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text(WRITTEN)
+    (tmp_path / "session.toml").write_text("schema = 1\n")
+    for draft in (Draft(path), SessionDraft(tmp_path)):
+        saved = path if isinstance(draft, Draft) else tmp_path / "session.toml"
+        with hold_for_saving(saved), pytest.raises(PipelineError, match="another window is saving"):
+            draft.save()
+        draft.save()

@@ -76,6 +76,22 @@ def test_a_cancelled_command_ends_and_more_than_four_at_once_are_refused(jobs, m
     assert {job.state for job in running} == {JobState.CANCELLED}
 
 
+def test_a_double_click_starts_a_command_once(jobs, monkeypatch):
+    script = "import time; time.sleep(600)"
+    started = subprocess.Popen
+
+    def sleep(words, **options):
+        return started([sys.executable, "-c", script], **options)
+
+    monkeypatch.setattr("stepblocks.window.jobs.subprocess.Popen", sleep)
+    command = ShownCommand("sleep", ("sleep",))
+    first = jobs.start_once(command)
+    assert jobs.start_once(command) is first
+    first.cancel()
+    first.wait(60.0)
+    assert jobs.start_once(command) is not first
+
+
 async def begin_and_find_again(folder):
     """Run a beginning from an empty folder by one click; look at it from a page opened anew."""
     window = Window(folder)

@@ -116,3 +116,25 @@ def test_of_stimulus_files_a_study_takes_those_that_declare_something_to_be_felt
     folder = Folder(tmp_path)
     assert len(folder.list_entries()) == 3
     assert folder.list_felt_files() == ["paper-ten.toml"]
+
+
+def test_a_stimulus_file_is_listed_beside_thousands_of_scans_that_come_before_it(tmp_path):
+    for number in range(2001):
+        (tmp_path / f"scan-{number:04}.csv").touch()
+    (tmp_path / "zero.toml").write_text('[[step_block]]\nid = "low"\nheight = "25 um"\n')
+    entries = Folder(tmp_path).list_entries()
+    assert [entry.name for entry in entries if entry.kind is Kind.STIMULI] == ["zero.toml"]
+    assert len(entries) == 2001  # two thousand scans, and the file
+
+
+async def open_full_start(folder):
+    async with user_simulation(root=Window(folder).build) as user:
+        await user.open("/")
+        await user.should_see("... and 50 more")
+        return len(user.find(kind=ui.expansion).elements)
+
+
+def test_the_first_page_shows_a_hundred_files_of_a_kind(tmp_path):
+    for number in range(150):
+        (tmp_path / f"scan-{number:04}.csv").touch()
+    assert asyncio.run(open_full_start(tmp_path)) == 100

@@ -12,7 +12,7 @@ from stepblocks.window.agreement import RESULT_FILE
 from stepblocks.window.declaration_check import DeclarationCheck
 from stepblocks.window.folder import Entry, Folder, Kind
 from stepblocks.window.frame import show_heading, show_mistake
-from stepblocks.window.gate import LARGEST_UPLOAD
+from stepblocks.window.gate import LARGEST_UPLOAD, make_size_error
 from stepblocks.window.job_view import Runnable, show_page
 from stepblocks.window.jobs import Job, JobList
 from stepblocks.window.loop_view import LoopView
@@ -52,6 +52,7 @@ class BenchForm:
             label=texts.DROP_SESSION, max_file_size=LARGEST_UPLOAD, auto_upload=True
         ).mark("drop")
         upload.on_upload(self._take)
+        upload.on_rejected(self._refuse)
         names = self._list_sessions()
         first = session or next(iter(names), "")
         with ui.row().classes("items-center"):
@@ -79,6 +80,12 @@ class BenchForm:
             return
         self._name.set_value(name)
         await self._open()
+
+    def _refuse(self) -> None:
+        """Say that a dropped file is too large."""
+        self._place.clear()
+        with self._place:
+            show_mistake(make_size_error())
 
     def name_session(self, given: str) -> str:
         """Return the folder of a session for a dropped archive.

@@ -20,8 +20,15 @@ from stepblocks.window.draft import Checked, Draft, FormField, StanzaPlace, find
 from stepblocks.window.felt import CheckedAndFelt, check_and_predict, predict_felt
 from stepblocks.window.felt_view import FeltView
 from stepblocks.window.folder import OUTPUT, Folder, Kind
-from stepblocks.window.frame import is_gone, show_command, show_heading, show_mistake
+from stepblocks.window.frame import (
+    add_quiet_button,
+    is_gone,
+    show_command,
+    show_heading,
+    show_mistake,
+)
 from stepblocks.window.latest_work import LatestWork
+from stepblocks.window.left_drafts import LeftDrafts
 from stepblocks.window.model_choice import ModelChoice
 from stepblocks.window.size_slider import MOST_SLIDERS, Size, add_slider, list_sizes
 
@@ -35,8 +42,9 @@ _QUIET = 0.25  # parts are dragged in time, and built, when nothing has changed 
 class DeclarePage:
     """The page on which stimulus files of a folder are written and changed."""
 
-    def __init__(self, folder: Folder) -> None:
+    def __init__(self, folder: Folder, left: LeftDrafts) -> None:
         self._folder = folder
+        self._left = left
 
     def build(self, file: str = "", model: str = "") -> None:
         """Make the page; `file` is opened, and `model` predicts what is felt."""
@@ -67,9 +75,27 @@ class DeclarePage:
                 path = self._folder.resolve(name.strip())
                 if path.suffix != _ENDING:
                     raise PipelineError(texts.WRONG_ENDING.format(ending=_ENDING, name=repr(name)))
-                DeclarationForm(Draft(path), name.strip(), model).build()
+                draft = self._left.take(path)
+                if draft is not None:
+                    self._tell_of_unsaved(draft, partial(self._open, name, place, model))
+                else:
+                    draft = Draft(path)
+                with ui.column().classes("w-full") as form:
+                    self._left.watch(draft, form)
+                    DeclarationForm(draft, name.strip(), model).build()
             except StepblocksError as error:
                 show_mistake(error)
+
+    def _tell_of_unsaved(self, draft: Draft, open_again: Callable[[], object]) -> None:
+        """Say that changes are shown that were never saved, and let them be discarded."""
+
+        def discard() -> None:
+            self._left.forget(draft)
+            open_again()
+
+        with ui.row().classes("items-center"):
+            ui.label(texts.LEFT_UNSAVED).props("role=status")
+            add_quiet_button(texts.DISCARD, discard)
 
 
 class DeclarationForm:

@@ -202,6 +202,7 @@ class Draft:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._before = _read_text(path)
+        self._is_touched = False
         text = self._before or ""
         self._mark = ""
         if text.startswith(BYTE_ORDER_MARK):
@@ -209,6 +210,19 @@ class Draft:
         self._pieces = _split_text(text.removeprefix(self._mark))
         if self._before is not None and _parse_pieces(self._pieces) != self._parse():
             raise StimulusError(texts.STANZAS_MIXED.format(path=path))
+
+    @property
+    def is_unsaved(self) -> bool:
+        """Whether something was typed that the file does not hold yet."""
+        return self._is_touched and self.text != (self._before or "")
+
+    @property
+    def is_current(self) -> bool:
+        """Whether the file is as it was when it was opened or saved here."""
+        try:
+            return _read_text(self.path) == self._before
+        except StimulusError:
+            return False
 
     @property
     def text(self) -> str:
@@ -251,6 +265,7 @@ class Draft:
 
     def write_field(self, place: StanzaPlace, path: tuple[str, ...], entry: str) -> None:
         """Set a field to what was typed; an empty entry leaves it out."""
+        self._is_touched = True
         table: Any = self._find_stanza(place)
         for name in path[:-1]:
             if name not in table and not entry.strip():

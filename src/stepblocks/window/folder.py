@@ -2,6 +2,7 @@
 
 import os
 import secrets
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -16,7 +17,7 @@ from stepblocks.window import texts
 
 OUTPUT = "out"  # folder that builds of a window are written to
 _DEEPEST = 4  # folders that are looked into
-_MOST = 2000  # files and folders that are shown
+_MOST = 2000  # files and folders of a kind that are shown
 _MOST_SEEN = 50_000  # files and folders that are looked at
 _LARGEST_DECLARATION = 1_000_000  # [bytes]
 
@@ -106,17 +107,18 @@ class Folder:
         return f"{self.address}{quote(name)}"
 
     def list_entries(self) -> list[Entry]:
-        """List what commands take, in the order of names; at most two thousand.
+        """List what commands take, in the order of names; of each kind at most two thousand.
 
         Of a folder with very many files, such as a home, only the first are looked at.
         """
         entries = []
+        counts: Counter[Kind] = Counter()
         for path in islice(self._walk(self.path, 0), _MOST_SEEN):
             kind = _find_kind(path)
-            if kind is not None:
-                entries.append(Entry(path.relative_to(self.path).as_posix(), kind))
-            if len(entries) == _MOST:
-                break
+            if kind is None or counts[kind] == _MOST:
+                continue
+            counts[kind] += 1
+            entries.append(Entry(path.relative_to(self.path).as_posix(), kind))
         return entries
 
     def list_felt_files(self) -> list[str]:

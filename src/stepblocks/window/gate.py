@@ -6,6 +6,7 @@ from urllib.parse import parse_qs
 
 from starlette.requests import cookie_parser
 
+from stepblocks.errors import PipelineError
 from stepblocks.files.page_policy import comes_from_this_machine
 from stepblocks.window import texts
 
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
     from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 LARGEST_UPLOAD = 256_000_000  # of a file [bytes]
+_MEGABYTE = 1_000_000  # [bytes]
 _LARGEST_REQUEST = 1_000_000  # of anything else [bytes]
 _LONGEST_LENGTH = 12  # digits of the length of a request
 _UPLOADS = "/upload/"  # in the path of what takes a file
@@ -130,6 +132,11 @@ class _Client:
         if message["type"] == "http.disconnect":
             self.is_gone = True
         return message
+
+
+def make_size_error() -> PipelineError:
+    """Make the error of a file that is too large to be handed in."""
+    return PipelineError(texts.FILE_TOO_LARGE.format(most=LARGEST_UPLOAD // _MEGABYTE))
 
 
 def _read_headers(scope: "Scope") -> dict[str, list[str]]:

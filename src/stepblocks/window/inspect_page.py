@@ -17,10 +17,11 @@ from stepblocks.window import texts
 from stepblocks.window.batch_form import BatchForm
 from stepblocks.window.command_line import ShownCommand, write_call, write_name, write_object
 from stepblocks.window.folder import Folder, Kind
-from stepblocks.window.frame import show_heading, show_mistake
-from stepblocks.window.gate import LARGEST_UPLOAD
+from stepblocks.window.frame import is_gone, show_heading, show_mistake
+from stepblocks.window.gate import LARGEST_UPLOAD, make_size_error
 from stepblocks.window.job_view import Runnable, show_page
 from stepblocks.window.jobs import Job, JobList
+from stepblocks.window.latest_work import LatestWork
 from stepblocks.window.scan_picture import ScanPicture, draw_scan
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 
 _SCANS = "scans"  # folder that dropped scans are put into
 _PAGE = "inspection.html"
+_MOST_REFUSED = 20  # dropped files of which is said at once why they were not taken
 
 
 @dataclass(frozen=True)
@@ -120,6 +122,7 @@ class InspectForm:
         self._jobs = jobs
         self._edge: ScanEdge | None = None
         self._is_shown = False
+        self._looks = LatestWork(self._look_at_dropped)
 
     def build(self, file: str) -> None:
         """Make the page."""
@@ -127,6 +130,7 @@ class InspectForm:
         upload = ui.upload(
             label=texts.DROP_SCAN, max_file_size=LARGEST_UPLOAD, auto_upload=True, multiple=True
         ).mark("drop")
+        self._refused = ui.column()
         with ui.element("div").classes("beside"):
             with ui.column():
                 self._scan = ui.input(texts.SCAN, value=file, autocomplete=self._list_scans())
@@ -140,12 +144,13 @@ class InspectForm:
                 self._calibration.classes("w-full")
                 for field in (self._part, self._stylus, self._calibration):
                     field.on_value_change(self._answer_again)
-                ui.button(texts.LOOK, on_click=self._look).props("no-caps")
+                ui.button(texts.LOOK, on_click=self._look_again).props("no-caps")
             self._picture = ui.column()
         self._command = ui.column().classes("w-full")
         self._batch = BatchForm(self._folder, self._jobs, _SCANS)
         self._batch.build()
         upload.on_upload(self._take)
+        upload.on_rejected(lambda: self._refuse(make_size_error()))
         ui.timer(0.0, self._offer_parts, once=True)
 
     async def _offer_parts(self) -> None:
@@ -170,17 +175,28 @@ class InspectForm:
         return parts
 
     async def _take(self, event: events.UploadEventArguments) -> None:
-        """Put a dropped scan into the folder, and look at it."""
-        self._picture.clear()
+        """Put a dropped scan into the folder, and look at the last of several."""
         try:
             name = self.name_upload(event.file.name)
             replace_bytes(self._folder.resolve(name), await event.file.read())
         except StepblocksError as error:
-            with self._picture:
-                show_mistake(error)
+            self._refuse(error)
+            return
+        self._scan.set_value(name)
+        self._looks.ask()
+
+    def _refuse(self, error: StepblocksError) -> None:
+        """Say why a dropped file was not taken, below what was said of those before it."""
+        if len(self._refused.default_slot.children) == _MOST_REFUSED:
+            self._refused.clear()
+        with self._refused:
+            show_mistake(error)
+
+    async def _look_at_dropped(self) -> None:
+        """Look at the scan that was dropped last, and offer all of them for a list."""
+        if is_gone(self._picture):
             return
         self._batch.refresh()
-        self._scan.set_value(name)
         await self._look()
 
     def name_upload(self, given: str) -> str:
@@ -198,6 +214,11 @@ class InspectForm:
         if name.startswith(".") or self._folder.resolve(target).exists():
             raise PipelineError(texts.FILE_IS_THERE.format(name=target))
         return target
+
+    async def _look_again(self) -> None:
+        """Look at the scan that is named; what was refused before is read by now."""
+        self._refused.clear()
+        await self._look()
 
     async def _look(self) -> None:
         """Show the scan as it is read now, or what its file leaves open; then the command."""

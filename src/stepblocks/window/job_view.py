@@ -133,7 +133,7 @@ class Runnable:
         """Start the command, or say why it cannot be started."""
         self._place.clear()
         try:
-            job = self._jobs.start(self._command)
+            job = self._jobs.start_once(self._command)
         except StepblocksError as error:
             with self._place:
                 show_mistake(error)

@@ -251,7 +251,7 @@ class JobList:
             self._jobs.append(Job(self._next_number, record.command, output, process))
 
     def start(self, command: ShownCommand) -> Job:
-        """Start a command; where the same one runs already, as after a double click, return that.
+        """Start a command.
 
         Raises
         ------
@@ -259,9 +259,6 @@ class JobList:
             If too many run already, or the system starts no more.
         """
         running = [job for job in self._jobs if job.state is JobState.RUNNING]
-        for job in running:
-            if job.command.words == command.words:
-                return job
         if len(running) >= _MOST_AT_ONCE:
             raise PipelineError(
                 texts.TOO_MANY_JOBS.format(most=_MOST_AT_ONCE, count=len(running) + 1)
@@ -279,6 +276,19 @@ class JobList:
         forgotten = ended[:-_MOST_KEPT]
         self._jobs = [kept for kept in [*self._jobs, job] if kept not in forgotten]
         return job
+
+    def start_once(self, command: ShownCommand) -> Job:
+        """Start a command unless it runs already, as after a double click; return its job.
+
+        Raises
+        ------
+        PipelineError
+            As `start` raises it.
+        """
+        last = self.find_last(command)
+        if last is not None and last.state is JobState.RUNNING:
+            return last
+        return self.start(command)
 
     def find_last(self, command: ShownCommand) -> Job | None:
         """Return the last job of a command; None where it was not run yet."""

@@ -11,6 +11,7 @@ from stepblocks.window.job_view import Runnable
 from stepblocks.window.jobs import JobList
 from stepblocks.window.suggestions import suggest_beginnings, suggest_commands
 
+_MOST = 100  # of a kind: a page of thousands takes long to open
 _TITLES = {
     Kind.STIMULI: texts.STIMULI,
     Kind.SCAN: texts.SCANS,
@@ -50,8 +51,10 @@ class StartPage:
                 found = [entry for entry in entries if entry.kind is kind]
                 if found:
                     show_heading(texts.COUNT.format(title=title, count=len(found)), 2)
-                for entry in found:
+                for entry in found[:_MOST]:
                     _show_entry(entry, self._folder, self._jobs)
+                if len(found) > _MOST:
+                    ui.label(texts.MORE_ENTRIES.format(count=len(found) - _MOST))
 
 
 def _show_entry(entry: Entry, folder: Folder, jobs: JobList) -> None:

@@ -18,6 +18,7 @@ from stepblocks.window.folder import Folder
 from stepblocks.window.frame import Page, build_frame
 from stepblocks.window.gate import Gate
 from stepblocks.window.jobs import JobList
+from stepblocks.window.left_drafts import LeftDrafts
 from stepblocks.window.set_page import SetPage
 from stepblocks.window.start_page import StartPage
 from stepblocks.window.study_page import StudyPage
@@ -41,6 +42,7 @@ class Window:
     def __init__(self, path: Path) -> None:
         self.folder = Folder(path)
         self.jobs = JobList(self.folder.path)
+        self._left = LeftDrafts()
         self.pages = (
             Page("/", texts.START, StartPage(self.folder, self.jobs).build),
             Page("/declare", texts.DECLARE, self._build_declare_page),
@@ -62,7 +64,7 @@ class Window:
         """Make the page to declare stimuli; `file` is opened, and `model` predicts."""
         from stepblocks.window.declare_page import DeclarePage
 
-        DeclarePage(self.folder).build(file, model)
+        DeclarePage(self.folder, self._left).build(file, model)
 
     def _build_build_page(self, file: str = "") -> None:
         """Make the page to build; `file` is chosen."""

@@ -54,7 +54,7 @@ class WorkPage:
     def _run_again(self, job: Job, place: ui.element) -> None:
         """Run the command of a job once more, or say why it cannot be started."""
         try:
-            self._jobs.start(job.command)
+            self._jobs.start_once(job.command)
         except StepblocksError as error:
             with place:
                 show_mistake(error)
