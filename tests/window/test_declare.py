@@ -464,7 +464,7 @@ async def leave_and_come_back(folder):
 
         await user.open("/declare?file=mine.toml")
         find().set_value("44 um")
-        await user.open("/build")
+        user.client.delete()  # as the server does when a page was closed
         await user.open("/declare?file=mine.toml")
         await user.should_see("left unsaved")
         said.append(find().value)
@@ -474,7 +474,7 @@ async def leave_and_come_back(folder):
         find().set_value("45 um")
         user.find("Save").click()
         await user.should_see("mine.toml is saved")
-        await user.open("/build")
+        user.client.delete()
         await user.open("/declare?file=mine.toml")
         await user.should_not_see("left unsaved")
         said.append(find().value)

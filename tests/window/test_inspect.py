@@ -6,6 +6,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ import pytest
 
 pytest.importorskip("nicegui")
 
-from nicegui import ui
+from nicegui import app, ui
 from nicegui.elements.upload_files import SmallFileUpload
 from nicegui.testing.user_interaction import UserInteraction
 from nicegui.testing.user_simulation import user_simulation
@@ -272,3 +273,35 @@ def test_a_list_replaces_no_file_but_an_earlier_list(tmp_path):
     assert (tmp_path / "new.csv").read_text() == "scan,stimulus,block\na.csv,low,'=1+1\n"
     with pytest.raises(PipelineError, match="must lie in the folder"):
         write_list(Folder(tmp_path), "../new.csv", scans)
+
+
+async def leave_while_a_scan_is_drawn(folder, monkeypatch):
+    """Close a page for which something is computed; return what the window says went wrong."""
+    begun, is_let = threading.Event(), threading.Event()
+    failed = []
+
+    def draw(*_):
+        begun.set()
+        is_let.wait(60.0)
+        raise PipelineError("not drawn")
+
+    monkeypatch.setattr("stepblocks.window.inspect_page.draw_scan", draw)
+    async with user_simulation(root=Window(folder).build) as user:
+        app.on_exception(failed.append)
+        await user.open("/inspect?file=scan.csv")
+        user.find("Look").click()
+        for _ in range(200):
+            if begun.is_set():
+                break
+            await asyncio.sleep(0.05)
+        user.client.delete()
+        is_let.set()
+        await asyncio.sleep(0.3)
+    return failed
+
+
+def test_a_page_that_is_closed_while_something_is_computed_for_it_is_no_fault(
+    tmp_path, monkeypatch
+):
+    (tmp_path / "scan.csv").write_text("x_um,z_um\n0,1\n1,2\n")
+    assert asyncio.run(leave_while_a_scan_is_drawn(tmp_path, monkeypatch)) == []

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import PurePosixPath
 
-from nicegui import run, ui
+from nicegui import ui
 
 from stepblocks.declaration.read import load_set
 from stepblocks.errors import PipelineError, StepblocksError
@@ -16,7 +16,7 @@ from stepblocks.files.text import is_file
 from stepblocks.window import texts
 from stepblocks.window.command_line import ShownCommand, write_call, write_name
 from stepblocks.window.folder import Folder, Kind
-from stepblocks.window.frame import show_mistake
+from stepblocks.window.frame import compute_for, show_mistake
 from stepblocks.window.job_view import Runnable, show_page
 from stepblocks.window.jobs import Job, JobList
 
@@ -152,7 +152,7 @@ class BatchForm:
         try:
             if self._stimuli.value:
                 path = self._folder.resolve(str(self._stimuli.value))
-                stimuli = await run.io_bound(load_set, path)
+                stimuli = await compute_for(self._command, load_set, path)
                 declared = stimuli.stimuli if stimuli else ()  # none: the window is being closed
                 self._identities = [part.id for part in declared]
         except StepblocksError as error:

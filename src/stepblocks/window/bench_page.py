@@ -2,7 +2,7 @@
 
 from pathlib import PurePosixPath
 
-from nicegui import events, run, ui
+from nicegui import events, ui
 
 from stepblocks.bench.session import open_session
 from stepblocks.errors import PipelineError, StepblocksError
@@ -11,7 +11,7 @@ from stepblocks.window import texts
 from stepblocks.window.agreement import RESULT_FILE
 from stepblocks.window.declaration_check import DeclarationCheck
 from stepblocks.window.folder import Entry, Folder, Kind
-from stepblocks.window.frame import show_heading, show_mistake
+from stepblocks.window.frame import compute_for, show_heading, show_mistake
 from stepblocks.window.gate import LARGEST_UPLOAD, make_size_error
 from stepblocks.window.job_view import Runnable, show_page
 from stepblocks.window.jobs import Job, JobList
@@ -73,7 +73,8 @@ class BenchForm:
         try:
             name = self.name_session(event.file.name)
             content = await event.file.read()
-            await run.io_bound(unpack_session, content, self._folder.resolve(name))
+            target = self._folder.resolve(name)
+            await compute_for(self._place, unpack_session, content, target)
         except StepblocksError as error:
             with self._place:
                 show_mistake(error)
@@ -120,7 +121,7 @@ class BenchForm:
         unread = None
         try:
             if trace is not None:
-                picture = await run.io_bound(draw_trace, trace)
+                picture = await compute_for(self._place, draw_trace, trace)
         except StepblocksError as error:  # the settings may say why
             unread = error
         with self._place:

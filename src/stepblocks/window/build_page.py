@@ -2,14 +2,14 @@
 
 from pathlib import Path, PurePosixPath
 
-from nicegui import run, ui
+from nicegui import ui
 
 from stepblocks.build.run import BuildChanges, find_changes
 from stepblocks.errors import StepblocksError
 from stepblocks.window import texts
 from stepblocks.window.command_line import ShownCommand, write_call, write_name
 from stepblocks.window.folder import OUTPUT, Folder, Kind
-from stepblocks.window.frame import show_heading, show_mistake
+from stepblocks.window.frame import compute_for, show_heading, show_mistake
 from stepblocks.window.job_view import Runnable, show_page
 from stepblocks.window.jobs import Job, JobList
 from stepblocks.window.verdicts import list_verdicts
@@ -115,7 +115,7 @@ class BuildForm:
             return
         paths: list[str | Path] = [self._folder.resolve(name) for name in self._files]
         try:
-            found = await run.io_bound(find_changes, paths, self._folder.path / OUTPUT)
+            found = await compute_for(self._state, find_changes, paths, self._folder.path / OUTPUT)
         except StepblocksError as error:
             with self._state:
                 show_mistake(error)

@@ -1,16 +1,21 @@
 """What every page has: the bar with its links, the colours, and how a mistake is shown."""
 
+import asyncio
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from html import escape
+from typing import ParamSpec, TypeVar
 
-from nicegui import ui
+from nicegui import run, ui
 
 from stepblocks.errors import StepblocksError
 from stepblocks.quantities import format_units
 from stepblocks.window import texts
 from stepblocks.window.command_line import ShownCommand
+
+_Arguments = ParamSpec("_Arguments")
+_Found = TypeVar("_Found")
 
 # Readable in both colours: the contrast of text on its ground is 4.5 at least (WCAG 2.2, 1.4.3)
 _STYLE = """
@@ -54,8 +59,8 @@ _STYLE = """
   .axis-missed::before { background: #fff; border: 3px solid #b3261e; }
   .axis-block { top: calc(82px + 1.5em * var(--row)); font-size: 13px; white-space: nowrap;
     z-index: 1; }
-  .axis-block span { position: relative; background: #fff; }
-  .body--dark .axis-block span { background: var(--q-dark-page); }
+  .axis-block > div { position: relative; background: #fff; }
+  .body--dark .axis-block > div { background: var(--q-dark-page); }
   .axis-block::before { content: ""; position: absolute; left: 50%;
     top: calc(-17px - 1.5em * var(--row)); height: calc(17px + 1.5em * var(--row));
     border-left: 3px solid #2f6f9f; }
@@ -190,3 +195,25 @@ def is_gone(element: ui.element) -> bool:
         return element.is_deleted or element.client.is_deleted
     except RuntimeError:  # the framework keeps closed pages by no strong reference
         return True
+
+
+async def compute_for(
+    page: ui.element,
+    function: Callable[_Arguments, _Found],
+    *given: _Arguments.args,
+    **named: _Arguments.kwargs,
+) -> _Found | None:
+    """Compute something for a page without making it wait; None where the window is being closed.
+
+    Whoever waits for it is ended in silence where the page was closed meanwhile: nobody is there
+    to see it, or what is wrong.
+    """
+    try:
+        found = await run.io_bound(function, *given, **named)
+    except StepblocksError as error:
+        if is_gone(page):
+            raise asyncio.CancelledError from error
+        raise
+    if is_gone(page):
+        raise asyncio.CancelledError
+    return found

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import PurePosixPath
 from typing import TYPE_CHECKING
 
-from nicegui import events, run, ui
+from nicegui import events, ui
 
 from stepblocks.declaration.read import load_set
 from stepblocks.errors import PipelineError, QuantityError, StepblocksError
@@ -17,7 +17,7 @@ from stepblocks.window import texts
 from stepblocks.window.batch_form import BatchForm
 from stepblocks.window.command_line import ShownCommand, write_call, write_name, write_object
 from stepblocks.window.folder import Folder, Kind
-from stepblocks.window.frame import is_gone, show_heading, show_mistake
+from stepblocks.window.frame import compute_for, is_gone, show_heading, show_mistake
 from stepblocks.window.gate import LARGEST_UPLOAD, make_size_error
 from stepblocks.window.job_view import Runnable, show_page
 from stepblocks.window.jobs import Job, JobList
@@ -155,7 +155,8 @@ class InspectForm:
 
     async def _offer_parts(self) -> None:
         """Offer the parts to choose from; the page is there before all files are read."""
-        self._part.set_options(await run.io_bound(self._list_parts) or {})
+        parts = await compute_for(self._picture, self._list_parts)
+        self._part.set_options(parts or {})
 
     def _list_scans(self) -> list[str]:
         return [entry.name for entry in self._folder.list_entries() if entry.kind is Kind.SCAN]
@@ -229,7 +230,7 @@ class InspectForm:
             path = self._folder.resolve(str(self._scan.value).strip())
             unit = str(self._unit.value).strip() or None
             channel = str(self._channel.value).strip() or None
-            picture = await run.io_bound(draw_scan, path, unit, channel)
+            picture = await compute_for(self._picture, draw_scan, path, unit, channel)
         except StepblocksError as error:
             with self._picture:
                 show_mistake(error)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from nicegui import events, run, ui
+from nicegui import events, ui
 
 from stepblocks.errors import StepblocksError
 from stepblocks.window import texts
@@ -23,7 +23,7 @@ from stepblocks.window.agreement import (
 )
 from stepblocks.window.command_line import ShownCommand, write_name
 from stepblocks.window.folder import Folder
-from stepblocks.window.frame import show_command, show_heading, show_mistake
+from stepblocks.window.frame import compute_for, show_command, show_heading, show_mistake
 from stepblocks.window.job_view import Runnable
 from stepblocks.window.jobs import JobList
 from stepblocks.window.next_view import show_next_experiment
@@ -93,7 +93,7 @@ class LoopView:
         place = ui.column().classes("w-full")
         try:
             finding = read_finding(output)
-            found = await run.io_bound(list_agreements, session, output)
+            found = await compute_for(place, list_agreements, session, output)
         except StepblocksError as error:
             with place:
                 show_mistake(error)
@@ -149,7 +149,7 @@ class LoopView:
         place.clear()
         try:
             session = self._folder.resolve(self._session)
-            image = await run.io_bound(draw_trial, session, trial)
+            image = await compute_for(place, draw_trial, session, trial)
         except StepblocksError as error:
             with place:
                 show_mistake(error)

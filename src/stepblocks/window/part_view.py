@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from nicegui import run, ui
+from nicegui import ui
 
 from stepblocks.compute.processes import run_in_processes
 from stepblocks.errors import StepblocksError
@@ -16,7 +16,7 @@ from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.kind import Part
 from stepblocks.quantities import format_number
 from stepblocks.window import texts
-from stepblocks.window.frame import show_mistake
+from stepblocks.window.frame import compute_for, show_mistake
 
 _WIDTH, _HEIGHT = 560, 360  # of the scene [pixels]
 _FAR = 1.7  # distance of the camera, in the length of the part [1]
@@ -92,7 +92,7 @@ async def show_solid_and_drawing(
     `is_wanted` tells, once it is made, whether it is to be shown still.
     """
     try:
-        view = await run.io_bound(make_in_worker, part, order)
+        view = await compute_for(place, make_in_worker, part, order)
     except StepblocksError as error:
         if is_wanted():
             place.clear()

@@ -6,7 +6,6 @@ Every target is reached by the keyboard, and moved by its arrows.
 import math
 from collections import Counter
 from collections.abc import Callable, Sequence
-from html import escape
 
 from nicegui import events, ui
 
@@ -174,7 +173,7 @@ class TargetAxis:
                 shown = ui.element("div").classes("axis-block").props("role=listitem")
                 shown.style(f"left: {place:.2f}%; --row: {number % _ROWS}")
                 with shown:
-                    ui.html(escape(block.label), tag="span", sanitize=False)
+                    ui.label(block.label)
 
     def _grab(self, event: events.GenericEventArguments) -> None:
         """Hold the target that a hand has come down on."""

@@ -4,6 +4,7 @@ import logging
 import secrets
 import socket
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import uvicorn
@@ -116,7 +117,8 @@ def make_app(window: Window, port: int, token: str) -> Gate:
 
 def _say_that_it_failed() -> None:
     """Say in the window that something went wrong; what it was stands in the terminal."""
-    ui.notify(texts.INTERNAL_ERROR, type="negative")
+    with suppress(RuntimeError):  # of work for a page that was closed, nobody is told
+        ui.notify(texts.INTERNAL_ERROR, type="negative")
 
 
 def serve_window(window: Window, port: int, announce: Callable[[str], None]) -> None:
