@@ -14,7 +14,7 @@ import pytest
 
 pytest.importorskip("nicegui")
 
-from nicegui import app, ui
+from nicegui import ui
 from nicegui.elements.upload_files import SmallFileUpload
 from nicegui.testing.user_interaction import UserInteraction
 from nicegui.testing.user_simulation import user_simulation
@@ -276,9 +276,9 @@ def test_a_list_replaces_no_file_but_an_earlier_list(tmp_path):
 
 
 async def leave_while_a_scan_is_drawn(folder, monkeypatch):
-    """Close a page for which something is computed; return what the window says went wrong."""
+    """Close a page for which something is computed; return what is shown on it after that."""
     begun, is_let = threading.Event(), threading.Event()
-    failed = []
+    shown = []
 
     def draw(*_):
         begun.set()
@@ -286,8 +286,8 @@ async def leave_while_a_scan_is_drawn(folder, monkeypatch):
         raise PipelineError("not drawn")
 
     monkeypatch.setattr("stepblocks.window.inspect_page.draw_scan", draw)
+    monkeypatch.setattr("stepblocks.window.inspect_page.show_mistake", shown.append)
     async with user_simulation(root=Window(folder).build) as user:
-        app.on_exception(failed.append)
         await user.open("/inspect?file=scan.csv")
         user.find("Look").click()
         for _ in range(200):
@@ -297,11 +297,9 @@ async def leave_while_a_scan_is_drawn(folder, monkeypatch):
         user.client.delete()
         is_let.set()
         await asyncio.sleep(0.3)
-    return failed
+    return shown
 
 
-def test_a_page_that_is_closed_while_something_is_computed_for_it_is_no_fault(
-    tmp_path, monkeypatch
-):
+def test_what_was_computed_for_a_page_that_was_closed_meanwhile_is_not_shown(tmp_path, monkeypatch):
     (tmp_path / "scan.csv").write_text("x_um,z_um\n0,1\n1,2\n")
     assert asyncio.run(leave_while_a_scan_is_drawn(tmp_path, monkeypatch)) == []
