@@ -24,7 +24,7 @@ PAGES = {
 }
 # clicked, by its text, before the picture is taken; what is shown then is scrolled to
 CLICKED = {"inspect": "Look"}
-SHOWN = {"declare": ".q-slider", "inspect": "h1", "bench": "canvas"}
+SHOWN = {"declare": "table", "inspect": "h1", "bench": "canvas"}
 WAIT = 15.0  # until what a page reads from files is there [s]
 BLOCKS = """[prediction]
 normal_loads = ["0.8 N"]
