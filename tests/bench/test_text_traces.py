@@ -77,6 +77,6 @@ def test_a_clock_that_stands_still_is_a_fault_and_no_crash():
     assert screen_trace(trace, 1e4).kind is FaultKind.WRONG_CLOCK
 
     probe = SimpleNamespace(spring_constant=9810.0)
-    traces = SimpleNamespace(session=SimpleNamespace(probe=probe), read=lambda name: trace)
-    pilot = SimpleNamespace(trial=SimpleNamespace(name="1", speed=0.005))
-    assert _measure_corrected(traces, [pilot], lambda trace: trace) == []
+    session = SimpleNamespace(probe=probe)
+    trial = SimpleNamespace(name="1", speed=0.005)
+    assert _measure_corrected(session, [trial], {"1": trace}, lambda trace: trace) == []
