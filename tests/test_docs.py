@@ -296,6 +296,7 @@ def test_a_benchmark_asks_for_nothing_that_is_not_there(tmp_path):
     ], said
 
 
+@pytest.mark.long
 def test_one_number_gives_a_number_and_an_array_gives_an_array_to_a_type_checker(tmp_path):
     page = tmp_path / "page.md"
     page.write_text(

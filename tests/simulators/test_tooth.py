@@ -325,6 +325,7 @@ def test_a_loose_island_over_the_margin_never_answers_for_the_tooth(tmp_path):
     assert len(delivered["triangles"]) == len(whole.faces)
 
 
+@pytest.mark.long
 def test_the_command_writes_the_tooth_beside_its_stations(tmp_path):
     source = scanned_set(tmp_path / "scans", scan(noise=0.0), stations=2)
     assert main(["export", str(source), "--for", "gltf", "-o", str(tmp_path / "out")]) == 0
