@@ -137,7 +137,8 @@ class _ForkServer:
 
     def start(self, module: str) -> None:
         """Start it, where this process can; it loads a module while this process goes on."""
-        if sys.platform == "linux" and _is_command_line():
+        can_fork = sys.platform == "linux" and hasattr(os, "fork")
+        if can_fork and _is_command_line():
             from multiprocessing import forkserver
 
             forkserver.set_forkserver_preload([module])
