@@ -136,6 +136,23 @@ PARTS = [
         timing=True,
     ),
     Part(
+        "cluster",
+        "python benchmarks/cluster_efficiency.py",
+        {
+            "cluster-one": (r"\| 1 \| \d+ \| (\d+ %)", "{}"),
+            "cluster-two": (r"\| 2 \| \d+ \| (\d+ %)", "{}"),
+            "cluster-four": (r"\| 4 \| \d+ \| (\d+ %)", "{}"),
+            "cluster-calls": (r"scheduler: (\d+) calls/s", "{}"),
+            "cluster-busy": (r"are busy while each call takes (\S+) s", "{} s"),
+            "cluster-drags": (r"drags in time (?:\| [^|]+){1}\| ([^|]+) \|", "{}"),
+            "cluster-drags-hundred": (r"drags in time (?:\| [^|]+){2}\| ([^|]+) \|", "{}"),
+            "cluster-rehearsals": (r"rehearsals (?:\| [^|]+){1}\| ([^|]+) \|", "{}"),
+            "cluster-rehearsals-hundred": (r"rehearsals (?:\| [^|]+){2}\| ([^|]+) \|", "{}"),
+        },
+        4,
+        timing=True,
+    ),
+    Part(
         "regimes",
         "python benchmarks/regimes.py 1000",
         {
