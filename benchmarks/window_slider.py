@@ -11,10 +11,8 @@ are measured, too.
 Needs Chromium with chromedriver.
 """
 
-import re
 import shutil
 import statistics
-import subprocess
 import sys
 import tempfile
 import time
@@ -27,6 +25,7 @@ from selenium import webdriver
 from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.ui import WebDriverWait
+from window_start import serve_window
 
 ROOT = Path(__file__).resolve().parents[1]
 FILE = ROOT / "stimuli" / "paper-ten.toml"
@@ -65,21 +64,6 @@ new MutationObserver(look).observe(document.body,
 document.addEventListener('keydown', () => window.moves.push(performance.now()), true);
 """
 FORGET = "window.moves = []; window.formula = []; window.drag = [];"
-
-
-@contextmanager
-def serve(folder: str) -> Iterator[str]:
-    """Serve a folder; yield the address of its window."""
-    words = [sys.executable, "-m", "stepblocks", "app", folder, "--no-open"]
-    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as process:
-        try:
-            assert process.stdout is not None
-            found = re.search(r"http://\S+", process.stdout.readline())
-            assert found is not None
-            yield found[0]
-        finally:
-            process.terminate()
-            process.wait(60)
 
 
 @contextmanager
@@ -170,7 +154,7 @@ def main() -> int:
     given = Path(sys.argv[1]) if len(sys.argv) > 1 else FILE
     with tempfile.TemporaryDirectory() as folder:
         shutil.copy(given, folder)
-        with serve(folder) as address, open_chromium() as browser:
+        with serve_window(folder) as (_, address), open_chromium() as browser:
             slider = open_form(browser, address, given.name)
             by_formula, by_drag = move_one_by_one(browser, slider)
             in_a_row, last = move_in_a_row(browser, slider)

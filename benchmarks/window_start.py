@@ -13,6 +13,8 @@ import sys
 import tempfile
 import time
 import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager
 from http.cookiejar import CookieJar
 
 import psutil
@@ -23,27 +25,34 @@ MOST_MEMORY = 300e6  # of the idle server [bytes]
 IDLE = 3.0  # before memory is read [s]
 
 
-def start_once(folder: str) -> tuple[float, float, int]:
-    """Start a window; return time and processor time to its first page [s], and idle memory."""
-    begin = time.perf_counter()
+@contextmanager
+def serve_window(folder: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """Serve a folder until the block ends; yield the server and the address of its window."""
     words = [sys.executable, "-m", "stepblocks", "app", folder, "--no-open"]
     with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None
             found = re.search(r"http://\S+", process.stdout.readline())
             assert found is not None
-            cookies = urllib.request.HTTPCookieProcessor(CookieJar())
-            # with the cookie that the address with the token gives
-            with urllib.request.build_opener(cookies).open(found[0], timeout=60) as page:
-                page.read()
-            seconds = time.perf_counter() - begin
-            server = psutil.Process(process.pid)
-            used = server.cpu_times()
-            time.sleep(IDLE)
-            return seconds, used.user + used.system, server.memory_info().rss
+            yield process, found[0]
         finally:
             process.terminate()
             process.wait(60)
+
+
+def start_once(folder: str) -> tuple[float, float, int]:
+    """Start a window; return time and processor time to its first page [s], and idle memory."""
+    begin = time.perf_counter()
+    with serve_window(folder) as (process, address):
+        cookies = urllib.request.HTTPCookieProcessor(CookieJar())
+        # with the cookie that the address with the token gives
+        with urllib.request.build_opener(cookies).open(address, timeout=60) as page:
+            page.read()
+        seconds = time.perf_counter() - begin
+        server = psutil.Process(process.pid)
+        used = server.cpu_times()
+        time.sleep(IDLE)
+        return seconds, used.user + used.system, server.memory_info().rss
 
 
 def main() -> int:

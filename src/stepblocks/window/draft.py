@@ -86,6 +86,10 @@ def list_fields(kind: str) -> list[FormField]:
 
 
 def _walk_fields(model: type[BaseModel], begin: tuple[str, ...]) -> Iterable[FormField]:
+    """Yield the fields of a model whose own place is `begin`, with those of the tables below it.
+
+    What a scan or a set works out is left out: nobody types it.
+    """
     helps = _read_helps(model)
     for name, field in model.model_fields.items():
         if any(isinstance(mark, WorkedOut) for mark in field.metadata):
