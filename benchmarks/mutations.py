@@ -12,9 +12,10 @@ call what is measured once and kept beside the record (``reach-ROOM.json``; dele
 again). Survivors that no test can notice stand with their reason in
 ``mutations_equivalent.json``; there, too, those ``chosen``: a width of a line or an allowance for
 which there is no expected value, and which count as survivors. A sample tries few
-mutants of all rooms, 60 s each and ``--seconds`` in all; what does not end in that time is
-undecided. Its exit code is 1 where more than three, and more than a share of ``--survivors`` of
-those that ended, survive; equivalent ones are not tried.
+mutants of all rooms, 60 s each for the quick tests and, where these pass, 60 s for the long ones,
+and ``--seconds`` in all; what does not end in that time is undecided. Its exit code is 1 where more
+than three, and more than a share of ``--survivors`` of those that ended, survive; equivalent ones
+are not tried.
 """
 
 from __future__ import annotations
@@ -84,6 +85,8 @@ ARITHMETIC = {
 CALLS = {"min": "max", "max": "min", "any": "all", "all": "any", "floor": "ceil", "ceil": "floor"}
 CALLS |= {"minimum": "maximum", "maximum": "minimum", "sin": "cos", "cos": "sin"}
 MEMORY = 6 * 2**30  # B, of one run of tests
+MOST_OF_SAMPLE = 60.0  # s, for the quick and for the long tests of a mutant of a sample
+LEAST_LEFT = 5.0  # s, in which a run of tests can begin
 SLOW = 30.0  # s; slower tests are left out of the runs of mutants
 SHIPPED = 15.0  # s to build the shipped stimuli, for the tests that need them
 UNKNOWN = 1.0  # s, of a test that is newer than what was measured
@@ -620,6 +623,22 @@ def is_too_many(outcomes: list[str], share: float) -> bool:
     return outcomes.count("survived") > max(3.0, share * len(outcomes))
 
 
+def run_near_tests_first(tree: Tree, mutant: Mutant, left: float) -> str:
+    """Run the quick tests of a room, those of the module first; where all pass, its long ones.
+
+    A test counts whether the quick run has it or the long one.
+    """
+    end = time.monotonic() + left
+    near = tests_of(tree.root, mutant)
+    rest = [name for name in room_tests(tree.root, mutant) if name not in near]
+    tests = near + rest if near[0].endswith(".py") else rest
+    outcome = tree.run(tests, min(left, MOST_OF_SAMPLE), "-x", mutant=mutant)
+    left = end - time.monotonic()
+    if outcome != "passed" or left < LEAST_LEFT:
+        return outcome
+    return tree.run(tests, min(left, MOST_OF_SAMPLE), "-x", "-m", "long", mutant=mutant)
+
+
 def sample(mutants: list[Mutant], seconds: float, share: float) -> int:
     """Try a few, the tests of their module first, as far as the time goes."""
     mutants = [mutant for mutant in mutants if mutant.key not in read_reasons()]
@@ -629,13 +648,10 @@ def sample(mutants: list[Mutant], seconds: float, share: float) -> int:
         tree = Tree(Path(scratch))
         for mutant in mutants:
             left = end - time.monotonic()
-            if left < 5.0:
+            if left < LEAST_LEFT:
                 break
             begun = time.monotonic()
-            near = tests_of(tree.root, mutant)
-            rest = [one for one in room_tests(tree.root, mutant) if one not in near]
-            tests = near + rest if near[0].endswith(".py") else rest
-            outcome = tree.run(tests, min(left, 60.0), "-x", mutant=mutant)
+            outcome = run_near_tests_first(tree, mutant, left)
             if outcome == "time":
                 print(f"undecided after {time.monotonic() - begun:.0f} s  {mutant}", flush=True)
                 continue

@@ -11,7 +11,7 @@ import pytest
 
 from oracles.toy_model import Toy, toy_effects, toy_trials
 from stepblocks.lawsearch.choice import Rival, select_likeliest
-from stepblocks.lawsearch.claims import check_claims, choose_delivered_effects
+from stepblocks.lawsearch.claims import check_claims, choose_delivered_effects, withdraw_claims
 from stepblocks.lawsearch.explain import explain
 from stepblocks.lawsearch.findings import Doubt, Finding, Rules, Verdict
 from stepblocks.lawsearch.fit import build_problem, fit
@@ -25,6 +25,7 @@ from stepblocks.lawsearch.holdout import (
 )
 from stepblocks.lawsearch.law import Law, Parameter
 from stepblocks.lawsearch.search import add_or_replace_effect
+from stepblocks.lawsearch.structure import Hint
 
 _RULES = Rules(draws=200)
 
@@ -49,6 +50,18 @@ def test_a_named_law_is_found_with_its_size() -> None:
     size, std = found.extended.values["square_of_z.size"], found.extended.std["square_of_z.size"]
     assert abs(size - 0.5) < 4.0 * std
     assert found.adequate
+
+
+def test_a_claim_is_withdrawn_where_something_beyond_the_model_is_known_and_only_there() -> None:
+    found = explain(Toy(), toy_trials(120, 1, square=0.5), toy_effects(), _RULES)
+    assert withdraw_claims(found, ()) is found
+    hint = Hint("clock", "friction", 0.001, "The clock jumped by an hour.")
+    withdrawn = withdraw_claims(found, (hint,))
+    assert withdrawn.verdict is Verdict.UNEXPLAINED
+    assert [(f.verdict, f.reason) for f in withdrawn.findings] == [
+        (Verdict.UNEXPLAINED, "The clock jumped by an hour.")
+    ]
+    assert withdrawn.hints == (hint, *found.hints)
 
 
 def test_nothing_is_claimed_of_noise() -> None:
