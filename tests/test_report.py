@@ -200,8 +200,13 @@ def test_a_sample_of_mutants_fails_where_more_than_the_stated_share_survives(
         return answers.pop()
 
     for survivors, code in ((3, 0), (4, 1)):
-        answers[:] = ["passed"] * survivors + ["failed"] * (10 - survivors)
+        # the quick tests of a survivor pass, and then its long ones
+        answers[:] = ["passed", "passed"] * survivors + ["failed"] * (10 - survivors)
         assert mutations.sample(found, 600.0, 0.3) == code
+    # what long tests alone notice has not survived; answers are taken from the end
+    answers[:] = ["failed", "passed"] * 10
+    assert mutations.sample(found, 600.0, 0.3) == 0
+    assert answers == []
     # one that is known to be equivalent is not tried
     (tmp_path / "none.json").write_text(json.dumps({found[0].key: {"reason": "equal"}}))
     answers[:] = ["failed"] * 9
