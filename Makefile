@@ -122,6 +122,7 @@ $(VENV)/ready-all: $(VENV)/ready
 
 $(VENV)/ready-dev: $(VENV)/ready
 	$(INSTALL) -e '.[dev]'
+	@$(BIN)/python benchmarks/compile_kernels.py
 	@touch $@
 
 # The CAD kernel and the renderer load OpenGL from the system, even without a screen.

@@ -1,5 +1,7 @@
 """What a user's windows leave of their jobs stays out of the state of who runs the tests."""
 
+import gc
+
 import pytest
 
 
@@ -9,3 +11,9 @@ def state(tmp_path_factory, monkeypatch):
     folder = tmp_path_factory.mktemp("state")
     monkeypatch.setenv("XDG_STATE_HOME", str(folder))
     return folder
+
+
+@pytest.fixture(autouse=True)
+def old_objects_left_alone():
+    """Keep the collector, which NiceGUI runs twice for each test, from the loaded libraries."""
+    gc.freeze()

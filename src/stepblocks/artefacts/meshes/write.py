@@ -5,6 +5,7 @@ Every byte depends on the mesh alone: no dates, no random identifiers.
 
 import re
 from collections.abc import Callable, Sequence
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -21,11 +22,17 @@ _IDENTIFIER = re.compile(rb"[0-9a-f]{8}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9
 GLB_FROM_PART = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 
 
-def _build_trimesh(mesh: Mesh, scale: float) -> Any:
-    """Build a mesh of the library, its lengths in metres times a scale."""
+@cache
+def _load_trimesh() -> Any:
+    """Load the library of meshes, on first use."""
     with pause_collector():
         import trimesh
+    return trimesh
 
+
+def _build_trimesh(mesh: Mesh, scale: float) -> Any:
+    """Build a mesh of the library, its lengths in metres times a scale."""
+    trimesh = _load_trimesh()
     return trimesh.Trimesh(mesh.vertices * scale, mesh.triangles, process=False, validate=False)
 
 
