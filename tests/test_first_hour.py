@@ -137,6 +137,7 @@ def test_the_metrologist_reads_what_is_felt_with_its_uncertainty(tmp_path, monke
     assert (tmp_path / "out" / "index.html").is_file()
 
 
+@pytest.mark.long
 @pytest.mark.browser
 def test_the_page_of_an_inspection_opens_with_its_finding_and_shows_every_budget(tmp_path, browser):
     x = np.arange(-800, 800) * 0.5e-6

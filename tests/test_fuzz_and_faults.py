@@ -52,7 +52,7 @@ def test_strange_files_are_read_or_refused_in_our_own_words(tmp_path):
         "tdms",
         "xlsx",
         "--count",
-        "10",
+        "4",
     ]
     done = subprocess.run(
         [*command, "--keep", str(tmp_path)], capture_output=True, text=True, check=False

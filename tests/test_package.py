@@ -61,6 +61,7 @@ def ours():
     }
 
 
+@pytest.mark.long
 def test_the_wheel_and_the_sdist_hold_every_file_of_the_package_and_the_shipped_sets(built):
     wheel, sdist = built
     with zipfile.ZipFile(wheel) as archive:

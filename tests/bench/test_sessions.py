@@ -207,6 +207,7 @@ def test_locked_trials_are_left_out_and_reported(tmp_path):
     assert len(pd.read_csv(folder / "trials.csv")) == (told.status == "ok").sum()
 
 
+@pytest.mark.long
 def test_the_drag_in_time_is_a_source_of_sessions_and_features_find_what_it_did(tmp_path):
     plan = tmp_path / "drag.toml"
     text = PLAN.format(format="hdf5", trials=12).replace("seed", 'source = "drag"\nseed')

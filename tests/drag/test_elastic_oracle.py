@@ -31,7 +31,7 @@ def follow_an_elastic_ball(done: Drag, corners: list[tuple[float, float]]) -> np
     )
 
 
-@pytest.mark.repeats
+@pytest.mark.long
 @pytest.mark.parametrize("load", [0.25, 1.0])
 @pytest.mark.parametrize("height", [0.05e-6, 0.1e-6, 0.3e-6, 0.5e-6, 1e-6, 10e-6])
 def test_a_step_of_any_height_on_steel_asks_the_pull_of_floor_and_edge_together(height, load):
@@ -50,6 +50,7 @@ def test_a_step_of_any_height_on_steel_asks_the_pull_of_floor_and_edge_together(
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("load", [0.3, 1.0])
 @pytest.mark.parametrize("face", [5.0, 10.0, 20.0, -5.0, -10.0, -20.0])
 def test_behind_an_edge_the_ring_goes_about_the_force_of_sliding_on_the_face_where_it_lands(
@@ -76,6 +77,7 @@ def test_behind_an_edge_the_ring_goes_about_the_force_of_sliding_on_the_face_whe
     assert event.vibration_energy_j == pytest.approx(ring, abs=3e-3 * event.stored_energy_j)
 
 
+@pytest.mark.long
 def test_where_a_tip_lands_in_a_notch_the_grip_of_the_contact_decides_and_not_a_rigid_blow():
     # profile 186 of benchmarks/drag_profiles.py: a rigid blow gives 1.0535 N, 1.5 % more, because
     # the grip of an elastic contact gives back what a rigid one loses along the face
@@ -93,6 +95,7 @@ def test_where_a_tip_lands_in_a_notch_the_grip_of_the_contact_decides_and_not_a_
     assert second.vibration_energy_j == pytest.approx(ring, rel=0.03)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("height", "width", "deep", "friction"),
     [(3e-6, 5e-6, 200e-6, 0.05), (8e-6, 20e-6, 200e-6, 0.15), (8e-6, 20e-6, 60e-6, 0.15)],

@@ -43,6 +43,7 @@ def lattice(depths, first=10 * UM, pitch=20 * UM, white=3 * NM, seed=0, **shape)
     return HeightMap(z + 1e-3 * AT - 5e-4 * AT[:, np.newaxis] + noise(white, seed), *[0.5 * UM] * 2)
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize(
     ("depth", "white", "shape"),
     [

@@ -53,6 +53,7 @@ def test_a_form_of_one_face_alone_fails_it_still():
     assert "flatness_upper" in find_failures(inspect_map(bow_upper=2.5 * UM))
 
 
+@pytest.mark.long
 def test_without_drift_nothing_is_said_of_it():
     result = inspect_map()
     assert result.evaluation.values["flatness_upper"].bound is Bound.NONE

@@ -55,6 +55,7 @@ def test_a_text_is_one_path_and_not_a_scan_for_each_letter():
         inspect_many("9" * 50, "step-050", stimuli="stimuli")
 
 
+@pytest.mark.long
 def test_a_batch_gets_its_days_and_repeats_into_the_budget_and_a_page(batch, tmp_path):
     result = inspect_many(
         [batch],

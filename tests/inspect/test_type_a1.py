@@ -189,7 +189,7 @@ def test_a_map_of_holes_gives_their_depth_and_levelling_does_not_see_them():
     )
 
 
-@pytest.mark.repeats
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "depth"), [("squares_holes", 500.0e-9), ("circles_holes", 499.5e-9)]
 )

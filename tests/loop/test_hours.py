@@ -101,6 +101,7 @@ _RESTS = {
 }
 
 
+@pytest.mark.long
 def test_friction_that_falls_by_a_quarter_after_a_rest_and_comes_back_is_no_wandering():
     found, left = _explain(1.0 - 0.25 * np.exp(-_SINCE / 5.0), 2, **_RESTS)
     assert found.hints == ()

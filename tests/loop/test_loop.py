@@ -356,6 +356,7 @@ def test_features_that_hold_nothing_are_refused_trial_by_trial() -> None:
     assert "as high as the ball" in table.excluded[0][1]
 
 
+@pytest.mark.long
 def test_a_steady_drift_of_friction_is_a_drift_and_not_called_running_in() -> None:
     columns = design_columns(160, 8)
     drift = _named(columns, "trend_friction_run_order")

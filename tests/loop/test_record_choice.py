@@ -76,6 +76,7 @@ def test_values_that_scatter_less_about_the_model_stand_whichever_they_are(sharp
     assert "the features are used" in describe_choice(choice)
 
 
+@pytest.mark.long
 def test_equal_values_are_no_reason_to_leave_the_features(sharp):
     features, result = sharp
     choice = choose(result, features)

@@ -66,7 +66,7 @@ def _polish(state):
     return state.changed(radius=state.radius + 1.2e-6 * _PASSES)
 
 
-@pytest.mark.repeats
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("planted", "name", "place", "truth", "falls"),
     [

@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -48,11 +49,16 @@ ELSEWHERE = {
 
 
 @pytest.fixture(scope="module")
-def folders(tmp_path_factory):
+def export_once(tmp_path_factory):
+    """Function that exports a block in a format, once for all tests, and returns its folder."""
     base = tmp_path_factory.mktemp("with space")
-    for name in SCENE_FORMATS:
+
+    @cache
+    def export(name):
         export_scenes(str(SET), name, base, only="step-050")
-    return {name: base / "paper-ten" / "step-050" / name for name in SCENE_FORMATS}
+        return base / "paper-ten" / "step-050" / name
+
+    return export
 
 
 def find_commands(folder):
@@ -66,15 +72,15 @@ def find_commands(folder):
 
 @pytest.mark.repeats
 @pytest.mark.parametrize("name", SCENE_FORMATS)
-def test_every_command_of_a_readme_is_run_by_a_test(folders, name):
-    assert find_commands(folders[name]) - ELSEWHERE == set(RUNS[name])
+def test_every_command_of_a_readme_is_run_by_a_test(export_once, name):
+    assert find_commands(export_once(name)) - ELSEWHERE == set(RUNS[name])
 
 
 @pytest.mark.repeats
 @pytest.mark.parametrize(
     ("name", "command"), [(name, command) for name, all_ in RUNS.items() for command in all_]
 )
-def test_a_command_of_a_readme_does_what_it_says(folders, name, command):
+def test_a_command_of_a_readme_does_what_it_says(export_once, name, command):
     program = command.split()[0]
     if name == "mujoco":
         pytest.importorskip("mujoco")
@@ -86,7 +92,7 @@ def test_a_command_of_a_readme_does_what_it_says(folders, name, command):
     done = subprocess.run(
         command,
         shell=True,
-        cwd=folders[name],
+        cwd=export_once(name),
         env={**os.environ, "PATH": path},
         capture_output=True,
         text=True,

@@ -63,6 +63,7 @@ def test_the_slope_of_the_order_is_that_of_statsmodels(judgements):
     assert bare.mean - soft.mean == pytest.approx(difference, rel=1e-3)
 
 
+@pytest.mark.long
 def test_the_order_is_reported_where_it_is_a_covariate_and_only_there(judgements, tmp_path):
     path = tmp_path / "a.csv"
     judgements.to_csv(path, index=False)

@@ -84,6 +84,7 @@ def test_groups_with_conditions_of_their_own_and_incomplete_designs_keep_everybo
     assert result.frame["participant"].nunique() == 12
 
 
+@pytest.mark.long
 def test_a_further_factor_is_in_the_model_as_analysis_of_variance_has_it(tmp_path):
     """AnovaRM of statsmodels on the participants' means of the absolute error."""
     rows = list_estimates(loads=("light", "heavy"), people=12)

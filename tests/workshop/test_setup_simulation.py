@@ -174,6 +174,7 @@ def measure_legs(solid):
     return legs
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize("name", QUICK)
 def test_a_block_made_by_its_sheet_is_the_drawn_one(name, tmp_path):
     block = BLOCKS[name]
