@@ -181,6 +181,12 @@ def build_model_document(learned: LearnedModel) -> dict[str, Any]:
     return _build_model_file(learned).as_document()
 
 
+@cache
+def _build_model_reader() -> TypeAdapter[ModelFile]:
+    """Build what reads the document of a model, on first use."""
+    return TypeAdapter(ModelFile)
+
+
 def _build_model_file(learned: LearnedModel) -> ModelFile:
     """Turn a learned model into the contents of its file."""
     tool = learned.tool
@@ -245,7 +251,7 @@ def read_model(path: str | Path) -> LearnedModel:
     if not isinstance(document, dict) or document.get("format") not in known:
         raise PipelineError(f"model must have the format {' or '.join(known)} [{path}]")
     try:
-        file = TypeAdapter(ModelFile).validate_python(document)
+        file = _build_model_reader().validate_python(document)
         return _parse_model(file, path)
     except ValidationError as error:
         raise PipelineError(

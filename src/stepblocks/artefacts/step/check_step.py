@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
+from functools import cache
 from html import unescape
 from pathlib import Path
 from typing import NamedTuple
@@ -110,7 +111,13 @@ def check_step(path: str | Path, *, require_ap242: bool = False) -> StepReport:
     found = read_confined(
         f"{__name__}:check_step_confined", Path(path), require_ap242, raises=MetrologyError
     )
-    return TypeAdapter(StepReport).validate_python(found)
+    return _build_report_reader().validate_python(found)
+
+
+@cache
+def _build_report_reader() -> TypeAdapter[StepReport]:
+    """Build what turns the answer of the confined process into a report, on first use."""
+    return TypeAdapter(StepReport)
 
 
 def check_step_confined(path: Path, require_ap242: bool) -> dict[str, object]:
