@@ -53,6 +53,8 @@ BEGUN_FIRST = (
     "study/test_recovery.py",
     "study/test_silent.py",
     "test_fuzz_and_faults.py",
+    "window/test_in_browser.py",
+    "window/test_killed_jobs.py",
     "workshop/test_ten_blocks.py",
 )
 
