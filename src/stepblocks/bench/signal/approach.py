@@ -26,6 +26,10 @@ _RAMP_SHARE = 0.85  # of the rise; the first pass stays clear of a rounded peak
 _LINE_SHARE = 0.9
 _START_UP_GAIN = 0.02  # a start-up ring must explain this share of the variance, or it is left out
 _LINE_SIGMAS = 4.0
+# standard deviations of the noise below the highest sample, down to which samples after the one
+# that is taken for the peak count as its top, and how many of them at most
+_TOP_NOISE = 16.0
+_TOP_SAMPLES = 6
 
 # places of the weights of a fit
 _LEVEL, _DRIFT, _SLOPE = range(3)
@@ -257,13 +261,27 @@ def _fit_ramp(
     misses = force[remainder] - approach.compute_ramp_line(time[remainder])
     line_std = approach.compute_ramp_force(float(time[marks.peak])).std
     left = _find_end_of_line(misses, marks.noise, line_std)
-    extended = marks.peak
+    followed = marks.peak
     if left is not None:
-        extended = end + left
-    if extended <= end:
-        return approach
-    fit = _fit_sliding_and_ramp(time[:extended], force[:extended], approach.onset, clock, start_up)
-    return Approach(fit, extended, clock)
+        followed = end + left
+    certain = min(followed, marks.peak - _count_samples_past_release(force, marks))
+    if certain <= end:
+        return replace(approach, end=max(followed, end))
+    fit = _fit_sliding_and_ramp(time[:certain], force[:certain], approach.onset, clock, start_up)
+    return Approach(fit, followed, clock)
+
+
+def _count_samples_past_release(force: Array, marks: Landmarks) -> int:
+    """Count the samples up to the peak that may lie past the release, where the force falls gently.
+
+    A fall that begins level takes about as long to the noise as from there to four times as deep,
+    and noise decides which sample of it is taken for the peak.
+    """
+    after = force[marks.peak + 1 : marks.peak + 1 + _TOP_SAMPLES]
+    below_top = after < force[marks.peak] - _TOP_NOISE * marks.noise
+    if not below_top.any():
+        return after.size
+    return int(np.argmax(below_top))
 
 
 def _fit_sliding_and_ramp(
