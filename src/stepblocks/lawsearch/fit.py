@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.optimize import OptimizeResult, least_squares
 
 from stepblocks.errors import PipelineError
 from stepblocks.lawsearch.forward_model import ForwardModel, Trials
@@ -15,6 +15,8 @@ from stepblocks.lawsearch.scatter import TRIALS_PER_SPECIMEN
 FEWEST_TRIALS = 12  # from which a model is fitted
 _EVALUATIONS = 40  # of the model, at most
 _COST_TOLERANCE, _STEP_TOLERANCE, _SLOPE_TOLERANCE = 1e-6, 1e-6, 1e-8
+_FINER = 1e-2  # by which the tolerance of steps is finer where a fit goes on
+_LEAST_GAIN = 1e-2  # of the cost, that one step more must promise for a fit to go on
 _MARGIN = 1e-6  # by which a fit begins within its bounds
 _SINGULAR = 1e-9  # ratio of singular values below which a direction counts as undetermined
 _WEIGHTINGS = 2  # rounds in which noise and constants are found from each other
@@ -60,6 +62,20 @@ def fit(
         gtol=_SLOPE_TOLERANCE,
         max_nfev=evaluations,
     )
+    if _could_gain(solution):
+        # the trust region weighs its steps by the distance to all bounds, also far from them: along
+        # a narrow valley they become too short long before its bottom
+        solution = least_squares(
+            objective.residual,
+            solution.x,
+            objective.jacobian,
+            bounds=objective.bounds,
+            method="dogbox",
+            ftol=_COST_TOLERANCE,
+            xtol=_STEP_TOLERANCE * _FINER,
+            gtol=_SLOPE_TOLERANCE,
+            max_nfev=evaluations,
+        )
     residual, jacobian = solution.fun, -np.asarray(solution.jac)
     # the triangle of a QR has the singular values of the whole, at a fraction of the work
     root = np.linalg.pinv(np.linalg.qr(jacobian, mode="r"), rcond=_SINGULAR)
@@ -79,6 +95,12 @@ def fit(
         predicted=objective.predict(solution.x),
         covariance=covariance,
     )
+
+
+def _could_gain(solution: OptimizeResult) -> bool:
+    """Tell whether a fit ended where one step more along its slopes would lower its cost."""
+    basis, _ = np.linalg.qr(solution.jac)
+    return float(np.sum((basis.T @ solution.fun) ** 2)) > _LEAST_GAIN
 
 
 def fit_without(problem: Problem, current: Fit, effect: Law) -> Fit:
