@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from oracles.feature_bench import bench_trials, design_columns, noise_free
+from oracles.feature_bench import bench_trials, block_scans, design_columns, noise_free
 from stepblocks.contact.operating_point import Tool
 from stepblocks.lawsearch.directions import compute_tangent
 from stepblocks.lawsearch.fit import build_problem, fit
@@ -278,3 +278,33 @@ def test_errors_that_trials_share_hold_none_of_the_noise_of_single_readings(tria
             # of noise that is independent, a fit of five columns keeps their share of the variance
             expected = 1e-3 * np.sqrt(5.0 / len(trials)) * np.std(usual.column)
             assert np.std(change) < 2.0 * expected
+
+
+def test_a_fit_ends_where_one_step_more_gains_nothing_though_friction_and_zero_look_alike():
+    columns = design_columns(240, 990_015)
+    trials = bench_trials(columns, 920_015)
+    # a zero of 50 mN above a temperature, in channels that a zero moves: peak and sliding force
+    warm = trials.covariates["temperature_c"] > 22.0
+    force = np.exp(trials.values[:, 1]) + np.where(warm, 0.05, 0.0)
+    sliding = trials.values[:, 2] + np.where(warm, 0.05, 0.0) / trials.covariates["load_n"]
+    values = trials.values.copy()
+    values[:, 1], values[:, 2] = np.log(force), sliding
+    trials = replace(trials, values=values)
+    model = SessionModel(
+        Tool(frequency=300.0, decay_time=0.02), scanned=block_scans(columns, 920_015)
+    )
+    laws = {law.id: law for law in list_candidates(trials, list_covariate_ranges(trials))}
+    law = laws["step_zero_temperature_c"]
+    readings = trials.covariates["temperature_c"]
+    between = 0.5 * (readings[~warm].max() + readings[warm].min())
+    begin = {law.name_in_fit("step"): 0.3, law.name_in_fit("at"): between}
+    found = fit(build_problem(model, trials), (law,), begin)
+    # what a step of Gauss and Newton along the slopes at the end still promises of the cost, the
+    # place apart, about which the cost is flat up to the next reading
+    moving = [p.name != law.name_in_fit("at") for p in found.parameters]
+    basis, _ = np.linalg.qr(found.jacobian[:, moving])
+    promised = basis.T @ np.concatenate([found.residual, found.departure])
+    assert float(promised @ promised) < 0.01
+    # in steps of 0.1 N
+    step = law.pick_own_values(found.values)["step"]
+    assert abs(step - 0.5) < 3.0 * law.pick_own_values(found.std)["step"]
