@@ -155,7 +155,10 @@ VERDICT_COLUMNS = {
     "file": "file",
     "within": "measurements within tolerance",
     "failures": "out of tolerance",
+    "made_from": "made from",
 }
+MADE_AS_DECLARED = "what is declared now"
+MADE_BEFORE = "an earlier state: declaration, program or file was changed since"
 WITHIN = "{count} of {total}"
 DOWNLOAD = "Take {name}"
 REPORT_OF = "Page of: {title}"
