@@ -230,7 +230,9 @@ BENCH_HELP = (
     "A session is a folder with its traces and the table of its trials. Say which column is which "
     "beside the first trace; measure it, and find what the model lacks."
 )
-DROP_SESSION = "Drop a session as a zip file: it is put into the folder sessions"
+DROP_SESSION = "Drop a session, a folder or a zip file: it is put into the folder sessions"
+CHOOSE_FOLDER = "Choose the folder of a session"
+FOLDER_UNREAD = "a folder must be one that the browser can read: drop it as a zip file"
 SESSION = "Session (its folder)"
 TANGENTIAL = "Force along the drag"
 NORMAL = "Normal force"

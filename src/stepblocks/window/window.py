@@ -16,6 +16,7 @@ from stepblocks.errors import PipelineError, StepblocksError
 from stepblocks.files.text import is_file
 from stepblocks.window import texts
 from stepblocks.window.folder import Folder
+from stepblocks.window.folder_drop import add_folder_script
 from stepblocks.window.frame import Page, build_frame
 from stepblocks.window.gate import Gate
 from stepblocks.window.jobs import JobList
@@ -57,6 +58,7 @@ class Window:
 
     def build(self) -> None:
         """Make the page that the address names."""
+        add_folder_script()
         build_frame(self.pages)
 
     # what these need is loaded when they are opened: the first page is there at once
