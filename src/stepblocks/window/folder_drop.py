@@ -16,11 +16,13 @@ _TAKES_FOLDERS = "takes-folders"  # class of the field
 _UNREAD = "unread"  # event of the field: the browser could not read a folder
 # Files are stored as they are: a record before each, a list of them, and a record of the list
 # (APPNOTE.TXT of the ZIP format, 4.3)
-_SCRIPT = """
+_BEGIN = f"""
 <script>
-(() => {
-  const MOST_FILES = %d;
-  const MOST_BYTES = %d;
+(() => {{
+  const MOST_FILES = {MOST_FILES};
+  const MOST_BYTES = {LARGEST_UPLOAD};
+"""
+_PACK = """
   const UTF_8 = 0x800;  // flag of names
   const BEGIN_OF_DATES = 0x21;  // 1980-01-01
   const table = Int32Array.from({ length: 256 }, (_, number) => {
@@ -113,12 +115,12 @@ _SCRIPT = """
   };
 })();
 </script>
-""" % (MOST_FILES, LARGEST_UPLOAD)
+"""
 
 
 def add_folder_script() -> None:
     """Add what packs folders to the head of a page."""
-    ui.add_head_html(_SCRIPT)
+    ui.add_head_html(_BEGIN + _PACK)
 
 
 def take_folders(upload: ui.upload, refuse: Callable[[], object]) -> None:
