@@ -147,8 +147,8 @@ class BuildForm:
         ]
         rows = [self._make_row(verdict) for verdict in found]
         with self._verdicts, ui.expansion(texts.VERDICTS, value=True).classes("w-full"):
-            table = ui.table(columns=columns, rows=rows, pagination=20)
-            table.props("wrap-cells").classes("w-full").mark("verdicts")
+            table = ui.table(columns=columns, rows=rows, pagination=10)
+            table.props("dense wrap-cells").classes("w-full").mark("verdicts")
 
     def _make_row(self, verdict: FileVerdict) -> dict[str, str]:
         """Make the row of a file in the table of verdicts."""

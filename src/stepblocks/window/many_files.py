@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 from nicegui import events, ui
 
+from stepblocks.window.frame import add_script
 from stepblocks.window.gate import LARGEST_UPLOAD, MOST_FILES
 
 _FEW = 50  # files of a request
@@ -16,66 +17,12 @@ _TAKES_MANY = "takes-many"  # class of the field
 _TOO_MANY = "toomany"  # event of the field: more files than a folder may have were dropped
 _BEGIN = "manybegin"  # event of the field: many are handed in from now on
 _END = "manyend"  # event of the field: all were handed in; with the number that did not arrive
-_SCRIPT = (
-    f"<script>\n(() => {{\n  const FEW = {_FEW};\n  const MOST_FILES = {MOST_FILES};\n"
-    f"  const MOST_BYTES = {_MOST_BYTES};\n"
-    """
-  const find = (event, selector) => event.target.closest && event.target.closest(selector);
-  const hasEnded = file => file.__status !== 'idle' && file.__status !== 'uploading';
-  const split = files => {  // into those of one request each
-    const parts = [[]];
-    let size = 0;
-    for (const file of files) {
-      if (parts.at(-1).length === FEW || size + file.size > MOST_BYTES) {
-        parts.push([]);
-        size = 0;
-      }
-      parts.at(-1).push(file);
-      size += file.size;
-    }
-    return parts;
-  };
-  const send = async (uploader, files) => {
-    const field = getElement(Number(uploader.id.slice(1))).$refs.qRef;
-    if (files.length > MOST_FILES) {
-      field.$emit('toomany', files.length);
-      return;
-    }
-    let failed = 0;
-    field.$emit('manybegin');
-    for (const part of split(files)) {
-      field.addFiles(part);
-      while (!part.every(hasEnded)) await new Promise(go => setTimeout(go, 20));
-      failed += part.filter(file => file.__status === 'failed').length;
-      field.reset();
-    }
-    field.$emit('manyend', failed);
-  };
-  document.addEventListener('change', event => {
-    const uploader = find(event, '.takes-many');
-    if (!uploader || event.target.type !== 'file' || event.target.files.length < 2) return;
-    event.stopPropagation();
-    const files = [...event.target.files];
-    event.target.value = '';
-    send(uploader, files);
-  }, true);
-  document.addEventListener('drop', event => {
-    const uploader = find(event, '.takes-many');
-    if (!uploader || event.dataTransfer.files.length < 2) return;
-    event.preventDefault();
-    event.stopPropagation();
-    event.target.dispatchEvent(new DragEvent('dragleave', { bubbles: true }));
-    send(uploader, [...event.dataTransfer.files]);
-  }, true);
-})();
-</script>
-"""
-)
+_LIMITS = {"few": _FEW, "files": MOST_FILES, "bytes": _MOST_BYTES}
 
 
 def add_many_script() -> None:
     """Add what hands in many files to the head of a page."""
-    ui.add_head_html(_SCRIPT)
+    add_script("many_files.js", _LIMITS)
 
 
 def take_many(
