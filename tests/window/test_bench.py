@@ -94,7 +94,7 @@ def test_what_is_no_archive_too_large_or_there_already_is_refused(tmp_path, monk
     monkeypatch.setattr("stepblocks.window.session_files._MOST_BYTES", 100)
     with pytest.raises(PipelineError, match="at most 100 bytes"):
         unpack_session(pack({"a": "0" * 101}), tmp_path / "a")
-    monkeypatch.setattr("stepblocks.window.session_files._MOST_FILES", 2)
+    monkeypatch.setattr("stepblocks.window.session_files.MOST_FILES", 2)
     with pytest.raises(PipelineError, match="at most 2 files"):
         unpack_session(pack(FILES), tmp_path / "a")
     (tmp_path / "b").mkdir()

@@ -14,6 +14,7 @@ from nicegui.testing.user_simulation import user_simulation
 
 from stepblocks.build.manifest import RecordedVerdict, StimulusRecord, write_sealed
 from stepblocks.build.run import build_sets, find_changes
+from stepblocks.window import texts
 from stepblocks.window.build_page import list_archives, make_build, make_bundle, make_scenes
 from stepblocks.window.folder import Folder
 from stepblocks.window.verdicts import list_verdicts
@@ -90,6 +91,37 @@ def test_the_page_says_what_changed_and_shows_its_commands(tmp_path):
         assert shlex.split(command.line)[1:] == list(command.words)
         assert command.line in shown
     assert make_scenes(["two.toml"], "mujoco").line in shown
+
+
+async def open_verdicts(folder):
+    """Open the page to build, and return the rows of its table of verdicts."""
+    async with user_simulation(root=Window(folder).build) as user:
+        await user.open("/build")
+        await user.should_see(marker="verdicts", retries=200)
+        (table,) = user.find(marker="verdicts").elements
+        return table.rows
+
+
+@pytest.mark.long
+def test_verdicts_of_an_earlier_build_are_shown_and_those_older_than_their_declaration_named(
+    tmp_path,
+):
+    """The build was that of a command line, before the window was opened."""
+    file = tmp_path / "two.toml"
+    file.write_text(DECLARED)
+    build_sets(file, tmp_path / "out")
+    file.write_text(DECLARED.replace("50 um", "60 um"))
+    rows = asyncio.run(open_verdicts(tmp_path))
+    made_from = {(row["part"], row["made_from"]) for row in rows}
+    assert made_from == {
+        ("two/low", texts.MADE_AS_DECLARED),
+        ("two/high", texts.MADE_BEFORE),
+    }
+    recorded = list_verdicts(tmp_path / "out", ["two/high", "two/low"])
+    assert [(row["part"], row["file"]) for row in rows] == [
+        (verdict.part, verdict.file) for verdict in recorded
+    ]
+    assert {row["failures"] for row in rows} == {""}
 
 
 async def order(folder):

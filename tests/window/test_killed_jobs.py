@@ -1,14 +1,21 @@
 """A window and its job are killed in each kind of job: nothing saved is lost, nothing half written.
 
 The files of a run that nobody disturbed are the measure: whatever is there after the kill is one
-of them as a whole, and the run that the window offers again gives all of them.
+of them as a whole, and the run that the window offers again gives all of them. Where the server
+alone is killed, the job goes on and gives all of them itself.
 """
 
+import ast
+import http.client
+import json
 import os
+import re
 import signal
+import socket
 import subprocess
 import sys
 import time
+from contextlib import closing
 from pathlib import Path
 
 import psutil
@@ -16,7 +23,24 @@ import pytest
 
 pytest.importorskip("nicegui")
 
+from oracles.loop_folder import write_explained_session
+from stepblocks.window import texts
+from stepblocks.window.batch_form import make_batch_command
+from stepblocks.window.build_page import make_build, make_bundle, make_scenes
+from stepblocks.window.declaration_check import make_check
+from stepblocks.window.folder import Entry, Kind
+from stepblocks.window.inspect_page import InspectionAnswers
 from stepblocks.window.jobs import JobList, JobState
+from stepblocks.window.loop_view import make_prediction
+from stepblocks.window.set_page import make_set_design
+from stepblocks.window.study_page import (
+    make_analysis,
+    make_design,
+    make_run,
+    make_sheets,
+    make_simulation,
+)
+from stepblocks.window.suggestions import suggest_beginnings, suggest_commands
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="its processes end otherwise")
 
@@ -32,43 +56,84 @@ PLAN = (
     'schema = 1\nseed = 3\nformat = "csv"\n[design]\nheights = ["20 um", "40 um"]\n'
     'loads = ["0.5 N", "0.9 N"]\nspeeds = ["5 mm/s"]\ntrials = 16\ndays = 1\n'
 )
-SIMULATE = ("simulate-session", "plan.toml", "-o", "bench")
-DESIGN = ("study", "design", "mine.toml", "--seed=1", "-o", "study", "--participants=2")
-ANSWER = ("study", "simulate", "study", "mine.toml", "--output=study/answers.csv", "--seed=1")
-INSPECT = ("inspect", "scan.csv", "--stimulus", "low", "--stimuli", "mine.toml", "-o", "out")
-# a kind of job: the commands that go before it, and its own
-JOBS = {
-    "design-set": ((), ("design-set", "even.toml", "--targets=2 uJ", "--model=formula")),
-    "build": ((), ("build", "mine.toml", "-o", "out")),
-    "workshop": ((), ("workshop", "mine.toml", "-o", "out")),
-    "export": ((), ("export", "mine.toml", "--for", "forcelaw", "-o", "out")),
-    "inspect": ((), INSPECT),
-    "simulate-session": ((), SIMULATE),
-    "measure": ((SIMULATE,), ("measure", "bench", "-o", "out/features.csv")),
-    "check": ((SIMULATE,), ("measure", "bench", "--check", "out/check.json")),
-    "loop": ((SIMULATE,), ("loop", "bench", "-o", "out", "--jobs=1")),
-    "study design": ((), DESIGN),
-    "study simulate": ((DESIGN,), ANSWER),
-    "study analyse": ((DESIGN, ANSWER), ("study", "analyse", "study", "study/answers.csv")),
+FILE, STUDY, SESSION = "mine.toml", "study", "rehearsed"
+SIMULATE = ("simulate-session", "plan.toml", "-o", SESSION)
+ANSWERS = {  # of a form, where they are not those that it says at first
+    "file": FILE,
+    "study": STUDY,
+    "answers": f"{STUDY}/answers.csv",
+    "participants": "2",
+    "number": "2",
 }
-QUICK = ("design-set",)
+
+
+def answer(form, **answers):
+    """The command of a form, with what is said at first or above, and with other answers."""
+    said = {}
+    for question in form.questions:
+        said[question.name] = ANSWERS.get(question.name, question.default)
+    return form.make_command(said | answers)
+
+
+DESIGN = answer(make_design([FILE]))
+SIMULATED = answer(make_simulation([STUDY], [FILE]))
+RUN = answer(make_run([STUDY], [FILE]), file="")  # serves a page until it is ended
+
+
+def list_suggested():
+    """What the window offers for the entries of its folder and for an empty one, by a name."""
+    found = {f"new {command.words[-1]}": command for command in suggest_beginnings()}
+    for name, kind in ((FILE, Kind.STIMULI), ("scan.csv", Kind.SCAN), (SESSION, Kind.SESSION)):
+        for command in suggest_commands(Entry(name, kind)):
+            found[f"{command.words[0]} {name}"] = command
+    return found
+
+
+# what the window starts; every other command of it does the same with other words
+JOBS = {
+    **list_suggested(),
+    "build": make_build([FILE]),
+    "workshop": make_bundle([FILE]),
+    "export": make_scenes([FILE], "forcelaw"),
+    "inspect": InspectionAnswers("scan.csv", "low", FILE).make_command(),
+    "inspect list": make_batch_command("scans.csv", FILE, "", "2 um"),
+    "check": make_check(SESSION),
+    "predict session": make_prediction("bench/b1", "out/b1-loop"),
+    "study design": DESIGN,
+    "study sheet": answer(make_sheets([STUDY])),
+    "study run": RUN,
+    "study simulate": SIMULATED,
+    "study analyse": answer(make_analysis([STUDY])),
+    "design-set": answer(make_set_design([FILE]), file="even.toml"),
+}
+# the commands that go before a job
+BEFORE = {
+    **{name: (SIMULATE,) for name in JOBS if name.endswith(SESSION) or name == "check"},
+    "study sheet": (DESIGN.words,),
+    "study run": (DESIGN.words,),
+    "study simulate": (DESIGN.words,),
+    "study analyse": (DESIGN.words, SIMULATED.words),
+}
+ENDLESS = ("study run",)  # has a test of its own
+SHOWN_ONLY = {"DRAW_TRIAL", "BUILD_BY_MODEL"}  # to copy, without a button that runs them
 SHARES = (0.5, 0.8, 0.95)  # of the time of an undisturbed run, after which it is killed
-ONCE = ("design-set", "loop")  # quick, or of minutes
+OFTEN = ("build", "inspect", "check", "study analyse")  # of these, more places are tried
 ENDED = (JobState.DONE, JobState.OUT_OF_TOLERANCE, JobState.NOT_PROVEN)
 WITHOUT_BYTES = (".pdf", ".xlsx")  # say when they were written
-KINDS = [
-    pytest.param(name, marks=() if name in QUICK else pytest.mark.long, id=name) for name in JOBS
-]
+KINDS = [name for name in JOBS if name not in ENDLESS]
 
 
-def put_files(folder, before):
-    """The files of a user, and what the commands before have made of them."""
-    folder.mkdir()
-    (folder / "mine.toml").write_text(BLOCKS)
+def put_files(folder, kind):
+    """The files of a user, and what the commands before a job have made of them."""
+    folder.mkdir(parents=True)
+    if kind == "predict session":
+        write_explained_session(folder)
+    (folder / FILE).write_text(BLOCKS)
+    (folder / "scans.csv").write_text("scan,stimulus,block\nscan.csv,low,A\n")
     (folder / "plan.toml").write_text(PLAN)
     rows = [f"{place},{25 * (place > 0)}" for place in range(-1000, 1000, 4)]
     (folder / "scan.csv").write_text("\n".join(["x_um,z_um", *rows]) + "\n")
-    for words in before:
+    for words in BEFORE.get(kind, ()):
         run_command(folder, words)
 
 
@@ -92,36 +157,50 @@ def list_files(folder):
     return found
 
 
-SERVER = (
-    "import sys, time; from pathlib import Path\n"
-    "from stepblocks.window.jobs import JobList\n"
-    "from stepblocks.window.command_line import ShownCommand\n"
-    "jobs = JobList(Path(sys.argv[1]))\n"
-    "jobs.start(ShownCommand('job', tuple(sys.argv[2:])))\n"
-    "print('started', flush=True)\n"
-    "time.sleep(3600)\n"
-)
+SERVER = """
+import sys
+from pathlib import Path
+from stepblocks.window.command_line import ShownCommand
+from stepblocks.window.window import Window, serve_window
+window = Window(Path(sys.argv[1]))
+
+def start(_):
+    window.jobs.start(ShownCommand("job", tuple(sys.argv[2:])))
+    print("started", flush=True)
+
+serve_window(window, 0, start)
+"""
 
 
-def kill_in_job(folder, words, seconds):
-    """Start a command from a window, and kill both with all that they started after a time."""
+def start_server(folder, words):
+    """Start the server of a window, and a job from it; return its process."""
     server = subprocess.Popen(
         [sys.executable, "-c", SERVER, str(folder), *words], stdout=subprocess.PIPE, text=True
     )
-    server.stdout.readline()
-    time.sleep(seconds)
-    killed = [server, *psutil.Process(server.pid).children(recursive=True)]
-    for process in killed:
+    assert server.stdout.readline() == "started\n"
+    return server
+
+
+def kill(processes):
+    """End processes as a system does that has no memory left: they cannot do anything more."""
+    for process in processes:
         try:
             os.kill(process.pid, signal.SIGKILL)
         except ProcessLookupError:
             continue
+
+
+def kill_in_job(folder, words, seconds):
+    """Start a command from a window, and kill both with all that they started after a time."""
+    server = start_server(folder, words)
+    time.sleep(seconds)
+    kill([server, *psutil.Process(server.pid).children(recursive=True)])
     server.communicate(timeout=60)
 
 
 def wait_for_end(job):
     """Wait for a process that nobody waits for: it may stay as a number for a while."""
-    for _ in range(600):
+    for _ in range(36000):
         if job.state is not JobState.RUNNING:
             return
         time.sleep(0.1)
@@ -132,18 +211,36 @@ def is_visible(name):
     return not any(part.startswith(".") for part in Path(name).parts)
 
 
+def test_every_command_that_the_window_can_start_is_killed_here():
+    """By the titles of all commands that its modules make."""
+    made = set()
+    for path in Path(texts.__file__).parent.glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            is_made = isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
+            if is_made and node.func.id in ("ShownCommand", "FormCommand", "_SetDesignCommand"):
+                made |= set(re.findall(r"texts\.([A-Z_]+)", ast.unparse(node.args[0])))
+    killed = {command.title for command in JOBS.values()}
+    titles = {getattr(texts, name).partition("{")[0]: name for name in made - SHOWN_ONLY}
+    assert made >= SHOWN_ONLY
+    assert [
+        name
+        for begin, name in titles.items()
+        if not any(title.startswith(begin) for title in killed)
+    ] == []
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_kill_in_a_job_leaves_whole_files_and_the_next_window_runs_it_again(kind, tmp_path):
-    before, words = JOBS[kind]
-    put_files(tmp_path / "whole", before)
+    words = JOBS[kind].words
+    put_files(tmp_path / "whole", kind)
     seconds = run_command(tmp_path / "whole", words)
     whole = list_files(tmp_path / "whole")
-    shares = SHARES[:1] if kind in ONCE else SHARES
+    go_on_without_server(tmp_path / "alone" / "whole", kind, whole)
+    shares = SHARES if kind in OFTEN else SHARES[:1]
     for number, share in enumerate(shares):
         folder = tmp_path / f"killed-{number}" / "whole"  # a name that files may hold
-        folder.parent.mkdir()
-        put_files(folder, before)
+        put_files(folder, kind)
         saved = list_files(folder)
         kill_in_job(folder, words, share * seconds)
         left = list_files(folder)
@@ -167,3 +264,66 @@ def test_a_kill_in_a_job_leaves_whole_files_and_the_next_window_runs_it_again(ki
         finally:
             jobs.close()
         assert list_files(folder) == whole
+
+
+def go_on_without_server(folder, kind, whole):
+    """Kill the server alone: its job goes on, the next window finds it, and all files are there."""
+    put_files(folder, kind)
+    server = start_server(folder, JOBS[kind].words)
+    kill([server])
+    server.communicate(timeout=60)
+    jobs = JobList(folder)
+    jobs.find_again()
+    try:
+        (job,) = jobs.latest_first
+        wait_for_end(job)
+        assert job.state in ENDED, job.output
+    finally:
+        jobs.close()
+    assert list_files(folder) == whole
+
+
+def find_free_port():
+    with closing(socket.create_server(("127.0.0.1", 0))) as listener:
+        return listener.getsockname()[1]
+
+
+def ask(port, path, body=None, **headers):
+    """What the page of a participant answers once it is served."""
+    for _ in range(600):
+        try:
+            with closing(http.client.HTTPConnection("127.0.0.1", port, timeout=60)) as line:
+                line.request("POST" if body else "GET", path, body, headers)
+                return line.getresponse().read().decode()
+        except OSError:
+            time.sleep(0.1)
+    raise AssertionError("no page of the participant")
+
+
+@pytest.mark.long
+def test_an_answer_of_a_participant_outlives_a_kill_and_the_run_goes_on_with_the_next(tmp_path):
+    """Server, run and all that they started are killed while the second trial is asked for."""
+    folder = tmp_path / "lab"
+    put_files(folder, "study run")
+    port = find_free_port()
+    words = answer(make_run([STUDY], [FILE]), file="", port=str(port)).words
+    server = start_server(folder, words)
+    (token,) = re.findall(r'token = "([^"]+)"', ask(port, "/"))
+    body = json.dumps({"trial": "1", "answers": {"estimate_um": "30"}})
+    assert json.loads(ask(port, "/answer", body, **{"X-Stepblocks": token}))["trial"] == "2"
+    saved = list_files(folder)
+    assert f"{STUDY}/runs/participant-1.csv" in saved
+    kill([server, *psutil.Process(server.pid).children(recursive=True)])
+    server.communicate(timeout=60)
+    assert list_files(folder) == saved
+    jobs = JobList(folder)
+    jobs.find_again()
+    try:
+        (job,) = jobs.latest_first
+        wait_for_end(job)
+        assert job.state is JobState.LOST
+        jobs.start(job.command)
+        assert json.loads(ask(port, "/state"))["trial"] == "2"
+    finally:
+        jobs.close()
+    assert list_files(folder) == saved

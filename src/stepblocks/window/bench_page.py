@@ -11,6 +11,7 @@ from stepblocks.window import texts
 from stepblocks.window.agreement import RESULT_FILE
 from stepblocks.window.declaration_check import DeclarationCheck
 from stepblocks.window.folder import Entry, Folder, Kind
+from stepblocks.window.folder_drop import take_folders
 from stepblocks.window.frame import compute_for, show_heading, show_mistake
 from stepblocks.window.gate import LARGEST_UPLOAD, make_size_error
 from stepblocks.window.job_view import Runnable, show_page
@@ -52,7 +53,8 @@ class BenchForm:
             label=texts.DROP_SESSION, max_file_size=LARGEST_UPLOAD, auto_upload=True
         ).mark("drop")
         upload.on_upload(self._take)
-        upload.on_rejected(self._refuse)
+        upload.on_rejected(lambda: self._refuse(make_size_error()))
+        take_folders(upload, lambda: self._refuse(PipelineError(texts.FOLDER_UNREAD)))
         names = self._list_sessions()
         first = session or next(iter(names), "")
         with ui.row().classes("items-center"):
@@ -82,11 +84,11 @@ class BenchForm:
         self._name.set_value(name)
         await self._open()
 
-    def _refuse(self) -> None:
-        """Say that a dropped file is too large."""
+    def _refuse(self, error: PipelineError) -> None:
+        """Say why what was dropped is not taken."""
         self._place.clear()
         with self._place:
-            show_mistake(make_size_error())
+            show_mistake(error)
 
     def name_session(self, given: str) -> str:
         """Return the folder of a session for a dropped archive.

@@ -12,7 +12,7 @@ from stepblocks.window.folder import OUTPUT, Folder, Kind
 from stepblocks.window.frame import compute_for, show_heading, show_mistake
 from stepblocks.window.job_view import Runnable, show_page
 from stepblocks.window.jobs import Job, JobList
-from stepblocks.window.verdicts import list_verdicts
+from stepblocks.window.verdicts import FileVerdict, list_verdicts
 
 _SIMULATORS = ("mujoco", "chai3d", "sofa", "usd", "gltf", "x3d", "forcelaw", "native")
 
@@ -83,6 +83,7 @@ class BuildForm:
         self._choice.classes("min-w-[420px]").on_value_change(self._show)
         ui.button(texts.LOOK_WHAT_CHANGED, on_click=self._show).props("no-caps")
         self._state = ui.column().classes("w-full")
+        self._verdicts = ui.column().classes("w-full")
         self._commands = ui.column().classes("w-full")
         ui.timer(0.0, self._show, once=True)
 
@@ -109,46 +110,66 @@ class BuildForm:
             Runnable(make_scenes(self._files, simulator), self._folder, self._jobs)
 
     async def _look(self) -> None:
-        """Show what a build would make, or what is wrong with the files."""
-        self._state.clear()
+        """Show what a build would make and what an earlier one found, or what is wrong."""
         if not self._files:
+            self._state.clear()
+            self._verdicts.clear()
             return
         paths: list[str | Path] = [self._folder.resolve(name) for name in self._files]
         try:
             found = await compute_for(self._state, find_changes, paths, self._folder.path / OUTPUT)
         except StepblocksError as error:
+            self._state.clear()
+            self._verdicts.clear()
             with self._state:
                 show_mistake(error)
             return
         if found is None:  # the window is being closed
             return
         self._changes = found
+        self._state.clear()
         with self._state:
             for text, parts in ((texts.OUTDATED, found.outdated), (texts.CURRENT, found.current)):
                 ui.label(text.format(names=", ".join(parts) or texts.NONE)).props("role=status")
+        await self._show_verdicts()
 
-    async def _end_build(self, job: Job) -> None:
-        """Show the verdict of every file, and the page of the build."""
-        await self._look()
+    async def _show_verdicts(self) -> None:
+        """Show the verdict of every file that a build left, and whether it is of today."""
         parts = sorted({*self._changes.current, *self._changes.outdated})
-        rows = []
-        for verdict in list_verdicts(self._folder.path / OUTPUT, parts):
-            within = verdict.total - len(verdict.failures)
-            rows.append(
-                {
-                    "part": verdict.part,
-                    "file": verdict.file,
-                    "within": texts.WITHIN.format(count=within, total=verdict.total),
-                    "failures": "; ".join(verdict.failures),
-                }
-            )
+        output = self._folder.path / OUTPUT
+        found = await compute_for(self._verdicts, list_verdicts, output, parts)
+        self._verdicts.clear()  # also what a second look has shown meanwhile
+        if not found:
+            return
         columns = [
             {"name": name, "label": label, "field": name, "align": "left"}
             for name, label in texts.VERDICT_COLUMNS.items()
         ]
-        with ui.expansion(texts.VERDICTS, value=True).classes("w-full"):
-            ui.table(columns=columns, rows=rows, pagination=20).mark("verdicts")
-        show_page(self._folder, job.command.page, texts.REPORT_OF.format(title=texts.BUILD))
+        rows = [self._make_row(verdict) for verdict in found]
+        with self._verdicts, ui.expansion(texts.VERDICTS, value=True).classes("w-full"):
+            table = ui.table(columns=columns, rows=rows, pagination=10)
+            table.props("dense wrap-cells").classes("w-full").mark("verdicts")
+
+    def _make_row(self, verdict: FileVerdict) -> dict[str, str]:
+        """Make the row of a file in the table of verdicts."""
+        within = verdict.total - len(verdict.failures)
+        made_from = texts.MADE_AS_DECLARED
+        if verdict.part in self._changes.outdated:
+            made_from = texts.MADE_BEFORE
+        return {
+            "part": verdict.part,
+            "file": verdict.file,
+            "within": texts.WITHIN.format(count=within, total=verdict.total),
+            "failures": "; ".join(verdict.failures),
+            "made_from": made_from,
+        }
+
+    async def _end_build(self, job: Job) -> None:
+        """Show what is to be made still, the verdict of every file, and the page of the build."""
+        page = ui.column().classes("w-full")
+        await self._look()
+        with page:
+            show_page(self._folder, job.command.page, texts.REPORT_OF.format(title=texts.BUILD))
 
     def _end_bundle(self, _: Job) -> None:
         """Show the archives of the order."""

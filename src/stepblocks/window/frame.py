@@ -1,10 +1,12 @@
 """What every page has: the bar with its links, the colours, and how a mistake is shown."""
 
 import asyncio
+import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from html import escape
+from importlib.resources import files
 from typing import ParamSpec, TypeVar
 
 from nicegui import run, ui
@@ -126,6 +128,12 @@ def build_frame(pages: Sequence[Page]) -> None:
     _mark_page(links, router.current_path)
     with ui.element("div").classes("window-content").props("id=content tabindex=-1"):
         ui.sub_pages({page.path: page.build for page in pages})
+
+
+def add_script(name: str, limits: Mapping[str, int]) -> None:
+    """Add a script of this folder, a function that is called with limits, to the head of a page."""
+    function = files(__package__).joinpath(name).read_text(encoding="utf-8").rstrip()
+    ui.add_head_html(f"<script>\n{function}({json.dumps(limits)});\n</script>")
 
 
 def _mark_page(links: Mapping[str, ui.link], address: str) -> None:

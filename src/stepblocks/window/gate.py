@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 LARGEST_UPLOAD = 256_000_000  # of a file [bytes]
+MOST_FILES = 20_000  # of an archive or a folder
 _MEGABYTE = 1_000_000  # [bytes]
 _LARGEST_REQUEST = 1_000_000  # of anything else [bytes]
 _LONGEST_LENGTH = 12  # digits of the length of a request

@@ -1,5 +1,6 @@
 """The page to judge a scan: what its file leaves open is asked beside a picture of the data."""
 
+import asyncio
 import glob
 from dataclasses import dataclass
 from pathlib import PurePosixPath
@@ -18,10 +19,11 @@ from stepblocks.window.batch_form import BatchForm
 from stepblocks.window.command_line import ShownCommand, write_call, write_name, write_object
 from stepblocks.window.folder import Folder, Kind
 from stepblocks.window.frame import compute_for, is_gone, show_heading, show_mistake
-from stepblocks.window.gate import LARGEST_UPLOAD, make_size_error
+from stepblocks.window.gate import LARGEST_UPLOAD, MOST_FILES, make_size_error
 from stepblocks.window.job_view import Runnable, show_page
 from stepblocks.window.jobs import Job, JobList
 from stepblocks.window.latest_work import LatestWork
+from stepblocks.window.many_files import take_many
 from stepblocks.window.scan_picture import ScanPicture, draw_scan
 
 if TYPE_CHECKING:
@@ -29,6 +31,7 @@ if TYPE_CHECKING:
 
 _SCANS = "scans"  # folder that dropped scans are put into
 _PAGE = "inspection.html"
+_QUIET = 0.4  # a dropped scan is looked at when no other has come for so long [s]
 _MOST_REFUSED = 20  # dropped files of which is said at once why they were not taken
 
 
@@ -122,6 +125,8 @@ class InspectForm:
         self._jobs = jobs
         self._edge: ScanEdge | None = None
         self._is_shown = False
+        self._taken = 0
+        self._is_receiving = False
         self._looks = LatestWork(self._look_at_dropped)
 
     def build(self, file: str) -> None:
@@ -130,6 +135,7 @@ class InspectForm:
         upload = ui.upload(
             label=texts.DROP_SCAN, max_file_size=LARGEST_UPLOAD, auto_upload=True, multiple=True
         ).mark("drop")
+        self._state = ui.label().props("role=status")
         self._refused = ui.column()
         with ui.element("div").classes("beside"):
             with ui.column():
@@ -151,6 +157,7 @@ class InspectForm:
         self._batch.build()
         upload.on_upload(self._take)
         upload.on_rejected(lambda: self._refuse(make_size_error()))
+        take_many(upload, self._refuse_all, self._begin_many, self._end_many)
         ui.timer(0.0, self._offer_parts, once=True)
 
     async def _offer_parts(self) -> None:
@@ -184,6 +191,8 @@ class InspectForm:
             self._refuse(error)
             return
         self._scan.set_value(name)
+        self._taken += 1
+        self._state.set_text(texts.TAKEN.format(count=self._taken, folder=_SCANS))
         self._looks.ask()
 
     def _refuse(self, error: StepblocksError) -> None:
@@ -193,9 +202,29 @@ class InspectForm:
         with self._refused:
             show_mistake(error)
 
+    def _refuse_all(self, count: int) -> None:
+        """Say that more files were dropped at once than are taken."""
+        self._refuse(PipelineError(texts.TOO_MANY_DROPPED.format(most=MOST_FILES, count=count)))
+
+    def _begin_many(self) -> None:
+        """Look at no scan until all of many have come."""
+        self._is_receiving = True
+
+    def _end_many(self, missing: int) -> None:
+        """Look at the last of many scans, and say how many did not arrive."""
+        self._is_receiving = False
+        if missing:
+            self._refuse(PipelineError(texts.NOT_ARRIVED.format(count=missing)))
+        if self._taken:
+            self._looks.ask()
+
     async def _look_at_dropped(self) -> None:
-        """Look at the scan that was dropped last, and offer all of them for a list."""
-        if is_gone(self._picture):
+        """Look at the scan that was dropped last, once all are there, and offer them for a list."""
+        seen = -1
+        while seen != self._taken:
+            seen = self._taken
+            await asyncio.sleep(_QUIET)
+        if self._is_receiving or is_gone(self._picture):
             return
         self._batch.refresh()
         await self._look()

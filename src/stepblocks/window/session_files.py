@@ -17,13 +17,13 @@ from stepblocks.files.packed import unpack_folder
 from stepblocks.files.text import is_file
 from stepblocks.mistakes import shorten_value
 from stepblocks.window import texts
+from stepblocks.window.gate import MOST_FILES
 from stepblocks.window.saving import hold_for_saving
 from stepblocks.window.toml_text import BYTE_ORDER_MARK, MalformedTomlError, read_document
 
 SESSION_FILE = "session.toml"
 # what a damaged archive ends in, a compression that is not known (a RuntimeError), and a password
 _UNSOUND = (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError)
-_MOST_FILES = 20_000  # of an archive
 _MOST_BYTES = 1_000_000_000  # of all files of an archive together
 
 
@@ -104,9 +104,9 @@ def unpack_session(content: bytes, folder: Path) -> None:
             entries = [entry for entry in archive.infolist() if not entry.is_dir()]
             if not entries:
                 raise PipelineError(texts.EMPTY_ARCHIVE)
-            if len(entries) > _MOST_FILES:
+            if len(entries) > MOST_FILES:
                 raise PipelineError(
-                    texts.TOO_MANY_FILES.format(most=_MOST_FILES, count=len(entries))
+                    texts.TOO_MANY_FILES.format(most=MOST_FILES, count=len(entries))
                 )
             size = sum(entry.file_size for entry in entries)
             if size > _MOST_BYTES:

@@ -155,7 +155,10 @@ VERDICT_COLUMNS = {
     "file": "file",
     "within": "measurements within tolerance",
     "failures": "out of tolerance",
+    "made_from": "made from",
 }
+MADE_AS_DECLARED = "what is declared now"
+MADE_BEFORE = "an earlier state: declaration, program or file was changed since"
 WITHIN = "{count} of {total}"
 DOWNLOAD = "Take {name}"
 REPORT_OF = "Page of: {title}"
@@ -227,7 +230,9 @@ BENCH_HELP = (
     "A session is a folder with its traces and the table of its trials. Say which column is which "
     "beside the first trace; measure it, and find what the model lacks."
 )
-DROP_SESSION = "Drop a session as a zip file: it is put into the folder sessions"
+DROP_SESSION = "Drop a session, a folder or a zip file: it is put into the folder sessions"
+CHOOSE_FOLDER = "Choose the folder of a session"
+FOLDER_UNREAD = "a folder must be one that the browser can read: drop it as a zip file"
 SESSION = "Session (its folder)"
 TANGENTIAL = "Force along the drag"
 NORMAL = "Normal force"
@@ -367,3 +372,6 @@ NO_COLUMNS = "trace must have named columns of numbers, got none [{name}]"
 PORT_IS_TAKEN = "port must be free, got {port}: {reason}"
 TOO_DEEP = "its brackets are nested too deeply"
 FILE_TOO_LARGE = "a file that is handed in must have at most {most} MB"
+TOO_MANY_DROPPED = "at most {most} files are taken at once, got {count}"
+NOT_ARRIVED = "every dropped file must arrive, {count} did not: drop them again"
+TAKEN = "Put into the folder {folder}: {count}"

@@ -16,14 +16,19 @@ from stepblocks.errors import PipelineError, StepblocksError
 from stepblocks.files.text import is_file
 from stepblocks.window import texts
 from stepblocks.window.folder import Folder
+from stepblocks.window.folder_drop import add_folder_script
 from stepblocks.window.frame import Page, build_frame
 from stepblocks.window.gate import Gate
 from stepblocks.window.jobs import JobList
 from stepblocks.window.left_drafts import LeftDrafts
+from stepblocks.window.many_files import add_many_script
 from stepblocks.window.set_page import SetPage
 from stepblocks.window.start_page import StartPage
 from stepblocks.window.study_page import StudyPage
 from stepblocks.window.work_page import ADDRESS, WorkPage
+
+# A page that a busy machine keeps from answering for so long is not taken for closed [s]
+_PATIENCE = 30.0
 
 
 class Window:
@@ -57,6 +62,8 @@ class Window:
 
     def build(self) -> None:
         """Make the page that the address names."""
+        add_folder_script()
+        add_many_script()
         build_frame(self.pages)
 
     # what these need is loaded when they are opened: the first page is there at once
@@ -110,6 +117,7 @@ def make_app(window: Window, port: int, token: str) -> Gate:
         dark=None,
         language="en-US",
         show_welcome_message=False,
+        reconnect_timeout=_PATIENCE,
     )
     framework.on_exception(_say_that_it_failed)
     return Gate(site, port, token, window.folder.address)
