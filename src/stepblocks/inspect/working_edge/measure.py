@@ -399,9 +399,8 @@ def _locate_points_across_edge(turned: _TurnedProfiles, crossed: CrossedEdges) -
         points = crossed.first.levelled
         return LevelledPoints(points.across[np.newaxis], points.level[np.newaxis])
     y = np.array([crossing.row.offset for crossing in crossed.crossings])
-    middles = [edge.middle for edge in crossed.edges]
     offsets = [edge.offset for edge in crossed.edges]
-    middle = _interpolate_line(y, middles, scan.y)
+    middle = _interpolate_line(y, crossed.middles, scan.y)
     offset = _interpolate_line(y, offsets, scan.y)
     x = scan.x * turned.turn
     tilt = float(np.median([edge.tilt for edge in crossed.edges]))
