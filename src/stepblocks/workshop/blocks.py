@@ -466,7 +466,7 @@ class _MarginOnPaper:
         wall, level = view.place(gap, rise)
         depth_on_paper = depth * MILLIMETRES_PER_METRE * scale
         floor = tooth + max(-depth_on_paper, -_DEEPEST_GAP)
-        corner = [view.place(x, z) for x, z in margin.corner]
+        corner = view.place_line(margin.corner)
         return cls(view, wall, level, floor, tooth - depth_on_paper < floor, corner)
 
 

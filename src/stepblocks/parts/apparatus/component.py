@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple, TypeVar
 
 from stepblocks import cad
-from stepblocks.parts.apparatus.solids import Box, Cylinder
+from stepblocks.parts.apparatus.solids import Box, Cylinder, enclose_boxes
 from stepblocks.parts.characteristics import Characteristic, FaceRule, Rule
 from stepblocks.parts.material import MATERIALS, Material
 from stepblocks.parts.revolution import Point3
@@ -106,10 +106,7 @@ class Component:
         boxes = [*self.boxes]
         for rod in self.rods:
             boxes.append(rod.box)
-        low_x, low_y, low_z = zip(*[box.low for box in boxes], strict=True)
-        high_x, high_y, high_z = zip(*[box.high for box in boxes], strict=True)
-        low = min(low_x), min(low_y), min(low_z)
-        return Box(low, (max(high_x), max(high_y), max(high_z)))
+        return enclose_boxes(boxes)
 
     def move(self, by: Point3) -> "Component":
         """Return it elsewhere [m], with the faces of its held distances."""
