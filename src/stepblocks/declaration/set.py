@@ -272,11 +272,11 @@ class StimulusSet(Table):
     @make_rules_validator
     def _check_parts_suit_the_conditions(self) -> Iterator[str]:
         """Yield what parts and conditions of the set lack for each other."""
-        declared = {part.id for part in self.stimuli}
+        declared = [part.id for part in self.stimuli]
         for name in self.order.quantities:
             if name not in declared:
                 yield f"order.quantities must name parts of the set, got {name!r}"
-        for name in _list_repeated([part.id for part in self.stimuli]):
+        for name in _list_repeated(declared):
             yield (
                 f"id must be unique in its set, got {name!r} twice; in a series it names what "
                 f"varies, such as '{name}-{{height_um:03}}'"

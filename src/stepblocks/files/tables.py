@@ -524,7 +524,7 @@ def _format_rows_of_text(rows: Sequence[Mapping[str, str]]) -> str:
     names = list(dict.fromkeys(itertools.chain.from_iterable(rows)))
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([escape_formula(name) for name in names])
+    writer.writerow(map(escape_formula, names))
     for row in rows:
         writer.writerow([escape_formula(row.get(name, "")) for name in names])
     return text.getvalue()
