@@ -508,7 +508,7 @@ def format_csv(
 
 
 def _are_rows_of_text(table: object) -> TypeGuard[list[Mapping[str, str]]]:
-    """Tell whether a table is rows as mappings that hold nothing but text."""
+    """Tell whether a table is a sequence of mappings that hold only text."""
     if not isinstance(table, list) or not table:
         return False
     for row in table:

@@ -296,6 +296,9 @@ class InspectForm:
     def _read_answers(self) -> InspectionAnswers:
         """Return what the fields and the picked edge say."""
         file, _, part = str(self._part.value).partition("\n")
+        begin = end = ""
+        if self._edge is not None:
+            begin, end = self._edge.begin, self._edge.end
         return InspectionAnswers(
             scan=str(self._scan.value).strip(),
             part=part,
@@ -304,6 +307,6 @@ class InspectForm:
             channel=str(self._channel.value).strip(),
             stylus_radius=str(self._stylus.value).strip(),
             calibration=str(self._calibration.value).strip(),
-            begin="" if self._edge is None else self._edge.begin,
-            end="" if self._edge is None else self._edge.end,
+            begin=begin,
+            end=end,
         )

@@ -70,7 +70,7 @@ class SurfaceTopographyReader(ScanReader):
         return frozenset("xyz")
 
     def read(self, path: Path, request: ReadOptions) -> LoadedScan:
-        """Read the channel that is asked for, or the first of heights."""
+        """Read the channel that is asked for, or the first one that holds heights."""
         reader = self._open(path)
         channels = list(reader.channels)
         channel = _find_channel(channels, request.channel, path.name)

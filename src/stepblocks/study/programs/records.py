@@ -297,7 +297,7 @@ def _clean_answers(table: TextTable, column: str) -> list[str]:
 
 
 def _clean_answer(cell: str) -> str:
-    """Return an answer: out of a list of one, and nothing for a word that says so."""
+    """Return an answer, taken out of a list of one; empty for a word that means no answer."""
     listed = _LISTED.fullmatch(cell)
     text = cell
     if listed:
