@@ -87,8 +87,7 @@ def begin_sentence(text: str) -> str:
 
 def describe_covariate(name: str) -> str:
     """Name what an effect follows; a column that only this session has keeps its own name."""
-    parts = [_describe_single_covariate(part) for part in name.split(TOGETHER)]
-    return " times ".join(parts)
+    return " times ".join(map(_describe_single_covariate, name.split(TOGETHER)))
 
 
 def _describe_single_covariate(name: str) -> str:

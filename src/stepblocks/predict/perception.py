@@ -265,7 +265,7 @@ def read_discrimination(
     else:
         loaded = load_table(Path(table), layout=layout)
         warn_of_notes(loaded.notes, table)
-        places = [loaded.source.name_row(row) for row in range(len(loaded.frame))]
+        places = list(map(loaded.source.name_row, range(len(loaded.frame))))
         source = str(table)
         columns = read_si_columns(loaded.frame, _COLUMNS, loaded.source, lets_missing=True)
     fractions: list[WeberFraction] = []

@@ -380,7 +380,7 @@ def _choose_parts(known: Mapping[str, Part], identities: object, path: Path) -> 
 
 def _find_common_surface(parts: list[Part], path: Path) -> str:
     """Find the surface that all parts have; several, or one of another kind, are refused."""
-    surfaces = {_find_surface(part) for part in parts}
+    surfaces = set(map(_find_surface, parts))
     if len(surfaces) != 1:
         found = ", ".join(sorted(surfaces)) or "none"
         raise PipelineError(

@@ -100,7 +100,7 @@ class SurfaceTopographyReader(ScanReader):
 
     def list_channels(self, path: Path) -> list[str]:
         """List name and unit of each channel."""
-        return [_name_channel(channel) for channel in self._open(path).channels]
+        return list(map(_name_channel, self._open(path).channels))
 
     def _open(self, path: Path) -> "ReaderBase":
         from SurfaceTopography import open_topography
