@@ -67,7 +67,10 @@ def format_mistakes(mistakes: Sequence[Mistake], file: object) -> str:
         return f"{text} [{where}]"
     message = [f"{len(lines)} mistakes [{file}]"]
     for text, where in lines:
-        message.append(f"  {text} [{where}]" if where else f"  {text}")
+        line = f"  {text}"
+        if where:
+            line += f" [{where}]"
+        message.append(line)
     return "\n".join(message)
 
 
@@ -89,7 +92,9 @@ def _format_places(places: Sequence[str]) -> str:
     """Name the first of several places and say how many more there are."""
     first = places[0]
     more = len(set(places) - {first})
-    return f"{first} and {more} more" if more else first
+    if more:
+        return f"{first} and {more} more"
+    return first
 
 
 def list_mistakes(
@@ -198,7 +203,9 @@ def _format_finding(finding: ErrorDetails, name: str) -> list[str]:
     if kind == "extra_forbidden":
         return [f"{name} is not a known field, got {shorten_value(value)}"]
     if kind in ("value_error", "quantity"):
-        text = str(finding["ctx"]["error"]) if "ctx" in finding else finding["msg"]
+        text = finding["msg"]
+        if "ctx" in finding:
+            text = str(finding["ctx"]["error"])
         return [_name_rule(rule, name) for rule in text.splitlines()]
     if kind.startswith("int_"):
         return [f"{name} must be a whole number, got {shorten_value(value)}"]

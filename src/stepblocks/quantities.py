@@ -25,7 +25,7 @@ Magnitude = TypeVar("Magnitude", covariant=True)
 
 
 class PintQuantity(Protocol[Magnitude]):
-    """A number or an array with its unit, a quantity of Pint of any registry."""
+    """A number or an array with its unit: a Pint quantity of any registry."""
 
     @property
     def magnitude(self) -> Magnitude:
@@ -140,8 +140,7 @@ def parse_quantity(text: object, dimension: str) -> float:
     """
     _check_dimension(dimension)
     unit, example = _KNOWN[dimension]
-    article = "an" if dimension[0] in "ae" else "a"
-    wanted = f"must be {article} {dimension} such as {example!r}"
+    wanted = f"{_write_rule(dimension)} such as {example!r}"
     if is_quantity(text):
         value = _convert_quantity(text, unit, wanted)
     elif isinstance(text, str):
@@ -149,7 +148,9 @@ def parse_quantity(text: object, dimension: str) -> float:
     elif isinstance(text, int | float) and dimension == "ratio" and not isinstance(text, bool):
         value = _convert_ratio(text, wanted)
     else:
-        hint = " (a number needs its unit, in quotes)" if isinstance(text, int | float) else ""
+        hint = ""
+        if isinstance(text, int | float):
+            hint = " (a number needs its unit, in quotes)"
         raise QuantityError(f"{wanted}, got {' '.join(repr(text).split())}{hint}")
     if not math.isfinite(value):
         raise QuantityError(f"{wanted} and finite, got {text!r}")
@@ -222,10 +223,17 @@ def read_array(values: object, dimension: str) -> "NDArray[np.float64]":
     return _convert_with_missing(given, dimension)
 
 
+def _write_rule(dimension: str) -> str:
+    """Say that a value must have a dimension, as in ``must be a length``."""
+    article = "a"
+    if dimension[0] in "ae":
+        article = "an"
+    return f"must be {article} {dimension}"
+
+
 def _convert_unit_of_array(unit: Any, dimension: str) -> float:
     """Return the size of a unit of Pint in SI; refuse one of another dimension."""
-    article = "an" if dimension[0] in "ae" else "a"
-    wanted = f"must be {article} {dimension}"
+    wanted = _write_rule(dimension)
     try:
         return _convert_quantity(1.0 * unit, DIMENSIONS[dimension], wanted)
     except QuantityError as error:
@@ -491,7 +499,9 @@ def format_number(value: float) -> str:
     if 1e-4 <= abs(float(text)) < 1e6:
         return f"{Decimal(text):f}"
     mantissa, _, power = text.partition("e")
-    return f"{mantissa}e{int(power)}" if power else "0"
+    if not power:
+        return "0"
+    return f"{mantissa}e{int(power)}"
 
 
 def format_column(values: Sequence[object], *, exact: bool = False) -> list[str]:

@@ -44,7 +44,7 @@ def test_figures_are_read_in_the_units_of_the_bench():
 
 
 @pytest.mark.parametrize(
-    ("value", "unit", "reach", "shown"),
+    ("value", "unit", "half_width", "shown"),
     [
         (304.9972, "Hz", 0.13, "305.00 Hz"),
         (9808.79, "N/m", 4.04, "9.8088 N/mm"),
@@ -57,9 +57,9 @@ def test_figures_are_read_in_the_units_of_the_bench():
         (29612.0, "N/m", 150.0, "29.61 N/mm"),
     ],
 )
-def test_a_figure_has_the_digits_that_its_interval_leaves_it(value, unit, reach, shown):
+def test_a_figure_has_the_digits_that_its_interval_leaves_it(value, unit, half_width, shown):
     # origin: two digits of the half width, as GUM 7.2.6 has it
-    assert format_value(value, unit, reach) == shown
+    assert format_value(value, unit, half_width) == shown
 
 
 def test_an_effect_is_said_with_its_figures_and_the_error_before_and_after(worn):

@@ -426,7 +426,7 @@ def test_power_refuses_what_gives_no_threshold(wrong, message):
         ("jnd", {"width": 1e-9}, "width must be reached by 10000 trials"),
         ("jnd", {"width": 0.01}, "width must be reached by 10000 trials, got 0.01"),
         ("jnd", {"width": 0.1, "trials": 60}, "trials or width must be given, got both"),
-        ("exponent", {}, "standard and prior are of comparisons"),
+        ("exponent", {}, "standard and prior apply to comparisons"),
         ("jnd", {"source": [1e-5, 2e-5]}, "there must be 3 to 2000 different heights"),
         ("jnd", {"source": stepblocks.MakingRoute()}, "a route must state the least and the most"),
         (

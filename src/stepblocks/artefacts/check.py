@@ -86,14 +86,20 @@ def _judge_edges(bad_edges: int) -> Verdict:
 
 def _judge_pieces(path: Path, part: Part) -> Iterator[Verdict]:
     """Judge the convex pieces of a part: closed, convex, and together as large as the part."""
-    pieces = [MeshMeasures(piece.vertices, piece.triangles) for piece in read_pieces(path)]
-    yield _judge_edges(sum(piece.count_bad_edges() for piece in pieces))
-    concavity = max(piece.measure_concavity() for piece in pieces)
-    yield Finding("concavity of the pieces", 0.0, concavity, NANOMETRE)
+    bad_edges = 0
+    concavities = []
+    volumes = []
+    for piece in read_pieces(path):
+        measures = MeshMeasures(piece.vertices, piece.triangles)
+        bad_edges += measures.count_bad_edges()
+        concavities.append(measures.measure_concavity())
+        volumes.append(measures.volume)
+    yield _judge_edges(bad_edges)
+    yield Finding("concavity of the pieces", 0.0, max(concavities), NANOMETRE)
     yield Finding(
         "volume of the pieces",
         math.fsum(part.volumes()) + part.removed_volume,
-        math.fsum(piece.volume for piece in pieces),
+        math.fsum(volumes),
         _VOLUME_LIMIT_OF_POLYGONS if part.is_turned else VOLUME_LIMIT,
         "volume",
         relative=True,

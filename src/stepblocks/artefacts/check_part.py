@@ -161,12 +161,10 @@ def _agrees_with_required(stated: Characteristic, required: RequiredCharacterist
         return False
     if required.kind in FORM:
         return abs(stated.value - required.upper) <= ALLOWED
-    pairs = (
-        (stated.value, required.nominal),
-        (stated.lower, required.lower),
-        (stated.upper, required.upper),
-    )
-    return all(abs(value - wanted) <= ALLOWED for value, wanted in pairs)
+    has_nominal = abs(stated.value - required.nominal) <= ALLOWED
+    has_lower = abs(stated.lower - required.lower) <= ALLOWED
+    has_upper = abs(stated.upper - required.upper) <= ALLOWED
+    return has_nominal and has_lower and has_upper
 
 
 def _check_match(match: Match, report: StepReport) -> Iterator[str]:
@@ -208,8 +206,12 @@ def _check_textures(report: StepReport, part: Part, matches: Sequence[Match]) ->
         if match.stated is not None and match.required.key in _OF_WORKING_FACES:
             working_faces.update(match.stated.faces)
     roughness = part.face_demands["roughness"].upper
-    textured_faces = {texture.face for texture in report.textures}
-    is_as_rough = all(abs(texture.roughness - roughness) <= ALLOWED for texture in report.textures)
+    textured_faces = set()
+    is_as_rough = True
+    for texture in report.textures:
+        textured_faces.add(texture.face)
+        if abs(texture.roughness - roughness) > ALLOWED:
+            is_as_rough = False
     if textured_faces != working_faces or not is_as_rough:
         yield f"surface texture: every working face must have Ra {roughness * 1e6:g} um"
 
@@ -222,8 +224,8 @@ def _check_density(report: StepReport, part: Part) -> Iterator[str]:
         if report.densities:
             yield f"density must not be stated, got {found}"
         return
-    ratios = [value / density.value for value in report.densities]
-    if not ratios or any(abs(ratio - 1.0) > _DENSITY_LIMIT for ratio in ratios):
+    errors = [abs(value / density.value - 1.0) for value in report.densities]
+    if max(errors, default=math.inf) > _DENSITY_LIMIT:
         yield f"density must be {density.value:g} kg/m^3, got {found}"
 
 

@@ -110,8 +110,7 @@ def insert_conditions(features: pd.DataFrame, conditions: Mapping[str, Condition
         present = list(table.columns)
         neighbour = source if source in present else _FIRST_FEATURE
         place = present.index(neighbour)
-        replaced = [old for old in {source, name} if old in present]
-        table = table.drop(columns=replaced)
+        table = table.drop(columns=[source, name], errors="ignore")
         table.insert(min(place, len(table.columns)), name, values.to_numpy())
     return table
 

@@ -186,13 +186,12 @@ def write_rows(rows: Iterable[FeatureRow], covariates: Sequence[str], path: Path
     """Write a table of features as CSV."""
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
-        conditions = [escape_formula(name) for name in covariates]
+        conditions = map(escape_formula, covariates)
         writer.writerow([*LEADING_COLUMNS, *conditions, *FEATURE_COLUMNS])
         for row in rows:
             texts = [row.trial, row.status.value, row.reason, *row.conditions]
-            cells = [escape_formula(text) for text in texts]
-            cells += [_format_value(value) for value in row.values]
-            writer.writerow(cells)
+            values = map(_format_value, row.values)
+            writer.writerow([*map(escape_formula, texts), *values])
 
 
 def _format_value(value: float | str) -> str:
@@ -235,8 +234,8 @@ def _build_conditions(rows: Sequence[FeatureRow], covariates: Sequence[str]) -> 
     """Return the trials and their conditions, with the types that pandas finds in their texts."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["trial", *(escape_formula(name) for name in covariates)])
+    writer.writerow(["trial", *map(escape_formula, covariates)])
     for row in rows:
-        writer.writerow([escape_formula(cell) for cell in (row.trial, *row.conditions)])
+        writer.writerow(map(escape_formula, (row.trial, *row.conditions)))
     text.seek(0)
     return pd.read_csv(text, dtype=_TEXT_CONDITIONS)

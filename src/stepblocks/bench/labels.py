@@ -325,10 +325,11 @@ def find_shared_faults(
     dict of int to str
         Rows that are data, each with the name of its group, such as ``trials of operator B``.
     """
-    flagged = {row for row, fault in faults.items() if fault.kind is FaultKind.MISLABELLED}
     groups = _TrialGroups()
     for row, cells in rows:
-        groups.add(row, cells, is_flagged=row in flagged)
+        fault = faults.get(row)
+        is_flagged = fault is not None and fault.kind is FaultKind.MISLABELLED
+        groups.add(row, cells, is_flagged=is_flagged)
     return groups.find_shared()
 
 

@@ -212,7 +212,8 @@ def estimate_tool(traces: Traces, table: TrialTable) -> Tool | None:
     results = measure_pilots(traces, table)
     warn_of_notes(traces.notes, traces.session.acquisition.traces)
     check_pilots(traces, results)
-    return average_tool(result.features for result in results if result.fault is None)
+    sound = [result for result in results if result.fault is None]
+    return average_tool(result.features for result in sound)
 
 
 def measure_pilots(

@@ -84,7 +84,9 @@ def list_notes(table: TrialTable, outcomes: OutcomeCounts, shared: Mapping[int, 
     shared : mapping of int to str
         Rows that stay as data though they contradict their traces, with the names of their groups.
     """
-    notes = [f"all trials have one {name}" for name in _find_constant_conditions(table)]
+    notes = []
+    for name in _find_constant_conditions(table):
+        notes.append(f"all trials have one {name}")
     notes += outcomes.list_notes()
     for group, count in Counter(shared.values()).items():
         notes.append(f"{count} {group} are unlike their labels together and stay as data")

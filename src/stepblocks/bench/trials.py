@@ -1,5 +1,6 @@
 """The table of trials, row by row, with the conditions of each trial in SI."""
 
+import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -341,8 +342,9 @@ def _find_declared_names(session: Session, names: Iterable[str]) -> dict[str | i
         else:
             found[number] = name
     swapped = []
-    for pair in swap:
-        swapped += [found[number] for number in pair if number in found]
+    for number in itertools.chain.from_iterable(swap):
+        if number in found:
+            swapped.append(found[number])
     if len(set(swapped)) < len(swapped):
         rule = "`trials.swap` must be pairs of two trials, none of them in two pairs"
         mistakes.append(("", f"{rule}, got {[list(pair) for pair in swap]}"))

@@ -68,7 +68,7 @@ class OutdatedStimulus:
 
 @dataclass(frozen=True)
 class BuiltStimulus:
-    """What became of one stimulus: its name ``"set/id"``, and the time it took [s]."""
+    """Outcome for one stimulus: its name ``"set/id"``, and the time it took [s]."""
 
     name: str
     seconds: float

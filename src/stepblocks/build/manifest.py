@@ -105,7 +105,7 @@ class RecordedVerdict:
     passed : bool
         Whether it is within its limit.
     values : mapping of str to object
-        What was measured, its nominal and its limit, units in the names.
+        The measured value, its nominal and its limit, with units in the names.
     """
 
     text: str

@@ -24,7 +24,7 @@ class Summary:
     Attributes
     ----------
     stimuli : int
-        How many were made.
+        Number of stimuli that were made.
     failures : list of str
         Failed checks, a line each.
     outputs : dict of str to str

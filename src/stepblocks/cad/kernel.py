@@ -245,13 +245,17 @@ def tessellate(body: Body, deflection: Callable[[Face], float]) -> Tessellation:
     faces = body.Faces()
     described = describe_faces(body)
     _mesh_faces(body, faces, [deflection(face) for face in described])
-    pieces = [_read_triangulation(face) for face in faces]
-    points = np.concatenate([piece.points for piece in pieces])
-    starts = np.cumsum([0, *(len(piece.points) for piece in pieces[:-1])])
-    triangles = np.concatenate(
-        [piece.triangles + start for piece, start in zip(pieces, starts, strict=True)]
-    )
-    owner = np.repeat(np.arange(len(faces)), [len(piece.triangles) for piece in pieces])
+    points_of_faces, triangles_of_faces, counts = [], [], []
+    start = np.int64(0)
+    for face in faces:
+        piece = _read_triangulation(face)
+        points_of_faces.append(piece.points)
+        triangles_of_faces.append(piece.triangles + start)
+        counts.append(len(piece.triangles))
+        start += len(piece.points)
+    points = np.concatenate(points_of_faces)
+    triangles = np.concatenate(triangles_of_faces)
+    owner = np.repeat(np.arange(len(faces)), counts)
     # every point gets one index: neighbours share their edge points to far below a nanometre
     picometres = np.round(points * _PICOMETRES).astype(np.int64)
     _, first, index = np.unique(picometres, axis=0, return_index=True, return_inverse=True)

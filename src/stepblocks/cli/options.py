@@ -73,7 +73,7 @@ class Numbers(tuple[int, ...]):
 
 def split_at_commas(text: str) -> list[str]:
     """Split a text at its commas, without the blanks around its parts."""
-    return [part.strip() for part in text.split(",")]
+    return list(map(str.strip, text.split(",")))
 
 
 def read_numbers(text: str) -> Numbers:
@@ -108,7 +108,7 @@ def keep_given_options(**options: object) -> dict[str, Any]:
 
 
 def require_one(next_step: str, **options: object) -> None:
-    """Refuse options that exclude each other, and the lack of all of them."""
+    """Require exactly one of several options that exclude each other."""
     count = len(keep_given_options(**options))
     if count != 1:
         names = " or ".join(map(_name_option, options))

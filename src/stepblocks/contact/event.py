@@ -190,17 +190,24 @@ def build_event_record(event: VibrationEvent, scale: float = 1.0) -> dict[str, o
 
     What is not a number is written as None.
     """
+    tool = event.tool
+    limit = math.nan
+    if event.status.is_beyond_limit:
+        limit = tool.limits.first.force
+    waveform = _SIMULATED
+    if event.waveform is None:
+        waveform = _EXPONENTIAL
     record = {
         **_write_release(event, scale),
-        **_write_pitch(event.tool),
-        "limit_n": event.tool.limits.first.force if event.status.is_beyond_limit else math.nan,
-        "decay_s": event.tool.decay_time,
-        "stiffness_n_per_m": event.tool.stiffness,
-        "effective_mass_kg": event.tool.effective_mass,
+        **_write_pitch(tool),
+        "limit_n": limit,
+        "decay_s": tool.decay_time,
+        "stiffness_n_per_m": tool.stiffness,
+        "effective_mass_kg": tool.effective_mass,
         "amplitude_n": event.amplitude,
-        "amplitude_m_per_s2": event.amplitude / event.tool.effective_mass,
+        "amplitude_m_per_s2": event.amplitude / tool.effective_mass,
         "scale": scale,
-        "waveform": _EXPONENTIAL if event.waveform is None else _SIMULATED,
+        "waveform": waveform,
         "energy_rule": _RULE,
     }
     if event.waveform is not None:

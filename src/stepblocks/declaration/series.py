@@ -62,7 +62,7 @@ def expand_series(stanza: Mapping[str, object]) -> Iterator[dict[str, object]]:
     values_by_path: dict[Keys, list[str]] = {}
     for path, table in _find_series(stanza, ()):
         values_by_path[path] = _read_values(path, table)
-    count = math.prod(len(values) for values in values_by_path.values())
+    count = math.prod(map(len, values_by_path.values()))
     if count > MAX_SERIES:
         raise QuantityError(f"a series must have at most {MAX_SERIES} members, got {count}")
     for combination in itertools.product(*values_by_path.values()):

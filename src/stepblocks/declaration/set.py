@@ -272,11 +272,11 @@ class StimulusSet(Table):
     @make_rules_validator
     def _check_parts_suit_the_conditions(self) -> Iterator[str]:
         """Yield what parts and conditions of the set lack for each other."""
-        declared = {part.id for part in self.stimuli}
+        declared = [part.id for part in self.stimuli]
         for name in self.order.quantities:
             if name not in declared:
                 yield f"order.quantities must name parts of the set, got {name!r}"
-        for name in _list_repeated([part.id for part in self.stimuli]):
+        for name in _list_repeated(declared):
             yield (
                 f"id must be unique in its set, got {name!r} twice; in a series it names what "
                 f"varies, such as '{name}-{{height_um:03}}'"
@@ -325,10 +325,10 @@ def make_file_model() -> type[Table]:
 @lru_cache(maxsize=2)  # making it takes longer than reading a file by it
 def _make_model_of_kinds(kinds: tuple[tuple[str, type[Part]], ...]) -> type[Table]:
     """Make the model of a file that may declare kinds, each by the name of its stanza."""
-    fields: dict[str, Any] = {
-        name: (field.annotation, field) for name, field in StimulusSet.model_fields.items()
-    }
-    fields.pop("stimuli")
+    fields: dict[str, Any] = {}
+    for name, field in StimulusSet.model_fields.items():
+        if name != "stimuli":
+            fields[name] = (field.annotation, field)
     for stanza, kind in kinds:
         fields[stanza] = (tuple[kind, ...], ())  # type: ignore[valid-type]
     return create_model("StimulusFile", __base__=Table, **fields)
@@ -399,7 +399,7 @@ def make_set(
 
 def _resolve_felt_tolerances(stimuli: StimulusSet, place: object) -> StimulusSet:
     """Give the parts of a set the limits that follow from what is felt, or say which cannot be."""
-    if not any(has_felt_tolerance(part) for part in stimuli.stimuli):
+    if not any(map(has_felt_tolerance, stimuli.stimuli)):
         return stimuli
     mistakes: list[Mistake] = []
     parts = []

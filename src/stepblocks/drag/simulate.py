@@ -329,7 +329,11 @@ def _list_events(
     for row, ledger in zip(passages.tolist(), ledgers, strict=True):
         passage = kernels.Passage(*row[:noted])
         place = int(passage.place)
-        never_rose = not math.isfinite(passage.greatest)
+        released = passage.greatest_time
+        pull = passage.greatest
+        if not math.isfinite(pull):  # it never rose
+            released = passage.passed_time
+            pull = math.nan
         event = DragEvent(
             place=place,
             status=_classify_passage(passage, needed[place], rises[place], sliding_pull),
@@ -339,8 +343,8 @@ def _list_events(
             critical_angle_deg=math.degrees(places.angle[place]),
             formula_pull_n=float(needed[place]),
             caught_s=passage.least_time,
-            released_s=passage.passed_time if never_rose else passage.greatest_time,
-            pull_n=math.nan if never_rose else passage.greatest,
+            released_s=released,
+            pull_n=pull,
             ledger_error=_compute_unexplained_share(ledger - ledger_before, least),
         )
         events.append(event)

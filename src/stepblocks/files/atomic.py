@@ -276,7 +276,7 @@ def sync_folder(folder: Path) -> None:
 
 
 def replace_text(path: Path, text: str) -> None:
-    """Write a text beside its place and rename it there; its line ends stay as they are."""
+    """Write a text to a temporary file and rename it into place; line endings are kept."""
     # a file's name that stands in it need be no text
     replace_bytes(path, text.encode(errors="backslashreplace"))
 

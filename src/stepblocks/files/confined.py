@@ -122,7 +122,7 @@ class _Reader:
         atexit.register(self.close)
 
     def call(self, request: Mapping[str, object], seconds: float) -> _Answer:
-        """Let the process answer a request within so many seconds of the processor."""
+        """Send a request to the process and return its answer, within a limit of CPU time [s]."""
         with self._one_at_a_time:
             process = self._start_process()
             with Watch(process, seconds, _WAITING * seconds) as watch:

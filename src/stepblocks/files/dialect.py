@@ -89,15 +89,15 @@ class Dialect:
         for number, line in enumerate(lines, start=1):
             cells = line.split(self.separator)
             if has_blanks:
-                cells = [cell.strip() for cell in cells]
+                cells = list(map(str.strip, cells))
             yield Record(number, cells)
 
     def _clean_cells(self, cells: list[str]) -> list[str]:
         """Return cells without the blanks around them; of a run of blanks, one separates."""
-        cleaned = [cell.strip() for cell in cells]
+        cleaned = list(map(str.strip, cells))
         if self.separator != BLANKS:
             return cleaned
-        return [cell for cell in cleaned if cell]
+        return list(filter(None, cleaned))
 
 
 def find_dialect(text: str, separator: str | None = None) -> Dialect:

@@ -109,7 +109,7 @@ def read_missing_value(text: str) -> float | str:
     """
     word = text.strip()
     if not word:
-        raise ValueError("must be a number or a word, an empty cell is missing anyway")
+        raise ValueError("must be a number or a word; an empty cell is missing anyway")
     try:
         value = float(word)
     except ValueError:

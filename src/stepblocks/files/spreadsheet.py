@@ -80,7 +80,7 @@ def read_cells_confined(path: Path) -> dict[str, object]:
     sheet = workbook.get_sheet_by_name(filled[0])
     rows = []
     for row in sheet.to_python(skip_empty_area=False):
-        rows.append([_format_cell(cell) for cell in row])
+        rows.append(list(map(_format_cell, row)))
     if path.suffix.lower() == ".ods":
         merged = next(_list_merged_in_ods(path, filled[0]), "")
     else:

@@ -8,7 +8,7 @@ if TYPE_CHECKING:
 
 def list_names(table: "pd.DataFrame") -> list[str]:
     """List the names of the columns of a table."""
-    return [str(name) for name in table.columns]
+    return list(map(str, table.columns))
 
 
 def list_rows(table: "pd.DataFrame") -> list[dict[str, object]]:

@@ -508,7 +508,7 @@ def format_csv(
 
 
 def _are_rows_of_text(table: object) -> TypeGuard[list[Mapping[str, str]]]:
-    """Tell whether a table is rows as mappings that hold nothing but text."""
+    """Tell whether a table is a sequence of mappings that hold only text."""
     if not isinstance(table, list) or not table:
         return False
     for row in table:
@@ -524,7 +524,7 @@ def _format_rows_of_text(rows: Sequence[Mapping[str, str]]) -> str:
     names = list(dict.fromkeys(itertools.chain.from_iterable(rows)))
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([escape_formula(name) for name in names])
+    writer.writerow(map(escape_formula, names))
     for row in rows:
         writer.writerow([escape_formula(row.get(name, "")) for name in names])
     return text.getvalue()

@@ -430,6 +430,11 @@ def _find_width(records: Sequence[Record], names: Sequence[str]) -> int:
     return max(filled, shortest)
 
 
+def _are_as_wide(records: Sequence[Record], width: int) -> bool:
+    """Tell whether all rows have some number of cells."""
+    return {len(record.cells) for record in records} <= {width}
+
+
 def _refuse_ragged_rows(
     records: Sequence[Record],
     width: int,
@@ -438,7 +443,7 @@ def _refuse_ragged_rows(
     is_sheet_row: bool,
 ) -> None:
     """Refuse rows with more filled cells than columns, or, in a text, with fewer cells."""
-    if {len(record.cells) for record in records} <= {width}:
+    if _are_as_wide(records, width):
         return
     unit = "row" if is_sheet_row else "line"
     mistakes: list[Mistake] = []
@@ -464,7 +469,7 @@ def _refuse_ragged_rows(
 
 def _cut_rows(records: list[Record], width: int) -> bool:
     """Leave out empty cells behind the last column, and say whether there were any."""
-    if {len(record.cells) for record in records} <= {width}:
+    if _are_as_wide(records, width):
         return False
     has_trailing = False
     for number, record in enumerate(records):

@@ -84,14 +84,14 @@ def _read_statement(words: Sequence[str], content: _Content) -> None:
     if keyword == "v":
         content.vertices.append(_read_vertex(values))
     elif keyword == "vn":
-        content.normals.append([float(value) for value in values[:_SPATIAL]])
+        content.normals.append(list(map(float, values[:_SPATIAL])))
     elif keyword == "f":
         _add_polygon(values, content)
 
 
 def _read_vertex(values: Sequence[str]) -> list[float]:
     """Read the position of a vertex, beside which a weight or a colour may stand."""
-    numbers = [float(value) for value in values]
+    numbers = list(map(float, values))
     if len(numbers) not in _COUNTS_OF_VERTEX:
         raise ValueError(f"a vertex has 3, 4, 6 or 7 numbers, got {len(numbers)}")
     if len(numbers) in _COUNTS_WITH_WEIGHT and numbers[_SPATIAL] != 1.0:

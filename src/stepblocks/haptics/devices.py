@@ -308,7 +308,7 @@ def _replace_if_not_finite(value: float, otherwise: float) -> float:
 
 
 def _take_value_or_infinity(figure: Figure | None) -> float:
-    """Take the value of a figure; a limit that is not known is none."""
+    """Return the value of a figure; infinite where the limit is not known."""
     if figure is None:
         return math.inf
     return figure.value

@@ -140,19 +140,19 @@ def _slide(
     path: Records,
 ) -> tuple[float, int]:
     """Move the proxy along the path until friction holds it; note every notch that it leaves."""
-    ahead = direction > 0.0
     x = state.x
     while _is_sliding(direction, x, piece, hand, setting, path):
-        start = piece if ahead else piece + 1
+        if direction > 0.0:
+            start, knot, after = piece, piece + 1, piece + 1
+            rise, slope = path.first[piece], path.last[piece]
+        else:
+            start, knot, after = piece + 1, piece, piece - 1
+            rise, slope = path.last[piece], path.first[piece]
         if x == path.x[start] and not landed:
-            rise = path.first[piece] if ahead else path.last[piece]
             _leave(direction, start, rise, state, hand, setting, path)
-        knot = piece + 1 if ahead else piece
         far = path.x[knot]
-        slope = path.last[piece] if ahead else path.first[piece]
         if _compute_drive(direction, far, path.z[knot], slope, hand, setting) > 0.0:
             x = far
-            after = piece + 1 if ahead else piece - 1
             if after < 0 or after > len(path.x) - 2:
                 break
             piece = after

@@ -110,9 +110,8 @@ def note_batches(
     if copies:
         named = ", ".join(copies)
         notes.append(f"capability leaves out {named}: the same scan stands for an earlier part")
-    few = [batch for batch in batches if batch.capability.count < _MANY_PARTS]
-    if few:
-        least = min(batch.capability.count for batch in few)
+    least = min((batch.capability.count for batch in batches), default=_MANY_PARTS)
+    if least < _MANY_PARTS:
         notes.append(
             f"capability rests on {least} parts: read the ends of its intervals, and measure "
             f"{_MANY_PARTS} or more for a claim to a customer"

@@ -186,10 +186,18 @@ class Measured:
         """
         return _combine_stds(self.components)
 
+    def list_stds(self, name: str) -> list[float]:
+        """Return the standard uncertainties of the components of a name, in the value's unit."""
+        return [part.std for part in self.components if part.name == name]
+
     @property
     def unstated(self) -> tuple[str, ...]:
         """Names of components that are unknown or for which a default stands."""
-        return tuple(part.name for part in self.components if part.assumed or not part.is_known)
+        names = []
+        for part in self.components:
+            if part.assumed or not part.is_known:
+                names.append(part.name)
+        return tuple(names)
 
     @property
     def is_decidable(self) -> bool:

@@ -85,7 +85,8 @@ class ControlChart:
     def find_outside(self) -> list[int]:
         """Find the parts that lie outside the limits, by their places."""
         is_outside = (self.values < self.lower) | (self.values > self.upper)
-        return [int(place) for place in np.flatnonzero(is_outside)]
+        places: list[int] = np.flatnonzero(is_outside).tolist()
+        return places
 
 
 def compute_capability(values: Array, lower: float, upper: float) -> Capability:

@@ -376,12 +376,16 @@ def estimate_zone(width: Callable[..., float], *faces: FaceForm) -> Estimate:
     # second growth is the first times the root of two; where several do, it grows with a higher
     # power, and the power follows from the two. Either way it is followed back to no noise.
     random = np.random.default_rng(1101)
-    draws_of_faces = [face.draws(random) for face in faces]
+    draws_of_faces, points, peaks, dofs = [], [], [], []
+    for face in faces:
+        draws_of_faces.append(face.draws(random))
+        points.append(face.compute_points())
+        peaks.append(face.peaks)
+        dofs.append(face.dof)
     draws = list(zip(*draws_of_faces, strict=True))
     scale_once, scale_twice = _SCALES
     once = _compute_drawn_zones(width, faces, draws, scale_once)
     twice = _compute_drawn_zones(width, faces, draws, scale_twice)
-    points = [face.compute_points() for face in faces]
     zone = float(width(*points))
     first_growth = float(once.mean()) - zone
     second_growth = float(twice.mean() - once.mean())
@@ -389,9 +393,8 @@ def estimate_zone(width: Callable[..., float], *faces: FaceForm) -> Estimate:
     if second_growth > _SEVERAL * first_growth > 0.0:
         ratio = second_growth / first_growth
     growth = min(max(first_growth / (ratio - 1.0), 0.0), zone)
-    peaks = [face.peaks for face in faces]
     std = math.hypot(float(once.std(ddof=1)), growth / math.sqrt(3.0), *peaks)
-    return Estimate(zone - growth, std, min(face.dof for face in faces))
+    return Estimate(zone - growth, std, min(dofs))
 
 
 def _compute_drawn_zones(

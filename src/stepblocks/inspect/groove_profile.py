@@ -91,10 +91,13 @@ class MeasuredProfile:
     @property
     def kind(self) -> ProfileKind:
         """How many features it shows, and how they were evaluated."""
-        labels = sorted({measured.method.label for measured in self.features})
-        methods = {measured.method.kind for measured in self.features}
-        is_masked = MethodKind.POLYNOMIAL in methods
-        return ProfileKind(len(self.features), " and ".join(labels), is_masked)
+        labels = set()
+        is_masked = False
+        for measured in self.features:
+            labels.add(measured.method.label)
+            if measured.method.kind is MethodKind.POLYNOMIAL:
+                is_masked = True
+        return ProfileKind(len(self.features), " and ".join(sorted(labels)), is_masked)
 
     @property
     def spans(self) -> list[Span]:

@@ -335,7 +335,7 @@ def _average_features(label: str, features: list[Measured], instrument: Instrume
     scatter = float(heights.std(ddof=1) / np.sqrt(len(features)))
     forms = []
     for feature in features:
-        forms += [part.std for part in feature.components if part.name == Source.FORM]
+        forms += feature.list_stds(Source.FORM)
     parts = [
         Component(Source.SCATTER, scatter, len(features) - 1.0, f"over {len(features)} features"),
         Component(Source.FORM, float(np.mean(forms)), how="mean of theirs"),

@@ -1,4 +1,4 @@
-"""A characteristic with what was decided of it, or with why it was not measured."""
+"""A characteristic with its decision, or with the reason why it was not measured."""
 
 from collections.abc import Iterable
 from typing import NamedTuple

@@ -352,15 +352,19 @@ def _merge_reports(
     missing: dict[str, str] = {}
     covered: dict[str, Extent] = {}
     notes: list[Note] = []
+    conventions: list[str] = []
+    digests = ""
     for result in results:
         evaluation = result.evaluation
+        if evaluation.convention not in conventions:
+            conventions.append(evaluation.convention)
+        digests += result.digest
         values |= evaluation.values
         covered |= evaluation.covered
         for absent in result.missing:
             missing[absent.characteristic.key] = absent.reason
         source = escape_file_name(result.source.name)
         notes += [note.prefix_source(source) for note in evaluation.notes]
-    conventions = dict.fromkeys(result.evaluation.convention for result in results)
     merged = replace(
         first.evaluation,
         values=values | dict(averaged),
@@ -370,7 +374,6 @@ def _merge_reports(
         covered=covered,
     )
     if len(results) > 1:
-        digests = "".join(result.digest for result in results)
         first = replace(
             first,
             source=Path(f"{len(results)} files"),
@@ -453,6 +456,7 @@ def _write_page(path: Path, result: ManyScans, pages: list[Path]) -> None:
     notes = [f"{serial}: {report.conclusion}" for serial, report in result.reports.items()]
     notes += [f"left out: {reason}" for reason in result.left_out]
     notes += note_batches(result.reports, result.batches)
+    links = [page.relative_to(path.parent).as_posix() for page in pages]
     page = render_page(
         "stepblocks.inspect",
         "inspection.html.j2",
@@ -463,6 +467,6 @@ def _write_page(path: Path, result: ManyScans, pages: list[Path]) -> None:
         picture="",
         alt="",
         notes=notes,
-        links=[page.relative_to(path.parent).as_posix() for page in pages],
+        links=links,
     )
     replace_text(path, page)

@@ -42,7 +42,7 @@ def is_periodic(z: Array) -> bool:
 
 
 def level_map(z: Array, reference: Mask, degree: int) -> Array:
-    """Return heights less a polynomial of total degree `degree` through those of the reference.
+    """Subtract a polynomial of total degree `degree` that is fitted to the reference heights.
 
     All arrays have the shape (ny, nx); heights in m.
     """

@@ -323,12 +323,15 @@ def _find_settling_distance(level: Array, distances: _EdgeDistances, pitch: floa
     """
     reach = float(distances.within.max())
     sides = (distances.within, distances.outside)
-    plateaus = [level[(side > 0.5 * reach) & (side <= reach)] for side in sides]
-    if not all(np.isfinite(plateau).any() for plateau in plateaus):
-        raise MetrologyError(
-            "features and what lies beside them must be measured half of their width from an edge"
-        )
-    heights = [float(np.nanmedian(plateau)) for plateau in plateaus]
+    heights = []
+    for side in sides:
+        plateau = level[(side > 0.5 * reach) & (side <= reach)]
+        if not np.isfinite(plateau).any():
+            raise MetrologyError(
+                "features and what lies beside them must be measured half of their width from an "
+                "edge"
+            )
+        heights.append(float(np.nanmedian(plateau)))
     tolerance = _SETTLED * abs(heights[0] - heights[1])
     settled = 1
     for side, height in zip(sides, heights, strict=True):

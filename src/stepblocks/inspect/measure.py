@@ -80,10 +80,12 @@ def measure_margin(
 
 def _list_discrepancies(margins: list[Margin]) -> dict[str, _Discrepancy]:
     """Return the sizes of margins by key."""
-    openings = [margin.opening for margin in margins]
-    rises = [margin.rise for margin in margins]
-    absolutes = [margin.absolute for margin in margins]
-    shares = [margin.opening.value / margin.absolute.value for margin in margins]
+    openings, rises, absolutes, shares = [], [], [], []
+    for margin in margins:
+        openings.append(margin.opening)
+        rises.append(margin.rise)
+        absolutes.append(margin.absolute)
+        shares.append(margin.opening.value / margin.absolute.value)
     share = float(np.mean(shares))
     of_both_scales = ScalePowers(vertical=1.0 - share**2, lateral=share**2)
     return {

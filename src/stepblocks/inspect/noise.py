@@ -55,6 +55,16 @@ class Estimate:
     dof: float = math.inf
 
 
+def average_values(estimates: Sequence[Estimate]) -> float:
+    """Return the mean of the values of estimates, in their unit."""
+    return float(np.mean([estimate.value for estimate in estimates]))
+
+
+def average_stds(estimates: Sequence[Estimate]) -> float:
+    """Return the mean of the standard uncertainties of estimates, in their unit."""
+    return float(np.mean([estimate.std for estimate in estimates]))
+
+
 @dataclass(frozen=True)
 class Refit:
     """An estimate by all points, and by fewer of them."""

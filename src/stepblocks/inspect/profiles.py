@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
 from typing import Literal, TypeVar
 
 import numpy as np
@@ -169,8 +170,7 @@ def _select_alike(
     """Return the profiles that cross the same; of two all, since neither is the usual one."""
     if len(evaluated) <= 2:
         return evaluated
-    pairs = zip(evaluated, crossings.alike, strict=True)
-    return [success for success, is_alike in pairs if is_alike]
+    return list(compress(evaluated, crossings.alike))
 
 
 def _describe_left_out(

@@ -82,5 +82,5 @@ def _average_component(name: str, scans: Sequence[Measured]) -> float:
     """Return the mean standard uncertainty of a component over scans [m or rad]."""
     stds = []
     for measured in scans:
-        stds += [part.std for part in measured.components if part.name == name]
+        stds += measured.list_stds(name)
     return sum(stds) / len(stds)

@@ -82,13 +82,19 @@ class _AskedPart:
         keys = self.keys_by_name
         if not names:
             return frozenset(keys.values())
-        unknown = [str(name) for name in names if str(name) not in keys]
+        found = set()
+        unknown = []
+        for name in map(str, names):
+            if name in keys:
+                found.add(keys[name])
+            else:
+                unknown.append(name)
         if unknown:
             raise PipelineError(
                 f"characteristics must be numbers or names of the {len(set(keys.values()))} on "
                 f"the drawing, got {', '.join(unknown)}"
             )
-        return frozenset(keys[str(name)] for name in names)
+        return frozenset(found)
 
 
 def inspect_scan(
@@ -243,7 +249,8 @@ def _drop_gap_under_bevel(asked: _AskedPart, evaluation: Evaluation) -> Evaluati
     keys = {characteristic.key for characteristic in asked.characteristics}
     if not {"marginal_gap", "vertical_discrepancy"} <= keys:
         return evaluation
-    values = {key: value for key, value in evaluation.values.items() if key != "marginal_gap"}
+    values = dict(evaluation.values)
+    values.pop("marginal_gap", None)
     reason = NotMeasuredReason.GAP_UNDER_BEVEL.describe()
     return replace(
         evaluation, values=values, missing={**evaluation.missing, "marginal_gap": reason}

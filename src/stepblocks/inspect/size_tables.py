@@ -34,7 +34,7 @@ def split_sizes_by_unit(table: Table) -> Table:
 
 def format_rows(table: Table) -> list[Mapping[str, object]]:
     """Return the rows of a table of `state_units` as text, each with the sizes of its unit."""
-    return [_format_row(row) for row in list_rows(table)]
+    return list(map(_format_row, list_rows(table)))
 
 
 def _format_row(row: Mapping[str, object]) -> dict[str, object]:

@@ -92,9 +92,9 @@ def fit_cap(scan: ScannedProfile | HeightMap, nominal: float, reach: float = _CA
     scan : ScannedProfile or HeightMap
         Profile over the tip, or map that looks along its axis.
     nominal : float
-        Radius that the tip has about [m].
+        Approximate radius of the tip [m].
     reach : float
-        Of the cap, as a share of the nominal radius [1].
+        Radius of the cap, as a share of the nominal radius [1].
 
     Returns
     -------

@@ -57,7 +57,7 @@ class Trials:
         PipelineError
             If no column has an uncertainty beside it.
         """
-        columns = [str(name) for name in getattr(table, "columns", ())]
+        columns = list(map(str, getattr(table, "columns", ())))
         channels = [name for name in columns if f"{name}_std" in columns]
         if not channels:
             # of what has no columns only the type is named: to print a large array takes seconds

@@ -98,7 +98,12 @@ def split_within_blocks(trials: Trials, folds: int, seed: int = 0) -> list[Rows]
         rows = generator.permutation(np.flatnonzero(trials.block == block))
         fold[rows] = (np.arange(len(rows)) + offset) % folds
         offset += len(rows)
-    return [np.flatnonzero(fold == i) for i in range(folds)]
+    return _list_rows_of_folds(fold, folds)
+
+
+def _list_rows_of_folds(fold: Rows, folds: int) -> list[Rows]:
+    """List the rows of each fold, by the fold of each row, shape (n,)."""
+    return [np.flatnonzero(fold == number) for number in range(folds)]
 
 
 def split_by_block(trials: Trials, most_folds: int) -> list[Rows]:
@@ -111,7 +116,7 @@ def split_by_block(trials: Trials, most_folds: int) -> list[Rows]:
     """
     _, number = np.unique(trials.block, return_inverse=True)
     folds = min(most_folds, int(number.max()) + 1)
-    return [np.flatnonzero(number % most_folds == i) for i in range(folds)]
+    return _list_rows_of_folds(number % most_folds, folds)
 
 
 def select_other_trials(trials: Trials, rows: Rows) -> Trials:

@@ -148,8 +148,8 @@ def _list_polynomials(standardised: Sequence[Floats]) -> list[Floats]:
     for i, column in enumerate(standardised):
         for later in standardised[i + 1 :]:
             columns.append(column * later)
-    columns += [column**3 for column in standardised]
-    columns += [column**4 for column in standardised]
+    for power in (3, 4):
+        columns += [column**power for column in standardised]
     for squared in standardised[:_INTERACTING]:
         for factor in standardised:
             if squared is not factor:

@@ -92,7 +92,7 @@ def read_channels(table: pd.DataFrame, spring_constant: float) -> tuple[Floats, 
 def _scale_figure(
     scale: Scale, value: Floats, std: Floats, table: pd.DataFrame, spring_constant: float
 ) -> tuple[Floats, Floats]:
-    """Turn a figure and its uncertainty, both of shape (n,), into those of its channel."""
+    """Convert a figure and its uncertainty, both of shape (n,), to the scale of its channel."""
     if scale is Scale.PLAIN:
         return value, std
     if scale is Scale.LOGARITHM:

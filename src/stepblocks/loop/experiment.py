@@ -120,12 +120,15 @@ def propose_experiment(
     NextExperiment or None
         None where nothing is open.
     """
-    open_checks = [check for check in checks if check.is_open]
-    weighings = tuple(check.quantity.advice for check in open_checks)
+    weighings: tuple[str, ...] = ()
+    suspects: tuple[str, ...] = ()
+    for check in checks:
+        if check.is_open:
+            weighings += (check.quantity.advice,)
+            suspects += (check.sentence,)
     models = _choose_models(explanation)
     if models is None:
         if weighings and not explanation.hints:
-            suspects = tuple(check.sentence for check in open_checks)
             return NextExperiment(suspects, weighings, _WEIGH_FIRST)
         if not explanation.hints:
             return None

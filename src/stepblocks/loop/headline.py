@@ -54,7 +54,7 @@ def write_headline(
     if not lines:
         lines.append("No effect beyond noise was found")
     lines += _write_rest(explanation, record)
-    return tuple(begin_sentence(line) for line in lines)
+    return tuple(map(begin_sentence, lines))
 
 
 def _write_findings(explanation: Explanation, record: LoopRecord, table: SessionTable) -> list[str]:

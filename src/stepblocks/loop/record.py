@@ -217,9 +217,9 @@ class ScansRecord:
     Attributes
     ----------
     blocks : Mapping[str, Mapping[str, float]]
-        Per block height and edge radius with their standard uncertainties [m].
+        Height and edge radius of each block, with their standard uncertainties [m].
     mean_edge_radius_m : float | None
-        Weighed mean over the blocks [m]; None where no edge was scanned.
+        Weighted mean over the blocks [m]; None where no edge was scanned.
     left_out : Sequence[UnusedScan] | None
         None where no scans were looked for.
     """

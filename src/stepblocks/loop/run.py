@@ -120,7 +120,7 @@ def loop_session(
     """
     inspected = {}
     if as_built:
-        inspected = list_measured_edges(read_records([Path(path) for path in as_built]))
+        inspected = list_measured_edges(read_records(list(map(Path, as_built))))
     cores = jobs or count_cores()
     place = None if output is None else Path(output)
     if isinstance(session, pd.DataFrame):

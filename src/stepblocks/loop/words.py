@@ -87,8 +87,7 @@ def begin_sentence(text: str) -> str:
 
 def describe_covariate(name: str) -> str:
     """Name what an effect follows; a column that only this session has keeps its own name."""
-    parts = [_describe_single_covariate(part) for part in name.split(TOGETHER)]
-    return " times ".join(parts)
+    return " times ".join(map(_describe_single_covariate, name.split(TOGETHER)))
 
 
 def _describe_single_covariate(name: str) -> str:
@@ -98,7 +97,7 @@ def _describe_single_covariate(name: str) -> str:
     return format_column_label(name).partition(",")[0]
 
 
-def format_value(value: float, unit: str, reach: float = 0.0) -> str:
+def format_value(value: float, unit: str, half_width: float = 0.0) -> str:
     """Write a figure of a parameter in the unit in which people read it.
 
     Parameters
@@ -106,7 +105,7 @@ def format_value(value: float, unit: str, reach: float = 0.0) -> str:
     value : float
     unit : str
         Unit of `value`.
-    reach : float
+    half_width : float
         Half width of its interval. The figure has the decimals that give this two digits, or three
         digits where it is zero.
     """
@@ -115,8 +114,8 @@ def format_value(value: float, unit: str, reach: float = 0.0) -> str:
     if unit in _READABLE_UNITS and abs(value * factor) >= _LARGEST_READABLE:
         factor, shown_unit = 1.0, unit
     text = f"{value * factor:.3g}"
-    if reach > 0.0:
-        decimals = 1 - math.floor(math.log10(reach * factor))
+    if half_width > 0.0:
+        decimals = 1 - math.floor(math.log10(half_width * factor))
         # adding zero takes the sign from a figure that is rounded to zero
         rounded = round(value * factor, decimals) + 0.0
         text = f"{rounded:.{max(decimals, 0)}f}"

@@ -89,12 +89,12 @@ def parse_declared(raw: object, quantity: str, origin: Origin) -> float:
 
 
 def parse_sensible(raw: object, quantity: str, origin: Origin = Origin.FILE) -> float:
-    """Read a quantity of a size that a bench can have, in SI.
+    """Read a quantity in SI and check that its size is plausible on a bench.
 
     Raises
     ------
     QuantityError
-        If it is no such quantity, or too small or too large to be meant.
+        If the text is no such quantity, or its value is implausibly small or large.
     """
     value = parse_declared(raw, quantity, origin)
     sensible = _SENSIBLE.get(quantity, _ANYTHING)

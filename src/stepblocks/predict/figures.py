@@ -87,12 +87,16 @@ def _plot_steps(
 
 def _plot_margins(margins: Sequence[Margin], point: OperatingPoint, path: Path) -> None:
     """Draw the map of peak forces round the margins of a set."""
-    largest_gap = 1.25 * max(margin.opening for margin in margins)
-    largest_rise = 1.25 * max(*(abs(margin.rise) for margin in margins), _LEAST_RISE)
-    marks = [(max(margin.opening, 0.0), -margin.rise) for margin in margins]
+    widest = _LEAST_GAP
+    highest = _LEAST_RISE
+    marks = []
+    for margin in margins:
+        widest = max(widest, 1.25 * margin.opening)
+        highest = max(highest, abs(margin.rise))
+        marks.append((max(margin.opening, 0.0), -margin.rise))
     draw_margin_map(
-        np.linspace(0.0, max(largest_gap, _LEAST_GAP), 76),
-        np.linspace(-largest_rise, largest_rise, 81),
+        np.linspace(0.0, widest, 76),
+        np.linspace(-1.25 * highest, 1.25 * highest, 81),
         point,
         path,
         marks,
@@ -108,15 +112,18 @@ def draw_energy_of_height(
 ) -> None:
     """Draw E_v against H with its 95 % interval and the locking height; `marks` in m."""
     heights = 1e6 * np.array([step.height for step in steps])
-    intervals = [estimate_interval(step, point, uncertainty, draws=_DRAWS) for step in steps]
-    is_released = np.array([interval.status is Status.RELEASES for interval in intervals])
+    is_released = np.zeros(len(steps), dtype=bool)
+    energy, low, high = np.empty((3, len(steps)))
+    for place, step in enumerate(steps):
+        interval = estimate_interval(step, point, uncertainty, draws=_DRAWS)
+        is_released[place] = interval.status is Status.RELEASES
+        energy[place] = 1e6 * interval.energy
+        low[place] = 1e6 * interval.energy_low
+        high[place] = 1e6 * interval.energy_high
     if not is_released.any():
         raise ContactError(
             "a figure of energy against height needs a height that releases, got none"
         )
-    energy = 1e6 * np.array([interval.energy for interval in intervals])
-    low = 1e6 * np.array([interval.energy_low for interval in intervals])
-    high = 1e6 * np.array([interval.energy_high for interval in intervals])
     top = 10.0 * energy[is_released].max()
     is_shown = np.isfinite(low)
     figure, axis = make_figure()

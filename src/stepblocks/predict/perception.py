@@ -105,13 +105,17 @@ class Discrimination:
             raise PipelineError(f"discrimination needs a Weber fraction, got none [{self.source}]")
         if len(self.fractions) == 1:
             return
-        energies = [known.energy for known in self.fractions]
-        is_rising = all(np.diff(energies) > 0.0)
+        is_rising = all(np.diff(self.energies) > 0.0)
         if not is_rising:
             raise PipelineError(
                 f"several Weber fractions must stand at rising energies, each with its own "
                 f"[{self.source}]"
             )
+
+    @property
+    def energies(self) -> list[float]:
+        """Energies at which the fractions are known [J]."""
+        return [known.energy for known in self.fractions]
 
     @property
     def has_interval(self) -> bool:
@@ -124,7 +128,7 @@ class Discrimination:
         spreads = np.array([known.log_spread for known in self.fractions])
         if len(self.fractions) == 1:
             return np.full_like(log_energies, logs[0]), np.full_like(log_energies, spreads[0])
-        nodes = np.log([known.energy for known in self.fractions])
+        nodes = np.log(self.energies)
         return np.interp(log_energies, nodes, logs), np.interp(log_energies, nodes, spreads)
 
 
@@ -261,7 +265,7 @@ def read_discrimination(
     else:
         loaded = load_table(Path(table), layout=layout)
         warn_of_notes(loaded.notes, table)
-        places = [loaded.source.name_row(row) for row in range(len(loaded.frame))]
+        places = list(map(loaded.source.name_row, range(len(loaded.frame))))
         source = str(table)
         columns = read_si_columns(loaded.frame, _COLUMNS, loaded.source, lets_missing=True)
     fractions: list[WeberFraction] = []

@@ -68,7 +68,7 @@ def find_column(name: str, known: Collection[object]) -> str:
 
 
 def suggest_column(name: str, known: Collection[object]) -> str:
-    """Return what to add to a message about a column whose name and unit are others by now."""
+    """Return a hint for a message about a column whose name and unit have changed."""
     now = _OTHER_UNIT.get(name)
     if now not in known:
         return ""

@@ -55,7 +55,7 @@ def predict_set(
         stimuli = load_set(Path(stimuli))
     if not as_built:
         return pd.DataFrame(predict_as_declared(stimuli, dragged, speed).rows)
-    groups = read_records_by_serial([Path(path) for path in as_built])
+    groups = read_records_by_serial(list(map(Path, as_built)))
     rows = []
     for predicted in predict_blocks(stimuli, groups, dragged, speed):
         rows += predicted.rows

@@ -293,6 +293,9 @@ def write_sheath_files(stimuli: StimulusSet, folder: Path) -> list[Path]:
         "damping-test.csv": format_csv(tabulate_decay_test(stimuli)),
         "probe.json": json.dumps(probe, indent=2, allow_nan=False) + "\n",
     }
+    paths = []
     for name, text in texts.items():
-        replace_text(folder / name, text)
-    return [folder / name for name in texts]
+        path = folder / name
+        replace_text(path, text)
+        paths.append(path)
+    return paths

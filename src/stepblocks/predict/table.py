@@ -141,7 +141,7 @@ def _read_columns(frame: pd.DataFrame, place: object) -> dict[str, Array]:
 
 def _predict_rows(columns: dict[str, Array], count: int) -> pd.DataFrame:
     """Predict all rows at once; one outside the equations says why it is invalid."""
-    result = pd.DataFrame({name: np.full(count, math.nan) for name in _FIGURES})
+    result = pd.DataFrame(math.nan, index=range(count), columns=list(_FIGURES))
     problems = _find_problems(columns, count)
     is_sound = problems == ""
     result["status"] = pd.Series("invalid", index=result.index, dtype=object)

@@ -194,7 +194,7 @@ class InspectionRecord(BaseModel, frozen=True):
     scan, scan_sha256 : str
         Name of the scan, and the hash of its bytes.
     verdict : str
-        Of the whole; ``measured`` where nothing was asked.
+        Verdict on the whole part; ``measured`` where nothing was asked for.
     statement : str
         How many characteristics were measured and how they were judged; empty of a standard.
     convention : str

@@ -116,9 +116,9 @@ class _Reader:
         return self.units.get(named, usual)
 
     def _read_units(self) -> dict[str, float]:
-        """Return how many SI units make a unit, by its name.
+        """Return the size of each unit in SI, by its name.
 
-        A primary unit, 1 where the file names none, stands under its kind, too.
+        The primary unit of each kind also stands under the kind; it is 1 where the file names none.
         """
         factors = {_LINEAR: 1.0, _ANGULAR: 1.0}
         for unit in self.root.iterfind(f"{_NS}FileUnits//{{*}}*"):

@@ -214,7 +214,7 @@ def compute_truth(plan: SessionPlan, state: DragState) -> Truth | None:
 
 
 def record_true_drag(plan: SessionPlan, state: DragState) -> tuple[Step, OperatingPoint, float]:
-    """Return the same trial for the drag in time.
+    """Return the trial in the form that the drag in time takes.
 
     Returns
     -------
@@ -226,13 +226,11 @@ def record_true_drag(plan: SessionPlan, state: DragState) -> tuple[Step, Operati
     Raises
     ------
     PipelineError
-        If an effect changes what the drag in time has no place for.
+        If an effect changes a quantity that the drag in time does not model.
     """
     for name in _NOT_IN_TIME:
         if np.any(getattr(state, name) != 0.0):
-            raise PipelineError(
-                f"an effect changes {name}, for which the drag in time has no place"
-            )
+            raise PipelineError(f"an effect changes {name}, which the drag in time does not model")
     radius = float(state.radius[0])
     ball_radius = min(plan.model.tip_radius, radius)
     # the frequency refers to the nominal spring

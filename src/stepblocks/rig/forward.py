@@ -62,7 +62,7 @@ class BenchDesign:
     def block_membership(self) -> tuple[tuple[str, ...], NDArray[np.intp]]:
         """Names of the blocks' height errors, and which of them each trial has."""
         blocks, inverse = np.unique(self.block, return_inverse=True)
-        return tuple(format_height_name(block) for block in blocks.tolist()), inverse
+        return tuple(map(format_height_name, blocks.tolist())), inverse
 
     @cached_property
     def friction_shape(self) -> tuple[Floats, Floats]:

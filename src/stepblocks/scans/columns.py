@@ -88,7 +88,7 @@ def _choose_by_clear_names(table: NumberTable, candidates: list[int]) -> Columns
     """
     if not table.names:
         return None
-    names = {column: table.names[column].lower() for column in candidates}
+    names = _take_lower_names(table, candidates)
     heights = _find_beginning_with(names, _Z_NAMES)
     along = _find_beginning_with(names, _X_NAMES)
     across = _find_beginning_with(names, _Y_NAMES)
@@ -120,11 +120,16 @@ def _drop_constant(table: NumberTable, columns: Columns) -> Columns:
     return columns
 
 
+def _take_lower_names(table: NumberTable, columns: list[int]) -> dict[int, str]:
+    """Return the names of columns in lower case, by the places of the columns."""
+    return {column: table.names[column].lower() for column in columns}
+
+
 def _choose_by_names(table: NumberTable, candidates: list[int], channel: str | None) -> Columns:
     """Choose columns by what instruments call them, heights by the channel where one is named."""
     names = {}
     if table.names:
-        names = {column: table.names[column].lower() for column in candidates}
+        names = _take_lower_names(table, candidates)
     if channel is None:
         heights = _find_beginning_with(names, _Z_NAMES)
     else:

@@ -152,8 +152,11 @@ def _read_text_rows(content: bytes, header: _Header, name: str) -> dict[str, Arr
     for field in header.record.names or ():
         columns[field] = place
         place += int(np.prod(header.record[field].shape, dtype=int))
-    lines = [line.split() for line in content.decode("ascii", errors="replace").splitlines()]
-    lines = [words for words in lines if words]
+    lines = []
+    for line in content.decode("ascii", errors="replace").splitlines():
+        words = line.split()
+        if words:
+            lines.append(words)
     if len(lines) != header.points:
         raise MetrologyError(
             f"rows must be as many as the {header.points} POINTS, got {len(lines)} [{name}]"

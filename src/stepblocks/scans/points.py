@@ -239,7 +239,7 @@ def _read_vertices(path: Path) -> Array:
 
 @dataclass(frozen=True)
 class _HeightImage:
-    """Height image of a line camera: counts in base64, and what a count is along each axis."""
+    """Height image of a line camera: counts in base64, and the size of a count along each axis."""
 
     pixel_type: str
     is_little_endian: bool

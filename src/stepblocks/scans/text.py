@@ -310,7 +310,7 @@ def _fit_equal_steps(x: Array, last_digit: float) -> Array | None:
 
 
 def _is_moved(x: Array, even: Array) -> bool:
-    """Tell whether equal steps move a point by more than the arithmetic does."""
+    """Tell whether equal steps move a point by more than rounding does."""
     length = abs(float(x[-1] - x[0]))
     return float(np.abs(even - x).max()) > 1e-9 * length
 

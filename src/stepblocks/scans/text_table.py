@@ -124,8 +124,8 @@ class Notation:
             reader = csv.reader(
                 [line], delimiter=self.separator, quotechar=self.quote, skipinitialspace=True
             )
-            return [cell.strip() for cell in next(reader)]
-        return [field.strip() for field in line.split(self.separator)]
+            return list(map(str.strip, next(reader)))
+        return list(map(str.strip, line.split(self.separator)))
 
     def count_cells(self, line: str) -> int:
         """Count the fields of a line, empty ones included."""

@@ -212,8 +212,11 @@ class SceneFormat:
 
 def find_full_scale_force(events: Events) -> float:
     """Return the largest force of the rings of both drags [N]; 0 where nothing rings."""
-    rings = [event for event in events if event.status is Status.RELEASES]
-    return max((find_largest_force(event) for event in rings), default=0.0)
+    forces = []
+    for event in events:
+        if event.status is Status.RELEASES:
+            forces.append(find_largest_force(event))
+    return max(forces, default=0.0)
 
 
 def write_scene(folder: Path, scene: Scene, form: SceneFormat) -> None:

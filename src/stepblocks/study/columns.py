@@ -79,7 +79,10 @@ class NamedColumns:
     named: Mapping[str, str]
 
     def find(self, ours: str) -> str:
-        """Return their name of one of our columns, a length in any unit; empty where not named."""
+        """Return the name that the table has for one of our columns; empty where none is stated.
+
+        A length may stand in any unit.
+        """
         stem = ours.removesuffix("_um")
         for name in (ours, f"{stem}_mm", f"{stem}_m"):
             if name in self.named:

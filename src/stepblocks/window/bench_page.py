@@ -66,8 +66,7 @@ class BenchForm:
             ui.timer(0.0, self._open, once=True)
 
     def _list_sessions(self) -> list[str]:
-        entries = self._folder.list_entries()
-        return [entry.name for entry in entries if entry.kind is Kind.SESSION]
+        return self._folder.list_names(Kind.SESSION)
 
     async def _take(self, event: events.UploadEventArguments) -> None:
         """Unpack a dropped archive into the folder, and open it."""

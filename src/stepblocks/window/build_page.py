@@ -9,7 +9,7 @@ from stepblocks.errors import StepblocksError
 from stepblocks.window import texts
 from stepblocks.window.command_line import ShownCommand, write_call, write_name
 from stepblocks.window.folder import OUTPUT, Folder, Kind
-from stepblocks.window.frame import compute_for, show_heading, show_mistake
+from stepblocks.window.frame import compute_for, make_columns, show_heading, show_mistake
 from stepblocks.window.job_view import Runnable, show_page
 from stepblocks.window.jobs import Job, JobList
 from stepblocks.window.verdicts import FileVerdict, list_verdicts
@@ -73,8 +73,7 @@ class BuildForm:
     def build(self, file: str) -> None:
         """Make the page."""
         show_heading(texts.BUILD_PAGE)
-        entries = self._folder.list_entries()
-        names = [entry.name for entry in entries if entry.kind is Kind.STIMULI]
+        names = self._folder.list_names(Kind.STIMULI)
         if not names:
             ui.label(texts.NO_STIMULI)
             return
@@ -141,10 +140,7 @@ class BuildForm:
         self._verdicts.clear()  # also what a second look has shown meanwhile
         if not found:
             return
-        columns = [
-            {"name": name, "label": label, "field": name, "align": "left"}
-            for name, label in texts.VERDICT_COLUMNS.items()
-        ]
+        columns = make_columns(texts.VERDICT_COLUMNS)
         rows = [self._make_row(verdict) for verdict in found]
         with self._verdicts, ui.expansion(texts.VERDICTS, value=True).classes("w-full"):
             table = ui.table(columns=columns, rows=rows, pagination=10)

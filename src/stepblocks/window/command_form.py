@@ -16,7 +16,7 @@ from stepblocks.window.jobs import Job, JobList
 
 def split_list(text: str) -> list[str]:
     """Return the entries of a list with commas."""
-    return [entry.strip() for entry in text.split(",")]
+    return list(map(str.strip, text.split(",")))
 
 
 @dataclass(frozen=True)

@@ -58,13 +58,15 @@ class Code:
 
 def write_object(name: str, *arguments: object, **fields: object) -> Code:
     """Write the making of an object of the public face; what is not given is left out."""
-    given = {field: value for field, value in fields.items() if value is not None}
-    written = [*map(repr, arguments), *(f"{field}={value!r}" for field, value in given.items())]
+    written = list(map(repr, arguments))
+    for field, value in fields.items():
+        if value is not None:
+            written.append(f"{field}={value!r}")
     return Code(f"stepblocks.{name}({', '.join(written)})")
 
 
 def write_call(function: str, *arguments: object, **options: object) -> str:
     """Write the lines of Python that call a function of the public face."""
-    written = [repr(argument) for argument in arguments]
+    written = list(map(repr, arguments))
     written += [f"{name}={value!r}" for name, value in options.items()]
     return f"import stepblocks\n\nstepblocks.{function}({', '.join(written)})"

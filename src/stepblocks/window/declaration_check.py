@@ -14,7 +14,7 @@ from stepblocks.quantities import format_number, format_units
 from stepblocks.window import texts
 from stepblocks.window.command_line import ShownCommand, write_call, write_name
 from stepblocks.window.folder import OUTPUT, Folder
-from stepblocks.window.frame import show_heading, show_message, show_mistake
+from stepblocks.window.frame import make_columns, show_heading, show_message, show_mistake
 from stepblocks.window.job_view import Runnable
 from stepblocks.window.jobs import Job, JobList
 from stepblocks.window.session_files import SESSION_FILE
@@ -184,10 +184,7 @@ class DeclarationCheck:
         )
         rows = list_rows(check)
         if rows:
-            columns = [
-                {"name": name, "label": label, "field": name, "align": "left"}
-                for name, label in texts.CHECK_COLUMNS.items()
-            ]
+            columns = make_columns(texts.CHECK_COLUMNS)
             table = ui.table(columns=columns, rows=[vars(row) for row in rows])
             table.props("wrap-cells dense").classes("w-full").mark("check")
         if check.reason:

@@ -50,7 +50,7 @@ class DeclarePage:
         """Make the page; `file` is opened, and `model` predicts what is felt."""
         show_heading(texts.DECLARE)
         ui.label(texts.DECLARE_HELP)
-        names = [entry.name for entry in self._folder.list_entries() if entry.kind is Kind.STIMULI]
+        names = self._folder.list_names(Kind.STIMULI)
         with ui.row().classes("items-center"):
             choice = ui.input(texts.STIMULUS_FILE, value=file, autocomplete=names)
             choice.classes("min-w-[400px]")

@@ -210,16 +210,17 @@ def draw_profile(part: Part) -> str:
 
 def _draw_line(points: Sequence[tuple[float, float]], title: str) -> str:
     """Draw a line through points [m] to one scale, with a bar of a round length."""
-    across = [x for x, _ in points]
-    up = [z for _, z in points]
-    wide = max(across) - min(across)
-    tall = max(up) - min(up)
+    across, up = zip(*points, strict=True)
+    left = min(across)
+    top = max(up)
+    wide = max(across) - left
+    tall = top - min(up)
     scale = min((_WIDTH - 2.0 * _MARGIN) / wide, _MOST_HEIGHT / max(tall, 1e-12))
     height = tall * scale + 3.0 * _MARGIN
-    drawn = " ".join(
-        f"{_MARGIN + (x - min(across)) * scale:.2f},{_MARGIN + (max(up) - z) * scale:.2f}"
-        for x, z in points
-    )
+    places = []
+    for x, z in points:
+        places.append(f"{_MARGIN + (x - left) * scale:.2f},{_MARGIN + (top - z) * scale:.2f}")
+    drawn = " ".join(places)
     length = _choose_bar(0.3 * wide)
     label = f"{format_number(1e6 * length)} µm"
     base = height - 0.6 * _MARGIN

@@ -14,7 +14,7 @@ from stepblocks.parts.kind import Part
 from stepblocks.window import texts
 from stepblocks.window.draft import StanzaPlace
 from stepblocks.window.felt import Felt, draw_profile
-from stepblocks.window.frame import show_message
+from stepblocks.window.frame import make_columns, show_message
 
 _MOST_MISTAKES = 20  # that are shown at once
 _LEARNED = "learned"  # the column by the model of a session
@@ -60,10 +60,7 @@ class FeltView:
         labels = dict(texts.FELT_COLUMNS)
         if model:
             labels[_LEARNED] = texts.FELT_LEARNED
-        columns = [
-            {"name": name, "label": label, "field": name, "align": "left"}
-            for name, label in labels.items()
-        ]
+        columns = make_columns(labels)
         if columns != self._table.columns:
             self._table.columns = columns
         self._table.rows = [vars(row) for row in felt]

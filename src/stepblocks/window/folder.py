@@ -121,15 +121,19 @@ class Folder:
             entries.append(Entry(path.relative_to(self.path).as_posix(), kind))
         return entries
 
+    def list_names(self, kind: Kind) -> list[str]:
+        """List the names of the entries of a kind, in their order."""
+        return [entry.name for entry in self.list_entries() if entry.kind is kind]
+
     def list_felt_files(self) -> list[str]:
         """List the stimulus files that declare something to be felt, in the order of names."""
         from stepblocks.declaration.set import list_kinds
 
         felt = {name for name, kind in list_kinds().items() if kind.has_working_faces}
         names = []
-        for entry in self.list_entries():
-            if entry.kind is Kind.STIMULI and felt & _list_declared_kinds(self.path / entry.name):
-                names.append(entry.name)
+        for name in self.list_names(Kind.STIMULI):
+            if felt & _list_declared_kinds(self.path / name):
+                names.append(name)
         return names
 
     def list_models(self) -> list[str]:

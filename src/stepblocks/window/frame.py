@@ -152,6 +152,14 @@ def _switch_colours(colours: ui.dark_mode) -> None:
     colours.set_value(following[colours.value])
 
 
+def make_columns(labels: Mapping[str, str]) -> list[dict[str, str]]:
+    """Make the columns of a table of the page, by the label of each field of its rows."""
+    columns = []
+    for name, label in labels.items():
+        columns.append({"name": name, "label": label, "field": name, "align": "left"})
+    return columns
+
+
 def show_heading(text: str, level: int = 1) -> None:
     """Show a heading."""
     ui.html(escape(text), tag=f"h{level}", sanitize=False)

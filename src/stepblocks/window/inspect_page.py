@@ -139,7 +139,8 @@ class InspectForm:
         self._refused = ui.column()
         with ui.element("div").classes("beside"):
             with ui.column():
-                self._scan = ui.input(texts.SCAN, value=file, autocomplete=self._list_scans())
+                scans = self._folder.list_names(Kind.SCAN)
+                self._scan = ui.input(texts.SCAN, value=file, autocomplete=scans)
                 self._part = ui.select({}, label=texts.PART, with_input=True)
                 self._unit = ui.input(texts.UNIT)
                 self._channel = ui.input(texts.CHANNEL)
@@ -165,21 +166,16 @@ class InspectForm:
         parts = await compute_for(self._picture, self._list_parts)
         self._part.set_options(parts or {})
 
-    def _list_scans(self) -> list[str]:
-        return [entry.name for entry in self._folder.list_entries() if entry.kind is Kind.SCAN]
-
     def _list_parts(self) -> dict[str, str]:
         """List the parts of all stimulus files of the folder that can be read, by file and part."""
         parts = {}
-        for entry in self._folder.list_entries():
-            if entry.kind is not Kind.STIMULI:
-                continue
+        for name in self._folder.list_names(Kind.STIMULI):
             try:
-                stimuli = load_set(self._folder.resolve(entry.name))
+                stimuli = load_set(self._folder.resolve(name))
             except StepblocksError:  # the page to declare says what is wrong with it
                 continue
             for part in stimuli.stimuli:
-                parts[f"{entry.name}\n{part.id}"] = f"{part.id} ({entry.name})"
+                parts[f"{name}\n{part.id}"] = f"{part.id} ({name})"
         return parts
 
     async def _take(self, event: events.UploadEventArguments) -> None:
@@ -329,6 +325,9 @@ class InspectForm:
     def _read_answers(self) -> InspectionAnswers:
         """Return what the fields and the picked edge say."""
         file, _, part = str(self._part.value).partition("\n")
+        begin = end = ""
+        if self._edge is not None:
+            begin, end = self._edge.begin, self._edge.end
         return InspectionAnswers(
             scan=str(self._scan.value).strip(),
             part=part,
@@ -337,6 +336,6 @@ class InspectForm:
             channel=str(self._channel.value).strip(),
             stylus_radius=str(self._stylus.value).strip(),
             calibration=str(self._calibration.value).strip(),
-            begin="" if self._edge is None else self._edge.begin,
-            end="" if self._edge is None else self._edge.end,
+            begin=begin,
+            end=end,
         )

@@ -89,9 +89,9 @@ class JobView:
 
 
 class Runnable:
-    """A command with a button that runs it, and below it how far it is.
+    """A command with a button that runs it, and its progress below.
 
-    Opened again, the page shows the job that was started before: a closed page ends nothing.
+    A page that is opened again shows the job that was started: closing a page does not end it.
 
     Parameters
     ----------

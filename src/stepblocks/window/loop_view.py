@@ -23,7 +23,13 @@ from stepblocks.window.agreement import (
 )
 from stepblocks.window.command_line import ShownCommand, write_name
 from stepblocks.window.folder import Folder
-from stepblocks.window.frame import compute_for, show_command, show_heading, show_mistake
+from stepblocks.window.frame import (
+    compute_for,
+    make_columns,
+    show_command,
+    show_heading,
+    show_mistake,
+)
 from stepblocks.window.job_view import Runnable
 from stepblocks.window.jobs import JobList
 from stepblocks.window.next_view import show_next_experiment
@@ -230,10 +236,7 @@ def _show_finding(finding: LoopFinding) -> None:
         _make_error_row(texts.BEFORE, finding.nominal),
         _make_error_row(texts.AFTER, finding.extended),
     ]
-    columns = [
-        {"name": name, "label": label, "field": name, "align": "left"}
-        for name, label in texts.ERROR_COLUMNS.items()
-    ]
+    columns = make_columns(texts.ERROR_COLUMNS)
     ui.table(columns=columns, rows=rows, title=texts.ERRORS).mark("errors")
     held_apart = []
     for trial in finding.apart:

@@ -8,7 +8,7 @@ from stepblocks.loop.words import begin_sentence, name_effect, write_plainly
 from stepblocks.quantities import format_column_label, format_number, format_units
 from stepblocks.window import texts
 from stepblocks.window.agreement import AskedExperiment, LoopFinding
-from stepblocks.window.frame import show_heading
+from stepblocks.window.frame import make_columns, show_heading
 
 _NOTHING = "nothing"  # what an effect is told from that has no rival
 _BLOCK_FILE = "next-block.toml"  # beside the result
@@ -73,14 +73,15 @@ def show_next_experiment(finding: LoopFinding, output: str) -> None:
 
 def _show_settings(asked: AskedExperiment) -> None:
     """Show the settings of the trials that are asked for, the best first."""
-    columns = []
+    labels = {}
     for name in asked.trials[0]:
-        label = texts.EXPECTED_GAIN if name == _GAIN else format_column_label(name)
-        columns.append({"name": name, "label": label, "field": name, "align": "left"})
+        labels[name] = format_column_label(name)
+    if _GAIN in labels:
+        labels[_GAIN] = texts.EXPECTED_GAIN
     rows = []
     for trial in asked.trials:
         rows.append({name: _format_cell(value) for name, value in trial.items()})
-    ui.table(columns=columns, rows=rows, title=texts.NEXT_SETTINGS).mark("settings")
+    ui.table(columns=make_columns(labels), rows=rows, title=texts.NEXT_SETTINGS).mark("settings")
 
 
 def _format_cell(value: float | str) -> str:

@@ -15,7 +15,13 @@ from stepblocks.window.command_line import write_call, write_object
 from stepblocks.window.folder import Folder, Kind
 from stepblocks.window.frame import is_gone, show_heading, show_message
 from stepblocks.window.jobs import Job, JobList
-from stepblocks.window.set_request import FIRST_KIND, find_marks, format_target, read_request
+from stepblocks.window.set_request import (
+    FIRST_KIND,
+    find_marks,
+    format_target,
+    keep_filled,
+    read_request,
+)
 from stepblocks.window.target_axis import TargetAxis
 
 _FIRST_FILE = "even.toml"
@@ -29,7 +35,7 @@ class _SetDesignCommand(FormCommand):
 
     def write_python(self, answers: Mapping[str, str]) -> str:
         """Write the lines that design, write and draw; nothing where an answer is no number."""
-        said = {name: text.strip() for name, text in answers.items() if text.strip()}
+        said = keep_filled(answers)
         try:
             request = read_request(answers)
         except PipelineError:
@@ -110,8 +116,7 @@ class SetForm:
             ui.button(texts.ADD_TARGET, on_click=self._axis.add).props("no-caps")
             self._state = ui.label().props("role=status").mark("design-state")
         self._problems = ui.column().mark("problems")
-        entries = self._folder.list_entries()
-        stimuli = [entry.name for entry in entries if entry.kind is Kind.STIMULI]
+        stimuli = self._folder.list_names(Kind.STIMULI)
         self._form = CommandForm(
             make_set_design(stimuli),
             self._folder,

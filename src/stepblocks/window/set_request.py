@@ -43,6 +43,15 @@ class SetRequest:
     route: dict[str, str] = field(default_factory=dict)
 
 
+def keep_filled(answers: Mapping[str, str]) -> dict[str, str]:
+    """Return the answers that say something, without blanks around them."""
+    filled = {}
+    for name, text in answers.items():
+        if text.strip():
+            filled[name] = text.strip()
+    return filled
+
+
 def read_request(answers: Mapping[str, str]) -> SetRequest:
     """Read the answers of the form of a set.
 
@@ -51,8 +60,11 @@ def read_request(answers: Mapping[str, str]) -> SetRequest:
     PipelineError
         If an answer that must be a number is none.
     """
-    said = {name: text.strip() for name, text in answers.items() if text.strip()}
-    options: dict[str, Any] = {name: said[name] for name in _AS_GIVEN if name in said}
+    said = keep_filled(answers)
+    options: dict[str, Any] = {}
+    for name in _AS_GIVEN:
+        if name in said:
+            options[name] = said[name]
     if "number" in said:
         options["number"] = _read_number(said, "number", int)
     conditions: dict[str, object] = {}

@@ -28,16 +28,16 @@ MOST_SLIDERS = 12  # of a stanza
 
 @dataclass(frozen=True)
 class SizeRange:
-    """What a slider of a size goes over.
+    """The range that the slider of a size covers.
 
     Attributes
     ----------
     value : float
-        Where it begins.
+        Initial value.
     unit : str
-        Of all values, as the entry has it.
+        Unit of all values, as in the entry.
     grid : float
-        Distance of the sizes of a series, of which an end moves by whole ones; 0 of other sizes.
+        Spacing of the sizes of a series, whose ends move by whole steps; 0 for other sizes.
     """
 
     value: float

@@ -180,7 +180,7 @@ class StudyPage:
 
     def _list(self, kind: Kind) -> list[str]:
         """List the names of the entries of a kind."""
-        return [entry.name for entry in self._folder.list_entries() if entry.kind is kind]
+        return self._folder.list_names(kind)
 
     def _choose_first(self) -> dict[str, str]:
         """Answer the questions of a file and a study where the folder has just one of them."""

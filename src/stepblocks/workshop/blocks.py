@@ -49,7 +49,7 @@ def draw_step_block_views(sheet: Sheet, block: StepBlock) -> list[str]:
         (x + sizes.half_length + 10.0, y - 17.0),
         "working edge, detail D",
     )
-    first, *further = _list_drawn_edges(block)
+    first, *further = _list_edge_details(block)
     _draw_step_detail(sheet, first)
     second = block.second_step
     if second is not None:
@@ -153,8 +153,8 @@ def _caption_detail(sheet: Sheet, place: Point, caption: str) -> None:
 
 
 @dataclass(frozen=True)
-class _DrawnEdge:
-    """An edge of a block as its detail shows it."""
+class _EdgeDetail:
+    """The enlarged view of an edge of a block: where it stands, and what it shows."""
 
     block: StepBlock  # that has this edge alone
     origin: Point  # of the root of its riser on the paper
@@ -176,16 +176,18 @@ class _DrawnEdge:
         return 2.0 if self.falls else -16.0
 
 
-def _list_drawn_edges(block: StepBlock) -> list[_DrawnEdge]:
-    """List the details of the edges of a block, the working edge first."""
+def _list_edge_details(block: StepBlock) -> list[_EdgeDetail]:
+    """List the enlarged views of the edges of a block, that of the working edge first."""
     first_edge, *further = block.list_felt_edges()
     second = block.second_step
     if second is None:
-        return [_DrawnEdge(first_edge, _DETAIL, "D", 42.0, 62.0)]
-    drawn = [_DrawnEdge(first_edge, _DETAIL, "D", 42.0, 56.0, face_count=3)]
+        return [_EdgeDetail(first_edge, _DETAIL, "D", 42.0, 62.0)]
+    drawn = [_EdgeDetail(first_edge, _DETAIL, "D", 42.0, 56.0, face_count=3)]
     for edge in further:
         falls = second.direction == "down"
-        drawn.append(_DrawnEdge(edge, _SECOND_DETAIL, "E", 28.0, 60.0, SECOND, falls, face_count=0))
+        drawn.append(
+            _EdgeDetail(edge, _SECOND_DETAIL, "E", 28.0, 60.0, SECOND, falls, face_count=0)
+        )
     return drawn
 
 
@@ -220,7 +222,7 @@ class _StepOnPaper:
         return self.outline[len(self.outline) // 2]
 
     @classmethod
-    def from_edge(cls, edge: _DrawnEdge) -> "_StepOnPaper":
+    def from_edge(cls, edge: _EdgeDetail) -> "_StepOnPaper":
         """Choose the scales of lengths and heights, and place step and rounding."""
         height = edge.block.height.nominal
         radius = edge.block.edge_radius.nominal
@@ -242,7 +244,7 @@ class _StepOnPaper:
         return cls(view, top, outline)
 
 
-def _draw_step_detail(sheet: Sheet, edge: _DrawnEdge) -> None:
+def _draw_step_detail(sheet: Sheet, edge: _EdgeDetail) -> None:
     """Draw the detail of an edge, heights exaggerated, with all that is asked of it."""
     step = _StepOnPaper.from_edge(edge)
     x, lower = edge.origin
@@ -274,7 +276,7 @@ def _draw_step_detail(sheet: Sheet, edge: _DrawnEdge) -> None:
     _caption_detail(sheet, (x, lower - 33.0), caption)
 
 
-def _draw_step_outline(sheet: Sheet, edge: _DrawnEdge, step: _StepOnPaper) -> None:
+def _draw_step_outline(sheet: Sheet, edge: _EdgeDetail, step: _StepOnPaper) -> None:
     """Draw lower face, riser and upper face between two breaks, and a relief to no scale."""
     x, lower = edge.origin
     top = step.top
@@ -304,7 +306,7 @@ def _describe_scales(sheet: Sheet, length_scale: float, height_scale: float) -> 
     return f"{lengths}, heights {format_scale(height_scale)}"
 
 
-def _draw_edge_states(sheet: Sheet, edge: _DrawnEdge, step: _StepOnPaper) -> None:
+def _draw_edge_states(sheet: Sheet, edge: _EdgeDetail, step: _StepOnPaper) -> None:
     """Draw the states of both edges (ISO 13715).
 
     The outer edge is free of burr; a root without a relief may have a fillet or an undercut.
@@ -325,7 +327,7 @@ def _draw_edge_states(sheet: Sheet, edge: _DrawnEdge, step: _StepOnPaper) -> Non
     sheet.draw_edge_state((x, lower), (x + 10.0, lower - 7.0), root_state)
 
 
-def _draw_riser_demands(sheet: Sheet, edge: _DrawnEdge, top: float) -> None:
+def _draw_riser_demands(sheet: Sheet, edge: _EdgeDetail, top: float) -> None:
     """Draw angle and straightness of the riser."""
     x, lower = edge.origin
     middle = lower + 0.35 * (top - lower)
@@ -356,7 +358,7 @@ def _draw_face_demands(sheet: Sheet, top: float, face_count: int) -> None:
     sheet.draw_texture((x + 46.0, top), "roughness", f" ({face_count} x)")
 
 
-def _draw_demands_behind(sheet: Sheet, edge: _DrawnEdge, top: float) -> None:
+def _draw_demands_behind(sheet: Sheet, edge: _EdgeDetail, top: float) -> None:
     """Draw flatness and parallelism of the face behind a second edge."""
     x, lower = edge.origin
     flatness = f"{edge.prefix}flatness_upper"
@@ -466,7 +468,7 @@ class _MarginOnPaper:
         wall, level = view.place(gap, rise)
         depth_on_paper = depth * MILLIMETRES_PER_METRE * scale
         floor = tooth + max(-depth_on_paper, -_DEEPEST_GAP)
-        corner = [view.place(x, z) for x, z in margin.corner]
+        corner = view.place_line(margin.corner)
         return cls(view, wall, level, floor, tooth - depth_on_paper < floor, corner)
 
 

@@ -12,6 +12,7 @@ from stepblocks.workshop.paper import (
     Point,
     choose_scale,
     format_scale,
+    shift_points,
 )
 from stepblocks.workshop.sheet import Sheet
 
@@ -72,8 +73,7 @@ def _draw_front(sheet: Sheet, body: Body, sizes: BodyOnPaper, identity: str) -> 
     left = x - half
     right = x + half
     octagon = _list_octagon((-half, -sizes.thickness), (half, 0.0), edge_break)
-    outline = [(x + along, upper + up) for along, up in octagon]
-    sheet.draw_polyline(outline, closed=True)
+    sheet.draw_polyline(shift_points(octagon, (x, upper)), closed=True)
     sheet.draw_dimension(
         "thickness",
         (left + edge_break, base),
@@ -151,7 +151,7 @@ def _draw_top(sheet: Sheet, sizes: BodyOnPaper) -> None:
     octagon = _list_octagon(
         (-sizes.half_length, -sizes.half_width), (sizes.half_length, sizes.half_width), edge_break
     )
-    sheet.draw_polyline([(x + along, y + up) for along, up in octagon], closed=True)
+    sheet.draw_polyline(shift_points(octagon, TOP_VIEW), closed=True)
     sheet.draw_rectangle(
         (left + edge_break, lower + edge_break),
         (right - edge_break, upper - edge_break),

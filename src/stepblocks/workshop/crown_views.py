@@ -147,18 +147,12 @@ def _draw_in_window(sheet: Sheet, section: list[Point], radius: float, scale: fl
     """Draw what a window about the margin shows of a half section (radius, height)."""
     import shapely
 
-    x, y = _MARGIN_VIEW
+    view = View(_MARGIN_VIEW, scale)
     shown = _WINDOW / (MILLIMETRES_PER_METRE * scale)
     window = shapely.box(radius - shown, -shown, radius + shown, shown)
     inside = shapely.LineString(section).intersection(window)
     for piece in getattr(inside, "geoms", [inside]):
         if piece.geom_type != "LineString":
             continue
-        line = [
-            (
-                x + (r - radius) * MILLIMETRES_PER_METRE * scale,
-                y + z * MILLIMETRES_PER_METRE * scale,
-            )
-            for r, z in piece.coords
-        ]
+        line = [view.place(r - radius, z) for r, z in piece.coords]
         sheet.draw_polyline(line)

@@ -11,7 +11,7 @@ from stepblocks.files.atomic import replace_text
 from stepblocks.files.tables import write_table
 from stepblocks.parts.apparatus.declared import Apparatus
 from stepblocks.parts.apparatus.interference import find_interferences
-from stepblocks.parts.apparatus.layout import list_components, list_stages
+from stepblocks.parts.apparatus.layout import list_components, list_made_names, list_stages
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.kit_part import KitPart
@@ -37,8 +37,7 @@ def find_kits(parts: Sequence[Part]) -> list[Apparatus]:
             names.setdefault(part.kit.id, set()).add(part.component)
     whole = []
     for identity, kit in kits.items():
-        made = {component.name for component in list_components(kit) if component.is_made}
-        if made <= names[identity]:
+        if names[identity].issuperset(list_made_names(kit)):
             whole.append(kit)
     return whole
 

@@ -90,7 +90,7 @@ def _draw_stage(path: Path, stages: Sequence[Stage], first_item: int) -> None:
 
 
 def _list_solids(stages: Sequence[Stage]) -> list[_Painted]:
-    """List what is painted: those of the last of several stages in its colour."""
+    """List the solids to paint; those of the last stage have a colour of their own."""
     boxes: list[Box] = []
     for stage in stages:
         for component in stage.components:

@@ -113,8 +113,8 @@ def _describe_stock(stock: Box | Cylinder) -> str:
     if isinstance(stock, Cylinder):
         diameter = format_millimetres(stock.diameter, 1)
         return f"round bar, diameter {diameter} mm, {format_millimetres(stock.length, 1)} mm long"
-    sides = [high - low for low, high in zip(stock.low, stock.high, strict=True)]
-    return "plate or bar, " + " x ".join(format_millimetres(side, 1) for side in sides) + " mm"
+    sizes = " x ".join(format_millimetres(size, 1) for size in stock.sizes)
+    return f"plate or bar, {sizes} mm"
 
 
 def _list_setups(component: Component) -> list[tuple[SetupLine, list[Cylinder]]]:

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from stepblocks.parts.apparatus.component import Component
-from stepblocks.parts.apparatus.solids import Box, Cylinder
+from stepblocks.parts.apparatus.solids import Box, Cylinder, enclose_boxes
 from stepblocks.parts.kinds.kit_part import KitPart
 from stepblocks.parts.lettering import compute_text_width
 from stepblocks.workshop.free_places import Circle, DrawnLines, Rectangle
@@ -189,9 +189,7 @@ def _lay_out_views(
     extent: Box, has_left_view: bool, left: float, foot: float, room: Point
 ) -> list[_PlacedView]:
     """Place front view, top view below it and left view to the right of it, in a room [mm]."""
-    length, width, height = (
-        MILLIMETRES_PER_METRE * (b - a) for a, b in zip(extent.low, extent.high, strict=True)
-    )
+    length, width, height = (MILLIMETRES_PER_METRE * size for size in extent.sizes)
     room_x, room_y = room
     across = length
     free_x = room_x
@@ -212,10 +210,7 @@ def _lay_out_views(
 
 def _find_common_extent(components: Sequence[Component]) -> Box:
     """Find the box around several components."""
-    extents = [component.bounding_box for component in components]
-    low_x, low_y, low_z = (min(extent.low[axis] for extent in extents) for axis in range(3))
-    high_x, high_y, high_z = (max(extent.high[axis] for extent in extents) for axis in range(3))
-    return Box((low_x, low_y, low_z), (high_x, high_y, high_z))
+    return enclose_boxes([component.bounding_box for component in components])
 
 
 def _draw_component(paper: Paper, view: _PlacedView, component: Component) -> None:

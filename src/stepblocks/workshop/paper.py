@@ -1,7 +1,7 @@
 """A sheet of paper as a DXF drawing [mm]: layers, lines, circles, hatches, arrows and texts."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import TypeAlias
@@ -110,6 +110,16 @@ class View:
         across = origin_x + x * MILLIMETRES_PER_METRE * self.scale
         up = origin_z + z * MILLIMETRES_PER_METRE * height_scale
         return across, up
+
+    def place_line(self, points: Iterable[Point]) -> list[Point]:
+        """Return the places on the paper [mm] of the points of a line on the part [m]."""
+        return [self.place(x, z) for x, z in points]
+
+
+def shift_points(points: Iterable[Point], offset: Point) -> list[Point]:
+    """Return points on the paper, moved by an offset [mm]."""
+    across, up = offset
+    return [(x + across, y + up) for x, y in points]
 
 
 class Paper:

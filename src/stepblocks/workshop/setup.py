@@ -122,7 +122,11 @@ def _render_sheet(block: Block, routes: Sequence[Route], pair: GaugePair | None)
         letters_middle += engraving.offset[1]
         letters = engraving.choose_text(block.id)
         letters_place = _describe_letters_place(engraving.offset[0])
-    relief = block.relief if isinstance(block, StepBlock) else None
+    relief = second = None
+    if isinstance(block, StepBlock):
+        relief = block.relief
+        second = block.second_step
+    unproven = [line.label for line in left_dimensions if line.accepted is None]
     base = None
     grade: Grade | None = None
     if pair is not None:
@@ -137,14 +141,14 @@ def _render_sheet(block: Block, routes: Sequence[Route], pair: GaugePair | None)
         reached="; ".join(_list_reaching(routes)),
         tight=_find_tight_axes(block, stock_sizes),
         steps=_list_steps(block),
-        second=block.second_step if isinstance(block, StepBlock) else None,
+        second=second,
         probed=_list_probed(block),
         burr=f"{block.face_demands['burr'].upper * 1e6:.3g} um",
         second_burr=f"{block.list_felt_edges()[-1].face_demands['burr'].upper * 1e6:.3g} um",
         cut=f"{GRINDING * 1e3:g} mm",
         allowances=allowances,
         left_lines=_list_left_lines(left_dimensions),
-        unproven=[line.label for line in left_dimensions if line.accepted is None],
+        unproven=unproven,
         countersink=_describe_countersink(block, allowances),
         letters_middle=format_millimetres(letters_middle, 3),
         letters=letters,

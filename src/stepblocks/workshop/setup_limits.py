@@ -236,7 +236,7 @@ def _find_ground_thickness(block: Block, thickness: Band, lapped: Band) -> Band:
 def _find_counterbore_floor(mounting: Mounting, thickness: Band, ground: Band) -> Band:
     """Find how far the floor of the counterbores lies over the base before it is ground [m].
 
-    Their depth is the thickness less what is left of this.
+    The depth of a counterbore is the thickness less this floor after grinding.
     """
     depth = Band.from_dimension(mounting.depth)
     least = thickness.high + ground.high - depth.high

@@ -24,7 +24,15 @@ from stepblocks.workshop.inches import (
     format_least,
     format_roughness,
 )
-from stepblocks.workshop.paper import TEXT_HEIGHT, Alignment, Layer, Paper, Point, use_decimal_comma
+from stepblocks.workshop.paper import (
+    TEXT_HEIGHT,
+    Alignment,
+    Layer,
+    Paper,
+    Point,
+    shift_points,
+    use_decimal_comma,
+)
 
 # strokes of the symbols in tolerance frames (ISO 1101), from the lower left corner of their cell
 # [mm]; the only note in a frame is the straightness of a line
@@ -380,8 +388,7 @@ class Sheet(Paper):
         if key == "runout":
             strokes = _RUNOUT_SYMBOL
         for stroke in strokes:
-            points = [(x + along, y + up) for along, up in stroke]
-            self.draw_polyline(points, Layer.FRAME)
+            self.draw_polyline(shift_points(stroke, corner), Layer.FRAME)
         zone_place = (x + cell + 0.5 * zone_cell, middle)
         self.state_characteristic(key, zone_place, zone, Alignment.MIDDLE_CENTER)
         if datum:

@@ -1,7 +1,8 @@
 """Views of probe tips and sheaths, which are turned."""
 
+import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from textwrap import wrap
 
 from stepblocks.parts.kinds.sheath import MASS_MATCH, Sheath, format_mass
@@ -44,9 +45,14 @@ def _draw_mirrored(
     sheet: Sheet, view: View, outline: Sequence[Point], closed: bool = False
 ) -> None:
     """Draw a half section (radius, height) on either side of its axis, which lies level."""
+    for half in _place_halves(view, outline):
+        sheet.draw_polyline(half, closed=closed)
+
+
+def _place_halves(view: View, outline: Sequence[Point]) -> Iterator[list[Point]]:
+    """Yield the upper, then the lower half of a section (radius, height) on the paper."""
     for side in (1.0, -1.0):
-        points = [view.place(height, side * radius) for radius, height in outline]
-        sheet.draw_polyline(points, closed=closed)
+        yield [view.place(height, side * radius) for radius, height in outline]
 
 
 def _describe_shank(sheet: Sheet, tip: StraightTip) -> list[str]:
@@ -95,7 +101,8 @@ def draw_hook_tip_views(sheet: Sheet, tip: HookTip) -> list[str]:
     end_face = [inner[-1], outer[-1]]
     view = _draw_side_view(sheet, tip, tip.cone_end, [inner, outer, end_face])
     _lead_to_bend(sheet, tip, view, outer)
-    lowest = min(-wire, *(y for line in (inner, outer, end_face) for _, y in line))
+    _, heights = zip(*inner, *outer, strict=True)
+    lowest = min(-wire, *heights)
     _caption_side_view(sheet, view, lowest)
     _draw_ball(sheet, tip)
     return []
@@ -152,11 +159,12 @@ def _draw_side_view(sheet: Sheet, tip: Tip, axis_end: float, more: list[list[Poi
     The axis is drawn up to `axis_end` [m]. Returns the view, whose origin is the contact point.
     """
     half_section = list_outline_points(tip.outline(), CHORD)
-    upper = [(height, radius) for radius, height in half_section]
-    lower = [(height, -radius) for radius, height in half_section]
+    upper, lower = [], []
+    for radius, height in half_section:
+        upper.append((height, radius))
+        lower.append((height, -radius))
     lines = [upper, lower, *more]
-    along = [x for line in lines for x, _ in line]
-    across = [y for line in lines for _, y in line]
+    along, across = zip(*itertools.chain(*lines), strict=True)
     width = MILLIMETRES_PER_METRE * (max(along) - min(along))
     height = MILLIMETRES_PER_METRE * (max(across) - min(across))
     shank = MILLIMETRES_PER_METRE * tip.shank_radius.nominal
@@ -165,7 +173,7 @@ def _draw_side_view(sheet: Sheet, tip: Tip, axis_end: float, more: list[list[Poi
     axis_y = _SIDE_Y - half_magnification * (min(across) + max(across))
     view = View((_SIDE_X, axis_y), scale)
     for line in lines:
-        sheet.draw_polyline([view.place(x, y) for x, y in line])
+        sheet.draw_polyline(view.place_line(line))
     end_x, _ = view.place(axis_end, 0.0)
     sheet.draw_line((_SIDE_X - 5.0, axis_y), (end_x + 5.0, axis_y), Layer.CENTRE)
     return view
@@ -250,8 +258,8 @@ def _draw_sheath_section(sheet: Sheet, sheath: Sheath, view: View) -> None:
     chamfer = sheath.edge_break.nominal
     outline = sheath.outline()
     _draw_mirrored(sheet, view, outline, closed=True)
-    for side in (1.0, -1.0):
-        sheet.draw_hatch([view.place(height, side * radius) for radius, height in outline])
+    for wall in _place_halves(view, outline):
+        sheet.draw_hatch(wall)
     if "edge_break" in sheet.listed:
         corner = view.place(length - 0.5 * chamfer, half_outer - 0.5 * chamfer)
         x, y = corner

@@ -180,11 +180,12 @@ def _read_values(file: Exchange, ref: str) -> _Limits:
                 nominal = measure
     if nominal is None:
         return _Limits(None)
-    return _Limits(
-        nominal,
-        math.nan if lower is None else lower.si - nominal.si,
-        math.nan if upper is None else upper.si - nominal.si,
-    )
+    lower_deviation = upper_deviation = math.nan
+    if lower is not None:
+        lower_deviation = lower.si - nominal.si
+    if upper is not None:
+        upper_deviation = upper.si - nominal.si
+    return _Limits(nominal, lower_deviation, upper_deviation)
 
 
 def _read_label(file: Exchange, item: object) -> str:

@@ -249,7 +249,7 @@ class _Placement:
 
 
 def _read_placement(file: Exchange, ref: object) -> _Placement:
-    """Read a placement; nan where it is none."""
+    """Read a placement; NaN where there is none."""
     parameters = file.get_parameters(ref, "AXIS2_PLACEMENT_3D")
     if len(parameters) != 4:
         return _Placement(_NOWHERE, _NOWHERE, _NOWHERE)

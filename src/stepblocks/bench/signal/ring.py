@@ -33,7 +33,7 @@ _HARD = 7.0  # misfit up to which another kind of ring than a cosine is taken
 _CLOSER = 0.05  # share of the misfit of the cosine, likewise
 # places in the shape of a fit
 _FREQUENCY, _DECAY_TIME = range(2)
-_REST_WEIGHT = 4  # of what is left of the release, after level, drift and hum
+_RELEASE_WEIGHT = 4  # of the decay of the release, after level, drift and hum
 _RING_WEIGHTS = slice(-2, None)  # cosine and sine
 _PARAMETERS_OF_COSINE = 3  # in its shape
 
@@ -128,11 +128,11 @@ class Ring:
         """Return the whole fit [N] at the instants `time`."""
         return self._model(time - self.origin, self.fit.shape)
 
-    def compute_curve_without_rest(self, time: Array) -> Array:
-        """Return the fit [N] at the instants `time` without what is left of the release."""
+    def compute_curve_without_release(self, time: Array) -> Array:
+        """Return the fit [N] at the instants `time` without the decay of the release."""
         columns = self.basis.build_columns(time - self.origin, self.fit.shape)
         weights = self.fit.weights.copy()
-        weights[_REST_WEIGHT] = 0.0
+        weights[_RELEASE_WEIGHT] = 0.0
         return np.asarray(columns @ weights, dtype=float)
 
     def compute_curve_std(self, instant: float) -> float:

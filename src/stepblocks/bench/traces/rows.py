@@ -32,7 +32,7 @@ class TrialRow:
         Raises
         ------
         TraceError
-            If the array has not as many rows as the table has trials.
+            If the array does not have as many rows as the table has trials.
         """
         if len(shape) == 2 and shape[0] == self.count != shape[1]:
             return 0

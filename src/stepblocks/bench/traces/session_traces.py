@@ -223,7 +223,7 @@ class Traces(ExitStack):
 
 
 def _describe_layout(acquisition: Acquisition) -> TextLayout:
-    """Return how the text of traces is written; columns that are counted have no names."""
+    """Return how the text of traces is written; columns given by their number have no names."""
     is_named = True
     for channel, _ in acquisition.channels.pair_with_dimensions().values():
         if isinstance(channel.column, int):

@@ -81,10 +81,11 @@ class CentrePath:
 
     def find_notch(self, direction: float) -> Notch:
         """Find where the probe catches: the steepest rise in the direction of the drag."""
-        is_forward = direction > 0
-        if is_forward:
+        if direction > 0:
+            first_knot = 0
             slope, x = self.slope_start, self.x[:-1]
         else:
+            first_knot = 1
             slope, x = -self.slope_end, self.x[1:]
         if self.feature is not None:
             reach = self.feature.ball_radius * slope / np.hypot(1.0, slope)
@@ -92,7 +93,7 @@ class CentrePath:
             is_asked = (touched >= self.feature.first) & (touched <= self.feature.last)
             slope = np.where(is_asked, slope, -np.inf)
         piece = int(np.argmax(slope))
-        knot = piece if is_forward else piece + 1
+        knot = piece + first_knot
         return Notch(float(self.x[knot]), float(self.z[knot]), _find_angle(float(slope[piece])))
 
     def scaled(self, scale: float) -> "CentrePath":
@@ -112,7 +113,9 @@ def _find_angle(slope: float) -> float:
     if slope >= STEEPEST:
         return 0.5 * math.pi
     angle = math.atan(max(slope, 0.0))
-    return angle if angle > _CATCH else 0.0
+    if angle > _CATCH:
+        return angle
+    return 0.0
 
 
 def find_outline(points: ArrayLike) -> tuple[list[Disc], list[Line]]:

@@ -67,10 +67,11 @@ def build_profile_path(
     require_positive("ball radius", ball_radius, "m")
     xs, zs = _check_profile(x, z)
     elements = _add_level_ends(_list_elements(xs, zs, ball_radius), xs, zs, ball_radius)
-    where = _choose_positions(xs, ball_radius) if positions is None else positions
-    height, contact, element = kernels.dilate_profile(where, elements, ball_radius)
-    slope = kernels.compute_path_slopes(where, contact, element, ball_radius)
-    return TipPath(where, height, contact, slope, element, elements, ball_radius)
+    if positions is None:
+        positions = _choose_positions(xs, ball_radius)
+    height, contact, element = kernels.dilate_profile(positions, elements, ball_radius)
+    slope = kernels.compute_path_slopes(positions, contact, element, ball_radius)
+    return TipPath(positions, height, contact, slope, element, elements, ball_radius)
 
 
 def _add_level_ends(elements: Array, x: Array, z: Array, ball_radius: float) -> Array:
@@ -149,13 +150,16 @@ def find_steepest_catch(path: TipPath, within: tuple[float, float] | None = None
 
     `within` holds the search to a range of the positions that the tip touches [m].
     """
+    least = -math.inf
+    if within is None:
+        least = _find_least_steepest(path)
     # steepest rise between neighbouring positions, its place, and the contact there, (n - 1, 3)
     steepest = kernels.find_steepest_in_each(
         path.position,
         path.height,
         path.contact,
         path.element,
-        _find_least_steepest(path) if within is None else -math.inf,
+        least,
         path.elements,
         path.ball_radius,
         _find_tolerance(path),
@@ -173,7 +177,7 @@ def find_steepest_catch(path: TipPath, within: tuple[float, float] | None = None
 
 
 def _find_least_steepest(path: TipPath) -> float:
-    """Find a slope that the steepest one reaches at least [1]: only steeper intervals count.
+    """Find a lower bound of the steepest slope [1]: only steeper intervals count.
 
     The mean slope of an interval is never more than its greatest; a little less guards against
     rounding.

@@ -69,14 +69,16 @@ def find_burr(across: Array, height: Array, step: float, exclusion: float) -> Bu
     # material that leans over the lower face is a burr as well: it is higher than the upper face
     leaning = np.where(across > 0.0, upper, height - step)
     peak = _find_highest(leaning, zone)
-    floors = [
-        _find_highest(-upper, quiet_upper).height,
-        _find_highest(lower, quiet_lower).height,
-        _find_highest(-lower, quiet_lower).height,
-    ]
-    usual = [floor for floor in floors if np.isfinite(floor)]
+    floors = np.array(
+        [
+            _find_highest(-upper, quiet_upper).height,
+            _find_highest(lower, quiet_lower).height,
+            _find_highest(-lower, quiet_lower).height,
+        ]
+    )
+    usual = floors[np.isfinite(floors)]
     noise = 0.0
-    if usual:
+    if len(usual) > 0:
         noise = 0.5 * max(float(np.median(usual)), 0.0)
     std = noise
     if len(usual) > 1:

@@ -54,6 +54,11 @@ class CrossedEdges:
         """Flanks of the profiles that show one."""
         return [edge.flank for edge in self.edges if edge.flank is not None]
 
+    @property
+    def middles(self) -> list[float]:
+        """Where the middle of the edge lies in each profile [m]."""
+        return [edge.middle for edge in self.edges]
+
     def take_evenly(self, most: int) -> tuple[CrossedEdge, ...]:
         """Return about `most` of the profiles, or all of fewer, evenly over a map."""
         return self.crossings[:: max(len(self.crossings) // most, 1)]

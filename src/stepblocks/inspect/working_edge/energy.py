@@ -158,10 +158,10 @@ def _collect_edge(result: InspectionResult, prefix: str = "") -> _MeasuredEdge |
 def _find_relief(result: InspectionResult) -> tuple[float, float] | None:
     """Return nominal width and depth of the relief of a part [m]; None of one without."""
     nominal = {}
-    measured = [judgement.characteristic for judgement in result.judged]
-    absent = [line.characteristic for line in result.missing]
-    for characteristic in (*measured, *absent):
-        nominal[characteristic.key] = characteristic.nominal
+    for judgement in result.judged:
+        nominal[judgement.characteristic.key] = judgement.characteristic.nominal
+    for line in result.missing:
+        nominal[line.characteristic.key] = line.characteristic.nominal
     if "relief_width" not in nominal:
         return None
     return nominal["relief_width"], nominal["relief_depth"]

@@ -274,11 +274,17 @@ def _fit_edges(turned: _TurnedProfiles, options: EvaluationOptions) -> CrossedEd
 
 def _compare_edges(attempts: Attempts[ScannedProfile, Edge]) -> Crossings:
     """Return heights and places of the edges of profiles; a place may be off by the exclusion."""
-    edges = attempts.results
-    heights = np.array([edge.height.value for edge in edges])
-    places = np.array([edge.position for edge in edges])
-    slack = np.array([edge.exclusion for edge in edges])
-    return Crossings(heights.reshape(-1, 1), places.reshape(-1, 1), slack.reshape(-1, 1))
+    heights, places, slack = [], [], []
+    for edge in attempts.results:
+        heights.append(edge.height.value)
+        places.append(edge.position)
+        slack.append(edge.exclusion)
+    return Crossings(_make_column(heights), _make_column(places), _make_column(slack))
+
+
+def _make_column(values: Sequence[float]) -> Array:
+    """Return values as a column, shape (n, 1)."""
+    return np.array(values, dtype=np.float64).reshape(-1, 1)
 
 
 def _average_height(crossed: CrossedEdges, instrument: Instrument) -> Measured:
@@ -399,9 +405,8 @@ def _locate_points_across_edge(turned: _TurnedProfiles, crossed: CrossedEdges) -
         points = crossed.first.levelled
         return LevelledPoints(points.across[np.newaxis], points.level[np.newaxis])
     y = np.array([crossing.row.offset for crossing in crossed.crossings])
-    middles = [edge.middle for edge in crossed.edges]
     offsets = [edge.offset for edge in crossed.edges]
-    middle = _interpolate_line(y, middles, scan.y)
+    middle = _interpolate_line(y, crossed.middles, scan.y)
     offset = _interpolate_line(y, offsets, scan.y)
     x = scan.x * turned.turn
     tilt = float(np.median([edge.tilt for edge in crossed.edges]))

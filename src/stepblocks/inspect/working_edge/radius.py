@@ -19,7 +19,7 @@ from stepblocks.inspect.budget import (
 from stepblocks.inspect.edge import NO_RISER, fit_edge
 from stepblocks.inspect.edge_arc import RESOLVED
 from stepblocks.inspect.edge_flank import LEAST_ON_FLANK
-from stepblocks.inspect.noise import Estimate, Refit, compute_change
+from stepblocks.inspect.noise import Estimate, Refit, average_stds, average_values, compute_change
 from stepblocks.inspect.notes import Note, NoteKind
 from stepblocks.inspect.working_edge.crossing import CrossedEdge, CrossedEdges
 
@@ -58,7 +58,7 @@ def average_radius(
     components = [
         Component(Source.FORM, _estimate_arc_form(crossed), how="change without its steep half")
     ]
-    single = float(np.mean([corner.std for corner in corners]))
+    single = average_stds(corners)
     if crossed.is_map or _is_sharp(crossed, corners):
         components.append(_describe_sampling(crossed, single))
         single = 0.0
@@ -98,8 +98,7 @@ def _list_corners(crossed: CrossedEdges) -> list[Estimate]:
 
 def _is_sharp(crossed: CrossedEdges, corners: list[Estimate]) -> bool:
     """Tell whether the edge is sharper than the sampling resolves."""
-    mean = float(np.mean([corner.value for corner in corners]))
-    return mean < RESOLVED * crossed.spacing and not crossed.is_sloped
+    return average_values(corners) < RESOLVED * crossed.spacing and not crossed.is_sloped
 
 
 def _describe_sampling(crossed: CrossedEdges, single: float) -> Component:
@@ -113,9 +112,8 @@ def _describe_sampling(crossed: CrossedEdges, single: float) -> Component:
         return Component(Source.SAMPLING, math.hypot(single, 0.0), how=how, bounded=True)
     how = f"noise of one row, and one interval, which a pixel averages; {how}"
     pixel = crossed.spacing / math.sqrt(12.0)
-    middles = [edge.middle for edge in crossed.edges]
     between = math.hypot(single, pixel)
-    if float(np.std(middles)) > pixel:
+    if float(np.std(crossed.middles)) > pixel:
         between = max(single, pixel)
     return Component(Source.SAMPLING, between, how=how, bounded=True)
 

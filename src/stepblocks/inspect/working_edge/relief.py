@@ -191,19 +191,24 @@ def _find_relief_beside(
 
 def _locate(found: Sequence[_ReliefOfRow]) -> _Places:
     """Lay lines through the places of riser and wall over the rows of a map."""
-    offsets = np.array([relief.row.offset for relief in found])
+    offsets, risers, walls = [], [], []
+    rising = 0
+    for relief in found:
+        offsets.append(relief.row.offset)
+        risers.append(relief.riser.position)
+        walls.append(relief.wall)
+        if relief.riser.rise > 0.0:
+            rising += 1
     degree = 0
-    if np.ptp(offsets) > 0.0:
+    if max(offsets) > min(offsets):
         degree = 1
-    risers = np.array([relief.riser.position for relief in found])
-    walls = np.array([relief.wall for relief in found])
-    rises = np.array([relief.riser.rise for relief in found])
     sign = -1.0
-    if 2 * np.sum(rises > 0.0) > len(found):
+    if 2 * rising > len(found):
         sign = 1.0
+    y = np.array(offsets)
     return _Places(
-        riser=np.polynomial.Polynomial.fit(offsets, risers, degree),
-        wall=np.polynomial.Polynomial.fit(offsets, walls, degree),
+        riser=np.polynomial.Polynomial.fit(y, np.array(risers), degree),
+        wall=np.polynomial.Polynomial.fit(y, np.array(walls), degree),
         sign=sign,
     )
 

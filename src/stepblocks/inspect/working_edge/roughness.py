@@ -3,7 +3,6 @@
 ISO 21920-3 takes the settings from its limit.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,7 +12,7 @@ from stepblocks.inspect.attempts import evaluate_each
 from stepblocks.inspect.budget import Component, Instrument, Source, add_instrument_components
 from stepblocks.inspect.evaluation import Evaluation
 from stepblocks.inspect.filtering import compute_mean_line
-from stepblocks.inspect.noise import Estimate, find_outliers
+from stepblocks.inspect.noise import Estimate, average_stds, average_values, find_outliers
 from stepblocks.scans.scan import ScannedProfile
 
 
@@ -98,15 +97,10 @@ def add_roughness(evaluation: Evaluation, limit: float, instrument: Instrument) 
         if not attempts.results:
             missing = {**evaluation.missing, "roughness": attempts.refusals[0]}
             return replace(evaluation, missing=missing)
-        if not rougher or _average_values(attempts.results) > _average_values(rougher):
+        if not rougher or average_values(attempts.results) > average_values(rougher):
             rougher = attempts.results
     # sections of neighbouring profiles are not independent: their scatter is not divided again
-    std = float(np.mean([estimate.std for estimate in rougher]))
+    std = average_stds(rougher)
     scatter = Component(Source.SCATTER, std, rougher[0].dof, "over five sections of a profile")
-    measured = add_instrument_components("Ra", _average_values(rougher), [scatter], instrument)
+    measured = add_instrument_components("Ra", average_values(rougher), [scatter], instrument)
     return replace(evaluation, values={**evaluation.values, "roughness": measured})
-
-
-def _average_values(estimates: Sequence[Estimate]) -> float:
-    """Return the mean of estimates, in their unit."""
-    return float(np.mean([estimate.value for estimate in estimates]))

@@ -3,13 +3,15 @@
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from stepblocks import cad
-from stepblocks.parts.apparatus.solids import Box, Cylinder
+from stepblocks.parts.apparatus.solids import Box, Cylinder, enclose_boxes
 from stepblocks.parts.characteristics import Characteristic, FaceRule, Rule
 from stepblocks.parts.material import MATERIALS, Material
 from stepblocks.parts.revolution import Point3
+
+_Solid = TypeVar("_Solid", Box, Cylinder)
 
 
 class _Share(NamedTuple):
@@ -104,28 +106,26 @@ class Component:
         boxes = [*self.boxes]
         for rod in self.rods:
             boxes.append(rod.box)
-        low_x, low_y, low_z = zip(*[box.low for box in boxes], strict=True)
-        high_x, high_y, high_z = zip(*[box.high for box in boxes], strict=True)
-        low = min(low_x), min(low_y), min(low_z)
-        return Box(low, (max(high_x), max(high_y), max(high_z)))
+        return enclose_boxes(boxes)
 
     def move(self, by: Point3) -> "Component":
         """Return it elsewhere [m], with the faces of its held distances."""
-        boxes = tuple(box.move(by) for box in self.boxes)
-        held = tuple(_move_characteristic(distance, by) for distance in self.held)
-        rods, bores = _move_cylinders(self.rods, by), _move_cylinders(self.bores, by)
-        return replace(self, boxes=boxes, rods=rods, bores=bores, held=held)
+        return replace(
+            self,
+            boxes=_move_solids(self.boxes, by),
+            rods=_move_solids(self.rods, by),
+            bores=_move_solids(self.bores, by),
+            held=tuple(_move_characteristic(distance, by) for distance in self.held),
+        )
 
     def build(self) -> cad.door.Body:
         """Build it as a solid."""
-        solids: list[Box | Cylinder] = [*self.boxes, *self.rods]
-        bodies = [solid.build() for solid in solids]
+        bodies = _build_solids([*self.boxes, *self.rods])
         body = bodies[0]
         if len(bodies) > 1:
             body = cad.kernel.fuse(bodies)
         if self.bores:
-            bores = [bore.build() for bore in self.bores]
-            body = cad.kernel.cut(body, bores)
+            body = cad.kernel.cut(body, _build_solids(self.bores))
         return body
 
     def _sum_moments(self, axis: int) -> float:
@@ -142,9 +142,14 @@ class Component:
             yield _Share(-bore.volume, bore.centre)
 
 
-def _move_cylinders(cylinders: Iterable[Cylinder], by: Point3) -> tuple[Cylinder, ...]:
-    """Return cylinders elsewhere [m]."""
-    return tuple(cylinder.move(by) for cylinder in cylinders)
+def _move_solids(solids: Iterable[_Solid], by: Point3) -> tuple[_Solid, ...]:
+    """Return boxes or cylinders elsewhere [m]."""
+    return tuple(solid.move(by) for solid in solids)
+
+
+def _build_solids(solids: Iterable[Box | Cylinder]) -> list[cad.door.Body]:
+    """Build boxes and cylinders, each by itself."""
+    return [solid.build() for solid in solids]
 
 
 def _move_characteristic(characteristic: Characteristic, by: Point3) -> Characteristic:

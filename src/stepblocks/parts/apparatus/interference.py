@@ -63,8 +63,13 @@ def _list_pairs(components: Sequence[Component], travel: float) -> Iterator[_Pai
     """Yield all pairs at the middle of the travel, then what moves beside what stands."""
     for first, second in itertools.combinations(components, 2):
         yield _Pair(first, second, 0.0)
-    moving = [component for component in components if component.is_moving]
-    standing = [component for component in components if not component.is_moving]
+    moving: list[Component] = []
+    standing: list[Component] = []
+    for component in components:
+        if component.is_moving:
+            moving.append(component)
+        else:
+            standing.append(component)
     for index in range(POSITIONS):
         position = travel * (index / (POSITIONS - 1) - 0.5)
         for first, second in itertools.product(moving, standing):

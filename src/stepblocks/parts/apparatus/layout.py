@@ -62,6 +62,11 @@ def list_components(kit: Apparatus, weight: float | None = None) -> list[Compone
     return components
 
 
+def list_made_names(kit: Apparatus) -> list[str]:
+    """List the names of the components of a kit that are made, not bought."""
+    return [component.name for component in list_components(kit) if component.is_made]
+
+
 def find_component(kit: Apparatus, name: str) -> Component:
     """Find the component of a name.
 

@@ -81,7 +81,11 @@ class Load:
     @property
     def common_std(self) -> float:
         """Standard uncertainty of what is the same in all trials [N]."""
-        return math.hypot(*(component.std for component in self.budget if component.is_common))
+        return math.hypot(*(component.std for component in self._list_common_components()))
+
+    def _list_common_components(self) -> list[ErrorComponent]:
+        """List the components that are the same in all trials."""
+        return [component for component in self.budget if component.is_common]
 
 
 def compute_normal_load(kit: Apparatus, mass: float) -> Load:
@@ -94,7 +98,7 @@ def compute_normal_load(kit: Apparatus, mass: float) -> Load:
     force = mass * gravity
     carried = [part for part in list_components(kit, mass) if part.is_on_pivot]
     counterweight = _find_component(carried, "counterweight")
-    pressing = gravity * math.fsum(part.mass for part in carried)
+    pressing = gravity * _sum_masses(carried)
     _, offset = kit.weight_offset.limits
     _, off_balance = kit.balance.limits
     unbalanced = counterweight.mass * gravity * off_balance / ARM
@@ -107,6 +111,11 @@ def compute_normal_load(kit: Apparatus, mass: float) -> Load:
         ErrorComponent(ErrorSource.PIVOT, pivot, is_common=False),
     )
     return Load(mass, force, budget)
+
+
+def _sum_masses(components: Iterable[Component]) -> float:
+    """Sum the masses of components [kg]."""
+    return math.fsum(component.mass for component in components)
 
 
 def _find_component(components: Iterable[Component], name: str) -> Component:
@@ -128,8 +137,8 @@ def compute_pull(kit: Apparatus, mass: float) -> Load:
     weight = (mass + hanger.mass) * gravity
     ratio = PULLEY_BORE / PULLEY_DIAMETER
     pulley = math.sqrt(2.0) * weight * kit.friction.pulley.value * ratio
-    moving = math.fsum(part.mass for part in components if part.is_moving)
-    carriage = kit.friction.carriage.value * gravity * moving
+    moving = [part for part in components if part.is_moving]
+    carriage = kit.friction.carriage.value * gravity * _sum_masses(moving)
     budget = (
         ErrorComponent(ErrorSource.MASS, kit.weight_tolerance.value * weight),
         ErrorComponent(ErrorSource.GRAVITY, kit.gravity_tolerance.value * weight),
@@ -141,5 +150,4 @@ def compute_pull(kit: Apparatus, mass: float) -> Load:
 
 def find_largest_common_std(kit: Apparatus) -> float:
     """Find the largest uncertainty of a normal load that is the same in all trials [N]."""
-    loads = [compute_normal_load(kit, mass) for mass in kit.normal_weights]
-    return max(load.common_std for load in loads)
+    return max(compute_normal_load(kit, mass).common_std for mass in kit.normal_weights)

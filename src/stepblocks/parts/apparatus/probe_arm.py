@@ -181,7 +181,8 @@ def _hold_distance(
     The faces contain the coordinates of `start` [m], the second but for that along the axis, along
     which it lies higher.
     """
-    holds = {k: start[k] for k in range(3) if k != axis}
+    holds = dict(enumerate(start))
+    del holds[axis]
     first = FaceRule("PLANE", axis, start[axis], holds=holds)
     second = FaceRule("PLANE", axis, start[axis] + size.nominal, holds=holds)
     return make_characteristic(key, "distance", size, first, second, label=label, method=MICROMETER)

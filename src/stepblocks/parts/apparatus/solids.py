@@ -1,7 +1,7 @@
 """Boxes and cylinders along the axes, of which the components are made, in closed form."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple, TypeAlias
 
@@ -40,14 +40,20 @@ class Box:
     @property
     def volume(self) -> float:
         """Its volume [m^3]."""
-        low_x, low_y, low_z = self.low
-        high_x, high_y, high_z = self.high
-        return (high_x - low_x) * (high_y - low_y) * (high_z - low_z)
+        length, width, height = self.sizes
+        return length * width * height
 
     @property
     def centre(self) -> Point3:
         """Its middle [m]."""
         return _find_middle(self.low, self.high)
+
+    @property
+    def sizes(self) -> Point3:
+        """Its lengths along x, y and z [m]."""
+        low_x, low_y, low_z = self.low
+        high_x, high_y, high_z = self.high
+        return high_x - low_x, high_y - low_y, high_z - low_z
 
     def move(self, by: Point3) -> "Box":
         """Return it elsewhere [m]."""
@@ -56,6 +62,14 @@ class Box:
     def build(self) -> cad.door.Body:
         """Build it as a solid."""
         return cad.kernel.make_box(self.low, self.high)
+
+
+def enclose_boxes(boxes: Sequence[Box]) -> Box:
+    """Return the box around some boxes."""
+    low_x, low_y, low_z = zip(*[box.low for box in boxes], strict=True)
+    high_x, high_y, high_z = zip(*[box.high for box in boxes], strict=True)
+    low = min(low_x), min(low_y), min(low_z)
+    return Box(low, (max(high_x), max(high_y), max(high_z)))
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from stepblocks.mistakes import list_mistakes
 from stepblocks.parts.apparatus.component import Component
 from stepblocks.parts.apparatus.component_characteristics import list_component_characteristics
 from stepblocks.parts.apparatus.declared import Apparatus
-from stepblocks.parts.apparatus.layout import find_component, list_components
+from stepblocks.parts.apparatus.layout import find_component, list_components, list_made_names
 from stepblocks.parts.apparatus.solids import Cylinder
 from stepblocks.parts.characteristics import Characteristic
 from stepblocks.parts.declared import make_rules_validator
@@ -163,7 +163,7 @@ class KitPart(Part):
     @make_rules_validator
     def _check_component(self) -> Iterator[str]:
         """Yield that the kit has no such part that is made."""
-        made = [part.name for part in list_components(self.kit) if part.is_made]
+        made = list_made_names(self.kit)
         if self.component not in made:
             yield f"component must be one of {', '.join(made)}, got {self.component!r}"
 

@@ -272,7 +272,7 @@ class _PlanReader:
         return points
 
     def _read_draw_count(self) -> int:
-        """Draws within the tolerances of each point."""
+        """Read the number of draws within the tolerances of each point."""
         count = 1
         with collect_mistakes(self.mistakes):
             count = _read_count("count", self.draws.get("count", 1), "draws")
@@ -309,7 +309,7 @@ class _PlanReader:
         return seed  # type: ignore[return-value]
 
     def _read_partition_size(self) -> int:
-        """Rows of one file of the result."""
+        """Read the number of rows in one file of the result."""
         declared = self.head.get("rows_per_partition", _ROWS_OF_PARTITION[self.mode])
         size = 1
         with collect_mistakes(self.mistakes):
@@ -380,7 +380,7 @@ def _choose_parts(known: Mapping[str, Part], identities: object, path: Path) -> 
 
 def _find_common_surface(parts: list[Part], path: Path) -> str:
     """Find the surface that all parts have; several, or one of another kind, are refused."""
-    surfaces = {_find_surface(part) for part in parts}
+    surfaces = set(map(_find_surface, parts))
     if len(surfaces) != 1:
         found = ", ".join(sorted(surfaces)) or "none"
         raise PipelineError(

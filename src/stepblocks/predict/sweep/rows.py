@@ -115,8 +115,10 @@ def draw_inputs(plan: SweepPlan, rows: range) -> dict[str, Array]:
         if plan.kind == "random":
             which = (uniform[:, -1] * len(plan.stimuli)).astype(int)
         inputs["stimulus"] = which.astype(np.float64)
-        of_values = [stimulus.values for stimulus in plan.stimuli]
-        of_spreads = [stimulus.spreads for stimulus in plan.stimuli]
+        of_values, of_spreads = [], []
+        for stimulus in plan.stimuli:
+            of_values.append(stimulus.values)
+            of_spreads.append(stimulus.spreads)
         inputs |= _take_stimuli(of_values, which, math.nan)
         spreads = _take_stimuli(of_spreads, which, 0.0)
     for name, spread in plan.spreads.items():
@@ -335,7 +337,9 @@ def _drag_rows(
 ) -> dict[str, Column]:
     """Drag every row in time that the equations let slip or lock."""
     status = columns["status"].astype(_STATUS_TYPE)
-    figures = {name: np.full(len(status), math.nan) for name in _DRAG_FIGURES}
+    figures = {}
+    for name in _DRAG_FIGURES:
+        figures[name] = np.full(len(status), math.nan)
     is_dragged = np.isin(status, [str(Status.RELEASES), str(Status.LOCKED)])
     for row in np.flatnonzero(is_dragged):
         face, point = _make_condition(plan, inputs, int(row), laws)

@@ -33,7 +33,7 @@ class NanoFocusReader(SurfaceTopographyReader):
         stored[stored > (highest - lowest) * (1.0 + half_a_count) + lowest] = np.nan
 
     def correct_spacing(self, spacing: Array, place: str) -> Array:
-        """Take the stated spacing for nanometres, as the public files of the format have it."""
+        """Interpret the stated spacing as nanometres, as the format's public files write it."""
         corrected = spacing / _TOO_LARGE
         if (corrected < _LEAST_SPACING).any():
             raise MetrologyError(

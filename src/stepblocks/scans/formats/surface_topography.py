@@ -70,7 +70,7 @@ class SurfaceTopographyReader(ScanReader):
         return frozenset("xyz")
 
     def read(self, path: Path, request: ReadOptions) -> LoadedScan:
-        """Read the channel that is asked for, or the first of heights."""
+        """Read the channel that is asked for, or the first one that holds heights."""
         reader = self._open(path)
         channels = list(reader.channels)
         channel = _find_channel(channels, request.channel, path.name)
@@ -100,7 +100,7 @@ class SurfaceTopographyReader(ScanReader):
 
     def list_channels(self, path: Path) -> list[str]:
         """List name and unit of each channel."""
-        return [_name_channel(channel) for channel in self._open(path).channels]
+        return list(map(_name_channel, self._open(path).channels))
 
     def _open(self, path: Path) -> "ReaderBase":
         from SurfaceTopography import open_topography

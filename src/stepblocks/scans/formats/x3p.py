@@ -48,7 +48,7 @@ def _make_map(layer: "Layer", source: str) -> HeightMap:
     if layer.x is None and dx is not None and dy is not None:
         return HeightMap(layer.z, dx, dy, source, _SCALE, count)
     # a cloud of points, or absolute axes
-    x, y, z = (_flatten(values) for values in (layer.x, layer.y, layer.z))
+    x, y, z = map(_flatten, (layer.x, layer.y, layer.z))
     return replace(grid_points(x, y, z, source, _SCALE), count=count)
 
 

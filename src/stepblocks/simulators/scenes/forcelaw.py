@@ -30,7 +30,9 @@ def _write(folder: Path, scene: Scene) -> None:
     for event in scene.events:
         _write_force(folder, scene, renderer, event)
     knots = renderer.knots
-    columns = {column: knots[name] for column, name in _PATH.items()}
+    columns = {}
+    for column, name in _PATH.items():
+        columns[column] = knots[name]
     _write_columns(folder / "path.csv", columns)
     source = _read_tick_source()
     for name in ("force_law.py", "force_law.h", "force_law_path.h", "force_law_demo.c"):

@@ -237,8 +237,8 @@ def _compare_models(axis: int, first: Comparisons, second: Comparisons) -> Estim
     common = sorted(set(people) & set(facing_people))
     if len(common) < 2 or not np.array_equal(model.axes[axis], facing.axes[axis]):
         return compare_between(model.estimate(axis), facing.estimate(axis))
-    rows = [people.index(who) for who in common]
-    facing_rows = [facing_people.index(who) for who in common]
+    rows = list(map(people.index, common))
+    facing_rows = list(map(facing_people.index, common))
     return compare_within(
         model.compute_likelihoods(axis)[rows],
         facing.compute_likelihoods(axis)[facing_rows],

@@ -37,15 +37,15 @@ class _Dataset:
     Attributes
     ----------
     experiment : str
-        Its kind.
+        Kind of the experiment.
     people : mapping of list of dict
         Rows of each participant, all with the same columns.
     labels : mapping of str
         Label of each participant: letters and digits.
     credit : _Credit
-        Of the description.
+        Authors and licence for the description.
     plan : Plan
-        In whose words ratings were asked for.
+        Plan with the wording of the ratings.
     """
 
     experiment: str

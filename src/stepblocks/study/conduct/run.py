@@ -163,7 +163,8 @@ class Run:
             _check_planned(answer, planned)
         if len(rows) > len(self.planned):
             raise StudyError(
-                f"at most {len(self.planned)} trials are planned, got more [{self.path}]"
+                f"answers must be at most the {len(self.planned)} planned, got {len(rows)} "
+                f"[{self.path}]"
             )
         if self.path.exists() and self._file.is_foreign():
             self._file.write(rows)

@@ -408,11 +408,21 @@ def _summarise(
     for item in answered:
         by_day.setdefault(_find_day(item.answer), []).append(item)
     for day, items in by_day.items():
-        right = sum(item.right for item in items)
+        right = 0
+        reactions = []
+        for item in items:
+            right += item.right
+            seconds = read_number(item.answer.get("reaction_s", ""))
+            if not math.isnan(seconds):
+                reactions.append(seconds)
         low, high = proportion_confint(right, len(items), method="wilson")
-        settled = items[len(items) // _SEARCHING :]
-        reactions = [read_number(item.answer.get("reaction_s", "")) for item in items]
-        known = [seconds for seconds in reactions if not math.isnan(seconds)]
+        levels_settled, differences = [], []
+        for item in items[len(items) // _SEARCHING :]:
+            levels_settled.append(item.trial.level)
+            differences.append(item.trial.difference)
+        reaction = math.nan
+        if reactions:
+            reaction = float(np.median(reactions))
         yield TrainingDay(
             participant=participant,
             date=day,
@@ -420,8 +430,8 @@ def _summarise(
             right=right,
             right_low=float(low),
             right_high=float(high),
-            level=float(np.median([item.trial.level for item in settled])),
+            level=float(np.median(levels_settled)),
             levels=levels,
-            difference=math.expm1(float(np.mean([item.trial.difference for item in settled]))),
-            reaction=float(np.median(known)) if known else math.nan,
+            difference=math.expm1(float(np.mean(differences))),
+            reaction=reaction,
         )

@@ -105,7 +105,7 @@ def assign_codes(
     numbers = generator.permutation(MAX_CODES).tolist()
     judged_numbers = numbers[: len(items)]
     practice_numbers = numbers[len(items) : needed]
-    judged = [_write_code(number) for number in judged_numbers]
+    judged = map(_write_code, judged_numbers)
     practice = [PRACTICE + _write_code(number) for number in practice_numbers]
     return Codes(dict(zip(judged, items, strict=True)), dict(zip(practice, practised, strict=True)))
 

@@ -274,7 +274,7 @@ def place_heights(
     candidates, named = _list_candidates(source, only)
     if goal is Target.EXPONENT:
         if standard is not None or prior:
-            raise StudyError("standard and prior are of comparisons, got them with an exponent")
+            raise StudyError("standard and prior apply to comparisons, got them with an exponent")
         expectation = _expect_exponent(candidates, exponent, noise)
     else:
         height = _find_standard(standard, named)

@@ -111,7 +111,7 @@ class HeightDesign:
     efficiency: float
 
     def __repr__(self) -> str:
-        """Show what is known best, from how many heights and trials, and the efficiency."""
+        """Show the target, the numbers of heights and trials, and the efficiency."""
         number = len(self.optimal.heights)
         return (
             f"<HeightDesign of {self.target}: {number} heights, {sum(self.optimal.trials)} trials, "

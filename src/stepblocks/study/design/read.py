@@ -122,8 +122,8 @@ def read_answers(
     named = NamedColumns(columns)
     search = AnswerSearch(EXPERIMENTS[experiment].answers, named)
     columns_of_answers = list_answer_columns(experiment)
-    wanted = [named.name(name) for name in columns_of_answers]
-    names = [named.name(name) for name in _NAMES]
+    wanted = list(map(named.name, columns_of_answers))
+    names = list(map(named.name, _NAMES))
     rows = read_rows(path, wanted, empty=True, names=names, search=search, layout=layout)
     return [_translate_row(row, columns_of_answers, named) for row in rows]
 
@@ -266,7 +266,7 @@ def _empty_if_missing(cell: str) -> str:
 def _clean_cells(table: TextTable, column: int) -> list[str]:
     """Return the cells of a column: numbers with a decimal point, missing values empty.
 
-    In a column of texts, too, ``n/a`` and its like are a missing answer, as BIDS writes it.
+    In text columns, too, ``n/a`` and the like mean a missing answer, as in BIDS.
     """
     cells = table.get_cells(column)
     if not table.holds_numbers(column):

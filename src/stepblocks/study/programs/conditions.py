@@ -30,11 +30,11 @@ def list_condition_files(
     program : str
         One of `WRITTEN`.
     kind : Experiment
-        What is answered.
+        Kind of experiment, with the answers that it asks for.
     sheets : mapping
         Blinded trials by participant.
     plan : Plan
-        In whose words a rating is asked for.
+        Plan with the wording of the ratings.
 
     Returns
     -------

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from stepblocks.errors import StudyError
 from stepblocks.files.text_table import TextTable
-from stepblocks.study.programs.program import PREFIX, Channel, Program, Records
+from stepblocks.study.programs.program import PREFIX, Channel, Program, Records, list_cells
 
 _RESPONSES = ("response", "responses")  # version 7 and later, 6
 _ANSWER = f"{PREFIX}answer"  # column that names the question of a trial
@@ -29,8 +29,7 @@ def _unfold(table: TextTable) -> Records:
     names = _list_names(records)
     rows = []
     for record in records:
-        cells = [record.get(name, "") for name in names]
-        rows.append(cells)
+        rows.append(list_cells(record, names))
     return Records(replace(table, names=names, rows=rows), list(channels.values()))
 
 

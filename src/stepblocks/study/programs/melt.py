@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from stepblocks.errors import StudyError
 from stepblocks.files.text_table import TextTable
+from stepblocks.study.programs.program import list_cells, pick
 from stepblocks.study.programs.records import AnswerSearch
 
 _FIELD = re.compile(r"\{(\w*)\}")
@@ -47,22 +48,20 @@ def melt_table(table: TextTable, pattern: str, search: AnswerSearch) -> TextTabl
             f"wide must say which of {', '.join(answers)} a column holds, by {{{_ANSWER}}}, got "
             f"{pattern!r} [{table.file}]"
         )
-    kept = [column for column in range(len(table.names)) if column not in known]
+    kept = sorted(set(range(len(table.names))).difference(known))
     rows, places = [], []
     for cells, place in zip(table.rows, table.places, strict=True):
-        kept_cells = [cells[column] for column in kept]
+        kept_cells = pick(cells, kept)
         trials = dict[tuple[str, ...], dict[str, str]]()
         for column, found in known.items():
-            levels = tuple(found[name] for name in fields)
+            levels = tuple(list_cells(found, fields))
             trial = trials.setdefault(levels, {})
             answer = found.get(_ANSWER, answers[0])
             trial[answer] = cells[column]
         for levels, trial in trials.items():
-            given = [trial.get(answer, "") for answer in answers]
-            rows.append([*kept_cells, *levels, *given])
+            rows.append([*kept_cells, *levels, *list_cells(trial, answers)])
             places.append(place)
-    kept_names = [table.names[column] for column in kept]
-    names = (*kept_names, *fields, *answers)
+    names = (*pick(table.names, kept), *fields, *answers)
     return replace(table, names=names, rows=rows, places=places, units=())
 
 

@@ -1,11 +1,13 @@
 """What is known of a program that runs trials: how its records look, and where answers stand."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
+from typing import TypeVar
 
 from stepblocks.files.text_table import TextTable
 
+Item = TypeVar("Item")
 PREFIX = "sb_"  # begins the columns of a trial that `write_sheets` wrote for another program
 
 
@@ -45,6 +47,11 @@ class Records:
 
     table: TextTable
     channels: Sequence[Channel]
+
+    @property
+    def by_column(self) -> dict[str, Channel]:
+        """The channels by the names of their columns."""
+        return {channel.column: channel for channel in self.channels}
 
 
 @dataclass(frozen=True)
@@ -99,6 +106,14 @@ def _all_match(names: Sequence[str], patterns: Sequence[str]) -> bool:
 
 def keep_rows(table: TextTable, kept: Sequence[int]) -> TextTable:
     """Return a table of some of the rows, by their numbers from 0."""
-    rows = [table.rows[row] for row in kept]
-    places = [table.places[row] for row in kept]
-    return replace(table, rows=rows, places=places)
+    return replace(table, rows=pick(table.rows, kept), places=pick(table.places, kept))
+
+
+def pick(items: Sequence[Item], numbers: Sequence[int]) -> list[Item]:
+    """Return the items with some numbers, counted from 0, in the order of the numbers."""
+    return [items[number] for number in numbers]
+
+
+def list_cells(record: Mapping[str, str], names: Sequence[str]) -> list[str]:
+    """Return the cells of a record in the order of some names; empty where it has none."""
+    return [record.get(name, "") for name in names]

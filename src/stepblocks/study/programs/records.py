@@ -16,7 +16,7 @@ from stepblocks.study.columns import COMPARED, NO, YES, NamedColumns, read_numbe
 from stepblocks.study.programs.gorilla import GORILLA
 from stepblocks.study.programs.jspsych import JSPSYCH, read_json_records
 from stepblocks.study.programs.opensesame import OPENSESAME
-from stepblocks.study.programs.program import PREFIX, Channel, Program, Records, keep_rows
+from stepblocks.study.programs.program import PREFIX, Channel, Program, Records, keep_rows, pick
 from stepblocks.study.programs.psychopy import PSYCHOPY
 from stepblocks.study.programs.qualtrics import QUALTRICS
 
@@ -119,10 +119,12 @@ def convert_records(table: TextTable, search: AnswerSearch) -> TextTable:
         columns.update(_find_people(program, records.table))
     if chosen and not search.columns.find(_REACTION):
         columns.update(_read_reactions(program, records.table, next(iter(chosen.values()))))
+    answers = []
     for answer, channel in chosen.items():
+        name = search.columns.name(answer)
         columns.pop(channel.column, None)
-        columns[search.columns.name(answer)] = _clean_answers(records.table, channel.column)
-    answers = [search.columns.name(answer) for answer in chosen]
+        columns[name] = _clean_answers(records.table, channel.column)
+        answers.append(name)
     adopted = _build_table(records.table, columns)
     if program.has_events:
         adopted = _leave_out_unanswered(adopted, answers)
@@ -174,7 +176,7 @@ def _choose_channels(records: Records, search: AnswerSearch) -> dict[str, Channe
         If several columns may hold an answer, or one holds positions of buttons.
     """
     names = records.table.names
-    by_column = {channel.column: channel for channel in records.channels}
+    by_column = records.by_column
     by_question = {channel.question: channel for channel in records.channels}
     chosen = dict[str, Channel]()
     for answer in search.answers:
@@ -255,7 +257,7 @@ def _list_kept_columns(
     """Return the cells of every column that the program does not write for itself."""
     table = records.table
     taken = set(search.columns.named.values())
-    channels = {channel.column for channel in records.channels}
+    channels = records.by_column
     columns = {}
     for number, name in enumerate(table.names):
         is_own = name in channels or program.is_administrative(name)
@@ -295,7 +297,7 @@ def _clean_answers(table: TextTable, column: str) -> list[str]:
 
 
 def _clean_answer(cell: str) -> str:
-    """Return an answer: out of a list of one, and nothing for a word that says so."""
+    """Return an answer, taken out of a list of one; empty for a word that means no answer."""
     listed = _LISTED.fullmatch(cell)
     text = cell
     if listed:
@@ -326,7 +328,7 @@ def _leave_out_unanswered(table: TextTable, answers: Sequence[str]) -> TextTable
     columns = table.find_columns(answers)
     kept = []
     for number, cells in enumerate(table.rows):
-        if any(cells[column] for column in columns):
+        if any(pick(cells, columns)):
             kept.append(number)
     return keep_rows(table, kept)
 
@@ -345,7 +347,7 @@ def _join_events(table: TextTable, answers: Sequence[str], keys: Sequence[str]) 
     open_rows = dict[tuple[str, ...], list[str]]()
     kept = []
     for number, cells in enumerate(table.rows):
-        key = tuple(cells[column] for column in compared)
+        key = tuple(pick(cells, compared))
         joined = open_rows.get(key)
         if joined is None or _share_answer(joined, cells, columns):
             open_rows[key] = cells
@@ -367,4 +369,4 @@ def _list_compared_columns(
     """List the places of the columns in which rows of one trial agree."""
     if keys:
         return table.find_columns(key for key in keys if key in table.names)
-    return [number for number in range(len(table.names)) if number not in varying]
+    return sorted(set(range(len(table.names))).difference(varying))

@@ -29,7 +29,12 @@ def list_composed_laws(covariates: Sequence[CovariateRange]) -> tuple[Law, ...]:
 
 def _make_added_load_law(covariate: CovariateRange) -> Law:
     """Let each label press by a force of its own more than the weights."""
-    names = tuple(f"added_n[{label}]" for label in covariate.labels)
+    names = []
+    parameters = []
+    for label in covariate.labels:
+        name = f"added_n[{label}]"
+        names.append(name)
+        parameters.append(Parameter(name, "N", 0.0, -0.3, 0.6, 0.01))
 
     def add(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
         labels = np.asarray(column)
@@ -38,11 +43,10 @@ def _make_added_load_law(covariate: CovariateRange) -> Law:
             added[labels == label] = values[name]
         return added
 
-    parameters = tuple(Parameter(name, "N", 0.0, -0.3, 0.6, 0.01) for name in names)
     return Law(
         f"added_load_{covariate.name}",
         f"F_py + b, by {covariate.name}",
-        parameters,
+        tuple(parameters),
         SizedChange(make_shift("load", "sensed_offset", by=1.0), add),
         "normal_load",
         covariate.name,
