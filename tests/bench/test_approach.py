@@ -6,6 +6,7 @@ The corner of the ramp, its slope, the mains, a start-up ring.
 import numpy as np
 import pytest
 
+from oracles.releases import Fall, Release, record_release
 from oracles.traces import Course, hum
 from stepblocks.bench.faults import LandmarkError
 from stepblocks.bench.signal.approach import find_mains, fit_approach
@@ -144,3 +145,20 @@ def test_a_rounded_top_is_left_out_of_the_line():
     found = approached(force + noise(1e-3))
     assert TIME[found.end] < COURSE.release - 1e-3
     assert found.initial_slope == pytest.approx(COURSE.slope, rel=0.01)
+
+
+@pytest.mark.parametrize("duration", [1e-3, 2e-3, 5e-3])
+def test_a_short_ramp_has_its_slope_however_gently_the_release_begins(duration):
+    """A fast drag at a low load: few samples of the ramp, and a release that begins level."""
+    slope = 9810.0 * 20e-3  # of a spring of 9.81 N/mm at 20 mm/s [N/s]
+    pulls = []
+    for seed in range(60):
+        peak = (0.24, 0.3, 0.4)[seed % 3]
+        gentle = Release(Fall.HALF_COSINE, duration, load=0.3, peak=peak, slope=slope)
+        record = record_release(gentle, np.random.default_rng([seed, 11]))
+        found = approached(record.tangential, time=record.time)
+        mean, std = found.compute_mean_slope(record.release)
+        pulls.append((mean - slope) / std)
+    # origin: a standard normal number; the mean of 60 scatters by 0.13, three sigma
+    assert np.abs(np.mean(pulls)) < 0.39
+    assert np.std(pulls) < 1.28
