@@ -347,6 +347,14 @@ def test_a_slow_gauge_loses_what_the_ramp_makes_in_its_time_constant() -> None:
     assert lost == pytest.approx(1.05 * 9500.0 * state.speed * 1e-5, rel=1e-3)
 
 
+def test_the_ring_of_a_spring_that_a_fit_bends_too_far_keeps_a_frequency() -> None:
+    # the ends of the limits of both parameters, and more of a ring than a spring can hold
+    ringing = _state().changed(conversion=np.full(24, 4.0))
+    limits = {"cubic_per_n2": 5.0, "pitch_share": -0.5}
+    state = _law("hardening_spring").apply(ringing, None, limits)
+    assert np.isfinite(compute_channels(state)).all()
+
+
 def test_a_spring_that_hardens_rings_as_fast_as_duffings_oscillator() -> None:
     # no friction, so that it rings about the unloaded spring
     values = CONSTANTS | {"friction": 0.0}

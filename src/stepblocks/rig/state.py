@@ -31,6 +31,9 @@ _STEEPEST = np.deg2rad(89.0)
 _LEAST_LOAD, _LEAST_FORCE = 1e-3, 1e-4  # N, where a fit strays
 _LEAST_ENERGY = 1e-30  # of what is left of a ring, below which a fit may stray but no logarithm [J]
 _LEAST_LAG = 1e-18  # of a gauge, where a fit strays [s]
+_LEAST_PITCH = (
+    1e-3  # ring stiffness over the declared one, where a fit softens a spring too far [1]
+)
 _LEAST_LEFT = 0.1  # share of a ring's energy that losses leave: what is less fades out smoothly
 _LOWEST_STEP, _HIGHEST_STEP = 1e-9, 1.0  # of a step over the radius, where a fit strays
 _MOST_RAMP = 50.0  # time constants of a gauge after which it has settled
@@ -243,6 +246,7 @@ def _read_instrument(
     ramp = state.gain * shown.ramp / (1.0 + shown.ramp * state.give)
     spring_constant = ramp * np.exp(-state.ln_clock) / state.nominal_stiffness
     ring_stiffness = state.ring_stiffness * spring.pitch / state.nominal_stiffness
+    ring_stiffness = np.maximum(ring_stiffness, _LEAST_PITCH)
     frequency = np.log(state.frequency * np.sqrt(ring_stiffness)) - state.ln_clock
     flattening = 8.0 / 27.0 / np.pi**2 * loop / (state.frequency * state.decay_time)
     decay = np.log(state.decay_time / state.damping) + state.ln_clock
