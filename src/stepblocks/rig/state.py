@@ -31,9 +31,7 @@ _STEEPEST = np.deg2rad(89.0)
 _LEAST_LOAD, _LEAST_FORCE = 1e-3, 1e-4  # N, where a fit strays
 _LEAST_ENERGY = 1e-30  # of what is left of a ring, below which a fit may stray but no logarithm [J]
 _LEAST_LAG = 1e-18  # of a gauge, where a fit strays [s]
-_LEAST_PITCH = (
-    1e-3  # ring stiffness over the declared one, where a fit softens a spring too far [1]
-)
+_LEAST_PITCH = 1e-3  # stiffness of the ring over the declared one, where a fit strays [1]
 _LEAST_LEFT = 0.1  # share of a ring's energy that losses leave: what is less fades out smoothly
 _LOWEST_STEP, _HIGHEST_STEP = 1e-9, 1.0  # of a step over the radius, where a fit strays
 _MOST_RAMP = 50.0  # time constants of a gauge after which it has settled
