@@ -128,7 +128,8 @@ def put_files(folder, kind):
     folder.mkdir(parents=True)
     if kind == "predict session":
         write_explained_session(folder)
-    (folder / FILE).write_text(BLOCKS)
+    if not kind.startswith("new "):  # which is offered where there is nothing to begin with
+        (folder / FILE).write_text(BLOCKS)
     (folder / "scans.csv").write_text("scan,stimulus,block\nscan.csv,low,A\n")
     (folder / "plan.toml").write_text(PLAN)
     rows = [f"{place},{25 * (place > 0)}" for place in range(-1000, 1000, 4)]
