@@ -199,9 +199,7 @@ def test_a_scan_that_leaves_three_answers_open_to_its_certificate(page, tmp_path
     user, folder = page
     user.click("Run: Write a commented file")
     user.see("done")
-    scan = tmp_path / "scan.csv"
-    rows = [f"{place},{25 * (place > 0)}" for place in range(-1000, 1000, 2)]
-    scan.write_text("\n".join(["x,z", *rows]) + "\n", encoding="utf-8")
+    scan = Path(__file__).parents[1] / "data" / "scan-without-unit.csv"
     user.click("Inspect")
     user.drop(scan)
     user.see("unit")
@@ -215,7 +213,7 @@ def test_a_scan_that_leaves_three_answers_open_to_its_certificate(page, tmp_path
     user.see("step-025.certificate.pdf")
     typed = tmp_path / "typed"
     (typed / "scans").mkdir(parents=True)
-    (typed / "scans" / "scan.csv").write_bytes(scan.read_bytes())
+    (typed / "scans" / scan.name).write_bytes(scan.read_bytes())
     repeat(["stepblocks new block mine.toml", line], typed, monkeypatch)
     assert list_bytes(folder) == list_bytes(typed)
 
