@@ -25,6 +25,7 @@ def list_modes(probe):
     return [(probe.first_stiffness, probe.mass, damper), *probe.overtones]
 
 
+@pytest.mark.repeats
 @pytest.mark.parametrize(
     ("height", "load", "tool", "contact"),
     [
