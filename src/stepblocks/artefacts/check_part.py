@@ -206,12 +206,9 @@ def _check_textures(report: StepReport, part: Part, matches: Sequence[Match]) ->
         if match.stated is not None and match.required.key in _OF_WORKING_FACES:
             working_faces.update(match.stated.faces)
     roughness = part.face_demands["roughness"].upper
-    textured_faces = set()
-    is_as_rough = True
-    for texture in report.textures:
-        textured_faces.add(texture.face)
-        if abs(texture.roughness - roughness) > ALLOWED:
-            is_as_rough = False
+    textured_faces = {texture.face for texture in report.textures}
+    # a roughness that is not a number is none of the demanded one
+    is_as_rough = all(abs(texture.roughness - roughness) <= ALLOWED for texture in report.textures)
     if textured_faces != working_faces or not is_as_rough:
         yield f"surface texture: every working face must have Ra {roughness * 1e6:g} um"
 
@@ -224,8 +221,8 @@ def _check_density(report: StepReport, part: Part) -> Iterator[str]:
         if report.densities:
             yield f"density must not be stated, got {found}"
         return
-    errors = [abs(value / density.value - 1.0) for value in report.densities]
-    if max(errors, default=math.inf) > _DENSITY_LIMIT:
+    ratios = [value / density.value for value in report.densities]
+    if not ratios or any(abs(ratio - 1.0) > _DENSITY_LIMIT for ratio in ratios):
         yield f"density must be {density.value:g} kg/m^3, got {found}"
 
 

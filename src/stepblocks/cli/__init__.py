@@ -130,7 +130,6 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _set_up_streams_and_signals() -> None:
     """Set up streams, threads of linear algebra, and the handling of signals that end a run."""
-    # Set streams, threads of the linear algebra, and what a signal to end does
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a file's name need not be text
             stream.reconfigure(errors="backslashreplace")
