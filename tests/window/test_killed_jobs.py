@@ -10,6 +10,7 @@ import http.client
 import json
 import os
 import re
+import shutil
 import signal
 import socket
 import subprocess
@@ -234,14 +235,18 @@ def test_every_command_that_the_window_can_start_is_killed_here():
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_kill_in_a_job_leaves_whole_files_and_the_next_window_runs_it_again(kind, tmp_path):
     words = JOBS[kind].words
-    put_files(tmp_path / "whole", kind)
+    ready = tmp_path / "ready" / "whole"  # a name that files may hold
+    put_files(ready, kind)
+    shutil.copytree(ready, tmp_path / "whole")
     seconds = run_command(tmp_path / "whole", words)
     whole = list_files(tmp_path / "whole")
-    go_on_without_server(tmp_path / "alone" / "whole", kind, whole)
+    alone = tmp_path / "alone" / "whole"
+    shutil.copytree(ready, alone)
+    go_on_without_server(alone, words, whole)
     shares = SHARES if kind in OFTEN else SHARES[:1]
     for number, share in enumerate(shares):
-        folder = tmp_path / f"killed-{number}" / "whole"  # a name that files may hold
-        put_files(folder, kind)
+        folder = tmp_path / f"killed-{number}" / "whole"
+        shutil.copytree(ready, folder)
         saved = list_files(folder)
         kill_in_job(folder, words, share * seconds)
         left = list_files(folder)
@@ -267,10 +272,9 @@ def test_a_kill_in_a_job_leaves_whole_files_and_the_next_window_runs_it_again(ki
         assert list_files(folder) == whole
 
 
-def go_on_without_server(folder, kind, whole):
+def go_on_without_server(folder, words, whole):
     """Kill the server alone: its job goes on, the next window finds it, and all files are there."""
-    put_files(folder, kind)
-    server = start_server(folder, JOBS[kind].words)
+    server = start_server(folder, words)
     kill([server])
     server.communicate(timeout=60)
     jobs = JobList(folder)
