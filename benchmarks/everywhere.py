@@ -1,7 +1,7 @@
 """Run the tests under other processors, threads, Pythons and library versions.
 
-``make everywhere`` runs all of it (some hours on two cores), in cells of a machine and a folder of
-tests; ``python benchmarks/everywhere.py WORD ...`` those with a word in their name, ``--list``
+``make everywhere`` runs all of it (some hours on two cores), in cells of a machine and a part of
+the tests; ``python benchmarks/everywhere.py WORD ...`` those with a word in their name, ``--list``
 names them. What passes is noted in out/everywhere and not run again while source and tests are the
 same, so that a run may be broken off and taken up. Prints the table of the report. Exit
 code 1 if a cell fails.
@@ -22,8 +22,11 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import threading
 import time
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -31,13 +34,18 @@ import portable
 
 ROOT = Path(__file__).resolve().parents[1]
 KEPT = ROOT / "out" / "everywhere"
-RECORD = KEPT / "record.json"
-LONGEST = 3600.0  # s, for a cell; one that takes longer hangs
-PORTABLE = "portable"  # the cell that runs every command without the system calls of POSIX
-WHEELS = "wheels"  # the cell that asks pip for wheels of other systems
-BYTES = "bytes"  # the cell that builds every shipped stimulus and compares the files
-# folders of tests that compute
-NUMERIC = (
+RECORD = KEPT / "outcomes.json"
+LONGEST = 3600.0  # for a cell; one that takes longer hangs [s]
+SHOWN = 6000  # last characters of a cell that fails
+
+# parts of a machine's work
+PORTABLE = "portable"  # runs every command without the system calls of POSIX
+WHEELS = "wheels"  # asks pip for wheels of other systems
+BYTES = "bytes"  # builds every shipped stimulus and compares the files
+NUMERIC = "numeric"  # the tests of the rooms that compute
+OTHERS = "others"  # all other tests
+ONE_PROCESS = (PORTABLE, WHEELS, BYTES)  # run as many at a time as there are cores
+NUMERIC_FOLDERS = (
     "contact",
     "rig",
     "drag",
@@ -49,60 +57,101 @@ NUMERIC = (
     "loop",
     "study",
 )
-TOP = "top"  # the tests that lie in no folder
-OTHERS = (
-    *(
-        "artefacts",
-        "build",
-        "cad",
-        "cli",
-        "compute",
-        "declaration",
-        "files",
-        "haptics",
-        "literature",
-    ),
-    *("parts", "records", "scans", "simulators", "workshop", TOP),
-)
 # what names platform, Python or library versions, and a page that shows them
 NAMING = {"manifest.json", "record.json", "index.html"}
+COUNTED = ("passed", "failed", "skipped", "error")
+_environments = threading.Lock()  # of cells that run at a time, one sets an environment up
 
 
 @dataclass(frozen=True)
 class Machine:
-    """One machine to imitate."""
+    """One machine to imitate.
+
+    Attributes
+    ----------
+    name : str
+    settings : dict[str, str]
+        Variables of the environment.
+    python : str
+        Version; an environment with it is set up.
+    resolution : str
+        "lowest-direct" or "highest" of what pyproject.toml allows; those of the constraints
+        without it.
+    cells : tuple[str, ...]
+        What is run on it.
+    """
 
     name: str
-    settings: dict[str, str] = field(default_factory=dict)  # environment
-    python: str = ""  # version; an environment with it
-    resolution: str = ""  # "lowest-direct" or "highest" of what pyproject.toml allows
-    cells: tuple[str, ...] = (*NUMERIC, BYTES)
+    settings: dict[str, str] = field(default_factory=dict)
+    python: str = ""
+    resolution: str = ""
+    cells: tuple[str, ...] = (NUMERIC, BYTES)
 
 
-def no_simd() -> str:
-    """Vector features that this numpy can disable on this processor."""
+@dataclass(frozen=True)
+class Cell:
+    """One part of the work on one machine."""
+
+    machine: Machine
+    part: str
+
+    @property
+    def name(self) -> str:
+        """Name by which it is asked for and recorded."""
+        return f"{self.machine.name}: {self.part}"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a cell ended.
+
+    Attributes
+    ----------
+    state : str
+        Hash of source and tests, see `compute_state`.
+    commit : str
+    outcome : str
+        "passes", "FAILS", "not run" or "not installed".
+    why : str
+        Why it was not run.
+    seconds : int
+    counts : dict[str, int]
+        Tests or commands by how they ended.
+    files : dict[str, str]
+        Hashes of the files that were built.
+    """
+
+    state: str
+    commit: str
+    outcome: str
+    why: str = ""
+    seconds: int = 0
+    counts: dict[str, int] = field(default_factory=dict)
+    files: dict[str, str] = field(default_factory=dict)
+
+
+def list_vector_features() -> str:
+    """List the vector features that this numpy can disable on this processor."""
     code = (
         "from numpy._core._multiarray_umath import __cpu_dispatch__ as d, __cpu_features__ as f;"
         "print(*(n for n in d if f.get(n)))"
     )
-    return subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True
-    ).stdout.strip()
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return done.stdout.strip()
 
 
-def machines() -> list[Machine]:
+def list_machines() -> list[Machine]:
     """List few machines on which each setting stands at least once; the first four run in CI.
 
     The fourth differs from the third in everything that an imitated processor can change, so
     that its tests and the bytes of both say in CI what the machines below say one by one.
     """
-
-    def threads(count: int, **more: str) -> dict[str, str]:
-        return {"OMP_NUM_THREADS": str(count), "OPENBLAS_NUM_THREADS": str(count), **more}
-
-    nehalem, whole = threads(1, OPENBLAS_CORETYPE="Nehalem"), (*NUMERIC, BYTES, *OTHERS)
-    plain = {"NPY_DISABLE_CPU_FEATURES": no_simd(), "NUMBA_CPU_NAME": "generic"}
-    haswell, zen = threads(4, OPENBLAS_CORETYPE="Haswell"), threads(1, OPENBLAS_CORETYPE="Zen")
+    whole = (NUMERIC, BYTES, OTHERS)
+    nehalem = limit_threads(1) | {"OPENBLAS_CORETYPE": "Nehalem"}
+    plain = {"NPY_DISABLE_CPU_FEATURES": list_vector_features(), "NUMBA_CPU_NAME": "generic"}
+    haswell = limit_threads(4) | {"OPENBLAS_CORETYPE": "Haswell"}
+    zen = limit_threads(1) | {"OPENBLAS_CORETYPE": "Zen"}
+    skylake = limit_threads(1) | {"OPENBLAS_CORETYPE": "SkylakeX"}
     return [
         Machine("no system calls of POSIX, console of cp1252", cells=(PORTABLE,)),
         Machine("Windows, macOS, Linux on ARM", cells=(WHEELS,)),
@@ -111,102 +160,112 @@ def machines() -> list[Machine]:
         Machine("OpenBLAS kernels of Nehalem", nehalem),
         Machine("Python 3.12, Haswell, 4 threads", haswell, "3.12", cells=whole),
         Machine("Python 3.13, Zen", zen, "3.13", cells=whole),
-        Machine(
-            "oldest libraries, SkylakeX",
-            threads(1, OPENBLAS_CORETYPE="SkylakeX"),
-            "3.11",
-            "lowest-direct",
-            whole,
-        ),
-        Machine("newest libraries, 4 threads", threads(4), "3.13", "highest", whole),
+        Machine("oldest libraries, SkylakeX", skylake, "3.11", "lowest-direct", whole),
+        Machine("newest libraries, 4 threads", limit_threads(4), "3.13", "highest", whole),
     ]
 
 
-def state() -> str:
-    """Hash of what the outcome of a cell hangs on."""
+def limit_threads(count: int) -> dict[str, str]:
+    """Return the settings that give the linear algebra a number of threads."""
+    return {"OMP_NUM_THREADS": str(count), "OPENBLAS_NUM_THREADS": str(count)}
+
+
+def list_cells() -> list[Cell]:
+    """List the cells of all machines."""
+    cells = []
+    for machine in list_machines():
+        for part in machine.cells:
+            cells.append(Cell(machine, part))
+    return cells
+
+
+def compute_state() -> str:
+    """Return a hash of what the outcome of a cell depends on."""
     files = [ROOT / "pyproject.toml", ROOT / "constraints.txt"]
-    files += [path for name in ("src", "tests", "stimuli") for path in (ROOT / name).rglob("*")]
+    for name in ("src", "tests", "stimuli"):
+        for path in (ROOT / name).rglob("*"):
+            if path.is_file() and "__pycache__" not in path.parts:
+                files.append(path)
     known = hashlib.sha256()
-    for path in sorted(
-        path for path in files if path.is_file() and "__pycache__" not in path.parts
-    ):
+    for path in sorted(files):
         known.update(path.relative_to(ROOT).as_posix().encode() + b"\0" + path.read_bytes())
     return known.hexdigest()[:16]
 
 
-def commit() -> str:
-    """Name the commit, with a star where the tree is another."""
-    told = subprocess.run(
+def describe_commit() -> str:
+    """Name the commit, with a star where the tree differs from it."""
+    done = subprocess.run(
         ["git", "describe", "--always", "--dirty=*", "--exclude=*"],
         cwd=ROOT,
         capture_output=True,
         text=True,
         check=False,
     )
-    return told.stdout.strip() or "no repository"
+    return done.stdout.strip() or "no repository"
 
 
-def interpreter(version: str) -> str | None:
-    """Path of a Python of this version."""
-    known = [shutil.which(f"python{version}")]
-    known += [
-        str(path) for path in sorted(Path.home().glob(f".pyenv/versions/{version}.*/bin/python"))
-    ]
-    return next((path for path in known if path and _answers(path)), None)
+def find_interpreter(version: str) -> str | None:
+    """Find a Python of a version; None where there is none that runs."""
+    found = [shutil.which(f"python{version}")]
+    for path in sorted(Path.home().glob(f".pyenv/versions/{version}.*/bin/python")):
+        found.append(str(path))
+    for python in found:
+        if python and _runs(python):
+            return python
+    return None
 
 
-def _answers(python: str) -> bool:
-    return subprocess.run([python, "--version"], capture_output=True, check=False).returncode == 0
+def _runs(python: str) -> bool:
+    """Tell whether an interpreter answers."""
+    done = subprocess.run([python, "--version"], capture_output=True, check=False)
+    return done.returncode == 0
 
 
-def environment(machine: Machine) -> str | None:
-    """Find the Python of a machine, in an environment of its own; None where there is none."""
+def set_up_environment(machine: Machine) -> str | None:
+    """Return the Python of a machine, in an environment of its own; None where there is none."""
     here = f"{sys.version_info.major}.{sys.version_info.minor}"
     if not machine.resolution and machine.python in ("", here):
         return sys.executable
-    base = interpreter(machine.python)
+    base = find_interpreter(machine.python)
     if base is None:
         return None
-    wanted = hashlib.sha256(
-        (ROOT / "pyproject.toml").read_bytes() + (ROOT / "constraints.txt").read_bytes()
-    ).hexdigest()
+    declared = (ROOT / "pyproject.toml").read_bytes() + (ROOT / "constraints.txt").read_bytes()
+    wanted = hashlib.sha256(declared).hexdigest()
     folder = KEPT / "environments" / f"{machine.python}-{machine.resolution or 'constraints'}"
     python, ready = str(folder / "bin" / "python"), folder / "ready"
-    if ready.is_file() and ready.read_text() == wanted:
+    if ready.is_file() and ready.read_text(encoding="utf-8") == wanted:
         return python
-    subprocess.run([base, "-m", "venv", str(folder)], check=True)
-    subprocess.run(
-        [python, "-m", "pip", "install", "-q", "--disable-pip-version-check", "uv"], check=True
-    )
-    asked = (
-        ["--resolution", machine.resolution]
-        if machine.resolution
-        else ["-c", str(ROOT / "constraints.txt")]
-    )
+    versions = ["-c", str(ROOT / "constraints.txt")]
+    if machine.resolution:
+        versions = ["--resolution", machine.resolution]
+    pip = [python, "-m", "pip", "install", "-q", "--disable-pip-version-check"]
     install = [python, "-m", "uv", "pip", "install", "-q", "--python", python]
-    subprocess.run([*install, *asked, "-e", f"{ROOT}[dev]"], check=True)
-    ready.write_text(wanted)
+    subprocess.run([base, "-m", "venv", str(folder)], check=True)
+    subprocess.run([*pip, "uv"], check=True)
+    subprocess.run([*install, *versions, "-e", f"{ROOT}[dev]"], check=True)
+    ready.write_text(wanted, encoding="utf-8")
     return python
 
 
-def tested(python: str, cell: str, settings: dict[str, str]) -> tuple[bool, dict[str, Any]]:
-    """Run the tests of a folder; whether they pass, and how many did."""
-    asked = (
-        sorted(map(str, (ROOT / "tests").glob("test_*.py"))) if cell == TOP else [f"tests/{cell}"]
-    )
-    command = [
-        python,
-        "-m",
-        "pytest",
-        "-n",
-        "auto",
-        "--dist",
-        "loadfile",
-        "--no-loadscope-reorder",
-        "-p",
-        "no:cacheprovider",
-        *asked,
-    ]
+def list_tests(part: str) -> list[str]:
+    """List the folders of tests of a part, and the files that lie in no folder."""
+    if part == NUMERIC:
+        return [f"tests/{folder}" for folder in NUMERIC_FOLDERS]
+    found = []
+    for path in sorted((ROOT / "tests").iterdir()):
+        is_file = path.is_file() and path.match("test_*.py")
+        is_folder = path.is_dir() and path.name not in NUMERIC_FOLDERS and any(path.glob("test_*"))
+        if is_file or is_folder:
+            found.append(str(path))
+    return found
+
+
+def run_tests(part: str, python: str, settings: Mapping[str, str]) -> tuple[bool, dict[str, int]]:
+    """Run the quick tests of a part; return whether they pass, and how many ended in which way."""
+    compile_kernels = [python, "benchmarks/compile_kernels.py"]
+    subprocess.run(compile_kernels, cwd=ROOT, env=settings, capture_output=True, check=False)
+    spread = ["-n", "auto", "--dist", "loadfile", "--no-loadscope-reorder"]
+    command = [python, "-m", "pytest", *spread, "-p", "no:cacheprovider", *list_tests(part)]
     try:
         done = subprocess.run(
             command,
@@ -218,168 +277,210 @@ def tested(python: str, cell: str, settings: dict[str, str]) -> tuple[bool, dict
             timeout=LONGEST,
         )
     except subprocess.TimeoutExpired as late:
-        print((late.stdout or b"").decode()[-6000:], file=sys.stderr)
+        print((late.stdout or b"").decode()[-SHOWN:], file=sys.stderr)
         return False, {}
     if done.returncode:
-        print(done.stdout[-6000:], done.stderr[-2000:], file=sys.stderr)
-    counts = {
-        kind: re.search(rf"(\d+) {kind}", done.stdout)
-        for kind in ("passed", "failed", "skipped", "error")
-    }
-    return done.returncode == 0, {kind: int(found[1]) for kind, found in counts.items() if found}
+        print(done.stdout[-SHOWN:], done.stderr[-SHOWN:], file=sys.stderr)
+    counts = {}
+    for kind in COUNTED:
+        found = re.search(rf"(\d+) {kind}", done.stdout)
+        if found:
+            counts[kind] = int(found[1])
+    return done.returncode == 0, counts
 
 
-def built(python: str, settings: dict[str, str]) -> tuple[bool, dict[str, Any]]:
+def build_stimuli(python: str, settings: Mapping[str, str]) -> tuple[bool, dict[str, str]]:
     """Build every shipped stimulus; return success and the hash of each file without a machine."""
+    hashes = {}
     with tempfile.TemporaryDirectory() as work:
         command = [python, "-m", "stepblocks", "build", "-o", work, "--jobs", "1", "--quiet"]
         done = subprocess.run(
             command, cwd=ROOT, env=settings, capture_output=True, text=True, check=False
         )
-        print(done.stderr[-2000:], file=sys.stderr, end="")
-        files = [
-            path
-            for path in sorted(Path(work).rglob("*"))
-            if path.is_file() and path.name not in NAMING
-        ]
-        hashes = {
-            str(path.relative_to(work)): hashlib.sha256(path.read_bytes()).hexdigest()
-            for path in files
-        }
-    return done.returncode == 0, {"files": hashes}
+        print(done.stderr[-SHOWN:], file=sys.stderr, end="")
+        for path in sorted(Path(work).rglob("*")):
+            if path.is_file() and path.name not in NAMING:
+                name = path.relative_to(work).as_posix()
+                hashes[name] = hashlib.sha256(path.read_bytes()).hexdigest()
+    return done.returncode == 0, hashes
 
 
-def run(machine: Machine, cell: str) -> dict[str, Any]:
-    """Outcome of a cell, and what was found."""
+def run_cell(cell: Cell, state: str, commit: str) -> Outcome:
+    """Run a cell; return how it ended."""
+    machine = cell.machine
     try:
-        python = environment(machine)
+        with _environments:
+            python = set_up_environment(machine)
     except subprocess.CalledProcessError as error:
-        return {"outcome": "not installed", "why": str(error)[:80]}
+        return Outcome(state, commit, "not installed", str(error)[:80])
     if python is None:
-        return {"outcome": "not run", "why": f"no Python {machine.python} here"}
-    own = {"PYTHONPATH": str(ROOT / "src")}
+        return Outcome(state, commit, "not run", f"no Python {machine.python} here")
+    settings = {**os.environ, **machine.settings, "PYTHONPATH": str(ROOT / "src")}
     # this Python for this processor takes what the suite has compiled
     if python != sys.executable or "NUMBA_CPU_NAME" in machine.settings:
-        own["NUMBA_CACHE_DIR"] = str(KEPT / "compiled" / re.sub(r"\W+", "-", machine.name))
-    settings = {**os.environ, **machine.settings, **own}
+        folder = re.sub(r"\W+", "-", machine.name)
+        settings["NUMBA_CACHE_DIR"] = str(KEPT / "compiled" / folder)
     started = time.monotonic()
-    if cell == PORTABLE:
-        good, found = portable.check_commands(python, settings)
-        pages_good, pages = portable.check_pages(python, settings)
-        good = good and pages_good
-        found = {count: found[count] + pages[count] for count in found}
-    elif cell == WHEELS:
-        good, found = portable.resolve_wheels()
-    elif cell == BYTES:
-        good, found = built(python, settings)
+    counts: dict[str, int] = {}
+    files: dict[str, str] = {}
+    if cell.part == PORTABLE:
+        commands_pass, of_commands = portable.check_commands(python, settings)
+        pages_pass, of_pages = portable.check_pages(python, settings)
+        passes = commands_pass and pages_pass
+        counts = {kind: of_commands[kind] + of_pages[kind] for kind in of_commands}
+    elif cell.part == WHEELS:
+        passes, counts = portable.resolve_wheels()
+    elif cell.part == BYTES:
+        passes, files = build_stimuli(python, settings)
     else:
-        good, found = tested(python, cell, settings)
-    return {
-        "outcome": "passes" if good else "FAILS",
-        **found,
-        "seconds": round(time.monotonic() - started),
-    }
+        passes, counts = run_tests(cell.part, python, settings)
+    seconds = round(time.monotonic() - started)
+    outcome = "passes" if passes else "FAILS"
+    return Outcome(state, commit, outcome, seconds=seconds, counts=counts, files=files)
 
 
-def row(machine: Machine, found: dict[str, dict[str, Any]]) -> str:
-    """Line of the table: what was run on a machine and how it ended."""
-    here = {
-        cell: found[f"{machine.name}: {cell}"]
-        for cell in machine.cells
-        if f"{machine.name}: {cell}" in found
-    }
-    wrong = [
-        f"{cell} {one['outcome']} {one.get('why', '')}".strip()
-        for cell, one in here.items()
-        if one["outcome"] != "passes"
-    ]
-    tests = [one for cell, one in here.items() if cell != BYTES]
-    told = [
-        f"{sum(one.get(kind, 0) for one in tests)} {kind}"
-        for kind in ("passed", "failed", "skipped")
-    ]
-    if missing := [cell for cell in machine.cells if cell not in here]:
-        told.append(f"not run: {', '.join(missing)}")
-    # other versions of a kernel or a writer of meshes may write other bytes; the same ones must not
-    alike = [f"{one.name}: {BYTES}" for one in machines() if one.resolution == machine.resolution]
-    reference = next((found[name]["files"] for name in alike if name in found), {})
-    if files := here.get(BYTES, {}).get("files"):
-        other = sorted(
-            name
-            for name in reference.keys() | files.keys()
-            if reference.get(name) != files.get(name)
-        )
-        told.append(
-            f"{len(files)} files"
-            if not other
-            else f"{len(other)} files differ: {', '.join(other[:3])}"
-        )
-        wrong += ["bytes differ"] if other else []
-    return (
-        f"| {machine.name} | {'; '.join(wrong) or ('passes' if here else 'not run')} | "
-        f"{', '.join(told)} |"
-    )
+def run_cells(cells: Sequence[Cell], state: str, most_seconds: float) -> Iterator[str]:
+    """Run cells, those of one process as many at a time as there are cores.
+
+    Yields
+    ------
+    str
+        Name of a cell whose outcome the record holds now.
+    """
+    commit = describe_commit()
+    started = time.monotonic()
+
+    def run_in_time(cell: Cell) -> Outcome | None:
+        if time.monotonic() - started > most_seconds:
+            return None
+        return run_cell(cell, state, commit)
+
+    alone = [cell for cell in cells if cell.part not in ONE_PROCESS]
+    beside = [cell for cell in cells if cell.part in ONE_PROCESS]
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        outcomes = pool.map(run_in_time, beside)
+        for cell, outcome in zip(beside, outcomes, strict=True):
+            yield from note_outcome(cell, outcome)
+    for cell in alone:
+        yield from note_outcome(cell, run_in_time(cell))
 
 
-def main() -> int:
-    """Run the cells that are asked for and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+def note_outcome(cell: Cell, outcome: Outcome | None) -> Iterator[str]:
+    """Put an outcome into the record at once, say it, and yield the name of its cell."""
+    if outcome is None:
+        return
+    print(f"{cell.name} {outcome.outcome} {outcome.seconds} s", file=sys.stderr, flush=True)
+    record = read_record()
+    record[cell.name] = outcome
+    KEPT.mkdir(parents=True, exist_ok=True)
+    document = {name: asdict(known) for name, known in record.items()}
+    draft = RECORD.with_suffix(".draft")
+    draft.write_text(json.dumps(document, indent=1), encoding="utf-8")
+    draft.replace(RECORD)
+    yield cell.name
+
+
+def read_record() -> dict[str, Outcome]:
+    """Read the outcomes of earlier runs, by the names of their cells."""
+    if not RECORD.is_file():
+        return {}
+    document: dict[str, dict[str, Any]] = json.loads(RECORD.read_text(encoding="utf-8"))
+    return {name: Outcome(**values) for name, values in document.items()}
+
+
+def find_differing_files(machine: Machine, outcomes: Mapping[str, Outcome]) -> list[str]:
+    """List the files of a machine that have other bytes than those of the first like it.
+
+    Other versions of a kernel or a writer of meshes may write other bytes; the same ones must not.
+    """
+    for likely in list_machines():
+        reference = outcomes.get(Cell(likely, BYTES).name)
+        if likely.resolution == machine.resolution and reference is not None:
+            break
+    else:
+        return []
+    files = outcomes[Cell(machine, BYTES).name].files
+    differing = []
+    for name in sorted(reference.files.keys() | files.keys()):
+        if reference.files.get(name) != files.get(name):
+            differing.append(name)
+    return differing
+
+
+def describe_machine(machine: Machine, outcomes: Mapping[str, Outcome]) -> str:
+    """Return the line of the table that says what was run on a machine and how it ended."""
+    wrong = []
+    missing = []
+    totals = dict.fromkeys(COUNTED[:3], 0)
+    of_files = []
+    for part in machine.cells:
+        outcome = outcomes.get(Cell(machine, part).name)
+        if outcome is None:
+            missing.append(part)
+            continue
+        if outcome.outcome != "passes":
+            wrong.append(f"{part} {outcome.outcome} {outcome.why}".strip())
+        for kind in totals:
+            totals[kind] += outcome.counts.get(kind, 0)
+        if outcome.files:
+            differing = find_differing_files(machine, outcomes)
+            of_files.append(f"{len(outcome.files)} files")
+            if differing:
+                of_files = [f"{len(differing)} files differ: {', '.join(differing[:3])}"]
+                wrong.append("bytes differ")
+    said = [f"{count} {kind}" for kind, count in totals.items()]
+    if missing:
+        said.append(f"not run: {', '.join(missing)}")
+    result = "; ".join(wrong)
+    if not wrong:
+        result = "not run" if len(missing) == len(machine.cells) else "passes"
+    return f"| {machine.name} | {result} | {', '.join([*said, *of_files])} |"
+
+
+def parse_arguments() -> argparse.Namespace:
+    """Read the command line."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("word", nargs="*", help="parts of names of cells (default: all)")
     parser.add_argument("--list", action="store_true", help="name the cells that would be run")
     parser.add_argument(
         "--minutes", type=float, default=float("inf"), help="begin no cell after so long"
     )
-    arguments = parser.parse_args()
-    everything, now = machines(), state()
-    record = json.loads(RECORD.read_text()) if RECORD.is_file() else {}
-    found = {
-        name: one
-        for name, one in record.items()
-        if one["state"] == now and one["outcome"] == "passes"
-    }
-    asked = [
-        (f"{machine.name}: {cell}", machine, cell)
-        for machine in everything
-        for cell in machine.cells
-    ]
-    asked = [
-        one for one in asked if not arguments.word or any(word in one[0] for word in arguments.word)
-    ]
-    pending = [one for one in asked if one[0] not in found]
+    return parser.parse_args()
+
+
+def main() -> int:
+    """Run the cells that are asked for and print the table."""
+    arguments = parse_arguments()
+    state = compute_state()
+    asked = list_cells()
+    if arguments.word:
+        asked = [cell for cell in asked if any(word in cell.name for word in arguments.word)]
+    outcomes = {}
+    for name, outcome in read_record().items():
+        if outcome.state == state and outcome.outcome == "passes":
+            outcomes[name] = outcome
+    pending = [cell for cell in asked if cell.name not in outcomes]
     if arguments.list:
-        print("\n".join(name for name, *_ in pending))
+        print("\n".join(cell.name for cell in pending))
         return 0
-    KEPT.mkdir(parents=True, exist_ok=True)
-    started = time.monotonic()
-    for name, machine, cell in pending:
-        if time.monotonic() - started > 60.0 * arguments.minutes:
-            break
-        print(name, end=" ", file=sys.stderr, flush=True)
-        found[name] = {"state": now, "commit": commit(), **run(machine, cell)}
-        print(
-            found[name]["outcome"],
-            f"{found[name].get('seconds', 0)} s",
-            file=sys.stderr,
-            flush=True,
-        )
-        record[name] = found[name]
-        draft = RECORD.with_suffix(".draft")
-        draft.write_text(json.dumps(record, indent=1))
-        draft.replace(RECORD)
-    chosen = {name for name, *_ in asked}
+    for name in run_cells(pending, state, 60.0 * arguments.minutes):
+        outcomes[name] = read_record()[name]
+    machines = list_machines()
     print("| machine | outcome | tests |\n|---|---|---|")
-    rows = [
-        row(machine, found)
-        for machine in everything
-        if any(f"{machine.name}: {cell}" in chosen for cell in machine.cells)
-    ]
-    print("\n".join(rows))
-    whole = [one for one in rows if "| passes |" in one and "not run" not in one]
-    print(f"\n{len(whole)} of {len(everything)} machines pass")
-    return int(
-        any(found[name]["outcome"] in ("FAILS", "not installed") for name in chosen & found.keys())
-        or any("differ" in one for one in rows)
-    )
+    passing = 0
+    differs = False
+    for machine in machines:
+        line = describe_machine(machine, outcomes)
+        differs |= "differ" in line
+        passing += "| passes |" in line and "not run" not in line
+        if any(cell.machine == machine for cell in asked):
+            print(line)
+    print(f"\n{passing} of {len(machines)} machines pass")
+    failed = False
+    for cell in asked:
+        if cell.name in outcomes:
+            failed |= outcomes[cell.name].outcome in ("FAILS", "not installed")
+    return int(failed or differs)
 
 
 if __name__ == "__main__":

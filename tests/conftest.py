@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from filelock import FileLock
 from hypothesis import settings
+from joblib import cpu_count
 
 from stepblocks.parts.kind import Part
 
@@ -26,6 +27,12 @@ ROOT = Path(__file__).resolve().parent.parent
 def pytest_configure(config):
     """Try few examples of each property in the quick run, and many in the long one."""
     settings.load_profile("long" if runs_long_tests(config) else "quick")
+
+
+def pytest_xdist_auto_num_workers(config):
+    """Share the long tests among one process more than there are cores: some only wait."""
+    cores = cpu_count()
+    return cores + 1 if runs_long_tests(config) else cores
 
 
 def runs_long_tests(config):
