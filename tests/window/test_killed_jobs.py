@@ -121,7 +121,9 @@ SHARES = (0.5, 0.8, 0.95)  # of the time of an undisturbed run, after which it i
 OFTEN = ("build", "inspect", "check", "study analyse")  # of these, more places are tried
 ENDED = (JobState.DONE, JobState.OUT_OF_TOLERANCE, JobState.NOT_PROVEN)
 WITHOUT_BYTES = (".pdf", ".xlsx")  # say when they were written
-KINDS = [name for name in JOBS if name not in ENDLESS]
+# the same words are offered in two places and killed once
+ONCE = {command.words: name for name, command in JOBS.items()}.values()
+KINDS = [name for name in ONCE if name not in ENDLESS]
 
 
 def put_files(folder, kind):
