@@ -29,6 +29,12 @@ def read_trees():
     return {path: ast.parse(path.read_text()) for path in SOURCES}
 
 
+@cache
+def list_nodes(path):
+    """List all nodes of the syntax tree of a source, once for all tests."""
+    return list(ast.walk(read_trees()[path]))
+
+
 def module_of(path):
     name = ".".join(path.relative_to(HOUSE.parent).with_suffix("").parts)
     return name.removesuffix(".__init__")
@@ -37,9 +43,9 @@ def module_of(path):
 MODULES = {module_of(path): path for path in SOURCES}
 
 
-def imported(tree):
+def imported(path):
     """Names of the modules that a file imports anywhere, also for types alone."""
-    for node in ast.walk(tree):
+    for node in list_nodes(path):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module:
@@ -49,7 +55,7 @@ def imported(tree):
 
 
 def ours(path):
-    return {name for name in imported(read_trees()[path]) if name in MODULES}
+    return {name for name in imported(path) if name in MODULES}
 
 
 def test_data_walks_downhill():
@@ -97,8 +103,8 @@ def test_rooms_import_each_other_along_the_arrows_that_the_page_draws_and_along_
 def test_only_the_kernel_imports_the_cad_library():
     users = {
         path.relative_to(HOUSE).parts[0]
-        for path, tree in read_trees().items()
-        for name in imported(tree)
+        for path in SOURCES
+        for name in imported(path)
         if name.split(".")[0] in {"cadquery", "OCP"}
     }
     assert users == {"cad"}
@@ -135,8 +141,8 @@ def test_nothing_takes_more_than_six_positional_arguments():
     }
     found = [
         f"{module_of(path)}.{node.name}"
-        for path, tree in read_trees().items()
-        for node in ast.walk(tree)
+        for path in SOURCES
+        for node in list_nodes(path)
         if isinstance(node, ast.FunctionDef) and too_many(node)
     ]
     assert found == []
@@ -208,8 +214,8 @@ def test_every_function_is_reached_by_name_from_a_command_or_the_public_face():
     what is named is not proven to run.
     """
     says = defaultdict(set)
-    for tree in read_trees().values():
-        for node in ast.walk(tree):
+    for path, tree in read_trees().items():
+        for node in list_nodes(path):
             if isinstance(node, Definition):
                 says[node.name] |= set(words_of(node))
         for node in tree.body:
@@ -237,7 +243,7 @@ def test_every_function_is_reached_by_name_from_a_command_or_the_public_face():
                 ast.unparse(one).startswith("command(") for one in node.decorator_list
             ):
                 waiting.add(node.name)
-        for node in ast.walk(tree):
+        for node in list_nodes(path):
             # what a public class shows, its users name
             if isinstance(node, ast.ClassDef) and node.name in public:
                 waiting |= {
@@ -250,8 +256,8 @@ def test_every_function_is_reached_by_name_from_a_command_or_the_public_face():
         waiting |= says[word] - reached
     dead = [
         f"{module_of(path)}.{node.name}"
-        for path, tree in read_trees().items()
-        for node in ast.walk(tree)
+        for path in SOURCES
+        for node in list_nodes(path)
         if isinstance(node, Definition)
         and node.name not in reached
         and not node.name.startswith("__")
@@ -263,12 +269,9 @@ def logical_lines(path):
     """Lines of code without comments, docstrings and imports, white space folded, with their
     numbers.
     """
-    text, tree = (
-        path.read_text().splitlines(),
-        read_trees().get(path) or ast.parse(path.read_text()),
-    )
+    text = path.read_text().splitlines()
     out = set()
-    for node in ast.walk(tree):
+    for node in list_nodes(path):
         skip = isinstance(node, ast.Import | ast.ImportFrom)
         skip |= (
             isinstance(node, ast.Expr)
@@ -304,13 +307,13 @@ def test_there_is_no_drawer_of_oddments():
 
 
 def test_nothing_is_read_by_pickle_or_eval():
-    for path, tree in read_trees().items():
+    for path in SOURCES:
         names = {
             node.func.id
-            for node in ast.walk(tree)
+            for node in list_nodes(path)
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
         }
         assert not names & {"eval", "exec"}, path
         assert not {"pickle", "shelve", "marshal"} & {
-            name.split(".")[0] for name in imported(tree)
+            name.split(".")[0] for name in imported(path)
         }, path
