@@ -149,11 +149,10 @@ def select_quickly_built(shipped):
 @pytest.fixture(scope="session")
 def shipped_output(make_once, request):
     """Output folder with shipped stimuli: all of them in the long tests, else some of each set."""
+    from oracles.shipped import load_all_shipped
     from stepblocks.build.run import build_sets
-    from stepblocks.declaration.read import load_set
-    from stepblocks.declaration.select import find_stimulus_files
 
-    sets = [load_set(path) for path in find_stimulus_files([ROOT / "stimuli"])]
+    sets = load_all_shipped()
     if not runs_long_tests(request.config):
         sets = [select_quickly_built(shipped) for shipped in sets]
 

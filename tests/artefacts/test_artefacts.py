@@ -7,16 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from oracles.shipped import load_all_shipped
 from stepblocks.artefacts.check import check_artefact
 from stepblocks.artefacts.meshes.read import MESH_READERS, read_mesh
 from stepblocks.artefacts.meshes.write import MESH_FORMATS
 from stepblocks.build.make import list_checkable_files
-from stepblocks.declaration.read import load_set
-from stepblocks.declaration.select import find_stimulus_files
 from stepblocks.parts.shapes import Mesh
 
-ROOT = Path(__file__).resolve().parents[2]
-SETS = {path.stem: load_set(path) for path in find_stimulus_files(ROOT / "stimuli")}
+SETS = {stimuli.name: stimuli for stimuli in load_all_shipped()}
 ARTEFACTS = [
     pytest.param(name, stimulus, path.name, id=f"{name}/{path.name}")
     for name, stimuli in SETS.items()

@@ -3,20 +3,18 @@
 import json
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
 from oracles.hjif_decoder import decode_hjif
 from oracles.hjif_rules import check_hjif
+from oracles.shipped import load_shipped
 from stepblocks.artefacts.haptic_media import fits_mpeg_haptics, write_ahap, write_hjif
 from stepblocks.contact.event import compute_ring_energy, list_vibration_events
 from stepblocks.contact.operating_point import Limits, OperatingPoint, Tool
-from stepblocks.declaration.read import load_set
 from stepblocks.errors import HapticsError
 
-ROOT = Path(__file__).resolve().parents[2]
-TEN = load_set(ROOT / "stimuli" / "paper-ten.toml").stimuli
+TEN = load_shipped("paper-ten").stimuli
 # the equations alone, so that the highest block rings, too
 POINT = OperatingPoint(125e-6, 1.0, 0.15, Tool(limits=Limits()))
 RINGING = [list_vibration_events(block.counterface(), POINT, block.id)[0] for block in TEN]

@@ -6,11 +6,11 @@ import json
 import math
 import resource
 import zipfile
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from oracles.shipped import load_shipped
 from stepblocks.artefacts.heightfield import (
     SPACING,
     sample_height_field,
@@ -19,14 +19,12 @@ from stepblocks.artefacts.heightfield import (
 from stepblocks.artefacts.meshes.measures import MeshMeasures, fit_sphere_radius
 from stepblocks.artefacts.meshes.read import read_mesh, read_pieces
 from stepblocks.artefacts.meshes.write import MESH_FORMATS, write_pieces
-from stepblocks.declaration.read import load_set
 from stepblocks.errors import HapticsError, MetrologyError
 from stepblocks.files import confined
 from stepblocks.parts.shapes import Mesh, compute_enclosed_volume, require_manifold
 from stepblocks.parts.tolerance import Dimension
 from stepblocks.parts.verdict import Verdict
 
-ROOT = Path(__file__).resolve().parents[2]
 CORNERS = np.array(list(itertools.product((0.0, 1.0), repeat=3)))
 # outward-wound triangles of the cube above
 FACES = np.array(
@@ -299,7 +297,7 @@ def test_what_could_not_be_measured_has_failed_and_stays_valid_json():
     }
 
 
-BLOCK = load_set(ROOT / "stimuli" / "paper-ten.toml").stimuli[4]
+BLOCK = load_shipped("paper-ten").stimuli[4]
 
 
 def test_a_height_field_steps_once_between_two_columns():

@@ -2,11 +2,11 @@
 
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from oracles.shipped import load_shipped
 from stepblocks.artefacts.rings import (
     WAV_RATES,
     find_largest_force,
@@ -20,11 +20,9 @@ from stepblocks.contact.event import (
     list_vibration_events,
 )
 from stepblocks.contact.operating_point import PAPER, Limits, OperatingPoint, Tool
-from stepblocks.declaration.read import load_set
 from stepblocks.errors import HapticsError
 
-ROOT = Path(__file__).resolve().parents[2]
-TEN = load_set(ROOT / "stimuli" / "paper-ten.toml").stimuli
+TEN = load_shipped("paper-ten").stimuli
 POINT = OperatingPoint(125e-6, 1.0, 0.15, Tool(limits=Limits()))
 # E_v [J] at mu 0.15, F_py 1 N, R 125 um: the owner's table of equation (1).
 TABLE = {"step-010": 3.86e-6, "step-050": 35.0e-6, "step-100": 3696e-6}

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_bvp
 
+from oracles.shipped import load_shipped
 from stepblocks.cli import main
 from stepblocks.contact.critical_angle import find_step_angle
 from stepblocks.contact.energy import Status, find_release
@@ -22,7 +23,7 @@ from stepblocks.predict.columns import tabulate_prediction
 from stepblocks.predict.predictions import describe_left_out, predict_and_drag_set
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
-FOUR = load_set(STIMULI / "paper-four.toml")
+FOUR = load_shipped("paper-four")
 SHANK = fit_rod(9.81e3, 300.0, 14.2e-3, 4e-3, 200e9, 7900.0)
 
 

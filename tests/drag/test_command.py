@@ -8,11 +8,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from oracles.shipped import load_shipped
 from stepblocks.cli import main
 from stepblocks.contact.counterface import Margin, Profile, Step
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import PAPER
-from stepblocks.declaration.read import load_set
 from stepblocks.drag.probe import PAPER_DRAG, DragSettings
 from stepblocks.drag.run import drag_over
 from stepblocks.drag.simulate import simulate_drag
@@ -88,7 +88,7 @@ def test_a_declared_block_is_dragged_over_under_the_conditions_of_its_set(tmp_pa
 def test_a_crown_margin_is_dragged_over_in_either_direction(name):
     angles = {
         p.drag_direction: p.release
-        for p in predict_by_formula(load_set(STIMULI / "crown-margins.toml"))
+        for p in predict_by_formula(load_shipped("crown-margins"))
         if (p.stimulus, p.point.ball_radius, p.point.normal_load, p.point.friction)
         == (name, 60e-6, 1.0, 0.15)
     }

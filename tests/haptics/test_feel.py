@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from oracles.browser import browser_without_network
+from oracles.shipped import load_shipped
 from stepblocks.cli import main
 from stepblocks.contact.energy import Status
 from stepblocks.contact.event import list_vibration_events
-from stepblocks.declaration.read import load_set
 from stepblocks.declaration.set import choose_operating_point
 from stepblocks.haptics.feel_page import write_feel_page
 
@@ -53,7 +53,7 @@ def test_every_stimulus_has_the_tip_load_friction_tool_and_limits_of_its_own_fil
     write_feel_page(ROOT / "stimuli", tmp_path / "x.html")
     found = {(one["set"], one["name"]): one for one in stimuli_of(tmp_path / "x.html")}
     for name in ("paper-ten", "paper-four", "crown-margins", "probe-tips", "sheaths"):
-        stimuli = load_set(ROOT / "stimuli" / f"{name}.toml")
+        stimuli = load_shipped(name)
         grid = stimuli.prediction
         for part in stimuli.stimuli:
             one = found.pop((name, part.id))
@@ -71,7 +71,7 @@ def test_every_stimulus_has_the_tip_load_friction_tool_and_limits_of_its_own_fil
 
 
 def test_a_notebook_writes_the_page_of_a_set_of_its_own(tmp_path):
-    stimuli = load_set(ROOT / "stimuli" / "crown-margins.toml")
+    stimuli = load_shipped("crown-margins")
     assert (
         write_feel_page(stimuli.with_parts(stimuli.stimuli[-3:]), tmp_path / "new" / "x.html") == 3
     )
@@ -130,7 +130,7 @@ def test_each_stimulus_of_all_sets_slips_at_the_force_of_its_own_file(whole):
     """Paper blocks under R 125 um and 0.3 N, not the first file's 60 um; expected: the events."""
     stimuli = whole.execute_script("return STIMULI.map(one => [one.set, one.name])")
     for name in ("paper-ten", "crown-margins"):
-        declared = load_set(ROOT / "stimuli" / f"{name}.toml")
+        declared = load_shipped(name)
         for part in declared.stimuli:
             point = choose_operating_point(declared, part, {})
             event = list_vibration_events(part.counterface(), point, part.id)[0]

@@ -3,22 +3,20 @@
 import itertools
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from oracles.scenes import corner_path
+from oracles.shipped import load_shipped
 from stepblocks.contact.critical_angle import find_margin_angles, find_step_angle
 from stepblocks.contact.event import compute_ring_energy, list_vibration_events
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
-from stepblocks.declaration.read import load_set
 from stepblocks.errors import ContactError, HapticsError
 from stepblocks.haptics.renderer import Renderer
 
-ROOT = Path(__file__).resolve().parents[2]
-TEN = load_set(ROOT / "stimuli" / "paper-ten.toml").stimuli
-MARGINS = load_set(ROOT / "stimuli" / "crown-margins.toml").stimuli
+TEN = load_shipped("paper-ten").stimuli
+MARGINS = load_shipped("crown-margins").stimuli
 R = 125e-6
 POINT = OperatingPoint(R, 1.0, 0.15)
 # F_px at mu 0.15, F_py 1 N, R 125 um: the owner's table of the paper's equations (1) and (2).

@@ -12,9 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from oracles.shipped import load_all_shipped
 from oracles.softgauge import correlated_noise, edge_gauge, groove_gauge
-from stepblocks.declaration.select import find_stimulus_files
-from stepblocks.declaration.set import StimulusSet
 from stepblocks.errors import PipelineError
 from stepblocks.inspect.budget import Component, Instrument, Measured
 from stepblocks.inspect.conformity import (
@@ -76,11 +75,12 @@ def test_a_scan_is_judged_in_one_call_wherever_the_stimulus_is_declared(result, 
 
 
 def test_every_characteristic_that_a_scan_shows_belongs_to_some_shipped_part():
-    from stepblocks.declaration.read import load_set
 
-    sets: list[StimulusSet] = [load_set(path) for path in find_stimulus_files(STIMULI)]
     keys = {
-        one.key for stimuli in sets for part in stimuli.stimuli for one in part.characteristics()
+        one.key
+        for stimuli in load_all_shipped()
+        for part in stimuli.stimuli
+        for one in part.characteristics()
     }
     # no shipped block has a ridge, and no part dots: standards have
     assert set(EVALUATIONS) - {"ridge_height", "dot_depth"} <= keys

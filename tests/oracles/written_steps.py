@@ -1,16 +1,10 @@
 """STEP files of shipped stimuli, for tests that read and falsify them."""
 
-from pathlib import Path
-
+from oracles.shipped import list_shipped_parts
 from stepblocks.artefacts.step.write import write_step_ap242
-from stepblocks.declaration.read import load_set
-from stepblocks.declaration.select import find_stimulus_files
 from stepblocks.parts.shapes import build_solids
 
-ROOT = Path(__file__).parents[2]
-STIMULI = {
-    one.id: one for path in find_stimulus_files(ROOT / "stimuli") for one in load_set(path).stimuli
-}
+STIMULI = list_shipped_parts()
 
 
 def written(identity, folder):

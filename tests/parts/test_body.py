@@ -2,13 +2,12 @@
 are refused."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from oracles.shipped import load_shipped
 from stepblocks.cad import kernel
-from stepblocks.declaration.read import load_set
 from stepblocks.parts.body import Body, Mounting
 from stepblocks.parts.body_solid import (
     WorkingFace,
@@ -21,7 +20,7 @@ from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.lettering import compute_text_width, outline_text
 from stepblocks.parts.shapes import make_hull
 
-BLOCK = load_set(Path(__file__).resolve().parents[2] / "stimuli" / "paper-ten.toml").stimuli[4]
+BLOCK = load_shipped("paper-ten").stimuli[4]
 BODY = BLOCK.body
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from oracles.shipped import load_shipped
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.declaration.read import load_set
 from stepblocks.declaration.set import StimulusSet
@@ -13,7 +14,7 @@ from stepblocks.errors import StimulusError
 from stepblocks.parts.conditions import PredictionGrid, ToolSpec
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
-SHEATHS, TEN = load_set(STIMULI / "sheaths.toml"), load_set(STIMULI / "paper-ten.toml")
+SHEATHS, TEN = load_shipped("sheaths"), load_shipped("paper-ten")
 
 
 def test_a_tool_that_is_not_declared_is_the_papers():
@@ -154,7 +155,7 @@ def test_conditions_that_a_file_leaves_out_are_those_of_the_paper(tmp_path, stan
 
 
 def test_only_parts_that_bring_their_ball_need_no_tips(tmp_path):
-    tips = load_set(STIMULI / "probe-tips.toml")
+    tips = load_shipped("probe-tips")
     assert tips.prediction.tip_radii == ()
     assert all(part.ball is part.ball_radius for part in tips.stimuli)
 

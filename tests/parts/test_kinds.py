@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from oracles.scanned_tooth import scanned_set
+from oracles.shipped import load_all_shipped
 from stepblocks.artefacts.meshes.measures import MeshMeasures
 from stepblocks.cad import kernel
 from stepblocks.contact.counterface import Counterface
 from stepblocks.declaration.read import load_set
-from stepblocks.declaration.select import find_stimulus_files
 from stepblocks.declaration.set import SHIPPED
 from stepblocks.errors import ContactError
 from stepblocks.parts.body import Block
@@ -22,9 +22,8 @@ from stepblocks.parts.characteristics import EdgeRule, find_face
 from stepblocks.parts.kind import NANOMETRE, choose_exaggeration
 from stepblocks.parts.shapes import build_convex_pieces, build_solids, mesh_solid
 
-ROOT = Path(__file__).resolve().parents[2]
 SCANS = scanned_set(Path(tempfile.mkdtemp()), stations=2, more='vertical_discrepancy = "100 um"')
-SETS = [load_set(path) for path in (*find_stimulus_files(ROOT / "stimuli"), SCANS)]
+SETS = [*load_all_shipped(), load_set(SCANS)]
 PARTS = [
     pytest.param(part, id=f"{stimuli.name}/{part.id}")
     for stimuli in SETS

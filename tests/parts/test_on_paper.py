@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from oracles.shipped import load_shipped
 from stepblocks.artefacts.step.callout import draw_callout, format_callout, measure_box
 from stepblocks.artefacts.step.conform import make_conforming
 from stepblocks.cad.kernel import Face
@@ -59,7 +60,7 @@ def test_deviations_carry_their_signs_the_upper_first(nominal, lower, upper, tex
 
 @pytest.fixture(scope="module")
 def tip():
-    return next(one for one in load_set(STIMULI / "probe-tips.toml").stimuli if one.id == "tip-125")
+    return next(one for one in load_shipped("probe-tips").stimuli if one.id == "tip-125")
 
 
 def test_the_sheet_lists_limits_as_values_and_angles_in_degrees(tip):
@@ -88,7 +89,7 @@ def test_the_sheet_lists_limits_as_values_and_angles_in_degrees(tip):
 
 
 def test_a_zone_has_no_nominal_and_no_lower_limit():
-    block = load_set(STIMULI / "paper-ten.toml").step_block[0]
+    block = load_shipped("paper-ten").step_block[0]
     table = make_sheet_table(block)
     zones = table[table.kind.isin(["flatness", "parallelism"])]
     assert len(zones) == 5  # two faces and the base, the upper to the lower, the lower to the base

@@ -2,20 +2,18 @@
 the shipped ones."""
 
 import itertools
-from pathlib import Path
 
 import pytest
 
+from oracles.shipped import load_all_shipped
 from stepblocks.cad import kernel
 from stepblocks.declaration.read import load_set
-from stepblocks.declaration.select import find_stimulus_files
 from stepblocks.parts.shapes import build_solids
 
-ROOT = Path(__file__).resolve().parents[2]
 SHIPPED = [
-    pytest.param(stimulus, id=f"{path.stem}/{stimulus.id}")
-    for path in find_stimulus_files(ROOT / "stimuli")
-    for stimulus in load_set(path).stimuli
+    pytest.param(stimulus, id=f"{stimuli.name}/{stimulus.id}")
+    for stimuli in load_all_shipped()
+    for stimulus in stimuli.stimuli
 ]
 
 

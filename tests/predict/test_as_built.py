@@ -2,15 +2,14 @@
 
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
 import stepblocks
+from oracles.shipped import load_shipped
 from stepblocks.contact.energy import Status
-from stepblocks.declaration.read import load_set
 from stepblocks.predict.as_built import (
     _format_energy_change,
     describe_energy_changes,
@@ -24,13 +23,12 @@ from stepblocks.predict.predictions import predict_by_formula
 from stepblocks.records.as_built import AsBuilt, AsBuiltValue, write_as_built
 from stepblocks.scans.scan import ScannedProfile
 
-STIMULI = Path(__file__).parents[2] / "stimuli"
 X = np.arange(-400, 401) * 1e-6
 
 
 @pytest.fixture(scope="module")
 def stimuli():
-    return load_set(STIMULI / "paper-ten.toml")
+    return load_shipped("paper-ten")
 
 
 def record(height=50e-6, radius=None, surface=None):

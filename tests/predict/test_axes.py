@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from oracles.scanned_tooth import scan, scanned_set
+from oracles.shipped import load_shipped
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.declaration.read import load_set
 from stepblocks.errors import PipelineError
@@ -39,7 +40,7 @@ def test_a_block_stands_at_the_middle_of_its_tolerances_or_at_its_nominal():
 def test_crowns_go_by_the_names_of_their_discrepancies():
     surface, crowns, grid = read_sweep_stimuli(STIMULI / "crown-margins.toml", None, False)
     assert surface == "margin"
-    assert len(crowns) == len(load_set(STIMULI / "crown-margins.toml").stimuli)
+    assert len(crowns) == len(load_shipped("crown-margins").stimuli)
     names = {name for crown in crowns for name in crown.values}
     assert (
         names
@@ -67,7 +68,7 @@ def test_a_sweep_goes_over_the_sides_that_a_scan_shows(tmp_path):
 def test_what_a_setting_may_be_off_by_is_plain_for_lengths_and_a_share_for_forces(tmp_path):
     path = tmp_path / "sweep.toml"
     path.write_text(f'[sweep]\nset = "{STIMULI / "paper-ten.toml"}"\n[draws]\ntolerances = true\n')
-    grid, plan = load_set(STIMULI / "paper-ten.toml").prediction, load_sweep(path)
+    grid, plan = load_shipped("paper-ten").prediction, load_sweep(path)
     assert plan.values["normal_load"] == list(grid.normal_loads)
     assert set(plan.spreads) == {"tip_radius", "friction", "frequency"}
     # the paper's band of 250 to 350 Hz

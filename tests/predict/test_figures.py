@@ -1,14 +1,12 @@
 """Pictures of a set: one for each tip and friction, the same bytes every time."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
+from oracles.shipped import load_shipped
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.contact.uncertainty import estimate_interval
-from stepblocks.declaration.read import load_set
 from stepblocks.errors import ContactError
 from stepblocks.predict.figures import (
     compute_margin_map,
@@ -17,11 +15,9 @@ from stepblocks.predict.figures import (
     write_plots,
 )
 
-STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
-
 
 def test_a_set_of_tips_has_no_curve_of_its_own(tmp_path):
-    assert list(write_plots(load_set(STIMULI / "probe-tips.toml"), tmp_path)) == []
+    assert list(write_plots(load_shipped("probe-tips"), tmp_path)) == []
 
 
 @pytest.mark.long
@@ -86,7 +82,7 @@ def test_each_margin_is_marked_by_its_gap_and_by_how_far_its_tooth_lies_over_its
         "stepblocks.predict.figures.draw_margin_map",
         lambda *given: marked.append(given[-1]),
     )
-    stimuli = load_set(STIMULI / "crown-margins.toml")
+    stimuli = load_shipped("crown-margins")
     list(write_plots(stimuli, tmp_path))
     parts = [one for one in stimuli.stimuli if one.crossed]
     # a crown that stands over its tooth has a positive horizontal discrepancy

@@ -1,14 +1,13 @@
 """A learned model in the prediction of stimuli: the same as a trial of that step."""
 
 import math
-from pathlib import Path
 
 import pandas as pd
 import pytest
 
 from oracles.learned import make_learned_model
+from oracles.shipped import load_shipped
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
-from stepblocks.declaration.read import load_set
 from stepblocks.predict.learned import (
     format_learned_columns,
     make_learned_drag,
@@ -17,7 +16,6 @@ from stepblocks.predict.learned import (
 )
 from stepblocks.predict.predictions import predict_by_formula
 
-_STIMULI = Path(__file__).parents[2] / "stimuli"
 _CONDITION = OperatingPoint(ball_radius=110e-6, normal_load=0.8, friction=0.4, speed=8e-3)
 _ROUNDED = {"edge_rounding": {"edge_radius_m": 14e-6}}
 
@@ -72,7 +70,7 @@ def test_a_step_beyond_the_data_is_flagged():
 
 
 def test_a_set_is_predicted_with_the_constants_of_the_session():
-    stimuli = put_learned_constants(load_set(_STIMULI / "paper-four.toml"), make_learned_model())
+    stimuli = put_learned_constants(load_shipped("paper-four"), make_learned_model())
     assert stimuli.prediction.frictions == (0.17,)
     assert stimuli.prediction.tool.stiffness == pytest.approx(1.05 * 9500.0)
     assert stimuli.prediction.tool.conversion == pytest.approx(0.23)
@@ -82,9 +80,7 @@ def test_a_set_is_predicted_with_the_constants_of_the_session():
 def test_columns_say_the_same_as_a_plain_step_of_the_same_critical_angle(name):
     learned = make_learned_model()
     seen = set()
-    for prediction in predict_by_formula(
-        put_learned_constants(load_set(_STIMULI / f"{name}.toml"), learned)
-    ):
+    for prediction in predict_by_formula(put_learned_constants(load_shipped(name), learned)):
         columns = format_learned_columns(prediction, learned)
         seen.add(prediction.release.status.value)
         if prediction.release.status.value != "releases":

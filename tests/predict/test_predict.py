@@ -1,21 +1,20 @@
 """Predictions of margins: the closed forms agree with the path of the tip."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from oracles.shipped import load_shipped
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.contact.path.profile import build_profile_path, find_steepest_catch
 from stepblocks.contact.uncertainty import convert_half_widths, estimate_interval
-from stepblocks.declaration.read import load_set
 from stepblocks.parts.kinds.margin import MarginBlock
 from stepblocks.predict.predictions import predict_by_formula
 
-SET = load_set(Path(__file__).resolve().parents[2] / "stimuli" / "crown-margins.toml")
+SET = load_shipped("crown-margins")
 
 
 @pytest.mark.repeats
@@ -41,7 +40,7 @@ def test_every_margin_block_catches_as_the_dilation_of_its_profile_says(stimulus
 def test_drawn_and_analytic_intervals_of_the_shipped_blocks_agree_but_near_locking():
     # Origin: JCGM 100 against JCGM 101; d ln E / dH grows without bound towards locking, so 100 um
     # is left out.
-    ten = load_set(Path(__file__).resolve().parents[2] / "stimuli" / "paper-ten.toml")
+    ten = load_shipped("paper-ten")
     seen = 0
     for p in predict_by_formula(ten):
         assert p.interval.energy_low <= p.interval.energy_high
@@ -70,7 +69,7 @@ def test_drawn_and_analytic_intervals_of_the_shipped_blocks_agree_but_near_locki
 def test_the_interval_of_a_prediction_is_that_of_its_stated_tolerances():
     # Origin: half-widths over the root of three (JCGM 100, 4.3.7), the edge's one-sided tolerance
     # about its middle.
-    ten = load_set(Path(__file__).resolve().parents[2] / "stimuli" / "paper-ten.toml")
+    ten = load_shipped("paper-ten")
     (p,) = [
         p
         for p in predict_by_formula(ten)
@@ -107,7 +106,7 @@ def test_over_and_underextension_are_mirror_images():
 
 def test_the_limits_of_a_prediction_are_the_equations_at_the_limits_of_height_and_edge():
     # Origin: equations (1) and (2) at 49 and 51 um, edge radius 2 and 0 um, by hand.
-    ten = load_set(Path(__file__).resolve().parents[2] / "stimuli" / "paper-ten.toml")
+    ten = load_shipped("paper-ten")
     (found,) = [
         p
         for p in predict_by_formula(ten)
@@ -123,7 +122,7 @@ def test_the_limits_of_a_prediction_are_the_equations_at_the_limits_of_height_an
 def test_a_block_that_may_lock_within_its_tolerance_says_so():
     from stepblocks.predict.columns import format_row, tabulate_prediction
 
-    ten = load_set(Path(__file__).resolve().parents[2] / "stimuli" / "paper-ten.toml")
+    ten = load_shipped("paper-ten")
     rows = [
         format_row(tabulate_prediction(p))
         for p in predict_by_formula(ten)

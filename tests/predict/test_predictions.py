@@ -9,9 +9,9 @@ import pandas as pd
 import pytest
 
 import stepblocks
+from oracles.shipped import load_shipped
 from stepblocks.contact.counterface import Margin, Step
 from stepblocks.contact.energy import Status
-from stepblocks.declaration.read import load_set
 from stepblocks.errors import StepblocksError
 from stepblocks.predict.columns import (
     choose_terminal_columns,
@@ -24,8 +24,7 @@ from stepblocks.predict.run import predict_set
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 FOUR, MARGINS, TIPS, SHEATHS = (
-    load_set(STIMULI / f"{name}.toml")
-    for name in ("paper-four", "crown-margins", "probe-tips", "sheaths")
+    load_shipped(name) for name in ("paper-four", "crown-margins", "probe-tips", "sheaths")
 )
 
 

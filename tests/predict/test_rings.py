@@ -2,14 +2,13 @@
 
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
+from oracles.shipped import load_shipped
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import PAPER
-from stepblocks.declaration.read import load_set
 from stepblocks.drag.probe import DragSettings, build_probe
 from stepblocks.drag.ring import measure_ring
 from stepblocks.drag.simulate import simulate_drag
@@ -20,8 +19,7 @@ from stepblocks.predict.columns import tabulate_prediction
 from stepblocks.predict.perception import choose_energies
 from stepblocks.predict.predictions import DIFFERS, predict_and_drag_set, predict_drag
 
-STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
-SHEATHS, FOUR = load_set(STIMULI / "sheaths.toml"), load_set(STIMULI / "paper-four.toml")
+SHEATHS, FOUR = load_shipped("sheaths"), load_shipped("paper-four")
 ALONE, BESIDE = predict_and_drag_set(SHEATHS, dragged=False), predict_and_drag_set(SHEATHS)
 
 

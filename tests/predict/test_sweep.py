@@ -11,11 +11,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from oracles.shipped import load_shipped
 from stepblocks.cli import main
 from stepblocks.contact.critical_angle import find_step_angle
 from stepblocks.contact.energy import find_release
 from stepblocks.contact.operating_point import OperatingPoint
-from stepblocks.declaration.read import load_set
 from stepblocks.errors import PipelineError
 from stepblocks.predict.figures import compute_margin_map
 from stepblocks.predict.predictions import predict_by_formula
@@ -383,7 +383,7 @@ def test_a_sweep_over_crowns_takes_their_discrepancies(tmp_path):
     frame = table(tmp_path / "out")
     predicted = {
         (p.stimulus, 1e6 * p.point.ball_radius, p.point.normal_load, p.point.friction): p.release
-        for p in predict_by_formula(load_set(STIMULI / "crown-margins.toml"))
+        for p in predict_by_formula(load_shipped("crown-margins"))
         if p.drag_direction == "crown-to-tooth"
     }
     assert len(set(frame.stimulus)) == 12

@@ -12,8 +12,7 @@ import pytest
 from lxml import etree
 
 from oracles import schemas
-from stepblocks.declaration.read import load_set
-from stepblocks.declaration.select import find_stimulus_files
+from oracles.shipped import list_shipped_parts
 from stepblocks.errors import MetrologyError, PipelineError
 from stepblocks.inspect.run import inspect_scan
 from stepblocks.parts.conditions import OrderSpec
@@ -30,7 +29,7 @@ from stepblocks.records.qif import write_qif
 from stepblocks.records.qif_read import match_results, read_qif_results
 
 STIMULI = Path(__file__).parents[2] / "stimuli"
-PARTS = {one.id: one for path in find_stimulus_files(STIMULI) for one in load_set(path).stimuli}
+PARTS = list_shipped_parts()
 KINDS = (
     "step-050",
     "gap-050-bevelled",

@@ -2,25 +2,23 @@
 
 import json
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from oracles.scenes import assemble_scene
+from oracles.shipped import load_shipped
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
-from stepblocks.declaration.read import load_set
 from stepblocks.errors import HapticsError
 from stepblocks.haptics.devices import find_device, load_devices
 from stepblocks.parts.shapes import compute_enclosed_volume
 from stepblocks.simulators.assemble import build_plain_step, resolve_contact
 from stepblocks.simulators.scene import SceneFormat, find_full_scale_force, write_json, write_scene
 
-ROOT = Path(__file__).resolve().parents[2]
-BLOCK = load_set(ROOT / "stimuli" / "paper-ten.toml").stimuli[2]
-MARGINS = {s.id: s for s in load_set(ROOT / "stimuli" / "crown-margins.toml").stimuli}
-TIPS = {s.id: s for s in load_set(ROOT / "stimuli" / "probe-tips.toml").stimuli}
-SHEATH = load_set(ROOT / "stimuli" / "sheaths.toml").stimuli[0]
+BLOCK = load_shipped("paper-ten").stimuli[2]
+MARGINS = {s.id: s for s in load_shipped("crown-margins").stimuli}
+TIPS = {s.id: s for s in load_shipped("probe-tips").stimuli}
+SHEATH = load_shipped("sheaths").stimuli[0]
 
 
 @pytest.fixture(scope="module")

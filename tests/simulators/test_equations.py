@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 
 from oracles.scenes import assemble_scene
+from oracles.shipped import load_shipped
 from stepblocks.contact import kernels
 from stepblocks.contact.operating_point import OperatingPoint, Tool
-from stepblocks.declaration.read import load_set
 from stepblocks.haptics.feel_page import write_feel_page
 from stepblocks.haptics.renderer import Renderer
 from stepblocks.simulators.scene import write_scene
 from stepblocks.simulators.scenes import SCENE_FORMATS
 
 ROOT = Path(__file__).resolve().parents[2]
-TEN = load_set(ROOT / "stimuli" / "paper-ten.toml").stimuli
+TEN = load_shipped("paper-ten").stimuli
 # nothing is 1 here, and nothing is the paper's
 POINT = OperatingPoint(
     140e-6, 0.7, 0.23, Tool(stiffness=7.3e3, conversion=0.31, frequency=270.0, decay_time=11e-3)

@@ -2,22 +2,20 @@
 
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from oracles.shipped import load_shipped
 from stepblocks.contact.energy import Status
 from stepblocks.contact.event import compute_ring_energy, list_vibration_events
 from stepblocks.contact.operating_point import PAPER
-from stepblocks.declaration.read import load_set
 from stepblocks.errors import HapticsError
 from stepblocks.records.model import read_model
 from stepblocks.simulators.assemble import apply_learned_model, replace_ring_by_drag
 
-ROOT = Path(__file__).resolve().parents[2]
-BLOCKS = {s.id: s for s in load_set(ROOT / "stimuli" / "paper-ten.toml").stimuli}
-MARGINS = {s.id: s for s in load_set(ROOT / "stimuli" / "crown-margins.toml").stimuli}
+BLOCKS = {s.id: s for s in load_shipped("paper-ten").stimuli}
+MARGINS = {s.id: s for s in load_shipped("crown-margins").stimuli}
 
 
 @pytest.fixture(scope="module")

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 from oracles.scenes import assemble_scene
+from oracles.shipped import load_shipped
 from stepblocks.contact.operating_point import OperatingPoint
-from stepblocks.declaration.read import load_set
 from stepblocks.haptics.feel_page import _describe_outline
 from stepblocks.haptics.hands import Hand
 from stepblocks.haptics.renderer import Renderer
@@ -27,7 +27,7 @@ from stepblocks.simulators.scenes import SCENE_FORMATS
 ROOT = Path(__file__).resolve().parents[2]
 STUBS = Path(__file__).with_name("stubs")
 CASES = json.loads((ROOT / "tests" / "data" / "hand_states.json").read_text())
-BLOCK = load_set(ROOT / "stimuli" / "paper-ten.toml").stimuli[4]
+BLOCK = load_shipped("paper-ten").stimuli[4]
 R, LOAD, MU, SPRING = 125e-6, 0.5, 0.15, 9.81e3
 POINT = OperatingPoint(R, LOAD, MU)
 # equations (1) and (2)

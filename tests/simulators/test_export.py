@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from oracles.shipped import load_shipped
 from stepblocks.cli import main, make_command
 from stepblocks.declaration.read import load_set
 from stepblocks.declaration.set import choose_operating_point
@@ -95,7 +96,7 @@ def test_a_notebook_exports_what_the_command_exports(tmp_path):
 
 
 def test_what_is_not_asked_for_is_the_first_of_the_sets_prediction(tmp_path):
-    grid = load_set(ROOT / "stimuli" / "sheaths.toml").prediction
+    grid = load_shipped("sheaths").prediction
     (done,) = export_scenes([ROOT / "stimuli" / "sheaths.toml"], "x3d", tmp_path, only="*hard*")
     scene = json.loads((done.folder / "event.json").read_text())
     assert (scene["normal_load_n"], scene["friction"], scene["ball_radius_m"]) == pytest.approx(
@@ -106,7 +107,7 @@ def test_what_is_not_asked_for_is_the_first_of_the_sets_prediction(tmp_path):
 @pytest.mark.long
 def test_a_sheath_changes_how_the_probe_rings(tmp_path):
     """The event rings as the sheathed rod does; the soft sheath ends its ring sooner."""
-    stimuli, decays = load_set(ROOT / "stimuli" / "sheaths.toml"), {}
+    stimuli, decays = load_shipped("sheaths"), {}
     for part, done in zip(
         stimuli.stimuli,
         export_scenes([ROOT / "stimuli" / "sheaths.toml"], "x3d", tmp_path),

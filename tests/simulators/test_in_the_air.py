@@ -12,14 +12,13 @@ import numpy as np
 import pytest
 
 from oracles.scenes import assemble_scene
+from oracles.shipped import load_shipped
 from stepblocks.contact.operating_point import OperatingPoint
-from stepblocks.declaration.read import load_set
 from stepblocks.simulators.scene import write_scene
 from stepblocks.simulators.scenes import SCENE_FORMATS
 
-ROOT = Path(__file__).resolve().parents[2]
 STUBS = Path(__file__).with_name("stubs")
-BLOCK = load_set(ROOT / "stimuli" / "paper-ten.toml").stimuli[4]
+BLOCK = load_shipped("paper-ten").stimuli[4]
 POINT = OperatingPoint(125e-6, 0.5, 0.15)
 STRICT = ["-Wall", "-Wextra", "-Werror", "-pedantic", "-O1"]
 

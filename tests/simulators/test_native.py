@@ -11,18 +11,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
+from oracles.shipped import load_shipped
 from stepblocks.contact.energy import Status
 from stepblocks.contact.event import list_vibration_events
-from stepblocks.declaration.read import load_set
 from stepblocks.declaration.set import choose_operating_point
 from stepblocks.haptics.renderer import Renderer
 from stepblocks.simulators.export import export_scenes
 
 ROOT = Path(__file__).resolve().parents[2]
 STUBS = Path(__file__).with_name("stubs")
-SETS = {
-    name: load_set(ROOT / "stimuli" / f"{name}.toml") for name in ("paper-ten", "crown-margins")
-}
+SETS = {name: load_shipped(name) for name in ("paper-ten", "crown-margins")}
 STRICT = ["-Wall", "-Wextra", "-Werror", "-pedantic"]
 STILL = (0.0, 0.0, 0.0)
 

@@ -6,15 +6,15 @@ from pathlib import Path
 
 import pytest
 
+from oracles.shipped import load_shipped
 from stepblocks.contact.event import list_vibration_events
 from stepblocks.contact.operating_point import OperatingPoint
-from stepblocks.declaration.read import load_set
 from stepblocks.errors import HapticsError
 from stepblocks.haptics.devices import Faithfulness, find_device, load_devices, plan_rendering
 from stepblocks.simulators.export import export_scenes
 
 ROOT = Path(__file__).resolve().parents[2]
-TEN = load_set(ROOT / "stimuli" / "paper-ten.toml").stimuli
+TEN = load_shipped("paper-ten").stimuli
 POINT = OperatingPoint(125e-6, 1.0, 0.15)
 DEVICES = load_devices()
 # The owner's table: position resolution [m], peak force [N], stiffness limit [N/m].

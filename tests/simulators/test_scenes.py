@@ -15,17 +15,16 @@ import pytest
 
 from oracles.browser import browser_without_network
 from oracles.scenes import assemble_scene
+from oracles.shipped import load_shipped
 from stepblocks.contact.operating_point import OperatingPoint
-from stepblocks.declaration.read import load_set
 from stepblocks.haptics.devices import find_device, load_devices
 from stepblocks.simulators.scene import write_scene
 from stepblocks.simulators.scenes import SCENE_FORMATS
 
-ROOT = Path(__file__).resolve().parents[2]
-TEN = load_set(ROOT / "stimuli" / "paper-ten.toml").stimuli
-MARGINS = load_set(ROOT / "stimuli" / "crown-margins.toml").stimuli
+TEN = load_shipped("paper-ten").stimuli
+MARGINS = load_shipped("crown-margins").stimuli
 GAP = next(s for s in MARGINS if s.id == "gap-100")
-TIPS = load_set(ROOT / "stimuli" / "probe-tips.toml").stimuli
+TIPS = load_shipped("probe-tips").stimuli
 R, LOAD, MU = 125e-6, 0.3, 0.15
 POINT = OperatingPoint(R, LOAD, MU)
 

@@ -16,6 +16,7 @@ pytest.importorskip("nicegui")
 from nicegui import core, ui
 from nicegui.testing.user_simulation import user_simulation
 
+from oracles.shipped import load_shipped
 from stepblocks.declaration.read import load_set
 from stepblocks.declaration.set import list_kinds
 from stepblocks.errors import PipelineError, StimulusError
@@ -182,7 +183,7 @@ def test_a_block_that_locks_says_so_and_the_drag_in_time_follows_the_formula(tmp
 
 def test_a_profile_is_drawn_to_one_scale():
     """Of a sharp step the riser is as long, in the scale of its bar, as it is high."""
-    part = load_set(ROOT / "stimuli" / "paper-four.toml").stimuli[1]
+    part = load_shipped("paper-four").stimuli[1]
     picture = draw_profile(part)
     points = picture.split('points="')[1].split('"')[0].split()
     corners = [tuple(map(float, point.split(","))) for point in points]
@@ -393,7 +394,7 @@ def test_what_is_passed_over_is_left_out_and_the_last_value_is_always_followed(m
 
 
 def test_a_drag_that_nobody_wants_any_more_ends_before_its_next_part():
-    stimuli = load_set(ROOT / "stimuli" / "paper-four.toml").keep_felt()
+    stimuli = load_shipped("paper-four").keep_felt()
     kept = KeptPredictions()
     wanted = iter([True, False])
     speed = 5e-3
@@ -444,7 +445,7 @@ def test_one_size_is_followed_within_a_tenth_of_a_second_and_a_second_by_the_dra
 
 @pytest.mark.long
 def test_the_part_is_shown_as_the_kernel_builds_it_with_its_drawing():
-    stimuli = load_set(ROOT / "stimuli" / "paper-four.toml")
+    stimuli = load_shipped("paper-four")
     view = make_in_worker(stimuli.stimuli[0], stimuli.order)
     (body,) = view.bodies
     mesh = trimesh.load(io.BytesIO(body), file_type="stl")

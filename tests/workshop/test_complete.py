@@ -4,26 +4,20 @@ sheet is missed."""
 import csv
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import ezdxf
 import pytest
 from ezdxf import bbox
 
 from oracles.complete import find_missing
+from oracles.shipped import list_shipped_parts
 from stepblocks.artefacts.step.write import write_step_ap242
-from stepblocks.declaration.read import load_set
-from stepblocks.declaration.select import find_stimulus_files
 from stepblocks.files.tables import write_table
 from stepblocks.parts.on_paper import make_sheet_table
 from stepblocks.parts.shapes import build_solids
 from stepblocks.workshop.drawing import write_drawing
 
-STIMULI = {
-    one.id: one
-    for path in find_stimulus_files(Path(__file__).parents[2] / "stimuli")
-    for one in load_set(path).stimuli
-}
+STIMULI = list_shipped_parts()
 # one of every layout: blocks alike but for their height are read on paper, not built each
 BUILT = (
     "step-050",

@@ -5,13 +5,11 @@ import csv
 import itertools
 import math
 import random
-from pathlib import Path
 
 import pytest
 
 from oracles.drawn_dimensions import drawn_dimensions
-from stepblocks.declaration.read import load_set
-from stepblocks.declaration.select import find_stimulus_files
+from oracles.shipped import list_shipped_parts
 from stepblocks.files.tables import write_table
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.on_paper import (
@@ -22,10 +20,7 @@ from stepblocks.parts.on_paper import (
 )
 from stepblocks.workshop.drawing import write_drawing
 
-ROOT = Path(__file__).parents[2]
-STIMULI = {
-    one.id: one for path in find_stimulus_files(ROOT / "stimuli") for one in load_set(path).stimuli
-}
+STIMULI = list_shipped_parts()
 STIMULI["relieved-050"] = StepBlock(
     id="relieved-050", height="50 um", relief={"width": "0.3 mm", "depth": "0.1 mm"}
 )

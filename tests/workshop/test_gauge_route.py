@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from oracles.shipped import load_shipped
 from stepblocks.artefacts.step.check_step import check_step
 from stepblocks.artefacts.step.gauge_assembly import write_gauge_assembly
 from stepblocks.cad import kernel
 from stepblocks.cli import main
-from stepblocks.declaration.read import load_set
 from stepblocks.errors import MachiningError
 from stepblocks.parts.gauge_pair import (
     GRADES,
@@ -21,7 +21,7 @@ from stepblocks.parts.gauge_pair import (
 from stepblocks.workshop.setup import write_setup
 
 STIMULI = Path(__file__).parents[2] / "stimuli"
-BLOCK = load_set(STIMULI / "paper-ten.toml").step_block[4]
+BLOCK = load_shipped("paper-ten").step_block[4]
 
 
 def test_the_set_is_that_of_112_pieces_up_to_10_mm():

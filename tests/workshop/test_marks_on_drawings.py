@@ -2,28 +2,26 @@
 
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
+from oracles.shipped import load_shipped
 from stepblocks.cad.kernel import describe_faces
-from stepblocks.declaration.read import load_set
 from stepblocks.parts.characteristics import find_face
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.on_paper import make_sheet_table
 from stepblocks.workshop.drawing import draw_part_sheet
 
-STIMULI = Path(__file__).parents[2] / "stimuli"
 RELIEVED = StepBlock(id="relieved", height="50 um", relief={"width": "0.3 mm", "depth": "0.1 mm"})
 
 
 def find_part(name, identity):
-    (part,) = (one for one in load_set(STIMULI / f"{name}.toml").stimuli if one.id == identity)
+    (part,) = (one for one in load_shipped(name).stimuli if one.id == identity)
     return part
 
 
 def list_texts(part):
-    sheet = draw_part_sheet(part, load_set(STIMULI / "paper-ten.toml").order)
+    sheet = draw_part_sheet(part, load_shipped("paper-ten").order)
     return [entity.dxf.text for entity in sheet.space.query("TEXT")]
 
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import shapely
 
+from oracles.shipped import load_shipped
 from stepblocks.cli import main
-from stepblocks.declaration.read import load_set
 from stepblocks.workshop.masks import (
     LEAST_WIDTH,
     MONITORS,
@@ -22,7 +22,7 @@ from stepblocks.workshop.masks import (
 
 pytest.importorskip("gdstk")
 STIMULI = Path(__file__).parents[2] / "stimuli"
-TEN = load_set(STIMULI / "paper-ten.toml").step_block
+TEN = load_shipped("paper-ten").step_block
 
 
 def records(path):

@@ -8,8 +8,8 @@ from typing import ClassVar
 import pytest
 
 from oracles.drawn_dimensions import drawn_dimensions
+from oracles.shipped import load_shipped
 from stepblocks.cli import main
-from stepblocks.declaration.read import load_set
 from stepblocks.declaration.set import StimulusSet
 from stepblocks.errors import MachiningError, PipelineError, StepblocksError
 from stepblocks.parts.gauge_pair import GRADES, choose_pair
@@ -150,7 +150,7 @@ def test_a_kind_without_views_of_its_own_is_drawn_by_the_nearest_of_its_line_and
     class LongTip(StraightTip):
         stanza: ClassVar[str] = "long_tip"
 
-    (tip,) = [one for one in load_set(STIMULI / "probe-tips.toml").stimuli if one.id == "tip-125"]
+    (tip,) = [one for one in load_shipped("probe-tips").stimuli if one.id == "tip-125"]
     other = LongTip.model_construct(**dict(tip))
     (path,) = write_drawing(tmp_path, other, ["dxf"])
     assert {one.key for one in drawn_dimensions(path)} == {"shank_diameter", "length"}

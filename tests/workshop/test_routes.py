@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from oracles.shipped import load_shipped
 from stepblocks.cli import main
 from stepblocks.contact.operating_point import PAPER
-from stepblocks.declaration.read import load_set
 from stepblocks.errors import MachiningError
 from stepblocks.parts.declared import Sourced
 from stepblocks.parts.gauge_pair import GRADES
@@ -18,7 +18,7 @@ from stepblocks.parts.material import Family
 from stepblocks.workshop.routes import Reach, find_routes, load_processes
 
 STIMULI = Path(__file__).parents[2] / "stimuli"
-BLOCK = load_set(STIMULI / "paper-ten.toml").step_block[4]
+BLOCK = load_shipped("paper-ten").step_block[4]
 ROUTES = {route.name: route for route in find_routes(BLOCK, 2e-6, PAPER)}
 
 

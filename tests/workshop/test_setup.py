@@ -2,20 +2,18 @@
 is not milled."""
 
 import re
-from pathlib import Path
 
 import pytest
 
+from oracles.shipped import load_shipped
 from stepblocks.artefacts.step.check_step import check_step
 from stepblocks.cad import kernel
-from stepblocks.declaration.read import load_set
 from stepblocks.parts.shapes import build_solids
 from stepblocks.parts.stock import STOCK, compute_stock
 from stepblocks.workshop.setup import PROBE, write_setup
 
-STIMULI = Path(__file__).parents[2] / "stimuli"
-STEP = load_set(STIMULI / "paper-ten.toml").step_block[4]
-MARGIN = load_set(STIMULI / "crown-margins.toml").margin_block[0]
+STEP = load_shipped("paper-ten").step_block[4]
+MARGIN = load_shipped("crown-margins").margin_block[0]
 
 
 @pytest.mark.parametrize("block", [STEP, MARGIN], ids=lambda block: block.id)
@@ -50,7 +48,7 @@ def test_what_the_machine_cannot_prove_is_measured_off_it(tmp_path):
 
 
 def test_the_sheet_says_that_a_step_is_lapped_or_wrung_and_how_the_burr_is_checked(tmp_path):
-    page, _ = write_setup(tmp_path, load_set(STIMULI / "paper-ten.toml").step_block[0])
+    page, _ = write_setup(tmp_path, load_shipped("paper-ten").step_block[0])
     text = page.read_text()
     assert "A step of 10 µm is lapped or wrung, not milled." in text
     assert "Burr check" in text
@@ -60,9 +58,7 @@ def test_the_sheet_says_that_a_step_is_lapped_or_wrung_and_how_the_burr_is_check
 
 
 def test_level_faces_have_no_step_to_lap_and_a_gap_is_cut_last(tmp_path):
-    level = next(
-        one for one in load_set(STIMULI / "crown-margins.toml").margin_block if one.rise == 0.0
-    )
+    level = next(one for one in load_shipped("crown-margins").margin_block if one.rise == 0.0)
     text = write_setup(tmp_path, level)[0].read_text()
     assert "The working faces lie level" in text
     assert "Cut the gap last" in text

@@ -4,8 +4,6 @@ the drawn one, and at every corner of them each dimension is within its limits.
 The machinist of `oracles.setups` reads the page and cuts a solid of his own.
 """
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -25,14 +23,13 @@ from oracles.setups import (
     read_setup_sheet,
     stack_corners,
 )
+from oracles.shipped import load_shipped
 from stepblocks.cad import kernel
-from stepblocks.declaration.read import load_set
 from stepblocks.errors import UsageError
 from stepblocks.parts.kinds.margin import MarginBlock
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.workshop.setup import write_setup
 
-STIMULI = Path(__file__).parents[2] / "stimuli"
 ROUNDING = 2e-9  # of the kernel's boxes [m]
 NOTHING = 1e-15  # volume below which a solid is empty [m^3]: a cube of 10 um
 
@@ -40,7 +37,7 @@ NOTHING = 1e-15  # volume below which a solid is empty [m^3]: a cube of 10 um
 def load_blocks():
     blocks = []
     for name in ("paper-ten", "paper-four", "crown-margins"):
-        for part in load_set(STIMULI / f"{name}.toml").stimuli:
+        for part in load_shipped(name).stimuli:
             if isinstance(part, StepBlock | MarginBlock):
                 blocks.append(part)
     return {block.id: block for block in blocks}
