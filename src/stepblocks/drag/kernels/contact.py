@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from stepblocks.compute.compiled import njit
+from stepblocks.contact import Array
 from stepblocks.drag.kernels.model import NormalContact, Path
 from stepblocks.drag.kernels.motion import Motion
 
@@ -63,10 +64,18 @@ def find_piece(path: Path, x: float, number: int) -> Piece:
         number += 1
     while number > 0 and x < knots[number]:
         number -= 1
-    left = knots[number] if number > 0 else -np.inf
-    right = knots[number + 1] if number < last else np.inf
-    row = cubics[number]
-    return Piece(number, left, right, knots[number], Cubic(row[0], row[1], row[2], row[3]))
+    left, right = -np.inf, np.inf
+    if number > 0:
+        left = knots[number]
+    if number < last:
+        right = knots[number + 1]
+    return Piece(number, left, right, knots[number], _read_cubic(cubics[number]))
+
+
+@njit(forceinline=True)
+def _read_cubic(row: Array) -> Cubic:
+    """Read the coefficients of a cubic from their row, shape (4,)."""
+    return Cubic(row[0], row[1], row[2], row[3])
 
 
 @njit(forceinline=True)
@@ -84,19 +93,25 @@ def find_nearest_kink(path: Path, x: float, number: int) -> Kink:
         none = Cubic(0.0, 0.0, 0.0, 0.0)
         return Kink(0, np.inf, -np.inf, np.inf, none, none)
     last = kinks.size - 1
-    while number < last and abs(knots[kinks[number + 1]] - x) < abs(knots[kinks[number]] - x):
+    while number < last and _is_nearer(path, number + 1, number, x):
         number += 1
-    while number > 0 and abs(knots[kinks[number - 1]] - x) < abs(knots[kinks[number]] - x):
+    while number > 0 and _is_nearer(path, number - 1, number, x):
         number -= 1
-    left, right = path.branches[number, 0], path.branches[number, 1]
-    return Kink(
-        number,
-        knots[kinks[number]],
-        knots[kinks[number - 1]] if number > 0 else -np.inf,
-        knots[kinks[number + 1]] if number < last else np.inf,
-        Cubic(left[0], left[1], left[2], left[3]),
-        Cubic(right[0], right[1], right[2], right[3]),
-    )
+    x_before, x_after = -np.inf, np.inf
+    if number > 0:
+        x_before = knots[kinks[number - 1]]
+    if number < last:
+        x_after = knots[kinks[number + 1]]
+    left = _read_cubic(path.branches[number, 0])
+    right = _read_cubic(path.branches[number, 1])
+    return Kink(number, knots[kinks[number]], x_before, x_after, left, right)
+
+
+@njit(forceinline=True)
+def _is_nearer(path: Path, number: int, reference: int, x: float) -> bool:
+    """Whether a kink is nearer to `x` than the kink of reference, both by their numbers."""
+    distance = abs(path.knots[path.kinks[number]] - x)
+    return distance < abs(path.knots[path.kinks[reference]] - x)
 
 
 @njit(forceinline=True)
@@ -115,7 +130,9 @@ def touch_beyond_kink(
     """
     distance = tip.x - kink.x
     if abs(distance) < window:
-        branch = kink.left if distance >= 0.0 else kink.right
+        branch = kink.right
+        if distance >= 0.0:
+            branch = kink.left
         touch = _touch_cubic(branch, distance, contact, tip, speed)
         if touch.gap > 0.0:
             return touch
@@ -150,18 +167,14 @@ def press_contact(
     root = math.sqrt(dent) if contact.power == _HERTZ else dent ** (contact.power - 1.0)
     elastic = contact.stiffness * (dent * root)
     approach = slope * speed.x - speed.y
-    # a contact never pulls
-    loss = max(elastic * contact.loss * cosine * approach, -elastic)
+    damping = elastic * contact.loss * cosine * approach
+    loss = max(damping, -elastic)  # a contact never pulls
+    sine = slope * cosine
     turning = gap * slope * curvature * cosine * cosine * cosine
-    return Touch(
-        gap,
-        slope,
-        cosine,
-        -elastic * (slope * cosine - turning),
-        elastic * cosine,
-        elastic + loss,
-        loss,
-    )
+    elastic_x = -elastic * (sine - turning)
+    elastic_y = elastic * cosine
+    normal = elastic + loss
+    return Touch(gap, slope, cosine, elastic_x, elastic_y, normal, loss)
 
 
 @njit(forceinline=True)
@@ -174,7 +187,7 @@ def compute_sliding_speed(touch: Touch, speed: Motion) -> float:
 def compute_dent_energy(contact: NormalContact, under: Touch, beyond: Touch) -> float:
     """Elastic energy of both contacts [J]."""
     power = contact.power + 1.0
-    dents = (
-        max(under.gap * under.cosine, 0.0) ** power + max(beyond.gap * beyond.cosine, 0.0) ** power
-    )
+    dent_under = max(under.gap * under.cosine, 0.0)
+    dent_beyond = max(beyond.gap * beyond.cosine, 0.0)
+    dents = dent_under**power + dent_beyond**power
     return contact.stiffness * dents / power

@@ -51,9 +51,14 @@ class Peak(NamedTuple):
 def read_place(places: Places, number: int) -> Place:
     """Read a place by its number."""
     count = places.last.size
-    last_before = places.last[number - 1] if number > 0 else -np.inf
+    last_before = -np.inf
+    if number > 0:
+        last_before = places.last[number - 1]
     if number == count:
         return Place(number, False, np.inf, np.inf, np.inf, False, np.inf, last_before, np.inf)
+    start_after = np.inf
+    if number + 1 < count:
+        start_after = places.start[number + 1]
     return Place(
         number,
         True,
@@ -63,15 +68,16 @@ def read_place(places: Places, number: int) -> Place:
         places.locks[number],
         places.rises[number],
         last_before,
-        places.start[number + 1] if number + 1 < count else np.inf,
+        start_after,
     )
 
 
 @njit
 def make_passages(places: Places) -> Array:
     """Make room for the passages that a drag may hold, shape (n, 17)."""
-    for_each, beside = _ROOM
-    return np.zeros((for_each * places.last.size + beside, _NOTED + _ENERGIES))
+    per_place, beside = _ROOM
+    rows = per_place * places.last.size + beside
+    return np.zeros((rows, _NOTED + _ENERGIES))
 
 
 @njit(forceinline=True)
@@ -86,13 +92,13 @@ def follow_peak(peak: Peak, pull: float, time: float) -> Peak:
 def reset_pull(watch: Watch) -> Watch:
     """Watch the pull as if nothing had been seen; the moments stay until others are noted."""
     return Watch(
-        False,
-        np.inf,
-        watch.least_time,
-        -np.inf,
-        watch.greatest_time,
-        watch.greatest_x,
-        watch.passed_time,
+        is_behind=False,
+        least=np.inf,
+        least_time=watch.least_time,
+        greatest=-np.inf,
+        greatest_time=watch.greatest_time,
+        greatest_x=watch.greatest_x,
+        passed_time=watch.passed_time,
     )
 
 
@@ -141,12 +147,10 @@ def is_passed(place: Place, watch: Watch, x: float, pull: float, sliding_pull: f
     """
     if not (place.is_there and watch.is_behind):
         return False
-    return (
-        pull - sliding_pull < _FALLEN * (watch.greatest - sliding_pull)
-        or watch.greatest == -np.inf
-        or x >= place.start_after
-        or place.locks
-    )
+    has_fallen = pull - sliding_pull < _FALLEN * (watch.greatest - sliding_pull)
+    never_rose = watch.greatest == -np.inf
+    is_at_next = x >= place.start_after
+    return has_fallen or never_rose or is_at_next or place.locks
 
 
 @njit

@@ -46,7 +46,8 @@ def compute_grip(
     if bends and limit > 0.0:
         share = stiffness / limit
         stretch = (bristle + travel) / (1.0 + abs(travel) * share)
-        force = stiffness * stretch + damping * (speed - abs(speed) * stretch * share)
+        rate = speed - abs(speed) * stretch * share  # of the stretch [m/s]
+        force = stiffness * stretch + damping * rate
         return Grip(force, stretch)
     stretch = bristle + travel
     force = stiffness * stretch + damping * speed
@@ -71,11 +72,9 @@ def compute_coefficient(
     if not friction.varies:
         return friction.sliding
     excess = friction.static - friction.sliding
-    return (
-        friction.sliding
-        + excess * math.exp(-abs(speed) / friction.stribeck_speed)
-        + friction.viscous * abs(speed)
-    )
+    stribeck = excess * math.exp(-abs(speed) / friction.stribeck_speed)
+    viscous = friction.viscous * abs(speed)
+    return friction.sliding + stribeck + viscous
 
 
 @njit
@@ -118,11 +117,13 @@ def move_bristle(
         return Grip(0.0, 0.0)
     rate = compute_sliding_speed(touch, speed)
     coefficient = compute_coefficient(friction, law, rate, touch.normal, tip.x, time)
+    travel = rate * time_step
+    limit = coefficient * touch.normal
     return compute_grip(
         bristle,
-        rate * time_step,
+        travel,
         rate,
-        coefficient * touch.normal,
+        limit,
         friction.stiffness,
         friction.give,
         friction.damping,
@@ -135,15 +136,17 @@ def move_wall_spring(wall: Wall, stretch: float, speed: float, time_step: float)
     """Move the spring of the wall over a step; without a wall nothing rubs."""
     if not wall.is_there:
         return Grip(0.0, stretch)
+    travel = speed * time_step
+    give = 1.0 / wall.stiffness
     return compute_grip(
         stretch,
-        speed * time_step,
+        travel,
         speed,
         wall.friction,
         wall.stiffness,
-        1.0 / wall.stiffness,
+        give,
         wall.damping,
-        False,
+        bends=False,
     )
 
 

@@ -111,23 +111,30 @@ def integrate(
     dt = pace.time_step
     share_of_first_mode = model.spring.tool_stiffness / model.spring.stiffness
     # half a kick at the start, so that velocities live between the positions
-    kick, travel_time = prepare_kick(model, 0.5 * dt), 0.0
+    kick = prepare_kick(model, 0.5 * dt)
     full_kick = prepare_kick(model, dt)
+    travel_time = 0.0
     modes = start_overtones(model, overtones)
-    lag, lag_rate = modes[:, DEFLECTION].sum(), 0.0  # of the tip behind the first mode
+    lag = modes[:, DEFLECTION].sum()  # of the tip behind the first mode
+    lag_rate = 0.0
     position = _place_everything(model, start)
     velocity = Motion(model.handle.speed, 0.0, model.handle.speed, 0.0)
-    piece, kink = find_piece(path, start.x, 0), find_nearest_kink(path, start.x, 0)
+    piece = find_piece(path, start.x, 0)
+    kink = find_nearest_kink(path, start.x, 0)
     is_right = start.x >= kink.x
     under = touch_piece(piece, contact, position, velocity)
     bristles = start_bristles(model, friction_law, under, position, velocity)
     bristle_energy = 0.5 * friction.stiffness * bristles.under * bristles.under
-    place, released_time = read_place(places, 0), np.inf
+    place = read_place(places, 0)
+    released_time = np.inf
     watch = Watch(False, np.inf, 0.0, -np.inf, 0.0, start.x, 0.0)
     peak = Peak(-np.inf, 0.0)
     ledger = Ledger(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    passages, passed = make_passages(places), 0
-    rows, written, countdown = _make_rows(pace, modes), 0, 0
+    passages = make_passages(places)
+    passed = 0
+    rows = _make_rows(pace, modes)
+    written = 0
+    countdown = 0
     for step in range(pace.steps):
         time = step * dt
         # ---- contact: where the tip touches its path, and how hard
@@ -135,7 +142,8 @@ def integrate(
             piece = find_piece(path, position.x, piece.number)
         if is_other_kink_nearer(kink, position.x):
             kink = find_nearest_kink(path, position.x, kink.number)
-        was_right, is_right = is_right, position.x >= kink.x
+        was_right = is_right
+        is_right = position.x >= kink.x
         under = touch_piece(piece, contact, position, velocity)
         beyond = touch_beyond_kink(kink, model.window, contact, position, velocity)
         # ---- friction of both contacts, and of the wall
@@ -152,7 +160,8 @@ def integrate(
         stretch = position.handle - position.x - lag
         spring = compute_spring_force(model.spring, stretch)
         hold = compute_carrier_force(model.carrier, position)
-        forces = Forces(surface.x + spring - rub.force, surface.y + hold, spring, hold)
+        force_x = surface.x + spring - rub.force
+        forces = Forces(force_x, surface.y + hold, spring, hold)
         before = Motion(velocity.x + lag_rate, velocity.y, velocity.handle, velocity.carrier)
         after = accelerate(model, kick, before, forces)
         mean = average_velocities(before, after)
@@ -162,7 +171,9 @@ def integrate(
         tip_speed = mean.x - 0.5 * (ring.rate + lag_rate)
         lag_rate = ring.rate
         # ---- event: what a gauge of the tip's deflection reads, and which place that tells of
-        gauge = share_of_first_mode * (spring + tug) + model.spring.tool_stiffness * ring.stretch
+        first_mode_force = spring + tug
+        overtone_force = model.spring.tool_stiffness * ring.stretch
+        gauge = share_of_first_mode * first_mode_force + overtone_force
         peak = follow_peak(peak, gauge, time)
         if has_fallen_back(place, watch, position.x, stop.fall_back):
             place = find_place_ahead(places, place.number, position.x, stop.fall_back)
@@ -186,7 +197,8 @@ def integrate(
         )
         ledger = add_powers(ledger, powers, 0.5 * kick.time)
         stretched = Bristles(grip.stretch, grip_beyond.stretch, rub.stretch)
-        energy_before, bristle_energy = bristle_energy, compute_bristle_energy(friction, stretched)
+        energy_before = bristle_energy
+        bristle_energy = compute_bristle_energy(friction, stretched)
         wall_energy = compute_wall_change(wall, bristles.wall, rub.stretch)
         ledger = take_stored_from_losses(ledger, bristle_energy - energy_before, wall_energy)
         bristles = stretched
@@ -200,7 +212,7 @@ def integrate(
             countdown = pace.steps_per_row
             pressed = compute_pressed_force(model.carrier, surface, hold)
             _write_row(rows[written], time, gauge, pressed, position, tip_speed, mean.y, surface)
-            _write_modes(rows[written], spring + tug, modes)
+            _write_modes(rows[written], first_mode_force, modes)
             written += 1
         if ends:
             break
@@ -209,7 +221,8 @@ def integrate(
         ledger = add_powers(ledger, powers, 0.5 * kick.time)
         position = move_by_velocity(position, velocity, dt)
         lag += dt * lag_rate
-        kick, travel_time = full_kick, dt
+        kick = full_kick
+        travel_time = dt
     return Outcome(rows[:written], peak.force, peak.time, ledger, passages[:passed])
 
 
@@ -217,8 +230,12 @@ def integrate(
 def _place_everything(model: Model, start: Start) -> Motion:
     """Place tip, handle and carrier as in steady sliding, or at rest where a force pulls."""
     carrier = model.carrier
-    handle_x = start.x + start.stretch if model.handle.is_driven else start.x
-    carrier_y = start.y - carrier.load / carrier.stiffness if carrier.is_sprung else 0.0
+    handle_x = start.x
+    if model.handle.is_driven:
+        handle_x = start.x + start.stretch
+    carrier_y = 0.0
+    if carrier.is_sprung:
+        carrier_y = start.y - carrier.load / carrier.stiffness
     return Motion(start.x, start.y, handle_x, carrier_y)
 
 
@@ -228,7 +245,8 @@ def _make_rows(pace: Pace, modes: Array) -> Array:
     columns = len(COLUMNS)
     if modes.size > 0:
         columns += 1 + modes.shape[0]
-    return np.empty((pace.steps // pace.steps_per_row + 2, columns))
+    rows = pace.steps // pace.steps_per_row + 2
+    return np.empty((rows, columns))
 
 
 @njit

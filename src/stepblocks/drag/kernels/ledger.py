@@ -51,15 +51,11 @@ def compute_powers(
     else:
         work = handle.pull * mean.handle
         damping_x = damping_x + handle.damping * before.handle * mean.handle
-    return Powers(
-        work,
-        damping_x,
-        _compute_damping_y(model, before, mean),
-        overtone_loss,
-        surface.grip_x * tip_speed + surface.grip_y * mean.y,
-        wall * tip_speed,
-        surface.loss_x * tip_speed + surface.loss_y * mean.y,
-    )
+    damping_y = _compute_damping_y(model, before, mean)
+    friction = surface.grip_x * tip_speed + surface.grip_y * mean.y
+    rubbing = wall * tip_speed
+    impact = surface.loss_x * tip_speed + surface.loss_y * mean.y
+    return Powers(work, damping_x, damping_y, overtone_loss, friction, rubbing, impact)
 
 
 @njit(forceinline=True)
@@ -74,36 +70,44 @@ def _compute_damping_y(model: Model, before: Motion, mean: Motion) -> float:
 @njit(forceinline=True)
 def add_powers(ledger: Ledger, powers: Powers, time: float) -> Ledger:
     """Add what flows over a time [s]."""
+    handle_work = ledger.handle_work + powers.work * time
+    friction_loss = ledger.friction_loss - powers.friction * time
     damping_loss = ledger.damping_loss + powers.damping_x * time
-    damping_loss = damping_loss + powers.damping_y * time
+    damping_loss += powers.damping_y * time
+    damping_loss += powers.overtones * time
+    impact_loss = ledger.impact_loss - powers.impact * time
+    tissue_loss = ledger.tissue_loss + powers.wall * time
     return Ledger(
-        ledger.handle_work + powers.work * time,
+        handle_work,
         ledger.kinetic,
         ledger.spring,
         ledger.lift,
         ledger.contact,
         ledger.bristle,
-        ledger.friction_loss - powers.friction * time,
-        damping_loss + powers.overtones * time,
-        ledger.impact_loss - powers.impact * time,
-        ledger.tissue_loss + powers.wall * time,
+        friction_loss,
+        damping_loss,
+        impact_loss,
+        tissue_loss,
     )
 
 
 @njit(forceinline=True)
 def take_stored_from_losses(ledger: Ledger, bristles: float, wall: float) -> Ledger:
     """Take from the losses what bristles and wall have stored over a step [J]."""
+    bristle = ledger.bristle + wall
+    friction_loss = ledger.friction_loss - bristles
+    tissue_loss = ledger.tissue_loss - wall
     return Ledger(
         ledger.handle_work,
         ledger.kinetic,
         ledger.spring,
         ledger.lift,
         ledger.contact,
-        ledger.bristle + wall,
-        ledger.friction_loss - bristles,
+        bristle,
+        friction_loss,
         ledger.damping_loss,
         ledger.impact_loss,
-        ledger.tissue_loss - wall,
+        tissue_loss,
     )
 
 
@@ -120,10 +124,11 @@ def compute_stored_energies(
 ) -> Ledger:
     """Energies that are stored at the middle of a kick, as entries of the ledger [J]."""
     spring, handle, carrier = model.spring, model.handle, model.carrier
-    tip = 0.5 * spring.mass * (mean.x * mean.x + mean.y * mean.y)
-    kinetic = tip + 0.5 * carrier.mass * mean.carrier * mean.carrier + ring.kinetic
+    kinetic_tip = 0.5 * spring.mass * (mean.x * mean.x + mean.y * mean.y)
+    kinetic_carrier = 0.5 * carrier.mass * mean.carrier * mean.carrier
+    kinetic = kinetic_tip + kinetic_carrier + ring.kinetic
     if not handle.is_driven:
-        kinetic = kinetic + 0.5 * handle.mass * mean.handle * mean.handle
+        kinetic += 0.5 * handle.mass * mean.handle * mean.handle
     linear = 0.5 * spring.stiffness * stretch**2
     cubic = 0.25 * spring.hardening * stretch**4
     if carrier.is_sprung:
@@ -132,16 +137,16 @@ def compute_stored_energies(
     else:
         lift = carrier.load * position.y
     return Ledger(
-        0.0,
-        kinetic,
-        linear + cubic + ring.elastic,
-        lift,
-        compute_dent_energy(model.contact, under, beyond),
-        bristle_energy,
-        0.0,
-        0.0,
-        0.0,
-        0.0,
+        handle_work=0.0,
+        kinetic=kinetic,
+        spring=linear + cubic + ring.elastic,
+        lift=lift,
+        contact=compute_dent_energy(model.contact, under, beyond),
+        bristle=bristle_energy,
+        friction_loss=0.0,
+        damping_loss=0.0,
+        impact_loss=0.0,
+        tissue_loss=0.0,
     )
 
 
@@ -175,4 +180,6 @@ def settle_ledger(
     balanced = _add_ledgers(ledger, stored, 1.0)
     if passes:
         passage[_NOTED:] = np.array(balanced)
-    return balanced if ends else ledger
+    if ends:
+        return balanced
+    return ledger

@@ -49,14 +49,11 @@ def prepare_kick(model: Model, time: float) -> Kick:
     mass = model.spring.mass
     slowing_x = 0.5 * model.spring.damping * time / mass
     slowing_y = 0.5 * model.carrier.damping * time / mass
-    return Kick(
-        time,
-        time / mass,
-        (1.0 - slowing_x) / (1.0 + slowing_x),
-        1.0 / (1.0 + slowing_x),
-        (1.0 - slowing_y) / (1.0 + slowing_y),
-        1.0 / (1.0 + slowing_y),
-    )
+    keep_x = (1.0 - slowing_x) / (1.0 + slowing_x)
+    gain_x = 1.0 / (1.0 + slowing_x)
+    keep_y = (1.0 - slowing_y) / (1.0 + slowing_y)
+    gain_y = 1.0 / (1.0 + slowing_y)
+    return Kick(time, time / mass, keep_x, gain_x, keep_y, gain_y)
 
 
 @njit
@@ -93,12 +90,14 @@ def accelerate(model: Model, kick: Kick, velocity: Motion, forces: Forces) -> Mo
     spring, handle, carrier = model.spring, model.handle, model.carrier
     if handle.is_driven:
         push = kick.gain_x * (kick.per_mass * forces.x)
-        x = kick.keep_x * velocity.x + push + (1.0 - kick.keep_x) * handle.speed
+        drag_along = (1.0 - kick.keep_x) * handle.speed  # by the damper between handle and tip
+        x = kick.keep_x * velocity.x + push + drag_along
         handle_speed = velocity.handle
     else:
         damper = spring.damping * (velocity.handle - velocity.x)
         x = velocity.x + kick.per_mass * (forces.x + damper)
-        pull = handle.pull - forces.spring - damper - handle.damping * velocity.handle
+        guide = handle.damping * velocity.handle
+        pull = handle.pull - forces.spring - damper - guide
         handle_speed = velocity.handle + kick.time * pull / handle.mass
     if carrier.is_sprung:
         damper = carrier.damping * (velocity.carrier - velocity.y)
@@ -106,7 +105,8 @@ def accelerate(model: Model, kick: Kick, velocity: Motion, forces: Forces) -> Mo
         push = -carrier.load - forces.hold - damper
         carrier_speed = velocity.carrier + kick.time * push / carrier.mass
     else:
-        y = kick.keep_y * velocity.y + kick.gain_y * (kick.per_mass * forces.y)
+        push = kick.gain_y * (kick.per_mass * forces.y)
+        y = kick.keep_y * velocity.y + push
         carrier_speed = velocity.carrier
     return Motion(x, y, handle_speed, carrier_speed)
 

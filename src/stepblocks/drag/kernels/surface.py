@@ -24,22 +24,19 @@ class Surface(NamedTuple):
 @njit(forceinline=True)
 def combine_contacts(under: Touch, beyond: Touch, hold: Grip, hold_beyond: Grip) -> Surface:
     """Add the contact under the tip and the one beyond the kink."""
-    loss_x = -under.loss * under.slope * under.cosine - beyond.loss * beyond.slope * beyond.cosine
+    loss_x_under = -under.loss * under.slope * under.cosine
+    loss_x_beyond = beyond.loss * beyond.slope * beyond.cosine
+    loss_x = loss_x_under - loss_x_beyond
     loss_y = under.loss * under.cosine + beyond.loss * beyond.cosine
     grip_x = -hold.force * under.cosine - hold_beyond.force * beyond.cosine
-    steep_here = hold.force * under.slope * under.cosine
-    steep_beyond = hold_beyond.force * beyond.slope * beyond.cosine
-    grip_y = -steep_here - steep_beyond
-    return Surface(
-        under.x + beyond.x + loss_x + grip_x,
-        under.y + beyond.y + loss_y + grip_y,
-        loss_x,
-        loss_y,
-        grip_x,
-        grip_y,
-        under.normal + beyond.normal,
-        hold.force + hold_beyond.force,
-    )
+    grip_y_under = -hold.force * under.slope * under.cosine
+    grip_y_beyond = hold_beyond.force * beyond.slope * beyond.cosine
+    grip_y = grip_y_under - grip_y_beyond
+    x = under.x + beyond.x + loss_x + grip_x
+    y = under.y + beyond.y + loss_y + grip_y
+    normal = under.normal + beyond.normal
+    friction = hold.force + hold_beyond.force
+    return Surface(x, y, loss_x, loss_y, grip_x, grip_y, normal, friction)
 
 
 @njit(forceinline=True)
