@@ -94,18 +94,17 @@ class CentrePath:
             slope = np.where(is_asked, slope, -np.inf)
         piece = int(np.argmax(slope))
         knot = piece + first_knot
-        return Notch(float(self.x[knot]), float(self.z[knot]), _find_angle(float(slope[piece])))
+        angle = _find_angle(float(slope[piece]))
+        return Notch(float(self.x[knot]), float(self.z[knot]), angle)
 
     def scaled(self, scale: float) -> "CentrePath":
         """Return the path magnified; slopes, and with them all forces, stay."""
+        x, z = self.x * scale, self.z * scale
         feature = self.feature
         if feature is not None:
-            feature = FeatureRange(
-                scale * feature.first, scale * feature.last, scale * feature.ball_radius
-            )
-        return CentrePath(
-            self.x * scale, self.z * scale, self.slope_start, self.slope_end, feature=feature
-        )
+            first, last = scale * feature.first, scale * feature.last
+            feature = FeatureRange(first, last, scale * feature.ball_radius)
+        return CentrePath(x, z, self.slope_start, self.slope_end, feature=feature)
 
 
 def _find_angle(slope: float) -> float:
@@ -124,13 +123,7 @@ def find_outline(points: ArrayLike) -> tuple[list[Disc], list[Line]]:
     Equal x make a vertical wall.
     """
     corners = np.asarray(points, dtype=np.float64)
-    # every corner becomes a circle, and every circle is compared with every other
-    is_outline = (
-        2 <= len(corners) <= _MOST_CORNERS
-        and np.isfinite(corners).all()
-        and (np.diff(corners[:, 0]) >= 0.0).all()
-    )
-    if not is_outline:
+    if not _is_outline(corners):
         raise ContactError(
             f"a profile must have 2 to {_MOST_CORNERS} finite points that do not descend in x, got "
             f"{len(corners)}"
@@ -143,23 +136,33 @@ def find_outline(points: ArrayLike) -> tuple[list[Disc], list[Line]]:
     return discs, lines
 
 
+def _is_outline(corners: Array) -> bool:
+    """Whether corners, shape (n, 2), are finite, do not descend in x and are not too many."""
+    # every corner becomes a circle, and every circle is compared with every other
+    if not 2 <= len(corners) <= _MOST_CORNERS:
+        return False
+    if not np.isfinite(corners).all():
+        return False
+    return bool((np.diff(corners[:, 0]) >= 0.0).all())
+
+
 def build_envelope_path(discs: list[Disc], lines: list[Line], ball_radius: float) -> CentrePath:
     """Upper envelope of circles grown by the ball and of lines lifted by it."""
     start, end = lines[0].start[0], lines[-1].end[0]
     shapes = _Shapes(discs, lines, ball_radius)
-    knots = np.unique(np.clip(np.concatenate([[start, end], shapes.place_knots()]), start, end))
+    places = np.concatenate([[start, end], shapes.place_knots()])
+    knots = np.unique(np.clip(places, start, end))
     for _ in range(_PASSES):
         refined = _add_crossings(shapes, knots)
         if len(refined) == len(knots):
             break
         knots = refined
-    top = shapes.find_top(0.5 * (knots[1:] + knots[:-1]))
-    return CentrePath(
-        knots,
-        shapes.compute_heights(shapes.find_top(knots), knots),
-        shapes.compute_slopes(top, knots[:-1]),
-        shapes.compute_slopes(top, knots[1:]),
-    )
+    heights = shapes.compute_heights(shapes.find_top(knots), knots)
+    middle = 0.5 * (knots[1:] + knots[:-1])
+    top_of_piece = shapes.find_top(middle)
+    slope_start = shapes.compute_slopes(top_of_piece, knots[:-1])
+    slope_end = shapes.compute_slopes(top_of_piece, knots[1:])
+    return CentrePath(knots, heights, slope_start, slope_end)
 
 
 def _add_crossings(shapes: "_Shapes", knots: Array) -> Array:
@@ -169,7 +172,8 @@ def _add_crossings(shapes: "_Shapes", knots: Array) -> Array:
     crossings = []
     for piece in np.flatnonzero(top[1:] != top[:-1]).tolist():
         pair = top[piece : piece + 2]
-        crossings.append(shapes.find_crossing(pair, middle[piece], middle[piece + 1]))
+        crossing = shapes.find_crossing(pair, middle[piece], middle[piece + 1])
+        crossings.append(crossing)
     merged = np.unique(np.concatenate([knots, crossings]))
     is_apart = np.concatenate([[True], np.diff(merged) > _CLOSE])
     return np.asarray(merged[is_apart])
@@ -197,10 +201,12 @@ class _Shapes:
 
     def place_knots(self) -> Array:
         """Lay knots on every circle, and at both ends of every line [m]."""
-        count = math.ceil(math.pi / _ANGLE_STEP)
-        count = max(_LEAST_KNOTS, min(count, _MOST_KNOTS // max(self.circles, 1)))
+        wanted = math.ceil(math.pi / _ANGLE_STEP)
+        affordable = _MOST_KNOTS // max(self.circles, 1)
+        count = max(_LEAST_KNOTS, min(wanted, affordable))
         sines = np.sin(np.linspace(-0.5 * math.pi, 0.5 * math.pi, count))
-        middle, radius = self.x[: self.circles, None], self.radius[: self.circles, None]
+        middle = self.x[: self.circles, None]
+        radius = self.radius[: self.circles, None]
         on_circles = (middle + radius * sines).ravel()
         lines = slice(self.circles, None)
         return np.concatenate([on_circles, self.begin[lines], self.end[lines]])
@@ -208,10 +214,13 @@ class _Shapes:
     def compute_heights(self, index: NDArray[np.int64], x: Array | float) -> Array:
         """Heights of shapes, by number, at their places [m]; minus infinity beyond their ends."""
         run = x - self.x[index]
-        across = self.radius[index] ** 2 - run**2
-        height = self.z[index] + self.slope[index] * run + np.sqrt(np.maximum(across, 0.0))
-        is_between = (x >= self.begin[index] - _CLOSE) & (x <= self.end[index] + _CLOSE)
-        is_there = is_between & ((across >= 0.0) | (index >= self.circles))
+        square = self.radius[index] ** 2 - run**2  # of the height over the middle of a circle
+        arc = np.sqrt(np.maximum(square, 0.0))
+        height = self.z[index] + self.slope[index] * run + arc
+        is_behind_begin = x >= self.begin[index] - _CLOSE
+        is_before_end = x <= self.end[index] + _CLOSE
+        is_line = index >= self.circles
+        is_there = is_behind_begin & is_before_end & ((square >= 0.0) | is_line)
         return np.where(is_there, height, -np.inf)
 
     def find_top(self, x: Array) -> NDArray[np.int64]:
@@ -219,7 +228,8 @@ class _Shapes:
         parts = max(1, len(x) * len(self.x) // _AT_ONCE)
         highest = []
         for part in np.array_split(x, parts):
-            is_near = (self.begin <= part[-1] + _CLOSE) & (self.end >= part[0] - _CLOSE)
+            first, last = part[0], part[-1]
+            is_near = (self.begin <= last + _CLOSE) & (self.end >= first - _CLOSE)
             near = np.union1d(0, np.flatnonzero(is_near))  # where none is, the first
             heights = self.compute_heights(near[:, None], part)
             highest.append(near[heights.argmax(axis=0)])
@@ -242,15 +252,19 @@ class _Shapes:
     def compute_slopes(self, index: NDArray[np.int64], x: Array) -> Array:
         """Slopes of shapes, by number, at their places [1]."""
         run = self.x[index] - x
-        across = np.sqrt(np.maximum(self.radius[index] ** 2 - run**2, _CLOSE**2))
-        on_circle = np.clip(run / across, -STEEPEST, STEEPEST)
-        return np.asarray(np.where(index < self.circles, on_circle, self.slope[index]))
+        square = self.radius[index] ** 2 - run**2
+        arc = np.sqrt(np.maximum(square, _CLOSE**2))
+        on_circle = np.clip(run / arc, -STEEPEST, STEEPEST)
+        is_circle = index < self.circles
+        return np.asarray(np.where(is_circle, on_circle, self.slope[index]))
 
 
 def _grow_disc(disc: Disc, ball_radius: float) -> _Row:
     """Grow a disc by the ball."""
-    begin, end = disc.x - disc.radius - ball_radius, disc.x + disc.radius + ball_radius
-    return _Row(disc.x, disc.z, disc.radius + ball_radius, 0.0, begin, end)
+    radius = disc.radius + ball_radius
+    begin = disc.x - disc.radius - ball_radius
+    end = disc.x + disc.radius + ball_radius
+    return _Row(disc.x, disc.z, radius, slope=0.0, begin=begin, end=end)
 
 
 def _lift_line(line: Line, ball_radius: float) -> _Row:
@@ -259,4 +273,6 @@ def _lift_line(line: Line, ball_radius: float) -> _Row:
     slope = (z1 - z0) / (x1 - x0)
     length = math.hypot(1.0, slope)
     shift = -ball_radius * slope / length
-    return _Row(x0 + shift, z0 + ball_radius / length, 0.0, slope, x0 + shift, x1 + shift)
+    lift = ball_radius / length
+    begin, end = x0 + shift, x1 + shift
+    return _Row(begin, z0 + lift, radius=0.0, slope=slope, begin=begin, end=end)

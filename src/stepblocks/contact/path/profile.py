@@ -14,6 +14,7 @@ from stepblocks.errors import ContactError
 
 _NO_ELEMENT = -1
 _JUMP_WIDTH = 2e-13  # radii
+_FARTHEST = 0.04  # diameters between two positions at most
 _MOST_POSITIONS = 4_000_000  # of the path; it takes 100 bytes for each
 
 
@@ -38,18 +39,12 @@ class TipPath:
         elements = np.ascontiguousarray(np.column_stack([-x1, z1, -x0, z0, -offset]))
         position = np.ascontiguousarray(-self.position[::-1])
         contact = np.ascontiguousarray(-self.contact[::-1])
+        height = self.height[::-1].copy()
         counted_back = len(elements) - 1 - self.element
-        element = np.where(self.element < 0, _NO_ELEMENT, counted_back)[::-1].copy()
+        renumbered = np.where(self.element < 0, _NO_ELEMENT, counted_back)
+        element = renumbered[::-1].copy()
         slope = kernels.compute_path_slopes(position, contact, element, self.ball_radius)
-        return TipPath(
-            position,
-            self.height[::-1].copy(),
-            contact,
-            slope,
-            element,
-            elements,
-            self.ball_radius,
-        )
+        return TipPath(position, height, contact, slope, element, elements, self.ball_radius)
 
 
 def build_profile_path(
@@ -66,7 +61,8 @@ def build_profile_path(
     # exact dilation, h(x) = max_u z(u) - t(u - x), at positions that must increase
     require_positive("ball radius", ball_radius, "m")
     xs, zs = _check_profile(x, z)
-    elements = _add_level_ends(_list_elements(xs, zs, ball_radius), xs, zs, ball_radius)
+    measured = _list_elements(xs, zs, ball_radius)
+    elements = _add_level_ends(measured, xs, zs, ball_radius)
     if positions is None:
         positions = _choose_positions(xs, ball_radius)
     height, contact, element = kernels.dilate_profile(positions, elements, ball_radius)
@@ -91,17 +87,21 @@ def _list_elements(x: Array, z: Array, radius: float) -> Array:
     The shape is (m, 5); a measured point without a measured neighbour is a segment of no length.
     """
     is_measured = np.isfinite(z)
-    is_joined = is_measured[:-1] & is_measured[1:]
-    joins_left, joins_right = np.append(False, is_joined), np.append(is_joined, False)
-    is_lone = is_measured & ~joins_left & ~joins_right
-    x0 = np.concatenate([x[:-1][is_joined], x[is_lone]])
-    z0 = np.concatenate([z[:-1][is_joined], z[is_lone]])
-    x1 = np.concatenate([x[1:][is_joined], x[is_lone]])
-    z1 = np.concatenate([z[1:][is_joined], z[is_lone]])
-    order = np.argsort(x0, kind="stable")
-    x0, z0, x1, z1 = x0[order], z0[order], x1[order], z1[order]
-    length = np.hypot(x1 - x0, z1 - z0)
-    offset = np.divide(radius * (z1 - z0), length, out=np.zeros_like(length), where=length > 0.0)
+    is_joined = is_measured[:-1] & is_measured[1:]  # to the next point
+    joins_left = np.append(False, is_joined)
+    joins_right = np.append(is_joined, False)
+    joined = np.flatnonzero(is_joined)
+    lone = np.flatnonzero(is_measured & ~joins_left & ~joins_right)
+    begin = np.concatenate([joined, lone])
+    end = np.concatenate([joined + 1, lone])
+    order = np.argsort(x[begin], kind="stable")
+    begin, end = begin[order], end[order]
+    x0, z0 = x[begin], z[begin]
+    x1, z1 = x[end], z[end]
+    rise = z1 - z0
+    length = np.hypot(x1 - x0, rise)
+    offset = np.zeros_like(length)
+    np.divide(radius * rise, length, out=offset, where=length > 0.0)
     return np.ascontiguousarray(np.column_stack([x0, z0, x1, z1, offset]))
 
 
@@ -123,15 +123,19 @@ def _choose_positions(x: Array, ball_radius: float) -> Array:
     # a ball meets the first point from a radius away
     ends = np.concatenate([[x[0] - ball_radius], x, [x[-1] + ball_radius]])
     widths = np.diff(ends)
-    pieces = np.maximum(np.ceil(widths / (0.04 * (2.0 * ball_radius))), 1)
+    farthest = _FARTHEST * (2.0 * ball_radius)
+    pieces = np.maximum(np.ceil(widths / farthest), 1)
     if pieces.sum() > _MOST_POSITIONS:
         raise ContactError(
             f"profile of {ends[-1] - ends[0]:.3g} m with {ends.size} points is too long for a ball "
             f"of {ball_radius:.3g} m; cut it out around the edge"
         )
     pieces = pieces.astype(int)
-    numbers = np.arange(pieces.sum()) - np.repeat(np.cumsum(pieces) - pieces, pieces)
-    starts = numbers * np.repeat(widths / pieces, pieces) + np.repeat(ends[:-1], pieces)
+    # each piece by its number between two points, and how wide it is
+    counted_before = np.cumsum(pieces) - pieces
+    numbers = np.arange(pieces.sum()) - np.repeat(counted_before, pieces)
+    steps = np.repeat(widths / pieces, pieces)
+    starts = numbers * steps + np.repeat(ends[:-1], pieces)
     return np.unique(np.append(starts, ends[-1]))
 
 
@@ -191,5 +195,6 @@ def _find_least_steepest(path: TipPath) -> float:
 
 def _find_tolerance(path: TipPath) -> float:
     """Find the width [m] below which an interval that still climbs is a jump."""
-    of_rounding = 4.0 * float(np.spacing(np.abs(path.position).max()))
+    farthest = np.abs(path.position).max()
+    of_rounding = 4.0 * float(np.spacing(farthest))
     return max(_JUMP_WIDTH * path.ball_radius, of_rounding)

@@ -30,9 +30,15 @@ def _compute_resting_height(
 
     The point is within its reach but for rounding.
     """
-    z = z0 + (z1 - z0) * ((u - x0) / (x1 - x0)) if x1 > x0 else max(z0, z1)
-    square = min((u - x) * (u - x), radius * radius)
-    return z - square / (radius + math.sqrt(radius * radius - square))
+    if x1 > x0:
+        share = (u - x0) / (x1 - x0)
+        z = z0 + (z1 - z0) * share
+    else:  # a riser or a lone point
+        z = max(z0, z1)
+    run = u - x
+    square = min(run * run, radius * radius)
+    sagitta = square / (radius + math.sqrt(radius * radius - square))
+    return z - sagitta
 
 
 @njit(cache=True)
@@ -51,7 +57,8 @@ def find_best_contact(
         if z0 <= best and z1 <= best:
             continue
         as_steep = x + elements[element, 4]
-        u = min(max(as_steep, max(x0, low)), min(x1, high))
+        leftmost, rightmost = max(x0, low), min(x1, high)
+        u = min(max(as_steep, leftmost), rightmost)
         height = _compute_resting_height(u, x, x0, z0, x1, z1, radius)
         if height > best:
             best, contact, touched = height, u, element
@@ -68,7 +75,8 @@ def dilate_profile(
     cost of N log N.
     """
     count = positions.size
-    height, contact = np.empty(count), np.empty(count)
+    height = np.empty(count)
+    contact = np.empty(count)
     touched = np.empty(count, np.int64)
     # first and last element within the tip's reach at each position
     under = np.searchsorted(elements[:, 2], positions - radius)
@@ -82,20 +90,25 @@ def dilate_profile(
             depth -= 1
             begin, end, first, last = stack[depth]
             middle = (begin + end) // 2
+            nearest_first = max(first, under[middle])
+            nearest_last = min(last, until[middle])
             resting, u, element = find_best_contact(
-                positions[middle],
-                max(first, under[middle]),
-                min(last, until[middle]),
-                elements,
-                radius,
+                positions[middle], nearest_first, nearest_last, elements, radius
             )
-            height[middle] = resting if element >= 0 else math.nan
-            contact[middle], touched[middle] = u, element
+            last_before, first_behind = last, first
+            if element >= 0:
+                last_before = element
+                first_behind = element
+            else:  # no surface under the ball
+                resting = math.nan
+            height[middle] = resting
+            contact[middle] = u
+            touched[middle] = element
             if begin < middle:
-                stack[depth] = (begin, middle - 1, first, element if element >= 0 else last)
+                stack[depth] = (begin, middle - 1, first, last_before)
                 depth += 1
             if middle < end:
-                stack[depth] = (middle + 1, end, element if element >= 0 else first, last)
+                stack[depth] = (middle + 1, end, first_behind, last)
                 depth += 1
     return height, contact, touched
 
@@ -144,8 +157,10 @@ def _find_steepest_between(
     `tolerance` that still climbs is a jump of infinite slope.
     """
     where = contact = math.nan
-    stack, marks = np.empty((_BRACKETS, 4)), np.empty((_BRACKETS, 2), np.int64)
-    stack[0], marks[0] = ends, touched
+    stack = np.empty((_BRACKETS, 4))
+    marks = np.empty((_BRACKETS, 2), np.int64)
+    stack[0] = ends
+    marks[0] = touched
     depth = 1
     while depth > 0:
         depth -= 1
@@ -153,9 +168,10 @@ def _find_steepest_between(
         left, right = marks[depth]
         if left == right or left < 0 or right < 0:
             continue
-        middle = x0 + 0.5 * (x1 - x0)
-        if x1 - x0 <= tolerance or middle <= x0 or middle >= x1:
-            if h1 - h0 > _JUMP * (x1 - x0):
+        width = x1 - x0
+        middle = x0 + 0.5 * width
+        if width <= tolerance or middle <= x0 or middle >= x1:
+            if h1 - h0 > _JUMP * width:
                 best, where, contact = np.inf, x1, elements[right, 0]
             continue
         h, u, element = find_best_contact(middle, left, right, elements, radius)
@@ -164,8 +180,10 @@ def _find_steepest_between(
             # right brackets come first, so that among equals the leftmost stays: the break itself
             if slope >= best - _compute_rounding_allowance(best):
                 best, where, contact = max(slope, best), middle, u
-        stack[depth], marks[depth] = (x0, h0, middle, h), (left, element)
-        stack[depth + 1], marks[depth + 1] = (middle, h, x1, h1), (element, right)
+        stack[depth] = (x0, h0, middle, h)
+        marks[depth] = (left, element)
+        stack[depth + 1] = (middle, h, x1, h1)
+        marks[depth + 1] = (element, right)
         depth += 2
     return best, where, contact
 
@@ -196,17 +214,14 @@ def find_steepest_in_each(
         # the contact of the right end, seen from the left end, is steeper than all between
         bound = _compute_slope(positions[left], contact[right], radius)
         if touched[left] != touched[right] and not bound <= floor:
+            ends = (positions[left], height[left], positions[right], height[right])
+            touched_at_ends = (touched[left], touched[right])
             best, best_where, best_u = _find_steepest_between(
-                (positions[left], height[left], positions[right], height[right]),
-                (touched[left], touched[right]),
-                slope,
-                elements,
-                radius,
-                tolerance,
+                ends, touched_at_ends, slope, elements, radius, tolerance
             )
             if best > slope + _compute_rounding_allowance(slope):
                 slope, where, u = best, best_where, best_u
             if slopes[right] > slope + _compute_rounding_allowance(slope):
                 slope, where, u = slopes[right], positions[right], contact[right]
-        steepest[left, 0], steepest[left, 1], steepest[left, 2] = slope, where, u
+        steepest[left] = (slope, where, u)
     return steepest
