@@ -63,13 +63,14 @@ class Counterface(ABC):
     @property
     def far_side(self) -> float:
         """Height of the far side over the near side [m], of either sign."""
-        z = self.section(REACH)[1]
+        _, z = self.section(REACH)
         return float(z[-1] - z[0])
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
         """Positions where the profile has a corner [m], in ascending order."""
-        return tuple(float(x) for x in self.section(REACH)[0][1:-1])
+        x, _ = self.section(REACH)
+        return tuple(map(float, x[1:-1]))
 
     @property
     def dimensions(self) -> dict[str, float]:
@@ -97,9 +98,8 @@ class Counterface(ABC):
             raise ContactError(f"backward must be True or False, got {backward!r}")
         # a counterface of somebody else may return a plain pair
         angles = Angles(*self.angles(point.ball_radius))
-        return find_release(
-            angles.select_direction(backward), point.normal_load, point.friction, point.tool
-        )
+        angle = angles.select_direction(backward)
+        return find_release(angle, point.normal_load, point.friction, point.tool)
 
     def heights(self, x: Array) -> Array:
         """Heights over the near side [m] at positions across the edge [m].
@@ -155,7 +155,9 @@ class Step(Counterface):
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
-        return (0.0, self.edge_radius) if self.edge_radius > 0.0 else (0.0,)
+        if self.edge_radius > 0.0:
+            return 0.0, self.edge_radius
+        return (0.0,)
 
     def angles(self, ball_radius: Real, **dimensions: Real) -> Angles:
         height = dimensions.get("height", self.height)
@@ -174,7 +176,8 @@ class Step(Counterface):
         radius = self.edge_radius
         # from the arc's centre back towards the riser
         across = np.clip(radius - x, 0.0, radius)
-        rounded = self.height - radius + np.sqrt(radius * radius - across * across)
+        arc = np.sqrt(radius * radius - across * across)
+        rounded = self.height - radius + arc
         return np.where(x < 0.0, 0.0, rounded)
 
     def section(self, run: float) -> tuple[Array, Array]:
@@ -188,13 +191,13 @@ class Step(Counterface):
             angles = np.linspace(span, 0.0, _CHORDS + 1)
         else:
             angles = np.zeros(1)
-        x = radius * (1.0 - np.sin(angles))
-        z = height - radius * (1.0 - np.cos(angles))
-        z[-1] = height
-        return (
-            np.concatenate([[x[0] - run, x[0]], x, [radius + run]]),
-            np.concatenate([[0.0, 0.0], z, [height]]),
-        )
+        arc_x = radius * (1.0 - np.sin(angles))
+        arc_z = height - radius * (1.0 - np.cos(angles))
+        arc_z[-1] = height
+        riser = arc_x[0]
+        x = np.concatenate([[riser - run, riser], arc_x, [radius + run]])
+        z = np.concatenate([[0.0, 0.0], arc_z, [height]])
+        return x, z
 
     def outline(self) -> tuple[list[Disc], list[Line]]:
         """Take the arc as a disc, over which the path is a circle of R + r."""
@@ -283,9 +286,10 @@ class Margin(Counterface):
 
     def section(self, run: float) -> tuple[Array, Array]:
         corners = [(min(self.opening, 0.0), 0.0), *self._list_floor_corners()]
-        first_x, last_x = corners[0][0] - run, self.opening + run
-        far_side = [(self.opening, self.rise), (last_x, self.rise)]
-        x, z = np.array([(first_x, 0.0), *corners, *far_side]).T
+        begin = (corners[0][0] - run, 0.0)
+        far_corner = (self.opening, self.rise)
+        end = (self.opening + run, self.rise)
+        x, z = np.array([begin, *corners, far_corner, end]).T
         return x, z
 
     def _list_floor_corners(self) -> list[tuple[float, float]]:
@@ -333,10 +337,10 @@ class Groove(Counterface):
 
     def section(self, run: float) -> tuple[Array, Array]:
         half = 0.5 * self.width
-        return (
-            np.array([-run, 0.0, half, self.width, self.width + run]),
-            np.array([0.0, 0.0, -half * math.tan(self.flank), 0.0, 0.0]),
-        )
+        bottom = -half * math.tan(self.flank)
+        x = np.array([-run, 0.0, half, self.width, self.width + run])
+        z = np.array([0.0, 0.0, bottom, 0.0, 0.0])
+        return x, z
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -476,10 +480,12 @@ class ProfiledMargin(Margin):
         inputs = {"ball_radius": ball_radius, **self.dimensions, **dimensions}
         mean = {name: float(np.mean(value)) for name, value in inputs.items()}
         ball = mean.pop("ball_radius")
-        between_sides = _find_steepest_angles(*replace(self, **mean).section(REACH), ball)
+        x, z = replace(self, **mean).section(REACH)
+        between_sides = _find_steepest_angles(x, z, ball)
         if all(np.ndim(value) == 0 for value in inputs.values()):
             return between_sides
-        level, drawn = super().angles(ball, **mean), super().angles(**inputs)
+        level = super().angles(ball, **mean)
+        drawn = super().angles(**inputs)
         return Angles(
             _shift_angles(drawn.forward, between_sides.forward, level.forward),
             _shift_angles(drawn.backward, between_sides.backward, level.backward),
@@ -496,9 +502,11 @@ class ProfiledMargin(Margin):
         bend = self.crown_slope * along + 0.5 * self.crown_curvature * along**2
         crown = self.rise + bend[::-1]
         before, behind = x[0] - along, x[-1] + along[::-1]
+        begin, end = before[:1] - run, behind[-1:] + run
+        floor_x, floor_z = x[2:-2], z[2:-2]
         return (
-            np.concatenate([before[:1] - run, before, x[2:-2], behind, behind[-1:] + run]),
-            np.concatenate([tooth[:1], tooth, z[2:-2], crown, crown[-1:]]),
+            np.concatenate([begin, before, floor_x, behind, end]),
+            np.concatenate([tooth[:1], tooth, floor_z, crown, crown[-1:]]),
         )
 
 
@@ -523,8 +531,8 @@ def find_scanned_angle(
     tenth = len(measured) // 10
     if tenth == 0:
         return None
-    is_rising = float(np.median(measured[-tenth:])) > float(np.median(measured[:tenth]))
-    if is_rising:
+    near_side, far_side = np.median(measured[:tenth]), np.median(measured[-tenth:])
+    if far_side > near_side:
         angle = _find_steepest_angles(position, height, ball).forward
     else:
         angle = _find_steepest_angles(-position[::-1], height[::-1], ball).forward

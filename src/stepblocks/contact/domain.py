@@ -104,15 +104,18 @@ def read_values(name: str, value: object, dimension: str) -> Real:
 
 def require_positive(name: str, value: Real, unit: str = "") -> None:
     """Refuse a value that is not above 0, or not finite."""
-    # mostly a single float, which needs no array
-    if not (isinstance(value, float) and 0.0 < value < math.inf):
-        _require(name, value, unit, np.isfinite(value) & (value > 0.0), "positive and finite")
+    if isinstance(value, float) and 0.0 < value < math.inf:
+        return  # mostly it is a single float, which needs no array
+    is_good = np.isfinite(value) & (value > 0.0)
+    _require(name, value, unit, is_good, "positive and finite")
 
 
 def require_not_negative(name: str, value: Real, unit: str = "") -> None:
     """Refuse a value below 0, or not finite."""
-    if not (isinstance(value, float) and 0.0 <= value < math.inf):
-        _require(name, value, unit, np.isfinite(value) & (value >= 0.0), "finite and not negative")
+    if isinstance(value, float) and 0.0 <= value < math.inf:
+        return
+    is_good = np.isfinite(value) & (value >= 0.0)
+    _require(name, value, unit, is_good, "finite and not negative")
 
 
 def require_finite(name: str, value: Real, unit: str = "") -> None:
@@ -141,23 +144,29 @@ def require_points(x: NDArray[np.float64], z: NDArray[np.float64]) -> None:
 
 def unwrap_scalar(value: Real) -> Real:
     """Return a Python float for an array of no dimension, any other array as it is."""
-    return float(value) if np.ndim(value) == 0 else value
+    if np.ndim(value) == 0:
+        return float(value)
+    return value
 
 
 def select_where(condition: Real, if_so: Real, otherwise: Real) -> Real:
     """`numpy.where`, at once where the condition is a single one."""
     if isinstance(condition, np.ndarray):
         return np.where(condition, if_so, otherwise)
-    return if_so if condition else otherwise
+    if condition:
+        return if_so
+    return otherwise
 
 
 def _require(
     name: str, value: Real, unit: str, good: NDArray[np.bool_] | np.bool_, rule: str
 ) -> None:
     """Refuse values of which not all are `good`; the message shows the first that is not."""
-    if not good.all():
-        first = np.asarray(value)[np.logical_not(good)].flat[0]
-        raise ContactError(f"{name} must be {rule}, got {first:g} {unit}".rstrip())
+    if good.all():
+        return
+    wrong = np.asarray(value)[np.logical_not(good)]
+    message = f"{name} must be {rule}, got {wrong.flat[0]:g} {unit}"
+    raise ContactError(message.rstrip())
 
 
 def read_lengths(name: str, values: object) -> NDArray[np.float64]:

@@ -170,17 +170,16 @@ def find_release(
     geometry = _classify_geometry(a, mu)
     is_releasing = geometry == _Geometry.RELEASES
     climbed = select_where(is_releasing, a, 0.0)
-    force = select_where(
-        is_releasing,
-        kernels.compute_pull_force(load, climbed, mu),
-        math.nan * (a + load + mu),
-    )
+    pull = kernels.compute_pull_force(load, climbed, mu)
+    no_force = math.nan * (a + load + mu)  # in the shape of all three
+    force = select_where(is_releasing, pull, no_force)
     limit = tool.limits.first
     is_beyond = is_releasing & (force > limit.force)
     stored = kernels.compute_stored_energy(force, tool.stiffness)
     energy = select_where(is_beyond, math.nan, tool.conversion * stored)
     power = energy / tool.ring_duration
-    figures = (a, force, energy, power, power / tool.detection_threshold)
+    threshold_ratio = power / tool.detection_threshold
+    figures = (a, force, energy, power, threshold_ratio)
     statuses = (*_STATUSES, _BEYOND_LIMIT[limit.name])
     which = select_where(is_beyond, len(_STATUSES), geometry)
     if np.ndim(force) == 0:
@@ -203,9 +202,11 @@ _STATUSES = (Status.NO_CATCH, Status.TOO_HIGH, Status.LOCKED, Status.RELEASES)
 def _require_angles(angle: Any) -> None:
     """Refuse an angle outside 0 to a right angle [rad]."""
     is_inside = (angle >= 0.0) & (angle <= 0.5 * math.pi)
-    if not is_inside.all():
-        first = np.asarray(angle)[np.logical_not(is_inside)].flat[0]
-        raise ContactError(f"angle must lie between 0 and 90 deg, got {np.degrees(first):g} deg")
+    if is_inside.all():
+        return
+    outside = np.asarray(angle)[np.logical_not(is_inside)]
+    degrees = np.degrees(outside.flat[0])
+    raise ContactError(f"angle must lie between 0 and 90 deg, got {degrees:g} deg")
 
 
 def _classify_geometry(angle: Any, friction: Any) -> Any:

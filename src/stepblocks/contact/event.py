@@ -100,7 +100,9 @@ class VibrationEvent:
     @property
     def drag(self) -> str:
         """Towards where, in the part's frame."""
-        return "+x" if self.direction > 0 else "-x"
+        if self.direction > 0:
+            return "+x"
+        return "-x"
 
     @property
     def amplitude(self) -> float:
@@ -134,10 +136,9 @@ def list_vibration_events(
         If the ball is too large for the profile, or the profile has too many corners.
     """
     path = take_counterface(face).centre_path(point.ball_radius)
-    return (
-        _predict_event(path, point, stimulus, +1),
-        _predict_event(path, point, stimulus, -1),
-    )
+    forward = _predict_event(path, point, stimulus, +1)
+    backward = _predict_event(path, point, stimulus, -1)
+    return forward, backward
 
 
 def _predict_event(
@@ -150,12 +151,12 @@ def _predict_event(
         stimulus,
         release.status,
         direction,
-        notch.x,
-        notch.z,
-        notch.angle,
-        release.pull_force,
-        release.vibration_energy,
-        point.tool,
+        trigger_position=notch.x,
+        trigger_height=notch.z,
+        critical_angle=notch.angle,
+        critical_force=release.pull_force,
+        energy=release.vibration_energy,
+        tool=point.tool,
     )
 
 
@@ -167,12 +168,15 @@ def compute_ring_force(event: VibrationEvent, rate: float) -> Array:
     if event.waveform is not None:
         simulated = event.waveform.force
         times = np.arange(len(simulated)) / event.waveform.rate
-        wanted = np.arange(math.floor(times[-1] * rate) + 1) / rate
+        count = math.floor(times[-1] * rate) + 1
+        wanted = np.arange(count) / rate
         return np.asarray(np.interp(wanted, times, simulated))
     tool = event.tool
-    time = np.arange(math.ceil(_LENGTH * tool.decay_time * rate)) / rate
+    count = math.ceil(_LENGTH * tool.decay_time * rate)
+    time = np.arange(count) / rate
     envelope = event.amplitude * np.exp(-time / tool.decay_time)
-    return np.asarray(envelope * np.sin(math.tau * tool.frequency * time))
+    oscillation = np.sin(math.tau * tool.frequency * time)
+    return np.asarray(envelope * oscillation)
 
 
 def compute_ring_energy(force: ArrayLike, rate: float, tool: Tool) -> float:
@@ -181,8 +185,10 @@ def compute_ring_energy(force: ArrayLike, rate: float, tool: Tool) -> float:
     The ring is a force [N], sampled at a rate [Hz].
     """
     phase = math.tau * tool.frequency * tool.decay_time
-    square = float(np.sum(np.asarray(force, dtype=np.float64) ** 2)) / rate
-    return 2.0 / (tool.stiffness * tool.decay_time) * (1.0 + 1.0 / phase**2) * square
+    samples = np.asarray(force, dtype=np.float64)
+    integral = float(np.sum(samples**2)) / rate  # of the square [N^2 s]
+    energy_per_square = 2.0 / (tool.stiffness * tool.decay_time)  # [J/(N^2 s)]
+    return energy_per_square * (1.0 + 1.0 / phase**2) * integral
 
 
 def build_event_record(event: VibrationEvent, scale: float = 1.0) -> dict[str, object]:

@@ -26,7 +26,9 @@ class Angles(NamedTuple):
 
     def select_direction(self, backward: bool) -> Real:
         """Return the angle of one of the drags."""
-        return self.backward if backward else self.forward
+        if backward:
+            return self.backward
+        return self.forward
 
 
 def compute_angle_on_step(height: Real, radius_sum: Real) -> Real:
@@ -48,8 +50,10 @@ def compute_step_angle(height: Real, radius_sum: Real) -> Real:
 
 def compute_angle_out_of_groove(width: Real, rise: Real, ball_radius: Real) -> Real:
     """Angle of the tangent at the far corner for a ball that rests on both corners of a groove."""
-    # the chord between them is inclined by atan2(rise, width) and subtends 2 asin(chord / 2R)
-    return np.arctan2(rise, width) + np.arcsin(0.5 * np.hypot(width, rise) / ball_radius)
+    # the chord between both corners, which subtends 2 asin(chord / 2R)
+    incline = np.arctan2(rise, width)
+    chord = np.hypot(width, rise)
+    return incline + np.arcsin(0.5 * chord / ball_radius)
 
 
 def compute_margin_angles(opening: Real, rise: Real, ball_radius: Real) -> Angles:
@@ -116,8 +120,9 @@ def _compute_angles_between_corners(
     riser it never climbs, and on its way back it meets the lower face from a radius away.
     """
     radius_sum = ball_radius + edge_radius
-    chord = np.hypot(width + edge_radius, height - edge_radius)
-    incline = np.arctan2(height - edge_radius, width + edge_radius)
+    run, rise = width + edge_radius, height - edge_radius
+    chord = np.hypot(run, rise)
+    incline = np.arctan2(rise, run)
     is_near = (chord < ball_radius + radius_sum) & (height < radius_sum)
     reached = select_where(is_near, chord, radius_sum)
     # corners of the triangle of both corners and the centre of the ball, by the law of cosines
@@ -154,8 +159,11 @@ def compute_bevelled_margin_angles(
     diagonal = np.sqrt(0.5) * ball_radius
     x, back = _touch_bevel(rise - opening + 2.0 * diagonal, ball_radius)
     outer = compute_margin_angles(opening, rise, ball_radius)
-    inner = compute_margin_angles(gap, rise - (opening - gap), ball_radius)
-    is_on_outer, is_on_inner = x + diagonal >= opening, x + diagonal <= gap
+    inner_rise = rise - (opening - gap)
+    inner = compute_margin_angles(gap, inner_rise, ball_radius)
+    touched = x + diagonal
+    is_on_outer = touched >= opening
+    is_on_inner = touched <= gap
     on_bevel = select_where(is_on_inner, inner.forward, 0.25 * np.pi)
     back_from_bevel = select_where(is_on_inner, inner.backward, back)
     forward = select_where(is_on_outer, outer.forward, on_bevel)
@@ -172,7 +180,8 @@ def _touch_bevel(offset: Real, ball_radius: Real) -> tuple[Real, Real]:
     Its centre (x, z) lies on ``z = x + offset`` and ``x^2 + z^2 = R^2``. Returns x [m] and the
     critical angle on the way back over the near corner [rad].
     """
-    chord = np.sqrt(np.maximum(2.0 * ball_radius * ball_radius - offset * offset, 0.0))
+    square = 2.0 * ball_radius * ball_radius - offset * offset
+    chord = np.sqrt(np.maximum(square, 0.0))
     x = 0.5 * (chord - offset)
     # its centre lies below the near corner: it leans on the wall
     is_leaning = x + offset <= 0.0
@@ -215,7 +224,8 @@ def compute_softened_force(force: Real, cubic: Real) -> Real:
     It is the force that the spring would have if it did not harden.
     """
     root = np.sqrt(3.0 * np.maximum(cubic, _LEAST_CUBIC))
-    return 2.0 / root * np.sinh(np.arcsinh(1.5 * force * root) / 3.0)
+    third = np.arcsinh(1.5 * force * root) / 3.0
+    return 2.0 / root * np.sinh(third)
 
 
 def compute_release(
@@ -226,11 +236,11 @@ def compute_release(
     Both are infinite where the tip is held, and 0 where nothing catches.
     """
     is_held = angle + np.arctan(friction) >= 0.5 * np.pi
-    force = compute_pull_force(normal_load, np.where(is_held, 0.0, angle), friction)
+    climbed = np.where(is_held, 0.0, angle)
+    force = compute_pull_force(normal_load, climbed, friction)
     with np.errstate(divide="ignore", invalid="ignore"):
         energy = conversion * compute_stored_energy(force, stiffness)
     is_flat = angle == 0.0
-    return (
-        np.where(is_held, np.inf, np.where(is_flat, 0.0, force)),
-        np.where(is_held, np.inf, np.where(is_flat, 0.0, energy)),
-    )
+    force = np.where(is_flat, 0.0, force)
+    energy = np.where(is_flat, 0.0, energy)
+    return np.where(is_held, np.inf, force), np.where(is_held, np.inf, energy)

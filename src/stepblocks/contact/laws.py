@@ -106,12 +106,13 @@ class Stribeck(FrictionLaw):
         require_positive("speed", speed, "m/s")
         for name, value in (("sliding", sliding), ("static", static), ("viscous", viscous)):
             require_not_negative(name, value)
-        super().__init__(
-            lambda v, load, place, time: (
-                sliding + (static - sliding) * math.exp(-abs(v) / speed) + viscous * abs(v)
-            ),
-            bristle_stiffness,
-        )
+
+        def compute_coefficient(v: float, load: float, place: float, time: float) -> float:
+            """Coefficient at a speed [m/s]; load, place and time do not count."""
+            stribeck = (static - sliding) * math.exp(-abs(v) / speed)
+            return sliding + stribeck + viscous * abs(v)
+
+        super().__init__(compute_coefficient, bristle_stiffness)
         object.__setattr__(self, "_numbers", (sliding, static, speed, viscous, bristle_stiffness))
 
     def __reduce__(self) -> "tuple[type[Stribeck], tuple[float, ...]]":

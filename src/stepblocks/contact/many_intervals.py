@@ -77,7 +77,8 @@ def estimate_ends_of_steps(
         drawn = {}
         for name in STEP_INPUTS:
             drawn[name] = _draw(inputs[name][rows], uncertainties[name][rows], normal[name])
-        ends[:, rows] = _find_ends(drawn, inputs["ball_radius"][rows, None], limit, draws)
+        nominal_ball = inputs["ball_radius"][rows, None]
+        ends[:, rows] = _find_ends(drawn, nominal_ball, limit, draws)
     return IntervalEnds(*ends)
 
 
@@ -104,8 +105,9 @@ def _find_ends(
         "height": drawn["height"],
         "edge_radius": drawn["edge_radius"],
     }
+    angle = _ANY_STEP.angles(ball, **dimensions).forward
     force, energy = kernels.compute_release(
-        _ANY_STEP.angles(ball, **dimensions).forward,
+        angle,
         drawn["friction"],
         drawn["normal_load"],
         drawn["stiffness"],

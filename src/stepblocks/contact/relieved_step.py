@@ -78,7 +78,8 @@ class RelievedStep(Counterface):
         """
         height, edge_radius = self.height, self.edge_radius
         run = self.relief_width + edge_radius
-        return (run * run + height * height) / (2.0 * height) - edge_radius
+        radius_sum = (run * run + height * height) / (2.0 * height)
+        return radius_sum - edge_radius
 
     @property
     def _above_relief(self) -> Step:
@@ -127,11 +128,13 @@ class RelievedStep(Counterface):
 
     def section(self, run: float) -> tuple[Array, Array]:
         """Lower face, relief, riser, arc and upper face; the arc as `Step` draws it."""
-        x, z = self._above_relief.section(run)
+        step_x, step_z = self._above_relief.section(run)
         width, depth = self.relief_width, self.relief_depth
-        corners_x = np.array([-width - run, -width, -width, 0.0])
-        corners_z = np.array([0.0, 0.0, -depth, -depth])
-        return np.concatenate([corners_x, x[2:]]), np.concatenate([corners_z, z[2:]])
+        relief_x = np.array([-width - run, -width, -width, 0.0])
+        relief_z = np.array([0.0, 0.0, -depth, -depth])
+        x = np.concatenate([relief_x, step_x[2:]])
+        z = np.concatenate([relief_z, step_z[2:]])
+        return x, z
 
     def outline(self) -> tuple[list[Disc], list[Line]]:
         """Take the arc as a disc, as `Step` does."""

@@ -104,12 +104,12 @@ class RodRing:
 
     def as_tool(self, tool: Tool = PAPER.tool) -> Tool:
         """Return the tool that rings so, equal to another in all else."""
-        ratio_kept = tool.frequency_deviation * self.frequency / tool.frequency
+        deviation = tool.frequency_deviation * self.frequency / tool.frequency
         return replace(
             tool,
             stiffness=self.stiffness,
             frequency=self.frequency,
-            frequency_deviation=ratio_kept,
+            frequency_deviation=deviation,
             decay_time=self.decay_time,
         )
 
@@ -142,13 +142,19 @@ def fit_rod(
     section = 0.25 * math.pi * diameter**2
     bending = modulus * math.pi * diameter**4 / 64.0
     length = (3.0 * bending / stiffness) ** (1.0 / 3.0)
-    rod = Rod(bending, density * section, length, 0.0, 1.0 / (math.pi * frequency * decay_time))
-    # wave number times length, and what mass at the end makes it an eigenvalue: 1 + cos cosh = r b
-    # (sin cosh - cos sinh)
-    beta = length * (rod.line_mass * (math.tau * frequency) ** 2 / bending) ** 0.25
+    line_mass = density * section
+    loss_factor = 1.0 / (math.pi * frequency * decay_time)
+    rod = Rod(bending, line_mass, length, end_mass=0.0, loss_factor=loss_factor)
+    omega = math.tau * frequency
+    wave_number = (line_mass * omega**2 / bending) ** 0.25
+    beta = length * wave_number
+    # what mass at the end makes it an eigenvalue: 1 + cos cosh = r b (sin cosh - cos sinh)
     sine, cosine = math.sin(beta), math.cos(beta)
-    over = beta * (sine * math.cosh(beta) - cosine * math.sinh(beta))
-    ratio = (1.0 + cosine * math.cosh(beta)) / over if over else math.inf
+    cosh, sinh = math.cosh(beta), math.sinh(beta)
+    denominator = beta * (sine * cosh - cosine * sinh)
+    ratio = math.inf
+    if denominator:
+        ratio = (1.0 + cosine * cosh) / denominator
     if ratio < 0.0:
         raise ContactError(
             "frequency must not exceed that of the bare shank of this diameter and stiffness "
@@ -188,21 +194,23 @@ def compute_rod_ring(rod: Rod, sheath: Sleeve | Hold | None = None) -> RodRing:
     energies = matrices.compute_strain_energies(shapes[:, 0])
     shares = energies / energies.sum()
     push = np.eye(total.shape[0])[_TIP]
-    deflection = float(solve(total, push, assume_a="pos")[_TIP])
+    deflections = solve(total, push, assume_a="pos")
     unit = rod.bending_stiffness / rod.length**3
-    omega = math.sqrt(unit / float(values[0]) / (rod.line_mass * rod.length))
+    rod_mass = rod.line_mass * rod.length
+    omega = math.sqrt(unit / float(values[0]) / rod_mass)
     return RodRing(
-        unit / deflection,
-        omega / math.tau,
-        float(shares @ matrices.losses),
-        float(shares[1:].sum()),
+        stiffness=unit / float(deflections[_TIP]),
+        frequency=omega / math.tau,
+        loss_factor=float(shares @ matrices.losses),
+        sheath_share=float(shares[1:].sum()),
     )
 
 
 def _require_on_rod(rod: Rod, sleeve: Sleeve) -> None:
     """Refuse a sheath that does not lie on the free length of the rod."""
     end = sleeve.start + sleeve.length
-    if sleeve.length > 0.0 and sleeve.start >= 0.0 and end <= rod.length * (1.0 + 1e-12):
+    ends_on_rod = end <= rod.length * (1.0 + 1e-12)
+    if sleeve.length > 0.0 and sleeve.start >= 0.0 and ends_on_rod:
         return
     raise ContactError(
         f"a sheath must lie on the free length of the shank, 0 to {rod.length * 1e3:.4g} "
@@ -250,8 +258,13 @@ def _assemble_matrices(rod: Rod, sheath: Sleeve | Hold | None) -> _Matrices:
             bedding = sheath.line_stiffness * rod.length**4 / rod.bending_stiffness
             of_sheath[block, block] += bedding * inertia
     mass[_TIP, _TIP] += rod.end_mass / (rod.line_mass * rod.length)
-    losses = np.array([rod.loss_factor, sheath.loss_factor if sheath else 0.0])
-    clamped = 0 if isinstance(sheath, Hold) else 2
+    sheath_loss = 0.0
+    if sheath is not None:
+        sheath_loss = sheath.loss_factor
+    losses = np.array([rod.loss_factor, sheath_loss])
+    clamped = 2  # deflection and slope of a rigid clamp
+    if isinstance(sheath, Hold):
+        clamped = 0
     free = slice(clamped, None)
     pushes = np.tile([1.0, 0.0], nodes.size) @ mass
     parts = [of_rod[free, free], of_sheath[free, free]]
@@ -273,7 +286,9 @@ def _place_nodes(rod: Rod, sheath: Sleeve | Hold | None) -> Array:
             kept.append(end)
     spans = []
     for begin, end in itertools.pairwise(kept):
-        count = _HELD if end <= 0.0 else max(1, math.ceil(_PER_LENGTH * (end - begin)))
+        count = max(1, math.ceil(_PER_LENGTH * (end - begin)))
+        if end <= 0.0:  # on the bedding
+            count = _HELD
         spans.append(np.linspace(begin, end, count, endpoint=False))
     return np.concatenate([*spans, kept[-1:]])
 
@@ -338,13 +353,15 @@ def compute_modes(
         if frequency > highest:
             break
         energies = matrices.compute_strain_energies(shape)
-        momentum, tip = float(matrices.pushes @ shape), float(shape[_TIP])
+        loss_factor = float(energies @ matrices.losses / energies.sum())
+        momentum = float(matrices.pushes @ shape)
+        tip = float(shape[_TIP])
         mode = Mode(
             frequency,
-            float(energies @ matrices.losses / energies.sum()),
-            momentum * tip,
-            momentum * scale,
-            tip / scale,
+            loss_factor,
+            reaction=momentum * tip,
+            momentum=momentum * scale,
+            tip=tip / scale,
         )
         modes.append(mode)
     return modes
@@ -358,8 +375,12 @@ def compute_clamp_force(modes: Sequence[Mode], time: Array, blow: bool = False) 
     total = np.zeros_like(time)
     for mode in modes:
         omega = math.tau * mode.frequency
-        wave = omega * np.sin(omega * time) if blow else np.cos(omega * time)
-        total += mode.reaction * np.exp(-0.5 * omega * mode.loss_factor * time) * wave
+        phase = omega * time
+        wave = np.cos(phase)
+        if blow:
+            wave = omega * np.sin(phase)
+        decay = np.exp(-0.5 * omega * mode.loss_factor * time)
+        total += mode.reaction * decay * wave
     return total
 
 
@@ -371,7 +392,8 @@ def compute_sensed_energy(
     It is for a pull of 1 N, over a `duration` [s]; the energy there is in proportion to it.
     """
     time = np.linspace(0.0, duration, _SAMPLES)
-    return float(np.trapezoid(compute_clamp_force(modes, time) ** 2, time))
+    force = compute_clamp_force(modes, time)
+    return float(np.trapezoid(force**2, time))
 
 
 def compute_finger_share(
@@ -385,12 +407,16 @@ def compute_finger_share(
     from scipy.linalg import expm, solve_continuous_lyapunov
 
     held = _HeldRod.assemble(rod, modes, hand)
-    system, size = held.build_system(), len(held.mass)
+    system = held.build_system()
     ring = _drop_slow_parts(system, held.find_pulled_state(modes))
-    lossy = np.concatenate([np.zeros(size), held.grasp])
-    spent = solve_continuous_lyapunov(system.T, -hand.grasp_damping * np.outer(lossy, lossy))
+    lossy = np.concatenate([np.zeros(len(held.mass)), held.grasp])
+    damping = -hand.grasp_damping * np.outer(lossy, lossy)
+    # the quadratic form of a state whose value the grasp spends from then on
+    spent = solve_continuous_lyapunov(system.T, damping)
     later = expm(system * duration) @ ring
-    return float((ring @ spent @ ring - later @ spent @ later) / (0.5 / stiffness))
+    spent_in_time = ring @ spent @ ring - later @ spent @ later
+    stored = 0.5 / stiffness
+    return float(spent_in_time / stored)
 
 
 class _HeldRod(NamedTuple):
@@ -430,7 +456,8 @@ class _HeldRod(NamedTuple):
         from scipy.linalg import solve
 
         zero, unity = np.zeros_like(self.mass), np.eye(len(self.mass))
-        of_spring, of_damper = -solve(self.mass, self.spring), -solve(self.mass, self.damper)
+        of_spring = -solve(self.mass, self.spring)
+        of_damper = -solve(self.mass, self.damper)
         return np.block([[zero, unity], [of_spring, of_damper]])
 
     def find_pulled_state(self, modes: Sequence[Mode]) -> Array:
@@ -438,12 +465,15 @@ class _HeldRod(NamedTuple):
         from scipy.linalg import solve
 
         pull = np.array([*(mode.tip for mode in modes), 1.0, 0.0])
-        return np.concatenate([solve(self.spring, pull), np.zeros(len(self.mass))])
+        deflections = solve(self.spring, pull)
+        at_rest = np.zeros_like(deflections)
+        return np.concatenate([deflections, at_rest])
 
 
 def _drop_slow_parts(system: Array, state: Array) -> Array:
     """Return a state of a first-order system without what moves more slowly than a vibration."""
     values, vectors = np.linalg.eig(system)
     parts = np.linalg.solve(vectors, state)
-    parts[np.abs(values.imag) < math.tau * _LOWEST] = 0.0
+    is_slow = np.abs(values.imag) < math.tau * _LOWEST
+    parts[is_slow] = 0.0
     return np.asarray(np.real(vectors @ parts))

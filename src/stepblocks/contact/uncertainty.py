@@ -20,6 +20,7 @@ _LOW_TAIL, _HIGH_TAIL = 0.025, 0.975  # of an interval of 95 %
 _STEP = 1e-3  # of an uncertainty, by which a sensitivity is taken by differences
 _AGREEMENT = 0.1  # of the width of an interval, by which drawn and analytic ends may differ
 _LEAST_DRAWS, _MOST_DRAWS = 100, 10_000_000
+_ROUNDING = 1e-6  # draws by which a share of them may miss a whole number
 SMALLEST_BALL = 1e-3  # a drawn ball keeps this share of its nominal radius [1]
 # of the inputs that are no lengths
 _DIMENSIONS = {
@@ -99,8 +100,9 @@ def compute_deviated_releases(
         if name not in dimensions:
             deviated[name] = np.maximum(nominal + deviations.get(name, 0.0), 0.0)
     ball = np.maximum(deviated["ball_radius"], SMALLEST_BALL * point.ball_radius)
+    angles = kernels.Angles(*face.angles(ball, **dimensions))
     force, energy = kernels.compute_release(
-        kernels.Angles(*face.angles(ball, **dimensions)).select_direction(backward),
+        angles.select_direction(backward),
         deviated["friction"],
         deviated["normal_load"],
         deviated["stiffness"],
@@ -139,7 +141,8 @@ def _derive_in_closed_form(
     if release.status is not Status.RELEASES:
         raise ContactError(f"an edge that is {release.status} has no sensitivity")
     # of ln F, F = N tan(a + atan mu)
-    by_angle = 2.0 / math.sin(2.0 * (release.angle + math.atan(point.friction)))
+    climb = release.angle + math.atan(point.friction)
+    by_angle = 2.0 / math.sin(2.0 * climb)
     slopes = {
         "friction": 2.0 * (by_angle / (1.0 + point.friction**2)),
         "normal_load": 2.0 / point.normal_load,
@@ -225,11 +228,14 @@ def estimate_interval(
     names = list(list_inputs(face, point))
     known = _read_uncertainty(uncertainty, names)
     release = face.release(point, backward)
-    normal = dict(zip(names, draw_standard_normal(len(names), draws, seed), strict=True))
+    standard = draw_standard_normal(len(names), draws, seed)
+    normal = dict(zip(names, standard, strict=True))
     deviations = {name: width * normal[name] for name, width in known.items()}
     forces, energies = compute_deviated_releases(face, point, deviations, backward)
-    force_low, force_high = map(float, find_quantiles(np.broadcast_to(forces, draws), draws))
-    energy_low, energy_high = map(float, find_quantiles(np.broadcast_to(energies, draws), draws))
+    drawn_forces = np.broadcast_to(forces, draws)
+    drawn_energies = np.broadcast_to(energies, draws)
+    force_low, force_high = map(float, find_quantiles(drawn_forces, draws))
+    energy_low, energy_high = map(float, find_quantiles(drawn_energies, draws))
     low = high = math.nan
     if release.status is Status.RELEASES:
         low, high = _estimate_to_first_order(face, point, known, backward)
@@ -287,9 +293,15 @@ def find_quantiles(values: Array, draws: int) -> tuple[Array, Array]:
     They are the inverse of the empirical distribution, numpy's "inverted_cdf", but that a share of
     the draws which is a whole number but for rounding is that number.
     """
-    ends = [max(math.ceil(tail * draws - 1e-6) - 1, 0) for tail in (_LOW_TAIL, _HIGH_TAIL)]
-    ordered = np.partition(values, ends, axis=-1)
-    return ordered[..., ends[0]], ordered[..., ends[1]]
+    low, high = _find_rank(_LOW_TAIL, draws), _find_rank(_HIGH_TAIL, draws)
+    ordered = np.partition(values, [low, high], axis=-1)
+    return ordered[..., low], ordered[..., high]
+
+
+def _find_rank(tail: float, draws: int) -> int:
+    """Find the place of a quantile among draws in order, from 0 on."""
+    count = math.ceil(tail * draws - _ROUNDING)
+    return max(count - 1, 0)
 
 
 @lru_cache(maxsize=4)
